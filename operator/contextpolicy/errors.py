@@ -1,0 +1,73 @@
+"""Every error of contextpolicy.
+
+ContextPolicyError
+├── PolicyError         a policy breaks rules; carries every finding at once
+├── TimelineError       a timeline file breaks rules; carries every finding at once
+├── SettingsError       an environment variable or flag has a value that makes no sense
+├── DecodeError         a payload is not what its stream's encoding says
+├── ExpressionError     a CEL expression failed on this sample
+├── ShareError          weights and bounds that no division can satisfy
+└── ActuationError      an actuator could not make a plan real; says whether a retry helps
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+class ContextPolicyError(Exception):
+    """Base class: everything contextpolicy raises on purpose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is wrong: which field, what it holds, what is allowed."""
+
+    field: str
+    value: object
+    allowed: str
+
+    def __str__(self) -> str:
+        return f"{self.field}: {self.value!r} is not allowed: {self.allowed}"
+
+
+class FindingsError(ContextPolicyError):
+    """An object with one or more bad fields; the message lists all of them."""
+
+    def __init__(self, subject: str, findings: tuple[Finding, ...]) -> None:
+        self.subject = subject
+        self.findings = findings
+        super().__init__("\n".join([f"{subject}:", *(f"  {finding}" for finding in findings)]))
+
+
+class PolicyError(FindingsError):
+    """A ContextPolicy that breaks rules."""
+
+
+class TimelineError(FindingsError):
+    """A timeline file that breaks rules."""
+
+
+class SettingsError(FindingsError):
+    """Settings from the environment or the command line that make no sense."""
+
+
+class DecodeError(ContextPolicyError):
+    """A payload that is not what its stream's encoding says; the sample is dropped and counted."""
+
+
+class ExpressionError(ContextPolicyError):
+    """A CEL expression that failed on this sample; it counts as false."""
+
+
+class ShareError(ContextPolicyError):
+    """Weights and bounds that no division can satisfy."""
+
+
+class ActuationError(ContextPolicyError):
+    """An actuator's refusal: `reason` is a CamelCase word for status and events."""
+
+    def __init__(self, reason: str, message: str, *, retriable: bool) -> None:
+        self.reason = reason
+        self.retriable = retriable
+        super().__init__(message)
