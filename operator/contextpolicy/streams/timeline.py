@@ -1,0 +1,209 @@
+"""Timelines: timed inputs with ground truth, one JSON file per experiment (paper VI-A).
+
+The simulation reads in virtual time the very inputs that the player publishes in real time.
+"""
+
+from __future__ import annotations
+
+import heapq
+import json
+import math
+import re
+from dataclasses import dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from contextpolicy.errors import Finding, TimelineError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    Check: TypeAlias = tuple[Callable[[Any], bool], str]
+
+MAX_RATE = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class TimedInput:
+    """One input at one instant; a data set is announced once and then runs until `until`."""
+
+    at: float
+    key: str
+    encoding: str
+    value: object | None
+    dataset: str | None
+    truth: object | None
+    until: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TimelineEntry:
+    """One line of the file: a value at an instant, a value at a rate, or a data set."""
+
+    start: float
+    end: float
+    key: str
+    encoding: str
+    rate: float | None
+    value: object | None
+    dataset: str | None
+    truth: object | None
+
+    def inputs(self) -> Iterator[TimedInput]:
+        """Count times from the start, so that a long entry does not drift."""
+        until = self.end if self.dataset else None
+        count = math.ceil((self.end - self.start) * self.rate - 1e-9) if self.rate else 1
+        for index in range(count):
+            at = self.start + index / self.rate if self.rate else self.start
+            yield TimedInput(at, self.key, self.encoding, self.value, self.dataset, self.truth, until)
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """A whole file; `inputs` may be called any number of times."""
+
+    name: str
+    description: str
+    duration: float
+    entries: tuple[TimelineEntry, ...]
+
+    def inputs(self) -> Iterator[TimedInput]:
+        """All inputs in time order; those of one instant in the order of the file."""
+        return heapq.merge(*(entry.inputs() for entry in self.entries), key=attrgetter("at"))
+
+
+def load(path: Path | str) -> Timeline:
+    """Read a timeline file, or raise TimelineError with everything that is wrong with it."""
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+    except OSError as error:
+        finding = Finding("file", str(path), f"a readable file ({error.strerror})")
+    except ValueError as error:  # also broken UTF-8 and NaN
+        finding = Finding("file", str(path), f"JSON ({error})")
+    else:
+        return parse(document, subject=str(path))
+    raise TimelineError(str(path), (finding,))
+
+
+def parse(document: object, *, subject: str = "timeline") -> Timeline:
+    """Turn decoded JSON into a timeline, or raise TimelineError with everything that is wrong."""
+    findings = tuple(_findings(document))
+    if findings or not isinstance(document, dict):
+        raise TimelineError(subject, findings)
+    entries = tuple(_entry(raw) for raw in document["inputs"])
+    return Timeline(document["name"], document.get("description", ""), float(document["duration"]), entries)
+
+
+def _entry(raw: Mapping[str, Any]) -> TimelineEntry:
+    start = float(raw["at"] if "at" in raw else raw["from"])
+    return TimelineEntry(
+        start=start,
+        end=float(raw.get("to", start)),
+        key=raw["key"],
+        encoding=raw["encoding"],
+        rate=raw.get("rate"),
+        value=raw.get("value"),
+        dataset=raw.get("dataset"),
+        truth=raw.get("truth"),
+    )
+
+
+def _refuse_constant(name: str) -> object:
+    raise ValueError(f"{name} is not a JSON number")
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and value != ""
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _matches(pattern: str) -> Callable[[object], bool]:
+    return lambda value: isinstance(value, str) and re.fullmatch(pattern, value) is not None
+
+
+_SECONDS: Check = (lambda value: _is_number(value) and value >= 0, "a number of seconds, 0 or more")
+_DURATION: Check = (lambda value: _is_number(value) and value > 0, "a number of seconds above 0")
+_ANY: Check = (lambda _: True, "any JSON value")
+_KEY: Check = (
+    lambda value: _matches(r"[^/*$?#]+(/[^/*$?#]+)*")(value) and len(value) <= 256,
+    "a Zenoh key of at most 256 characters without wildcards, such as robot/imu",
+)
+_DATASET: Check = (_matches(r"[a-z0-9-]+/[a-z0-9-]+"), "a data set, such as euroc/stereo")
+_RATE: Check = (lambda value: _is_number(value) and 0 < value <= MAX_RATE, f"Hz, above 0 to {MAX_RATE:g}")
+_JSON: Check = (lambda value: value == "json", "json")
+_DATASET_ENCODING: Check = (lambda value: value in ("json", "binary"), "json or binary")
+
+_TIMELINE: Mapping[str, Check] = {
+    "name": (_is_text, "a text"),
+    "duration": _DURATION,
+    "inputs": (lambda value: isinstance(value, list) and len(value) > 0, "a list of at least one input"),
+}
+_TIMELINE_OPTIONS: Mapping[str, Check] = {
+    "$schema": (_is_text, "a text"),
+    "description": (_is_text, "a text"),
+}
+_INPUT_OPTIONS: Mapping[str, Check] = {"truth": _ANY}
+_VALUE_ONCE: Mapping[str, Check] = {"key": _KEY, "encoding": _JSON, "at": _SECONDS, "value": _ANY}
+_VALUE_AT_RATE: Mapping[str, Check] = {
+    "key": _KEY,
+    "encoding": _JSON,
+    "from": _SECONDS,
+    "to": _SECONDS,
+    "rate": _RATE,
+    "value": _ANY,
+}
+_RECORDED: Mapping[str, Check] = {
+    "key": _KEY,
+    "encoding": _DATASET_ENCODING,
+    "from": _SECONDS,
+    "to": _SECONDS,
+    "dataset": _DATASET,
+}
+
+
+def _findings(document: object) -> Iterator[Finding]:
+    if not isinstance(document, dict):
+        yield Finding("timeline", document, "a JSON object")
+        return
+    yield from _field_findings("", document, _TIMELINE, _TIMELINE_OPTIONS)
+    inputs = document.get("inputs")
+    for index, raw in enumerate(inputs if isinstance(inputs, list) else ()):
+        path = f"inputs[{index}]"
+        if isinstance(raw, dict):
+            yield from _field_findings(f"{path}.", raw, _shape(raw), _INPUT_OPTIONS)
+            yield from _order_findings(path, raw, document.get("duration"))
+        else:
+            yield Finding(path, raw, "a JSON object")
+
+
+def _shape(raw: Mapping[str, Any]) -> Mapping[str, Check]:
+    if "dataset" in raw:
+        return _RECORDED
+    return _VALUE_ONCE if "at" in raw else _VALUE_AT_RATE
+
+
+def _field_findings(
+    path: str, raw: Mapping[str, Any], required: Mapping[str, Check], options: Mapping[str, Check]
+) -> Iterator[Finding]:
+    known = {**required, **options}
+    for name in sorted(required.keys() - raw.keys()):
+        yield Finding(f"{path}{name}", None, f"required: {known[name][1]}")
+    for name, value in raw.items():
+        if name not in known:
+            yield Finding(f"{path}{name}", value, f"one of the fields {', '.join(known)}")
+        elif not known[name][0](value):
+            yield Finding(f"{path}{name}", value, known[name][1])
+
+
+def _order_findings(path: str, raw: Mapping[str, Any], duration: object) -> Iterator[Finding]:
+    times = {name: raw[name] for name in ("at", "from", "to") if _is_number(raw.get(name))}
+    if isinstance(duration, (int, float)) and _is_number(duration):
+        for name, time in times.items():
+            if time > duration:
+                yield Finding(f"{path}.{name}", time, f"at most the duration, {duration:g}")
+    if "from" in times and "to" in times and times["to"] <= times["from"]:
+        yield Finding(f"{path}.to", times["to"], f"after from, {times['from']:g}")
