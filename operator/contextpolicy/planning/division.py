@@ -1,0 +1,107 @@
+"""Weights and placement -> what each container gets, node by node (Eq. 1 and Eq. 2 with bounds)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from contextpolicy.errors import ShareError
+from contextpolicy.planning.placement import QUANTUM
+from contextpolicy.planning.plan import NodePlan, Shortfall
+from contextpolicy.planning.policy import Control, Scheduler
+from contextpolicy.planning.shares import Claim, divide, floors_exceed
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from contextpolicy.planning.placement import Container, Placement
+    from contextpolicy.planning.policy import Policy, Task
+    from contextpolicy.planning.weights import Weight
+
+REALTIME_BUDGET = 950
+"""Thousandths of the period that realtime tasks may use: the Linux default of sched_rt_runtime_us / sched_rt_period_us."""
+
+
+@dataclass(frozen=True, slots=True)
+class Division:
+    """All nodes' plans and what could not be met on them."""
+
+    nodes: Mapping[str, NodePlan]
+    shortfalls: tuple[Shortfall, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Seat:
+    """One task on one node."""
+
+    task: Task
+    weight: Weight
+    containers: list[Container]
+
+
+def divide_nodes(
+    policy: Policy, weights: Mapping[str, Weight], placement: Placement, last: Mapping[str, NodePlan]
+) -> Division:
+    """Divide each node; a node that can't be divided keeps its last plan and says why."""
+    tasks = {task.name: task for task in policy.leaves}
+    nodes: dict[str, NodePlan] = {}
+    shortfalls: list[Shortfall] = []
+    for node, seated in placement.by_node().items():
+        seats = [_Seat(tasks[name], weights[name], containers) for name, containers in seated.items()]
+        try:
+            nodes[node], unmet_floors = _divide_node(policy, placement.allocatable[node], seats)
+            shortfalls += unmet_floors
+        except ShareError as error:
+            shortfalls.append(Shortfall("", f"node {node} keeps its last plan: {error}"))
+            if node in last:
+                nodes[node] = last[node]
+    return Division(nodes, tuple(shortfalls))
+
+
+def _divide_node(policy: Policy, allocatable: int, seats: Sequence[_Seat]) -> tuple[NodePlan, list[Shortfall]]:
+    if not any(seat.weight.value > 0 for seat in seats):
+        raise ShareError("the weights of all its tasks sum to 0, allowed: at least one above 0")
+    realtime = policy.scheduler is Scheduler.REALTIME
+    quantum = 1 if realtime else QUANTUM
+    capacity = REALTIME_BUDGET if realtime else max(0, allocatable - policy.reserve) // QUANTUM * QUANTUM
+    claims = [_claim(seat, _least(policy, seat, quantum), quantum, capacity) for seat in seats]
+    units = divide(capacity // quantum, claims)
+    shares = {name: share * quantum for name, share in sorted(units.items())}
+    containers = {
+        container.id: part * quantum
+        for seat in seats
+        for container, part in _parts(units[seat.task.name], seat.containers, quantum)
+    }
+    return NodePlan(capacity, shares, containers), _floor_shortfall(capacity, quantum, claims)
+
+
+def _least(policy: Policy, seat: _Seat, quantum: int) -> int:
+    """Units below which the task can't go: where only limits move, the containers' requests hold them up."""
+    requests_hold = policy.control is Control.LIMIT and policy.scheduler is Scheduler.CFS
+    return sum(container.floor if requests_hold else quantum for container in seat.containers) // quantum
+
+
+def _claim(seat: _Seat, least: int, quantum: int, capacity: int) -> Claim:
+    """A suspended task gets the least possible, not its min."""
+    task = seat.task
+    if seat.weight.value == 0:
+        return Claim(task.name, 0.0, least, least)
+    floor = max(least, -(-task.min // quantum))
+    ceiling = (capacity if task.max is None else task.max) // quantum
+    return Claim(task.name, seat.weight.value, floor, max(floor, ceiling))
+
+
+def _parts(units: int, containers: list[Container], quantum: int) -> list[tuple[Container, int]]:
+    """One task's units over its containers on the node: equal parts above each one's own floor."""
+    if len(containers) == 1:
+        return [(containers[0], units)]
+    floors = [Claim(c.id, 1.0, min(c.floor // quantum, units // len(containers)) or 1, units) for c in containers]
+    parts = divide(units, floors)
+    return [(container, parts[container.id]) for container in containers]
+
+
+def _floor_shortfall(capacity: int, quantum: int, claims: Sequence[Claim]) -> list[Shortfall]:
+    if not floors_exceed(capacity // quantum, claims):
+        return []
+    total = sum(claim.floor for claim in claims) * quantum
+    return [Shortfall("", f"the floors sum to {total}m, allowed: {capacity}m; all are scaled down")]

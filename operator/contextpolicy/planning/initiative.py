@@ -1,0 +1,113 @@
+"""Event-driven initiatives and pre-conditions: a value that holds while its event is fresh (paper III, IV-D)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from contextpolicy.errors import ExpressionError
+from contextpolicy.planning.expressions import Expression
+
+if TYPE_CHECKING:
+    from contextpolicy.planning.expressions import Scope
+    from contextpolicy.planning.policy import Activity
+    from contextpolicy.planning.stream import StreamState
+    from contextpolicy.planning.timers import Timers
+
+DECAY_STEPS = 10
+"""A decaying score falls in this many steps: a plan for each, and none in between."""
+
+
+class Listener(Protocol):
+    """What an initiative tells the planner."""
+
+    def on_score(self, initiative: Initiative, now: float) -> None:
+        """The value changed."""
+
+    def on_expression_error(self, error: ExpressionError) -> None:
+        """The condition or the score has no value on this sample."""
+
+
+class Initiative:
+    """The value of one `Activity` over time; a pre-condition is one with score 1."""
+
+    def __init__(
+        self,
+        spec: Activity,
+        streams: dict[str, StreamState],
+        scope: Scope,
+        timers: Timers,
+        listener: Listener,
+    ) -> None:
+        self.spec = spec
+        self.value = 0.0
+        self._scope, self._timers, self._listener = scope, timers, listener
+        self._when = Expression(spec.when)
+        self._score = Expression(spec.score_from) if spec.score_from else None
+        names = self._when.variables | (self._score.variables if self._score else set()) | ({spec.stream} - {None})
+        self.streams = tuple(streams[name] for name in sorted(str(name) for name in names))
+        self._peak = 0.0
+        self._falls_from: float | None = None
+
+    def start(self, now: float) -> None:
+        """An activity that reads no stream is in force from the beginning."""
+        if not self.streams and self.spec.initiative is None:
+            self.on_value(now)
+
+    def on_value(self, now: float) -> None:
+        """A stream it reads has a new value; without a value of every stream nothing is in force."""
+        score = self._current() if all(stream.fresh for stream in self.streams) else 0.0
+        if score > 0:
+            self._rise(score, now)
+        elif not self.spec.hold:
+            self._fall(now)
+
+    def set(self, score: float, now: float) -> None:
+        """A plugged-in instantiation function produced a score."""
+        if score > 0:
+            self._rise(score, now)
+        else:
+            self._fall(now)
+
+    def on_silence(self, now: float) -> None:
+        """A stream it reads fell silent: its event is no longer fresh."""
+        self._timers.clear(self)
+        self._falls_from = None
+        self._become(0.0, now)
+
+    def on_due(self, now: float) -> None:
+        """The hold is over, or the next step of the decay is due."""
+        self._fall(now)
+
+    def _current(self) -> float:
+        try:
+            if not self._when.truth(self._scope):
+                return 0.0
+            return self._score.number(self._scope) if self._score else self.spec.score
+        except ExpressionError as error:
+            self._listener.on_expression_error(error)
+            return 0.0
+
+    def _rise(self, score: float, now: float) -> None:
+        self._peak, self._falls_from = score, None
+        if self.spec.hold:
+            self._timers.set(self, now + self.spec.hold)
+        else:
+            self._timers.clear(self)
+        self._become(score, now)
+
+    def _fall(self, now: float) -> None:
+        if not self.spec.decay or self.value == 0:
+            self._become(0.0, now)
+            return
+        if self._falls_from is None:
+            self._falls_from = now
+        step = self.spec.decay / DECAY_STEPS
+        taken = int((now - self._falls_from) / step + 1e-9)
+        if taken < DECAY_STEPS:
+            self._timers.set(self, self._falls_from + (taken + 1) * step)
+        self._become(self._peak * max(0, DECAY_STEPS - taken) / DECAY_STEPS, now)
+
+    def _become(self, value: float, now: float) -> None:
+        if value != self.value:
+            self.value = value
+            self._listener.on_score(self, now)

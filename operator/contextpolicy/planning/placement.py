@@ -1,0 +1,50 @@
+"""Where the tasks' containers run, as far as planning needs to know."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+QUANTUM = 10
+"""CPU limits move in steps of 10m: the kubelet's smallest quota, and what the systemd driver rounds to."""
+
+
+@dataclass(frozen=True, slots=True)
+class Container:
+    """One container that a task claims; `request` is its CPU request, below which its limit can't go."""
+
+    id: str
+    task: str
+    node: str
+    request: int = 0
+    memory: int | None = None
+
+    @property
+    def floor(self) -> int:
+        """The least limit that the API accepts, in thousandths of a core, a multiple of the quantum."""
+        return max(QUANTUM, -(-self.request // QUANTUM) * QUANTUM)
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Allocatable CPU of each node in thousandths of a core, and the containers on them."""
+
+    allocatable: Mapping[str, int] = field(default_factory=dict)
+    containers: tuple[Container, ...] = ()
+
+    def by_node(self) -> dict[str, dict[str, list[Container]]]:
+        """Node -> task -> containers, in a stable order; only nodes whose size is known."""
+        nodes: dict[str, dict[str, list[Container]]] = defaultdict(lambda: defaultdict(list))
+        for container in sorted(self.containers, key=lambda c: c.id):
+            if container.node in self.allocatable:
+                nodes[container.node][container.task].append(container)
+        return nodes
+
+
+def on_one_node(tasks: tuple[str, ...], cores: float, *, node: str = "robot") -> Placement:
+    """A placement without a cluster: each task once, on one node, for simulation."""
+    return Placement({node: round(cores * 1000)}, tuple(Container(task, task, node) for task in tasks))

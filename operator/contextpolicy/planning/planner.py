@@ -1,0 +1,261 @@
+"""Samples, placements and due timers in, plans out: Procedure 1 of the paper, lines 12 to 16, for one policy."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from typing import TYPE_CHECKING
+
+from contextpolicy.planning.context import ContextState
+from contextpolicy.planning.division import divide_nodes
+from contextpolicy.planning.expressions import Scope
+from contextpolicy.planning.feasibility import shortfalls
+from contextpolicy.planning.initiative import Initiative
+from contextpolicy.planning.inputs import Gone, Input, Score
+from contextpolicy.planning.placement import Placement
+from contextpolicy.planning.plan import Plan, TaskPlan
+from contextpolicy.planning.policy import Activity
+from contextpolicy.planning.sample import Sample
+from contextpolicy.planning.stream import StreamState
+from contextpolicy.planning.timers import Timers
+from contextpolicy.planning.weights import Weight, weigh
+
+if TYPE_CHECKING:
+    from contextpolicy.errors import ExpressionError
+    from contextpolicy.planning.policy import Policy, Task
+
+
+class Planner:
+    """All state of one policy that depends on what happened; a sample touches only what reads its stream.
+
+    Every method that can lead to plans takes `now` and returns the new plans, oldest first: one for each instant at
+    which a due timer or the input changed something. Unchanged plans are not returned.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        self.policy = policy
+        self.timers = Timers()
+        self.drops: Counter[tuple[str, str]] = Counter()
+        self.errors: dict[str, str] = {}
+        self.held_back = 0
+        self.last: Plan | None = None
+        self.weights: dict[str, Weight] = {}
+        scope = Scope()
+        self.streams = {s.name: StreamState(s, scope, self.timers, self) for s in policy.streams}
+        self.initiatives = {t.name: [self._initiative(a, scope) for a in t.activity] for t in policy.tasks}
+        self.requirements = {
+            t.name: [self._initiative(Activity(when=r.when, hold=r.hold), scope) for r in t.requires]
+            for t in policy.tasks
+        }
+        self.contexts = [ContextState(c, self.streams, scope, self.timers, self) for c in policy.contexts]
+        self._readers = self._index()
+        self._placement = Placement()
+        self._causes: list[str] = []
+        self._dwell, self._release = _Dwell(self), _Release(self)
+
+    def start(self, now: float) -> list[Plan]:
+        """Begin: watchdogs run, contexts that need no sample are decided."""
+        for stream in self.streams.values():
+            stream.start(now)
+        for initiative in self._initiatives():
+            initiative.start(now)
+        for context in self.contexts:
+            context.start(now)
+        self._force(now)
+        self._causes = ["start"]
+        return self._conclude(now)
+
+    def handle(self, event: Input, now: float) -> list[Plan]:
+        """Take an input; timers due by now act first, each at its own instant."""
+        plans = self.advance(now)
+        match event:
+            case Sample():
+                self._observe(event, now)
+            case Placement():
+                if event != self._placement:
+                    self._placement = event
+                    self._causes.append("containers changed")
+            case Gone():
+                if event.stream in self.streams:
+                    self.streams[event.stream].lose(now)
+            case Score():
+                self._set_score(event, now)
+        return plans + self._conclude(now)
+
+    def advance(self, now: float) -> list[Plan]:
+        """Let every timer due by now act."""
+        plans: list[Plan] = []
+        while (due := self.timers.next_due()) is not None and due <= now:
+            self.timers.fire(due)
+            plans += self._conclude(due)
+        return plans
+
+    def next_due(self) -> float | None:
+        """When `advance` is to be called next, if nothing else happens."""
+        return self.timers.next_due()
+
+    def on_value(self, stream: StreamState, now: float) -> None:
+        """A stream has a new value: ask its readers only."""
+        for reader in self._readers[stream.spec.name]:
+            reader.on_value(now)
+
+    def on_silence(self, stream: StreamState, now: float) -> None:
+        """A stream fell silent."""
+        for reader in self._readers[stream.spec.name]:
+            reader.on_silence(now)
+        self._fall_back(now)
+        self._causes.append(f"{stream.spec.name}: silent")
+
+    def on_recovery(self, stream: StreamState, now: float) -> None:
+        """A silent stream is heard again."""
+        self._fall_back(now)
+        self._causes.append(f"{stream.spec.name}: heard again")
+
+    def on_drop(self, stream: str, reason: str) -> None:
+        """Count a sample that was not used."""
+        self.drops[stream, reason] += 1
+
+    def on_expression_error(self, error: ExpressionError) -> None:
+        """Count an expression without a value and keep the latest message for the status."""
+        source, _, reason = str(error).partition(": ")
+        self.drops["", "expression"] += 1
+        self.errors[source] = reason
+
+    def on_score(self, initiative: Initiative, now: float) -> None:  # noqa: ARG002 - the listener's signature
+        """An activity or a pre-condition changed."""
+        source = ", ".join(stream.spec.name for stream in initiative.streams) or initiative.spec.initiative or "start"
+        self._causes.append(f"{source}: {initiative.spec.when} is {initiative.value:g}")
+
+    def on_context(self, context: ContextState, now: float) -> None:  # noqa: ARG002 - the listener's signature
+        """A context began or ceased to hold."""
+        source = ", ".join(stream.spec.name for stream in context.streams) or "policy"
+        self._causes.append(f"{source}: context {context.spec.name} {'entered' if context.active else 'exited'}")
+
+    @property
+    def placement(self) -> Placement:
+        """Where the containers run, as last told."""
+        return self._placement
+
+    def scores(self) -> dict[str, float]:
+        """Each task's score: its strongest fresh activity, else its idle score; 1 for a task without either."""
+        return {task.name: self._score(task) for task in self.policy.tasks}
+
+    def unmet(self) -> dict[str, str]:
+        """The first unmet pre-condition of each task that has one."""
+        return {
+            task: unmet[0]
+            for task, own in self.requirements.items()
+            if (unmet := [requirement.spec.when for requirement in own if requirement.value == 0])
+        }
+
+    def active_contexts(self) -> list[ContextState]:
+        """The contexts that have effects now, in list order."""
+        return [context for context in self.contexts if context.active]
+
+    def _initiative(self, spec: Activity, scope: Scope) -> Initiative:
+        return Initiative(spec, self.streams, scope, self.timers, self)
+
+    def _initiatives(self) -> list[Initiative]:
+        return [i for own in (*self.initiatives.values(), *self.requirements.values()) for i in own]
+
+    def _index(self) -> dict[str, list[Initiative | ContextState]]:
+        readers: dict[str, list[Initiative | ContextState]] = defaultdict(list)
+        all_readers: list[Initiative | ContextState] = [*self._initiatives(), *self.contexts]
+        for reader in all_readers:
+            for stream in reader.streams:
+                readers[stream.spec.name].append(reader)
+        return readers
+
+    def _observe(self, sample: Sample, now: float) -> None:
+        stream = self.streams.get(sample.stream)
+        if stream is None:
+            self.on_drop(sample.stream, "unknown stream")
+        else:
+            stream.observe(sample, now)
+
+    def _set_score(self, score: Score, now: float) -> None:
+        if math.isfinite(score.value):
+            self.initiatives[score.task][score.activity].set(score.value, now)
+        else:
+            self.on_drop(score.task, "score not finite")
+
+    def _score(self, task: Task) -> float:
+        strongest = max((initiative.value for initiative in self.initiatives[task.name]), default=0.0)
+        if strongest > 0:
+            return strongest
+        if task.idle is not None:
+            return task.idle
+        return 0.0 if task.activity else 1.0
+
+    def _fall_back(self, now: float) -> None:
+        silent = any(stream.silent for stream in self.streams.values())
+        for context in self.contexts:
+            if context.spec.name == self.policy.fallback:
+                (context.insist if silent else context.relent)("fallback", now)
+
+    def _force(self, now: float) -> None:
+        force = self.policy.force
+        for context in self.contexts:
+            if force is not None and context.spec.name == force.context and now < force.until:
+                context.insist("forced", now)
+                self.timers.set(self._release, force.until)
+
+    def _conclude(self, now: float) -> list[Plan]:
+        """The new plan, if something happened that changes it and the last one stood long enough."""
+        if not self._causes:
+            return []
+        plan = self._plan(now)
+        if not plan.changes(self.last):
+            self._causes.clear()
+            return []
+        if self.last is not None and now < self.last.time + self.policy.min_dwell:
+            self.held_back += 1
+            self.timers.set(self._dwell, self.last.time + self.policy.min_dwell)
+            return []
+        self._causes.clear()
+        self.last = plan
+        return [plan]
+
+    def _plan(self, now: float) -> Plan:
+        active = self.active_contexts()
+        self.weights = weigh(self.policy, self.scores(), self.unmet(), [context.spec for context in active])
+        division = divide_nodes(self.policy, self.weights, self._placement, self.last.nodes if self.last else {})
+        unmet = tuple(shortfalls(self.policy, self.weights, self._placement, division.nodes))
+        return Plan(
+            sequence=self.last.sequence + 1 if self.last else 1,
+            time=now,
+            cause="; ".join(dict.fromkeys(self._causes)),
+            contexts=tuple(context.spec.name for context in active),
+            tasks={
+                name: TaskPlan(
+                    weight.score,
+                    weight.value,
+                    sum(n.shares.get(name, 0) for n in division.nodes.values()),
+                    weight.because,
+                )
+                for name, weight in self.weights.items()
+            },
+            nodes=division.nodes,
+            shortfalls=division.shortfalls + unmet,
+        )
+
+
+class _Dwell:
+    """The end of the time that the last plan must stay."""
+
+    def __init__(self, planner: Planner) -> None:
+        self._planner = planner
+
+    def on_due(self, now: float) -> None:
+        """Nothing to do: the planner concludes after each timer, and what was held back is still noted as cause."""
+
+
+class _Release:
+    """The end of a context that was forced by hand."""
+
+    def __init__(self, planner: Planner) -> None:
+        self._planner = planner
+
+    def on_due(self, now: float) -> None:
+        for context in self._planner.contexts:
+            context.relent("forced", now)

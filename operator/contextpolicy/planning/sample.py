@@ -1,0 +1,22 @@
+"""One reading of a stream."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A decoded payload; `timestamp` is the sender's clock in Unix seconds where the sender gives one."""
+
+    stream: str
+    value: dict[str, Any]
+    timestamp: float | None = None
+
+
+def as_fields(decoded: object) -> dict[str, Any]:
+    """A payload as CEL sees it: a map stays a map, anything else is read as `stream.value`."""
+    if isinstance(decoded, dict):
+        return decoded
+    return {"value": decoded}

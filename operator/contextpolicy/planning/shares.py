@@ -1,0 +1,100 @@
+"""Eq. 1 and Eq. 2: what a weight buys, in whole units, within bounds (paper IV-D).
+
+s_c = N * w_c / sum(w) and t_c = P * w_c / sum(w) are the same division: N (or P) is a number of units, a unit being the
+smallest step that the kernel and the kubelet agree on (10m of CFS quota, 1 ms of a realtime second).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from contextpolicy.errors import ShareError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+RESOLUTION = 10**9
+"""Weights count to one part in 10^9 of the heaviest: whole numbers, so float noise can't move a unit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """One task's part in the division: weight and bounds in units, `floor <= ceiling`.
+
+    A claim of weight 0 gets its floor, no more.
+    """
+
+    name: str
+    weight: float
+    floor: int
+    ceiling: int
+
+
+def divide(total: int, claims: Sequence[Claim]) -> dict[str, int]:
+    """Units per claim, by weight, within [floor, ceiling]; the sum is min(total, sum of ceilings) exactly.
+
+    Bounds are met by redistribution: a claim that a bound holds leaves the division and the others share the rest, as
+    in weighted max-min fairness. Fractions are settled by largest remainder; ties go to the heavier, then by name.
+    Floors above the total are scaled down in proportion, but no claim gets less than one unit (`floors_exceed` tells).
+    """
+    if total < len(claims):
+        raise ShareError(f"{total} units cannot be divided over {len(claims)} tasks: each needs one")
+    if not claims:
+        return {}
+    if floors_exceed(total, claims):
+        return _scaled_floors(total, claims)
+    weights = _whole_weights(claims)
+    fixed = _clamped(total, claims, weights)
+    free = sorted((c for c in claims if c.name not in fixed), key=lambda c: c.name)
+    return fixed | _largest_remainder(total - sum(fixed.values()), free, weights)
+
+
+def floors_exceed(total: int, claims: Sequence[Claim]) -> bool:
+    """Whether the floors alone are more than there is to divide."""
+    return sum(claim.floor for claim in claims) > total
+
+
+def _whole_weights(claims: Sequence[Claim]) -> dict[str, int]:
+    heaviest = max(claim.weight for claim in claims)
+    return {
+        claim.name: max(1, round(claim.weight / heaviest * RESOLUTION)) if claim.weight > 0 else 0 for claim in claims
+    }
+
+
+def _clamped(total: int, claims: Sequence[Claim], weights: dict[str, int]) -> dict[str, int]:
+    """The claims that a bound decides, with what it gives them.
+
+    Water filling: in each round either the claims below their floor or those above their ceiling leave, whichever
+    violate by more in sum; those would violate in every later round too, so each claim leaves at most once.
+    """
+    fixed = {claim.name: claim.floor for claim in claims if claim.weight <= 0 or claim.floor == claim.ceiling}
+    while True:
+        free = [claim for claim in claims if claim.name not in fixed]
+        left, weight = total - sum(fixed.values()), sum(weights[claim.name] for claim in free)
+        low = [c for c in free if left * weights[c.name] < c.floor * weight]
+        high = [c for c in free if left * weights[c.name] > c.ceiling * weight]
+        missing = sum(c.floor * weight - left * weights[c.name] for c in low)
+        excess = sum(left * weights[c.name] - c.ceiling * weight for c in high)
+        if missing == excess == 0:
+            return fixed
+        if missing >= excess:
+            fixed |= {claim.name: claim.floor for claim in low}
+        if excess >= missing:
+            fixed |= {claim.name: claim.ceiling for claim in high}
+
+
+def _largest_remainder(total: int, claims: Sequence[Claim], weights: dict[str, int]) -> dict[str, int]:
+    weight = sum(weights[claim.name] for claim in claims)
+    if weight == 0:
+        return {}
+    parts = {c.name: divmod(total * weights[c.name], weight) for c in claims}
+    order = sorted(claims, key=lambda c: (-parts[c.name][1], -weights[c.name], c.name))
+    extra = {claim.name for claim in order[: total - sum(whole for whole, _ in parts.values())]}
+    return {c.name: parts[c.name][0] + (c.name in extra) for c in claims}
+
+
+def _scaled_floors(total: int, claims: Sequence[Claim]) -> dict[str, int]:
+    """Floors that together exceed the total, scaled down: one unit each, the rest in proportion to the floors."""
+    by_floor = [Claim(claim.name, float(claim.floor), 1, claim.floor) for claim in claims]
+    return divide(total, by_floor)

@@ -1,0 +1,169 @@
+"""One stream inside the planner: which samples count, what the expressions see, and whether the stream is silent."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Protocol
+
+from contextpolicy.errors import ExpressionError
+from contextpolicy.planning.expressions import Expression, Scope
+from contextpolicy.planning.features import Window
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from contextpolicy.planning.policy import Stream
+    from contextpolicy.planning.sample import Sample
+    from contextpolicy.planning.timers import Timers
+
+FUTURE_TOLERANCE = 1.0
+"""Seconds that a sender's clock may be ahead; a timestamp beyond it is ignored, its sample still counts."""
+
+
+class Listener(Protocol):
+    """What a stream tells the planner."""
+
+    def on_value(self, stream: StreamState, now: float) -> None:
+        """The stream's variable has a new value."""
+
+    def on_silence(self, stream: StreamState, now: float) -> None:
+        """The stream is no longer a value."""
+
+    def on_recovery(self, stream: StreamState, now: float) -> None:
+        """A silent stream is heard again."""
+
+    def on_drop(self, stream: str, reason: str) -> None:
+        """A sample was not used, or not all of it."""
+
+
+class StreamState:
+    """A stream's gate (order, age, debounce, sampling limit, filter), features and watchdog."""
+
+    def __init__(self, spec: Stream, scope: Scope, timers: Timers, listener: Listener) -> None:
+        self.spec = spec
+        self.value: dict[str, Any] | None = None
+        self.seen_at: float | None = None
+        self.timestamp: float | None = None
+        self.fresh = False
+        self.silent = False
+        self._shared, self._own = scope, Scope()
+        self._timers, self._listener = timers, listener
+        self._filter = Expression(spec.filter) if spec.filter else None
+        self._windows = [Window(feature) for feature in spec.features]
+        self._gate = _Gate(self, timers)
+        self._emptied = _Emptied(self)
+
+    def start(self, now: float) -> None:
+        """Begin to wait for the first sample."""
+        if self.spec.stale_after is not None:
+            self._timers.set(self, now + self.spec.stale_after)
+
+    def observe(self, sample: Sample, now: float) -> None:
+        """Take a sample as it arrives."""
+        reason = self._untimely(sample, now)
+        if reason is not None:
+            self._listener.on_drop(self.spec.name, reason)
+            return
+        self.seen_at = now
+        if self.silent:
+            self.silent = False
+            self._listener.on_recovery(self, now)
+        if self.spec.stale_after is not None:
+            self._timers.set(self, now + self.spec.stale_after)
+        self._gate.admit(sample.value, now)
+
+    def deliver(self, value: dict[str, Any], now: float) -> None:
+        """Make a sample that passed the gate the stream's value, unless the filter drops it."""
+        try:
+            if self._filter or self._windows:
+                self._own.bind(self.spec.name, value)
+            if self._filter and not self._filter.truth(self._own):
+                self._listener.on_drop(self.spec.name, "filtered")
+                return
+            for window in self._windows:
+                window.add(self._own, now)
+            self._bind(value, now)
+        except ExpressionError:
+            self._listener.on_drop(self.spec.name, "expression")
+            return
+        self._listener.on_value(self, now)
+
+    def refresh(self, now: float) -> None:
+        """Compute the features again: the last sample left their window."""
+        if self.value is not None and self.fresh:
+            self._bind(self.value, now)
+            self._listener.on_value(self, now)
+
+    def lose(self, now: float) -> None:
+        """The stream's liveliness token is gone: do not wait for `staleAfter`."""
+        self._timers.clear(self)
+        self.on_due(now)
+
+    def on_due(self, now: float) -> None:
+        """No sample for `staleAfter`."""
+        was_silent, self.silent, self.fresh = self.silent, True, False
+        if not was_silent:
+            self._listener.on_silence(self, now)
+
+    def _bind(self, value: dict[str, Any], now: float) -> None:
+        features = {window.feature.name: window.value(now) for window in self._windows}
+        self._shared.bind(self.spec.name, {**value, **features} if features else value)
+        self.value, self.fresh = value, True
+        if self._windows and self.seen_at is not None:
+            later = [due for w in self._windows if (due := self.seen_at + w.feature.over) > now]
+            if later:
+                self._timers.set(self._emptied, min(later))
+
+    def _untimely(self, sample: Sample, now: float) -> str | None:
+        """Why a sample's own timestamp rules it out."""
+        stamp = sample.timestamp
+        if stamp is None:
+            return None
+        if not math.isfinite(stamp) or stamp > now + FUTURE_TOLERANCE:
+            self._listener.on_drop(self.spec.name, "timestamp ignored")
+            return None
+        if self.timestamp is not None and stamp < self.timestamp:
+            return "out of order"
+        self.timestamp = stamp
+        if self.spec.stale_after is not None and now - stamp > self.spec.stale_after:
+            return "too old"
+        return None
+
+
+class _Gate:
+    """Debounce and the sampling limit: both hold the newest sample back and pass it when its time has come."""
+
+    def __init__(self, stream: StreamState, timers: Timers) -> None:
+        self._stream, self._timers = stream, timers
+        self._held: dict[str, Any] | None = None
+        self._open_at = -math.inf
+
+    def admit(self, value: dict[str, Any], now: float) -> None:
+        spec = self._stream.spec
+        if spec.debounce:
+            self._held = value
+            self._timers.set(self, max(now + spec.debounce, self._open_at))
+        elif now < self._open_at:
+            self._held = value
+            self._timers.set(self, self._open_at)
+        else:
+            self._pass(value, now)
+
+    def on_due(self, now: float) -> None:
+        value, self._held = self._held, None
+        if value is not None:
+            self._pass(value, now)
+
+    def _pass(self, value: dict[str, Any], now: float) -> None:
+        self._open_at = now + self._stream.spec.sample_every
+        self._stream.deliver(value, now)
+
+
+class _Emptied:
+    """The moment at which a stream's features have lost their last sample."""
+
+    def __init__(self, stream: StreamState) -> None:
+        self._stream = stream
+
+    def on_due(self, now: float) -> None:
+        self._stream.refresh(now)
