@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.weights import Weight
 
 REALTIME_BUDGET = 950
-"""Thousandths of the period that realtime tasks may use: the Linux default of sched_rt_runtime_us / sched_rt_period_us."""
+"""Thousandths of the period for realtime tasks: the default of sched_rt_runtime_us / sched_rt_period_us."""
 
 
 @dataclass(frozen=True, slots=True)
