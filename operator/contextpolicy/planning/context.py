@@ -52,6 +52,12 @@ class ContextState:
         if self._when and not self.streams:
             self.on_value(now)
 
+    def adopt(self, old: ContextState) -> None:
+        """Hold on if the same condition held in the policy's last version and still does: no second `enterAfter`."""
+        if old.holds and not self.holds and all(stream.fresh for stream in self.streams) and self._truth():
+            self._timers.clear(self)
+            self._turning, self.holds = False, True
+
     def on_value(self, now: float) -> None:
         """A stream it reads has a new value."""
         wanted = all(stream.fresh for stream in self.streams) and self._truth()

@@ -28,15 +28,16 @@ def plans(
     inputs: Observable[Input],
     scheduler: SchedulerBase,
     initiatives: Mapping[str, Instantiate] | None = None,
+    before: Planner | None = None,
 ) -> Observable[Plan]:
     """Every new plan, from the moment of subscription on.
 
     Inputs must arrive on the scheduler's thread. Between inputs one timer is armed, for the planner's next deadline;
-    with no deadline nothing runs.
+    with no deadline nothing runs. `before` is the planner of the policy's last version, if it had one.
     """
 
     def subscribe(observer: ObserverBase[Plan], _: SchedulerBase | None = None) -> DisposableBase:
-        return _Run(planner, observer, scheduler).begin(inputs, initiatives or {})
+        return _Run(planner, observer, scheduler).begin(inputs, initiatives or {}, before)
 
     return Observable(subscribe)
 
@@ -50,8 +51,10 @@ class _Run:
         self._armed: float | None = None
         self._taps: dict[str, Subject[dict[str, Any]]] = {}
 
-    def begin(self, inputs: Observable[Input], initiatives: Mapping[str, Instantiate]) -> DisposableBase:
-        self._emit(self._planner.start(self._now()))
+    def begin(
+        self, inputs: Observable[Input], initiatives: Mapping[str, Instantiate], before: Planner | None
+    ) -> DisposableBase:
+        self._emit(self._planner.start(self._now(), before))
         scores = CompositeDisposable(*self._instantiate(initiatives))
         source = inputs.subscribe(self._on_input, self._observer.on_error, scheduler=self._scheduler)
         return CompositeDisposable(source, scores, self._wake)

@@ -53,8 +53,11 @@ class Planner:
         self._causes: list[str] = []
         self._dwell, self._release = _Dwell(self), _Release(self)
 
-    def start(self, now: float) -> list[Plan]:
-        """Begin: watchdogs run, contexts that need no sample are decided."""
+    def start(self, now: float, before: Planner | None = None) -> list[Plan]:
+        """Begin: watchdogs run, contexts that need no sample are decided.
+
+        `before` is the planner of the policy's last version: what its unchanged streams and contexts know is kept.
+        """
         for stream in self.streams.values():
             stream.start(now)
         for initiative in self._initiatives():
@@ -62,6 +65,8 @@ class Planner:
         for context in self.contexts:
             context.start(now)
         self._force(now)
+        if before is not None:
+            self._adopt(before, now)
         self._causes = ["start"]
         return self._conclude(now)
 
@@ -200,9 +205,23 @@ class Planner:
                 context.insist("forced", now)
                 self.timers.set(self._release, force.until)
 
+    def _adopt(self, before: Planner, now: float) -> None:
+        contexts = {context.spec.name: context for context in before.contexts}
+        for name, stream in self.streams.items():
+            old = before.streams.get(name)
+            if old is not None and old.spec == stream.spec:
+                stream.adopt(old, now)
+        for context in self.contexts:
+            former = contexts.get(context.spec.name)
+            if former is not None and former.spec.when == context.spec.when:
+                context.adopt(former)
+
     def _conclude(self, now: float) -> list[Plan]:
-        """The new plan, if something happened that changes it and the last one stood long enough."""
-        if not self._causes:
+        """The new plan, if something happened that changes it and the last one stood long enough.
+
+        The first plan waits until each stream with a watchdog is heard or silent: until then a restart keeps what is.
+        """
+        if not self._causes or (self.last is None and any(stream.unknown for stream in self.streams.values())):
             return []
         plan = self._plan(now)
         if not plan.changes(self.last):

@@ -58,6 +58,19 @@ class StreamState:
         if self.spec.stale_after is not None:
             self._timers.set(self, now + self.spec.stale_after)
 
+    @property
+    def unknown(self) -> bool:
+        """Whether it is still open if the stream is heard or silent."""
+        return self.spec.stale_after is not None and self.seen_at is None and not self.silent
+
+    def adopt(self, old: StreamState, now: float) -> None:
+        """Go on where the same stream of the policy's last version stands."""
+        if old.fresh and old.value is not None and old.seen_at is not None:
+            self.seen_at, self.timestamp = old.seen_at, old.timestamp
+            if self.spec.stale_after is not None:
+                self._timers.set(self, old.seen_at + self.spec.stale_after)
+            self.deliver(old.value, now)
+
     def observe(self, sample: Sample, now: float) -> None:
         """Take a sample as it arrives."""
         reason = self._untimely(sample, now)
