@@ -1,0 +1,157 @@
+"""YAML as the API server reads it, with the line and column of every field.
+
+Bounds: 1 MiB a file, 64 levels, 100,000 values after aliases are expanded.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from contextpolicy.errors import ContextPolicyError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+MAX_BYTES = 2**20
+MAX_DEPTH = 64
+MAX_VALUES = 100_000
+_MERGE = "tag:yaml.org,2002:merge"
+_OWN = (":timestamp", ":float", ":int", ":value")
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """Where something stands, counted from 1."""
+
+    line: int
+    column: int
+
+
+class DocumentError(ContextPolicyError):
+    """A file that is no YAML, or YAML that Kubernetes could not store."""
+
+    def __init__(self, message: str, position: Position) -> None:
+        self.position = position
+        super().__init__(message)
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """One YAML document; paths are written as in findings: `spec.tasks[0].min`."""
+
+    body: Any
+    positions: dict[str, Position] = field(default_factory=dict)
+    duplicates: tuple[str, ...] = ()
+
+    def position(self, path: str) -> Position:
+        """Where the field stands; for one that is missing, where the nearest object around it does."""
+        while path not in self.positions and path:
+            path = path[: max(path.rfind("."), path.rfind("["), 0)]
+        return self.positions[path]
+
+
+def read(text: str) -> Iterator[Document]:
+    """Every document of a stream; DocumentError at the first place that cannot be read."""
+    if len(text) > MAX_BYTES:
+        raise DocumentError(f"has {len(text)} characters, allowed: {MAX_BYTES}", Position(1, 1))
+    try:
+        loader = _Loader(text)
+        while loader.check_node():
+            node = loader.get_node()
+            if node is not None:
+                yield _Builder(loader).document(node)
+    except yaml.MarkedYAMLError as error:
+        message = ": ".join(part for part in (error.context, error.problem) if part)
+        raise DocumentError(f"is no YAML: {message}", _position(error.problem_mark or error.context_mark)) from error
+    except yaml.YAMLError as error:
+        raise DocumentError(f"is no YAML: {str(error).splitlines()[0]}", Position(1, 1)) from error
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain scalars as Kubernetes' YAML reader takes them: no dates, no base 60, and 1e3 is a number."""
+
+    yaml_implicit_resolvers = {  # noqa: RUF012 - PyYAML's own protocol
+        first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(_OWN)]
+        for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        self._depth += 1
+        if self._depth > MAX_DEPTH:
+            raise DocumentError(
+                f"is nested deeper than {MAX_DEPTH} levels", _position(parent.start_mark if parent else None)
+            )
+        node: yaml.Node | None = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+
+_NUMBERS = (
+    ("int", r"[-+]?(0b[01_]+|0o?[0-7_]+|0x[0-9a-fA-F_]+|0|[1-9][0-9_]*)$"),
+    ("float", r"[-+]?([0-9][0-9_]*\.?[0-9_]*|\.[0-9]+)([eE][-+]?[0-9]+)?$|[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$"),
+)
+for _tag, _pattern in _NUMBERS:
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(_pattern), list("-+0123456789."))
+
+
+class _Builder:
+    """One document's nodes -> plain values, noting positions and keys that stand twice."""
+
+    def __init__(self, loader: _Loader) -> None:
+        self._loader = loader
+        self._positions: dict[str, Position] = {}
+        self._duplicates: list[str] = []
+        self._values = 0
+
+    def document(self, node: yaml.Node) -> Document:
+        body = self._value(node, "", ())
+        return Document(body, self._positions, tuple(self._duplicates))
+
+    def _value(self, node: yaml.Node, path: str, inside: tuple[int, ...]) -> Any:
+        self._values += 1
+        position = _position(node.start_mark)
+        if self._values > MAX_VALUES:
+            raise DocumentError(f"has more than {MAX_VALUES} values once its aliases are expanded", position)
+        if id(node) in inside:
+            raise DocumentError("contains itself through an alias", position)
+        self._positions.setdefault(path, position)
+        inside = (*inside, id(node))
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, path, inside)
+        if isinstance(node, yaml.SequenceNode):
+            return [self._value(item, f"{path}[{index}]", inside) for index, item in enumerate(node.value)]
+        try:
+            return self._loader.construct_object(node)
+        except ValueError as error:
+            raise DocumentError(f"has a scalar that is no value: {error}", position) from error
+
+    def _mapping(self, node: yaml.MappingNode, path: str, inside: tuple[int, ...]) -> dict[str, Any]:
+        result: dict[str, Any] = {}
+        merged: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            if key_node.tag == _MERGE:
+                merged |= self._merged(value_node, path, inside)
+                continue
+            key = str(key_node.value) if isinstance(key_node, yaml.ScalarNode) else ""
+            if not key:
+                raise DocumentError("has a key that is no text", _position(key_node.start_mark))
+            inner = f"{path}.{key}" if path else key
+            if key in result:
+                self._duplicates.append(inner)
+            self._positions[inner] = _position(key_node.start_mark)
+            result[key] = self._value(value_node, inner, inside)
+        return merged | result
+
+    def _merged(self, node: yaml.Node, path: str, inside: tuple[int, ...]) -> dict[str, Any]:
+        sources = node.value if isinstance(node, yaml.SequenceNode) else [node]
+        values = [self._value(source, path, inside) for source in reversed(sources)]
+        return {key: value for source in values if isinstance(source, dict) for key, value in source.items()}
+
+
+def _position(mark: Any) -> Position:
+    return Position(mark.line + 1, mark.column + 1) if mark is not None else Position(1, 1)
