@@ -1,0 +1,54 @@
+"""Timeline inputs -> the samples that the policy's streams would see."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from contextpolicy.errors import DecodeError
+from contextpolicy.planning.policy import Encoding
+from contextpolicy.simulation.keyexpr import includes
+from contextpolicy.streams.decoding import Decoder
+
+if TYPE_CHECKING:
+    from collections import Counter
+    from collections.abc import Iterable, Iterator
+
+    from contextpolicy.planning.policy import Policy, Stream
+    from contextpolicy.planning.sample import Sample
+    from contextpolicy.streams.timeline import TimedInput
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """Keys of inputs that no stream can read: because no stream selects them, or because they have no value."""
+
+    unread: set[str] = field(default_factory=set)
+    without_value: set[str] = field(default_factory=set)
+
+
+def samples(
+    policy: Policy, inputs: Iterable[TimedInput], skipped: Skipped, drops: Counter[tuple[str, str]]
+) -> Iterator[tuple[float, Sample]]:
+    """Each sample with its time in seconds from the start of the timeline; one per stream that selects the key."""
+    readers: dict[str, list[tuple[Stream, Decoder]]] = {}
+    for timed in inputs:
+        if timed.key not in readers:
+            readers[timed.key] = [(s, _decoder(s)) for s in policy.streams if includes(s.key, timed.key)]
+        if not readers[timed.key]:
+            skipped.unread.add(timed.key)
+        elif timed.value is None:
+            skipped.without_value.add(timed.key)
+        else:
+            payload = json.dumps(timed.value).encode()
+            for stream, decoder in readers[timed.key]:
+                try:
+                    yield timed.at, decoder.decode(payload)
+                except DecodeError:
+                    drops[stream.name, "decode"] += 1
+
+
+def _decoder(stream: Stream) -> Decoder:
+    """A timeline's value is the decoded message, so it is JSON also where the robot's payload is CBOR or CDR."""
+    return Decoder(replace(stream, encoding=Encoding.JSON, type=None))
