@@ -31,6 +31,15 @@ class Division:
 
 
 @dataclass(frozen=True, slots=True)
+class Terms:
+    """What one node's division starts from: N, the step that shares move in, and each task's claim in steps."""
+
+    capacity: int
+    quantum: int
+    claims: tuple[Claim, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class _Seat:
     """One task on one node."""
 
@@ -58,21 +67,35 @@ def divide_nodes(
     return Division(nodes, tuple(shortfalls))
 
 
-def _divide_node(policy: Policy, allocatable: int, seats: Sequence[_Seat]) -> tuple[NodePlan, list[Shortfall]]:
-    if not any(seat.weight.value > 0 for seat in seats):
-        raise ShareError("the weights of all its tasks sum to 0, allowed: at least one above 0")
+def terms(policy: Policy, weights: Mapping[str, Weight], placement: Placement) -> dict[str, Terms]:
+    """Each node's terms, for explanations."""
+    tasks = {task.name: task for task in policy.leaves}
+    return {
+        node: _terms(policy, placement.allocatable[node], [_Seat(tasks[n], weights[n], c) for n, c in seated.items()])
+        for node, seated in placement.by_node().items()
+    }
+
+
+def _terms(policy: Policy, allocatable: int, seats: Sequence[_Seat]) -> Terms:
     realtime = policy.scheduler is Scheduler.REALTIME
     quantum = 1 if realtime else QUANTUM
     capacity = REALTIME_BUDGET if realtime else max(0, allocatable - policy.reserve) // QUANTUM * QUANTUM
-    claims = [_claim(seat, _least(policy, seat, quantum), quantum, capacity) for seat in seats]
-    units = divide(capacity // quantum, claims)
-    shares = {name: share * quantum for name, share in sorted(units.items())}
+    claims = tuple(_claim(seat, _least(policy, seat, quantum), quantum, capacity) for seat in seats)
+    return Terms(capacity, quantum, claims)
+
+
+def _divide_node(policy: Policy, allocatable: int, seats: Sequence[_Seat]) -> tuple[NodePlan, list[Shortfall]]:
+    if not any(seat.weight.value > 0 for seat in seats):
+        raise ShareError("the weights of all its tasks sum to 0, allowed: at least one above 0")
+    own = _terms(policy, allocatable, seats)
+    units = divide(own.capacity // own.quantum, own.claims)
+    shares = {name: share * own.quantum for name, share in sorted(units.items())}
     containers = {
-        container.id: part * quantum
+        container.id: part * own.quantum
         for seat in seats
-        for container, part in _parts(units[seat.task.name], seat.containers, quantum)
+        for container, part in _parts(units[seat.task.name], seat.containers, own.quantum)
     }
-    return NodePlan(capacity, shares, containers), _floor_shortfall(capacity, quantum, claims)
+    return NodePlan(own.capacity, shares, containers), _floor_shortfall(own.capacity, own.quantum, own.claims)
 
 
 def _least(policy: Policy, seat: _Seat, quantum: int) -> int:

@@ -118,8 +118,12 @@ class StreamState:
         if not was_silent:
             self._listener.on_silence(self, now)
 
+    def features(self, now: float) -> dict[str, float | None]:
+        """The features as expressions see them at `now`."""
+        return {window.feature.name: window.value(now) for window in self._windows}
+
     def _bind(self, value: dict[str, Any], now: float) -> None:
-        features = {window.feature.name: window.value(now) for window in self._windows}
+        features = self.features(now)
         self._shared.bind(self.spec.name, {**value, **features} if features else value)
         self.value, self.fresh = value, True
         if self._windows and self.seen_at is not None:
