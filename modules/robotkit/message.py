@@ -1,0 +1,42 @@
+"""The stereo frame: both pictures of one instant in one message, so that they cannot be paired wrongly.
+
+Layout, little endian: "STR1", stamp of the exposure in ns (int64), sizes of both pictures in bytes (uint32 each), the
+left picture, the right picture; pictures are PNG or any other format with a header of its own.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+_HEADER = struct.Struct("<4sqII")
+_MAGIC = b"STR1"
+
+
+class MessageError(Exception):
+    """A payload that is not what its key promises; the sample is dropped, the module goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class StereoFrame:
+    """Two encoded pictures; `stamp` is that of the recording when the frame is replayed."""
+
+    stamp: int
+    left: bytes
+    right: bytes
+
+
+def encode(frame: StereoFrame) -> bytes:
+    """Pack a frame into one payload."""
+    return _HEADER.pack(_MAGIC, frame.stamp, len(frame.left), len(frame.right)) + frame.left + frame.right
+
+
+def decode(payload: bytes) -> StereoFrame:
+    """Unpack a payload, or raise MessageError."""
+    if len(payload) < _HEADER.size or not payload.startswith(_MAGIC):
+        raise MessageError(f"not a stereo frame: starts with {payload[:4]!r}")
+    _, stamp, left, right = _HEADER.unpack_from(payload)
+    if len(payload) != _HEADER.size + left + right:
+        raise MessageError(f"stereo frame has {len(payload)} bytes, its header says {_HEADER.size + left + right}")
+    middle = _HEADER.size + left
+    return StereoFrame(stamp, payload[_HEADER.size : middle], payload[middle:])

@@ -1,0 +1,129 @@
+"""What the policy decided for this task, heard on the decision bus."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import zenoh
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+PLAN_KEY = "contextpolicy/*/*/plan"
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """A task's part of a plan; `share` is in cores, None when no plan binds the task."""
+
+    share: float | None = None
+    weight: float | None = None
+    suspended: bool = False
+
+
+UNPLANNED = Decision()
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    order: tuple[int, int]
+    decision: Decision
+
+
+class Decisions:
+    """The newest decision among all policies that name the task; pure, so order is all that matters."""
+
+    def __init__(self, task: str) -> None:
+        self._task = task
+        self._plans: dict[str, _Plan] = {}
+
+    def hear(self, key: str, payload: bytes | None) -> Decision:
+        """Take one message (None: the policy is gone) and tell what holds now."""
+        if payload is None:
+            self._plans.pop(key, None)
+        else:
+            plan = _parse(payload, self._task)
+            known = self._plans.get(key)
+            if plan is not None and (known is None or plan.order > known.order):
+                self._plans[key] = plan
+        return self._current()
+
+    def _current(self) -> Decision:
+        binding = [plan for plan in self._plans.values() if plan.decision != UNPLANNED]
+        return max(binding, key=lambda plan: plan.order).decision if binding else UNPLANNED
+
+
+def _parse(payload: bytes, task: str) -> _Plan | None:
+    """Read a plan; one that does not name the task, or is not enforced, does not bind it."""
+    try:
+        document = json.loads(payload)
+        order = (int(document["run"]), int(document["sequence"]))
+        if document["mode"] != "Enforce" or task not in document["tasks"]:
+            return _Plan(order, UNPLANNED)
+        mine = document["tasks"][task]
+        decision = Decision(float(mine["share"]), float(mine["weight"]), bool(mine["suspended"]))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        _LOG.warning("a plan that cannot be read was ignored: %r", error)
+        return None
+    return _Plan(order, decision)
+
+
+class PlanListener:
+    """Calls `on_change` with each new decision, on its own thread, where it may use the bus."""
+
+    def __init__(
+        self, session: zenoh.Session, task: str, on_change: Callable[[Decision], None], *, key: str = PLAN_KEY
+    ) -> None:
+        self._decisions = Decisions(task)
+        self._on_change = on_change
+        self._heard: dict[str, bytes | None] = {}
+        self._changed = threading.Condition()
+        self._closed = False
+        self._thread = threading.Thread(target=self._follow, name="plan", daemon=True)
+        self._thread.start()
+        self._subscriber = session.declare_subscriber(key, self._hear)
+        session.get(key, self._hear_reply)  # the plan that is in force already
+
+    def close(self) -> None:
+        """Stop listening and wait for the thread."""
+        self._subscriber.undeclare()
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        self._thread.join()
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        gone = sample.kind == zenoh.SampleKind.DELETE
+        with self._changed:
+            self._heard[str(sample.key_expr)] = None if gone else sample.payload.to_bytes()
+            self._changed.notify_all()
+
+    def _hear_reply(self, reply: zenoh.Reply) -> None:
+        if reply.ok is None:
+            return
+        with self._changed:
+            self._heard.setdefault(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+            self._changed.notify_all()
+
+    def _follow(self) -> None:
+        last = UNPLANNED
+        for key, payload in self._messages():
+            decision = self._decisions.hear(key, payload)
+            if decision != last:
+                last = decision
+                self._on_change(decision)
+
+    def _messages(self) -> Iterator[tuple[str, bytes | None]]:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._heard or self._closed)
+                if self._closed:
+                    return
+                heard, self._heard = self._heard, {}
+            yield from heard.items()

@@ -1,0 +1,75 @@
+"""Zenoh sessions that wait for their router, survive its restart and are always closed."""
+
+from __future__ import annotations
+
+import json
+import logging
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import zenoh
+
+if TYPE_CHECKING:
+    import threading
+    from collections.abc import Iterator, Mapping, Sequence
+
+ATTEMPT_MS = 1000
+LEASE_MS = 1000
+
+_LOG = logging.getLogger(__name__)
+
+
+class SessionError(Exception):
+    """There is no address to connect to, or one that makes no sense."""
+
+
+def endpoints(environment: Mapping[str, str]) -> tuple[str, ...]:
+    """Read the comma-separated addresses of ZENOH_CONNECT."""
+    found = tuple(part.strip() for part in environment.get("ZENOH_CONNECT", "").split(",") if part.strip())
+    if not found:
+        raise SessionError("ZENOH_CONNECT is empty: set it to the router's address, such as tcp/127.0.0.1:7447")
+    return found
+
+
+def client_config(addresses: Sequence[str]) -> zenoh.Config:
+    """Connect to the addresses only; a peer that hangs is noticed after a second, not after ten."""
+    config = zenoh.Config()
+    for key, value in (
+        ("mode", "client"),
+        ("connect/endpoints", list(addresses)),
+        ("connect/timeout_ms", ATTEMPT_MS),
+        ("scouting/multicast/enabled", False),
+        ("transport/link/tx/lease", LEASE_MS),
+        ("transport/shared_memory/enabled", False),  # pods share no /dev/shm
+    ):
+        _insert(config, key, value)
+    return config
+
+
+@contextmanager
+def open_session(addresses: Sequence[str], stop: threading.Event) -> Iterator[zenoh.Session | None]:
+    """Try until a router answers; gives None when `stop` is set first."""
+    session = _connect(client_config(addresses), stop)
+    try:
+        yield session
+    finally:
+        if session is not None:
+            session.close()
+
+
+def _connect(config: zenoh.Config, stop: threading.Event) -> zenoh.Session | None:
+    # Zenoh could wait by itself, but no signal handler runs during that wait.
+    while not stop.is_set():
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError as error:
+            _LOG.warning("no router yet: %s", error)
+            stop.wait(ATTEMPT_MS / 1000)
+    return None
+
+
+def _insert(config: zenoh.Config, key: str, value: object) -> None:
+    try:
+        config.insert_json5(key, json.dumps(value))
+    except zenoh.ZError as error:
+        raise SessionError(f"{key}: {value!r} is not allowed: {error}") from error

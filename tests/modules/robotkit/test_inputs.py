@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import pytest
+
+from modules.robotkit.inputs import Input, stamp_attachment
+from tests.modules.robotkit.bus import Matching, client, router, soon
+
+
+@pytest.fixture(scope="module")
+def sessions():
+    with router() as address, client(address) as sensor, client(address) as module:
+        yield sensor, module
+
+
+@pytest.fixture
+def sensor_and_input(sessions, request):
+    sensor, module = sessions
+    key = f"test/{request.node.name}"
+    publisher = sensor.declare_publisher(key)
+    matching = Matching(publisher)
+    source = Input(module, key, depth=2)
+    source.resume()
+    matching.wait(expected=True)
+    yield publisher, matching, source
+    source.close()
+
+
+def test_a_sample_keeps_the_time_of_its_source(sensor_and_input):
+    publisher, _, source = sensor_and_input
+    publisher.put(b"picture", attachment=stamp_attachment(123))
+    received = soon(source.take)
+    assert (received.payload, received.stamp) == (b"picture", 123)
+    assert received.received > 123
+
+
+@pytest.mark.parametrize("attachment", [None, b"\xff", b"[]", b'{"stamp": "now"}'])
+def test_a_sample_without_a_stamp_has_that_of_its_arrival(sensor_and_input, attachment):
+    publisher, _, source = sensor_and_input
+    publisher.put(b"x", attachment=attachment)
+    received = soon(source.take)
+    assert received.stamp == received.received
+
+
+def test_a_slow_task_gets_the_newest_samples_and_knows_what_it_missed(sensor_and_input):
+    publisher, _, source = sensor_and_input
+    for number in range(5):
+        publisher.put(bytes([number]))
+    while source.dropped < 3:
+        with source._changed:
+            assert source._changed.wait(10)
+    assert [soon(source.take).payload for _ in range(2)] == [b"\x03", b"\x04"]
+
+
+def test_a_paused_input_takes_nothing_from_the_bus(sensor_and_input):
+    publisher, matching, source = sensor_and_input
+    source.pause()
+    matching.wait(expected=False)
+    source.resume()
+    matching.wait(expected=True)
+    publisher.put(b"again")
+    assert soon(source.take).payload == b"again"
+
+
+def test_closing_wakes_the_task(sensor_and_input):
+    _, _, source = sensor_and_input
+    source.close()
+    assert soon(source.take) is None

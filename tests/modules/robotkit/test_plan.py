@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+import json
+import queue
+
+import pytest
+import zenoh
+
+from modules.robotkit.plan import UNPLANNED, Decision, Decisions, PlanListener
+from tests.modules.robotkit.bus import PATIENCE_S, client, router
+
+KEY = "contextpolicy/robot/demo/plan"
+
+
+def a_plan(run=1, sequence=1, *, task="slam", mode="Enforce", **changes):
+    decision = {"score": 1.0, "weight": 10.0, "share": 0.5, "suspended": False, **changes}
+    return json.dumps({"run": run, "sequence": sequence, "mode": mode, "tasks": {task: decision}}).encode()
+
+
+def test_a_task_hears_its_own_part():
+    assert Decisions("slam").hear(KEY, a_plan(share=1.25)) == Decision(1.25, 10.0, suspended=False)
+
+
+def test_a_late_plan_does_not_undo_a_newer_one():
+    decisions = Decisions("slam")
+    newest = decisions.hear(KEY, a_plan(run=2, sequence=1, share=0.9))
+    assert decisions.hear(KEY, a_plan(run=2, sequence=1, share=0.1)) == newest
+    assert decisions.hear(KEY, a_plan(run=1, sequence=99, share=0.1)) == newest
+
+
+@pytest.mark.parametrize("after", [a_plan(sequence=2, mode="DryRun"), a_plan(sequence=2, task="arm"), None])
+def test_a_plan_that_no_longer_binds_frees_the_task(after):
+    decisions = Decisions("slam")
+    decisions.hear(KEY, a_plan(suspended=True))
+    assert decisions.hear(KEY, after) == UNPLANNED
+
+
+def test_a_policy_that_does_not_name_the_task_changes_nothing():
+    decisions = Decisions("slam")
+    mine = decisions.hear(KEY, a_plan())
+    assert decisions.hear("contextpolicy/robot/other/plan", a_plan(run=9, task="arm")) == mine
+
+
+@pytest.mark.parametrize("payload", [b"", b"{", b"[]", b"7", b'{"run": 1}', a_plan().replace(b"0.5", b'"much"')])
+def test_a_broken_plan_changes_nothing(payload):
+    decisions = Decisions("slam")
+    mine = decisions.hear(KEY, a_plan(share=0.7))
+    assert decisions.hear(KEY, payload) == mine
+
+
+def test_a_module_hears_the_plan_in_force_and_every_change():
+    heard = queue.Queue()
+    with router() as address, client(address) as policy, client(address) as module:
+        answers = policy.declare_queryable(KEY, lambda query: query.reply(KEY, a_plan(sequence=1, share=0.1)))
+        listener = PlanListener(module, "slam", heard.put)
+        assert heard.get(timeout=PATIENCE_S).share == 0.1
+        policy.put(KEY, a_plan(sequence=2, share=0.2), congestion_control=zenoh.CongestionControl.BLOCK)
+        assert heard.get(timeout=PATIENCE_S).share == 0.2
+        policy.delete(KEY)
+        assert heard.get(timeout=PATIENCE_S) == UNPLANNED
+        listener.close()
+        answers.undeclare()

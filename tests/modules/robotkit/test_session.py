@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from modules.robotkit.session import SessionError, client_config, endpoints, open_session
+from tests.modules.robotkit.bus import free_port, router, soon
+
+
+def test_addresses_come_from_the_environment():
+    assert endpoints({"ZENOH_CONNECT": "tcp/a:1, tcp/b:2,"}) == ("tcp/a:1", "tcp/b:2")
+
+
+@pytest.mark.parametrize("environment", [{}, {"ZENOH_CONNECT": " , "}])
+def test_an_empty_address_says_what_to_set(environment):
+    with pytest.raises(SessionError, match="ZENOH_CONNECT"):
+        endpoints(environment)
+
+
+def test_an_address_that_makes_no_sense_is_refused():
+    with pytest.raises(SessionError, match="nonsense"):
+        client_config(["nonsense"])
+
+
+def test_a_session_waits_for_its_router():
+    port = free_port()
+    connected = threading.Event()
+
+    def connect():
+        with open_session([f"tcp/127.0.0.1:{port}"], threading.Event()) as session:
+            connected.set()
+            return list(session.info.routers_zid())
+
+    thread_done = []
+    thread = threading.Thread(target=lambda: thread_done.append(connect()))
+    thread.start()
+    with router(port):
+        assert connected.wait(10)
+        thread.join(10)
+    assert len(thread_done[0]) == 1
+
+
+def test_stop_ends_the_wait_for_a_router():
+    stop = threading.Event()
+    stop.set()
+
+    def connect():
+        with open_session(["tcp/127.0.0.1:1"], stop) as session:
+            return session
+
+    assert soon(connect) is None

@@ -1,0 +1,43 @@
+"""Every module looks the same: the same files, a module.yaml that says what it needs, an image that runs as nobody."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from modules.robotkit.task import load_task
+
+ROOT = Path(__file__).parents[2] / "modules"
+MODULES = sorted(path.parent for path in ROOT.glob("*/module.yaml"))
+FILES = {"Dockerfile", "README.md", "__main__.py", "module.yaml", "requirements.txt", "task.py"}
+
+
+@pytest.fixture(params=MODULES, ids=lambda folder: folder.name)
+def module(request):
+    return request.param
+
+
+def test_there_are_modules():
+    assert {"slam", "speech"} <= {folder.name for folder in MODULES}
+
+
+def test_it_has_the_same_files(module):
+    assert {path.name for path in module.iterdir()} >= FILES
+
+
+def test_it_says_what_it_takes_gives_and_needs(module):
+    task = load_task(module / "module.yaml")
+    assert task.name == module.name
+    assert task.input.startswith("robot/")
+    assert task.output.startswith(f"robot/{task.name}/")
+    assert task.depth >= 1
+    needs = yaml.safe_load((module / "module.yaml").read_text(encoding="utf-8"))["needs"]
+    assert needs.keys() == {"cores", "memory", "deadline"}
+
+
+def test_its_image_runs_as_nobody_and_starts_the_module(module):
+    lines = (module / "Dockerfile").read_text(encoding="utf-8").splitlines()
+    assert "USER 65532:65532" in lines
+    assert lines[-1] == f'ENTRYPOINT ["/opt/module/bin/python", "-m", "modules.{module.name}"]'

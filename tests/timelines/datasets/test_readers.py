@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import wave
+
+import pytest
+
+from modules.robotkit.message import decode
+from timelines.datasets.readers import DatasetError, euroc_rows, positions, read
+
+START = 1403636579763555584
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """Two frames as they come from the archive: CRLF, and the second right picture is missing."""
+    mav0 = tmp_path / "real/mav0"
+    for camera in ("cam0", "cam1"):
+        (mav0 / camera / "data").mkdir(parents=True)
+        rows = [f"{START + step},{START + step}.png\r\n" for step in (0, 50_000_000)]
+        (mav0 / camera / "data.csv").write_bytes("".join(["#timestamp [ns],filename\r\n", *rows, "\r\n"]).encode())
+        (mav0 / camera / "data" / f"{START}.png").write_bytes(camera.encode())
+    (mav0 / "cam0/data" / f"{START + 50_000_000}.png").write_bytes(b"alone")
+    for sensor, rows in (
+        ("imu0", [(START, 1, 2, 3, 4, 5, 6)]),
+        ("state_groundtruth_estimate0", [(START + t, t / 1e8, 0, 0, 1, 0, 0, 0, 3, 4, 0) for t in (0, 100_000_000)]),
+    ):
+        (mav0 / sensor).mkdir()
+        (mav0 / sensor / "data.csv").write_text("".join(f"{','.join(map(str, row))}\n" for row in rows))
+    return tmp_path
+
+
+def test_a_frame_without_its_partner_is_left_out(recorded):
+    ((at, payload),) = read(recorded, "real/stereo")
+    frame = decode(payload)
+    assert (at, frame.stamp, frame.left, frame.right) == (0.0, START, b"cam0", b"cam1")
+
+
+def test_imu_samples_have_gyro_accel_and_speed(recorded):
+    assert list(read(recorded, "real/imu")) == [
+        (0.0, {"gyro": [1.0, 2.0, 3.0], "accel": [4.0, 5.0, 6.0], "speed": 5.0})
+    ]
+
+
+def test_truth_is_interpolated_at_the_asked_stamps(recorded):
+    assert positions(recorded / "real/mav0", [START + 25_000_000])[0].tolist() == pytest.approx([0.25, 0, 0])
+
+
+def test_stamps_keep_all_their_digits(recorded):
+    assert [stamp for stamp, _ in euroc_rows(recorded / "real/mav0/cam0")] == [START, START + 50_000_000]
+
+
+def test_audio_comes_in_chunks_when_they_have_been_heard(tmp_path):
+    (tmp_path / "speech/x").mkdir(parents=True)
+    with wave.open(str(tmp_path / "speech/x/audio.wav"), "wb") as audio:
+        audio.setparams((1, 2, 16000, 0, "NONE", None))
+        audio.writeframes(bytes(2 * 4000))
+    chunks = [(round(at, 3), len(payload)) for at, payload in read(tmp_path, "speech/x")]
+    assert chunks == [(0.1, 3200), (0.2, 3200)]
+
+
+@pytest.mark.parametrize("name", ["euroc/stereo", "speech/x", "real/stereo", "nonsense"])
+def test_a_data_set_that_is_not_there_says_how_to_make_it(tmp_path, name):
+    with pytest.raises(DatasetError, match=r"python -m timelines\.datasets"):
+        read(tmp_path, name)

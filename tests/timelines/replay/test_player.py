@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import json
+import queue
+import threading
+import wave
+
+import pytest
+
+from contextpolicy.streams.timeline import parse
+from tests.modules.robotkit.bus import PATIENCE_S, client, router
+from timelines.datasets.readers import DatasetError
+from timelines.replay.__main__ import main
+from timelines.replay.player import Options, Report, _window, play
+
+TIMELINE = {
+    "name": "short",
+    "duration": 0.4,
+    "inputs": [
+        {"key": "robot/imu", "encoding": "json", "from": 0, "to": 0.4, "rate": 10, "value": {"speed": 0.3}},
+        {"key": "robot/battery", "encoding": "json", "at": 0.15, "value": 7},
+        {"key": "robot/microphone", "encoding": "binary", "from": 0.1, "to": 0.35, "dataset": "speech/x"},
+    ],
+}
+
+
+@pytest.fixture
+def datasets(tmp_path):
+    (tmp_path / "speech/x").mkdir(parents=True)
+    with wave.open(str(tmp_path / "speech/x/audio.wav"), "wb") as audio:
+        audio.setparams((1, 2, 16000, 0, "NONE", None))
+        audio.writeframes(bytes(2 * 16000))
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def bus():
+    with router() as address, client(address) as player, client(address) as robot:
+        yield address, player, robot
+
+
+def keys(datasets, options):
+    return [(round(at, 3), key.rpartition("/")[2]) for at, key, _ in _window(parse(TIMELINE), datasets, options)]
+
+
+def test_values_and_recordings_are_merged_in_time(datasets):
+    assert keys(datasets, Options()) == [
+        (0.0, "imu"),
+        (0.1, "imu"),
+        (0.15, "battery"),
+        (0.2, "imu"),
+        (0.2, "microphone"),
+        (0.3, "imu"),
+        (0.3, "microphone"),
+    ]
+
+
+def test_a_part_of_the_timeline_can_be_played(datasets):
+    options = Options(start_offset=0.12, playback_duration=0.1)
+    assert keys(datasets, options) == [(0.15, "battery"), (0.2, "imu"), (0.2, "microphone")]
+
+
+def test_samples_arrive_with_their_stamp(bus, datasets):
+    _, player, robot = bus
+    heard = queue.Queue()
+    robot.declare_subscriber("robot/**", lambda sample: heard.put((str(sample.key_expr), sample.payload.to_bytes())))
+    report = play(parse(TIMELINE), player, stop=threading.Event(), options=Options(rate=4), datasets=datasets)
+    assert report.published == {"robot/imu": 4, "robot/battery": 1, "robot/microphone": 2}
+    got = [heard.get(timeout=PATIENCE_S) for _ in range(5)]  # the first may be gone before the router knows the player
+    assert ("robot/battery", b"7") in got
+    assert ("robot/microphone", bytes(3200)) in got
+    imu = json.loads(next(payload for key, payload in got if key == "robot/imu"))
+    assert imu["speed"] == 0.3
+    assert report.started <= imu["stamp"] / 1e9 <= report.finished
+
+
+def test_stop_ends_a_loop_at_once(bus, datasets):
+    _, player, _ = bus
+    stop = threading.Event()
+    stop.set()
+    report = play(parse(TIMELINE), player, stop=stop, options=Options(loop=True), datasets=datasets)
+    assert report.published == {}
+
+
+def test_a_missing_data_set_is_told_before_anything_is_played(bus, tmp_path):
+    _, player, _ = bus
+    with pytest.raises(DatasetError, match="speech/x"):
+        play(parse(TIMELINE), player, stop=threading.Event(), datasets=tmp_path)
+
+
+def test_the_report_tells_how_late_inputs_were():
+    report = Report("x", started=1.0, lateness=[index / 1000 for index in range(200)])
+    assert report.as_json()["lateness_ms"] == {"p50": 100.0, "p99": 198.0, "max": 199.0}
+
+
+def test_the_command_plays_and_reports(bus, datasets, capsys):
+    address, _, _ = bus
+    path = datasets / "short.json"
+    path.write_text(json.dumps(TIMELINE), encoding="utf-8")
+    arguments = [str(path), "--connect", address, "--datasets", str(datasets), "--rate", "10", "--output", "json"]
+    assert main(arguments) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["timeline"], sum(report["published"].values())) == ("short", 7)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [(["missing.json", "--connect", "tcp/127.0.0.1:1"], "missing.json"), (["FILE", "--connect", ""], "ZENOH_CONNECT")],
+)
+def test_the_command_refuses_with_a_sentence(datasets, capsys, arguments, message):
+    path = datasets / "short.json"
+    path.write_text(json.dumps(TIMELINE), encoding="utf-8")
+    assert main([str(path) if argument == "FILE" else argument for argument in arguments]) == 1
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("flag", [["--rate", "0"], ["--rate", "nan"], ["--start-offset", "-1"]])
+def test_numbers_that_make_no_sense_are_refused(flag):
+    with pytest.raises(SystemExit):
+        main(["x.json", *flag])

@@ -1,0 +1,79 @@
+"""Which recordings there are, and making those that are missing or outdated."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+from timelines.datasets import corridor, euroc, motion, speech
+from timelines.datasets.euroc import RIG, Sequence
+from timelines.datasets.motion import Motion
+from timelines.datasets.speech import Script, Utterance
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+Progress: TypeAlias = Callable[[float], None]
+
+ROOT = Path("build/datasets")
+RECORDINGS: Mapping[str, Sequence | Script] = {
+    "euroc": Sequence(Motion(duration=30, moving=((10, 20),))),
+    "speech/demo": Script(
+        duration=30,
+        utterances=(
+            Utterance(5.3, "forward", "rms"),
+            Utterance(6.6, "left", "slt"),
+            Utterance(7.9, "stop", "cmu_us_slt_arctic_hts"),
+            Utterance(14.0, "right", "kal_diphone"),
+            Utterance(23.3, "backward", "slt"),
+            Utterance(24.7, "right", "cmu_us_slt_arctic_hts"),
+            Utterance(25.9, "stop", "kal16"),
+        ),
+    ),
+    "speech/commands": speech.every_command(),
+}
+
+_GENERATORS = {Sequence: (euroc, corridor, motion), Script: (speech,)}
+
+
+def make(root: Path, name: str, progress: Progress) -> bool:
+    """Make one recording unless it is there already; tells whether there was work to do."""
+    folder = root / name
+    stamp = fingerprint(RECORDINGS[name])
+    if is_current(folder, stamp):
+        return False
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=root, prefix=".making-") as scratch:
+        made = Path(scratch, "recording")
+        made.mkdir()
+        _write(made, RECORDINGS[name], progress)
+        (made / "stamp").write_text(stamp, encoding="utf-8")
+        shutil.rmtree(folder, ignore_errors=True)
+        made.rename(folder)
+    return True
+
+
+def is_current(folder: Path, stamp: str) -> bool:
+    """Tell whether the folder was made from the same description by the same code."""
+    file = folder / "stamp"
+    return file.is_file() and file.read_text(encoding="utf-8") == stamp
+
+
+def fingerprint(recording: Sequence | Script) -> str:
+    """Identify a recording by its description, the code that makes it and the cameras it is seen with."""
+    digest = hashlib.sha256(repr(recording).encode())
+    generators = [Path(module.__file__ or "") for module in _GENERATORS[type(recording)]]
+    for path in [*generators, *sorted(RIG.glob("*/sensor.yaml"))]:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _write(folder: Path, recording: Sequence | Script, progress: Progress) -> None:
+    if isinstance(recording, Sequence):
+        euroc.write(folder, recording, progress)
+    else:
+        speech.write(folder, recording, progress)

@@ -1,0 +1,1 @@
+"""Plays timelines on the robot's bus in real time."""

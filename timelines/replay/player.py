@@ -1,0 +1,135 @@
+"""Publishes a timeline's inputs when they are due.
+
+Every deadline is counted from the start of the pass, so that a late input delays no other one. The options have the
+names of `ros2 bag play`. Inputs that the bus cannot take at once are dropped, as a sensor would.
+"""
+
+from __future__ import annotations
+
+import heapq
+import json
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from operator import itemgetter
+from typing import TYPE_CHECKING, TypeAlias
+
+import zenoh
+
+from modules.robotkit.inputs import stamp_attachment
+from timelines.datasets.readers import read
+from timelines.datasets.recordings import ROOT
+
+if TYPE_CHECKING:
+    import threading
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from contextpolicy.streams.timeline import Timeline, TimelineEntry
+
+    Payload: TypeAlias = bytes | object
+    Timed: TypeAlias = tuple[float, str, Payload]
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Times are in seconds of the timeline, before `rate` stretches or shortens them."""
+
+    rate: float = 1.0
+    start_offset: float = 0.0
+    playback_duration: float | None = None
+    loop: bool = False
+
+
+@dataclass
+class Report:
+    """What was published, and how late; `started` is in seconds since 1970."""
+
+    timeline: str
+    started: float
+    finished: float = 0.0
+    published: Counter[str] = field(default_factory=Counter)
+    lateness: list[float] = field(default_factory=list)
+
+    def as_json(self) -> dict[str, object]:
+        """Summarise for people and programs."""
+        late = sorted(self.lateness) or [0.0]
+        at = {"p50": len(late) // 2, "p99": len(late) * 99 // 100, "max": len(late) - 1}
+        return {
+            "timeline": self.timeline,
+            "started": self.started,
+            "finished": self.finished,
+            "published": dict(self.published),
+            "lateness_ms": {name: round(late[index] * 1000, 3) for name, index in at.items()},
+        }
+
+
+def play(
+    timeline: Timeline,
+    session: zenoh.Session,
+    *,
+    stop: threading.Event,
+    options: Options = Options(),
+    datasets: Path = ROOT,
+) -> Report:
+    """Publish until the timeline ends or `stop` is set; raises DatasetError before the first input."""
+    report = Report(timeline.name, started=time.time())
+    publishers = _publishers(timeline, session)
+    start, length = time.monotonic(), _length(timeline, options)
+    while True:
+        for at, key, payload in _window(timeline, datasets, options):
+            due = start + (at - options.start_offset) / options.rate
+            if stop.wait(max(due - time.monotonic(), 0)):
+                break
+            report.lateness.append(time.monotonic() - due)
+            _publish(publishers[key], payload)
+            report.published[key] += 1
+        start += length / options.rate
+        if stop.wait(max(start - time.monotonic(), 0)) or not options.loop:
+            break
+    report.finished = time.time()
+    return report
+
+
+def _length(timeline: Timeline, options: Options) -> float:
+    rest = timeline.duration - options.start_offset
+    return rest if options.playback_duration is None else min(rest, options.playback_duration)
+
+
+def _window(timeline: Timeline, datasets: Path, options: Options) -> Iterator[Timed]:
+    end = options.start_offset + _length(timeline, options)
+    sources = [_samples(entry, datasets) for entry in timeline.entries]
+    for timed in heapq.merge(*sources, key=itemgetter(0)):
+        if timed[0] >= end:
+            return
+        if timed[0] >= options.start_offset:
+            yield timed
+
+
+def _samples(entry: TimelineEntry, datasets: Path) -> Iterator[Timed]:
+    if entry.dataset is None:
+        return ((timed.at, entry.key, timed.value) for timed in entry.inputs())
+    recorded = ((entry.start + at, entry.key, payload) for at, payload in read(datasets, entry.dataset))
+    return (timed for timed in recorded if timed[0] < entry.end)
+
+
+def _publishers(timeline: Timeline, session: zenoh.Session) -> Mapping[str, zenoh.Publisher]:
+    encodings = {entry.key: entry.encoding for entry in timeline.entries}
+    return {
+        key: session.declare_publisher(
+            key,
+            encoding=zenoh.Encoding.APPLICATION_JSON if encoding == "json" else zenoh.Encoding.ZENOH_BYTES,
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=True,
+        )
+        for key, encoding in encodings.items()
+    }
+
+
+def _publish(publisher: zenoh.Publisher, payload: Payload) -> None:
+    """Send bytes as they are and JSON objects with the `stamp` of this moment."""
+    stamp = time.time_ns()
+    if isinstance(payload, dict):
+        payload = {"stamp": stamp, **payload}
+    encoded = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
+    publisher.put(encoded, attachment=stamp_attachment(stamp))
