@@ -1,0 +1,98 @@
+"""The one door to the API server: patches and events through a pooled client; its answers become our errors.
+
+The hot patch bypasses the client's models: the answer, a whole pod, is read and thrown away.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import urllib3
+from kubernetes import client, config
+
+from contextpolicy.errors import ActuationError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+STRATEGIC = "application/strategic-merge-patch+json"
+MERGE = "application/merge-patch+json"
+FIELD_MANAGER = "contextpolicy"
+TIMEOUT = (2.0, 5.0)
+"""Seconds to connect and to wait for an answer."""
+
+_REASONS = {
+    400: ("BadRequest", False),
+    401: ("Unauthorized", True),
+    403: ("Forbidden", False),
+    404: ("NotFound", False),
+    409: ("Conflict", True),
+    422: ("Invalid", False),
+    429: ("TooManyRequests", True),
+}
+
+
+class Api:
+    """A pooled client; safe to use from several threads."""
+
+    def __init__(self, pool: int = 8) -> None:
+        """Find the cluster as kubectl does: the pod's service account, else KUBECONFIG."""
+        try:
+            config.load_incluster_config()  # type: ignore[no-untyped-call]
+        except config.ConfigException:
+            config.load_kube_config()  # type: ignore[no-untyped-call]
+        settings = client.Configuration.get_default_copy()
+        settings.connection_pool_maxsize = pool
+        settings.retries = urllib3.Retry(0)
+        self._client = client.ApiClient(settings)
+
+    def close(self) -> None:
+        """Give the connections back."""
+        self._client.rest_client.pool_manager.clear()
+
+    def resize(self, namespace: str, pod: str, patch: Mapping[str, Any]) -> int:
+        """PATCH pods/resize: containers merge by name. Returns the generation of the pod's spec that has it."""
+        answer = self._send("PATCH", f"/api/v1/namespaces/{namespace}/pods/{pod}/resize", patch, STRATEGIC)
+        return int(json.loads(answer)["metadata"].get("generation", 0))
+
+    def annotate(self, namespace: str, pod: str, annotations: Mapping[str, str | None]) -> None:
+        """Set annotations of a pod; None removes one."""
+        patch = {"metadata": {"annotations": dict(annotations)}}
+        self._send("PATCH", f"/api/v1/namespaces/{namespace}/pods/{pod}", patch, MERGE)
+
+    def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
+        """Replace what the status of a ContextPolicy says; fields that are absent now are removed by None."""
+        path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}/status"
+        self._send("PATCH", path, {"status": dict(status)}, MERGE)
+
+    def post_event(self, namespace: str, event: Mapping[str, Any]) -> None:
+        """Create an Event."""
+        self._send("POST", f"/api/v1/namespaces/{namespace}/events", event, "application/json")
+
+    def _send(self, method: str, path: str, body: Mapping[str, Any], content_type: str) -> bytes:
+        request = self._client.param_serialize(
+            method=method,
+            resource_path=path,
+            query_params=[("fieldManager", FIELD_MANAGER)],
+            header_params={"Accept": "application/json", "Content-Type": content_type},
+            body=dict(body),
+            auth_settings=["BearerToken"],
+        )
+        try:
+            response = self._client.call_api(*request, _request_timeout=TIMEOUT)
+            answer = response.read()  # type: ignore[no-untyped-call]
+        except (client.ApiException, urllib3.exceptions.HTTPError, OSError) as error:
+            raise ActuationError("Unreachable", f"{method} {path}: {error}", retriable=True) from error
+        if response.status >= 300:
+            raise _refusal(response.status, answer)
+        return bytes(answer)
+
+
+def _refusal(status: int, answer: bytes) -> ActuationError:
+    reason, retriable = _REASONS.get(status, ("ServerError" if status >= 500 else "Refused", status >= 500))
+    try:
+        message = json.loads(answer).get("message", "")
+    except (ValueError, AttributeError):
+        message = answer[:200].decode(errors="replace")
+    return ActuationError(reason, f"{message or 'no message'} (HTTP {status})", retriable=retriable)

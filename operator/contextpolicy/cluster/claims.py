@@ -1,0 +1,98 @@
+"""Which policy and task each container belongs to, and who must yield when two want the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from contextpolicy.planning.placement import Container, Placement
+from contextpolicy.planning.policy import Mode
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from contextpolicy.cluster.pods import ContainerView, PodView
+    from contextpolicy.planning.policy import Policy, Task
+
+
+@dataclass(slots=True)
+class Claim:
+    """What one policy holds: its placement, and messages for the status."""
+
+    placement: Placement
+    conflicts: list[str] = field(default_factory=list)
+    obstacles: dict[str, str] = field(default_factory=dict)
+
+
+def container_id(pod: PodView, container: str) -> str:
+    """How planning names a container; unique, and equal again after a restart of the operator."""
+    return f"{pod.namespace}/{pod.name}/{container}"
+
+
+def claim(policies: Sequence[Policy], pods: Iterable[PodView], nodes: Mapping[str, int]) -> dict[str, Claim]:
+    """What each policy gets, oldest first: an older policy keeps what it has.
+
+    `nodes` maps names to allocatable thousandths of a core. A younger policy also yields a node where the capacities
+    together are more than the node has: the sum of limits never exceeds it. Only enforcing policies take anything.
+    """
+    live = sorted((pod for pod in pods if pod.node in nodes and not pod.ended), key=lambda p: (p.namespace, p.name))
+    registry = _Registry(nodes)
+    return {policy.reference: registry.admit(policy, live) for policy in policies}
+
+
+class _Registry:
+    """What the older policies took already."""
+
+    def __init__(self, nodes: Mapping[str, int]) -> None:
+        self._nodes = nodes
+        self._owners: dict[str, str] = {}
+        self._taken: dict[str, int] = {}
+
+    def admit(self, policy: Policy, pods: Sequence[PodView]) -> Claim:
+        result = Claim(Placement())
+        held: dict[str, Container] = {}
+        for task, pod, container in _matches(policy, pods):
+            identity = container_id(pod, container.name)
+            obstacle = pod.obstacle(container)
+            owner = held[identity].task if identity in held else self._owners.get(identity)
+            if owner is not None:
+                result.conflicts.append(f"{identity} belongs to {owner}, task {task.name} can't have it too")
+            elif obstacle is not None:
+                result.obstacles[task.name] = obstacle
+            else:
+                held[identity] = Container(
+                    identity, task.name, pod.node, container.lowest_limit, container.memory_limit
+                )
+        return self._take(policy, list(held.values()), result)
+
+    def _take(self, policy: Policy, held: list[Container], result: Claim) -> Claim:
+        granted = []
+        for node in sorted({container.node for container in held}):
+            wanted, free = self._nodes[node] - policy.reserve, self._nodes[node] - self._taken.get(node, 0)
+            if wanted > free:
+                result.conflicts.append(_node_conflict(node, policy.reserve, self._nodes[node], free))
+                continue
+            granted.append(node)
+            if policy.mode is Mode.ENFORCE:
+                self._taken[node] = self._taken.get(node, 0) + wanted
+        containers = tuple(container for container in held if container.node in granted)
+        if policy.mode is Mode.ENFORCE:
+            self._owners |= {c.id: f"task {c.task} of {policy.reference}" for c in containers}
+        result.placement = Placement({node: self._nodes[node] for node in granted}, containers)
+        return result
+
+
+def _node_conflict(node: str, reserve: int, allocatable: int, free: int) -> str:
+    return (
+        f"node {node}: older policies leave {free}m of {allocatable}m; reserve {reserve}m is not allowed: "
+        f"at least {allocatable - free}m"
+    )
+
+
+def _matches(policy: Policy, pods: Sequence[PodView]) -> Iterator[tuple[Task, PodView, ContainerView]]:
+    for task in policy.leaves:
+        for pod in pods:
+            if pod.namespace == policy.namespace and task.selector is not None and task.selector.matches(pod.labels):
+                container = pod.container(task.container)
+                if container is not None:
+                    yield task, pod, container

@@ -1,0 +1,183 @@
+"""A pod as the operator sees it: what can be resized, what the kubelet reports, what was there before us."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.planning.quantities import format_cpu, parse_cpu_ceiling, parse_memory
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+ORIGINALS = "contextpolicy.dev/original-resources"
+"""Annotation: the CPU resources that each container had before the first resize, as JSON, written before it."""
+
+MIRROR = "kubernetes.io/config.mirror"
+"""Annotation of a static pod's image in the API; the kubelet refuses to resize it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cpu:
+    """A container's CPU request and limit in thousandths of a core; None where it has none."""
+
+    request: int | None
+    limit: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class ContainerView:
+    """One container; `actual` is what the kubelet reports as in force, None before it runs."""
+
+    name: str
+    list_field: str
+    spec: Cpu
+    actual: Cpu | None
+    memory_request: int | None
+    memory_limit: int | None
+    container_id: str
+
+    @property
+    def lowest_limit(self) -> int:
+        """The request is a floor for the limit; just above it where equality would turn the pod Guaranteed."""
+        request = self.spec.request or 0
+        equal_memory = self.memory_limit is not None and self.memory_request == self.memory_limit
+        return request + 1 if equal_memory and self.spec.request != self.spec.limit else request
+
+
+@dataclass(frozen=True, slots=True)
+class Original:
+    """What a container had before `policy` first resized it."""
+
+    policy: str
+    cpu: Cpu
+
+
+@dataclass(frozen=True, slots=True)
+class PodView:
+    """One pod."""
+
+    namespace: str
+    name: str
+    uid: str
+    node: str
+    labels: Mapping[str, str]
+    qos: str
+    mirror: bool
+    containers: tuple[ContainerView, ...]
+    originals: Mapping[str, Original]
+    generation: int
+    observed_generation: int | None
+    pending: str
+    ended: bool
+
+    def container(self, name: str) -> ContainerView | None:
+        """The container of this name."""
+        return next((container for container in self.containers if container.name == name), None)
+
+    def obstacle(self, container: ContainerView) -> str | None:
+        """Why this container's CPU can't be changed in place, with what to do; None when it can."""
+        if self.mirror:
+            return f"{self.name} is a static pod, which can't be resized; run it as a Deployment"
+        if self.qos == "BestEffort":
+            return f"{self.name} is BestEffort, which can't be resized; give {container.name} a CPU request and limit"
+        if container.spec.limit is None:
+            return (
+                f"{self.name}/{container.name} has no CPU limit, and one that is set can't be taken back; "
+                "give it a CPU limit in its pod template"
+            )
+        return None
+
+
+def view(pod: Mapping[str, Any]) -> PodView:
+    """Read a pod object of the API."""
+    metadata, spec, status = pod["metadata"], pod.get("spec") or {}, pod.get("status") or {}
+    annotations = metadata.get("annotations") or {}
+    return PodView(
+        namespace=metadata["namespace"],
+        name=metadata["name"],
+        uid=metadata["uid"],
+        node=spec.get("nodeName") or "",
+        labels=metadata.get("labels") or {},
+        qos=status.get("qosClass") or "",
+        mirror=MIRROR in annotations,
+        containers=tuple(_containers(spec, status)),
+        originals=read_originals(annotations.get(ORIGINALS)),
+        generation=metadata.get("generation") or 0,
+        observed_generation=status.get("observedGeneration"),
+        pending=_pending(status),
+        ended=bool(metadata.get("deletionTimestamp")) or status.get("phase") in ("Succeeded", "Failed"),
+    )
+
+
+def read_originals(annotation: str | None) -> dict[str, Original]:
+    """The saved resources; a damaged annotation reads as none."""
+    try:
+        saved = json.loads(annotation or "{}")
+        return {
+            name: Original(str(entry["policy"]), Cpu(_cpu(entry.get("request")), _cpu(entry.get("limit"))))
+            for name, entry in saved.items()
+        }
+    except (ValueError, AttributeError, TypeError, KeyError):
+        return {}
+
+
+def write_originals(originals: Mapping[str, Original]) -> str | None:
+    """The annotation's text; None, which removes it, when there is nothing to remember."""
+    entries = {
+        name: {"policy": original.policy, **_quantities(original.cpu)} for name, original in sorted(originals.items())
+    }
+    return json.dumps(entries) if entries else None
+
+
+def _quantities(cpu: Cpu) -> dict[str, str]:
+    amounts = {"request": cpu.request, "limit": cpu.limit}
+    return {name: format_cpu(amount) for name, amount in amounts.items() if amount is not None}
+
+
+def _containers(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Iterator[ContainerView]:
+    """The long-running containers: init containers only if they are sidecars (`restartPolicy: Always`)."""
+    sidecars = [c for c in spec.get("initContainers") or [] if c.get("restartPolicy") == "Always"]
+    statuses = [*(status.get("containerStatuses") or []), *(status.get("initContainerStatuses") or [])]
+    by_name = {entry["name"]: entry for entry in statuses}
+    for field, containers in (("containers", spec.get("containers") or []), ("initContainers", sidecars)):
+        for container in containers:
+            yield _container(container, field, by_name.get(container["name"], {}))
+
+
+def _container(container: Mapping[str, Any], field: str, status: Mapping[str, Any]) -> ContainerView:
+    resources = container.get("resources") or {}
+    requests, limits = resources.get("requests") or {}, resources.get("limits") or {}
+    actual = status.get("resources")
+    return ContainerView(
+        name=container["name"],
+        list_field=field,
+        spec=_cpu_of(resources),
+        actual=None if actual is None else _cpu_of(actual),
+        memory_request=_memory(requests.get("memory")),
+        memory_limit=_memory(limits.get("memory")),
+        container_id=status.get("containerID") or "",
+    )
+
+
+def _cpu_of(resources: Mapping[str, Any]) -> Cpu:
+    return Cpu(_cpu((resources.get("requests") or {}).get("cpu")), _cpu((resources.get("limits") or {}).get("cpu")))
+
+
+def _cpu(raw: object) -> int | None:
+    return None if raw is None else parse_cpu_ceiling(raw)
+
+
+def _memory(raw: object) -> int | None:
+    return None if raw is None else parse_memory(raw)
+
+
+def _pending(status: Mapping[str, Any]) -> str:
+    """What the kubelet says about a resize that it has not carried out: `Deferred: ...`, `Infeasible: ...`, `Error`."""
+    for condition in status.get("conditions") or []:
+        waits = condition.get("type") == "PodResizePending"
+        failed = condition.get("type") == "PodResizeInProgress" and condition.get("reason") == "Error"
+        if condition.get("status") == "True" and (waits or failed):
+            return f"{condition.get('reason')}: {condition.get('message', '')}"
+    return ""

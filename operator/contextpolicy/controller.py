@@ -1,0 +1,155 @@
+"""One policy alive: joins streams, planning and actuators, and owns start, swap and stop.
+
+Everything here runs on the loop's thread. A swap hands what the old version knows to the new one, so that editing a
+policy moves only what the edit changes.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import reactivex
+from reactivex import Subject, operators
+
+from contextpolicy.actuators.pod_resize import Order
+from contextpolicy.cluster.claims import Claim
+from contextpolicy.explanation import explain
+from contextpolicy.planning.observable import plans
+from contextpolicy.planning.placement import Placement
+from contextpolicy.planning.planner import Planner
+from contextpolicy.planning.policy import Mode
+from contextpolicy.streams import zenoh_streams
+from contextpolicy.telemetry import metrics
+from contextpolicy.telemetry.bus import Bus, message
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+    from reactivex.abc import DisposableBase, SchedulerBase
+
+    from contextpolicy.cluster.pods import PodView
+    from contextpolicy.planning.inputs import Input
+    from contextpolicy.planning.observable import Instantiate
+    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.policy import Policy
+
+
+class Actuator(Protocol):
+    """What a controller needs of an actuator."""
+
+    def apply(self, order: Order) -> None:
+        """Let this be what the policy wants."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What a controller works with; `initiatives` are the plugged-in functions that its policy names."""
+
+    session: zenoh.Session
+    scheduler: SchedulerBase
+    actuator: Actuator
+    initiatives: Mapping[str, Instantiate]
+
+
+class Controller:
+    """Samples in, orders to the actuator and messages on the bus out.
+
+    `on_change` is called when the status has something new to tell, `on_plan` with the policy and the monotonic time
+    at which the sample behind a new plan arrived.
+    """
+
+    def __init__(self, policy: Policy, surroundings: Surroundings) -> None:
+        self.policy = policy
+        self.planner = Planner(policy)
+        self.claim = Claim(Placement())
+        self.run = int(time.time() * 1000)
+        self.on_change: Callable[[], None] = lambda: None
+        self.on_plan: Callable[[str, float], None] = lambda *_: None
+        self._with = surroundings
+        self._placements: Subject[Input] = Subject()
+        self._subscription: DisposableBase | None = None
+        self._pods: list[PodView] = []
+        self._arrived = 0.0
+        self._bus: Bus | None = None
+
+    def start(self, before: Controller | None = None) -> None:
+        """Begin to listen and to plan; `before` is the controller of the policy's last version, stopped already."""
+        self._bus = Bus(self._with.session, self.policy, self._with.scheduler, self._explain)
+        if self.policy.mode is Mode.PAUSED:
+            self._with.actuator.apply(Order(self.policy.reference, frozenset()))
+            return
+        samples = zenoh_streams.inputs(
+            self._with.session, self.policy.streams, self._with.scheduler, self._drop, self._note_arrival
+        )
+        events: reactivex.Observable[Input] = reactivex.merge(self._placements, samples)
+        planned = plans(
+            self.planner, events, self._with.scheduler, self._with.initiatives, before.planner if before else None
+        )
+        self._subscription = planned.pipe(operators.do_action(self._on_plan)).subscribe()
+
+    def stop(self) -> None:
+        """Stop listening; what was ordered stays in force."""
+        if self._subscription is not None:
+            self._subscription.dispose()
+        if self._bus is not None:
+            self._bus.close()
+
+    def place(self, claim: Claim, pods: list[PodView]) -> None:
+        """Take where the containers run."""
+        self.claim, self._pods = claim, pods
+        self._placements.on_next(claim.placement)
+        if self.policy.mode is not Mode.PAUSED:
+            self._order()
+        self.on_change()
+
+    def _on_plan(self, plan: Plan) -> None:
+        self.on_plan(self.policy.reference, self._arrived)
+        self._order()
+        if self._bus is not None:
+            self._bus.publish(message(self.policy, self.run, plan, self.claim.placement.containers, self._pods))
+        self._measure(plan)
+        self.on_change()
+
+    def _order(self) -> None:
+        """Order the plan in force; a claimed container without a share keeps what it has."""
+        plan, claimed = self.planner.last, frozenset(c.id for c in self.claim.placement.containers)
+        nodes = plan.nodes if plan else {}
+        ceilings = {task.name: task.max for task in self.policy.leaves}
+        self._with.actuator.apply(
+            Order(
+                policy=self.policy.reference,
+                claimed=claimed,
+                shares={identity: share for node in nodes.values() for identity, share in node.containers.items()},
+                capacity={name: node.capacity for name, node in nodes.items()},
+                control=self.policy.control,
+                ceilings={
+                    c.id: ceilings[c.task] or nodes[c.node].capacity
+                    for c in self.claim.placement.containers
+                    if c.node in nodes
+                },
+            )
+        )
+
+    def _measure(self, plan: Plan) -> None:
+        reference = self.policy.reference
+        metrics.PLANS.labels(reference).inc()
+        for context in self.policy.contexts:
+            metrics.CONTEXT_ACTIVE.labels(reference, context.name).set(context.name in plan.contexts)
+        for name, task in plan.tasks.items():
+            metrics.TASK_SHARE.labels(reference, name).set(task.share / 1000)
+            metrics.TASK_WEIGHT.labels(reference, name).set(task.weight)
+
+    def _drop(self, stream: str, reason: str) -> None:
+        self.planner.on_drop(stream, reason)
+        metrics.DROPS.labels(self.policy.reference, stream, reason).inc()
+        if self.planner.drops[stream, reason] == 1:
+            self.on_change()
+
+    def _note_arrival(self, at: float) -> None:
+        self._arrived = at
+
+    def _explain(self) -> dict[str, Any]:
+        return explain(self.planner, self._with.scheduler.to_seconds(self._with.scheduler.now))

@@ -1,0 +1,81 @@
+"""Kopf only: the life of ContextPolicy objects, and the watches of pods and nodes. Parse, call, return."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+import kopf
+
+from contextpolicy.cluster.api import Api
+from contextpolicy.runtime import Runtime
+from contextpolicy.streams.loop import Loop
+from contextpolicy.streams.zenoh_session import open_client
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from contextpolicy.settings import Settings
+
+PLURAL, GROUP = "contextpolicies", "contextpolicy.dev"
+RESTORE_TIMEOUT = 20.0
+"""Seconds to wait for a restore before kopf tries again; the finalizer keeps the object until it is done."""
+
+
+@kopf.on.startup()
+async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
+    """Open everything that is opened once."""
+    settings.persistence.finalizer = f"{GROUP}/restore"
+    settings.persistence.progress_storage = kopf.AnnotationsProgressStorage(prefix=GROUP)
+    settings.persistence.diffbase_storage = kopf.AnnotationsDiffBaseStorage(prefix=GROUP)
+    settings.posting.enabled = False
+    settings.watching.server_timeout = 300
+    own: Settings = memo.settings
+    session = await asyncio.to_thread(open_client, own.connect)
+    memo.runtime = Runtime(Api(), session, Loop())
+
+
+@kopf.on.cleanup()
+async def stop(memo: Any, **_: Any) -> None:
+    """Close it again."""
+    await asyncio.to_thread(memo.runtime.close)
+
+
+@kopf.on.resume(GROUP, PLURAL)
+@kopf.on.create(GROUP, PLURAL)
+@kopf.on.update(GROUP, PLURAL)
+async def apply(body: kopf.Body, memo: Any, **_: Any) -> None:
+    """A policy exists, is new or was edited."""
+    await asyncio.wrap_future(memo.runtime.policy_changed(dict(body)))
+
+
+@kopf.on.delete(GROUP, PLURAL)
+async def release(namespace: str | None, name: str, memo: Any, **_: Any) -> None:
+    """Put every container back before the policy may go."""
+    restored = memo.runtime.policy_deleted(namespace or "", name)
+    try:
+        await asyncio.wait_for(asyncio.wrap_future(restored), RESTORE_TIMEOUT)
+    except TimeoutError:
+        raise kopf.TemporaryError("containers are not restored yet", delay=1) from None
+
+
+@kopf.on.event("pods")
+def pod(type: str | None, body: Mapping[str, Any], memo: Any, **_: Any) -> None:  # noqa: A002 - kopf's name
+    """A pod appeared, changed or went."""
+    if type == "DELETED":
+        memo.runtime.pod_gone(body["metadata"]["uid"])
+    else:
+        memo.runtime.pod_changed(body)
+
+
+@kopf.on.event("nodes")
+def node(type: str | None, body: Mapping[str, Any], memo: Any, **_: Any) -> None:  # noqa: A002 - kopf's name
+    """A node appeared or changed; one that went has no pods any more."""
+    if type != "DELETED":
+        memo.runtime.node_changed(body)
+
+
+@kopf.on.probe(id="loop")
+def healthy(memo: Any, **_: Any) -> float:
+    """The loop's delay in seconds: a loop that hangs fails the liveness probe by time-out."""
+    return float(memo.runtime.delay())

@@ -1,0 +1,248 @@
+"""Everything alive in one operator: policies, pods and nodes come in from the watches, controllers and patches go out.
+
+The watches call from their own thread; each public method hands over to the loop and returns at once.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.actuators.dry_run import DryRun
+from contextpolicy.actuators.pod_resize import Order, PodResizer
+from contextpolicy.cluster.claims import claim
+from contextpolicy.cluster.pods import view
+from contextpolicy.controller import Controller, Surroundings
+from contextpolicy.errors import FindingsError
+from contextpolicy.planning.parsing import parse
+from contextpolicy.planning.policy import Mode
+from contextpolicy.planning.quantities import parse_cpu
+from contextpolicy.streams import initiatives
+from contextpolicy.telemetry.clerk import Clerk
+from contextpolicy.telemetry.events import event
+from contextpolicy.telemetry.resizing import ResizeWatch
+from contextpolicy.telemetry.status import Facts, rejection, status
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+
+    from contextpolicy.cluster.api import Api
+    from contextpolicy.cluster.pods import PodView
+    from contextpolicy.streams.loop import Loop
+
+log = logging.getLogger(__name__)
+
+PATCH_WORKERS = 8
+"""Patches under way at once: one robot's tasks; more would only queue in the API server."""
+
+
+HUNG = 5.0
+"""Seconds after which a loop that does not answer counts as hung."""
+
+
+@dataclass(slots=True)
+class _Entry:
+    """One ContextPolicy object, with its controller once a version of it was valid."""
+
+    body: Mapping[str, Any]
+    controller: Controller | None = None
+    rejected: tuple[str, ...] = ()
+    conditions: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def age(self) -> tuple[str, str]:
+        """Oldest first, names settle ties."""
+        return self.body["metadata"].get("creationTimestamp", ""), self.body["metadata"]["name"]
+
+
+class Runtime:
+    """The operator without its watches."""
+
+    def __init__(self, api: Api, session: zenoh.Session, loop: Loop) -> None:
+        self._session, self._loop, self._api = session, loop, api
+        self._workers = ThreadPoolExecutor(PATCH_WORKERS, thread_name_prefix="patch")
+        self._clerk = Clerk(api, loop)
+        self._watch = ResizeWatch(self._on_problem)
+        self._resizer = PodResizer(api, loop, self._workers, self._watch)
+        self._dry_run = DryRun()
+        self._policies: dict[str, _Entry] = {}
+        self._pods: dict[str, PodView] = {}
+        self._nodes: dict[str, int] = {}
+
+    def close(self) -> None:
+        """Stop; what is in force stays in force, as after a crash: the next start goes on from there."""
+        self._call(self._stop_controllers).result(timeout=5)
+        self._workers.shutdown(wait=True, cancel_futures=True)
+        self._clerk.close()
+        self._loop.dispose()
+        self._session.close()  # type: ignore[no-untyped-call]
+        self._api.close()
+
+    def policy_changed(self, body: Mapping[str, Any]) -> Future[None]:
+        """A ContextPolicy exists, as new or edited."""
+        return self._call(lambda: self._adopt(body))
+
+    def policy_deleted(self, namespace: str, name: str) -> Future[None]:
+        """A ContextPolicy is being deleted; done when every container is as it was."""
+        done: Future[None] = Future()
+        self._call(lambda: self._drop(f"{namespace}/{name}", done))
+        return done
+
+    def pod_changed(self, pod: Mapping[str, Any]) -> None:
+        """A pod exists."""
+        seen = view(pod)
+        self._call(lambda: self._take_pod(seen))
+
+    def pod_gone(self, uid: str) -> None:
+        """A pod was deleted."""
+        self._call(lambda: self._lose_pod(uid))
+
+    def node_changed(self, node: Mapping[str, Any]) -> None:
+        """A node exists; what counts is its allocatable CPU."""
+        name, cpu = node["metadata"]["name"], parse_cpu(node["status"]["allocatable"]["cpu"])
+        self._call(lambda: self._take_node(name, cpu))
+
+    def delay(self) -> float:
+        """Seconds that the loop takes to get to something new; an error when it hangs."""
+        asked = time.monotonic()
+        self._call(lambda: None).result(timeout=HUNG)
+        return time.monotonic() - asked
+
+    def _call(self, action: Callable[[], object]) -> Future[None]:
+        """Run `action` on the loop."""
+        future: Future[None] = Future()
+
+        def run(*_: object) -> None:
+            try:
+                action()
+            except BaseException as error:  # the caller's future carries it; the loop itself must go on
+                log.exception("internal error")
+                future.set_exception(error)
+            else:
+                future.set_result(None)
+
+        self._loop.schedule(run)
+        return future
+
+    def _adopt(self, body: Mapping[str, Any]) -> None:
+        """Swap a valid version in; an invalid one leaves the last good one in force and says why."""
+        reference = f"{body['metadata']['namespace']}/{body['metadata']['name']}"
+        entry = self._policies.setdefault(reference, _Entry(body))
+        entry.body = body
+        entry.conditions = entry.conditions or list((body.get("status") or {}).get("conditions") or [])
+        try:
+            policy = parse(body)
+            plugins = initiatives.load(policy)
+        except FindingsError as error:
+            entry.rejected = tuple(str(finding) for finding in error.findings)
+            self._tell(reference, "Invalid", "; ".join(entry.rejected))
+            self._report(reference)
+            return
+        entry.rejected = ()
+        before = entry.controller
+        actuator = self._dry_run if policy.mode is Mode.DRY_RUN else self._resizer
+        entry.controller = Controller(policy, Surroundings(self._session, self._loop, actuator, plugins))
+        entry.controller.on_change = lambda: self._report(reference)
+        entry.controller.on_plan = self._watch.planned
+        if before is not None:
+            before.stop()
+        if policy.mode is Mode.DRY_RUN:
+            self._resizer.apply(Order(reference, frozenset()))
+        entry.controller.start(before)
+        self._place()
+        self._report(reference)
+
+    def _drop(self, reference: str, done: Future[None]) -> None:
+        entry = self._policies.pop(reference, None)
+        if entry is not None and entry.controller is not None:
+            entry.controller.stop()
+        self._clerk.forget(reference)
+        self._watch.forget(reference)
+        self._resizer.release(reference, lambda: _fulfil(done))
+        self._place()
+
+    def _stop_controllers(self) -> None:
+        for entry in self._policies.values():
+            if entry.controller is not None:
+                entry.controller.stop()
+
+    def _take_pod(self, pod: PodView) -> None:
+        before = self._pods.get(pod.uid)
+        self._pods[pod.uid] = pod
+        if before is None or _seat(before) != _seat(pod):
+            self._place()
+        self._watch.observe(pod)
+        self._resizer.observe(pod)
+
+    def _lose_pod(self, uid: str) -> None:
+        if self._pods.pop(uid, None) is not None:
+            self._resizer.forget(uid)
+            self._place()
+
+    def _take_node(self, name: str, cpu: int) -> None:
+        if self._nodes.get(name) != cpu:
+            self._nodes[name] = cpu
+            self._place()
+
+    def _place(self) -> None:
+        """Tell every controller what it may claim, the oldest policy first."""
+        entries = sorted(self._policies.values(), key=lambda entry: entry.age)
+        controllers = [entry.controller for entry in entries if entry.controller is not None]
+        claims = claim([controller.policy for controller in controllers], self._pods.values(), self._nodes)
+        for controller in controllers:
+            own = claims[controller.policy.reference]
+            if own.conflicts:
+                self._tell(controller.policy.reference, "Conflicted", "; ".join(own.conflicts))
+            controller.place(own, list(self._pods.values()))
+
+    def _report(self, reference: str) -> None:
+        self._clerk.status(reference, lambda: self._status(reference))
+
+    def _status(self, reference: str) -> dict[str, Any]:
+        entry = self._policies[reference]
+        generation = entry.body["metadata"].get("generation", 0)
+        now = self._loop.to_seconds(self._loop.now)
+        if entry.controller is None:
+            made = rejection(entry.rejected, generation, entry.conditions, now)
+        else:
+            facts = Facts(
+                generation,
+                entry.controller.run,
+                entry.controller.claim,
+                entry.rejected,
+                self._watch.problems(reference),
+            )
+            made = status(entry.controller.planner, facts, entry.conditions, now)
+        entry.conditions = made["conditions"]
+        return made
+
+    def _on_problem(self, policy: str, reason: str, message: str) -> None:
+        self._tell(policy, reason, message)
+        if policy in self._policies:
+            self._report(policy)
+
+    def _tell(self, reference: str, reason: str, message: str) -> None:
+        entry = self._policies.get(reference)
+        log.warning("%s: %s: %s", reference, reason, message)
+        if entry is not None:
+            now = self._loop.to_seconds(self._loop.now)
+            self._clerk.event(reference, event(entry.body, reason=reason, message=message, now=now))
+
+
+def _fulfil(done: Future[None]) -> None:
+    """The caller may have given up waiting."""
+    if not done.done():
+        done.set_result(None)
+
+
+def _seat(pod: PodView) -> tuple[object, ...]:
+    """What of a pod decides about claims: a mere status update must not cost a new placement."""
+    bounds = tuple(
+        (c.name, c.lowest_limit, c.spec.limit is None, c.memory_limit, c.container_id) for c in pod.containers
+    )
+    return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds

@@ -1,0 +1,69 @@
+"""Settings of the operator: read once from the environment, told wrong all at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from contextpolicy.errors import Finding, SettingsError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+LOG_FORMATS = ("text", "json")
+LOG_LEVELS = ("debug", "info", "warning", "error")
+DEFAULT_CONNECT = "tcp/127.0.0.1:7447"
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What an operator is told from outside; `namespaces` empty means all."""
+
+    connect: tuple[str, ...] = (DEFAULT_CONNECT,)
+    namespaces: tuple[str, ...] = ()
+    health_port: int = 8080
+    metrics_port: int = 8081
+    log_format: str = "text"
+    log_level: str = "info"
+
+
+def read(environment: Mapping[str, str]) -> Settings:
+    """Read the settings; SettingsError names every variable that makes no sense."""
+    findings: list[Finding] = []
+    settings = Settings(
+        connect=_words(environment.get("ZENOH_CONNECT", "")) or (DEFAULT_CONNECT,),
+        namespaces=_words(environment.get("WATCH_NAMESPACES", "")),
+        health_port=_port(environment, "HEALTH_PORT", 8080, findings),
+        metrics_port=_port(environment, "METRICS_PORT", 8081, findings),
+        log_format=_word(environment, "LOG_FORMAT", LOG_FORMATS, "text", findings),
+        log_level=_word(environment, "LOG_LEVEL", LOG_LEVELS, "info", findings),
+    )
+    findings += [
+        Finding("ZENOH_CONNECT", endpoint, "endpoints such as tcp/router:7447, comma separated")
+        for endpoint in settings.connect
+        if "/" not in endpoint
+    ]
+    if findings:
+        raise SettingsError("environment", tuple(findings))
+    return settings
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in text.split(",") if word.strip())
+
+
+def _port(environment: Mapping[str, str], name: str, default: int, findings: list[Finding]) -> int:
+    text = environment.get(name, "") or str(default)
+    if text.isdecimal() and 0 < int(text) < 65536:
+        return int(text)
+    findings.append(Finding(name, text, "a port from 1 to 65535"))
+    return default
+
+
+def _word(
+    environment: Mapping[str, str], name: str, allowed: tuple[str, ...], default: str, findings: list[Finding]
+) -> str:
+    text = (environment.get(name, "") or default).lower()
+    if text not in allowed:
+        findings.append(Finding(name, text, "one of " + ", ".join(allowed)))
+    return text

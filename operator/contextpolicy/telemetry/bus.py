@@ -1,0 +1,133 @@
+"""The decision bus: every plan as one JSON message on Zenoh, for modules, agents, recorders and live views."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import zenoh
+
+from contextpolicy.cluster.claims import container_id
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from reactivex.abc import SchedulerBase
+
+    from contextpolicy.cluster.pods import PodView
+    from contextpolicy.planning.placement import Container
+    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.policy import Policy
+
+
+def plan_key(namespace: str, name: str) -> str:
+    """The key of a policy's plans."""
+    return f"contextpolicy/{namespace}/{name}/plan"
+
+
+def explain_key(namespace: str, name: str) -> str:
+    """The key that answers a query with the explanation of the plan in force."""
+    return f"contextpolicy/{namespace}/{name}/explain"
+
+
+def message(
+    policy: Policy, run: int, plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]
+) -> dict[str, Any]:
+    """A plan as the bus carries it; shares in cores, `run` and `sequence` together only move forward."""
+    return {
+        "policy": policy.reference,
+        "run": run,
+        "sequence": plan.sequence,
+        "time": plan.time,
+        "mode": policy.mode,
+        "scheduler": policy.scheduler,
+        "control": policy.control,
+        "cause": plan.cause,
+        "contexts": list(plan.contexts),
+        "tasks": {
+            name: {
+                "score": task.score,
+                "weight": task.weight,
+                "share": task.share / 1000,
+                "suspended": task.suspended,
+                "because": task.because,
+            }
+            for name, task in plan.tasks.items()
+        },
+        "nodes": {
+            name: {
+                "capacity": node.capacity / 1000,
+                "tasks": {task: share / 1000 for task, share in node.shares.items()},
+            }
+            for name, node in plan.nodes.items()
+        },
+        "targets": list(_targets(plan, containers, pods)),
+    }
+
+
+def _targets(plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]) -> Iterator[dict[str, Any]]:
+    """What each container gets, with all that an agent on its node needs to find the cgroup."""
+    tasks = {container.id: container.task for container in containers}
+    shares = {identity: share for node in plan.nodes.values() for identity, share in node.containers.items()}
+    for pod in pods:
+        for container in pod.containers:
+            identity = container_id(pod, container.name)
+            if identity in shares and identity in tasks:
+                yield {
+                    "task": tasks[identity],
+                    "node": pod.node,
+                    "namespace": pod.namespace,
+                    "pod": pod.name,
+                    "uid": pod.uid,
+                    "qos": pod.qos,
+                    "container": container.name,
+                    "containerId": container.container_id,
+                    "cores": shares[identity] / 1000,
+                }
+
+
+class Bus:
+    """One policy's place on the decision bus: publishes plans, answers queries for the last one and for its reasons."""
+
+    def __init__(
+        self, session: zenoh.Session, policy: Policy, scheduler: SchedulerBase, explain: Callable[[], dict[str, Any]]
+    ) -> None:
+        """`explain` is called on the scheduler's thread, where the planner's state stands still."""
+        self._last = b""
+        self._scheduler = scheduler
+        key = plan_key(policy.namespace, policy.name)
+        self._publisher = session.declare_publisher(
+            key, express=True, congestion_control=zenoh.CongestionControl.DROP, priority=zenoh.Priority.REAL_TIME
+        )
+        self._queryables = [
+            session.declare_queryable(key, self._answer(lambda: self._last)),
+            session.declare_queryable(
+                explain_key(policy.namespace, policy.name), self._answer(lambda: json.dumps(explain()).encode())
+            ),
+        ]
+
+    def publish(self, plan: dict[str, Any]) -> None:
+        """Tell everyone; a listener that is slow loses messages, it never slows the loop."""
+        self._last = json.dumps(plan).encode()
+        self._publisher.put(self._last, encoding=zenoh.Encoding.APPLICATION_JSON)
+
+    def close(self) -> None:
+        """Leave the bus."""
+        for queryable in self._queryables:
+            queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._publisher.undeclare()  # type: ignore[no-untyped-call]
+
+    def _answer(self, content: Callable[[], bytes]) -> Callable[[zenoh.Query], None]:
+        """Zenoh's callbacks must not call Zenoh: the reply is sent from the loop."""
+
+        def reply(query: zenoh.Query) -> None:
+            payload = content()
+            with query:
+                if payload:
+                    query.reply(query.key_expr, payload, encoding=zenoh.Encoding.APPLICATION_JSON)
+
+        return lambda query: _schedule(self._scheduler, lambda: reply(query))
+
+
+def _schedule(scheduler: SchedulerBase, action: Callable[[], None]) -> None:
+    scheduler.schedule(lambda *_: action())

@@ -1,0 +1,36 @@
+"""Kubernetes Events about a ContextPolicy, as values. Pure."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.telemetry.status import timestamp
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+MAX_MESSAGE = 1024
+
+
+def event(policy: Mapping[str, Any], *, reason: str, message: str, now: float, warning: bool = True) -> dict[str, Any]:
+    """An Event on the policy object `policy`; equal reason, message and second give an equal name."""
+    metadata = policy["metadata"]
+    digest = hashlib.sha256(f"{reason}{message}{now:.0f}".encode()).hexdigest()[:12]
+    return {
+        "metadata": {"name": f"{metadata['name']}.{digest}", "namespace": metadata["namespace"]},
+        "involvedObject": {
+            "apiVersion": policy.get("apiVersion", "contextpolicy.dev/v1alpha1"),
+            "kind": policy.get("kind", "ContextPolicy"),
+            "name": metadata["name"],
+            "namespace": metadata["namespace"],
+            "uid": metadata.get("uid", ""),
+        },
+        "type": "Warning" if warning else "Normal",
+        "reason": reason,
+        "message": message[:MAX_MESSAGE],
+        "source": {"component": "contextpolicy"},
+        "firstTimestamp": timestamp(now),
+        "lastTimestamp": timestamp(now),
+        "count": 1,
+    }

@@ -1,0 +1,78 @@
+"""How resizing goes: stage times for the metrics, problems for status and events."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from contextpolicy.telemetry import metrics
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from contextpolicy.cluster.pods import Cpu, PodView
+    from contextpolicy.errors import ActuationError
+
+
+class ResizeWatch:
+    """Hears of every patch; `on_problem(policy, reason, message)` is called once per new problem and when one ends."""
+
+    def __init__(self, on_problem: Callable[[str, str, str], None]) -> None:
+        self._on_problem = on_problem
+        self._arrived: dict[str, float] = {}
+        self._failed: dict[str, dict[str, str]] = {}
+        self._pending: dict[str, str] = {}
+        self._pods: dict[str, set[str]] = {}
+
+    def planned(self, policy: str, arrived: float) -> None:
+        """A plan was made from a sample that arrived at this monotonic time."""
+        self._arrived[policy] = arrived
+        self._observe(policy, "plan")
+
+    def on_accepted(self, policy: str, container: str, cpu: Cpu) -> None:  # noqa: ARG002 - the observer's signature
+        """The API has the new resources."""
+        self._pods.setdefault(policy, set()).add(container.rsplit("/", 1)[0])
+        metrics.RESIZES.labels(policy, "accepted").inc()
+        self._observe(policy, "patch")
+
+    def on_in_force(self, policy: str, container: str, limit: int) -> None:  # noqa: ARG002 - the observer's signature
+        """The kubelet reports the limit that the plan wants."""
+        self._observe(policy, "status")
+
+    def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
+        """A patch failed, or after a failure works again."""
+        failed = self._failed.setdefault(policy, {})
+        if error is None:
+            if failed.pop(pod, None):
+                self._on_problem(policy, "ResizeRecovered", f"{pod} can be resized again")
+            return
+        metrics.RESIZES.labels(policy, error.reason).inc()
+        message = f"{pod}: {error.reason}: {error}"
+        if failed.get(pod) != message:
+            failed[pod] = message
+            self._on_problem(policy, "ResizeFailed", message)
+
+    def observe(self, pod: PodView) -> None:
+        """Take what the kubelet says about resizes that it holds back."""
+        identity = f"{pod.namespace}/{pod.name}"
+        if self._pending.get(identity, "") == pod.pending:
+            return
+        self._pending[identity] = pod.pending
+        for policy, pods in self._pods.items():
+            if identity in pods and pod.pending:
+                self._on_problem(policy, "ResizePending", f"{pod.name}: {pod.pending}")
+
+    def problems(self, policy: str) -> dict[str, str]:
+        """What can't be applied now, by pod."""
+        held = {pod: f"{pod}: {self._pending[pod]}" for pod in self._pods.get(policy, ()) if self._pending.get(pod)}
+        return self._failed.get(policy, {}) | held
+
+    def forget(self, policy: str) -> None:
+        """The policy is gone."""
+        for known in (self._arrived, self._failed, self._pods):
+            known.pop(policy, None)
+
+    def _observe(self, policy: str, stage: str) -> None:
+        arrived = self._arrived.get(policy)
+        if arrived:
+            metrics.STAGE_SECONDS.labels(policy, stage).observe(time.monotonic() - arrived)

@@ -1,0 +1,159 @@
+"""The status of a ContextPolicy: what is active, what each task gets, and what is wrong if something is. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.planning.policy import Mode
+from contextpolicy.planning.quantities import format_cpu
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from contextpolicy.cluster.claims import Claim
+    from contextpolicy.planning.planner import Planner
+
+MAX_MESSAGE = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One condition: `problems` empty means that all is well."""
+
+    type: str
+    good: str
+    bad: str
+    problems: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Everything the status is made from besides the planner's own state."""
+
+    generation: int
+    run: int
+    claim: Claim
+    rejected: Sequence[str] = ()
+    unmet_actuation: Mapping[str, str] = field(default_factory=dict)
+
+
+def status(planner: Planner, facts: Facts, previous: Sequence[Mapping[str, Any]], now: float) -> dict[str, Any]:
+    """The whole status; `previous` are the conditions as they stand, whose transition times are kept."""
+    plan, policy = planner.last, planner.policy
+    contexts = list(plan.contexts) if plan else []
+    bound = {container.task for container in facts.claim.placement.containers}
+    return {
+        "observedGeneration": facts.generation,
+        "activeContexts": contexts,
+        "contexts": ", ".join(contexts) or "-",
+        "boundTasks": f"{len(bound)}/{len(policy.leaves)}",
+        "plan": _plan(planner, facts.run),
+        "nodes": _nodes(planner, facts.claim),
+        "tasks": [_task(planner, facts, task.name) for task in policy.tasks],
+        "streams": [_stream(planner, name) for name in planner.streams],
+        "conditions": conditions(_findings(planner, facts), facts.generation, previous, now),
+    }
+
+
+def rejection(
+    rejected: Sequence[str], generation: int, previous: Sequence[Mapping[str, Any]], now: float
+) -> dict[str, Any]:
+    """The status of a policy of which no version was ever valid."""
+    findings = [Finding("Accepted", "Valid", "Invalid", rejected)]
+    return {"observedGeneration": generation, "conditions": conditions(findings, generation, previous, now)}
+
+
+def conditions(
+    findings: Sequence[Finding], generation: int, previous: Sequence[Mapping[str, Any]], now: float
+) -> list[dict[str, Any]]:
+    """Kubernetes conditions; `Ready` sums the others up."""
+    broken = [finding for finding in findings if finding.problems]
+    ready = Finding("Ready", "Working", "Degraded", [f"{f.type}: {f.problems[0]}" for f in broken])
+    before = {condition["type"]: condition for condition in previous}
+    return [_condition(finding, generation, before.get(finding.type), now) for finding in (ready, *findings)]
+
+
+def _condition(finding: Finding, generation: int, before: Mapping[str, Any] | None, now: float) -> dict[str, Any]:
+    value = "False" if finding.problems else "True"
+    since = before["lastTransitionTime"] if before and before.get("status") == value else timestamp(now)
+    return {
+        "type": finding.type,
+        "status": value,
+        "reason": finding.bad if finding.problems else finding.good,
+        "message": "; ".join(finding.problems)[:MAX_MESSAGE],
+        "observedGeneration": generation,
+        "lastTransitionTime": since,
+    }
+
+
+def timestamp(moment: float) -> str:
+    """RFC 3339 with whole seconds, as metav1.Time wants it."""
+    return datetime.fromtimestamp(moment, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _findings(planner: Planner, facts: Facts) -> list[Finding]:
+    policy = planner.policy
+    refused = [*facts.rejected, *facts.claim.conflicts]
+    silent = [_silence(planner, name) for name, stream in planner.streams.items() if stream.silent]
+    expressions = [f"{source}: {reason}" for source, reason in sorted(planner.errors.items())]
+    shortfalls = (
+        [f"{s.task}: {s.message}" if s.task else s.message for s in planner.last.shortfalls] if planner.last else []
+    )
+    unapplied = [*facts.claim.obstacles.values(), *facts.unmet_actuation.values()]
+    applied = {Mode.ENFORCE: "InForce", Mode.DRY_RUN: "DryRun", Mode.PAUSED: "Paused"}[policy.mode]
+    return [
+        Finding("Accepted", "Valid", "Conflicted" if not facts.rejected else "Invalid", refused),
+        Finding("StreamsHealthy", "Heard", "Silent" if silent else "ExpressionFailed", [*silent, *expressions]),
+        Finding("Feasible", "Met", "Unmet", shortfalls),
+        Finding("Applied", applied, "NotApplied", unapplied if policy.mode is Mode.ENFORCE else ()),
+    ]
+
+
+def _silence(planner: Planner, name: str) -> str:
+    spec = planner.streams[name].spec
+    heard = planner.streams[name].seen_at
+    since = "no sample yet" if heard is None else f"last sample at {timestamp(heard)}"
+    return f"stream {name} ({spec.key}) is silent: {since}"
+
+
+def _plan(planner: Planner, run: int) -> dict[str, Any] | None:
+    plan = planner.last
+    if plan is None:
+        return None
+    return {"run": run, "sequence": plan.sequence, "time": timestamp(plan.time), "cause": plan.cause[:MAX_MESSAGE]}
+
+
+def _nodes(planner: Planner, claim: Claim) -> list[dict[str, Any]]:
+    nodes = planner.last.nodes if planner.last else {}
+    return [
+        {
+            "name": name,
+            "capacity": format_cpu(node.capacity),
+            "allocatable": format_cpu(claim.placement.allocatable.get(name, 0)),
+        }
+        for name, node in sorted(nodes.items())
+    ]
+
+
+def _task(planner: Planner, facts: Facts, name: str) -> dict[str, Any]:
+    plan = planner.last.tasks.get(name) if planner.last else None
+    pods = sum(container.task == name for container in facts.claim.placement.containers)
+    shortfalls = [s.message for s in planner.last.shortfalls if s.task == name] if planner.last else []
+    problems = [*shortfalls, *([facts.claim.obstacles[name]] if name in facts.claim.obstacles else [])]
+    return {
+        "name": name,
+        "weight": plan.weight if plan else 0,
+        "share": format_cpu(plan.share if plan else 0),
+        "suspended": bool(plan and plan.suspended),
+        "pods": pods,
+        "message": "; ".join(problems or ([plan.because] if plan else []))[:MAX_MESSAGE],
+    }
+
+
+def _stream(planner: Planner, name: str) -> dict[str, Any]:
+    stream = planner.streams[name]
+    dropped = [f"{reason}: {count}" for (of, reason), count in sorted(planner.drops.items()) if of == name]
+    message = _silence(planner, name) if stream.silent else ""
+    return {"name": name, "healthy": not stream.silent, "message": "; ".join([*filter(None, [message]), *dropped])}
