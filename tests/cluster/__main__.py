@@ -13,15 +13,16 @@ from tests.cluster.errors import ClusterError
 
 
 def parser() -> argparse.ArgumentParser:
-    top = argparse.ArgumentParser(prog="python -m tests.cluster", description="A single-node Kubernetes for tests.")
+    top = argparse.ArgumentParser(prog="python -m tests.cluster", description="A one-node Kubernetes.")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     commands.add_parser("up", help="build what is missing, start the node and wait until it is Ready")
     down = commands.add_parser("down", help="end the node and leave nothing behind")
-    down.add_argument("--keep-state", action="store_true", help="keep what a reboot keeps; `up` goes on from there")
+    down.add_argument("--keep-state", action="store_true", help="as a reboot: `up` goes on from there")
     commands.add_parser("status", help="show each component's state; exit 1 when one is not ready")
     for name in ("stop", "start"):
-        commands.add_parser(name, help=f"{name} one component").add_argument("name", choices=components.names())
-    inside = commands.add_parser("exec", help="run a command inside the node's network, with kubectl, helm and ctr")
+        single = commands.add_parser(name, help=f"{name} one component")
+        single.add_argument("name", choices=components.names())
+    inside = commands.add_parser("exec", help="run a command in the node's network, with kubectl, helm and ctr")
     inside.add_argument("argv", nargs=argparse.REMAINDER, metavar="-- COMMAND")
     image = commands.add_parser("image", help="build an image as NAME:dev and import it")
     image.add_argument("name")

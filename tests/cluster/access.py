@@ -7,7 +7,7 @@ import os
 from tests.cluster import shell
 from tests.cluster.build import path_with_binaries
 from tests.cluster.errors import ClusterError
-from tests.cluster.layout import CONTAINERD_SOCKET, KUBECONFIG, NETWORK_NAMESPACE, RUN
+from tests.cluster.layout import CONTAINERD_SOCKET, KUBECONFIG, NETWORK_NAMESPACE
 from tests.cluster.network import inside
 
 
@@ -21,8 +21,8 @@ def environment() -> dict[str, str]:
     """Return the environment in which kubectl, helm and ctr speak to the cluster."""
     if user_cluster():
         return dict(os.environ)
-    ours = {"PATH": path_with_binaries(), "KUBECONFIG": str(KUBECONFIG)}
-    return {**os.environ, **ours, "CONTAINERD_ADDRESS": str(CONTAINERD_SOCKET), "CONTAINERD_NAMESPACE": "k8s.io"}
+    ctr = {"CONTAINERD_ADDRESS": str(CONTAINERD_SOCKET), "CONTAINERD_NAMESPACE": "k8s.io"}
+    return {**os.environ, **ctr, "PATH": path_with_binaries(), "KUBECONFIG": str(KUBECONFIG)}
 
 
 def command(argv: list[str]) -> list[str]:
@@ -30,7 +30,7 @@ def command(argv: list[str]) -> list[str]:
     if user_cluster():
         return argv
     if not NETWORK_NAMESPACE.exists():
-        raise ClusterError(f"the node is not up ({RUN} does not exist): run `python -m tests.cluster up` first")
+        raise ClusterError("the node is not up: run `python -m tests.cluster up` first")
     return inside(argv)
 
 

@@ -1,4 +1,4 @@
-"""The base image that every image here builds on, made from the distribution's packages: no registry is needed."""
+"""The base image that every image builds on, made from the distribution's packages without a registry."""
 
 from __future__ import annotations
 
@@ -15,6 +15,11 @@ PACKAGES = ("ca-certificates", "python3", "python3-venv")
 UNWANTED = ("/usr/share/doc/*", "/usr/share/info/*", "/usr/share/locale/*", "/usr/share/man/*")
 IMAGE = f"contextpolicy-base:{SUITE}"
 DOCKERFILE = "FROM scratch\nADD base.tar /\n"
+# The host's apt settings serve to build the image and are no part of it; nor are apt's 80 MB of caches.
+HOOKS = (
+    'rm -f "$1/etc/apt/apt.conf.d/99mmdebstrap" "$1/etc/dpkg/dpkg.cfg.d/99mmdebstrap" "$1"/var/cache/apt/*.bin',
+    """echo 'Dir::Cache { pkgcache ""; srcpkgcache ""; };' > "$1/etc/apt/apt.conf.d/no-caches\"""",
+)
 APT_SOURCES = (Path("/etc/apt/sources.list.d/debian.sources"), Path("/etc/apt/sources.list"))
 TIMEOUT = 600.0
 
@@ -25,21 +30,23 @@ def archive() -> Path:
 
 
 def key() -> str:
-    return cache.key(SUITE, PACKAGES, UNWANTED, DOCKERFILE)
+    return cache.key(SUITE, PACKAGES, UNWANTED, HOOKS, DOCKERFILE)
 
 
 def _create(folder: Path) -> None:
     (folder / "Dockerfile").write_text(DOCKERFILE)
     argv = command(folder / "base.tar", _host_settings(), _mirrors())
-    run_long("making the base image", argv, output=CACHE / "logs" / "base.log", timeout=TIMEOUT, env=os.environ)
+    output = CACHE / "logs" / "base.log"
+    run_long("making the base image", argv, output=output, timeout=TIMEOUT, env=os.environ)
 
 
 def command(tar: Path, settings: list[str], mirrors: list[str]) -> list[str]:
-    """Return the mmdebstrap call; the host's apt settings are used and then taken out again."""
+    """Return the mmdebstrap call that writes the tar."""
     options = [f"--aptopt={setting}" for setting in settings]
     options += [f"--dpkgopt=path-exclude={pattern}" for pattern in UNWANTED]
-    options += ['--customize-hook=rm -f "$1/etc/apt/apt.conf.d/99mmdebstrap" "$1/etc/dpkg/dpkg.cfg.d/99mmdebstrap"']
-    return ["mmdebstrap", "--variant=minbase", f"--include={','.join(PACKAGES)}", *options, SUITE, str(tar), *mirrors]
+    options += [f"--customize-hook={hook}" for hook in HOOKS]
+    contents = ["--variant=minbase", f"--include={','.join(PACKAGES)}"]
+    return ["mmdebstrap", *contents, *options, SUITE, str(tar), *mirrors]
 
 
 def _host_settings() -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tests.cluster import cache
 from tests.cluster.errors import ClusterError
@@ -19,6 +19,9 @@ from tests.cluster.layout import (
     SOURCES,
 )
 from tests.cluster.shell import run, run_long, succeeds
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 DEBIAN_PACKAGES = (
     "buildah",
@@ -39,7 +42,7 @@ GO_BUILD_TIMEOUT = 1800.0
 
 @dataclass(frozen=True)
 class Program:
-    """Go packages that are built together; `source` is a folder of ours, else they are fetched at a version."""
+    """Go packages that are built together: from `source`, a folder here, else fetched at their version."""
 
     name: str
     packages: tuple[str, ...]
@@ -54,7 +57,8 @@ def kubernetes_ldflags(version: str) -> str:
     major, minor, _patch = version.removeprefix("v").split(".")
     values = {"gitVersion": version, "gitMajor": major, "gitMinor": minor, "gitTreeState": "clean"}
     places = ("k8s.io/component-base/version", "k8s.io/client-go/pkg/version")
-    return " ".join(["-s -w", *(f"-X {place}.{name}={value}" for place in places for name, value in values.items())])
+    stamps = (f"-X {place}.{name}={value}" for place in places for name, value in values.items())
+    return " ".join(["-s -w", *stamps])
 
 
 CONTAINERD = "github.com/containerd/containerd/v2/cmd"
@@ -63,7 +67,11 @@ PROGRAMS = (
     Program("pause", ("./pause",), source="node"),
     Program(
         "containerd",
-        tuple(f"{CONTAINERD}/{name}@{CONTAINERD_VERSION}" for name in ("containerd", "containerd-shim-runc-v2", "ctr")),
+        (
+            f"{CONTAINERD}/containerd@{CONTAINERD_VERSION}",
+            f"{CONTAINERD}/containerd-shim-runc-v2@{CONTAINERD_VERSION}",
+            f"{CONTAINERD}/ctr@{CONTAINERD_VERSION}",
+        ),
         tags="no_btrfs,no_zfs,no_devmapper",
     ),
     Program("runc", (f"github.com/opencontainers/runc@{RUNC_VERSION}",), tags="seccomp", cgo=True),
@@ -82,11 +90,11 @@ def install_packages() -> None:
     missing = [name for name in DEBIAN_PACKAGES if not _installed(name)]
     if not missing:
         return
-    logs = CACHE / "logs"
+    log = CACHE / "logs" / "apt.log"
     env = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-    run_long("updating the package lists", ["apt-get", "update"], output=logs / "apt.log", timeout=300, env=env)
+    run_long("updating the package lists", ["apt-get", "update"], output=log, timeout=300, env=env)
     install = ["apt-get", "install", "--yes", "--no-install-recommends", *missing]
-    run_long(f"installing {' '.join(missing)}", install, output=logs / "apt.log", timeout=600, env=env)
+    run_long(f"installing {' '.join(missing)}", install, output=log, timeout=600, env=env)
 
 
 def _installed(package: str) -> bool:
@@ -98,7 +106,8 @@ def build(program: Program) -> Path:
     """Return the folder that holds the program's binaries."""
     if shutil.which("go") is None:
         raise ClusterError("go is not on the PATH: the node's programs are built from source")
-    return cache.folder(CACHE / "bin" / f"{program.name}-{program_key(program)}", lambda out: _compile(program, out))
+    target = CACHE / "bin" / f"{program.name}-{program_key(program)}"
+    return cache.folder(target, lambda out: _compile(program, out))
 
 
 def program_key(program: Program) -> str:
@@ -110,7 +119,8 @@ def program_key(program: Program) -> str:
 def _compile(program: Program, out: Path) -> None:
     flags = ["-trimpath", "-buildvcs=false", "-tags", program.tags, "-ldflags", program.ldflags]
     if program.source:
-        argv = ["go", "-C", str(SOURCES / program.source), "build", *flags, "-o", f"{out}/", *program.packages]
+        source = str(SOURCES / program.source)
+        argv = ["go", "-C", source, "build", *flags, "-o", f"{out}/", *program.packages]
     else:
         argv = ["go", "install", *flags, *program.packages]
     env = {**os.environ, "GOBIN": str(out), "CGO_ENABLED": "1" if program.cgo else "0"}
@@ -135,5 +145,3 @@ def _link(link: Path, target: Path) -> None:
 def path_with_binaries() -> str:
     """Debian keeps nft, ip and conntrack in the sbin folders, which not every PATH has."""
     return os.pathsep.join([str(BIN), os.environ.get("PATH", os.defpath), "/usr/sbin", "/sbin"])
-
-

@@ -1,4 +1,4 @@
-"""Who is who in the cluster: one certificate authority, a certificate for each caller, the token signing key."""
+"""Who is who in the cluster: an authority, a certificate for each caller, the key that signs tokens."""
 
 from __future__ import annotations
 
@@ -58,7 +58,8 @@ def create() -> None:
     PKI.mkdir(mode=0o700, parents=True, exist_ok=True)
     if (PKI / f"{TOKENS}.key").exists():
         return
-    run([*_request(AUTHORITY, "/CN=contextpolicy-node-ca"), "-addext", "keyUsage=critical,keyCertSign,cRLSign"])
+    usage = "keyUsage=critical,keyCertSign,cRLSign"
+    run([*_request(AUTHORITY, "/CN=contextpolicy-node-ca"), "-addext", usage])
     for identity in (API_SERVER, API_SERVER_AS_CLIENT, *CLIENTS):
         run(issue(identity))
     run(["openssl", "genrsa", "-out", private_key(TOKENS), "2048"])

@@ -1,4 +1,4 @@
-"""Each component's command line and the question that tells that it is ready: pure, nothing is started here."""
+"""Each component's command line and the question that tells that it is ready: pure, nothing is started."""
 
 from __future__ import annotations
 
@@ -77,7 +77,8 @@ def apiserver() -> Component:
         tls_cert_file=certificate("apiserver"),
         tls_private_key_file=private_key("apiserver"),
     )
-    return Component("apiserver", (NODE_BINARY, "kube-apiserver", *flags), _answers(f"{API_URL}/readyz"), patience=120)
+    argv = (NODE_BINARY, "kube-apiserver", *flags)
+    return Component("apiserver", argv, _answers(f"{API_URL}/readyz"), patience=120)
 
 
 def controller_manager() -> Component:
@@ -85,6 +86,7 @@ def controller_manager() -> Component:
         bind_address="127.0.0.1",
         cluster_signing_cert_file=certificate(AUTHORITY),
         cluster_signing_key_file=private_key(AUTHORITY),
+        flex_volume_plugin_dir=ROOT / "volume-plugins",
         kubeconfig=kubeconfig_path("controller-manager"),
         leader_elect="false",
         root_ca_file=certificate(AUTHORITY),
@@ -106,11 +108,13 @@ def scheduler() -> Component:
 
 def containerd() -> Component:
     ctr = (str(BIN / "ctr"), "--address", str(CONTAINERD_SOCKET), "--timeout", "5s", "version")
-    return Component("containerd", (str(BIN / "containerd"), "--config", str(CONFIG / "containerd.toml")), ctr)
+    argv = (str(BIN / "containerd"), "--config", str(CONFIG / "containerd.toml"))
+    return Component("containerd", argv, ctr)
 
 
 def kubelet() -> Component:
     flags = _flags(
+        cert_dir=ROOT / "kubelet" / "pki",
         config=CONFIG / "kubelet.json",
         hostname_override=NODE_NAME,
         kubeconfig=kubeconfig_path("kubelet"),
@@ -142,5 +146,3 @@ def all_components() -> tuple[Component, ...]:
 
 def names() -> tuple[str, ...]:
     return tuple(component.name for component in all_components())
-
-

@@ -15,11 +15,10 @@ from tests.cluster.layout import (
     CONTAINERD_SOCKET,
     MANIFESTS,
     NODE_NAME,
-    PAUSE_IMAGE,
+    PAUSE_REFERENCE,
     POD_CIDR,
     ROOT,
     RUN,
-    TAG,
 )
 
 if TYPE_CHECKING:
@@ -43,7 +42,7 @@ path = '{ROOT}/containerd/opt'
 disable = true
 
 [plugins.'io.containerd.cri.v1.images'.pinned_images]
-sandbox = 'docker.io/library/{PAUSE_IMAGE}:{TAG}'
+sandbox = '{PAUSE_REFERENCE}'
 
 [plugins.'io.containerd.cri.v1.runtime']
 # Without CAP_SYS_RESOURCE nobody may lower a process's oom_score_adj, and every sandbox would fail on trying.
@@ -60,6 +59,7 @@ runtime_path = '{BIN}/containerd-shim-runc-v2'
 
 [plugins.'io.containerd.cri.v1.runtime'.containerd.runtimes.runc.options]
 BinaryName = '{BIN}/runc'
+Root = '{RUN}/runc'
 SystemdCgroup = false
 """
 
@@ -97,7 +97,7 @@ def kubelet() -> str:
         "podLogsDir": f"{ROOT}/pods",
         "volumePluginDir": f"{ROOT}/volume-plugins",
         "resolvConf": "",
-        # Images come from no registry: one that is collected is gone. A full disk of the host must not evict pods.
+        # Images come from no registry: a collected one is gone. The host's full disk must not evict pods.
         "imageGCHighThresholdPercent": 100,
         "evictionHard": {"memory.available": "100Mi", "nodefs.available": "1%", "imagefs.available": "1%"},
     }

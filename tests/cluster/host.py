@@ -1,4 +1,4 @@
-"""What the host needs to reach its package registries, handed into image builds without leaving a trace in them."""
+"""What the host needs to reach its package registries, handed into image builds and kept out of images."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def volumes() -> list[str]:
     """Return what a build mounts: pip's settings and cache, apt's proxy, the certificate authorities."""
     folder = CACHE / "build"
     (folder / "pip").mkdir(parents=True, exist_ok=True)
-    pip, apt = pip_settings(output(sys.executable, "-m", "pip", "config", "list")), apt_settings(output("apt-config", "dump"))
+    pip = pip_settings(output(sys.executable, "-m", "pip", "config", "list"))
+    apt = apt_settings(output("apt-config", "dump"))
     (folder / "pip.conf").write_text(pip_configuration(pip))
     (folder / "apt.conf").write_text("\n".join(apt) + "\n")
     mounts = {PIP_CACHE_IN_IMAGE: folder / "pip", "/etc/pip.conf": folder / "pip.conf"}

@@ -1,4 +1,4 @@
-"""Images: built from a Dockerfile without a daemon, skipped when nothing changed, and put where pods find them."""
+"""Images: built from a Dockerfile without a daemon, only when something changed, and put where pods look."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from tests.cluster import access, base, build, cache, host, mounts, shell
+from tests.cluster import access, base, build, cache, context, host, mounts, shell
 from tests.cluster.errors import ClusterError
 from tests.cluster.layout import BIN, CACHE, CONTAINERD_SOCKET, PAUSE_IMAGE, REPOSITORY, ROOT, SOURCES, TAG
 from tests.cluster.lock import held
@@ -20,24 +20,29 @@ BUILD_TIMEOUT = 1800.0
 IMPORT_TIMEOUT = 300.0
 
 
-def image(name: str, dockerfile: Path, context: Path) -> str:
+def image(name: str, dockerfile: Path, folder: Path) -> str:
     """Build NAME:dev from a Dockerfile, import it into the cluster and return how pods call it."""
     build.install_packages()
     with held("images"):
         base_image = _base_image()
-        inputs = cache.key(name, base.key(), dockerfile.read_text(), files=cache.source_files(context), root=context)
-        archive = _archive(name, inputs, dockerfile, context, base_image)
-        _deliver(name, inputs, archive)
+        files = context.files(folder)
+        inputs = cache.key(name, base.key(), dockerfile.read_text(), files=files, root=folder)
+        _deliver(name, _built(name, inputs, dockerfile, folder, base_image=base_image))
     return f"{name}:{TAG}"
+
+
+def reference(name: str) -> str:
+    """Return the full name that the container runtime makes of a pod's `image: NAME:dev`."""
+    return f"docker.io/library/{name}:{TAG}"
 
 
 def import_pause() -> None:
     """Import the image of every pod's first container, which no registry has to serve."""
     with held("images"):
         program = next(one for one in build.PROGRAMS if one.name == "pause")
-        context, dockerfile = build.build(program), SOURCES / "node" / "pause" / "Dockerfile"
-        inputs = cache.key(build.program_key(program))
-        _import(PAUSE_IMAGE, inputs, _archive(PAUSE_IMAGE, inputs, dockerfile, context, base_image=""))
+        dockerfile = SOURCES / "node" / "pause" / "Dockerfile"
+        inputs = build.program_key(program)
+        _import(PAUSE_IMAGE, _built(PAUSE_IMAGE, inputs, dockerfile, build.build(program), base_image=""))
 
 
 def _base_image() -> str:
@@ -50,54 +55,65 @@ def _base_image() -> str:
     return name
 
 
-def _archive(name: str, inputs: str, dockerfile: Path, context: Path, base_image: str) -> Path:
-    """Return the built image as a docker-archive; older archives of the same name are dropped."""
-    archive = CACHE / "images" / f"{name}-{inputs}.tar"
-    if archive.exists():
+def _built(name: str, inputs: str, dockerfile: Path, folder: Path, *, base_image: str) -> str:
+    """Return the image's id, after a build when the inputs changed; an archive is written for each new id."""
+    record = CACHE / "images" / f"{name}.built"
+    known, _, identifier = record.read_text().partition(" ") if record.exists() else ("", "", "")
+    if known == inputs and _archive(name, identifier).exists():
         log.info("image %s:%s: unchanged", name, TAG)
-        return archive
-    _bud(f"localhost/{name}:{TAG}", dockerfile, context, base_image=base_image)
-    for old in archive.parent.glob(f"{name}-{'?' * len(inputs)}.tar"):
-        old.unlink()
-    _push(name, archive)
-    return archive
+        return identifier
+    identifier = _bud(reference(name), dockerfile, folder, base_image=base_image)
+    if not _archive(name, identifier).exists():
+        _push(name, identifier)
+    record.write_text(f"{inputs} {identifier}")
+    return identifier
 
 
-def _bud(name: str, dockerfile: Path, context: Path, *, base_image: str) -> None:
-    options = ["--isolation", "chroot", "--layers", "--format", "docker", "--pull-never"]
+def _archive(name: str, identifier: str) -> Path:
+    return CACHE / "images" / name / f"{identifier}.tar"
+
+
+def _bud(name: str, dockerfile: Path, folder: Path, *, base_image: str) -> str:
+    """Build with buildah, which reuses unchanged layers, and return the id of the image."""
+    STORE.mkdir(parents=True, exist_ok=True)
+    identifier = STORE / "built"
+    options = ["--iidfile", str(identifier)]
+    options += ["--isolation", "chroot", "--layers", "--format", "docker", "--pull-never"]
     if base_image:
         options += ["--build-arg", f"BASE_IMAGE={base_image}"]
         options += [part for volume in host.volumes() for part in ("--volume", volume)]
-    argv = _buildah("bud", *options, "--file", str(dockerfile), "--tag", name, str(context))
-    output = CACHE / "logs" / f"image-{name.rpartition('/')[2]}.log"
+    argv = _buildah("bud", *options, "--file", str(dockerfile), "--tag", name, str(folder))
+    output = CACHE / "logs" / f"image-{name.rpartition('/')[2].partition(':')[0]}.log"
     try:
         shell.run_long(f"building image {name}", argv, output=output, timeout=BUILD_TIMEOUT, env=os.environ)
     finally:
         mounts.remove(STORE)
+    return identifier.read_text().strip().removeprefix("sha256:")
 
 
-def _push(name: str, archive: Path) -> None:
-    """Write the archive beside its place and move it there: it is complete or absent."""
+def _push(name: str, identifier: str) -> None:
+    """Replace the archives of the image's earlier builds; the new one appears complete or not at all."""
+    archive = _archive(name, identifier)
+    shutil.rmtree(archive.parent, ignore_errors=True)
+    archive.parent.mkdir(parents=True)
     with tempfile.TemporaryDirectory(dir=archive.parent, prefix=".draft-") as folder:
         draft = Path(folder) / "image.tar"
-        target = f"docker-archive:{draft}:docker.io/library/{name}:{TAG}"
-        shell.run(_buildah("push", f"localhost/{name}:{TAG}", target), timeout=IMPORT_TIMEOUT)
+        shell.run(_buildah("push", reference(name), f"docker-archive:{draft}"), timeout=IMPORT_TIMEOUT)
         mounts.remove(STORE)
         draft.rename(archive)
 
 
 def _buildah(command: str, *arguments: str) -> list[str]:
-    STORE.mkdir(parents=True, exist_ok=True)
     return ["buildah", "--root", f"{STORE}/root", "--runroot", f"{STORE}/run", command, *arguments]
 
 
-def _deliver(name: str, inputs: str, archive: Path) -> None:
+def _deliver(name: str, identifier: str) -> None:
     if not access.user_cluster():
-        _import(name, inputs, archive)
+        _import(name, identifier)
         return
     copy = REPOSITORY / "build" / "images" / f"{name}.tar"
     copy.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(archive, copy)
+    shutil.copyfile(_archive(name, identifier), copy)
     _give_to_user_cluster(copy)
 
 
@@ -109,14 +125,14 @@ def _give_to_user_cluster(archive: Path) -> None:
         log.info("no k3s on this machine; on the cluster's node run: %s", " ".join(argv))
 
 
-def _import(name: str, inputs: str, archive: Path) -> None:
+def _import(name: str, identifier: str) -> None:
     """Import into our containerd; the stamp lives and dies with containerd's state."""
     stamp = ROOT / "images" / name
-    if stamp.exists() and stamp.read_text() == inputs:
+    if stamp.exists() and stamp.read_text() == identifier:
         return
     if not CONTAINERD_SOCKET.exists():
-        raise ClusterError(f"image {name}: built, but the node is not up: run `python -m tests.cluster up` first")
+        raise ClusterError(f"image {name}: built, but there is no node: run `python -m tests.cluster up`")
     ctr = [str(BIN / "ctr"), "--address", str(CONTAINERD_SOCKET), "--namespace", "k8s.io"]
-    shell.run([*ctr, "images", "import", "--local", str(archive)], timeout=IMPORT_TIMEOUT)
+    shell.run([*ctr, "images", "import", str(_archive(name, identifier))], timeout=IMPORT_TIMEOUT)
     stamp.parent.mkdir(parents=True, exist_ok=True)
-    stamp.write_text(inputs)
+    stamp.write_text(identifier)

@@ -35,5 +35,6 @@ CONTAINERD_VERSION = "v2.4.2"
 RUNC_VERSION = "v1.5.2"
 HELM_VERSION = "v4.3.1"
 
-PAUSE_IMAGE = "contextpolicy-pause"
 TAG = "dev"
+PAUSE_IMAGE = "contextpolicy-pause"
+PAUSE_REFERENCE = f"docker.io/library/{PAUSE_IMAGE}:{TAG}"

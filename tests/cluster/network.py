@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tests.cluster.layout import CNI_NETWORK, NETWORK_NAMESPACE, NODE_ADDRESS
+from tests.cluster.layout import NETWORK_NAMESPACE, NODE_ADDRESS
 from tests.cluster.shell import run
 
 if TYPE_CHECKING:
@@ -44,9 +44,3 @@ def inside(command: tuple[str, ...] | list[str], namespace: Path = NETWORK_NAMES
     `ip netns exec` would mount /sys anew, which hides the cgroups.
     """
     return ["nsenter", f"--net={namespace}", "--", *command]
-
-
-def forget_cni_results(folder: Path) -> None:
-    """Remove what the CNI library keeps about our pods outside our root."""
-    for result in folder.glob(f"results/{CNI_NETWORK}-*"):
-        result.unlink(missing_ok=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
 
 from tests.cluster import (
     access,
@@ -18,11 +19,15 @@ from tests.cluster import (
     mounts,
     network,
     processes,
+    traces,
 )
 from tests.cluster.errors import ClusterError
 from tests.cluster.layout import BIN, CONFIG, KUBECONFIG, LOGS, MANIFESTS, NODE_NAME, ROOT, RUN
 from tests.cluster.lock import held
 from tests.cluster.shell import succeeds, tail, wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 log = logging.getLogger(__name__)
 
@@ -106,6 +111,9 @@ def _build() -> None:
 
 
 def _start() -> None:
+    if cgroups.pod_processes():
+        raise ClusterError("another Kubernetes runs pods on this machine: set KUBECONFIG to use that one")
+    traces.remember()
     _write_configuration()
     network.create()
     cgroups.create()
@@ -134,11 +142,14 @@ def _write_configuration() -> None:
 
 def _await_node() -> None:
     """Wait until pods can be created: the node takes them and the default service account is there."""
-    if not wait_until(_node_is_ready, timeout=NODE_PATIENCE):
-        raise ClusterError(f"kubelet: the node is not Ready after {NODE_PATIENCE:.0f} s:\n{tail(LOGS / 'kubelet.log')}")
-    if not wait_until(lambda: _kubectl("get", "serviceaccount", "default"), timeout=NODE_PATIENCE):
-        manager = LOGS / "controller-manager.log"
-        raise ClusterError(f"controller-manager: no service account in {NODE_PATIENCE:.0f} s:\n{tail(manager)}")
+    _await("kubelet", "the node is not Ready", _node_is_ready)
+    _await("controller-manager", "no default service account", lambda: _kubectl("get", "sa", "default"))
+
+
+def _await(name: str, complaint: str, condition: Callable[[], bool]) -> None:
+    if not wait_until(condition, timeout=NODE_PATIENCE):
+        file = LOGS / f"{name}.log"
+        raise ClusterError(f"{name}: {complaint} after {NODE_PATIENCE:.0f} s, the end of {file}:\n{tail(file)}")
 
 
 def _node_is_ready() -> bool:

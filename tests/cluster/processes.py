@@ -13,7 +13,7 @@ from tests.cluster.layout import CONTAINERD_SOCKET, LOGS, RUN
 from tests.cluster.network import inside
 from tests.cluster.shell import run, succeeds, tail, wait_until
 
-TERM_PATIENCE = 10.0
+TERM_PATIENCE = 5.0
 KILL_PATIENCE = 10.0
 PIDS = RUN / "pids"
 # The shell puts itself into the components' cgroup, so that no moment passes outside of it.
@@ -70,9 +70,8 @@ def kill(pids: set[int]) -> None:
     born = {pid: start_time(pid) for pid in pids}
     for pid in pids:
         _signal(pid, signal.SIGKILL)
-    gone = wait_until(lambda: not _left(born), timeout=KILL_PATIENCE)
-    if not gone:
-        raise ClusterError(f"processes {sorted(_left(born))} are still there {KILL_PATIENCE:.0f} s after SIGKILL")
+    if not wait_until(lambda: not _left(born), timeout=KILL_PATIENCE):
+        raise ClusterError(f"processes {sorted(_left(born))} outlived SIGKILL by {KILL_PATIENCE:.0f} s")
 
 
 def _left(born: dict[int, str | None]) -> set[int]:
@@ -87,7 +86,7 @@ def _signal(pid: int, number: signal.Signals) -> None:
 
 
 def shims() -> set[int]:
-    """Find the processes that hold our containers: only they name our containerd's socket as their address."""
+    """Find the processes that hold our containers: they name our containerd's socket as their address."""
     return {int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit() and _is_shim(entry)}
 
 

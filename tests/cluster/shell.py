@@ -26,7 +26,8 @@ def run(argv: Sequence[str], *, timeout: float = 60, env: Mapping[str, str] | No
     except (OSError, subprocess.TimeoutExpired) as error:
         raise ClusterError(f"{argv[0]}: {error}") from error
     if done.returncode:
-        raise ClusterError(f"{' '.join(argv)}: exit {done.returncode}\n{(done.stderr or done.stdout).strip()}")
+        words = (done.stderr or done.stdout).strip()
+        raise ClusterError(f"{' '.join(argv)}: exit {done.returncode}\n{words}")
     return done.stdout
 
 
