@@ -1,0 +1,209 @@
+"""Payload bytes -> samples, by the encoding that the policy declares; whatever a sender sends, only DecodeError.
+
+A payload may have 1 MiB, 32 levels and 10,000 values: conditions read readings, not pictures or point clouds, and what
+an expression may cost grows with what it reads. NaN and infinities are values where the encoding has them (a laser
+scanner says `inf` for "nothing in range"); JSON has none, so there they are a broken payload.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.errors import DecodeError, Finding
+from contextpolicy.planning.policy import Encoding, Policy, Stream
+from contextpolicy.planning.sample import Sample, as_fields
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+MAX_PAYLOAD = 1 << 20
+"""Bytes."""
+MAX_DEPTH = 32
+"""Lists and maps inside each other."""
+MAX_VALUES = 10_000
+"""Numbers, texts and keys of one payload, counted over all levels."""
+
+_PLAIN = frozenset({type(None), bool, int, float, str, bytes})
+_UNITS = ((1e11, 1), (1e14, 10**3), (1e17, 10**6))
+"""Below each magnitude a number is Unix time in s, ms, us, and ns above: 10^11 s is the year 5138, 10^11 ms is 1973."""
+
+
+class Decoder:
+    """Decodes one stream's payloads; DecodeError at construction when its ROS type is unknown."""
+
+    def __init__(self, stream: Stream) -> None:
+        self.stream = stream
+        self._read = _reader(stream)
+        self._path = tuple(stream.timestamp.split(".")) if stream.timestamp else ()
+
+    def decode(self, payload: bytes) -> Sample:
+        """One reading; DecodeError names the stream, the encoding and what is wrong."""
+        try:
+            if len(payload) > MAX_PAYLOAD:
+                raise DecodeError(f"has {len(payload)} bytes, allowed: {MAX_PAYLOAD}")  # noqa: TRY301 - named below
+            fields = as_fields(self._read(payload))
+            timestamp = _timestamp(fields, self._path) if self._path else None
+        except (DecodeError, ValueError, RecursionError, MemoryError) as error:
+            raise DecodeError(
+                f"stream {self.stream.name}: the {self.stream.encoding} payload {_reason(error)}"
+            ) from error
+        return Sample(self.stream.name, fields, timestamp)
+
+
+def type_findings(policy: Policy) -> list[Finding]:
+    """The streams whose ROS type nobody here can decode; parsing can't tell, it knows no message definitions."""
+    findings = []
+    for index, stream in enumerate(policy.streams):
+        try:
+            Decoder(stream)
+        except DecodeError as error:
+            findings.append(Finding(f"spec.streams[{index}].type", stream.type, str(error)))
+    return findings
+
+
+def seconds(stamp: object) -> float:
+    """Unix seconds of a sender's timestamp; DecodeError when it is none.
+
+    ROS times are maps of sec and nanosec. Numbers are seconds, milliseconds, microseconds or nanoseconds by magnitude.
+    """
+    if isinstance(stamp, dict):
+        whole, parts = _number(stamp.get("sec")), _number(stamp.get("nanosec"))
+        if whole is not None and parts is not None:
+            return whole + parts / 1e9
+    else:
+        number = _number(stamp)
+        if number is not None:
+            return number / next((scale for below, scale in _UNITS if abs(number) < below), 10**9)
+    raise DecodeError(f"has the timestamp {_short(stamp)}, allowed: a number, or a map of sec and nanosec")
+
+
+def _reader(stream: Stream) -> Callable[[bytes], object]:
+    # Each library is loaded by the first stream that needs it: an idle robot's memory is the point of the product.
+    match stream.encoding:
+        case Encoding.JSON:
+            return _read_json
+        case Encoding.CBOR:
+            return _cbor_reader()
+        case Encoding.MSGPACK:
+            return _msgpack_reader()
+        case Encoding.CDR:
+            return _cdr_reader(stream.type or "")
+
+
+def _read_json(payload: bytes) -> object:
+    # Each level costs a bracket and each further value a comma: counting bytes is a bound without a walk.
+    decoded = json.loads(payload, parse_constant=_refuse_constant)
+    if payload.count(b"[") + payload.count(b"{") > MAX_DEPTH or payload.count(b",") > MAX_VALUES // 3:
+        _check(decoded)
+    return decoded
+
+
+def _refuse_constant(name: str) -> object:
+    raise DecodeError(f"holds {name}, which is no JSON number")
+
+
+def _cbor_reader() -> Callable[[bytes], object]:
+    import cbor2  # noqa: PLC0415
+
+    def read(payload: bytes) -> object:
+        try:
+            decoded = cbor2.loads(payload, max_depth=MAX_DEPTH + 1)
+        except cbor2.CBORError as error:
+            raise DecodeError(f"is broken: {error}") from error
+        _check(decoded)
+        return decoded
+
+    return read
+
+
+def _msgpack_reader() -> Callable[[bytes], object]:
+    import ormsgpack  # noqa: PLC0415
+
+    def read(payload: bytes) -> object:
+        decoded = ormsgpack.unpackb(payload)
+        _check(decoded)
+        return decoded
+
+    return read
+
+
+def _cdr_reader(type_name: str) -> Callable[[bytes], object]:
+    from contextpolicy.streams import cdr  # noqa: PLC0415
+
+    read_message = cdr.reader(type_name, max_values=MAX_VALUES)
+
+    def read(payload: bytes) -> object:
+        decoded = read_message(payload)
+        if len(payload) > MAX_VALUES:  # a value has a byte at least
+            _check(decoded)
+        return decoded
+
+    return read
+
+
+def _check(decoded: object) -> None:
+    """Refuse what is too deep, too much, or no plain value; counts level by level, so depth needs no stack."""
+    level, depth, values = [decoded], 0, 1
+    while level:
+        below: list[object] = []
+        for value in level:
+            # Counted before they are gathered: CBOR can name one list a thousand times.
+            values += _size(value)
+            if values > MAX_VALUES:
+                raise DecodeError(f"holds more than {MAX_VALUES} values")
+            if isinstance(value, dict):
+                below += value.values()
+            elif isinstance(value, list):
+                below += value
+        depth += bool(below)
+        if depth > MAX_DEPTH:
+            raise DecodeError(f"nests deeper than {MAX_DEPTH} levels")
+        level = below
+
+
+def _size(value: object) -> int:
+    """How many values stand directly inside; DecodeError for what no plain payload holds."""
+    if isinstance(value, dict):
+        _check_keys(value)
+        return 2 * len(value)
+    if isinstance(value, list):
+        return len(value)
+    if type(value) not in _PLAIN:
+        raise DecodeError(f"holds a {type(value).__name__}, allowed: numbers, texts, lists and maps")
+    return 0
+
+
+def _check_keys(value: dict[object, object]) -> None:
+    for key in value:
+        if type(key) is not str:
+            raise DecodeError(f"has the key {_short(key)}, allowed: text")
+
+
+def _timestamp(fields: dict[str, Any], path: tuple[str, ...]) -> float:
+    value: Any = fields
+    for depth, name in enumerate(path):
+        if not isinstance(value, dict) or name not in value:
+            raise DecodeError(f"has no field {'.'.join(path[: depth + 1])} to take the timestamp from")
+        value = value[name]
+    return seconds(value)
+
+
+def _number(value: object) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _reason(error: BaseException) -> str:
+    text = str(error).partition("\n")[0][:200]
+    return text if isinstance(error, DecodeError) else f"is broken: {text}"
