@@ -1,0 +1,59 @@
+"""Rendering the chart with the real helm."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.cluster import build
+from tests.cluster.layout import CACHE
+
+CHART = Path(__file__).parents[2] / "charts" / "contextpolicy"
+
+
+@pytest.fixture(scope="session")
+def helm():
+    """Run helm; the result is that of subprocess.run."""
+    program = next(one for one in build.PROGRAMS if one.name == "helm")
+    built = CACHE / "bin" / f"helm-{build.program_key(program)}" / "helm"
+    binary = built if built.exists() else shutil.which("helm")
+    if binary is None:
+        pytest.fail("helm is not on the PATH and was not built yet: run `make cluster`, which builds it", pytrace=False)
+
+    def run(*arguments):
+        return subprocess.run([binary, *arguments], capture_output=True, text=True, timeout=60, check=False)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def render(helm):
+    """All objects of the chart under the given values, by kind and name."""
+
+    def objects(*settings):
+        done = helm("template", "contextpolicy", str(CHART), "--namespace", "contextpolicy-system", *set_all(settings))
+        assert done.returncode == 0, done.stderr
+        documents = [document for document in yaml.safe_load_all(done.stdout) if document]
+        return {(document["kind"], document["metadata"]["name"]): document for document in documents}
+
+    return objects
+
+
+@pytest.fixture(scope="session")
+def refusal(helm):
+    """What helm says to values that the chart refuses."""
+
+    def message(*settings):
+        done = helm("template", "contextpolicy", str(CHART), *set_all(settings))
+        assert done.returncode != 0, done.stdout
+        return done.stderr
+
+    return message
+
+
+def set_all(settings):
+    return [part for setting in settings for part in ("--set", setting)]

@@ -1,0 +1,160 @@
+"""The chart: what it renders under which values, and what it refuses."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.charts.conftest import CHART
+from tests.crds.schema import definition
+
+EVERYTHING = (
+    "agent.enabled=true",
+    "agent.realtime=true",
+    "networkPolicy.enabled=true",
+    "metrics.serviceMonitor.enabled=true",
+    "imagePullSecrets[0].name=secret",
+    "commonLabels.robot=one",
+    "router.hostPort=7447",
+)
+DEFAULTS = {
+    ("ClusterRole", "contextpolicy"),
+    ("ClusterRole", "contextpolicy-editor"),
+    ("ClusterRole", "contextpolicy-viewer"),
+    ("ClusterRoleBinding", "contextpolicy"),
+    ("CustomResourceDefinition", "contextpolicies.contextpolicy.dev"),
+    ("Deployment", "contextpolicy"),
+    ("Deployment", "contextpolicy-router"),
+    ("Service", "contextpolicy-metrics"),
+    ("Service", "contextpolicy-router"),
+    ("ServiceAccount", "contextpolicy"),
+}
+
+
+def container(workload):
+    (only,) = workload["spec"]["template"]["spec"]["containers"]
+    return only
+
+
+def environment(workload):
+    return {entry["name"]: entry.get("value") for entry in container(workload)["env"]}
+
+
+@pytest.mark.parametrize("settings", [(), EVERYTHING], ids=["defaults", "everything"])
+def test_it_lints(helm, settings):
+    done = helm("lint", "--strict", str(CHART), *[part for one in settings for part in ("--set", one)])
+    assert done.returncode == 0, done.stdout
+
+
+def test_it_renders_exactly_these_objects(render):
+    assert render().keys() == DEFAULTS
+
+
+def test_everything_at_once_renders(render):
+    added = render(*EVERYTHING).keys() - DEFAULTS
+    assert added == {
+        ("DaemonSet", "contextpolicy-agent"),
+        ("NetworkPolicy", "contextpolicy"),
+        ("NetworkPolicy", "contextpolicy-router"),
+        ("ServiceAccount", "contextpolicy-agent"),
+        ("ServiceMonitor", "contextpolicy"),
+    }
+
+
+def test_every_object_is_labelled(render):
+    for rendered in render(*EVERYTHING).values():
+        labels = rendered["metadata"]["labels"]
+        assert labels["app.kubernetes.io/name"] == "contextpolicy"
+        assert labels["robot"] == "one"
+
+
+def test_the_definition_is_the_canonical_one(render):
+    rendered = render()["CustomResourceDefinition", "contextpolicies.contextpolicy.dev"]
+    assert rendered["spec"] == definition()["spec"]
+    assert rendered["metadata"]["annotations"] == {"helm.sh/resource-policy": "keep"}
+
+
+def test_the_definition_goes_with_the_release_if_told(render):
+    rendered = render("crds.keep=false")["CustomResourceDefinition", "contextpolicies.contextpolicy.dev"]
+    assert "annotations" not in rendered["metadata"]
+    assert ("CustomResourceDefinition", "contextpolicies.contextpolicy.dev") not in render("crds.enabled=false")
+
+
+def test_the_operator_is_told_all_it_needs(render):
+    operator = render("image.tag=dev", "watchNamespaces={robot,lab}")["Deployment", "contextpolicy"]
+    assert container(operator)["image"] == "contextpolicy:dev"
+    assert environment(operator) == {
+        "ZENOH_CONNECT": "tcp/contextpolicy-router.contextpolicy-system:7447",
+        "WATCH_NAMESPACES": "robot,lab",
+        "HEALTH_PORT": "8080",
+        "METRICS_PORT": "8081",
+        "LOG_FORMAT": "text",
+        "LOG_LEVEL": "INFO",
+    }
+
+
+def test_there_is_never_a_second_operator(render):
+    spec = render()["Deployment", "contextpolicy"]["spec"]
+    assert (spec["replicas"], spec["strategy"]) == (1, {"type": "Recreate"})
+
+
+@pytest.mark.parametrize(
+    ("settings", "endpoints"),
+    [
+        (("router.service.clusterIP=10.96.7.47",), "tcp/10.96.7.47:7447"),
+        (("router.service.clusterIP=fd00::47",), "tcp/[fd00::47]:7447"),
+        (("router.port=7400",), "tcp/contextpolicy-router.contextpolicy-system:7400"),
+        (("router.enabled=false", "zenoh.connect={tcp/a:7447,tcp/b:7447}"), "tcp/a:7447,tcp/b:7447"),
+    ],
+)
+def test_operator_and_agent_connect_to_the_same_router(render, settings, endpoints):
+    rendered = render("agent.enabled=true", *settings)
+    for workload in (("Deployment", "contextpolicy"), ("DaemonSet", "contextpolicy-agent")):
+        assert environment(rendered[workload])["ZENOH_CONNECT"] == endpoints
+
+
+def test_another_router_takes_the_place_of_the_charts(render):
+    rendered = render("router.enabled=false", "zenoh.connect={tcp/a:7447}")
+    assert not [name for _, name in rendered if name.endswith("-router")]
+
+
+def test_drivers_outside_reach_the_router(render):
+    rendered = render("router.hostPort=7447", "router.service.type=NodePort", "router.service.nodePort=30747")
+    assert container(rendered["Deployment", "contextpolicy-router"])["ports"][0]["hostPort"] == 7447
+    assert rendered["Service", "contextpolicy-router"]["spec"]["ports"][0]["nodePort"] == 30747
+
+
+def test_network_policies_let_k3s_reach_its_api(render):
+    ports = [
+        port["port"]
+        for rule in render(*EVERYTHING)["NetworkPolicy", "contextpolicy"]["spec"]["egress"]
+        for port in rule["ports"]
+    ]
+    assert {53, 443, 6443, 7447} <= set(ports)
+
+
+def test_network_policies_let_the_operator_reach_another_router(render):
+    rendered = render("networkPolicy.enabled=true", "router.enabled=false", "zenoh.connect={quic/robot.local:7500?a=b}")
+    *_, last = rendered["NetworkPolicy", "contextpolicy"]["spec"]["egress"]
+    assert last["ports"] == [{"port": 7500, "protocol": "UDP"}]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (("zenoh.connect={tcp/a:7447}",), "so set router.enabled=false; or leave zenoh.connect empty"),
+        (("router.enabled=false",), "there is no Zenoh router to listen to: set router.enabled=true"),
+        (
+            ("metrics.serviceMonitor.enabled=true", "metrics.service.enabled=false"),
+            "set metrics.service.enabled=true",
+        ),
+        (("operator.logLevel=LOUD",), "operator/logLevel"),
+        (("router.enabled=false", "zenoh.connect={robot.local:7447}"), "zenoh/connect/0"),
+        (("agent.enabld=true",), "enabld"),
+        (("image.pullPolicy=Sometimes",), "image/pullPolicy"),
+        (("router.port=80",), "router/port"),
+        (("operator.resources.requests.cpu=lots",), "operator/resources/requests/cpu"),
+        (("watchNamespaces={Robot}",), "watchNamespaces/0"),
+    ],
+)
+def test_it_refuses(refusal, settings, message):
+    assert message in refusal(*settings)

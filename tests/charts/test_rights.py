@@ -1,0 +1,111 @@
+"""What the chart's pods and accounts may do: exactly this, so that every further right is a decision."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.charts.test_chart import EVERYTHING, container
+
+NODES = {("", "nodes"): {"get", "list", "watch"}}
+IN_A_NAMESPACE = {
+    ("contextpolicy.dev", "contextpolicies"): {"get", "list", "watch", "patch"},
+    ("contextpolicy.dev", "contextpolicies/status"): {"patch"},
+    ("", "pods"): {"get", "list", "watch", "patch"},
+    ("", "pods/resize"): {"patch"},
+    ("", "events"): {"create"},
+}
+
+
+def rights(role):
+    """The verbs of a role by API group and resource."""
+    return {
+        (group, resource): set(rule["verbs"])
+        for rule in role["rules"]
+        for group in rule["apiGroups"]
+        for resource in rule["resources"]
+    }
+
+
+def test_the_operator_may_do_this_everywhere(render):
+    rendered = render()
+    assert rights(rendered["ClusterRole", "contextpolicy"]) == NODES | IN_A_NAMESPACE
+    assert not [key for key in rendered if key[0] == "Role"]
+
+
+def test_with_namespaces_it_may_do_it_there_only(render):
+    rendered = render("watchNamespaces={robot}")
+    assert rights(rendered["ClusterRole", "contextpolicy"]) == NODES
+    role, binding = rendered["Role", "contextpolicy"], rendered["RoleBinding", "contextpolicy"]
+    assert rights(role) == IN_A_NAMESPACE
+    assert role["metadata"]["namespace"] == binding["metadata"]["namespace"] == "robot"
+    assert binding["subjects"] == [
+        {"kind": "ServiceAccount", "name": "contextpolicy", "namespace": "contextpolicy-system"}
+    ]
+
+
+def test_users_get_policies_and_nothing_else(render):
+    rendered = render()
+    for name in ("viewer", "editor"):
+        assert rights(rendered["ClusterRole", f"contextpolicy-{name}"]).keys() == {
+            ("contextpolicy.dev", "contextpolicies")
+        }
+
+
+def test_no_rule_has_a_wildcard(render):
+    roles = [item for (kind, _), item in render(*EVERYTHING).items() if kind in ("Role", "ClusterRole")]
+    assert roles
+    assert "*" not in {part for role in roles for rule in role["rules"] for field in rule.values() for part in field}
+
+
+def test_rights_can_be_left_to_others(render):
+    kinds = {kind for kind, _ in render("rbac.create=false", "rbac.aggregateToUserRoles=false")}
+    assert not kinds & {"Role", "RoleBinding", "ClusterRole", "ClusterRoleBinding"}
+
+
+@pytest.mark.parametrize("name", ["contextpolicy", "contextpolicy-router"])
+def test_operator_and_router_pass_the_restricted_standard(render, name):
+    deployment = render()["Deployment", name]
+    pod = deployment["spec"]["template"]["spec"]
+    assert pod["securityContext"]["runAsNonRoot"] is True
+    assert pod["securityContext"]["runAsUser"] > 0
+    assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
+    assert not pod.keys() & {"volumes", "hostNetwork", "hostPID", "hostIPC"}
+    assert container(deployment)["securityContext"] == {
+        "allowPrivilegeEscalation": False,
+        "readOnlyRootFilesystem": True,
+        "capabilities": {"drop": ["ALL"]},
+    }
+
+
+def test_only_the_operator_gets_a_token(render):
+    rendered = render("agent.enabled=true")
+    router, agent = rendered["Deployment", "contextpolicy-router"], rendered["DaemonSet", "contextpolicy-agent"]
+    assert [one["spec"]["template"]["spec"]["automountServiceAccountToken"] for one in (router, agent)] == [
+        False,
+        False,
+    ]
+    bound = [s["name"] for (kind, _), item in rendered.items() if kind.endswith("Binding") for s in item["subjects"]]
+    assert bound == ["contextpolicy"]
+
+
+@pytest.mark.parametrize(
+    ("realtime", "capabilities"), [(False, {"drop": ["ALL"]}), (True, {"drop": ["ALL"], "add": ["SYS_NICE"]})]
+)
+def test_the_agent_has_what_writing_cgroups_needs(render, realtime, capabilities):
+    agent = render("agent.enabled=true", f"agent.realtime={str(realtime).lower()}")["DaemonSet", "contextpolicy-agent"]
+    pod = agent["spec"]["template"]["spec"]
+    assert pod["hostPID"] is realtime
+    assert not pod.keys() & {"hostNetwork", "hostIPC"}
+    assert pod["volumes"] == [{"name": "cgroup", "hostPath": {"path": "/sys/fs/cgroup", "type": "Directory"}}]
+    security = container(agent)["securityContext"]
+    assert security["capabilities"] == capabilities
+    assert security["allowPrivilegeEscalation"] is False
+    assert "privileged" not in security
+
+
+def test_every_container_has_a_weight_and_a_bound(render):
+    workloads = [item for (kind, _), item in render(*EVERYTHING).items() if kind in ("Deployment", "DaemonSet")]
+    assert len(workloads) == 3
+    for workload in workloads:
+        resources = container(workload)["resources"]
+        assert resources["requests"].keys() == resources["limits"].keys() == {"cpu", "memory"}

@@ -1,0 +1,98 @@
+"""The definition of ContextPolicy: complete as a manual, bounded for the API server, true to the samples."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+import yaml
+from jsonschema import Draft7Validator
+
+from contextpolicy.planning.parsing import parse
+from tests.crds.schema import DEFINITION, POLICIES, REFUSED, ROOT, definition, nodes, schema, strict, with_defaults
+
+ALL_NODES = dict(nodes(schema()))
+
+
+@pytest.fixture(params=POLICIES, ids=lambda path: path.stem)
+def policy(request):
+    return yaml.safe_load(request.param.read_text(encoding="utf-8"))
+
+
+def test_the_charts_copy_is_the_canonical_one():
+    copied = ROOT / "charts" / "contextpolicy" / "files" / DEFINITION.name
+    assert copied.read_bytes() == DEFINITION.read_bytes(), "run `make crds`"
+
+
+def test_it_is_called_as_people_call_it():
+    names = definition()["spec"]["names"]
+    assert (names["kind"], names["plural"], names["shortNames"]) == ("ContextPolicy", "contextpolicies", ["ctxp"])
+
+
+def test_every_field_explains_itself():
+    silent = [path for path, node in ALL_NODES.items() if not node.get("description")]
+    assert silent == []
+
+
+@pytest.mark.parametrize(("kind", "bound"), [("array", "maxItems"), ("string", "maxLength")])
+def test_every_list_and_text_is_bounded(kind, bound):
+    of_kind = {path: node for path, node in ALL_NODES.items() if node.get("type") == kind and "enum" not in node}
+    unbounded = [path for path, node in of_kind.items() if bound not in node]
+    assert of_kind
+    assert set(unbounded) <= {"apiVersion", "kind"}
+
+
+def test_every_map_and_quantity_is_bounded():
+    maps = [node for node in ALL_NODES.values() if "additionalProperties" in node]
+    quantities = [node for node in ALL_NODES.values() if node.get("x-kubernetes-int-or-string")]
+    assert maps
+    assert all("maxProperties" in node for node in maps)
+    assert quantities
+    assert all({"maxLength", "pattern", "minimum"} <= node.keys() for node in quantities)
+
+
+def test_every_list_says_how_it_merges():
+    assert [
+        path for path, n in ALL_NODES.items() if n.get("type") == "array" and "x-kubernetes-list-type" not in n
+    ] == []
+
+
+def test_every_rule_has_a_message():
+    rules = [rule for node in ALL_NODES.values() for rule in node.get("x-kubernetes-validations", [])]
+    assert rules
+    assert [rule["rule"] for rule in rules if not rule.get("message")] == []
+
+
+def test_every_rule_has_a_policy_that_it_refuses():
+    expected = [path.read_text(encoding="utf-8").splitlines()[0].removeprefix("# expect: ") for path in REFUSED]
+    rules = [rule for node in ALL_NODES.values() for rule in node.get("x-kubernetes-validations", [])]
+    texts = [longest_text(rule) for rule in rules]
+    assert [text for text in texts if not any(text in message or message in text for message in expected)] == []
+
+
+def longest_text(rule):
+    """The longest piece of a rule's message that stands there whatever the policy is."""
+    literals = re.findall(r'"([^"]*)"', rule["messageExpression"]) if "messageExpression" in rule else [rule["message"]]
+    return max((piece for literal in literals for piece in literal.split("%s")), key=len).strip(" ;:,")
+
+
+def test_there_are_samples():
+    assert "delivery-robot" in [path.stem for path in POLICIES]
+
+
+def test_a_sample_is_valid(policy):
+    errors = [f"{error.json_path}: {error.message}" for error in Draft7Validator(strict(schema())).iter_errors(policy)]
+    assert errors == []
+
+
+def test_the_schemas_defaults_change_nothing(policy):
+    stored = policy | {"spec": with_defaults(schema()["properties"]["spec"], policy["spec"])}
+    assert stored != policy
+    assert parse(stored) == parse(policy)
+
+
+@pytest.mark.parametrize("path", REFUSED, ids=lambda path: path.stem)
+def test_a_refused_policy_says_what_people_will_read(path):
+    first, *rest = path.read_text(encoding="utf-8").splitlines()
+    assert first.startswith("# expect: ")
+    assert yaml.safe_load("\n".join(rest))["metadata"]["name"] == path.stem
