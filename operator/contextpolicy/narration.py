@@ -1,0 +1,185 @@
+"""An explanation in sentences."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+LONGEST_VALUE = 120
+
+
+def sentences(explanation: Mapping[str, Any], task: str) -> list[str]:
+    """Why `task` has its share; KeyError for a task that the explanation does not have."""
+    if explanation["plan"] is None:
+        return [f"There is no plan yet: {_waiting(explanation)}."]
+    own = explanation["tasks"][task]
+    return [
+        *_headline(explanation, task, own),
+        *_score(own),
+        *_preconditions(own),
+        *_weight(own),
+        *_graph(own, task),
+        *_division(explanation, task),
+        *_needs(own),
+        *_readings(explanation, own),
+    ]
+
+
+def _waiting(explanation: Mapping[str, Any]) -> str:
+    open_streams = [
+        n for n, s in explanation["streams"].items() if s["staleAfter"] and not s["counts"] and not s["silent"]
+    ]
+    if open_streams:
+        return f"it waits until each stream is heard or silent, and {', '.join(open_streams)} is neither"
+    return "nothing has happened that asks for one"
+
+
+def _headline(explanation: Mapping[str, Any], task: str, own: Mapping[str, Any]) -> Iterator[str]:
+    plan = explanation["plan"]
+    nodes = [name for name, node in explanation["nodes"].items() if task in node["tasks"]]
+    where = " and ".join(f"node {name}" for name in nodes)
+    what = f"{task} gets {_cpu(explanation, own['share'])}" if nodes else f"{task} has no container of its own"
+    suspended = ", the least there is: it is suspended" if own["suspended"] and nodes else ""
+    yield f"{what}{' on ' + where if where else ''}{suspended}."
+    yield f"Plan {plan['sequence']} is in force for {plan['age']:.3g} s, caused by {plan['cause']}."
+
+
+def _score(own: Mapping[str, Any]) -> Iterator[str]:
+    fresh = [activity for activity in own["activity"] if activity["value"] > 0]
+    for activity in fresh:
+        strongest = " (the strongest)" if len(fresh) > 1 and activity["value"] == own["score"] else ""
+        yield f"Activity {_named(activity)} is in force with score {activity['value']:g}{strongest}."
+    if fresh:
+        return
+    for activity in own["activity"]:
+        yield f"Activity {_named(activity)} is not in force."
+    if own["idle"] is not None:
+        yield f"Its score is its idle score, {own['idle']:g}."
+    else:
+        yield f"Its score is {own['score']:g}{'' if own['activity'] else ', as for every task without activity'}."
+
+
+def _named(activity: Mapping[str, Any]) -> str:
+    if activity["initiative"]:
+        return f"of initiative {activity['initiative']}"
+    streams = f" on {', '.join(activity['streams'])}" if activity["streams"] else ""
+    return f"`{activity['when']}`{streams}"
+
+
+def _preconditions(own: Mapping[str, Any]) -> Iterator[str]:
+    for requirement in own["requires"]:
+        state = "holds" if requirement["met"] else "does not hold, so it waits with weight 0"
+        yield f"Its pre-condition `{requirement['when']}` {state}."
+
+
+def _weight(own: Mapping[str, Any]) -> Iterator[str]:
+    product = own["priority"] * own["score"]
+    yield f"Priority {own['priority']:g} times score {own['score']:g} is {product:g}."
+    for effect in own["effects"]:
+        overruled = "" if effect["decides"] else ", but a later context decides"
+        yield f"Context {effect['context']} {effect['change']}{overruled}."
+    if own["weight"] != product:
+        because = "" if own["effects"] else f": {own['because']}"
+        yield f"So its weight is {own['weight']:.4g}{because}."
+
+
+def _graph(own: Mapping[str, Any], task: str) -> Iterator[str]:
+    if own["parent"]:
+        yield f"It is a subtask of {own['parent']}, whose weight is split over the subtasks that can run."
+    if own["subtasks"]:
+        kind = "compound: it needs all of" if own["satisfiedBy"] == "All" else "complex: it needs any of"
+        yield f"{task} is {kind} {', '.join(own['subtasks'])}; they have the share."
+
+
+def _division(explanation: Mapping[str, Any], task: str) -> Iterator[str]:
+    equation = "Eq. 1" if explanation["scheduler"] == "CFS" else "Eq. 2"
+    for name, node in explanation["nodes"].items():
+        row = node["tasks"].get(task)
+        if row is None:
+            continue
+        if not node["current"]:
+            yield _kept(name, node)
+            continue
+        capacity = _cpu(explanation, node["capacity"])
+        if row["weight"] > 0:
+            part = f"{capacity} * {row['weight']:.4g} / {node['weights']:.4g} = {row['proportional']:.4g}m"
+            yield f"{equation} on node {name}: {part}."
+        yield from _bounds(explanation, node, row, task)
+
+
+def _kept(name: str, node: Mapping[str, Any]) -> str:
+    if node["weights"] == 0:
+        return f"All weights on node {name} are 0, so it keeps its last plan."
+    return f"The plan in force on node {name} is an older one: the next waits until minDwell is over."
+
+
+def _bounds(
+    explanation: Mapping[str, Any], node: Mapping[str, Any], row: Mapping[str, Any], task: str
+) -> Iterator[str]:
+    if node["floorsExceed"]:
+        yield "The floors together exceed the node, so all are scaled down."
+    elif row["bound"] and row["weight"] > 0:
+        word = "raises it to" if row["bound"] == "floor" else "holds it at"
+        yield f"Its {row['bound']} {word} {_cpu(explanation, row['share'])}."
+    elif row["weight"] > 0 and abs(row["share"] - row["proportional"]) >= node["step"]:
+        held = ", ".join(_held(explanation, node, task))
+        yield f"{held}; the rest, divided by weight, gives it {_cpu(explanation, row['share'])}."
+    elif row["weight"] > 0 and row["share"] != row["proportional"]:
+        yield f"Shares move in steps of {node['step']}m, which makes it {_cpu(explanation, row['share'])}."
+
+
+def _held(explanation: Mapping[str, Any], node: Mapping[str, Any], task: str) -> Iterator[str]:
+    """The other tasks that a bound takes out of the division."""
+    for name, row in node["tasks"].items():
+        if name != task and (row["bound"] or row["weight"] == 0):
+            why = "suspended" if row["weight"] == 0 else f"at its {row['bound']}"
+            yield f"{name} has {_cpu(explanation, row['share'])} ({why})"
+
+
+def _needs(own: Mapping[str, Any]) -> Iterator[str]:
+    for need in own["needs"]:
+        verdict = "met" if need["met"] else "not asked for while suspended" if own["suspended"] else "not met"
+        yield f"It needs {_need(need)}: {verdict}."
+    yield from (f"Not feasible: it {message}." for message in own["shortfalls"] if not message.startswith("needs "))
+
+
+def _need(need: Mapping[str, Any]) -> str:
+    wanted, given = need["wanted"], need["given"]
+    match need["need"]:
+        case "cores":
+            return f"{wanted}m of CPU, it gets {given}m"
+        case "memory":
+            limit = "has no limit" if given is None else f"has a limit of {_mebibytes(given)}"
+            return f"{_mebibytes(wanted)} of memory, it {limit}"
+        case _:
+            return f"results within {wanted:g} s, it may stand still for {given:.3g} s"
+
+
+def _mebibytes(count: int) -> str:
+    return f"{count / 2**20:.4g}Mi"
+
+
+def _readings(explanation: Mapping[str, Any], own: Mapping[str, Any]) -> Iterator[str]:
+    """The samples behind it: of the streams that the task and the contexts that change it read."""
+    contexts = [explanation["contexts"][effect["context"]] for effect in own["effects"]]
+    readers = [*own["activity"], *own["requires"], *contexts]
+    for name in dict.fromkeys(stream for reader in readers for stream in reader["streams"]):
+        stream = explanation["streams"][name]
+        if stream["age"] is None:
+            yield f"Stream {name} ({stream['key']}) has not been heard."
+            continue
+        silent = ", silent for too long: it does not count" if stream["silent"] else ""
+        value = _shown({**(stream["value"] or {}), **stream["features"]})
+        yield f"Stream {name}: heard {stream['age']:.3g} s ago{silent}; last value {value}."
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
+
+
+def _cpu(explanation: Mapping[str, Any], millis: int) -> str:
+    return f"{millis}m" if explanation["scheduler"] == "CFS" else f"{millis} ms of each second"
