@@ -61,6 +61,9 @@ def dispatch(arguments: argparse.Namespace) -> int:
 
 
 def print_status() -> int:
+    if access.user_cluster():
+        sys.stdout.write(f"using the cluster of KUBECONFIG={access.user_cluster()}\n")
+        return 0
     states = node.status()
     sys.stdout.writelines(f"{name:<20} {state}\n" for name, state in states.items())
     return 0 if set(states.values()) == {"ready"} else 1

@@ -66,8 +66,7 @@ def down(*, keep_state: bool = False) -> None:
 
 def stop(name: str) -> None:
     """Stop one component and leave the rest alone: pods go on while their kubelet or containerd is away."""
-    component(name)
-    processes.stop(name)
+    processes.stop(component(name).name)
 
 
 def start(name: str) -> None:
@@ -79,6 +78,9 @@ def start(name: str) -> None:
 
 
 def component(name: str) -> components.Component:
+    """Find one of our node's components; those of the user's cluster are not ours to stop."""
+    if access.user_cluster():
+        raise ClusterError(f"the components of KUBECONFIG={access.user_cluster()} cannot be stopped or started here")
     found = [one for one in components.all_components() if one.name == name]
     if not found:
         raise ClusterError(f"no component is called {name!r}: it is one of {', '.join(components.names())}")

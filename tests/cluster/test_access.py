@@ -27,6 +27,12 @@ def test_commands_for_the_users_cluster_run_as_they_are():
     assert access.environment()["KUBECONFIG"] == "/home/user/config"
 
 
+@pytest.mark.usefixtures("user_cluster")
+def test_components_of_the_users_cluster_are_not_stopped():
+    with pytest.raises(ClusterError, match="cannot be stopped"):
+        node.stop("kubelet")
+
+
 def test_our_own_kubeconfig_is_not_a_users_cluster(monkeypatch):
     monkeypatch.setenv("KUBECONFIG", str(layout.KUBECONFIG))
     assert access.user_cluster() is None
@@ -46,7 +52,8 @@ def test_a_missing_node_is_said(monkeypatch, tmp_path):
         access.command(["true"])
 
 
-def test_an_unknown_component_is_refused_with_the_known_ones():
+def test_an_unknown_component_is_refused_with_the_known_ones(monkeypatch):
+    monkeypatch.delenv("KUBECONFIG", raising=False)
     with pytest.raises(ClusterError, match=r"'dns'.*one of etcd, apiserver"):
         node.component("dns")
 
