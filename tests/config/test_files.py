@@ -1,0 +1,40 @@
+"""The sample configuration can be read by the programs that it is for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.crds.schema import definition
+
+ROOT = Path(__file__).parents[2]
+GITOPS = sorted((ROOT / "config" / "gitops").rglob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", GITOPS, ids=lambda path: path.name)
+def test_every_gitops_document_is_an_object(path):
+    documents = list(yaml.safe_load_all(path.read_text(encoding="utf-8")))
+    assert documents
+    assert all({"apiVersion", "kind", "metadata"} <= document.keys() for document in documents)
+
+
+def test_argo_cd_knows_the_policys_health_by_its_right_name():
+    data = yaml.safe_load((ROOT / "config" / "gitops" / "argocd" / "argocd-cm.yaml").read_text(encoding="utf-8"))[
+        "data"
+    ]
+    spec = definition()["spec"]
+    assert f"resource.customizations.health.{spec['group']}_{spec['names']['kind']}" in data
+
+
+def test_gitops_points_at_the_chart_and_a_sample():
+    text = "".join(path.read_text(encoding="utf-8") for path in GITOPS)
+    assert text.count("charts/contextpolicy\n") == 2
+    assert (ROOT / "charts" / "contextpolicy").is_dir()
+    assert (ROOT / "config" / "policies" / "delivery-robot.yaml").exists()
+
+
+def test_k3s_is_told_nothing_that_stops_resizes():
+    config = yaml.safe_load((ROOT / "config" / "k3s" / "config.yaml").read_text(encoding="utf-8"))
+    assert [argument.partition("=")[0] for argument in config["kubelet-arg"]] == ["system-reserved"]
