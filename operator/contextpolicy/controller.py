@@ -10,8 +10,8 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-import reactivex
-from reactivex import Subject, operators
+from reactivex import Subject
+from reactivex.disposable import CompositeDisposable
 
 from contextpolicy.actuators.pod_resize import Order
 from contextpolicy.cluster.claims import Claim
@@ -69,7 +69,7 @@ class Controller:
         self.on_change: Callable[[], None] = lambda: None
         self.on_plan: Callable[[str, float], None] = lambda *_: None
         self._with = surroundings
-        self._placements: Subject[Input] = Subject()
+        self._inputs: Subject[Input] = Subject()
         self._subscription: DisposableBase | None = None
         self._pods: list[PodView] = []
         self._arrived = 0.0
@@ -81,14 +81,19 @@ class Controller:
         if self.policy.mode is Mode.PAUSED:
             self._with.actuator.apply(Order(self.policy.reference, frozenset()))
             return
+        planned = plans(
+            self.planner,
+            self._inputs,
+            self._with.scheduler,
+            self._with.initiatives,
+            before.planner if before else None,
+        )
         samples = zenoh_streams.inputs(
             self._with.session, self.policy.streams, self._with.scheduler, self._drop, self._note_arrival
         )
-        events: reactivex.Observable[Input] = reactivex.merge(self._placements, samples)
-        planned = plans(
-            self.planner, events, self._with.scheduler, self._with.initiatives, before.planner if before else None
+        self._subscription = CompositeDisposable(
+            planned.subscribe(self._on_plan), samples.subscribe(self._inputs.on_next)
         )
-        self._subscription = planned.pipe(operators.do_action(self._on_plan)).subscribe()
 
     def stop(self) -> None:
         """Stop listening; what was ordered stays in force."""
@@ -100,7 +105,7 @@ class Controller:
     def place(self, claim: Claim, pods: list[PodView]) -> None:
         """Take where the containers run."""
         self.claim, self._pods = claim, pods
-        self._placements.on_next(claim.placement)
+        self._inputs.on_next(claim.placement)
         if self.policy.mode is not Mode.PAUSED:
             self._order()
         self.on_change()

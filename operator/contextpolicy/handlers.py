@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from contextpolicy.settings import Settings
 
 PLURAL, GROUP = "contextpolicies", "contextpolicy.dev"
+registry = kopf.get_default_registry()
+"""Where the decorators below put the handlers."""
+
+RECONNECT = (0.1, 0.2, 0.5, *[1.0] * 60)
+"""Seconds between attempts to reach the API server: kopf's own pauses grow to 21 s, a robot reboots faster."""
 RESTORE_TIMEOUT = 20.0
 """Seconds to wait for a restore before kopf tries again; the finalizer keeps the object until it is done."""
 
@@ -29,7 +34,8 @@ async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     settings.persistence.progress_storage = kopf.AnnotationsProgressStorage(prefix=GROUP)
     settings.persistence.diffbase_storage = kopf.AnnotationsDiffBaseStorage(prefix=GROUP)
     settings.posting.enabled = False
-    settings.watching.server_timeout = 300
+    settings.scanning.disabled = True
+    settings.networking.error_backoffs = RECONNECT
     own: Settings = memo.settings
     session = await asyncio.to_thread(open_client, own.connect)
     memo.runtime = Runtime(Api(), session, Loop())

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import kopf
 import prometheus_client
 
+from contextpolicy import handlers
+
 if TYPE_CHECKING:
     from contextpolicy.settings import Settings
 
@@ -22,7 +24,7 @@ def run(settings: Settings) -> None:
     )
     prometheus_client.start_http_server(settings.metrics_port)
     kopf.run(
-        registry=kopf.get_default_registry(),
+        registry=handlers.registry,
         standalone=True,
         clusterwide=not settings.namespaces,
         namespaces=settings.namespaces,

@@ -181,11 +181,12 @@ def _check_keys(value: dict[object, object]) -> None:
             raise DecodeError(f"has the key {_short(key)}, allowed: text")
 
 
-def _timestamp(fields: dict[str, Any], path: tuple[str, ...]) -> float:
+def _timestamp(fields: dict[str, Any], path: tuple[str, ...]) -> float | None:
+    """The sender's timestamp where it gives one: not every sample must have the field."""
     value: Any = fields
-    for depth, name in enumerate(path):
+    for name in path:
         if not isinstance(value, dict) or name not in value:
-            raise DecodeError(f"has no field {'.'.join(path[: depth + 1])} to take the timestamp from")
+            return None
         value = value[name]
     return seconds(value)
 

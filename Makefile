@@ -1,0 +1,69 @@
+# One verb, one line. `make help` explains them all.
+SHELL := /bin/bash
+PYTHON := .venv/bin/python
+CLUSTER := $(PYTHON) -m tests.cluster
+POLICY ?= config/policies/delivery-robot.yaml
+TIMELINE ?= timelines/demo.json
+CORES ?= 2
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint unit e2e simulate bench bench-reaction cluster cluster-down images recordings crds format clean
+
+help:  ## show this help
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: .venv/ready  ## install the Python packages into .venv
+
+.venv/ready: pyproject.toml
+	python3 -m venv .venv
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $@
+
+demo: images recordings  ## show the main job on a real node: a timeline of sensor input moves CPU between pods
+	$(CLUSTER) exec -- $(PYTHON) -m timelines.demo
+
+test: lint unit e2e  ## run everything: lint, unit tests, end-to-end tests on a real node
+
+lint: setup  ## check style and types
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/mypy
+
+unit: setup recordings cluster  ## run the tests that need no cluster (helm comes with the node)
+	$(CLUSTER) exec -- $(PYTHON) -m pytest -q --ignore tests/e2e
+
+e2e: images  ## run the tests that need a real node
+	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e
+
+simulate: setup  ## without root or cluster: what would POLICY decide on TIMELINE
+	$(PYTHON) -m contextpolicy simulate $(POLICY) $(TIMELINE) --cores $(CORES)
+
+bench: setup  ## measure the decision engine: samples per second, sample to plan, memory
+	$(PYTHON) -m tests.bench.engine
+
+bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives
+	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction
+
+cluster: setup  ## start a one-node Kubernetes (nothing to do when KUBECONFIG names one)
+	$(CLUSTER) up
+
+cluster-down:  ## stop the one-node Kubernetes and leave nothing behind
+	$(CLUSTER) down
+
+images: cluster  ## build the images and import them into the node
+	$(CLUSTER) image contextpolicy operator/Dockerfile .
+	$(CLUSTER) image contextpolicy-slam modules/slam/Dockerfile .
+	$(CLUSTER) image contextpolicy-speech modules/speech/Dockerfile .
+
+recordings: setup  ## make the demo's recordings: a rendered EuRoC sequence and synthesised speech
+	$(PYTHON) -m timelines.datasets
+
+crds: setup  ## copy the canonical CRD into the chart
+	cp crds/contextpolicies.contextpolicy.dev.yaml charts/contextpolicy/files/
+
+format: setup  ## format the code
+	.venv/bin/ruff format .
+	.venv/bin/ruff check --fix .
+
+clean:  ## remove what was built here (cached binaries stay)
+	rm -rf build .venv .mypy_cache .pytest_cache .ruff_cache
