@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from reactivex.scheduler import HistoricalScheduler
 from contextpolicy.planning.observable import plans
 from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
-from contextpolicy.simulation.samples import Skipped, samples
+from contextpolicy.simulation.samples import EPOCH, Skipped, samples
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -26,12 +26,10 @@ if TYPE_CHECKING:
     from contextpolicy.planning.policy import Policy
     from contextpolicy.streams.timeline import Timeline
 
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-
 
 @dataclass(slots=True)
 class Simulation:
-    """What a run left behind. Times of plans are seconds from the start of the timeline."""
+    """What a run left behind. Plans have times from the start of the timeline, the planner has Unix times."""
 
     planner: Planner
     until: float
@@ -47,17 +45,15 @@ def simulate(
     until: float | None = None,
     initiatives: Mapping[str, Instantiate] | None = None,
 ) -> Simulation:
-    """Run the timeline to its end, or up to and including `until` seconds.
-
-    The virtual clock begins at the Unix epoch. Timelines have no dates, so a forced context holds throughout.
-    """
+    """Run the timeline to its end, or up to and including `until` seconds. A forced context holds throughout."""
     run = Simulation(Planner(policy), timeline.duration if until is None else until)
-    scheduler = HistoricalScheduler(EPOCH)
+    begin = datetime.fromtimestamp(EPOCH, UTC)
+    scheduler = HistoricalScheduler(begin)
     placement = on_one_node(tuple(task.name for task in policy.leaves), cores)
     timed = _inputs(scheduler, placement, samples(policy, timeline.inputs(), run.skipped, run.planner.drops))
     plans(run.planner, timed, scheduler, initiatives).subscribe(run.plans.append)
-    scheduler.advance_to(EPOCH + timedelta(seconds=run.until))
-    run.plans = [plan for plan in run.plans if plan.nodes]
+    scheduler.advance_to(begin + timedelta(seconds=run.until))
+    run.plans = [replace(plan, time=round(plan.time - EPOCH, 6)) for plan in run.plans]
     return run
 
 
@@ -71,7 +67,7 @@ def _inputs(scheduler: SchedulerBase, first: Input, later: Iterator[tuple[float,
             following = next(later, None)
             if following is not None:
                 at, event = following
-                waiting.disposable = scheduler.schedule_absolute(scheduler.to_datetime(at), act, event)
+                waiting.disposable = scheduler.schedule_absolute(scheduler.to_datetime(EPOCH + at), act, event)
 
         def act(_: SchedulerBase, event: Any = None) -> None:
             observer.on_next(event)

@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     from contextpolicy.streams.timeline import TimedInput
 
 
+EPOCH = 946_684_800
+"""When timelines begin in virtual time, in Unix seconds: 2000-01-01. Fixed, so that a run can be repeated; early, so
+that a context forced by hand until some day of the policy's life is in force."""
+EPOCH_NS = EPOCH * 10**9
+
+
 @dataclass(frozen=True, slots=True)
 class Skipped:
     """Keys of inputs that no stream can read: because no stream selects them, or because they have no value."""
@@ -41,12 +47,17 @@ def samples(
         elif timed.value is None:
             skipped.without_value.add(timed.key)
         else:
-            payload = json.dumps(timed.value).encode()
+            payload = json.dumps(_stamped(timed.value, timed.at)).encode()
             for stream, decoder in readers[timed.key]:
                 try:
                     yield timed.at, decoder.decode(payload)
                 except DecodeError:
-                    drops[stream.name, "decode"] += 1
+                    drops[stream.name, "undecodable"] += 1
+
+
+def _stamped(value: object, at: float) -> object:
+    """As the player publishes it: an object that has no `stamp` gets that of the moment."""
+    return {"stamp": EPOCH_NS + round(at * 1e9), **value} if isinstance(value, dict) else value
 
 
 def _decoder(stream: Stream) -> Decoder:

@@ -1,0 +1,90 @@
+"""Plans against expectations, in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from contextpolicy.planning.plan import Plan
+    from contextpolicy.simulation.expectations import Expectation, Range
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One thing that is not as expected; `plan` is the plan in force then, None before the first one."""
+
+    expectation: Expectation
+    message: str
+    plan: Plan | None
+
+    def __str__(self) -> str:
+        """Two lines: what differs, and the plan that it is about."""
+        own = self.expectation
+        when = f"at {own.start:g} s" if own.start == own.end else f"from {own.start:g} s to {own.end:g} s"
+        if self.plan is None:
+            return f"line {own.line}, {when}: {self.message}"
+        return (
+            f"line {own.line}, {when}: {self.message}\n"
+            f"    plan {self.plan.sequence} of {self.plan.time:.3f} s, because of {self.plan.cause}"
+        )
+
+
+def differences(plans: Sequence[Plan], expectations: Sequence[Expectation]) -> Iterator[Difference]:
+    """Everything that is not as expected, in the order of the expectations."""
+    for expectation in expectations:
+        begun = [plan for plan in plans if expectation.start <= plan.time <= expectation.end]
+        if expectation.plans is not None and len(begun) not in expectation.plans:
+            message = f"expected {_words(expectation.plans)} plans, {len(begun)} began"
+            yield Difference(expectation, message, begun[-1] if begun else None)
+        in_force = _in_force(plans, expectation)
+        if not in_force:
+            yield Difference(expectation, "there is no plan yet", None)
+        for plan in in_force:
+            yield from (Difference(expectation, message, plan) for message in _messages(plan, expectation))
+
+
+def _in_force(plans: Sequence[Plan], expectation: Expectation) -> list[Plan]:
+    """The plan that holds at the start and each that follows until the end; of one instant's plans the last counts."""
+    before = [plan for plan in plans if plan.time <= expectation.start]
+    later = [plan for plan in plans if expectation.start < plan.time <= expectation.end]
+    settled = [plan for plan, following in pairwise(later) if plan.time != following.time] + later[-1:]
+    return before[-1:] + settled
+
+
+def _messages(plan: Plan, expected: Expectation) -> Iterator[str]:
+    contexts, suspended = set(plan.contexts), {name for name, task in plan.tasks.items() if task.suspended}
+    if expected.contexts is not None and contexts != expected.contexts:
+        yield f"contexts: expected {_names(expected.contexts)}, but {_names(contexts)}"
+    if expected.suspended is not None and suspended != expected.suspended:
+        yield f"suspended: expected {_names(expected.suspended)}, but {_names(suspended)}"
+    if expected.feasible is not None and expected.feasible is bool(plan.shortfalls):
+        told = "; ".join(f"{s.task} {s.message}".strip() for s in plan.shortfalls) or "nothing falls short"
+        yield f"feasible: expected {str(expected.feasible).lower()}, but {told}"
+    shares = {name: float(task.share) for name, task in plan.tasks.items()}
+    yield from _outside("share", shares, expected.shares or {}, lambda value: f"{value:g}m")
+    weights = {name: task.weight for name, task in plan.tasks.items()}
+    yield from _outside("weight", weights, expected.weights or {}, lambda value: f"{value:g}")
+
+
+def _outside(
+    what: str, actual: Mapping[str, float], expected: Mapping[str, Range], show: Callable[[float], str]
+) -> Iterator[str]:
+    for task, allowed in expected.items():
+        if actual[task] not in allowed:
+            yield f"{what} of {task}: expected {_words(allowed, show)}, but {show(actual[task])}"
+
+
+def _words(allowed: Range, show: Callable[[float], str] = lambda value: f"{value:g}") -> str:
+    if allowed.low == allowed.high:
+        return show(allowed.low)
+    if allowed.high == float("inf"):
+        return f"at least {show(allowed.low)}"
+    return f"at most {show(allowed.high)}" if not allowed.low else f"{show(allowed.low)} to {show(allowed.high)}"
+
+
+def _names(names: set[str] | frozenset[str]) -> str:
+    return ", ".join(sorted(names)) or "none"

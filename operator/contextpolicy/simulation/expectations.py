@@ -1,0 +1,170 @@
+"""Expected plans as a file, so that a repository of policies can test them in its own CI.
+
+A list of expectations, or an object with the list under `expect`. Each says when (`at: 12.0`, or `from: 13, to: 20` for
+throughout) and what:
+
+  contexts: [moving]                      exactly these contexts, in any order
+  suspended: [speech]                     exactly these tasks
+  shares: {speech: 10m, slam: {min: 1500m, max: "2"}}
+  weights: {slam: 10, speech: {max: 1}}
+  feasible: true                          nothing that the plan cannot meet
+  plans: {max: 5}                         number of plans that began in the interval (only with from and to)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.errors import Finding, FindingsError
+from contextpolicy.planning.quantities import CPU_ALLOWED, parse_cpu
+from contextpolicy.validation.documents import DocumentError, read
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from contextpolicy.planning.policy import Policy
+
+FIELDS = ("at", "from", "to", "contexts", "suspended", "shares", "weights", "feasible", "plans")
+
+
+class ExpectationError(FindingsError):
+    """A file of expectations that breaks rules."""
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """What a number may be."""
+
+    low: float
+    high: float
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """What must hold from `start` to `end`, both included; None means not asked."""
+
+    line: int
+    start: float
+    end: float
+    contexts: frozenset[str] | None = None
+    suspended: frozenset[str] | None = None
+    feasible: bool | None = None
+    shares: Mapping[str, Range] | None = None
+    weights: Mapping[str, Range] | None = None
+    plans: Range | None = None
+
+
+def parse(text: str, policy: Policy, *, subject: str) -> list[Expectation]:
+    """Read a file; ExpectationError carries everything that is wrong with it."""
+    try:
+        documents = list(read(text))
+    except DocumentError as error:
+        finding = Finding(f"line {error.position.line}", None, str(error))
+        raise ExpectationError(subject, (finding,)) from error
+    findings: list[Finding] = []
+    body = documents[0].body if documents else None
+    path = "expect" if isinstance(body, dict) else ""
+    items = body.get("expect") if isinstance(body, dict) else body
+    if not isinstance(items, list) or not items:
+        raise ExpectationError(subject, (Finding(path or "file", items, "a list of expectations"),))
+    reader = _Reader(policy, findings)
+    expectations = [
+        reader.expectation(f"{path}[{index}]", item, documents[0].position(f"{path}[{index}]").line)
+        for index, item in enumerate(items)
+    ]
+    if findings:
+        raise ExpectationError(subject, tuple(findings))
+    return expectations
+
+
+class _Reader:
+    """One file's entries; findings are collected so that all are told at once."""
+
+    def __init__(self, policy: Policy, findings: list[Finding]) -> None:
+        self._findings = findings
+        self._tasks = [task.name for task in policy.tasks]
+        self._contexts = [context.name for context in policy.contexts]
+
+    def expectation(self, path: str, raw: Any, line: int) -> Expectation:
+        if not isinstance(raw, dict):
+            self._refuse(path, raw, "an object")
+            return Expectation(line, 0.0, 0.0)
+        for name in raw.keys() - set(FIELDS):
+            self._refuse(f"{path}.{name}", raw[name], "one of " + ", ".join(FIELDS))
+        start, end = self._interval(path, raw)
+        return Expectation(
+            line=line,
+            start=start,
+            end=end,
+            contexts=self._names(f"{path}.contexts", raw.get("contexts"), self._contexts),
+            suspended=self._names(f"{path}.suspended", raw.get("suspended"), self._tasks),
+            feasible=self._flag(f"{path}.feasible", raw.get("feasible")),
+            shares=self._ranges(f"{path}.shares", raw.get("shares"), parse_cpu, CPU_ALLOWED),
+            weights=self._ranges(f"{path}.weights", raw.get("weights"), _number, "a number"),
+            plans=self._range(f"{path}.plans", raw["plans"], _number, "a number") if "plans" in raw else None,
+        )
+
+    def _interval(self, path: str, raw: dict[str, Any]) -> tuple[float, float]:
+        given = {name: raw[name] for name in ("at", "from", "to") if name in raw}
+        if set(given) not in ({"at"}, {"from", "to"}) or not all(_is_time(time) for time in given.values()):
+            self._refuse(path, given, "at, or from and to, in seconds")
+            return 0.0, 0.0
+        start, end = (given["at"], given["at"]) if "at" in given else (given["from"], given["to"])
+        if start > end:
+            self._refuse(f"{path}.to", end, f"at least from, {start:g}")
+        return float(start), float(end)
+
+    def _names(self, path: str, raw: Any, known: Sequence[str]) -> frozenset[str] | None:
+        if raw is None:
+            return None
+        if not isinstance(raw, list):
+            self._refuse(path, raw, "a list of names")
+            return None
+        for name in raw:
+            if name not in known:
+                self._refuse(path, name, "one of " + ", ".join(known))
+        return frozenset(map(str, raw))
+
+    def _flag(self, path: str, raw: Any) -> bool | None:
+        if raw is not None and not isinstance(raw, bool):
+            self._refuse(path, raw, "true or false")
+        return raw if isinstance(raw, bool) else None
+
+    def _ranges(self, path: str, raw: Any, number: Callable[[object], float], allowed: str) -> dict[str, Range] | None:
+        if raw is None:
+            return None
+        if not isinstance(raw, dict):
+            self._refuse(path, raw, "a map of tasks")
+            return None
+        self._names(path, list(raw), self._tasks)
+        return {str(task): self._range(f"{path}.{task}", value, number, allowed) for task, value in raw.items()}
+
+    def _range(self, path: str, raw: Any, number: Callable[[object], float], allowed: str) -> Range:
+        """A number, exactly, or a least and a most."""
+        bounds = raw if isinstance(raw, dict) else {"min": raw, "max": raw}
+        if not bounds or bounds.keys() - {"min", "max"}:
+            self._refuse(path, raw, f"{allowed}, or min and max")
+            return Range(0, 0)
+        try:
+            return Range(number(bounds.get("min", 0)), number(bounds["max"]) if "max" in bounds else math.inf)
+        except ValueError:
+            self._refuse(path, raw, allowed)
+            return Range(0, 0)
+
+    def _refuse(self, path: str, value: object, allowed: str) -> None:
+        self._findings.append(Finding(path, value, allowed))
+
+
+def _is_time(raw: object) -> bool:
+    return isinstance(raw, int | float) and not isinstance(raw, bool) and 0 <= raw < math.inf
+
+
+def _number(raw: object) -> float:
+    if _is_time(raw):
+        return float(str(raw))
+    raise ValueError(f"{raw!r} is no number")

@@ -1,0 +1,83 @@
+"""Plans as text: a table for people, JSON with the decision bus's names, CSV with a row per plan and task."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from contextpolicy.planning.plan import Plan
+
+CSV_COLUMNS = ("time", "sequence", "cause", "contexts", "task", "score", "weight", "share", "suspended")
+
+
+def table(plans: Sequence[Plan]) -> str:
+    """Time, contexts, share and weight of each task, and the cause."""
+    tasks = list(plans[0].tasks) if plans else []
+    header = ["TIME", "CONTEXTS", *(f"{name.upper()} (WEIGHT)" for name in tasks), "CAUSE"]
+    rows = [header, *(_row(plan, tasks) for plan in plans)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(header) - 1)]
+    return "\n".join(
+        "  ".join([row[0].rjust(widths[0]), *(c.ljust(w) for c, w in zip(row[1:-1], widths[1:], strict=True)), row[-1]])
+        for row in rows
+    )
+
+
+def _row(plan: Plan, tasks: Sequence[str]) -> list[str]:
+    """A task without a container of its own has a weight but no share."""
+    leaves = {name for node in plan.nodes.values() for name in node.shares}
+    cells = [
+        f"{plan.tasks[name].share}m ({plan.tasks[name].weight:.4g})"
+        if name in leaves
+        else f"({plan.tasks[name].weight:.4g})"
+        for name in tasks
+    ]
+    return [f"{plan.time:.3f}", ", ".join(plan.contexts) or "-", *cells, plan.cause]
+
+
+def as_json(plans: Sequence[Plan], **about: Any) -> str:
+    """One document; `about` stands in front of the plans. Shares are cores, as on the decision bus."""
+    return json.dumps(about | {"plans": [_message(plan) for plan in plans]}, indent=2)
+
+
+def _message(plan: Plan) -> dict[str, Any]:
+    return {
+        "sequence": plan.sequence,
+        "time": plan.time,
+        "cause": plan.cause,
+        "contexts": list(plan.contexts),
+        "tasks": {
+            name: {
+                "score": task.score,
+                "weight": task.weight,
+                "share": task.share / 1000,
+                "suspended": task.suspended,
+                "because": task.because,
+            }
+            for name, task in plan.tasks.items()
+        },
+        "nodes": {
+            name: {
+                "capacity": node.capacity / 1000,
+                "tasks": {task: share / 1000 for task, share in node.shares.items()},
+            }
+            for name, node in plan.nodes.items()
+        },
+        "shortfalls": [{"task": shortfall.task, "message": shortfall.message} for shortfall in plan.shortfalls],
+    }
+
+
+def as_csv(plans: Sequence[Plan]) -> str:
+    """A row per plan and task; several contexts are joined by `;`."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(CSV_COLUMNS)
+    for plan in plans:
+        for name, task in plan.tasks.items():
+            own = (name, task.score, task.weight, task.share / 1000, task.suspended)
+            writer.writerow((plan.time, plan.sequence, plan.cause, ";".join(plan.contexts), *own))
+    return text.getvalue().rstrip("\n")
