@@ -72,7 +72,7 @@ class Controller:
         self._inputs: Subject[Input] = Subject()
         self._subscription: DisposableBase | None = None
         self._pods: list[PodView] = []
-        self._arrived = 0.0
+        self._arrived: float | None = None
         self._bus: Bus | None = None
 
     def start(self, before: Controller | None = None) -> None:
@@ -110,11 +110,20 @@ class Controller:
             self._order()
         self.on_change()
 
+    def tell(self, stage: str, container: str, cores: float) -> None:
+        """Tell the bus that a container's new limit reached a stage: `accepted` by the API, `inForce` on the node."""
+        if self._bus is not None and self.planner.last is not None:
+            step = {"stage": stage, "container": container, "cores": cores, "time": self._now()}
+            self._bus.publish_applied({"run": self.run, "sequence": self.planner.last.sequence, **step})
+
     def _on_plan(self, plan: Plan) -> None:
-        self.on_plan(self.policy.reference, self._arrived)
-        self._order()
+        """The bus first: an agent on the node is faster than any patch."""
         if self._bus is not None:
-            self._bus.publish(message(self.policy, self.run, plan, self.claim.placement.containers, self._pods))
+            trigger = plan.time if self._arrived is None else self._now() - (time.monotonic() - self._arrived)
+            content = message(self.policy, self.run, plan, self.claim.placement.containers, self._pods)
+            self._bus.publish({**content, "trigger": trigger})
+        self.on_plan(self.policy.reference, time.monotonic() if self._arrived is None else self._arrived)
+        self._order()
         self._measure(plan)
         self.on_change()
 
@@ -153,8 +162,11 @@ class Controller:
         if self.planner.drops[stream, reason] == 1:
             self.on_change()
 
-    def _note_arrival(self, at: float) -> None:
+    def _note_arrival(self, at: float | None) -> None:
         self._arrived = at
 
     def _explain(self) -> dict[str, Any]:
-        return explain(self.planner, self._with.scheduler.to_seconds(self._with.scheduler.now))
+        return explain(self.planner, self._now())
+
+    def _now(self) -> float:
+        return self._with.scheduler.to_seconds(self._with.scheduler.now)

@@ -67,7 +67,7 @@ class Runtime:
         self._session, self._loop, self._api = session, loop, api
         self._workers = ThreadPoolExecutor(PATCH_WORKERS, thread_name_prefix="patch")
         self._clerk = Clerk(api, loop)
-        self._watch = ResizeWatch(self._on_problem)
+        self._watch = ResizeWatch(self._on_problem, self._on_stage)
         self._resizer = PodResizer(api, loop, self._workers, self._watch)
         self._dry_run = DryRun()
         self._policies: dict[str, _Entry] = {}
@@ -225,6 +225,11 @@ class Runtime:
         self._tell(policy, reason, message)
         if policy in self._policies:
             self._report(policy)
+
+    def _on_stage(self, policy: str, stage: str, container: str, cores: float) -> None:
+        entry = self._policies.get(policy)
+        if entry is not None and entry.controller is not None:
+            entry.controller.tell(stage, container, cores)
 
     def _tell(self, reference: str, reason: str, message: str) -> None:
         entry = self._policies.get(reference)

@@ -32,12 +32,12 @@ def inputs(
     streams: Sequence[Stream],
     scheduler: SchedulerBase,
     on_drop: Callable[[str, str], None],
-    on_arrival: Callable[[float], None],
+    on_arrival: Callable[[float | None], None],
 ) -> Observable[Input]:
     """Samples and lost liveliness of all streams, on the scheduler's thread.
 
     A payload that can't be decoded goes to `on_drop(stream, reason)` and never ends the stream. `on_arrival` is told
-    the monotonic time at which Zenoh delivered a sample, just before the sample itself.
+    the monotonic time at which Zenoh delivered a sample just before the sample itself, and None just after it.
     """
 
     def subscribe(observer: ObserverBase[Input], _: SchedulerBase | None = None) -> DisposableBase:
@@ -74,7 +74,7 @@ class _Inbox:
         observer: ObserverBase[Input],
         scheduler: SchedulerBase,
         on_drop: Callable[[str, str], None],
-        on_arrival: Callable[[float], None],
+        on_arrival: Callable[[float | None], None],
     ) -> None:
         self._observer, self._scheduler = observer, scheduler
         self._on_drop, self._on_arrival = on_drop, on_arrival
@@ -125,3 +125,4 @@ class _Inbox:
             return
         self._on_arrival(arrived)
         self._observer.on_next(sample)
+        self._on_arrival(None)

@@ -25,6 +25,11 @@ def plan_key(namespace: str, name: str) -> str:
     return f"contextpolicy/{namespace}/{name}/plan"
 
 
+def applied_key(namespace: str, name: str) -> str:
+    """The key that tells which limits the API accepted and the node put in force."""
+    return f"contextpolicy/{namespace}/{name}/applied"
+
+
 def explain_key(namespace: str, name: str) -> str:
     """The key that answers a query with the explanation of the plan in force."""
     return f"contextpolicy/{namespace}/{name}/explain"
@@ -99,6 +104,9 @@ class Bus:
         self._publisher = session.declare_publisher(
             key, express=True, congestion_control=zenoh.CongestionControl.DROP, priority=zenoh.Priority.REAL_TIME
         )
+        self._applied = session.declare_publisher(
+            applied_key(policy.namespace, policy.name), congestion_control=zenoh.CongestionControl.DROP
+        )
         self._queryables = [
             session.declare_queryable(key, self._answer(lambda: self._last)),
             session.declare_queryable(
@@ -111,10 +119,15 @@ class Bus:
         self._last = json.dumps(plan).encode()
         self._publisher.put(self._last, encoding=zenoh.Encoding.APPLICATION_JSON)
 
+    def publish_applied(self, step: dict[str, Any]) -> None:
+        """Tell that a container's limit reached the next stage."""
+        self._applied.put(json.dumps(step), encoding=zenoh.Encoding.APPLICATION_JSON)
+
     def close(self) -> None:
         """Leave the bus."""
         for queryable in self._queryables:
             queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._applied.undeclare()  # type: ignore[no-untyped-call]
         self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
     def _answer(self, content: Callable[[], bytes]) -> Callable[[zenoh.Query], None]:

@@ -15,10 +15,16 @@ if TYPE_CHECKING:
 
 
 class ResizeWatch:
-    """Hears of every patch; `on_problem(policy, reason, message)` is called once per new problem and when one ends."""
+    """Hears of every patch.
 
-    def __init__(self, on_problem: Callable[[str, str, str], None]) -> None:
-        self._on_problem = on_problem
+    `on_problem(policy, reason, message)` is called once per new problem and when one ends, `on_stage(policy, stage,
+    container, cores)` when the API accepted a limit (`accepted`) and when the node has it (`inForce`).
+    """
+
+    def __init__(
+        self, on_problem: Callable[[str, str, str], None], on_stage: Callable[[str, str, str, float], None]
+    ) -> None:
+        self._on_problem, self._on_stage = on_problem, on_stage
         self._arrived: dict[str, float] = {}
         self._failed: dict[str, dict[str, str]] = {}
         self._pending: dict[str, str] = {}
@@ -29,14 +35,16 @@ class ResizeWatch:
         self._arrived[policy] = arrived
         self._observe(policy, "plan")
 
-    def on_accepted(self, policy: str, container: str, cpu: Cpu) -> None:  # noqa: ARG002 - the observer's signature
+    def on_accepted(self, policy: str, container: str, cpu: Cpu) -> None:
         """The API has the new resources."""
+        self._on_stage(policy, "accepted", container, (cpu.limit or 0) / 1000)
         self._pods.setdefault(policy, set()).add(container.rsplit("/", 1)[0])
         metrics.RESIZES.labels(policy, "accepted").inc()
         self._observe(policy, "patch")
 
-    def on_in_force(self, policy: str, container: str, limit: int) -> None:  # noqa: ARG002 - the observer's signature
+    def on_in_force(self, policy: str, container: str, limit: int) -> None:
         """The kubelet reports the limit that the plan wants."""
+        self._on_stage(policy, "inForce", container, limit / 1000)
         self._observe(policy, "status")
 
     def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
