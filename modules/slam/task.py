@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from modules.slam.geometry import Image
     from modules.slam.odometry import Odometry
 
-FEWEST_FEATURES, MOST_FEATURES = 300, 1000
+FEWEST_FEATURES, MOST_FEATURES = 300, 800
 
 
 class Slam:

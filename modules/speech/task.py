@@ -26,9 +26,10 @@ class Speech:
         samples = received.payload
         if len(samples) % BYTES_PER_SAMPLE:
             raise MessageError(f"{len(samples)} bytes are not 16 bit samples")
-        if self._end is not None and received.stamp - self._end > MAX_GAP_NS:
+        length = len(samples) // BYTES_PER_SAMPLE * 1_000_000_000 // RATE
+        if self._end is not None and received.stamp - length - self._end > MAX_GAP_NS:
             self._spotter.restart()
-        self._end = received.stamp + len(samples) // BYTES_PER_SAMPLE * 1_000_000_000 // RATE
+        self._end = received.stamp  # a microphone delivers a chunk when it is full
         hit = self._spotter.feed(samples)
         if hit is None:
             return None

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+from contextlib import ExitStack
+
 import pytest
 
 from modules.robotkit.inputs import Input, stamp_attachment
-from tests.modules.robotkit.bus import Matching, client, router, soon
+from tests.modules.robotkit.bus import Matching, client, free_port, router, soon
 
 
 @pytest.fixture(scope="module")
@@ -65,3 +67,23 @@ def test_closing_wakes_the_task(sensor_and_input):
     _, _, source = sensor_and_input
     source.close()
     assert soon(source.take) is None
+
+
+def test_an_input_survives_the_routers_restart():
+    port = free_port()
+    address = f"tcp/127.0.0.1:{port}"
+    with ExitStack() as first, ExitStack() as sessions:
+        first.enter_context(router(port))
+        sensor, module = (sessions.enter_context(client(address)) for _ in range(2))
+        publisher = sensor.declare_publisher("test/restart")
+        matching = Matching(publisher)
+        source = Input(module, "test/restart")
+        source.resume()
+        matching.wait(expected=True)
+        first.close()
+        matching.wait(expected=False)
+        with router(port):
+            matching.wait(expected=True)
+            publisher.put(b"back")
+            assert soon(source.take).payload == b"back"
+        source.close()

@@ -61,7 +61,7 @@ def test_a_black_picture_keeps_the_last_pose():
 
 @pytest.mark.parametrize(
     ("decision", "features"),
-    [(UNPLANNED, 1000), (Decision(2.0), 1000), (Decision(0.5), 500), (Decision(0.01), 300)],
+    [(UNPLANNED, 800), (Decision(2.0), 800), (Decision(0.5), 400), (Decision(0.01), 300)],
 )
 def test_the_work_follows_the_share(decision, features):
     odometry = Odometry(Rectifier(load_rig(euroc.RIG)))

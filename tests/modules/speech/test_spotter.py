@@ -51,7 +51,7 @@ def test_most_commands_are_heard_at_their_time_and_none_is_invented(script, chun
 def test_a_keyword_is_reported_with_its_wall_clock_time(script, chunks):
     start = 1_700_000_000_000_000_000
     process = Speech(Spotter()).process
-    results = [process(Received(chunk, start + i * CHUNK_NS, 0)) for i, chunk in enumerate(chunks[:20])]
+    results = [process(Received(chunk, start + (i + 1) * CHUNK_NS, 0)) for i, chunk in enumerate(chunks[:20])]
     (heard,) = [result for result in results if result is not None]
     assert heard["keyword"] == "forward"
     assert 0 <= heard["at"] - start / 1e9 - script.utterances[0].at < 1
