@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
-from contextpolicy.errors import ExpressionError
-from contextpolicy.planning.expressions import Expression
+from contextpolicy.planning import expressions
 
 if TYPE_CHECKING:
     from contextpolicy.planning.expressions import Scope
@@ -14,14 +13,11 @@ if TYPE_CHECKING:
     from contextpolicy.planning.timers import Timers
 
 
-class Listener(Protocol):
+class Listener(expressions.Listener, Protocol):
     """What a context tells the planner."""
 
     def on_context(self, context: ContextState, now: float) -> None:
         """The context began or ceased to hold."""
-
-    def on_expression_error(self, error: ExpressionError) -> None:
-        """The condition has no value on this sample."""
 
 
 class ContextState:
@@ -37,8 +33,8 @@ class ContextState:
         self.spec = spec
         self.holds = False
         self.insisted: set[str] = set()
-        self._scope, self._timers, self._listener = scope, timers, listener
-        self._when = Expression(spec.when) if spec.when else None
+        self._timers, self._listener = timers, listener
+        self._when = expressions.Guarded(scope.compile(spec.when), scope, listener) if spec.when else None
         self.streams = tuple(streams[name] for name in sorted(self._when.variables)) if self._when else ()
         self._turning = False
 
@@ -105,8 +101,4 @@ class ContextState:
             self._listener.on_context(self, now)
 
     def _truth(self) -> bool:
-        try:
-            return self._when is not None and self._when.truth(self._scope)
-        except ExpressionError as error:
-            self._listener.on_expression_error(error)
-            return False
+        return self._when is not None and self._when.truth()

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
-from contextpolicy.planning.expressions import Expression
 from contextpolicy.planning.policy import FeatureOp
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from contextpolicy.planning.expressions import Scope
     from contextpolicy.planning.policy import Feature
 
@@ -19,28 +20,87 @@ MAX_SAMPLES = 10_000
 class Window:
     """One feature's samples of the last `over` seconds, the newest included, the one exactly `over` old not."""
 
-    def __init__(self, feature: Feature) -> None:
+    def __init__(self, feature: Feature, scope: Scope) -> None:
         self.feature = feature
-        self._of = Expression(feature.of) if feature.of else None
-        self._samples: deque[tuple[float, float]] = deque(maxlen=MAX_SAMPLES)
+        self._of = scope.compile(feature.of) if feature.of else None
+        self._times: deque[float] = deque()
+        self._numbers = _Queue(_OPERATIONS[feature.op])
 
-    def add(self, scope: Scope, now: float) -> None:
-        """Take the sample that `scope` holds; ExpressionError when `of` has no number on it."""
-        self._samples.append((now, self._of.number(scope) if self._of else 1.0))
+    def read(self, scope: Scope) -> float:
+        """What the sample that `scope` holds adds; ExpressionError when `of` has no number on it."""
+        return self._of.number(scope) if self._of else 1.0
+
+    def add(self, number: float, now: float) -> None:
+        """Take the newest sample's number."""
+        if len(self._times) == MAX_SAMPLES:
+            self._drop()
+        self._times.append(now)
+        self._numbers.push(number)
 
     def value(self, now: float) -> float | None:
         """The feature at `now`; None when mean, min or max have no sample to tell about."""
-        while self._samples and self._samples[0][0] <= now - self.feature.over:
-            self._samples.popleft()
-        values = [value for _, value in self._samples]
+        while self._times and self._times[0] <= now - self.feature.over:
+            self._drop()
         match self.feature.op:
             case FeatureOp.COUNT:
-                return float(len(values))
+                return float(len(self._times))
             case FeatureOp.RATE:
-                return len(values) / self.feature.over
+                return len(self._times) / self.feature.over
             case FeatureOp.MEAN:
-                return sum(values) / len(values) if values else None
-            case FeatureOp.MIN:
-                return min(values, default=None)
-            case FeatureOp.MAX:
-                return max(values, default=None)
+                total = self._numbers.total()
+                return None if total is None else total / len(self._times)
+            case _:
+                return self._numbers.total()
+
+    def _drop(self) -> None:
+        self._times.popleft()
+        self._numbers.pop()
+
+
+def _add(first: float, second: float) -> float:
+    return first + second
+
+
+_OPERATIONS: dict[FeatureOp, Callable[[float, float], float]] = {
+    FeatureOp.MEAN: _add,
+    FeatureOp.MIN: min,
+    FeatureOp.MAX: max,
+    FeatureOp.RATE: _add,
+    FeatureOp.COUNT: _add,
+}
+
+
+class _Queue:
+    """A queue that knows the total of what it holds in constant time, whatever the window's length.
+
+    Two stacks, each knowing its running totals. Nothing is ever subtracted, so no error of floats stays behind when a
+    number leaves, and it serves minimum and maximum as well.
+    """
+
+    def __init__(self, combine: Callable[[float, float], float]) -> None:
+        self._combine = combine
+        self._out: list[float] = []
+        self._in: list[float] = []
+        self._in_total: float | None = None
+
+    def push(self, number: float) -> None:
+        self._in.append(number)
+        self._in_total = number if self._in_total is None else self._combine(self._in_total, number)
+
+    def pop(self) -> None:
+        """Forget the oldest number."""
+        if not self._out:
+            self._turn()
+        self._out.pop()
+
+    def total(self) -> float | None:
+        if not self._out or self._in_total is None:
+            return self._out[-1] if self._out else self._in_total
+        return self._combine(self._out[-1], self._in_total)
+
+    def _turn(self) -> None:
+        """Turn the newer stack over: the oldest number comes to lie on top, under the total of all."""
+        for number in reversed(self._in):
+            self._out.append(number if not self._out else self._combine(number, self._out[-1]))
+        self._in.clear()
+        self._in_total = None

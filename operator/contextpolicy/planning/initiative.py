@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
-from contextpolicy.errors import ExpressionError
-from contextpolicy.planning.expressions import Expression
+from contextpolicy.planning import expressions
 
 if TYPE_CHECKING:
     from contextpolicy.planning.expressions import Scope
@@ -17,14 +16,11 @@ DECAY_STEPS = 10
 """A decaying score falls in this many steps: a plan for each, and none in between."""
 
 
-class Listener(Protocol):
+class Listener(expressions.Listener, Protocol):
     """What an initiative tells the planner."""
 
     def on_score(self, initiative: Initiative, now: float) -> None:
         """The value changed."""
-
-    def on_expression_error(self, error: ExpressionError) -> None:
-        """The condition or the score has no value on this sample."""
 
 
 class Initiative:
@@ -40,9 +36,9 @@ class Initiative:
     ) -> None:
         self.spec = spec
         self.value = 0.0
-        self._scope, self._timers, self._listener = scope, timers, listener
-        self._when = Expression(spec.when)
-        self._score = Expression(spec.score_from) if spec.score_from else None
+        self._timers, self._listener = timers, listener
+        self._when = expressions.Guarded(scope.compile(spec.when), scope, listener)
+        self._score = expressions.Guarded(scope.compile(spec.score_from), scope, listener) if spec.score_from else None
         names = self._when.variables | (self._score.variables if self._score else set()) | ({spec.stream} - {None})
         self.streams = tuple(streams[name] for name in sorted(str(name) for name in names))
         self._peak = 0.0
@@ -55,6 +51,8 @@ class Initiative:
 
     def on_value(self, now: float) -> None:
         """A stream it reads has a new value; without a value of every stream nothing is in force."""
+        if self.spec.initiative is not None:
+            return
         score = self._current() if all(stream.fresh for stream in self.streams) else 0.0
         if score > 0:
             self._rise(score, now)
@@ -79,13 +77,9 @@ class Initiative:
         self._fall(now)
 
     def _current(self) -> float:
-        try:
-            if not self._when.truth(self._scope):
-                return 0.0
-            return self._score.number(self._scope) if self._score else self.spec.score
-        except ExpressionError as error:
-            self._listener.on_expression_error(error)
+        if not self._when.truth():
             return 0.0
+        return self._score.number() if self._score else self.spec.score
 
     def _rise(self, score: float, now: float) -> None:
         self._peak, self._falls_from = score, None

@@ -21,7 +21,6 @@ from contextpolicy.planning.timers import Timers
 from contextpolicy.planning.weights import Weight, weigh
 
 if TYPE_CHECKING:
-    from contextpolicy.errors import ExpressionError
     from contextpolicy.planning.policy import Policy, Task
 
 
@@ -50,7 +49,9 @@ class Planner:
         self.contexts = [ContextState(c, self.streams, scope, self.timers, self) for c in policy.contexts]
         self._readers = self._index()
         self._placement = Placement()
-        self._causes: list[str] = []
+        self._causes: dict[object, str] = {}
+        self._changed = False
+        self._held: Plan | None = None
         self._dwell, self._release = _Dwell(self), _Release(self)
 
     def start(self, now: float, before: Planner | None = None) -> list[Plan]:
@@ -67,7 +68,8 @@ class Planner:
         self._force(now)
         if before is not None:
             self._adopt(before, now)
-        self._causes = ["start"]
+        self._causes = {self: "start"}
+        self._changed = True
         return self._conclude(now)
 
     def handle(self, event: Input, now: float) -> list[Plan]:
@@ -79,7 +81,7 @@ class Planner:
             case Placement():
                 if event != self._placement:
                     self._placement = event
-                    self._causes.append("containers changed")
+                    self._note(Placement, "containers changed")
             case Gone():
                 if event.stream in self.streams:
                     self.streams[event.stream].lose(now)
@@ -95,6 +97,10 @@ class Planner:
             plans += self._conclude(due)
         return plans
 
+    def reconsider(self) -> None:
+        """Make the plan anew at the next conclusion."""
+        self._changed = True
+
     def next_due(self) -> float | None:
         """When `advance` is to be called next, if nothing else happens."""
         return self.timers.next_due()
@@ -109,32 +115,35 @@ class Planner:
         for reader in self._readers[stream.spec.name]:
             reader.on_silence(now)
         self._fall_back(now)
-        self._causes.append(f"{stream.spec.name}: silent")
+        self._note(stream, f"{stream.spec.name}: silent")
 
     def on_recovery(self, stream: StreamState, now: float) -> None:
         """A silent stream is heard again."""
         self._fall_back(now)
-        self._causes.append(f"{stream.spec.name}: heard again")
+        self._note(stream, f"{stream.spec.name}: heard again")
 
     def on_drop(self, stream: str, reason: str) -> None:
         """Count a sample that was not used."""
         self.drops[stream, reason] += 1
 
-    def on_expression_error(self, error: ExpressionError) -> None:
+    def on_expression_error(self, source: str, reason: str) -> None:
         """Count an expression without a value and keep the latest message for the status."""
-        source, _, reason = str(error).partition(": ")
         self.drops["", "expression"] += 1
         self.errors[source] = reason
+
+    def on_expression_recovery(self, source: str) -> None:
+        """The status need not tell of it any more."""
+        self.errors.pop(source, None)
 
     def on_score(self, initiative: Initiative, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """An activity or a pre-condition changed."""
         source = ", ".join(stream.spec.name for stream in initiative.streams) or initiative.spec.initiative or "start"
-        self._causes.append(f"{source}: {initiative.spec.when} is {initiative.value:g}")
+        self._note(initiative, f"{source}: {initiative.spec.when} is {initiative.value:g}")
 
     def on_context(self, context: ContextState, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """A context began or ceased to hold."""
         source = ", ".join(stream.spec.name for stream in context.streams) or "policy"
-        self._causes.append(f"{source}: context {context.spec.name} {'entered' if context.active else 'exited'}")
+        self._note(context, f"{source}: context {context.spec.name} {'entered' if context.active else 'exited'}")
 
     @property
     def placement(self) -> Placement:
@@ -179,7 +188,8 @@ class Planner:
             stream.observe(sample, now)
 
     def _set_score(self, score: Score, now: float) -> None:
-        if math.isfinite(score.value):
+        # What a plugged-in function emits is its author's doing.
+        if isinstance(score.value, int | float) and math.isfinite(score.value):
             self.initiatives[score.task][score.activity].set(score.value, now)
         else:
             self.on_drop(score.task, "score not finite")
@@ -221,19 +231,30 @@ class Planner:
 
         The first plan waits until each stream with a watchdog is heard or silent: until then a restart keeps what is.
         """
-        if not self._causes or (self.last is None and any(stream.unknown for stream in self.streams.values())):
+        if not self._changed or (self.last is None and any(stream.unknown for stream in self.streams.values())):
             return []
+        self._changed = False
         plan = self._plan(now)
-        if not plan.changes(self.last):
-            self._causes.clear()
-            return []
-        if self.last is not None and now < self.last.time + self.policy.min_dwell:
-            self.held_back += 1
-            self.timers.set(self._dwell, self.last.time + self.policy.min_dwell)
+        if self.last is not None and plan.changes(self.last) and now < self.last.time + self.policy.min_dwell:
+            self._hold_back(plan, self.last.time + self.policy.min_dwell)
             return []
         self._causes.clear()
+        self._held = None
+        if not plan.changes(self.last):
+            return []
         self.last = plan
         return [plan]
+
+    def _hold_back(self, plan: Plan, until: float) -> None:
+        self.held_back += plan.changes(self._held)
+        self._held = plan
+        self.timers.set(self._dwell, until)
+
+    def _note(self, source: object, cause: str) -> None:
+        """Something changed; of each source the latest word is kept, so that a dwelling plan's cause stays short."""
+        self._causes.pop(source, None)
+        self._causes[source] = cause
+        self._changed = True
 
     def _plan(self, now: float) -> Plan:
         active = self.active_contexts()
@@ -243,7 +264,7 @@ class Planner:
         return Plan(
             sequence=self.last.sequence + 1 if self.last else 1,
             time=now,
-            cause="; ".join(dict.fromkeys(self._causes)),
+            cause="; ".join(dict.fromkeys(self._causes.values())),
             contexts=tuple(context.spec.name for context in active),
             tasks={
                 name: TaskPlan(
@@ -265,8 +286,9 @@ class _Dwell:
     def __init__(self, planner: Planner) -> None:
         self._planner = planner
 
-    def on_due(self, now: float) -> None:
-        """Nothing to do: the planner concludes after each timer, and what was held back is still noted as cause."""
+    def on_due(self, now: float) -> None:  # noqa: ARG002 - the timer's signature
+        """Let the planner conclude again: what was held back is still noted as cause."""
+        self._planner.reconsider()
 
 
 class _Release:

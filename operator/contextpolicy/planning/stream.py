@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.errors import ExpressionError
-from contextpolicy.planning.expressions import Expression, Scope
+from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.features import Window
 
 if TYPE_CHECKING:
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 FUTURE_TOLERANCE = 1.0
 """Seconds that a sender's clock may be ahead; a timestamp beyond it is ignored, its sample still counts."""
+REORDERING = 10.0
+"""Seconds by which samples can overtake each other; a timestamp older than that means that its clock was set."""
 
 
 class Listener(Protocol):
@@ -48,8 +50,8 @@ class StreamState:
         self.silent = False
         self._shared, self._own = scope, Scope()
         self._timers, self._listener = timers, listener
-        self._filter = Expression(spec.filter) if spec.filter else None
-        self._windows = [Window(feature) for feature in spec.features]
+        self._filter = self._own.compile(spec.filter) if spec.filter else None
+        self._windows = [Window(feature, self._own) for feature in spec.features]
         self._gate = _Gate(self, timers)
         self._emptied = _Emptied(self)
 
@@ -93,8 +95,9 @@ class StreamState:
             if self._filter and not self._filter.truth(self._own):
                 self._listener.on_drop(self.spec.name, "filtered")
                 return
-            for window in self._windows:
-                window.add(self._own, now)
+            numbers = [window.read(self._own) for window in self._windows]
+            for window, number in zip(self._windows, numbers, strict=True):
+                window.add(number, now)
             self._bind(value, now)
         except ExpressionError:
             self._listener.on_drop(self.spec.name, "expression")
@@ -115,6 +118,8 @@ class StreamState:
     def on_due(self, now: float) -> None:
         """No sample for `staleAfter`."""
         was_silent, self.silent, self.fresh = self.silent, True, False
+        self.timestamp = None
+        self._gate.empty()
         if not was_silent:
             self._listener.on_silence(self, now)
 
@@ -139,7 +144,7 @@ class StreamState:
         if not math.isfinite(stamp) or stamp > now + FUTURE_TOLERANCE:
             self._listener.on_drop(self.spec.name, "timestamp ignored")
             return None
-        if self.timestamp is not None and stamp < self.timestamp:
+        if self.timestamp is not None and self.timestamp - REORDERING < stamp < self.timestamp:
             return "out of order"
         self.timestamp = stamp
         if self.spec.stale_after is not None and now - stamp > self.spec.stale_after:
@@ -165,6 +170,11 @@ class _Gate:
             self._timers.set(self, self._open_at)
         else:
             self._pass(value, now)
+
+    def empty(self) -> None:
+        """Forget the sample held back: its stream fell silent."""
+        self._held = None
+        self._timers.clear(self)
 
     def on_due(self, now: float) -> None:
         value, self._held = self._held, None

@@ -1,0 +1,131 @@
+"""Policies, placements and runs in a line each, so that a test shows only what it is about."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from reactivex.testing import ReactiveTest, TestScheduler
+
+from contextpolicy.planning import parsing
+from contextpolicy.planning.inputs import Gone
+from contextpolicy.planning.observable import plans
+from contextpolicy.planning.placement import Container, Placement
+from contextpolicy.planning.planner import Planner
+from contextpolicy.planning.sample import Sample
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from reactivex import Observable
+
+    from contextpolicy.planning.inputs import Input
+    from contextpolicy.planning.observable import Instantiate
+    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.policy import Policy
+
+START = 1000.0
+"""When stories begin: far from 0, so that a forgotten `now` shows."""
+
+
+def a_body(**spec: Any) -> dict[str, Any]:
+    """A ContextPolicy object around a spec written with the resource's own field names."""
+    return {"metadata": {"name": "robot", "namespace": "lab"}, "spec": spec}
+
+
+def a_policy(**spec: Any) -> Policy:
+    return parsing.parse(a_body(**spec))
+
+
+def a_task(name: str, **fields: Any) -> dict[str, Any]:
+    return {"name": name, "selector": {"matchLabels": {"app": name}}, **fields}
+
+
+def a_parent(name: str, *subtasks: str, **fields: Any) -> dict[str, Any]:
+    return {"name": name, "subtasks": list(subtasks), **fields}
+
+
+def a_stream(name: str, **fields: Any) -> dict[str, Any]:
+    return {"name": name, "key": f"robot/{name}", **fields}
+
+
+def a_context(name: str, when: str | None = None, /, tasks: Any = None, **fields: Any) -> dict[str, Any]:
+    condition = {} if when is None else {"when": when}
+    return {"name": name, **condition, "tasks": tasks or {}, **fields}
+
+
+def on_node(*tasks: str, cores: float = 1.0, node: str = "robot", **fields: Any) -> Placement:
+    """Each task once, on one node."""
+    containers = tuple(Container(f"{task}@{node}", task, node, **fields) for task in tasks)
+    return Placement({node: round(cores * 1000)}, containers)
+
+
+def together(*placements: Placement) -> Placement:
+    """Several nodes as one placement."""
+    allocatable = {node: size for placement in placements for node, size in placement.allocatable.items()}
+    return Placement(allocatable, tuple(c for placement in placements for c in placement.containers))
+
+
+class Story:
+    """A planner from its start on; seconds count from there, plans collect in `plans`."""
+
+    def __init__(self, policy: Policy, placement: Placement | None = None) -> None:
+        self.planner = Planner(policy)
+        self.plans: list[Plan] = self.planner.start(START)
+        if placement is None:
+            placement = on_node(*(task.name for task in policy.leaves))
+        self.place(placement, at=0.0)
+
+    def sample(self, stream: str, *, at: float, stamp: float | None = None, **fields: Any) -> None:
+        timestamp = None if stamp is None else START + stamp
+        self.take(Sample(stream, fields, timestamp), at=at)
+
+    def place(self, placement: Placement, *, at: float) -> None:
+        self.take(placement, at=at)
+
+    def gone(self, stream: str, *, at: float) -> None:
+        self.take(Gone(stream), at=at)
+
+    def take(self, event: Input, *, at: float) -> None:
+        self.plans += self.planner.handle(event, START + at)
+
+    def wait(self, until: float) -> None:
+        self.plans += self.planner.advance(START + until)
+
+    @property
+    def last(self) -> Plan:
+        return self.plans[-1]
+
+    def shares(self) -> dict[str, int]:
+        return {name: task.share for name, task in self.last.tasks.items()}
+
+    def weights(self) -> dict[str, float]:
+        return {name: weight.value for name, weight in self.planner.weights.items()}
+
+    def drops(self) -> dict[tuple[str, str], int]:
+        return dict(self.planner.drops)
+
+    def contexts_over_time(self) -> list[tuple[float, tuple[str, ...]]]:
+        """When the set of active contexts changed, and to what."""
+        seen: list[tuple[float, tuple[str, ...]]] = []
+        for plan in self.plans:
+            if not seen or seen[-1][1] != plan.contexts:
+                seen.append((round(plan.time - START, 6), plan.contexts))
+        return seen
+
+
+def record(
+    policy: Policy,
+    inputs: Mapping[float, Input],
+    *,
+    until: float,
+    initiatives: Mapping[str, Instantiate] | None = None,
+    planner: Planner | None = None,
+) -> list[tuple[float, Plan]]:
+    """What `observable.plans` emits in virtual time: (seconds, plan); the subscription is made at 1 s."""
+    scheduler = TestScheduler()
+    source: Observable[Input] = scheduler.create_hot_observable(
+        *(ReactiveTest.on_next(at, event) for at, event in inputs.items())
+    )
+    made = plans(planner or Planner(policy), source, scheduler, initiatives)
+    observer = scheduler.start(lambda: made, created=0.5, subscribed=1.0, disposed=until)
+    return [(message.time, message.value.value) for message in observer.messages]

@@ -1,0 +1,199 @@
+"""When contexts hold, and what they do to weights."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import pytest
+
+from tests.planning.builders import START, Story, a_context, a_policy, a_stream, a_task, on_node
+
+MOVING = "imu.speed > 0.0"
+
+
+def story_with(*contexts, streams=None, **fields):
+    policy = a_policy(
+        streams=streams or [a_stream("imu")],
+        tasks=[a_task("slam", priority=10), a_task("speech", priority=2)],
+        contexts=list(contexts),
+        **fields,
+    )
+    return Story(policy, on_node("slam", "speech", cores=2))
+
+
+def speeds(story, *readings):
+    for at, speed in readings:
+        story.sample("imu", at=at, speed=speed)
+
+
+def test_enter_after_waits_and_a_break_starts_the_wait_again():
+    story = story_with(a_context("moving", MOVING, enterAfter="1s"))
+    speeds(story, (1, 1.0), (1.5, 0.0), (2, 1.0), (2.5, 1.0))
+    story.wait(9)
+    assert story.contexts_over_time() == [(0, ()), (3, ("moving",))]
+
+
+def test_exit_after_keeps_it_through_short_breaks():
+    story = story_with(a_context("moving", MOVING, exitAfter="1s"))
+    speeds(story, (1, 1.0), (2, 0.0), (2.9, 1.0), (4, 0.0))
+    story.wait(9)
+    assert story.contexts_over_time() == [(0, ()), (1, ("moving",)), (5, ())]
+
+
+def test_a_delay_does_not_restart_with_every_sample():
+    story = story_with(a_context("moving", MOVING, enterAfter="1s"))
+    speeds(story, *((1 + n / 10, 1.0) for n in range(30)))
+    assert story.contexts_over_time()[-1] == (2, ("moving",))
+
+
+def test_silence_ends_a_context_at_once_whatever_its_exit_delay():
+    story = story_with(a_context("moving", MOVING, exitAfter="60s"), streams=[a_stream("imu", staleAfter="1s")])
+    speeds(story, (0.5, 1.0))
+    story.wait(9)
+    assert story.contexts_over_time() == [(0.5, ("moving",)), (1.5, ())]
+
+
+def test_silence_ends_the_wait_to_enter():
+    story = story_with(a_context("moving", MOVING, enterAfter="5s"), streams=[a_stream("imu", staleAfter="1s")])
+    speeds(story, (0.5, 1.0))
+    story.wait(20)
+    assert story.contexts_over_time() == [(0.5, ())]
+
+
+def test_a_condition_over_two_streams_needs_both():
+    streams = [a_stream("imu"), a_stream("arm", staleAfter="2s")]
+    story = story_with(a_context("carrying", f"{MOVING} && arm.load > 0.5"), streams=streams)
+    story.sample("arm", at=0.5, load=1.0)
+    speeds(story, (1, 1.0))
+    story.wait(9)
+    assert story.contexts_over_time() == [(0.5, ()), (1, ("carrying",)), (2.5, ())]
+
+
+def test_a_condition_that_fails_to_evaluate_counts_as_false_and_is_told():
+    story = story_with(a_context("moving", MOVING))
+    speeds(story, (1, 1.0))
+    story.sample("imu", at=2, speed="fast")
+    assert story.contexts_over_time()[-1] == (2, ())
+    assert MOVING in story.planner.errors
+
+
+EFFECTS = [
+    ("set", {"weight": 7}, 7.0),
+    ("set to zero", {"weight": 0}, 0.0),
+    ("scale", {"scale": 3}, 6.0),
+    ("scale to zero", {"scale": 0}, 0.0),
+    ("suspend", {"suspend": True}, 0.0),
+]
+
+
+@pytest.mark.parametrize(("effect", "weight"), [e[1:] for e in EFFECTS], ids=[e[0] for e in EFFECTS])
+def test_an_effect_applies_while_the_context_holds(effect, weight):
+    story = story_with(a_context("moving", MOVING, tasks={"speech": effect}))
+    assert story.weights() == {"slam": 10.0, "speech": 2.0}
+    speeds(story, (1, 1.0))
+    assert story.weights() == {"slam": 10.0, "speech": weight}
+    assert "context moving" in story.last.tasks["speech"].because
+    speeds(story, (2, 0.0))
+    assert story.weights() == {"slam": 10.0, "speech": 2.0}
+
+
+def test_of_several_contexts_the_later_in_the_list_wins_per_task():
+    story = story_with(
+        a_context("quiet", "imu.quiet", tasks={"speech": {"weight": 5}, "slam": {"weight": 1}}),
+        a_context("moving", MOVING, tasks={"speech": {"suspend": True}}),
+    )
+    story.sample("imu", at=1, speed=1.0, quiet=True)
+    assert story.weights() == {"slam": 1.0, "speech": 0.0}
+    assert story.last.contexts == ("quiet", "moving")
+
+
+def test_a_context_can_wake_a_task_without_activity():
+    policy = a_policy(
+        streams=[a_stream("imu")],
+        tasks=[a_task("slam"), a_task("speech", idle=0)],
+        contexts=[a_context("moving", MOVING, tasks={"speech": {"weight": 1}})],
+    )
+    story = Story(policy)
+    assert story.last.tasks["speech"].suspended
+    speeds(story, (1, 1.0))
+    assert story.shares() == {"slam": 500, "speech": 500}
+
+
+def test_a_context_cannot_wake_a_task_whose_pre_condition_fails():
+    policy = a_policy(
+        streams=[a_stream("imu"), a_stream("mic")],
+        tasks=[a_task("slam"), a_task("speech", requires=[{"when": "mic.level > 0.1"}])],
+        contexts=[a_context("moving", MOVING, tasks={"speech": {"weight": 9}})],
+    )
+    story = Story(policy)
+    speeds(story, (1, 1.0))
+    assert story.last.tasks["speech"].because == "waits for mic.level > 0.1"
+
+
+class TestFallback:
+    def story(self, **fields):
+        return story_with(
+            a_context("blind", tasks={"slam": {"weight": 1}}),
+            a_context("moving", MOVING),
+            streams=[a_stream("imu", staleAfter="1s"), a_stream("arm", staleAfter="3s")],
+            fallback="blind",
+            **fields,
+        )
+
+    def test_it_holds_while_any_watched_stream_is_silent(self):
+        story = self.story()
+        story.sample("arm", at=0.5, load=0.0)
+        speeds(story, (0.5, 1.0))
+        story.wait(1.5)
+        assert story.last.contexts == ("blind",)
+        story.wait(4)
+        speeds(story, (4, 1.0))
+        assert story.last.contexts == ("blind", "moving")
+        story.sample("arm", at=4.1, load=0.0)
+        assert story.last.contexts == ("moving",)
+
+    def test_it_never_holds_by_itself(self):
+        story = self.story()
+        story.sample("arm", at=0.5, load=0.0)
+        speeds(story, (0.5, 0.0))
+        assert story.last.contexts == ()
+
+    def test_a_lost_token_brings_it_at_once(self):
+        story = self.story()
+        story.sample("arm", at=0.5, load=0.0)
+        speeds(story, (0.5, 0.0))
+        story.gone("imu", at=0.6)
+        assert story.last.contexts == ("blind",)
+
+
+class TestForce:
+    def story(self, until, **context):
+        moment = datetime.fromtimestamp(START + until, UTC).isoformat()
+        return story_with(
+            a_context("care", context.pop("when", None), tasks={"slam": {"weight": 1}}, **context),
+            force={"context": "care", "until": moment},
+        )
+
+    def test_it_holds_from_the_start_until_its_expiry(self):
+        story = self.story(60)
+        story.wait(100)
+        assert story.contexts_over_time() == [(0, ("care",)), (60, ())]
+        assert "care exited" in story.last.cause
+
+    def test_an_expired_one_is_no_force(self):
+        story = self.story(-1)
+        assert story.contexts_over_time() == [(0, ())]
+        assert story.planner.next_due() is None
+
+    def test_it_holds_whatever_its_own_condition_says(self):
+        story = self.story(60, when=MOVING)
+        speeds(story, (1, 0.0))
+        assert story.last.contexts == ("care",)
+
+    def test_a_condition_that_holds_keeps_the_context_past_the_expiry(self):
+        story = self.story(60, when=MOVING)
+        speeds(story, (1, 1.0))
+        story.wait(100)
+        assert story.last.contexts == ("care",)
+        speeds(story, (101, 0.0))
+        assert story.last.contexts == ()
