@@ -42,7 +42,16 @@ def folder(target: Path, fill: Callable[[Path], None]) -> Path:
     try:
         fill(draft)
         draft.chmod(0o755)
-        draft.rename(target)
+        _settle(draft, target)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
     return target
+
+
+def _settle(draft: Path, target: Path) -> None:
+    """Move the draft to its place, unless another run was faster with the same."""
+    try:
+        draft.rename(target)
+    except OSError:
+        if not target.exists():
+            raise

@@ -23,11 +23,8 @@ IMPORT_TIMEOUT = 300.0
 def image(name: str, dockerfile: Path, folder: Path) -> str:
     """Build NAME:dev from a Dockerfile, import it into the cluster and return how pods call it."""
     build.install_packages()
-    with held("images"):
-        base_image = _base_image()
-        files = context.files(folder)
-        inputs = cache.key(name, base.key(), dockerfile.read_text(), files=files, root=folder)
-        _deliver(name, _built(name, inputs, dockerfile, folder, base_image=base_image))
+    inputs = cache.key(name, base.key(), dockerfile.read_text(), files=context.files(folder), root=folder)
+    _deliver(name, _known(name, inputs) or _build(name, inputs, dockerfile, folder))
     return f"{name}:{TAG}"
 
 
@@ -38,11 +35,31 @@ def reference(name: str) -> str:
 
 def import_pause() -> None:
     """Import the image of every pod's first container, which no registry has to serve."""
+    program = next(one for one in build.PROGRAMS if one.name == "pause")
+    inputs, dockerfile = build.program_key(program), SOURCES / "node" / "pause" / "Dockerfile"
+    known = _known(PAUSE_IMAGE, inputs)
+    _import(PAUSE_IMAGE, known or _build(PAUSE_IMAGE, inputs, dockerfile, build.build(program), on_base=False))
+
+
+def _known(name: str, inputs: str) -> str:
+    """Return the id of the image that these inputs made, or nothing; no build has to be waited for."""
+    record = _record(name)
+    known, _, identifier = record.read_text().partition(" ") if record.exists() else ("", "", "")
+    if known != inputs or not _archive(name, identifier).exists():
+        return ""
+    log.info("image %s:%s: unchanged", name, TAG)
+    return identifier
+
+
+def _build(name: str, inputs: str, dockerfile: Path, folder: Path, *, on_base: bool = True) -> str:
+    """Build and return the image's id; an archive is written only when the id is a new one."""
     with held("images"):
-        program = next(one for one in build.PROGRAMS if one.name == "pause")
-        dockerfile = SOURCES / "node" / "pause" / "Dockerfile"
-        inputs = build.program_key(program)
-        _import(PAUSE_IMAGE, _built(PAUSE_IMAGE, inputs, dockerfile, build.build(program), base_image=""))
+        base_image = _base_image() if on_base else ""
+        identifier = _bud(reference(name), dockerfile, folder, base_image=base_image)
+        if not _archive(name, identifier).exists():
+            _push(name, identifier)
+        _record(name).write_text(f"{inputs} {identifier}")
+    return identifier
 
 
 def _base_image() -> str:
@@ -55,18 +72,8 @@ def _base_image() -> str:
     return name
 
 
-def _built(name: str, inputs: str, dockerfile: Path, folder: Path, *, base_image: str) -> str:
-    """Return the image's id, after a build when the inputs changed; an archive is written for each new id."""
-    record = CACHE / "images" / f"{name}.built"
-    known, _, identifier = record.read_text().partition(" ") if record.exists() else ("", "", "")
-    if known == inputs and _archive(name, identifier).exists():
-        log.info("image %s:%s: unchanged", name, TAG)
-        return identifier
-    identifier = _bud(reference(name), dockerfile, folder, base_image=base_image)
-    if not _archive(name, identifier).exists():
-        _push(name, identifier)
-    record.write_text(f"{inputs} {identifier}")
-    return identifier
+def _record(name: str) -> Path:
+    return CACHE / "images" / f"{name}.built"
 
 
 def _archive(name: str, identifier: str) -> Path:

@@ -74,6 +74,17 @@ def test_a_folder_whose_filling_fails_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_faster_of_two_runs_wins(tmp_path):
+    def slow(draft):
+        (draft / "slow").touch()
+        (tmp_path / "x").mkdir()
+        (tmp_path / "x" / "fast").touch()
+
+    cache.folder(tmp_path / "x", slow)
+    assert [path.name for path in (tmp_path / "x").iterdir()] == ["fast"]
+    assert [path.name for path in tmp_path.iterdir()] == ["x"]
+
+
 @pytest.mark.parametrize(
     ("path", "ignored"),
     [
