@@ -51,7 +51,7 @@ def client(endpoint, user):
 
 
 def listen(session, key):
-    heard = Queue()
+    heard: Queue[str] = Queue()
     session.declare_subscriber(key, lambda sample: heard.put(sample.payload.to_string()))
     return heard
 
@@ -63,7 +63,7 @@ def say(session, key, text):
 
 
 def wait_for_listener(publisher):
-    matching = Queue()
+    matching: Queue[bool] = Queue()
     with publisher.declare_matching_listener(lambda status: matching.put(status.matching)):
         if not publisher.matching_status.matching:
             matching.get(timeout=SOON)
