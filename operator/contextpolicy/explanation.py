@@ -6,6 +6,7 @@ CPU is in thousandths of a core (of the period under Realtime), times and ages i
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import ShareError
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
     from contextpolicy.planning.planner import Planner
     from contextpolicy.planning.policy import Context, Effect, Task
     from contextpolicy.planning.stream import StreamState
+
+
+LONGEST_LIST = 16
 
 
 def explain(planner: Planner, now: float) -> dict[str, Any]:
@@ -64,14 +68,30 @@ def _plan(plan: Plan | None, now: float) -> dict[str, Any] | None:
 def _stream(stream: StreamState, now: float) -> dict[str, Any]:
     return {
         "key": stream.spec.key,
-        "value": stream.value,
-        "features": stream.features(now),
+        "value": _plain(stream.value),
+        "features": _plain(stream.features(now)),
         "age": None if stream.seen_at is None else round(now - stream.seen_at, 6),
         "counts": stream.fresh,
         "silent": stream.silent,
         "staleAfter": stream.spec.stale_after,
         "producedBy": stream.spec.produced_by,
     }
+
+
+def _plain(value: Any) -> Any:
+    """A reading as JSON can say it, and no longer than people read: a laser scan has thousands of numbers."""
+    match value:
+        case dict():
+            return {str(name): _plain(inner) for name, inner in value.items()}
+        case list() if len(value) > LONGEST_LIST:
+            return [*map(_plain, value[:LONGEST_LIST]), f"and {len(value) - LONGEST_LIST} more"]
+        case list():
+            return [_plain(inner) for inner in value]
+        case bytes():
+            return f"{len(value)} bytes"
+        case float() if not math.isfinite(value):
+            return str(value)
+    return value
 
 
 def _context(context: ContextState) -> dict[str, Any]:

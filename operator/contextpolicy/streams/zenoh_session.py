@@ -15,14 +15,34 @@ LEASE_MS = 1000
 
 
 def open_client(endpoints: Sequence[str]) -> zenoh.Session:
-    """A client of the router at `endpoints`; opens within seconds even without a router and keeps trying."""
+    """Use the router at `endpoints`; opens at once, also while the router or its name can't be reached yet.
+
+    A session in client mode would wait for the connection, without end when the name does not resolve; a peer that
+    neither listens nor gossips is as good a client, connects in the background and again after every loss.
+    """
+    return zenoh.open(
+        _config(
+            {
+                "mode": "peer",
+                "listen/endpoints": [],
+                "connect/endpoints": list(endpoints),
+                "connect/timeout_ms": -1,
+                "connect/exit_on_failure": False,
+                "scouting/gossip/enabled": False,
+            }
+        )
+    )
+
+
+def open_visitor(endpoints: Sequence[str], *, patience: float) -> zenoh.Session:
+    """A client for one question, of a person who waits: zenoh.ZError when no router answers for `patience` seconds."""
     return zenoh.open(
         _config(
             {
                 "mode": "client",
                 "connect/endpoints": list(endpoints),
-                "connect/timeout_ms": -1,
-                "connect/exit_on_failure": False,
+                "connect/timeout_ms": int(patience * 1000),
+                "connect/exit_on_failure": True,
             }
         )
     )

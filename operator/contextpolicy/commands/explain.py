@@ -1,0 +1,97 @@
+"""`contextpolicy explain`: why a task has the share it has, live or at a moment of a simulation."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.commands.simulate import add_run_arguments, run_policy, seconds
+from contextpolicy.errors import ContextPolicyError
+
+if TYPE_CHECKING:
+    import argparse
+
+    import zenoh
+
+PATIENCE = 3.0
+"""Seconds to find the router, and as long again to find the policy's operator behind it."""
+
+
+class NoAnswerError(ContextPolicyError):
+    """Nobody on the bus explains this policy."""
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "explain",
+        help="tell why a task has its share",
+        description="Tell in sentences why each task has its share: samples, score, pre-conditions, contexts, task "
+        "graph, Eq. 1 or 2, bounds and needs. Either live from the operator, or at a moment of a simulation.",
+    )
+    parser.add_argument("policy", metavar="POLICY", help="a policy file; with --connect NAMESPACE/NAME")
+    parser.add_argument("task", metavar="TASK", nargs="?", help="one task (default: all)")
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--timeline", metavar="FILE", help="simulate this timeline")
+    source.add_argument("--connect", metavar="ENDPOINTS", help="ask the operator, through the router at tcp/HOST:7447")
+    parser.add_argument("--at", type=seconds, metavar="S", help="with --timeline: when (default: at its end)")
+    add_run_arguments(parser)
+    parser.add_argument("--output", choices=("text", "json"), default="text", help="default: text")
+    parser.set_defaults(main=main)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Get the explanation and print it."""
+    from contextpolicy.narration import sentences
+
+    explanation = _ask(arguments) if arguments.connect else _simulate(arguments)
+    known = list(explanation["tasks"])
+    if arguments.task and known and arguments.task not in known:
+        print(f"task {arguments.task} is not allowed: one of {', '.join(known)}", file=sys.stderr)
+        return 2
+    if arguments.output == "json":
+        print(json.dumps(explanation, indent=2))
+        return 0
+    for task in [arguments.task] if arguments.task else known or [""]:
+        first, *others = sentences(explanation, task)
+        print(first, *(f"  {sentence}" for sentence in others), sep="\n")
+    return 0
+
+
+def _simulate(arguments: argparse.Namespace) -> dict[str, Any]:
+    from contextpolicy.explanation import explain
+    from contextpolicy.simulation.samples import EPOCH
+    from contextpolicy.streams import timeline
+    from contextpolicy.validation.policy_file import load_policy
+
+    policy, inputs = load_policy(arguments.policy), timeline.load(arguments.timeline)
+    run = run_policy(policy, inputs, cores=arguments.cores, until=arguments.at)
+    return explain(run.planner, EPOCH + run.until)
+
+
+def _ask(arguments: argparse.Namespace) -> dict[str, Any]:
+    import zenoh
+
+    from contextpolicy.streams.zenoh_session import open_visitor
+
+    try:
+        with open_visitor(arguments.connect.split(","), patience=PATIENCE) as session:
+            answer = _answer(session, f"contextpolicy/{arguments.policy}/explain")
+    except zenoh.ZError as error:
+        reason = str(error).partition(" at /")[0]
+        raise NoAnswerError(f"{arguments.connect}: {reason}") from error
+    if answer is not None:
+        return answer
+    raise NoAnswerError(
+        f"nobody at {arguments.connect} explains {arguments.policy}: is the operator running, and is it the policy's "
+        "NAMESPACE/NAME?"
+    )
+
+
+def _answer(session: zenoh.Session, key: str) -> dict[str, Any] | None:
+    for reply in session.get(key, timeout=PATIENCE):
+        if reply.ok is not None:
+            answer: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
+            return answer
+    return None
