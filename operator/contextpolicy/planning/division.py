@@ -80,7 +80,7 @@ def _terms(policy: Policy, allocatable: int, seats: Sequence[_Seat]) -> Terms:
     realtime = policy.scheduler is Scheduler.REALTIME
     quantum = 1 if realtime else QUANTUM
     capacity = REALTIME_BUDGET if realtime else max(0, allocatable - policy.reserve) // QUANTUM * QUANTUM
-    claims = tuple(_claim(seat, _least(policy, seat, quantum), quantum, capacity) for seat in seats)
+    claims = tuple(_claim(policy, seat, quantum, capacity) for seat in seats)
     return Terms(capacity, quantum, claims)
 
 
@@ -93,33 +93,34 @@ def _divide_node(policy: Policy, allocatable: int, seats: Sequence[_Seat]) -> tu
     containers = {
         container.id: part * own.quantum
         for seat in seats
-        for container, part in _parts(units[seat.task.name], seat.containers, own.quantum)
+        for container, part in _parts(policy, units[seat.task.name], seat.containers)
     }
     return NodePlan(own.capacity, shares, containers), _floor_shortfall(own.capacity, own.quantum, own.claims)
 
 
-def _least(policy: Policy, seat: _Seat, quantum: int) -> int:
-    """Units below which the task can't go: where only limits move, the containers' requests hold them up."""
-    requests_hold = policy.control is Control.LIMIT and policy.scheduler is Scheduler.CFS
-    return sum(container.floor if requests_hold else quantum for container in seat.containers) // quantum
-
-
-def _claim(seat: _Seat, least: int, quantum: int, capacity: int) -> Claim:
+def _claim(policy: Policy, seat: _Seat, quantum: int, capacity: int) -> Claim:
     """A suspended task gets the least possible, not its min."""
-    task = seat.task
+    task, pods = seat.task, len(seat.containers)
+    least = sum(_floor(policy, container) for container in seat.containers)
     if seat.weight.value == 0:
-        return Claim(task.name, 0.0, least, least)
+        return Claim(task.name, 0.0, least, least, pods)
     floor = max(least, -(-task.min // quantum))
     ceiling = (capacity if task.max is None else task.max) // quantum
-    return Claim(task.name, seat.weight.value, floor, max(floor, ceiling))
+    return Claim(task.name, seat.weight.value, floor, max(floor, ceiling), pods)
 
 
-def _parts(units: int, containers: list[Container], quantum: int) -> list[tuple[Container, int]]:
+def _floor(policy: Policy, container: Container) -> int:
+    """Units below which a container can't go: where only limits move, its request holds it up."""
+    if policy.scheduler is Scheduler.REALTIME or policy.control is not Control.LIMIT:
+        return 1
+    return container.floor // QUANTUM
+
+
+def _parts(policy: Policy, units: int, containers: list[Container]) -> list[tuple[Container, int]]:
     """One task's units over its containers on the node: equal parts above each one's own floor."""
     if len(containers) == 1:
         return [(containers[0], units)]
-    floors = [Claim(c.id, 1.0, min(c.floor // quantum, units // len(containers)) or 1, units) for c in containers]
-    parts = divide(units, floors)
+    parts = divide(units, [Claim(c.id, 1.0, floor := _floor(policy, c), max(floor, units)) for c in containers])
     return [(container, parts[container.id]) for container in containers]
 
 

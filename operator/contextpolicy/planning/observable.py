@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from contextpolicy.planning.plan import Plan
     from contextpolicy.planning.planner import Planner
+    from contextpolicy.planning.policy import Activity
 
     Instantiate = Callable[..., Observable[float]]
     """A plugged-in instantiation function (paper IV-D): called with `streams`, a map from stream names to observables
@@ -49,7 +50,7 @@ class _Run:
         self._planner, self._observer, self._scheduler = planner, observer, scheduler
         self._wake = SerialDisposable()
         self._armed: float | None = None
-        self._taps: dict[str, Subject[dict[str, Any]]] = {}
+        self._plug_ins: list[_PlugIn] = []
 
     def begin(
         self, inputs: Observable[Input], initiatives: Mapping[str, Instantiate], before: Planner | None
@@ -61,36 +62,24 @@ class _Run:
 
     def _instantiate(self, initiatives: Mapping[str, Instantiate]) -> list[DisposableBase]:
         """Procedure 1, line 4: call the instantiation functions and combine their scores into the one input."""
-        subscriptions: list[DisposableBase] = []
-        for task in self._planner.policy.tasks:
+        policy = self._planner.policy
+        for task in policy.tasks:
             for index, activity in enumerate(task.activity):
-                if activity.initiative is None:
-                    continue
-                if not self._taps:
-                    self._taps = {stream.name: Subject() for stream in self._planner.policy.streams}
-                scores = initiatives[activity.initiative](
-                    streams=dict(self._taps), scheduler=self._scheduler, **activity.arguments
-                )
-                subscriptions.append(
-                    scores.subscribe(self._on_score(task.name, index), self._on_failure(activity.initiative))
-                )
-        return subscriptions
+                if activity.initiative is not None:
+                    streams = [stream.name for stream in policy.streams]
+                    plug_in = _PlugIn(activity, streams, self._on_score(task.name, index), self._planner)
+                    plug_in.start(initiatives, self._scheduler)
+                    self._plug_ins.append(plug_in)
+        return [plug_in.subscription for plug_in in self._plug_ins]
 
     def _on_score(self, task: str, index: int) -> Callable[[float], None]:
-        return lambda value: self._on_input(Score(task, index, value))
-
-    def _on_failure(self, name: str) -> Callable[[Exception], None]:
-        """A plug-in that fails must not end the stream of plans: its last score stands and the error is told."""
-
-        def note(error: Exception) -> None:
-            self._planner.errors[f"initiative {name}"] = str(error)
-
-        return note
+        return lambda value: self._emit(self._planner.handle(Score(task, index, value), self._now()))
 
     def _on_input(self, event: Input) -> None:
         self._emit(self._planner.handle(event, self._now()))
-        if self._taps and isinstance(event, Sample) and event.stream in self._taps:
-            self._taps[event.stream].on_next(event.value)
+        if isinstance(event, Sample):
+            for plug_in in self._plug_ins:
+                plug_in.tell(event)
 
     def _on_wake(self, *_: object) -> None:
         """Schedulers round to microseconds: the deadline itself is never before `now`."""
@@ -107,3 +96,43 @@ class _Run:
 
     def _now(self) -> float:
         return self._scheduler.to_seconds(self._scheduler.now)
+
+
+class _PlugIn:
+    """One call of an instantiation function: foreign code, whose failure must not end the stream of plans.
+
+    After a failure its last score stands and `planner.errors` tells.
+    """
+
+    def __init__(
+        self, activity: Activity, streams: list[str], on_score: Callable[[float], None], planner: Planner
+    ) -> None:
+        self.subscription = SerialDisposable()
+        self._activity, self._on_score, self._planner = activity, on_score, planner
+        self._name = str(activity.initiative)
+        self._taps: dict[str, Subject[dict[str, Any]]] = {stream: Subject() for stream in streams}
+
+    def start(self, initiatives: Mapping[str, Instantiate], scheduler: SchedulerBase) -> None:
+        """Call the function and listen to what it returns."""
+
+        def subscribe() -> None:
+            instantiate = initiatives[self._name]
+            scores = instantiate(streams=dict(self._taps), scheduler=scheduler, **self._activity.arguments)
+            self.subscription.disposable = scores.subscribe(self._on_score, self._note)
+
+        self._guard(subscribe)
+
+    def tell(self, sample: Sample) -> None:
+        """Hand a sample on."""
+        tap = self._taps.get(sample.stream)
+        if tap is not None:
+            self._guard(lambda: tap.on_next(sample.value))
+
+    def _guard(self, act: Callable[[], None]) -> None:
+        try:
+            act()
+        except Exception as error:  # noqa: BLE001 - nobody knows what foreign code raises
+            self._note(error)
+
+    def _note(self, error: Exception) -> None:
+        self._planner.errors[f"initiative {self._name}"] = str(error)

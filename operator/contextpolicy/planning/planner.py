@@ -50,7 +50,7 @@ class Planner:
         self._readers = self._index()
         self._placement = Placement()
         self._causes: dict[object, str] = {}
-        self._changed = False
+        self._changed = self._urgent = False
         self._held: Plan | None = None
         self._dwell, self._release = _Dwell(self), _Release(self)
 
@@ -82,6 +82,7 @@ class Planner:
                 if event != self._placement:
                     self._placement = event
                     self._note(Placement, "containers changed")
+                    self._urgent = True
             case Gone():
                 if event.stream in self.streams:
                     self.streams[event.stream].lose(now)
@@ -233,9 +234,11 @@ class Planner:
         """
         if not self._changed or (self.last is None and any(stream.unknown for stream in self.streams.values())):
             return []
-        self._changed = False
         plan = self._plan(now)
-        if self.last is not None and plan.changes(self.last) and now < self.last.time + self.policy.min_dwell:
+        # The dwell bounds flapping sensors; a container that came or went can't wait, its node must add up.
+        dwells = self.last is not None and not self._urgent and now < self.last.time + self.policy.min_dwell
+        self._changed = self._urgent = False
+        if self.last is not None and dwells and plan.changes(self.last):
             self._hold_back(plan, self.last.time + self.policy.min_dwell)
             return []
         self._causes.clear()

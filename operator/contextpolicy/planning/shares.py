@@ -22,13 +22,14 @@ RESOLUTION = 10**9
 class Claim:
     """One task's part in the division: weight and bounds in units, `floor <= ceiling`.
 
-    A claim of weight 0 gets its floor, no more.
+    A claim of weight 0 gets its floor, no more. `least` is what it gets even where floors are scaled down.
     """
 
     name: str
     weight: float
     floor: int
     ceiling: int
+    least: int = 1
 
 
 def divide(total: int, claims: Sequence[Claim]) -> dict[str, int]:
@@ -36,10 +37,11 @@ def divide(total: int, claims: Sequence[Claim]) -> dict[str, int]:
 
     Bounds are met by redistribution: a claim that a bound holds leaves the division and the others share the rest, as
     in weighted max-min fairness. Fractions are settled by largest remainder; ties go to the heavier, then by name.
-    Floors above the total are scaled down in proportion, but no claim gets less than one unit (`floors_exceed` tells).
+    Floors above the total (`floors_exceed` tells) are scaled down in proportion, with no claim below its `least`.
     """
-    if total < len(claims):
-        raise ShareError(f"{total} units cannot be divided over {len(claims)} tasks: each needs one")
+    needed = sum(claim.least for claim in claims)
+    if total < needed:
+        raise ShareError(f"{total} units cannot be divided over {len(claims)} tasks: they need {needed}")
     if not claims:
         return {}
     if floors_exceed(total, claims):
@@ -95,6 +97,6 @@ def _largest_remainder(total: int, claims: Sequence[Claim], weights: dict[str, i
 
 
 def _scaled_floors(total: int, claims: Sequence[Claim]) -> dict[str, int]:
-    """Floors that together exceed the total, scaled down: one unit each, the rest in proportion to the floors."""
-    by_floor = [Claim(claim.name, float(claim.floor), 1, claim.floor) for claim in claims]
+    """Floors that together exceed the total, scaled down: the least each, the rest in proportion to the floors."""
+    by_floor = [Claim(c.name, float(c.floor), c.least, max(c.least, c.floor), c.least) for c in claims]
     return divide(total, by_floor)

@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from contextpolicy.planning.policy import Context, Policy, Task
 
 
+HEAVIEST = 1e100
+"""Weights stop here, so that sums and products of any finite priority, score and scale stay finite."""
+
+
 @dataclass(frozen=True, slots=True)
 class Weight:
     """What a task's score became, and the last thing that changed it, for people to read."""
@@ -38,7 +42,7 @@ def weigh(
 
 
 def _own_weight(task: Task, score: float, unmet: str | None, contexts: Sequence[Context]) -> Weight:
-    base = task.priority * score
+    base = min(task.priority * score, HEAVIEST)
     if unmet is not None:
         return Weight(score, 0.0, f"waits for {unmet}")
     for context in reversed(contexts):
@@ -48,9 +52,11 @@ def _own_weight(task: Task, score: float, unmet: str | None, contexts: Sequence[
         if effect.suspend:
             return Weight(score, 0.0, f"context {context.name} suspends it")
         if effect.weight is not None:
-            return Weight(score, effect.weight, f"context {context.name} sets its weight to {effect.weight:g}")
+            return Weight(
+                score, min(effect.weight, HEAVIEST), f"context {context.name} sets its weight to {effect.weight:g}"
+            )
         scale = effect.scale if effect.scale is not None else 1.0
-        return Weight(score, base * scale, f"context {context.name} scales its weight by {scale:g}")
+        return Weight(score, min(base * scale, HEAVIEST), f"context {context.name} scales its weight by {scale:g}")
     return Weight(score, base, f"priority {task.priority:g} times score {score:g}")
 
 
@@ -82,4 +88,7 @@ def _suspended(name: str, contexts: Sequence[Context]) -> bool:
 def _idle_reason(parent: Task, own: Mapping[str, Weight], name: str) -> str:
     if own[parent.name].value == 0:
         return own[parent.name].because if name == parent.name else f"{parent.name}: {own[parent.name].because}"
-    return f"{parent.name}: no subtask can run; {own[name].because}" if name == parent.name else own[name].because
+    if name != parent.name:
+        return own[name].because
+    first = parent.subtasks[0]
+    return f"no subtask can run; {first}: {own[first].because}"

@@ -1,0 +1,191 @@
+"""Plans over time in Rx: exact instants in virtual time, idleness, plugged-in instantiation functions."""
+
+from __future__ import annotations
+
+import reactivex
+from reactivex import Subject
+from reactivex import operators as ops
+from reactivex.testing import ReactiveTest, TestScheduler
+
+from contextpolicy.planning.observable import plans
+from contextpolicy.planning.planner import Planner
+from contextpolicy.planning.sample import Sample
+from contextpolicy.streams.initiatives import load
+from tests.planning.builders import a_context, a_policy, a_stream, a_task, on_node, record
+from tests.planning.example_initiative import steadiness
+
+MOVING = a_context("moving", "imu.speed > 0.1", tasks={"speech": {"suspend": True}}, enterAfter="250ms")
+
+
+def moving_policy(**stream):
+    return a_policy(
+        streams=[a_stream("imu", **stream)],
+        tasks=[a_task("slam", priority=3), a_task("speech")],
+        contexts=[MOVING],
+    )
+
+
+def shares_over_time(records):
+    return [(time, {name: task.share for name, task in plan.tasks.items()}) for time, plan in records]
+
+
+def test_plans_come_at_exact_instants():
+    inputs = {
+        2.0: on_node("slam", "speech"),
+        3.0: Sample("imu", {"speed": 0.5}),
+        3.5: Sample("imu", {"speed": 0.5}),
+        6.0: Sample("imu", {"speed": 0.0}),
+    }
+    assert shares_over_time(record(moving_policy(), inputs, until=100)) == [
+        (1.0, {"slam": 0, "speech": 0}),
+        (2.0, {"slam": 750, "speech": 250}),
+        (3.25, {"slam": 990, "speech": 10}),
+        (6.0, {"slam": 750, "speech": 250}),
+    ]
+
+
+def test_the_plans_own_time_is_the_instant_of_its_cause():
+    records = record(moving_policy(), {3.0: Sample("imu", {"speed": 0.5})}, until=100)
+    assert [time for time, _ in records] == [plan.time for _, plan in records]
+
+
+def test_nothing_is_scheduled_while_nothing_is_due():
+    scheduler = TestScheduler()
+    inputs = Subject()
+    seen = []
+    plans(Planner(moving_policy()), inputs, scheduler).subscribe(seen.append)
+    assert len(scheduler._queue) == 0
+    inputs.on_next(Sample("imu", {"speed": 0.0}))
+    assert len(scheduler._queue) == 0
+    inputs.on_next(Sample("imu", {"speed": 1.0}))
+    assert len(scheduler._queue) == 1
+    scheduler.start()
+    assert len(scheduler._queue) == 0
+
+
+def test_one_timer_is_armed_however_many_samples_feed_the_watchdog():
+    scheduler = TestScheduler()
+    inputs = Subject()
+    plans(Planner(moving_policy(staleAfter="1s")), inputs, scheduler).subscribe()
+    for _ in range(100):
+        inputs.on_next(Sample("imu", {"speed": 0.0}))
+    assert len(scheduler._queue) == 1
+
+
+def test_disposal_disarms_the_timer():
+    scheduler = TestScheduler()
+    seen = []
+    subscription = plans(Planner(moving_policy(staleAfter="1s")), Subject(), scheduler).subscribe(seen.append)
+    subscription.dispose()
+    scheduler.start()
+    assert seen == []
+
+
+def test_the_end_of_the_inputs_does_not_end_what_is_due():
+    policy = moving_policy(staleAfter="3s")
+    scheduler = TestScheduler()
+    source = scheduler.create_hot_observable(
+        ReactiveTest.on_next(2.0, Sample("imu", {"speed": 1.0})), ReactiveTest.on_completed(3.0)
+    )
+    observer = scheduler.start(lambda: plans(Planner(policy), source, scheduler), 0.5, 1.0, 100)
+    assert [message.time for message in observer.messages] == [2.0, 2.25, 5.0]
+
+
+def curious_policy(**arguments):
+    return a_policy(
+        streams=[a_stream("imu"), a_stream("mic")],
+        tasks=[a_task("slam", activity=[{"initiative": "steadiness", "with": arguments}]), a_task("rest")],
+    )
+
+
+class TestInitiatives:
+    """Procedure 1, line 4: functions from streams to an observable of scores."""
+
+    def scores(self, initiative, *speeds, **arguments):
+        inputs = {2.0: on_node("slam", "rest")} | {
+            3.0 + n: Sample("imu", {"speed": speed}) for n, speed in enumerate(speeds)
+        }
+        records = record(curious_policy(**arguments), inputs, until=100, initiatives={"steadiness": initiative})
+        return [(time, plan.tasks["slam"].score) for time, plan in records[1:]]
+
+    def test_the_example_scores_how_steady_the_speed_is(self):
+        assert self.scores(steadiness, 1.0, 1.0, 3.0, stream="imu") == [(2.0, 0.0), (4.0, 1.0), (5.0, 1 / 3)]
+
+    def test_it_is_found_by_its_entry_point(self, monkeypatch):
+        class Installed:
+            name = "steadiness"
+
+            def load(self):
+                return steadiness
+
+        monkeypatch.setattr("contextpolicy.streams.initiatives.entry_points", lambda **_: [Installed()])
+        assert load(curious_policy()) == {"steadiness": steadiness}
+
+    def test_it_gets_streams_scheduler_and_its_arguments(self):
+        got = {}
+
+        def curious(*, streams, scheduler, **arguments):
+            got.update(streams=sorted(streams), scheduler=scheduler, arguments=arguments)
+            return reactivex.never()
+
+        self.scores(curious, 1.0, gain="2", stream="imu")
+        assert got["streams"] == ["imu", "mic"]
+        assert isinstance(got["scheduler"], TestScheduler)
+        assert got["arguments"] == {"gain": "2", "stream": "imu"}
+
+    def test_time_inside_it_is_the_schedulers(self):
+        def late(*, streams, scheduler):
+            return streams["imu"].pipe(ops.delay(0.5, scheduler=scheduler), ops.map(lambda sample: sample["speed"]))
+
+        assert self.scores(late, 2.0) == [(2.0, 0.0), (3.5, 2.0)]
+
+
+class TestFailingInitiatives:
+    """A failing plug-in must not end the stream of plans; its last score stands and the error is told."""
+
+    def run(self, initiative, initiatives=None):
+        planner = Planner(curious_policy())
+        inputs = {2.0: on_node("slam", "rest")} | {3.0 + n: Sample("imu", {"speed": 1.0 + n}) for n in range(3)}
+        inputs[9.0] = on_node("slam", "rest", cores=2)
+        known = {"steadiness": initiative} if initiatives is None else initiatives
+        records = record(planner.policy, inputs, until=100, initiatives=known, planner=planner)
+        assert records[-1][0] == 9.0
+        return planner
+
+    def test_while_running(self):
+        def breaks(*, streams, scheduler):  # noqa: ARG001 - the contract's signature
+            return streams["imu"].pipe(ops.map(lambda sample: 1.0 if sample["speed"] < 2.0 else sample["missing"]))
+
+        planner = self.run(breaks)
+        assert planner.errors == {"initiative steadiness": "'missing'"}
+        assert planner.scores()["slam"] == 1.0
+
+    def test_when_called(self):
+        def unwilling(**_):
+            raise RuntimeError("no camera")
+
+        assert self.run(unwilling).errors == {"initiative steadiness": "no camera"}
+
+    def test_when_it_returns_no_observable(self):
+        assert "initiative steadiness" in self.run(lambda **_: 1.0).errors
+
+    def test_when_it_is_not_there(self):
+        assert "initiative steadiness" in self.run(None, {}).errors
+
+    def test_when_it_emits_no_number(self):
+        planner = self.run(lambda streams, **_: streams["imu"].pipe(ops.map(lambda _: "high")))
+        assert planner.drops == {("slam", "score not finite"): 3}
+
+    def test_when_its_own_observer_raises(self):
+        """Not through Rx's error channel, but straight out of `on_next`."""
+
+        def rude(*, streams, scheduler):  # noqa: ARG001 - the contract's signature
+            def subscribe(_observer, _scheduler=None):
+                def fail(_sample):
+                    raise RuntimeError("rude")
+
+                return streams["imu"].subscribe(fail)
+
+            return reactivex.create(subscribe)
+
+        assert self.run(rude).errors == {"initiative steadiness": "rude"}

@@ -1,0 +1,232 @@
+"""One policy over time: what is evaluated, what is emitted, what is held back."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from contextpolicy.planning.expressions import Expression
+from contextpolicy.planning.inputs import Score
+from contextpolicy.planning.planner import Planner
+from contextpolicy.planning.sample import Sample
+from tests.planning.builders import START, Story, a_context, a_policy, a_stream, a_task, on_node
+
+
+@pytest.fixture
+def evaluated(monkeypatch):
+    """How often each expression was evaluated, by source."""
+    counts: Counter[str] = Counter()
+    evaluate = Expression.evaluate
+
+    def counting(expression, scope):
+        counts[expression.source] += 1
+        return evaluate(expression, scope)
+
+    monkeypatch.setattr(Expression, "evaluate", counting)
+    return counts
+
+
+def two_streams(**spec):
+    return a_policy(
+        streams=[a_stream("imu"), a_stream("mic")],
+        tasks=[
+            a_task("slam", priority=10, activity=[{"when": "imu.speed > 0.1"}]),
+            a_task("speech", activity=[{"when": "mic.level > 0.1"}], requires=[{"when": "mic.level > 0.05"}]),
+            a_task("rest", idle=0.5),
+        ],
+        contexts=[a_context("moving", "imu.speed > 0.2"), a_context("both", "imu.speed > 0.3 && mic.level > 0.3")],
+        **spec,
+    )
+
+
+def test_a_sample_evaluates_only_what_reads_its_stream(evaluated):
+    story = Story(two_streams())
+    story.sample("mic", at=1, level=0.0)
+    assert evaluated == {"mic.level > 0.1": 1, "mic.level > 0.05": 1}
+    evaluated.clear()
+    story.sample("imu", at=2, speed=0.0)
+    assert evaluated == {"imu.speed > 0.1": 1, "imu.speed > 0.2": 1, "imu.speed > 0.3 && mic.level > 0.3": 1}
+
+
+def test_time_evaluates_nothing(evaluated):
+    story = Story(two_streams())
+    story.sample("imu", at=1, speed=1.0)
+    evaluated.clear()
+    story.wait(1e6)
+    assert evaluated == {}
+
+
+def test_a_plan_equal_to_the_last_is_not_emitted():
+    story = Story(two_streams())
+    for tick in range(1, 50):
+        story.sample("imu", at=tick, speed=1.0 + tick)
+    assert [plan.time for plan in story.plans] == [START, START, START + 1]
+
+
+def test_a_score_that_changes_no_share_makes_no_plan():
+    policy = a_policy(streams=[a_stream("imu")], tasks=[a_task("slam", activity=[{"scoreFrom": "imu.risk"}])])
+    story = Story(policy)
+    for tick in range(1, 9):
+        story.sample("imu", at=tick, risk=float(tick))
+    assert [plan.cause for plan in story.plans] == ["start", "containers changed", "imu: true is 1"]
+
+
+def test_equal_placements_change_nothing_and_new_ones_do():
+    story = Story(two_streams())
+    story.place(on_node("slam", "speech", "rest"), at=1)
+    story.place(on_node("slam", "speech", "rest"), at=2)
+    story.place(on_node("slam", "rest"), at=3)
+    assert [plan.time - START for plan in story.plans] == [0, 0, 3]
+
+
+def test_sequence_counts_the_plans():
+    story = Story(two_streams())
+    story.sample("imu", at=1, speed=1.0)
+    assert [plan.sequence for plan in story.plans] == [1, 2, 3]
+
+
+def test_the_cause_names_the_stream_the_condition_and_its_value():
+    story = Story(two_streams())
+    story.sample("imu", at=1, speed=1.0)
+    assert story.last.cause == "imu: imu.speed > 0.1 is 1; imu: context moving entered"
+
+
+def test_a_late_call_makes_one_plan_for_each_instant():
+    activity = [{"stream": "imu", "hold": "1s"}, {"stream": "imu", "hold": "2s", "score": 0.5}]
+    policy = a_policy(streams=[a_stream("imu")], tasks=[a_task("slam", activity=activity), a_task("rest")])
+    story = Story(policy)
+    story.sample("imu", at=1)
+    story.wait(1e6)
+    assert [(plan.time - START, plan.tasks["slam"].score) for plan in story.plans[-3:]] == [
+        (1, 1.0),
+        (2, 0.5),
+        (3, 0.0),
+    ]
+
+
+def test_zero_weights_keep_the_last_plan_in_force_and_are_told():
+    policy = a_policy(
+        streams=[a_stream("imu")],
+        tasks=[a_task("slam"), a_task("rest")],
+        contexts=[a_context("off", "imu.off", tasks={"slam": {"suspend": True}, "rest": {"weight": 0}})],
+    )
+    story = Story(policy)
+    before = story.shares()
+    story.sample("imu", at=1, off=True)
+    assert story.shares() == before
+    assert "keeps its last plan" in story.last.shortfalls[0].message
+    story.sample("imu", at=2, off=False)
+    assert story.last.shortfalls == ()
+
+
+class TestFirstPlan:
+    def policy(self):
+        return a_policy(streams=[a_stream("imu", staleAfter="1s"), a_stream("mic")], tasks=[a_task("slam")])
+
+    def test_it_waits_until_watched_streams_are_heard(self):
+        story = Story(self.policy())
+        assert story.plans == []
+        story.sample("imu", at=0.5, speed=0.0)
+        assert [plan.time for plan in story.plans] == [START + 0.5]
+
+    def test_it_waits_until_watched_streams_are_silent(self):
+        story = Story(self.policy())
+        story.wait(5)
+        assert [plan.time for plan in story.plans] == [START + 1]
+
+
+class TestMinDwell:
+    def story(self):
+        story = Story(two_streams(minDwell="1s"))
+        story.wait(2)
+        return story
+
+    def test_the_first_plan_after_a_rest_comes_at_once(self):
+        story = self.story()
+        story.sample("imu", at=2, speed=1.0)
+        assert story.last.time == START + 2
+
+    def test_a_plan_within_the_dwell_comes_at_its_end(self):
+        story = self.story()
+        story.sample("imu", at=2, speed=1.0)
+        story.sample("imu", at=2.2, speed=0.0)
+        assert story.last.time == START + 2
+        story.wait(9)
+        assert story.last.time == START + 3
+        assert story.planner.held_back == 1
+
+    def test_flapping_back_in_time_makes_no_plan_but_is_counted(self):
+        story = self.story()
+        story.sample("imu", at=2, speed=1.0)
+        story.sample("imu", at=2.2, speed=0.0)
+        story.sample("imu", at=2.4, speed=1.0)
+        story.wait(9)
+        assert story.last.time == START + 2
+        assert story.planner.held_back == 1
+
+    def test_each_flap_counts_once_however_many_samples_it_has(self):
+        story = self.story()
+        story.sample("imu", at=2, speed=1.0)
+        for tick in range(1, 90):
+            story.sample("imu", at=2 + tick / 100, speed=0.0 if tick % 30 > 15 else 1.0)
+        assert story.planner.held_back == 3
+
+    def test_a_container_that_comes_or_goes_does_not_wait(self):
+        story = self.story()
+        story.sample("imu", at=2, speed=1.0)
+        story.place(on_node("slam", "rest"), at=2.1)
+        assert story.last.time == START + 2.1
+        assert story.planner.held_back == 0
+
+    def test_the_cause_stays_short_and_tells_the_latest(self):
+        policy = a_policy(
+            streams=[a_stream("imu")],
+            tasks=[a_task("slam", activity=[{"scoreFrom": "imu.risk"}]), a_task("rest")],
+            minDwell="60s",
+        )
+        story = Story(policy)
+        for tick in range(1, 500):
+            story.sample("imu", at=tick / 10, risk=float(tick))
+        story.wait(70)
+        assert story.last.cause == "imu: true is 499"
+
+
+class TestNewVersion:
+    """A policy that is edited goes on where its last version stands."""
+
+    def after_edit(self, before, **edit):
+        planner = Planner(two_streams(**edit))
+        plans = planner.start(START + 10, before.planner)
+        plans += planner.handle(before.planner.placement, START + 10)
+        return planner, plans
+
+    def test_what_unchanged_streams_know_is_kept(self):
+        before = Story(two_streams())
+        before.sample("imu", at=1, speed=1.0)
+        planner, plans = self.after_edit(before, reserve="200m")
+        assert plans[-1].contexts == ("moving",)
+        assert planner.streams["imu"].seen_at == START + 1
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        Sample("nobody", {}),
+        Sample("imu", {}),
+        Sample("imu", {"speed": 10**400}),
+        Sample("imu", {"speed": {"speed": []}}),
+        Sample("imu", {"speed": "\ud800"}),
+        Sample("imu", {"speed": float("nan")}, float("nan")),
+        Sample("imu", {"speed": 1.0}, 1e300),
+        Score("slam", 0, float("nan")),
+    ],
+    ids=repr,
+)
+def test_no_input_raises_and_the_last_plan_stands(event):
+    story = Story(two_streams())
+    last = story.last
+    story.take(event, at=1)
+    story.take(event, at=0.5)
+    assert story.last.nodes == last.nodes or event == Sample("imu", {"speed": 1.0}, 1e300)
+    assert story.planner.drops
