@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -21,6 +20,9 @@ Parsed = TypeVar("Parsed")
 STREAM_NAME = re.compile(r"[a-z][a-z0-9_]{0,62}")
 TASK_NAME = re.compile(r"[a-z][a-z0-9-]{0,62}")
 FEATURE_NAME = re.compile(r"[a-z][A-Za-z0-9_]{0,62}")
+LARGEST = 1e308
+"""No float is much larger; whole numbers can be."""
+
 KEY_EXPRESSION = re.compile(r"(?!/)(?!.*//)(?!.*/$)[^#?$]{1,256}")
 
 
@@ -92,7 +94,7 @@ class Fields:
         value = self.raw(name)
         if value is None:
             return None
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= LARGEST:
             self.refuse(name, value, "a number of 0 or more")
             return None
         return float(value)
@@ -178,7 +180,7 @@ class Fields:
 
     def close(self) -> None:
         """Refuse the fields that nobody asked for: a misspelt name must not be ignored."""
-        for name in self._raw.keys() - self._known:
+        for name in [name for name in self._raw if name not in self._known]:
             self.refuse(str(name), self._raw[name], "known fields: " + ", ".join(sorted(self._known)))
 
     def _entries(self, name: str) -> dict[Any, Any]:

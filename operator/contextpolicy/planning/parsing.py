@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.errors import Finding, PolicyError
+from contextpolicy.errors import PolicyError
 from contextpolicy.planning import policy, references
 from contextpolicy.planning.fields import FEATURE_NAME, KEY_EXPRESSION, STREAM_NAME, TASK_NAME, Fields
 from contextpolicy.planning.selector import OPERATORS, Requirement, Selector
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from contextpolicy.errors import Finding
 
 _STREAM_WORDS = "lower-case letters, digits and '_', a letter first (it is a CEL variable)"
 _TASK_WORDS = "lower-case letters, digits and '-', a letter first"
@@ -20,11 +21,13 @@ _KEY_WORDS = "a Zenoh key expression such as robot/imu or robot/*/imu, without '
 def parse(body: Mapping[str, Any]) -> policy.Policy:
     """Read a whole object; PolicyError carries every finding."""
     findings: list[Finding] = []
-    metadata = body.get("metadata") or {}
-    namespace, name = str(metadata.get("namespace") or "default"), str(metadata.get("name") or "")
-    if not name:
-        findings.append(Finding("metadata.name", name, "a name"))
-    result = _policy(namespace, name, Fields(body.get("spec"), "spec", findings))
+    fields = body if isinstance(body, dict) else dict(body) if isinstance(body, Mapping) else {}
+    metadata = Fields(fields.get("metadata"), "metadata", findings)
+    namespace, name = (
+        metadata.text("namespace", "default", allowed="a namespace"),
+        metadata.text("name", allowed="a name"),
+    )
+    result = _policy(namespace, name, Fields(fields.get("spec"), "spec", findings))
     findings += references.check(result)
     if findings:
         raise PolicyError(f"ContextPolicy {namespace}/{name}", tuple(findings))

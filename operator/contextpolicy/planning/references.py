@@ -76,7 +76,7 @@ def _sources(policy: Policy) -> Iterator[tuple[str, str]]:
 
 def _graph(policy: Policy) -> Iterator[Finding]:
     tasks = {task.name: task for task in policy.tasks}
-    parents = Counter(name for task in policy.tasks for name in set(task.subtasks))
+    parents = Counter(name for task in policy.tasks for name in task.subtasks)
     for index, task in enumerate(policy.tasks):
         for number, name in enumerate(task.subtasks):
             yield from _subtask(f"spec.tasks[{index}].subtasks[{number}]", name, tasks, parents)
@@ -85,7 +85,7 @@ def _graph(policy: Policy) -> Iterator[Finding]:
 def _subtask(field: str, name: str, tasks: dict[str, Task], parents: Counter[str]) -> Iterator[Finding]:
     yield from _known(field, name, tasks)
     if parents[name] > 1:
-        yield Finding(field, name, "a subtask of one task only")
+        yield Finding(field, name, "a subtask of one task only, named once")
     if name in tasks and tasks[name].subtasks:
         yield Finding(field, name, "a task without subtasks of its own")
 
