@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import kopf
@@ -37,13 +38,25 @@ async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     settings.scanning.disabled = True
     settings.networking.error_backoffs = RECONNECT
     own: Settings = memo.settings
-    session = await asyncio.to_thread(open_client, own.connect)
-    memo.runtime = Runtime(Api(), session, Loop())
+    api = Api()
+    if not await asyncio.to_thread(api.serves_policies):
+        raise kopf.PermanentError("the custom resource is not installed: kubectl apply -f crds/, then start again")
+    memo.runtime, memo.stop = Runtime(api, Loop()), Event()
+    memo.connecting = asyncio.create_task(asyncio.to_thread(_connect, own.connect, memo.runtime, memo.stop))
+
+
+def _connect(endpoints: tuple[str, ...], runtime: Runtime, stop: Event) -> None:
+    """On a thread: a router that is not there yet must not keep the operator from its other work."""
+    session = open_client(endpoints, stop)
+    if session is not None:
+        runtime.connected(session)
 
 
 @kopf.on.cleanup()
 async def stop(memo: Any, **_: Any) -> None:
     """Close it again."""
+    memo.stop.set()
+    await memo.connecting
     await asyncio.to_thread(memo.runtime.close)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import TYPE_CHECKING
 
 import kopf
@@ -22,6 +23,8 @@ def run(settings: Settings) -> None:
         quiet=settings.log_level in ("warning", "error"),
         log_format=_FORMATS[settings.log_format],
     )
+    for chatty in ("kopf.objects", "aiohttp.access"):
+        logging.getLogger(chatty).setLevel(logging.WARNING)
     prometheus_client.start_http_server(settings.metrics_port)
     kopf.run(
         registry=handlers.registry,

@@ -24,7 +24,7 @@ from contextpolicy.streams import initiatives
 from contextpolicy.telemetry.clerk import Clerk
 from contextpolicy.telemetry.events import event
 from contextpolicy.telemetry.resizing import ResizeWatch
-from contextpolicy.telemetry.status import Facts, rejection, status
+from contextpolicy.telemetry.status import Facts, status, waiting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -63,8 +63,9 @@ class _Entry:
 class Runtime:
     """The operator without its watches."""
 
-    def __init__(self, api: Api, session: zenoh.Session, loop: Loop) -> None:
-        self._session, self._loop, self._api = session, loop, api
+    def __init__(self, api: Api, loop: Loop) -> None:
+        self._session: zenoh.Session | None = None
+        self._loop, self._api = loop, api
         self._workers = ThreadPoolExecutor(PATCH_WORKERS, thread_name_prefix="patch")
         self._clerk = Clerk(api, loop)
         self._watch = ResizeWatch(self._on_problem, self._on_stage)
@@ -80,8 +81,13 @@ class Runtime:
         self._workers.shutdown(wait=True, cancel_futures=True)
         self._clerk.close()
         self._loop.dispose()
-        self._session.close()  # type: ignore[no-untyped-call]
+        if self._session is not None:
+            self._session.close()
         self._api.close()
+
+    def connected(self, session: zenoh.Session) -> None:
+        """The robot's bus is there: policies that waited for it begin."""
+        self._call(lambda: self._begin(session))
 
     def policy_changed(self, body: Mapping[str, Any]) -> Future[None]:
         """A ContextPolicy exists, as new or edited."""
@@ -129,6 +135,11 @@ class Runtime:
         self._loop.schedule(run)
         return future
 
+    def _begin(self, session: zenoh.Session) -> None:
+        self._session = session
+        for entry in list(self._policies.values()):
+            self._adopt(entry.body)
+
     def _adopt(self, body: Mapping[str, Any]) -> None:
         """Swap a valid version in; an invalid one leaves the last good one in force and says why."""
         reference = f"{body['metadata']['namespace']}/{body['metadata']['name']}"
@@ -144,6 +155,9 @@ class Runtime:
             self._report(reference)
             return
         entry.rejected = ()
+        if self._session is None:
+            self._report(reference)
+            return
         before = entry.controller
         actuator = self._dry_run if policy.mode is Mode.DRY_RUN else self._resizer
         entry.controller = Controller(policy, Surroundings(self._session, self._loop, actuator, plugins))
@@ -208,7 +222,7 @@ class Runtime:
         generation = entry.body["metadata"].get("generation", 0)
         now = self._loop.to_seconds(self._loop.now)
         if entry.controller is None:
-            made = rejection(entry.rejected, generation, entry.conditions, now)
+            made = waiting(entry.rejected, generation, entry.conditions, now)
         else:
             facts = Facts(
                 generation,

@@ -51,6 +51,16 @@ class Api:
         """Give the connections back."""
         self._client.rest_client.pool_manager.clear()
 
+    def serves_policies(self) -> bool:
+        """Whether the custom resource is installed."""
+        try:
+            self._send("GET", "/apis/contextpolicy.dev/v1alpha1", None, "application/json")
+        except ActuationError as error:
+            if error.reason == "NotFound":
+                return False
+            raise
+        return True
+
     def resize(self, namespace: str, pod: str, patch: Mapping[str, Any]) -> int:
         """PATCH pods/resize: containers merge by name. Returns the generation of the pod's spec that has it."""
         answer = self._send("PATCH", f"/api/v1/namespaces/{namespace}/pods/{pod}/resize", patch, STRATEGIC)
@@ -70,13 +80,13 @@ class Api:
         """Create an Event."""
         self._send("POST", f"/api/v1/namespaces/{namespace}/events", event, "application/json")
 
-    def _send(self, method: str, path: str, body: Mapping[str, Any], content_type: str) -> bytes:
+    def _send(self, method: str, path: str, body: Mapping[str, Any] | None, content_type: str) -> bytes:
         request = self._client.param_serialize(
             method=method,
             resource_path=path,
             query_params=[("fieldManager", FIELD_MANAGER)],
             header_params={"Accept": "application/json", "Content-Type": content_type},
-            body=dict(body),
+            body=None if body is None else dict(body),
             auth_settings=["BearerToken"],
         )
         try:

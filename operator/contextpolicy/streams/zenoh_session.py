@@ -1,51 +1,43 @@
-"""Zenoh sessions with bounds: no multicast, quick detection of dead peers, no start that waits for ever."""
+"""Zenoh sessions with bounds: no multicast, quick detection of dead peers, a start that can be stopped."""
 
 from __future__ import annotations
 
 import json
+import logging
 from typing import TYPE_CHECKING
 
 import zenoh
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from threading import Event
 
+log = logging.getLogger(__name__)
+
+ATTEMPT = 1.0
+"""Seconds."""
 LEASE_MS = 1000
 """A hung peer is declared dead within this; the default of 10 s is longer than a robot can wait."""
 
 
-def open_client(endpoints: Sequence[str]) -> zenoh.Session:
-    """Use the router at `endpoints`; opens at once, also while the router or its name can't be reached yet.
+def open_client(endpoints: Sequence[str], stop: Event) -> zenoh.Session | None:
+    """A client of the router at `endpoints`, as soon as it answers; None when `stop` is set first.
 
-    A session in client mode would wait for the connection, without end when the name does not resolve; a peer that
-    neither listens nor gossips is as good a client, connects in the background and again after every loss.
+    Zenoh could wait by itself, but then nothing could end the wait; an open session reconnects by itself.
     """
-    return zenoh.open(
-        _config(
-            {
-                "mode": "peer",
-                "listen/endpoints": [],
-                "connect/endpoints": list(endpoints),
-                "connect/timeout_ms": -1,
-                "connect/exit_on_failure": False,
-                "scouting/gossip/enabled": False,
-            }
-        )
-    )
+    while not stop.is_set():
+        try:
+            return open_visitor(endpoints, patience=ATTEMPT)
+        except zenoh.ZError as error:
+            log.warning("no Zenoh router at %s yet: %s", ", ".join(endpoints), error)
+            stop.wait(ATTEMPT)
+    return None
 
 
 def open_visitor(endpoints: Sequence[str], *, patience: float) -> zenoh.Session:
     """A client for one question, of a person who waits: zenoh.ZError when no router answers for `patience` seconds."""
-    return zenoh.open(
-        _config(
-            {
-                "mode": "client",
-                "connect/endpoints": list(endpoints),
-                "connect/timeout_ms": int(patience * 1000),
-                "connect/exit_on_failure": True,
-            }
-        )
-    )
+    settings = {"mode": "client", "connect/endpoints": list(endpoints), "connect/timeout_ms": int(patience * 1000)}
+    return zenoh.open(_config(settings))
 
 
 def open_router(endpoints: Sequence[str]) -> zenoh.Session:

@@ -126,9 +126,9 @@ class Bus:
     def close(self) -> None:
         """Leave the bus."""
         for queryable in self._queryables:
-            queryable.undeclare()  # type: ignore[no-untyped-call]
-        self._applied.undeclare()  # type: ignore[no-untyped-call]
-        self._publisher.undeclare()  # type: ignore[no-untyped-call]
+            queryable.undeclare()
+        self._applied.undeclare()
+        self._publisher.undeclare()
 
     def _answer(self, content: Callable[[], bytes]) -> Callable[[zenoh.Query], None]:
         """Zenoh's callbacks must not call Zenoh: the reply is sent from the loop."""

@@ -57,11 +57,15 @@ def status(planner: Planner, facts: Facts, previous: Sequence[Mapping[str, Any]]
     }
 
 
-def rejection(
+def waiting(
     rejected: Sequence[str], generation: int, previous: Sequence[Mapping[str, Any]], now: float
 ) -> dict[str, Any]:
-    """The status of a policy of which no version was ever valid."""
-    findings = [Finding("Accepted", "Valid", "Invalid", rejected)]
+    """The status of a policy of which no version was ever valid, or whose samples can't come yet."""
+    no_router = () if rejected else ("no Zenoh router answers yet",)
+    findings = [
+        Finding("Accepted", "Valid", "Invalid", rejected),
+        Finding("StreamsHealthy", "Heard", "NoRouter", no_router),
+    ]
     return {"observedGeneration": generation, "conditions": conditions(findings, generation, previous, now)}
 
 

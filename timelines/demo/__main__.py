@@ -1,0 +1,134 @@
+"""`python -m timelines.demo`: exit code 0 only if the kernel enforced what the policy says."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.live import Live
+
+from contextpolicy.drawing import draw_shares
+from contextpolicy.streams.timeline import load
+from contextpolicy.streams.zenoh_session import open_visitor
+from timelines.demo import cgroup, deploy, verdict, view
+from timelines.demo.recorder import Recorder
+from timelines.replay.player import play
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from timelines.demo.recorder import Recording
+
+TIMELINE = deploy.REPOSITORY / "timelines" / "demo.json"
+OUT = deploy.REPOSITORY / "build" / "demo"
+CONTEXTS = {"moving"}
+console = Console()
+
+
+def main() -> int:
+    """Deploy, play, judge, clean up."""
+    parser = argparse.ArgumentParser(prog="python -m timelines.demo", description=__doc__)
+    parser.add_argument("--keep", action="store_true", help="leave the operator, the modules and the policy running")
+    options = parser.parse_args()
+    try:
+        for step in deploy.up():
+            console.print(f"[bold]$ {step}[/]")
+        original = deploy.limits()
+        console.print("[bold]$ kubectl apply -f config/policies/delivery-robot.yaml[/]")
+        deploy.apply_policy()
+        recording, started = _play()
+        problems = _report(recording, started)
+        if not options.keep:
+            problems += _clean_up(original)
+    except deploy.DeployError as error:
+        console.print(f"[red]{error}[/]")
+        return 1
+    for problem in problems:
+        console.print(f"[red]{problem}[/]")
+    console.print("[red]The demo failed.[/]" if problems else "[green]The kernel enforced every plan.[/]")
+    return 1 if problems else 0
+
+
+def _play() -> tuple[Recording, float]:
+    """Play the timeline, show what happens."""
+    timeline = load(TIMELINE)
+    cgroups = {task: found for task, identity in deploy.containers().items() if (found := cgroup.find(identity))}
+    if len(cgroups) < len(deploy.limits()):
+        raise deploy.DeployError("the cgroups of the tasks are not on this machine: run the demo on the node")
+    stop = threading.Event()
+    with (
+        open_visitor([deploy.router()], patience=10) as session,
+        Recorder(session, "robot/delivery-robot", cgroups) as recorder,
+    ):
+        started = time.time()
+        player = threading.Thread(target=play, args=(timeline, session), kwargs={"stop": stop}, daemon=True)
+        player.start()
+        _show(recorder.recording, player, started, timeline.duration)
+        player.join(timeout=timeline.duration)
+        return recorder.recording, started
+
+
+def _show(recording: Recording, player: threading.Thread, started: float, duration: float) -> None:
+    if not console.is_terminal:
+        _show_lines(recording, player, started)
+        return
+    with Live(console=console, refresh_per_second=4) as display:
+        while player.is_alive():
+            player.join(timeout=0.25)
+            display.update(view.live(recording, time.time() - started, duration))
+
+
+def _show_lines(recording: Recording, player: threading.Thread, started: float) -> None:
+    """Without a terminal: one line per plan."""
+    shown = 0
+    while player.is_alive():
+        player.join(timeout=0.25)
+        for plan in recording.plans[shown:]:
+            shares = " ".join(f"{name}={task['share'] * 1000:.0f}m" for name, task in plan["tasks"].items())
+            line = (
+                f"{plan['trigger'] - started:6.2f} s  {','.join(plan['contexts']) or '-':10} {shares}  {plan['cause']}"
+            )
+            console.print(line, highlight=False)
+        shown = len(recording.plans)
+
+
+def _report(recording: Recording, started: float) -> list[str]:
+    OUT.mkdir(parents=True, exist_ok=True)
+    found = verdict.reactions(recording, started)
+    console.print(view.summary(found))
+    for stage, value in verdict.medians(found).items():
+        console.print(f"median {stage}: {value:.1f} ms")
+    _draw(recording, started, OUT / "shares.svg")
+    (OUT / "plans.json").write_text(json.dumps(recording.plans, indent=1))
+    console.print(f"picture: {(OUT / 'shares.svg').relative_to(deploy.REPOSITORY)}")
+    return verdict.mismatches(recording, CONTEXTS)
+
+
+def _draw(recording: Recording, started: float, path: Path) -> None:
+    duration = load(TIMELINE).duration
+    tasks = sorted(recording.limits)
+    shares = {t: [(p["trigger"] - started, p["tasks"][t]["share"]) for p in recording.plans] for t in tasks}
+    measured = {t: [(moment - started, limit) for moment, limit in recording.limits[t]] for t in tasks}
+    bands = [(name, start, min(end, duration)) for name, start, end in verdict.spans(recording, started)]
+    draw_shares(shares, bands, path, until=duration, measured=measured, title="delivery-robot: CPU limits over time")
+
+
+def _clean_up(original: dict[str, str]) -> list[str]:
+    console.print("[bold]$ kubectl delete -f config/policies/delivery-robot.yaml[/]")
+    deploy.delete_policy()
+    restored = deploy.limits()
+    for step in deploy.down():
+        console.print(f"[bold]$ {step}[/]")
+    if restored != original:
+        return [f"after the policy was deleted the limits were {restored}, before it {original}"]
+    console.print(f"after the policy was deleted the limits were as before: {restored}")
+    return []
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,109 @@
+"""Bring the demo up and take it down with helm and kubectl, as a user would."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SYSTEM, ROBOT = "contextpolicy-system", "robot"
+POLICY = REPOSITORY / "config" / "policies" / "delivery-robot.yaml"
+MODULES = REPOSITORY / "config" / "robot"
+TIMEOUT = "180s"
+
+
+class DeployError(Exception):
+    """A step of the deployment failed; the message has the command and what it said."""
+
+
+def up() -> Iterator[str]:
+    """Install the operator and the robot's modules; yields each step before it is taken."""
+    yield "helm upgrade --install contextpolicy charts/contextpolicy"
+    chart = str(REPOSITORY / "charts" / "contextpolicy")
+    values = ["--set", "image.repository=contextpolicy", "--set", "image.tag=dev"]
+    values += ["--set", f"router.service.clusterIP={_free_address()}"]
+    _run(
+        *("helm", "upgrade", "--install", "contextpolicy", chart, "--namespace", SYSTEM, "--create-namespace"),
+        *(*values, "--take-ownership", "--force-conflicts", "--wait", "--timeout", TIMEOUT),
+    )
+    _run("kubectl", "delete", "-f", str(POLICY), "--ignore-not-found", f"--timeout={TIMEOUT}")
+    yield "kubectl apply -f config/robot"
+    _run("kubectl", "apply", "-f", str(MODULES / "namespace.yaml"))
+    _run("kubectl", "apply", "-f", str(MODULES))
+    _run("kubectl", "apply", "-f", "-", stdin=json.dumps(_zenoh_map(router())))
+    for task in ("slam", "speech"):
+        _run("kubectl", "rollout", "status", f"deployment/{task}", "-n", ROBOT, f"--timeout={TIMEOUT}")
+
+
+def down() -> Iterator[str]:
+    """Take the policy and then everything else away again."""
+    yield "kubectl delete -f config/robot"
+    _run("kubectl", "delete", "namespace", ROBOT, "--ignore-not-found", f"--timeout={TIMEOUT}")
+    yield "helm uninstall contextpolicy"
+    _run("helm", "uninstall", "contextpolicy", "--namespace", SYSTEM, "--wait", "--timeout", TIMEOUT)
+
+
+def apply_policy() -> None:
+    """Apply the policy: from now on the operator decides."""
+    _run("kubectl", "apply", "-f", str(POLICY))
+
+
+def delete_policy() -> None:
+    """Delete the policy; returns when the operator has put every container back."""
+    _run("kubectl", "delete", "-f", str(POLICY), f"--timeout={TIMEOUT}")
+
+
+def router() -> str:
+    """The Zenoh endpoint of the chart's router, by its cluster address: a node need not have DNS."""
+    service = json.loads(_run("kubectl", "get", "service", "contextpolicy-router", "-n", SYSTEM, "-o", "json"))
+    return f"tcp/{service['spec']['clusterIP']}:{service['spec']['ports'][0]['port']}"
+
+
+def containers() -> dict[str, str]:
+    """The id of each task's running container."""
+    pods = json.loads(_run("kubectl", "get", "pods", "-n", ROBOT, "-l", "app in (slam,speech)", "-o", "json"))
+    return dict(_running(pods["items"]))
+
+
+def limits() -> dict[str, str]:
+    """The CPU limit of each task in the API."""
+    pods = json.loads(_run("kubectl", "get", "pods", "-n", ROBOT, "-l", "app in (slam,speech)", "-o", "json"))
+    return {
+        container["name"]: container["resources"]["limits"]["cpu"]
+        for pod in pods["items"]
+        for container in pod["spec"]["containers"]
+    }
+
+
+def _free_address() -> str:
+    """An address for the router among the cluster's service addresses: a node need not have DNS."""
+    kubernetes = json.loads(_run("kubectl", "get", "service", "kubernetes", "-n", "default", "-o", "json"))
+    network, _, _ = str(kubernetes["spec"]["clusterIP"]).rpartition(".0.")
+    return f"{network}.7.47"
+
+
+def _running(pods: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
+    for pod in pods:
+        for status in pod.get("status", {}).get("containerStatuses", []):
+            if "running" in status.get("state", {}):
+                yield status["name"], status["containerID"]
+
+
+def _zenoh_map(endpoint: str) -> dict[str, Any]:
+    metadata = {"name": "zenoh", "namespace": ROBOT}
+    return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": metadata, "data": {"connect": endpoint}}
+
+
+def _run(*argv: str, stdin: str | None = None) -> str:
+    try:
+        done = subprocess.run(argv, input=stdin, capture_output=True, text=True, timeout=300, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise DeployError(f"{' '.join(argv)}: {error}") from error
+    if done.returncode != 0:
+        raise DeployError(f"{' '.join(argv)}\n{done.stderr.strip() or done.stdout.strip()}")
+    return done.stdout
