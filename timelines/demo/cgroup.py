@@ -40,6 +40,13 @@ class Cgroup:
             return int(text) / 1e9
         return int(dict(line.split() for line in text.splitlines())["usage_usec"]) / 1e6
 
+    def processes(self) -> list[int]:
+        """The ids of its processes."""
+        try:
+            return [int(line) for line in (self.quota_file.parent / "cgroup.procs").read_text().split()]
+        except OSError:
+            return []
+
 
 def find(container_id: str, root: Path = ROOT) -> Cgroup | None:
     """The cgroup of a container by its id (`containerd://<hex>` or `<hex>`), below any kubepods hierarchy."""

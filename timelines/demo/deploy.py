@@ -26,7 +26,7 @@ def up() -> Iterator[str]:
     yield "helm upgrade --install contextpolicy charts/contextpolicy"
     chart = str(REPOSITORY / "charts" / "contextpolicy")
     values = ["--set", "image.repository=contextpolicy", "--set", "image.tag=dev"]
-    values += ["--set", f"router.service.clusterIP={_free_address()}"]
+    values += ["--set", f"router.service.clusterIP={free_address()}"]
     _run(
         *("helm", "upgrade", "--install", "contextpolicy", chart, "--namespace", SYSTEM, "--create-namespace"),
         *(*values, "--take-ownership", "--force-conflicts", "--wait", "--timeout", TIMEOUT),
@@ -80,11 +80,11 @@ def limits() -> dict[str, str]:
     }
 
 
-def _free_address() -> str:
+def free_address(last: int = 47) -> str:
     """An address for the router among the cluster's service addresses: a node need not have DNS."""
     kubernetes = json.loads(_run("kubectl", "get", "service", "kubernetes", "-n", "default", "-o", "json"))
     network, _, _ = str(kubernetes["spec"]["clusterIP"]).rpartition(".0.")
-    return f"{network}.7.47"
+    return f"{network}.7.{last}"
 
 
 def _running(pods: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:

@@ -1,0 +1,149 @@
+"""The main job: what the sensors say decides what the kernel enforces."""
+
+import itertools
+import time
+
+import pytest
+
+from tests.e2e.cluster import apply, delete, get, until
+from tests.e2e.robot import policy, task
+
+ORIGINALS = "contextpolicy.dev/original-resources"
+
+
+def test_context_moves_cpu_between_running_pods(governed):
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    assert governed.status()["activeContexts"] == ["moving"]
+    governed.drive(0.0)
+    governed.expect(slam=500, speech=500)
+
+
+def test_containers_are_not_restarted(governed):
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    statuses = get("pod", "slam", governed.namespace)["status"]["containerStatuses"]
+    assert [status["restartCount"] for status in statuses] == [0]
+
+
+def test_limits_never_sum_above_capacity(governed):
+    """Decreases are in force before increases are asked for: looked at every millisecond through 20 changes."""
+    cgroups = [governed.container("slam"), governed.container("speech")]
+    sums = []
+    for speed in itertools.islice(itertools.cycle([0.3, 0.0]), 20):
+        governed.drive(speed)
+        deadline = time.monotonic() + 0.3
+        while time.monotonic() < deadline:
+            sums.append(round(sum(cgroup.limit() for cgroup in cgroups) * 1000))
+            time.sleep(0.001)
+    assert max(sums) <= 1000
+    assert len(set(sums)) > 1, "nothing moved"
+
+
+def test_status_tells_weights_shares_and_conditions(governed):
+    governed.drive(0.3)
+    until("the status tells the context", lambda: governed.status().get("contexts") == "moving")
+    status = governed.status()
+    shares = {entry["name"]: (entry["share"], entry["suspended"]) for entry in status["tasks"]}
+    assert shares == {"slam": ("990m", False), "speech": ("10m", True)}
+    assert status["boundTasks"] == "2/2"
+    assert status["observedGeneration"] == 1
+    assert {c["type"]: c["status"] for c in status["conditions"]}["Ready"] == "True"
+
+
+def test_deleting_the_policy_restores_everything(governed):
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    assert ORIGINALS in get("pod", "slam", governed.namespace)["metadata"]["annotations"]
+    delete("ctxp", "robot", governed.namespace)
+    governed.expect(slam=500, speech=500)
+    for name in ("slam", "speech"):
+        pod = get("pod", name, governed.namespace)
+        assert ORIGINALS not in pod["metadata"].get("annotations", {})
+        assert pod["spec"]["containers"][0]["resources"]["limits"]["cpu"] == "500m"
+
+
+@pytest.mark.parametrize("mode", ["Paused", "DryRun"])
+def test_pausing_restores_and_enforcing_again_resumes(governed, mode):
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    governed.policy(mode=mode)
+    governed.expect(slam=500, speech=500)
+    governed.policy(mode="Enforce")
+    governed.expect(slam=990, speech=10)
+
+
+def test_new_pod_gets_its_share_at_once(governed):
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    governed.stop("speech")
+    governed.start("speech")
+    governed.expect(slam=990, speech=10)
+
+
+def test_restarted_container_keeps_its_share(governed):
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    governed.kill("slam")
+    until("the container runs again", lambda: governed.restarts("slam") == 1)
+    governed.expect(slam=990, speech=10)
+
+
+def test_edit_applies_while_running(governed):
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    calmer = {"name": "moving", "when": "imu.speed > 0.05", "tasks": {"speech": {"scale": 0.25}}}
+    governed.policy(contexts=[calmer])
+    governed.expect(slam=800, speech=200)
+
+
+def test_invalid_edit_leaves_the_last_good_plan(governed):
+    """CEL is compiled by the operator: the API server can't refuse an expression."""
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    governed.policy(contexts=[{"name": "moving", "when": "imu.speed >", "tasks": {"speech": {"suspend": True}}}])
+    until("the status refuses the edit", lambda: governed.condition("Accepted")[0] == "False")
+    assert "spec.contexts[0].when: 'imu.speed >' is not allowed" in governed.condition("Accepted")[1]
+    governed.drive(0.0)
+    governed.expect(slam=500, speech=500)
+
+
+def test_second_policy_on_a_container_yields(governed):
+    rival = policy(governed.namespace, "rival", tasks=[task("slam"), task("speech", max="10m")])
+    apply(rival)
+    until("the younger policy is told", lambda: governed.condition("Accepted", "rival")[0] == "False")
+    message = governed.condition("Accepted", "rival")[1]
+    assert f"{governed.namespace}/slam/slam belongs to task slam of {governed.namespace}/robot" in message
+    governed.expect(slam=500, speech=500)
+    assert governed.condition("Accepted")[0] == "True"
+
+
+def test_silent_stream_falls_back(governed):
+    blind = {"name": "blind", "tasks": {"slam": {"weight": 1}, "speech": {"weight": 3}}}
+    governed.policy(contexts=[policy("")["spec"]["contexts"][0], blind], fallback="blind")
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    governed.sensors.read(f"{governed.namespace}/imu", None)
+    governed.expect(slam=250, speech=750)
+    until("the status tells", lambda: governed.condition("StreamsHealthy")[0] == "False")
+    assert f"stream imu ({governed.namespace}/imu) is silent" in governed.condition("StreamsHealthy")[1]
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+
+
+@pytest.mark.parametrize("payload", [b"not json", b"", b"\xff\xfe", b"[" * 100_000, b'{"speed": "fast"}', b"{}"])
+def test_sample_that_makes_no_sense_changes_nothing(governed, payload):
+    governed.sensors.read(f"{governed.namespace}/imu-noise", payload)
+    streams = [
+        {"name": "imu", "key": f"{governed.namespace}/imu", "staleAfter": "1s"},
+        {"name": "noise", "key": f"{governed.namespace}/imu-noise"},
+    ]
+    contexts = [
+        *policy("")["spec"]["contexts"],
+        {"name": "loud", "when": "noise.speed > 1.0", "tasks": {"slam": {"suspend": True}}},
+    ]
+    governed.policy(streams=streams, contexts=contexts)
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    governed.sensors.read(f"{governed.namespace}/imu-noise", None)
+    assert governed.status()["activeContexts"] == ["moving"]
