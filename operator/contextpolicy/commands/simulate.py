@@ -144,9 +144,7 @@ def _print_notes(run: Simulation) -> None:
     ]
     if not run.plans:
         waiting = [name for name, stream in run.planner.streams.items() if stream.unknown]
-        notes.append(
-            f"there is no plan: {', '.join(waiting) or 'no stream'} was neither heard nor silent for staleAfter"
-        )
+        notes.append(f"there is no plan: it waits until each stream is heard or silent: {', '.join(waiting)}")
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
 

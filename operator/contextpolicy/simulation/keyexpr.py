@@ -1,7 +1,7 @@
 """Which keys a Zenoh key expression selects, decided without Zenoh.
 
 `*` is any one chunk, `**` any number of chunks, `$*` any part of a chunk. Chunks that begin with `@` are verbatim:
-no wildcard selects them.
+no wildcard selects them or counts in them.
 """
 
 from __future__ import annotations
@@ -26,5 +26,6 @@ def _chunk(chunk: str) -> str:
         return "(?:(?!@)[^/]+/)*"
     if chunk == "*":
         return "(?!@)[^/]+/"
-    verbatim = "" if chunk.startswith("@") else "(?!@)"
-    return verbatim + "[^/]*".join(re.escape(part) for part in chunk.split("$*")) + "/"
+    if chunk.startswith("@"):
+        return re.escape(chunk) + "/"
+    return "(?!@)" + "[^/]*".join(re.escape(part) for part in chunk.split("$*")) + "/"

@@ -53,7 +53,8 @@ def simulate(
     timed = _inputs(scheduler, placement, samples(policy, timeline.inputs(), run.skipped, run.planner.drops))
     plans(run.planner, timed, scheduler, initiatives).subscribe(run.plans.append)
     scheduler.advance_to(begin + timedelta(seconds=run.until))
-    run.plans = [replace(plan, time=round(plan.time - EPOCH, 6)) for plan in run.plans]
+    # A policy without watchdogs plans before it is told of its containers, for nobody.
+    run.plans = [replace(plan, time=round(plan.time - EPOCH, 6)) for plan in run.plans if plan.nodes]
     return run
 
 

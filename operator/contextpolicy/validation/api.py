@@ -10,6 +10,7 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from contextpolicy.errors import Finding
+from contextpolicy.planning.expressions import FUNCTIONS
 from contextpolicy.planning.quantities import parse_duration
 from contextpolicy.planning.references import CEL_WORDS
 
@@ -94,8 +95,9 @@ def _with_fits(activity: Any) -> bool:
 
 
 def _is_one_change(effect: Any) -> bool:
-    named = [name for name in ("weight", "scale", "suspend") if effect.get(name) is not None] if effect else []
-    return not isinstance(effect, dict) or len(named) == 1
+    if not isinstance(effect, dict):
+        return True
+    return len([name for name in ("weight", "scale", "suspend") if effect.get(name) is not None]) == 1
 
 
 _CHUNK = r"(\*|\*\*|[^/*?#$]+)"
@@ -140,7 +142,7 @@ RULES: tuple[Rule, ...] = (
     Rule("spec.streams[].features", _is_unique_by_name, "each name once"),
     Rule(
         "spec.streams[].features[].name",
-        lambda name: name not in CEL_WORDS - {"min", "max", "abs", "norm", "sqrt", "size", "has"},
+        lambda name: not isinstance(name, str) or name not in CEL_WORDS - set(FUNCTIONS) - {"size", "has"},
         "a name that is no word of CEL",
     ),
     Rule(

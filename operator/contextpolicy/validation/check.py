@@ -96,7 +96,7 @@ def _check_object(source: Source, report: Report) -> None:
         findings.append(Finding("apiVersion", source.body.get("apiVersion"), API_VERSION))
     policy = None
     try:
-        policy = parse(source.body)
+        policy = _parse(source.body)
     except PolicyError as error:
         findings += error.findings
     told = {finding.field for finding in findings}
@@ -108,6 +108,14 @@ def _check_object(source: Source, report: Report) -> None:
     if policy is not None and not findings:
         report.problems += [_warning(source, finding) for finding in advice(policy)]
         report.policies.append((source, policy))
+
+
+def _parse(body: dict[str, Any]) -> Policy:
+    """Planning's parser is for objects that an API server knows, which have metadata."""
+    if not isinstance(body.get("metadata"), dict):
+        finding = Finding("metadata", body.get("metadata"), "an object with a name")
+        raise PolicyError("", (finding,))
+    return parse(body)
 
 
 def _duplicates(source: Source) -> Iterator[Finding]:

@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from contextpolicy.cli import main
+from contextpolicy.streams.zenoh_session import open_router
+
+if TYPE_CHECKING:
+    import zenoh
+
+ROOT = Path(__file__).parents[2]
+DEMO = str(ROOT / "timelines/demo.json")
+
+
+def explain(capsys: pytest.CaptureFixture[str], policy: str, *arguments: str) -> str:
+    path = str(ROOT / f"config/policies/{policy}.yaml")
+    assert main(["explain", path, *arguments, "--timeline", DEMO, "--cores", "2"]) == 0
+    return capsys.readouterr().out
+
+
+def test_a_task_that_a_context_suspends(capsys: pytest.CaptureFixture[str]) -> None:
+    assert explain(capsys, "delivery-robot", "speech", "--at", "12").splitlines()[:7] == [
+        "speech gets 10m on node robot, the least there is: it is suspended.",
+        "  Plan 4 is in force for 1.9 s, caused by imu: context moving entered.",
+        "  Activity `mic.level > 0.1` on mic is not in force.",
+        "  Its score is its idle score, 0.1.",
+        "  Priority 10 times score 0.1 is 1.",
+        "  Context moving suspends it.",
+        "  So its weight is 0.",
+    ]
+
+
+def test_redistribution(capsys: pytest.CaptureFixture[str]) -> None:
+    text = explain(capsys, "delivery-robot", "slam", "--at", "12")
+    assert "  Eq. 1 on node robot: 1700m * 10 / 10 = 1700m.\n" in text
+    assert "  speech has 10m (suspended); the rest, divided by weight, gives it 1690m.\n" in text
+
+
+def test_steps(capsys: pytest.CaptureFixture[str]) -> None:
+    text = explain(capsys, "delivery-robot", "slam", "--at", "6")
+    assert (
+        "  Eq. 1 on node robot: 1700m * 1 / 11 = 154.5m.\n  Shares move in steps of 10m, which makes it 150m.\n" in text
+    )
+
+
+def test_graph_needs_and_preconditions(capsys: pytest.CaptureFixture[str]) -> None:
+    text = explain(capsys, "speech-chatbot", "--at", "6")
+    assert "speech-recognition has no container of its own.\n" in text
+    assert (
+        "  speech-recognition is compound: it needs all of keyword-spotting, transcript; they have the share.\n" in text
+    )
+    assert "  It is a subtask of speech-recognition, whose weight is split over the subtasks that can run.\n" in text
+    assert "  It needs 1000m of CPU, it gets 600m: not met.\n" in text
+    assert "  It needs 2000m of CPU, it gets 60m: not met.\n" in text
+    assert "does not hold, so it waits with weight 0.\n" in text
+
+
+def test_no_plan_yet_says_what_it_waits_for(capsys: pytest.CaptureFixture[str]) -> None:
+    text = explain(capsys, "patrol-robot", "--at", "0.1")
+    assert text.startswith("There is no plan yet: it waits until each stream is heard or silent, and ")
+
+
+def test_json_is_the_structure_of_the_bus(capsys: pytest.CaptureFixture[str]) -> None:
+    document = json.loads(explain(capsys, "delivery-robot", "--at", "12", "--output", "json"))
+    assert document["plan"]["contexts"] == ["moving"]
+    assert document["tasks"]["speech"]["effects"] == [{"context": "moving", "change": "suspends it", "decides": True}]
+    assert document["nodes"]["robot"]["tasks"]["speech"]["share"] == 10
+    assert document["streams"]["imu"]["value"]["speed"] == 0.3
+
+
+def test_an_unknown_task_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    policy = str(ROOT / "config/policies/delivery-robot.yaml")
+    assert main(["explain", policy, "spech", "--timeline", DEMO]) == 2
+    assert capsys.readouterr().err == "task spech is not allowed: one of slam, speech\n"
+
+
+def test_neither_timeline_nor_endpoint_is_wrong_usage() -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["explain", "policy.yaml"])
+    assert caught.value.code == 2
+
+
+@pytest.fixture
+def endpoint(free_endpoint: str, capsys: pytest.CaptureFixture[str]) -> Any:
+    """A router behind which somebody explains robot/delivery-robot."""
+    answer = explain(capsys, "delivery-robot", "--at", "12", "--output", "json").encode()
+
+    def on_query(query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, answer)
+
+    with open_router([free_endpoint]) as session:
+        session.declare_queryable("contextpolicy/robot/delivery-robot/explain", on_query)
+        yield free_endpoint
+
+
+def test_live(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", "robot/delivery-robot", "speech", "--connect", endpoint]) == 0
+    assert capsys.readouterr().out.startswith("speech gets 10m on node robot")
+
+
+def test_nobody_explains_it(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["explain", "robot/other", "--connect", endpoint]) == 1
+    assert "nobody at" in capsys.readouterr().err
+
+
+def test_no_router(free_endpoint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("contextpolicy.commands.explain.PATIENCE", 0.2)
+    assert main(["explain", "robot/delivery-robot", "--connect", free_endpoint]) == 1
+    assert "Unable to connect" in capsys.readouterr().err

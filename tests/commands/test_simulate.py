@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from contextpolicy.cli import main
+
+ROOT = Path(__file__).parents[2]
+POLICY = str(ROOT / "config/policies/delivery-robot.yaml")
+EXPECTED = str(ROOT / "config/policies/delivery-robot.expect.yaml")
+DEMO = str(ROOT / "timelines/demo.json")
+TWO_CORES = ("simulate", POLICY, DEMO, "--cores", "2")
+
+TABLE = """\
+  TIME  CONTEXTS  SLAM (WEIGHT)  SPEECH (WEIGHT)  CAUSE
+ 0.000  -         850m (1)       850m (1)         start; containers changed
+ 5.000  -         150m (1)       1550m (10)       mic: mic.level > 0.1 is 1
+10.000  -         850m (10)      850m (10)        imu: norm(imu.gyro) > 0.02 is 1
+10.100  moving    1690m (10)     10m (0)          imu: context moving entered
+"""
+
+
+def test_table(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*TWO_CORES, "--until", "15"]) == 0
+    assert capsys.readouterr().out == TABLE
+
+
+def test_json_has_the_names_of_the_decision_bus(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*TWO_CORES, "--until", "15", "--output", "json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["policy"] == "robot/delivery-robot"
+    last = document["plans"][-1]
+    assert (last["time"], last["contexts"]) == (10.1, ["moving"])
+    assert last["tasks"]["slam"]["share"] == 1.69
+    assert last["nodes"]["robot"] == {"capacity": 1.7, "tasks": {"slam": 1.69, "speech": 0.01}}
+
+
+def test_csv_has_a_row_for_each_plan_and_task(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*TWO_CORES, "--until", "15", "--output", "csv"]) == 0
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert len(rows) == 8
+    assert rows[-1] | {"cause": ""} == {
+        "time": "10.1",
+        "sequence": "4",
+        "cause": "",
+        "contexts": "moving",
+        "task": "speech",
+        "score": "1.0",
+        "weight": "0.0",
+        "share": "0.01",
+        "suspended": "True",
+    }
+
+
+def test_notes_tell_what_nobody_read(capsys: pytest.CaptureFixture[str]) -> None:
+    main(list(TWO_CORES))
+    assert "note: no stream reads robot/camera/stereo\n" in capsys.readouterr().err
+
+
+def test_no_plan_says_what_it_waits_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", str(ROOT / "config/policies/patrol-robot.yaml"), DEMO, "--until", "0.1"]) == 0
+    assert "note: there is no plan: imu, odometry, mic, battery was neither heard nor" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("suffix", ["svg", "png"])
+def test_plot(suffix: str, tmp_path: Path) -> None:
+    picture = tmp_path / f"plan.{suffix}"
+    assert main([*TWO_CORES, "--plot", str(picture)]) == 0
+    content = picture.read_bytes()
+    assert content.startswith(b"\x89PNG" if suffix == "png" else b"<?xml")
+    if suffix == "svg":
+        assert all(word in content for word in (b"slam", b"speech", b"moving", b"delivery-robot on demo"))
+
+
+def test_the_same_run_draws_the_same_picture(tmp_path: Path) -> None:
+    pictures = [tmp_path / "a.svg", tmp_path / "b.svg"]
+    for picture in pictures:
+        main([*TWO_CORES, "--plot", str(picture)])
+    assert pictures[0].read_bytes() == pictures[1].read_bytes()
+
+
+def test_plot_without_matplotlib_says_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main([*TWO_CORES, "--plot", str(tmp_path / "plan.svg")]) == 1
+    assert "pip install 'contextpolicy[plot]'" in capsys.readouterr().err
+
+
+def test_assert_as_expected(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*TWO_CORES, "--assert", EXPECTED]) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines()[-1] == f"{POLICY} on {DEMO}: 7 expectations, as expected"
+
+
+def test_assert_prints_each_difference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    expected = tmp_path / "expect.yaml"
+    expected.write_text("- {at: 12, shares: {slam: 1}}\n- {at: 99}\n")
+    assert main([*TWO_CORES, "--assert", str(expected)]) == 1
+    assert [line for line in capsys.readouterr().err.splitlines() if not line.startswith("note:")] == [
+        f"{expected}: line 2: expects something at 99 s, after the end at 30 s",
+        f"{expected}: line 1, at 12 s: share of slam: expected 1000m, but 1690m",
+        "    plan 4 of 10.100 s, because of imu: context moving entered",
+        f"{POLICY} on {DEMO}: 2 expectations, 2 differences",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("simulate", "nowhere.yaml", DEMO), "nowhere.yaml: is not a readable file"),
+        (("simulate", POLICY, "nowhere.json"), "a readable file"),
+        (("simulate", POLICY, DEMO, "--assert", "nowhere.yaml"), "a readable file"),
+        (("simulate", POLICY, DEMO, "--assert", POLICY), "a list of expectations"),
+        (("simulate", str(ROOT / "tests/e2e/bad_policies/mode-misspelt.yaml"), DEMO), "one of Enforce, DryRun, Paused"),
+    ],
+)
+def test_files_that_do_not_do(arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(list(arguments)) == 1
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("wrong", [("--cores", "0"), ("--until", "-1"), ("--plot", "x.gif"), ("--output", "xml")])
+def test_wrong_usage(wrong: tuple[str, str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([*TWO_CORES, *wrong])
+    assert caught.value.code == 2

@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from contextpolicy.simulation.comparison import differences
+from contextpolicy.simulation.expectations import ExpectationError, parse
+from contextpolicy.simulation.run import simulate
+from contextpolicy.streams import timeline
+from contextpolicy.validation.policy_file import load_policy
+
+ROOT = Path(__file__).parents[2]
+POLICY = load_policy(str(ROOT / "config/policies/delivery-robot.yaml"))
+PLANS = simulate(POLICY, timeline.load(ROOT / "timelines/demo.json"), cores=2).plans
+
+
+def compare(text: str) -> list[str]:
+    return [d.message for d in differences(PLANS, parse(text, POLICY, subject="test"))]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "- {at: 12, contexts: [moving], suspended: [speech], shares: {speech: 10m, slam: {min: 1500m}}}",
+        "- {from: 11, to: 20, contexts: [moving], weights: {slam: 10, speech: {max: 0}}, feasible: true}",
+        "- {from: 0, to: 30, plans: {max: 10}}",
+        "expect:\n- {at: 12, shares: {slam: {min: 1500m, max: '2'}}}",
+        '[{"at": 12, "contexts": ["moving"]}]',
+    ],
+)
+def test_as_expected(text: str) -> None:
+    assert compare(text) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "messages"),
+    [
+        ("- {at: 12, contexts: []}", ["contexts: expected none, but moving"]),
+        ("- {at: 12, suspended: []}", ["suspended: expected none, but speech"]),
+        ("- {at: 12, shares: {slam: {max: 1}}}", ["share of slam: expected at most 1000m, but 1690m"]),
+        ("- {at: 12, shares: {slam: 1700m}}", ["share of slam: expected 1700m, but 1690m"]),
+        ("- {at: 12, weights: {slam: {min: 11, max: 12}}}", ["weight of slam: expected 11 to 12, but 10"]),
+        ("- {at: 12, feasible: false}", ["feasible: expected false, but nothing falls short"]),
+        ("- {from: 12, to: 22, contexts: [moving]}", ["contexts: expected moving, but none"]),
+        ("- {from: 11, to: 20, plans: 1}", ["expected 1 plans, 0 began"]),
+    ],
+)
+def test_differences_say_what_was_expected_and_what_is(text: str, messages: list[str]) -> None:
+    assert compare(text) == messages
+
+
+def test_a_difference_names_line_time_and_the_plan_in_force() -> None:
+    (difference,) = differences(PLANS, parse("# why\n- {at: 12, contexts: []}", POLICY, subject="test"))
+    assert str(difference) == (
+        "line 2, at 12 s: contexts: expected none, but moving\n"
+        "    plan 4 of 10.100 s, because of imu: context moving entered"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        ("- {contexts: []}", "[0]"),
+        ("- {at: 1, from: 2, to: 3}", "[0]"),
+        ("- {from: 3, to: 2}", "[0].to"),
+        ("- {at: -1}", "[0]"),
+        ("- {at: .inf}", "[0]"),
+        ("- {at: 1, context: [moving]}", "[0].context"),
+        ("- {at: 1, contexts: [driving]}", "[0].contexts"),
+        ("- {at: 1, contexts: moving}", "[0].contexts"),
+        ("- {at: 1, shares: {slamm: 1}}", "[0].shares"),
+        ("- {at: 1, shares: {slam: many}}", "[0].shares.slam"),
+        ("- {at: 1, shares: {slam: {atleast: 1}}}", "[0].shares.slam"),
+        ("- {at: 1, feasible: 3}", "[0].feasible"),
+        ("- 12", "[0]"),
+        ("expect: []", "expect"),
+        ("", "file"),
+        ("[", "line 1"),
+    ],
+)
+def test_a_file_that_makes_no_sense_is_refused_with_the_field(text: str, field: str) -> None:
+    with pytest.raises(ExpectationError) as caught:
+        parse(text, POLICY, subject="test")
+    assert [finding.field for finding in caught.value.findings] == [field]

@@ -1,0 +1,116 @@
+"""Same samples in, same plans out: twice in virtual time, and by hand without Rx."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from contextpolicy.planning.parsing import parse
+from contextpolicy.planning.placement import on_one_node
+from contextpolicy.planning.planner import Planner
+from contextpolicy.simulation.run import simulate
+from contextpolicy.simulation.samples import EPOCH, Skipped, samples
+from contextpolicy.streams import timeline
+from contextpolicy.validation.policy_file import load_policy
+
+ROOT = Path(__file__).parents[2]
+DELIVERY = load_policy(str(ROOT / "config/policies/delivery-robot.yaml"))
+DEMO = timeline.load(ROOT / "timelines/demo.json")
+
+
+def imu(start: float, end: float, rate: float, speed: float) -> dict[str, Any]:
+    value = {"gyro": [speed, 0.0, 0.0], "accel": [0.0, 0.0, 9.81], "speed": speed}
+    return {"key": "robot/imu", "encoding": "json", "from": start, "to": end, "rate": rate, "value": value}
+
+
+def a_timeline(*inputs: dict[str, Any], duration: float) -> timeline.Timeline:
+    return timeline.parse({"name": "test", "duration": duration, "inputs": list(inputs)})
+
+
+def a_policy(streams: list[dict[str, Any]], **spec: Any) -> Any:
+    tasks = [{"name": "a", "selector": {"matchLabels": {"app": "a"}}, "idle": 1, "activity": spec.pop("activity", [])}]
+    return parse({"metadata": {"name": "p", "namespace": "n"}, "spec": {"streams": streams, "tasks": tasks, **spec}})
+
+
+def test_two_runs_are_identical() -> None:
+    assert simulate(DELIVERY, DEMO, cores=2).plans == simulate(DELIVERY, DEMO, cores=2).plans
+
+
+@pytest.mark.parametrize("name", ["delivery-robot", "patrol-robot", "speech-chatbot", "paper-listing1"])
+def test_same_as_feeding_the_planner_by_hand(name: str) -> None:
+    policy = load_policy(str(ROOT / f"config/policies/{name}.yaml"))
+    planner = Planner(policy)
+    plans = planner.start(EPOCH)
+    plans += planner.handle(on_one_node(tuple(task.name for task in policy.leaves), 4), EPOCH)
+    for at, sample in samples(policy, DEMO.inputs(), Skipped(), Counter()):
+        plans += planner.handle(sample, round(EPOCH + at, 6))
+    plans += planner.advance(EPOCH + DEMO.duration)
+
+    relative = [replace(plan, time=round(plan.time - EPOCH, 6)) for plan in plans if plan.nodes]
+    assert simulate(policy, DEMO, cores=4).plans == relative
+
+
+def test_three_minutes_of_a_200_hz_imu() -> None:
+    stretches = [imu(start, start + 3, 200, 0.2 if start // 3 % 2 else 0.0) for start in range(0, 180, 3)]
+    mic = {"key": "robot/microphone/level", "encoding": "json", "from": 0, "to": 180, "rate": 10, "value": {"level": 0}}
+    run = simulate(DELIVERY, a_timeline(*stretches, mic, duration=180), cores=4)
+
+    entered = [plan.time for plan in run.plans if plan.cause == "imu: context moving entered"]
+    exited = [plan.time for plan in run.plans if "imu: context moving exited" in plan.cause]
+    assert entered == [start + 0.1 for start in range(3, 180, 6)]
+    assert exited == [start + 1.0 for start in range(6, 180, 6)]
+    assert not run.planner.drops
+
+
+def test_silence_at_the_end_is_seen_within_the_duration() -> None:
+    run = simulate(DELIVERY, a_timeline(imu(0, 2, 50, 0.2), duration=10), cores=2)
+    assert [plan.time for plan in run.plans if "imu: silent" in plan.cause] == [1.98 + 0.5]
+
+
+def test_until_is_included() -> None:
+    mic = {"key": "robot/microphone/level", "encoding": "json", "from": 0, "to": 10, "rate": 10, "value": {"level": 0}}
+    line = a_timeline(imu(0, 10, 50, 0.2), mic, duration=10)
+    assert simulate(DELIVERY, line, cores=2, until=0.1).plans[-1].contexts == ("moving",)
+    assert simulate(DELIVERY, line, cores=2, until=0.09).plans[-1].contexts == ()
+
+
+def test_a_value_stands_for_the_decoded_message_whatever_the_encoding() -> None:
+    policy = a_policy(
+        [{"name": "imu", "key": "0/imu/**", "encoding": "cdr", "type": "sensor_msgs/msg/Imu"}],
+        activity=[{"stream": "imu", "when": "imu.x > 1.0", "score": 3}],
+    )
+    line = a_timeline({"key": "0/imu/data", "encoding": "json", "at": 1, "value": {"x": 2.0}}, duration=2)
+    assert simulate(policy, line, cores=1).planner.scores() == {"a": 3}
+
+
+def test_inputs_that_nobody_can_read_are_told() -> None:
+    line = a_timeline(
+        {"key": "robot/imu", "encoding": "binary", "from": 0, "to": 1, "dataset": "euroc/imu"},
+        {"key": "other", "encoding": "json", "at": 0, "value": 1},
+        duration=1,
+    )
+    run = simulate(DELIVERY, line, cores=1)
+    assert run.skipped == Skipped({"other"}, {"robot/imu"})
+
+
+def test_a_sample_that_cannot_be_decoded_is_counted_as_on_the_robot() -> None:
+    deep: object = 0
+    for _ in range(100):
+        deep = [deep]
+    policy = a_policy([{"name": "imu", "key": "imu"}])
+    run = simulate(policy, a_timeline({"key": "imu", "encoding": "json", "at": 0, "value": deep}, duration=1), cores=1)
+    assert run.planner.drops == {("imu", "undecodable"): 1}
+
+
+def test_a_forced_context_holds_throughout() -> None:
+    policy = a_policy(
+        [{"name": "imu", "key": "imu"}],
+        contexts=[{"name": "careful", "tasks": {"a": {"weight": 7}}}],
+        force={"context": "careful", "until": "2026-01-01T00:00:00Z"},
+    )
+    run = simulate(policy, a_timeline({"key": "x", "encoding": "json", "at": 0, "value": 1}, duration=9), cores=1)
+    assert [plan.contexts for plan in run.plans] == [("careful",)]
