@@ -8,7 +8,7 @@ import os
 import sys
 from pathlib import Path
 
-from tests.cluster import access, components, images, node
+from tests.cluster import access, components, images, lifecycle
 from tests.cluster.errors import ClusterError
 
 
@@ -44,15 +44,15 @@ def main() -> int:
 def dispatch(arguments: argparse.Namespace) -> int:
     match arguments.command:
         case "up":
-            node.up()
+            lifecycle.up()
         case "down":
-            node.down(keep_state=arguments.keep_state)
+            lifecycle.down(keep_state=arguments.keep_state)
         case "status":
             return print_status()
         case "stop":
-            node.stop(arguments.name)
+            lifecycle.stop(arguments.name)
         case "start":
-            node.start(arguments.name)
+            lifecycle.start(arguments.name)
         case "exec":
             execute([word for index, word in enumerate(arguments.argv) if index or word != "--"])
         case "image":
@@ -64,7 +64,7 @@ def print_status() -> int:
     if access.user_cluster():
         sys.stdout.write(f"using the cluster of KUBECONFIG={access.user_cluster()}\n")
         return 0
-    states = node.status()
+    states = lifecycle.status()
     sys.stdout.writelines(f"{name:<20} {state}\n" for name, state in states.items())
     return 0 if set(states.values()) == {"ready"} else 1
 

@@ -1,7 +1,7 @@
 import pytest
 
 from tests.cluster import __main__ as command_line
-from tests.cluster import access, images, layout, network, node
+from tests.cluster import access, images, layout, lifecycle, network
 from tests.cluster.errors import ClusterError
 
 
@@ -13,8 +13,8 @@ def user_cluster(monkeypatch):
 @pytest.mark.usefixtures("user_cluster")
 def test_the_users_cluster_is_left_alone(caplog):
     caplog.set_level("INFO")
-    node.up()
-    node.down()
+    lifecycle.up()
+    lifecycle.down()
     assert caplog.messages == [
         "using the cluster of KUBECONFIG=/home/user/config",
         "leaving the cluster of KUBECONFIG=/home/user/config as it is",
@@ -30,7 +30,7 @@ def test_commands_for_the_users_cluster_run_as_they_are():
 @pytest.mark.usefixtures("user_cluster")
 def test_components_of_the_users_cluster_are_not_stopped():
     with pytest.raises(ClusterError, match="cannot be stopped"):
-        node.stop("kubelet")
+        lifecycle.stop("kubelet")
 
 
 def test_our_own_kubeconfig_is_not_a_users_cluster(monkeypatch):

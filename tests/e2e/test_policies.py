@@ -1,5 +1,6 @@
 """`kubectl apply` refuses what makes no sense, in words that a person can act on."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -20,9 +21,8 @@ def test_there_are_policies_to_try():
 @pytest.mark.parametrize("path", BAD, ids=lambda path: path.stem)
 def test_bad_policy_is_refused(path):
     expected = path.read_text().splitlines()[0].removeprefix("# expect: ")
-    with pytest.raises(CommandError, match="") as refusal:
+    with pytest.raises(CommandError, match=re.escape(expected)):
         run("kubectl", "apply", "--dry-run=server", "-f", str(path))
-    assert expected in str(refusal.value)
 
 
 @pytest.mark.usefixtures("operator")

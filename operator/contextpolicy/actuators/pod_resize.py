@@ -119,9 +119,11 @@ class PodResizer:
         by_pod: dict[str, dict[str, Cpu]] = defaultdict(dict)
         for uid, name, cpu in self._steps(order):
             by_pod[uid][name] = cpu
-        for uid, wanted in by_pod.items():
-            slot = self._slots[uid]
-            if not slot.busy and slot.refused != wanted:
+        for slot in {id(slot): slot for slot, _, _ in self._claimed(order)}.values():
+            wanted = by_pod.get(slot.view.uid)
+            if slot.refused != wanted:
+                slot.refused = None
+            if wanted and not slot.busy and slot.refused is None:
                 self._send(order, slot, wanted)
         for slot in list(self._slots.values()):
             self._restore(order, slot)

@@ -1,0 +1,154 @@
+"""Every kind of pod: resized, or reported with what to do about it, never broken."""
+
+import pytest
+
+from tests.e2e.cluster import apply, delete, get, run, until
+from tests.e2e.robot import IDLE, Robot, Sensors, pod, task
+
+GUARANTEED = {"requests": {"cpu": "500m", "memory": "64Mi"}, "limits": {"cpu": "500m", "memory": "64Mi"}}
+NO_LIMIT = {"requests": {"cpu": "10m", "memory": "32Mi"}}
+BIG_REQUEST = {"requests": {"cpu": "100m", "memory": "32Mi"}, "limits": {"cpu": "500m", "memory": "64Mi"}}
+EQUAL_MEMORY = {"requests": {"cpu": "100m", "memory": "64Mi"}, "limits": {"cpu": "500m", "memory": "64Mi"}}
+
+
+@pytest.fixture
+def robot(session):
+    """A standing robot whose pods the test starts."""
+    with Sensors(session) as sensors:
+        robot = Robot("e2e-pods", sensors)
+        robot.drive(0.0)
+        yield robot
+        run("kubectl", "delete", "ctxp", "--all", "-n", robot.namespace, "--timeout=60s")
+        run("kubectl", "delete", "pods", "--all", "-n", robot.namespace, "--timeout=60s")
+        run("kubectl", "delete", "limitranges", "--all", "-n", robot.namespace, "--timeout=60s")
+
+
+def resources(robot, name, container=0):
+    return get("pod", name, robot.namespace)["spec"]["containers"][container]["resources"]
+
+
+def test_guaranteed_pod_moves_request_and_limit_together(robot):
+    robot.start("slam", resources=GUARANTEED)
+    robot.start("speech")
+    robot.policy()
+    robot.drive(0.3)
+    robot.expect(slam=990, speech=10)
+    assert resources(robot, "slam")["requests"]["cpu"] == "990m"
+    assert get("pod", "slam", robot.namespace)["status"]["qosClass"] == "Guaranteed"
+    delete("ctxp", "robot", robot.namespace)
+    robot.expect(slam=500, speech=500)
+    assert resources(robot, "slam") == GUARANTEED
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [({}, "speech is BestEffort, which can't be resized"), (NO_LIMIT, "speech/speech has no CPU limit")],
+)
+def test_pod_that_cannot_be_resized_is_reported_and_left_alone(robot, given, said):
+    robot.start("slam")
+    robot.start("speech", resources=given)
+    robot.policy()
+    robot.expect(slam=1000)
+    until("the status tells", lambda: said in robot.condition("Applied")[1])
+    assert resources(robot, "speech") == given
+
+
+def test_request_in_the_way_is_named(robot):
+    robot.start("slam")
+    robot.start("speech", resources=BIG_REQUEST)
+    robot.policy()
+    robot.drive(0.3)
+    robot.expect(slam=900, speech=100)
+    until("the status names it", lambda: "its CPU request of 100m" in robot.condition("Feasible")[1])
+
+
+def test_burstable_pod_does_not_turn_guaranteed(robot):
+    """With equal memory a limit equal to the request would change the class, which the API refuses."""
+    robot.start("slam")
+    robot.start("speech", resources=EQUAL_MEMORY)
+    robot.policy()
+    robot.drive(0.3)
+    robot.expect(slam=890, speech=110)
+    assert robot.condition("Applied")[0] == "True"
+
+
+def test_two_tasks_in_one_pod_and_a_sidecar(robot):
+    """Several containers of one pod move in one patch; the sidecar, an init container that stays, as well."""
+    both = pod("slam", robot.namespace, IDLE, None)
+    container = both["spec"]["containers"][0]
+    both["spec"]["containers"].append({**container, "name": "speech"})
+    both["spec"]["initContainers"] = [{**container, "name": "map", "restartPolicy": "Always"}]
+    apply(both)
+    run("kubectl", "wait", "pod/slam", "-n", robot.namespace, "--for=condition=Ready", "--timeout=60s")
+    labels = {"matchLabels": {"app": "slam"}}
+    robot.policy(
+        tasks=[task("slam"), {**task("speech"), "selector": labels}, {**task("map"), "selector": labels, "max": "100m"}]
+    )
+    robot.drive(0.3)
+
+    def limits():
+        spec = get("pod", "slam", robot.namespace)["spec"]
+        every = [*spec["containers"], *spec["initContainers"]]
+        now = {entry["name"]: entry["resources"]["limits"]["cpu"] for entry in every}
+        return True if now == {"slam": "890m", "speech": "10m", "map": "100m"} else now
+
+    until("all three containers have their share", limits)
+    robot.expect(slam=890)
+
+
+def test_limit_range_that_refuses_is_reported(robot):
+    robot.start("slam", "speech")
+    robot.policy()
+    robot.expect(slam=500, speech=500)
+    limit = {"type": "Container", "max": {"cpu": "600m"}}
+    apply(
+        {
+            "apiVersion": "v1",
+            "kind": "LimitRange",
+            "metadata": {"name": "small", "namespace": robot.namespace},
+            "spec": {"limits": [limit]},
+        }
+    )
+    robot.drive(0.3)
+    robot.expect(slam=500, speech=10)
+    until("the status says why", lambda: "maximum cpu usage per Container is 600m" in robot.condition("Applied")[1])
+    delete("limitrange", "small", robot.namespace)
+    robot.drive(0.0)
+    robot.expect(slam=500, speech=500)
+    robot.drive(0.3)
+    robot.expect(slam=990, speech=10)
+    until("the status is well again", lambda: robot.condition("Applied")[0] == "True")
+
+
+def test_pods_come_and_go_under_load(robot):
+    """Pods deleted and created while contexts change: each ends with its share."""
+    robot.policy()
+    robot.start("slam", "speech")
+    for replaced, speed in (("slam", 0.3), ("speech", 0.0), ("slam", 0.0), ("speech", 0.3)):
+        robot.drive(speed)
+        robot.stop(replaced)
+        robot.start(replaced)
+    robot.expect(slam=990, speech=10)
+
+
+@pytest.mark.parametrize("control", ["Weight", "Both"])
+def test_weight_control_moves_requests(robot, control):
+    robot.start("slam", "speech")
+    robot.policy(control=control, tasks=[task("slam", max="800m"), task("speech", max="800m")])
+    robot.drive(0.3)
+    limit = {"Weight": {"slam": "800m", "speech": "800m"}, "Both": {"slam": "800m", "speech": "10m"}}[control]
+
+    def moved():
+        now = {name: resources(robot, name) for name in ("slam", "speech")}
+        requests = {name: found["requests"]["cpu"] for name, found in now.items()}
+        limits = {name: found["limits"]["cpu"] for name, found in now.items()}
+        return True if (limits, requests["speech"]) == (limit, limit_of(control)) else now
+
+    until("requests follow the shares", moved)
+    delete("ctxp", "robot", robot.namespace)
+    until("restored", lambda: resources(robot, "slam")["requests"]["cpu"] == "10m")
+    assert resources(robot, "slam")["limits"]["cpu"] == "500m"
+
+
+def limit_of(control):
+    return {"Weight": "10m", "Both": "9m"}[control]
