@@ -64,7 +64,10 @@ def test_notes_tell_what_nobody_read(capsys: pytest.CaptureFixture[str]) -> None
 
 def test_no_plan_says_what_it_waits_for(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", str(ROOT / "config/policies/patrol-robot.yaml"), DEMO, "--until", "0.1"]) == 0
-    assert "note: there is no plan: imu, odometry, mic, battery was neither heard nor" in capsys.readouterr().err
+    assert (
+        "note: there is no plan: it waits until each stream is heard or silent: imu, odometry, mic, battery"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("suffix", ["svg", "png"])

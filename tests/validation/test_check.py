@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,8 @@ import jsonschema
 import pytest
 import yaml
 
-from contextpolicy.validation.check import check
+from contextpolicy.validation.check import Report, _check_document, check
+from contextpolicy.validation.documents import Document, Position
 from contextpolicy.validation.problem import Severity
 
 if TYPE_CHECKING:
@@ -109,7 +109,9 @@ WRONG: tuple[Any, ...] = (
 
 
 def problems(body: Any) -> list[Any]:
-    return check([("policy.json", json.dumps(body))]).errors
+    report = Report()
+    _check_document("policy.yaml", Document(body, {"": Position(1, 1)}), report)
+    return report.errors
 
 
 def without_nothing(body: Any) -> Any:
