@@ -70,7 +70,7 @@ def _bands(panels: Sequence[Any], contexts: Sequence[Span]) -> None:
             panel.axvspan(start, end, color=color, alpha=0.35, linewidth=0)
         for time in (start, end):
             panels[-1].axvline(time, color="#333333", linewidth=0.8, linestyle=(0, (4, 3)))
-        lane = 1.02 + 0.07 * names.index(name)
+        lane = 1.02 + 0.1 * names.index(name)
         strip = {"transform": panels[0].get_xaxis_transform(), "clip_on": False}
         panels[0].plot([start, end], [lane + 0.02] * 2, color=color, linewidth=5, solid_capstyle="butt", **strip)
         panels[0].text((start + end) / 2, lane + 0.035, name, ha="center", va="bottom", fontsize=8, **strip)
