@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+from hypothesis import given
+from hypothesis import strategies as st
+
 from contextpolicy.planning.timers import Timers
 
 
@@ -105,3 +108,34 @@ def test_moving_a_deadline_later_again_and_again_does_not_grow_the_heap():
     for tick in range(10_000):
         timers.set(bell, 1.0 + tick)
     assert len(timers._heap) == 1
+
+
+def test_setting_and_clearing_again_and_again_does_not_grow_the_heap():
+    """What a flapping condition does to its context's delay."""
+    _, (bell,) = bells("bell")
+    timers = Timers()
+    for tick in range(10_000):
+        timers.set(bell, 3600.0 + tick)
+        timers.clear(bell)
+    assert len(timers._heap) == 1
+    assert timers.next_due() is None
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.sampled_from(["set", "clear", "fire"]), st.integers(0, 9))))
+def test_it_behaves_as_a_plain_table_of_deadlines_would(steps):
+    rung, (a, b, c) = bells("a", "b", "c")
+    timers, table = Timers(), {}
+    for name, step, when in steps:
+        owner = {"a": a, "b": b, "c": c}[name]
+        if step == "set":
+            timers.set(owner, when)
+            table[name] = when
+        elif step == "clear":
+            timers.clear(owner)
+            table.pop(name, None)
+        else:
+            rung.clear()
+            timers.fire(when)
+            assert sorted(name for name, _ in rung) == sorted(name for name, due in table.items() if due <= when)
+            table = {name: due for name, due in table.items() if due > when}
+        assert timers.next_due() == min(table.values(), default=None)

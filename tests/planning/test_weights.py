@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.planning.weights import weigh
+from contextpolicy.planning.weights import Weigher
 from tests.planning.builders import a_context, a_parent, a_policy, a_task
 
 
 def weights(policy, contexts=(), waiting=None, **scores):
     all_scores = {task.name: scores.get(task.name, 1.0) for task in policy.tasks}
     active = [context for context in policy.contexts if context.name in contexts]
-    return weigh(policy, all_scores, waiting or {}, active)
+    return Weigher(policy).weigh(all_scores, waiting or {}, active)
 
 
 def values(policy, contexts=(), waiting=None, **scores):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.planning import expressions
+from contextpolicy.planning.stream import all_fresh
 
 if TYPE_CHECKING:
     from contextpolicy.planning.expressions import Scope
@@ -56,10 +57,11 @@ class ContextState:
 
     def on_value(self, now: float) -> None:
         """A stream it reads has a new value."""
-        wanted = all(stream.fresh for stream in self.streams) and self._truth()
+        wanted = all_fresh(self.streams) and self._truth()
         if wanted == self.holds:
-            self._turning = False
-            self._timers.clear(self)
+            if self._turning:
+                self._turning = False
+                self._timers.clear(self)
         elif not self._turning:
             delay = self.spec.enter_after if wanted else self.spec.exit_after
             if delay:

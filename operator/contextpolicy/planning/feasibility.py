@@ -9,9 +9,9 @@ from contextpolicy.planning.policy import Control, Scheduler
 from contextpolicy.planning.quantities import format_cpu
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
-    from contextpolicy.planning.placement import Container, Placement
+    from contextpolicy.planning.placement import Container
     from contextpolicy.planning.plan import NodePlan
     from contextpolicy.planning.policy import Policy, Task
     from contextpolicy.planning.weights import Weight
@@ -21,11 +21,11 @@ CFS_PERIOD = 0.1
 
 
 def shortfalls(
-    policy: Policy, weights: Mapping[str, Weight], placement: Placement, nodes: Mapping[str, NodePlan]
+    policy: Policy, weights: Mapping[str, Weight], demanding: Iterable[Container], nodes: Mapping[str, NodePlan]
 ) -> Iterator[Shortfall]:
     """Every need that a running task has and does not get, and every request that keeps a limit up."""
-    tasks = {task.name: task for task in policy.leaves}
-    for container in placement.containers:
+    tasks = {task.name: task for task in policy.leaves} if demanding else {}
+    for container in demanding:
         share = nodes[container.node].containers.get(container.id) if container.node in nodes else None
         if share is None:
             continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.planning import expressions
+from contextpolicy.planning.stream import all_fresh
 
 if TYPE_CHECKING:
     from contextpolicy.planning.expressions import Scope
@@ -53,7 +54,7 @@ class Initiative:
         """A stream it reads has a new value; without a value of every stream nothing is in force."""
         if self.spec.initiative is not None:
             return
-        score = self._current() if all(stream.fresh for stream in self.streams) else 0.0
+        score = self._current() if all_fresh(self.streams) else 0.0
         if score > 0:
             self._rise(score, now)
         elif not self.spec.hold:
@@ -82,11 +83,11 @@ class Initiative:
         return self._score.number() if self._score else self.spec.score
 
     def _rise(self, score: float, now: float) -> None:
-        self._peak, self._falls_from = score, None
         if self.spec.hold:
             self._timers.set(self, now + self.spec.hold)
-        else:
+        elif self._falls_from is not None:
             self._timers.clear(self)
+        self._peak, self._falls_from = score, None
         self._become(score, now)
 
     def _fall(self, now: float) -> None:

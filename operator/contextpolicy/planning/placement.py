@@ -31,10 +31,14 @@ class Container:
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Allocatable CPU of each node in thousandths of a core, and the containers on them."""
+    """Allocatable CPU of each node in thousandths of a core, and the containers on them.
+
+    Nodes in `fair_only` divide as CFS does whatever the policy's scheduler: they can't do realtime.
+    """
 
     allocatable: Mapping[str, int] = field(default_factory=dict)
     containers: tuple[Container, ...] = ()
+    fair_only: frozenset[str] = frozenset()
 
     def by_node(self) -> dict[str, dict[str, list[Container]]]:
         """Node -> task -> containers, in a stable order; only nodes whose size is known."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+from contextpolicy.planning.policy import Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-@dataclass(frozen=True, slots=True)
-class TaskPlan:
+class TaskPlan(NamedTuple):
     """One task: `share` is the sum over its containers in thousandths of a core (or of the realtime period)."""
 
     score: float
@@ -31,6 +32,7 @@ class NodePlan:
     capacity: int
     shares: Mapping[str, int]
     containers: Mapping[str, int]
+    scheduler: Scheduler = Scheduler.CFS
 
 
 @dataclass(frozen=True, slots=True)

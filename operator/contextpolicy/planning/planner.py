@@ -12,16 +12,20 @@ from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.feasibility import shortfalls
 from contextpolicy.planning.initiative import Initiative
 from contextpolicy.planning.inputs import Gone, Input, Score
+from contextpolicy.planning.layout import Layout, lay_out
 from contextpolicy.planning.placement import Placement
 from contextpolicy.planning.plan import Plan, TaskPlan
 from contextpolicy.planning.policy import Activity
 from contextpolicy.planning.sample import Sample
 from contextpolicy.planning.stream import StreamState
 from contextpolicy.planning.timers import Timers
-from contextpolicy.planning.weights import Weight, weigh
+from contextpolicy.planning.weights import Weigher, Weight
 
 if TYPE_CHECKING:
-    from contextpolicy.planning.policy import Policy, Task
+    from collections.abc import Iterable, Mapping
+
+    from contextpolicy.planning.plan import NodePlan
+    from contextpolicy.planning.policy import Policy
 
 
 class Planner:
@@ -48,7 +52,16 @@ class Planner:
         }
         self.contexts = [ContextState(c, self.streams, scope, self.timers, self) for c in policy.contexts]
         self._readers = self._index()
-        self._placement = Placement()
+        self._idle = {t.name: (0.0 if t.activity else 1.0) if t.idle is None else t.idle for t in policy.tasks}
+        self._owners = {
+            i: t for own in (self.initiatives, self.requirements) for t, all_of in own.items() for i in all_of
+        }
+        self._scores = {task.name: self._score(task.name) for task in policy.tasks}
+        self._unmet: dict[str, str] = {}
+        for task in self.requirements:
+            self._require(task)
+        self._weigher = Weigher(policy)
+        self._placement, self._layout = Placement(), Layout()
         self._causes: dict[object, str] = {}
         self._changed = self._urgent = False
         self._held: Plan | None = None
@@ -80,7 +93,7 @@ class Planner:
                 self._observe(event, now)
             case Placement():
                 if event != self._placement:
-                    self._placement = event
+                    self._placement, self._layout = event, lay_out(self.policy, event)
                     self._note(Placement, "containers changed")
                     self._urgent = True
             case Gone():
@@ -138,6 +151,9 @@ class Planner:
 
     def on_score(self, initiative: Initiative, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """An activity or a pre-condition changed."""
+        task = self._owners[initiative]
+        self._scores[task] = self._score(task)
+        self._require(task)
         source = ", ".join(stream.spec.name for stream in initiative.streams) or initiative.spec.initiative or "start"
         self._note(initiative, f"{source}: {initiative.spec.when} is {initiative.value:g}")
 
@@ -153,15 +169,11 @@ class Planner:
 
     def scores(self) -> dict[str, float]:
         """Each task's score: its strongest fresh activity, else its idle score; 1 for a task without either."""
-        return {task.name: self._score(task) for task in self.policy.tasks}
+        return dict(self._scores)
 
     def unmet(self) -> dict[str, str]:
         """The first unmet pre-condition of each task that has one."""
-        return {
-            task: unmet[0]
-            for task, own in self.requirements.items()
-            if (unmet := [requirement.spec.when for requirement in own if requirement.value == 0])
-        }
+        return dict(self._unmet)
 
     def active_contexts(self) -> list[ContextState]:
         """The contexts that have effects now, in list order."""
@@ -195,13 +207,16 @@ class Planner:
         else:
             self.on_drop(score.task, "score not finite")
 
-    def _score(self, task: Task) -> float:
-        strongest = max((initiative.value for initiative in self.initiatives[task.name]), default=0.0)
-        if strongest > 0:
-            return strongest
-        if task.idle is not None:
-            return task.idle
-        return 0.0 if task.activity else 1.0
+    def _score(self, task: str) -> float:
+        own = self.initiatives[task]
+        return max((initiative.value for initiative in own), default=0.0) or self._idle[task]
+
+    def _require(self, task: str) -> None:
+        self._unmet.pop(task, None)
+        for requirement in self.requirements[task]:
+            if requirement.value == 0:
+                self._unmet[task] = requirement.spec.when
+                return
 
     def _fall_back(self, now: float) -> None:
         silent = any(stream.silent for stream in self.streams.values())
@@ -235,15 +250,16 @@ class Planner:
         if not self._changed or (self.last is None and any(stream.unknown for stream in self.streams.values())):
             return []
         plan = self._plan(now)
+        changed = plan.changes(self.last)
         # The dwell bounds flapping sensors; a container that came or went can't wait, its node must add up.
         dwells = self.last is not None and not self._urgent and now < self.last.time + self.policy.min_dwell
         self._changed = self._urgent = False
-        if self.last is not None and dwells and plan.changes(self.last):
+        if self.last is not None and dwells and changed:
             self._hold_back(plan, self.last.time + self.policy.min_dwell)
             return []
         self._causes.clear()
         self._held = None
-        if not plan.changes(self.last):
+        if not changed:
             return []
         self.last = plan
         return [plan]
@@ -261,26 +277,30 @@ class Planner:
 
     def _plan(self, now: float) -> Plan:
         active = self.active_contexts()
-        self.weights = weigh(self.policy, self.scores(), self.unmet(), [context.spec for context in active])
-        division = divide_nodes(self.policy, self.weights, self._placement, self.last.nodes if self.last else {})
-        unmet = tuple(shortfalls(self.policy, self.weights, self._placement, division.nodes))
+        self.weights = self._weigher.weigh(self._scores, self._unmet, [context.spec for context in active])
+        division = divide_nodes(self._layout, self.weights, self.last.nodes if self.last else {})
+        unmet = tuple(shortfalls(self.policy, self.weights, self._layout.demanding, division.nodes))
+        shares = _total_shares(division.nodes.values())
         return Plan(
             sequence=self.last.sequence + 1 if self.last else 1,
             time=now,
             cause="; ".join(dict.fromkeys(self._causes.values())),
             contexts=tuple(context.spec.name for context in active),
             tasks={
-                name: TaskPlan(
-                    weight.score,
-                    weight.value,
-                    sum(n.shares.get(name, 0) for n in division.nodes.values()),
-                    weight.because,
-                )
-                for name, weight in self.weights.items()
+                name: TaskPlan(score, weight, shares.get(name, 0), because)
+                for name, (score, weight, because) in self.weights.items()
             },
             nodes=division.nodes,
             shortfalls=division.shortfalls + unmet,
         )
+
+
+def _total_shares(nodes: Iterable[NodePlan]) -> Mapping[str, int]:
+    """Each task's share, over all nodes."""
+    total: Counter[str] = Counter()
+    for node in nodes:
+        total.update(node.shares)
+    return total
 
 
 class _Dwell:

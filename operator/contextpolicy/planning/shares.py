@@ -6,8 +6,7 @@ smallest step that the kernel and the kubelet agree on (10m of CFS quota, 1 ms o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from contextpolicy.errors import ShareError
 
@@ -18,8 +17,7 @@ RESOLUTION = 10**9
 """Weights count to one part in 10^9 of the heaviest: whole numbers, so float noise can't move a unit."""
 
 
-@dataclass(frozen=True, slots=True)
-class Claim:
+class Claim(NamedTuple):
     """One task's part in the division: weight and bounds in units, `floor <= ceiling`.
 
     A claim of weight 0 gets its floor, no more. `least` is what it gets even where floors are scaled down.
@@ -70,20 +68,26 @@ def _clamped(total: int, claims: Sequence[Claim], weights: dict[str, int]) -> di
     Water filling: in each round either the claims below their floor or those above their ceiling leave, whichever
     violate by more in sum; those would violate in every later round too, so each claim leaves at most once.
     """
-    fixed = {claim.name: claim.floor for claim in claims if claim.weight <= 0 or claim.floor == claim.ceiling}
+    fixed = {c.name: c.floor for c in claims if c.weight <= 0 or c.floor == c.ceiling}
+    free = [c for c in claims if c.name not in fixed]
     while True:
-        free = [claim for claim in claims if claim.name not in fixed]
-        left, weight = total - sum(fixed.values()), sum(weights[claim.name] for claim in free)
-        low = [c for c in free if left * weights[c.name] < c.floor * weight]
-        high = [c for c in free if left * weights[c.name] > c.ceiling * weight]
-        missing = sum(c.floor * weight - left * weights[c.name] for c in low)
-        excess = sum(left * weights[c.name] - c.ceiling * weight for c in high)
-        if missing == excess == 0:
+        left, weight = total - sum(fixed.values()), sum(weights[c.name] for c in free)
+        low, high, missing, excess = [], [], 0, 0
+        for claim in free:
+            part = left * weights[claim.name]
+            if part < claim.floor * weight:
+                low.append(claim)
+                missing += claim.floor * weight - part
+            elif part > claim.ceiling * weight:
+                high.append(claim)
+                excess += part - claim.ceiling * weight
+        if not low and not high:
             return fixed
         if missing >= excess:
             fixed |= {claim.name: claim.floor for claim in low}
         if excess >= missing:
             fixed |= {claim.name: claim.ceiling for claim in high}
+        free = [claim for claim in free if claim.name not in fixed]
 
 
 def _largest_remainder(total: int, claims: Sequence[Claim], weights: dict[str, int]) -> dict[str, int]:

