@@ -7,7 +7,8 @@ ContextPolicyError
 ├── DecodeError         a payload is not what its stream's encoding says
 ├── ExpressionError     a CEL expression failed on this sample
 ├── ShareError          weights and bounds that no division can satisfy
-└── ActuationError      an actuator could not make a plan real; says whether a retry helps
+├── ActuationError      an actuator could not make a plan real; says whether a retry helps
+└── OrderError          a message on the decision bus that the node agent must not obey
 """
 
 from __future__ import annotations
@@ -70,4 +71,12 @@ class ActuationError(ContextPolicyError):
     def __init__(self, reason: str, message: str, *, retriable: bool) -> None:
         self.reason = reason
         self.retriable = retriable
+        super().__init__(message)
+
+
+class OrderError(ContextPolicyError):
+    """The node agent's refusal to obey: `reason` is a CamelCase word by which refusals are counted."""
+
+    def __init__(self, reason: str, message: str) -> None:
+        self.reason = reason
         super().__init__(message)

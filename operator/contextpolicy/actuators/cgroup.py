@@ -1,0 +1,140 @@
+"""Files of cgroups that hold a bandwidth: so much CPU time in each period, of either scheduler and cgroup version.
+
+A file stays open: a write is one system call of 2 us, and a watch for files that somebody closes after writing
+(`inotify`) never sees our own.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from contextpolicy.errors import ActuationError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+_REASONS = {
+    errno.ENOENT: "Gone",
+    errno.ENODEV: "Gone",
+    errno.EBUSY: "Busy",
+    errno.EINVAL: "OutOfBounds",
+    errno.EACCES: "Forbidden",
+    errno.EPERM: "Forbidden",
+    errno.EROFS: "Forbidden",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """How a bandwidth is written: version 2 has "time period" in one file, version 1 a file for each."""
+
+    file: str
+    period_file: str
+    unlimited: str
+    least: int
+
+
+CFS = {
+    1: Format("cpu.cfs_quota_us", "cpu.cfs_period_us", "-1", 1000),
+    2: Format("cpu.max", "", "max", 1000),
+}
+"""CPU limits; the kernel's smallest quota is 1 ms."""
+
+REALTIME = {
+    1: Format("cpu.rt_runtime_us", "cpu.rt_period_us", "-1", 0),
+    2: Format("cpu.rt.max", "", "max", 0),
+}
+"""Realtime budgets. Kernels with hierarchical constant bandwidth servers have the file of version 2."""
+
+
+class ControlFile:
+    """One open file. Amounts are thousandths of the period, None is no limit."""
+
+    def __init__(self, group: Path, form: Format) -> None:
+        self.path = group / form.file
+        self._form = form
+        with _converted(self.path):
+            self._descriptor = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
+        with _converted(self.path):
+            period = (group / form.period_file).read_text() if form.period_file else self.read().split()[1]
+            self._period = int(period)
+
+    def read(self) -> str:
+        """The file's text."""
+        with _converted(self.path):
+            return os.pread(self._descriptor, 64, 0).decode().partition("\n")[0]
+
+    def write(self, text: str) -> None:
+        """Put `text` into force; ActuationError says why the kernel doesn't want it."""
+        with _converted(self.path):
+            os.pwrite(self._descriptor, f"{text}\n".encode(), 0)
+
+    def amount(self, text: str) -> int | None:
+        """What a text means, rounded up."""
+        time = text.split(maxsplit=1)[0]
+        return None if time == self._form.unlimited else -(-int(time) * 1000 // self._period)
+
+    def text(self, amount: int) -> str:
+        """How an amount is written."""
+        time = max(self._form.least, amount * self._period // 1000)
+        return str(time) if self._form.period_file else f"{time} {self._period}"
+
+    def close(self) -> None:
+        """Give the descriptor back."""
+        os.close(self._descriptor)
+
+
+class ControlFiles:
+    """Open files of one format, by group; `on_open` and `on_close` hear of each."""
+
+    def __init__(
+        self,
+        form: Format,
+        on_open: Callable[[Path], None] = lambda _: None,
+        on_close: Callable[[Path], None] = lambda _: None,
+    ) -> None:
+        self.form = form
+        self._on_open, self._on_close = on_open, on_close
+        self._open: dict[Path, ControlFile] = {}
+
+    def __getitem__(self, group: Path) -> ControlFile:
+        """The group's file; ActuationError `Gone` when there is no such group."""
+        file = self._open.get(group)
+        if file is None:
+            file = self._open[group] = ControlFile(group, self.form)
+            self._on_open(file.path)
+        return file
+
+    def keep(self, groups: Iterable[Path]) -> None:
+        """Close all others."""
+        for group in self._open.keys() - set(groups):
+            file = self._open.pop(group)
+            self._on_close(file.path)
+            file.close()
+
+
+def children(group: Path) -> list[Path]:
+    """The groups directly below; none when the group is gone."""
+    try:
+        return [Path(entry.path) for entry in os.scandir(group) if entry.is_dir(follow_symlinks=False)]
+    except OSError:
+        return []
+
+
+class _converted:  # noqa: N801 - reads as a statement
+    """Turns the kernel's answers into ours; a class, for a generator would cost ten times the write."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, OSError):
+            reason = _REASONS.get(error.errno or 0, "Failed")
+            raise ActuationError(reason, f"{self._path}: {error.strerror}", retriable=reason == "Busy") from error

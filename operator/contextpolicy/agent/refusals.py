@@ -1,0 +1,21 @@
+"""What the agent would not or could not do: counted, and logged once for each reason."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+
+log = logging.getLogger(__name__)
+
+
+class Refusals:
+    """Counts by reason; a flood of forged messages must not become a flood of log lines."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+
+    def note(self, reason: str, message: str) -> None:
+        """Count it, and log the first of its kind."""
+        self.counts[reason] += 1
+        if self.counts[reason] == 1:
+            log.warning("%s: %s (more of these are only counted)", reason, message)

@@ -1,0 +1,83 @@
+"""In which order to write, so that no instant breaks a rule of the kernel or gives away more than there is. Pure.
+
+Amounts are thousandths of a core, or of the realtime period; None is no limit.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One write."""
+
+    group: Path
+    amount: int
+
+
+@dataclass(frozen=True, slots=True)
+class PodLimits:
+    """A pod's limit, the sum of those of its containers that nobody orders, and (now, wanted) of those that are."""
+
+    group: Path
+    now: int | None
+    others: int
+    containers: Mapping[Path, tuple[int | None, int]]
+
+    @property
+    def needed(self) -> int:
+        """What the pod's limit must be at least, or it takes away what its containers are given."""
+        return self.others + sum(wanted for _, wanted in self.containers.values())
+
+
+def limit_steps(pods: Iterable[PodLimits]) -> list[Step]:
+    """All decreases, then the increases, each pod ahead of its containers: version 1 refuses a child above its parent.
+
+    A pod's own limit only grows here. It binds nobody when it is too high, and the resize that follows lowers it; were
+    it lowered at once, a resize that is still under way could fail on it.
+    """
+    pods = list(pods)
+    lower = [Step(c, w) for pod in pods for c, (now, w) in pod.containers.items() if now is None or w < now]
+    higher = []
+    for pod in sorted(pods, key=lambda pod: (pod.needed, pod.group)):
+        if pod.now is not None and pod.now < pod.needed:
+            higher.append(Step(pod.group, pod.needed))
+        higher += [Step(c, w) for c, (now, w) in pod.containers.items() if now is not None and w > now]
+    return lower + higher
+
+
+def budgets(
+    leaves: Mapping[Path, int], top: Path, others: Mapping[Path, int], least: Mapping[Path, int]
+) -> dict[Path, int]:
+    """The realtime budget of each leaf and of every group above it up to `top`: what its children have in sum.
+
+    `others` is what the rest of a group's children have, `least` what the group had before anybody asked.
+    """
+    wanted: dict[Path, int] = dict(leaves)
+    children: dict[Path, set[Path]] = defaultdict(set)
+    for leaf in leaves:
+        for child, parent in zip([leaf, *leaf.parents], leaf.parents, strict=False):
+            children[parent].add(child)
+            if parent == top:
+                break
+    for parent in sorted(children, key=_depth, reverse=True):
+        wanted[parent] = max(least.get(parent, 0), others.get(parent, 0) + sum(wanted[c] for c in children[parent]))
+    return wanted
+
+
+def budget_steps(now: Mapping[Path, int], wanted: Mapping[Path, int]) -> list[Step]:
+    """All decreases from the leaves up, then the increases from the top down: children never exceed their parent."""
+    lower = [group for group in sorted(wanted, key=lambda g: (-_depth(g), g)) if wanted[group] < now[group]]
+    higher = [group for group in sorted(wanted, key=lambda g: (_depth(g), g)) if wanted[group] > now[group]]
+    return [Step(group, wanted[group]) for group in lower + higher]
+
+
+def _depth(group: Path) -> int:
+    return len(group.parts)
