@@ -19,7 +19,7 @@ from contextpolicy.explanation import explain
 from contextpolicy.planning.observable import plans
 from contextpolicy.planning.placement import Placement
 from contextpolicy.planning.planner import Planner
-from contextpolicy.planning.policy import Mode
+from contextpolicy.planning.policy import Mode, Scheduler
 from contextpolicy.streams import zenoh_streams
 from contextpolicy.telemetry import metrics
 from contextpolicy.telemetry.bus import Bus, message
@@ -74,10 +74,14 @@ class Controller:
         self._pods: list[PodView] = []
         self._arrived: float | None = None
         self._bus: Bus | None = None
+        self._edition = 0
+        self._told: list[tuple[str, str]] = []
 
     def start(self, before: Controller | None = None) -> None:
         """Begin to listen and to plan; `before` is the controller of the policy's last version, stopped already."""
-        self._bus = Bus(self._with.session, self.policy, self._with.scheduler, self._explain)
+        self._bus = Bus(self._with.session, self.policy, self._with.scheduler, self._message, self._explain)
+        if self.policy.mode is not Mode.ENFORCE:
+            self._bus.withdraw()
         if self.policy.mode is Mode.PAUSED:
             self._with.actuator.apply(Order(self.policy.reference, frozenset()))
             return
@@ -102,12 +106,19 @@ class Controller:
         if self._bus is not None:
             self._bus.close()
 
+    def end(self) -> None:
+        """The policy is gone: nobody may act on its plans any more, an agent less than all."""
+        if self._bus is not None:
+            self._bus.withdraw()
+        self.stop()
+
     def place(self, claim: Claim, pods: list[PodView]) -> None:
         """Take where the containers run."""
         self.claim, self._pods = claim, pods
         self._inputs.on_next(claim.placement)
         if self.policy.mode is not Mode.PAUSED:
             self._order()
+            self._republish()
         self.on_change()
 
     def tell(self, stage: str, container: str, cores: float) -> None:
@@ -118,19 +129,43 @@ class Controller:
 
     def _on_plan(self, plan: Plan) -> None:
         """The bus first: an agent on the node is faster than any patch."""
-        if self._bus is not None:
-            trigger = plan.time if self._arrived is None else self._now() - (time.monotonic() - self._arrived)
-            content = message(self.policy, self.run, plan, self.claim.placement.containers, self._pods)
-            self._bus.publish({**content, "trigger": trigger})
+        self._edition = 0
+        trigger = plan.time if self._arrived is None else self._now() - (time.monotonic() - self._arrived)
+        self._publish({"trigger": trigger})
         self.on_plan(self.policy.reference, time.monotonic() if self._arrived is None else self._arrived)
         self._order()
         self._measure(plan)
         self.on_change()
 
+    def _message(self) -> dict[str, Any] | None:
+        """What the bus says about the plan in force, with the containers as they are now."""
+        plan, containers = self.planner.last, self.claim.placement.containers
+        if plan is None:
+            return None
+        return {**message(self.policy, self.run, plan, containers, self._pods), "edition": self._edition}
+
+    def _publish(self, more: Mapping[str, Any]) -> None:
+        content = self._message()
+        if self._bus is not None and content is not None:
+            self._told = _whereabouts(content)
+            self._bus.publish({**content, **more})
+
+    def _republish(self) -> None:
+        """Containers that were restarted or moved need the plan that is in force already."""
+        content = self._message()
+        if content is not None and _whereabouts(content) != self._told:
+            self._edition += 1
+            self._publish({})
+
     def _order(self) -> None:
-        """Order the plan in force; a claimed container without a share keeps what it has."""
-        plan, claimed = self.planner.last, frozenset(c.id for c in self.claim.placement.containers)
-        nodes = plan.nodes if plan else {}
+        """Order the plan in force; a claimed container without a share keeps what it has.
+
+        Nodes in realtime are the agent's: their containers' CPU limits are put back, if we ever moved them.
+        """
+        plan = self.planner.last
+        nodes = {n: p for n, p in plan.nodes.items() if p.scheduler is Scheduler.CFS} if plan else {}
+        realtime = plan.nodes.keys() - nodes.keys() if plan else set()
+        claimed = frozenset(c.id for c in self.claim.placement.containers if c.node not in realtime)
         ceilings = {task.name: task.max for task in self.policy.leaves}
         self._with.actuator.apply(
             Order(
@@ -170,3 +205,7 @@ class Controller:
 
     def _now(self) -> float:
         return self._with.scheduler.to_seconds(self._with.scheduler.now)
+
+
+def _whereabouts(content: Mapping[str, Any]) -> list[tuple[str, str]]:
+    return [(target["node"], target["containerId"]) for target in content["targets"]]

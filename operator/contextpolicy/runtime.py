@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.actuators.dry_run import DryRun
 from contextpolicy.actuators.pod_resize import Order, PodResizer
+from contextpolicy.cluster.agents import with_realtime
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller, Surroundings
@@ -21,6 +22,7 @@ from contextpolicy.planning.parsing import parse
 from contextpolicy.planning.policy import Mode
 from contextpolicy.planning.quantities import parse_cpu
 from contextpolicy.streams import initiatives
+from contextpolicy.telemetry.agents import AgentWatch
 from contextpolicy.telemetry.clerk import Clerk
 from contextpolicy.telemetry.events import event
 from contextpolicy.telemetry.resizing import ResizeWatch
@@ -65,6 +67,7 @@ class Runtime:
 
     def __init__(self, api: Api, loop: Loop) -> None:
         self._session: zenoh.Session | None = None
+        self._agents: AgentWatch | None = None
         self._loop, self._api = loop, api
         self._workers = ThreadPoolExecutor(PATCH_WORKERS, thread_name_prefix="patch")
         self._clerk = Clerk(api, loop)
@@ -81,13 +84,16 @@ class Runtime:
         self._workers.shutdown(wait=True, cancel_futures=True)
         self._clerk.close()
         self._loop.dispose()
+        if self._agents is not None:
+            self._agents.close()
         if self._session is not None:
             self._session.close()
         self._api.close()
 
     def connected(self, session: zenoh.Session) -> None:
         """The robot's bus is there: policies that waited for it begin."""
-        self._call(lambda: self._begin(session))
+        agents = AgentWatch(session, self._loop, lambda: self._call(self._place))
+        self._call(lambda: self._begin(session, agents))
 
     def policy_changed(self, body: Mapping[str, Any]) -> Future[None]:
         """A ContextPolicy exists, as new or edited."""
@@ -135,8 +141,8 @@ class Runtime:
         self._loop.schedule(run)
         return future
 
-    def _begin(self, session: zenoh.Session) -> None:
-        self._session = session
+    def _begin(self, session: zenoh.Session, agents: AgentWatch) -> None:
+        self._session, self._agents = session, agents
         for entry in list(self._policies.values()):
             self._adopt(entry.body)
 
@@ -174,7 +180,7 @@ class Runtime:
     def _drop(self, reference: str, done: Future[None]) -> None:
         entry = self._policies.pop(reference, None)
         if entry is not None and entry.controller is not None:
-            entry.controller.stop()
+            entry.controller.end()
         self._clerk.forget(reference)
         self._watch.forget(reference)
         self._resizer.release(reference, lambda: _fulfil(done))
@@ -209,9 +215,12 @@ class Runtime:
         controllers = [entry.controller for entry in entries if entry.controller is not None]
         claims = claim([controller.policy for controller in controllers], self._pods.values(), self._nodes)
         for controller in controllers:
-            own = claims[controller.policy.reference]
+            abilities = self._agents.obstacles if self._agents else {}
+            own = with_realtime(controller.policy, claims[controller.policy.reference], abilities)
             if own.conflicts:
                 self._tell(controller.policy.reference, "Conflicted", "; ".join(own.conflicts))
+            if own.realtime and own.realtime != controller.claim.realtime:
+                self._tell(controller.policy.reference, "RealtimeUnavailable", "; ".join(own.realtime))
             controller.place(own, list(self._pods.values()))
 
     def _report(self, reference: str) -> None:

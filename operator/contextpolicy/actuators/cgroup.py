@@ -58,10 +58,9 @@ class ControlFile:
         self.path = group / form.file
         self._form = form
         with _converted(self.path):
+            text = (group / (form.period_file or form.file)).read_text()
+            self._period = int(text.split()[-1])
             self._descriptor = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
-        with _converted(self.path):
-            period = (group / form.period_file).read_text() if form.period_file else self.read().split()[1]
-            self._period = int(period)
 
     def read(self) -> str:
         """The file's text."""

@@ -36,9 +36,9 @@ class Order:
 
     policy: str
     stamp: tuple[int, int, int]
-    mode: str
-    scheduler: str
-    control: str
+    mode: Mode
+    scheduler: Scheduler
+    control: Control
     capacity: int
     targets: tuple[Target, ...]
 

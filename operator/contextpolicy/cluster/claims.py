@@ -22,6 +22,7 @@ class Claim:
     placement: Placement
     conflicts: list[str] = field(default_factory=list)
     obstacles: dict[str, str] = field(default_factory=dict)
+    realtime: list[str] = field(default_factory=list)
 
 
 def container_id(pod: PodView, container: str) -> str:

@@ -25,6 +25,16 @@ def plan_key(namespace: str, name: str) -> str:
     return f"contextpolicy/{namespace}/{name}/plan"
 
 
+def policy_of(key: str) -> str:
+    """The policy that a key of the bus is about, as `namespace/name`."""
+    return "/".join(key.split("/")[1:3])
+
+
+def agent_key(node: str) -> str:
+    """The key of a node's agent: a liveliness token while it lives, and a queryable for what the node can do."""
+    return f"contextpolicy/agents/{node}"
+
+
 def applied_key(namespace: str, name: str) -> str:
     """The key that tells which limits the API accepted and the node put in force."""
     return f"contextpolicy/{namespace}/{name}/applied"
@@ -38,7 +48,10 @@ def explain_key(namespace: str, name: str) -> str:
 def message(
     policy: Policy, run: int, plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]
 ) -> dict[str, Any]:
-    """A plan as the bus carries it; shares in cores, `run` and `sequence` together only move forward."""
+    """A plan as the bus carries it; shares in cores. `run`, `sequence` and `edition` together only move forward.
+
+    The controller adds `edition`, which counts the messages about one plan: containers were restarted or moved.
+    """
     return {
         "policy": policy.reference,
         "run": run,
@@ -62,6 +75,7 @@ def message(
         "nodes": {
             name: {
                 "capacity": node.capacity / 1000,
+                "scheduler": node.scheduler,
                 "tasks": {task: share / 1000 for task, share in node.shares.items()},
             }
             for name, node in plan.nodes.items()
@@ -71,7 +85,10 @@ def message(
 
 
 def _targets(plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]) -> Iterator[dict[str, Any]]:
-    """What each container gets, with all that an agent on its node needs to find the cgroup."""
+    """What each container gets, with all that an agent on its node needs to find the cgroup.
+
+    `limit` is what the kubelet reports as in force, None as long as it reports nothing.
+    """
     tasks = {container.id: container.task for container in containers}
     shares = {identity: share for node in plan.nodes.values() for identity, share in node.containers.items()}
     for pod in pods:
@@ -88,6 +105,7 @@ def _targets(plan: Plan, containers: Iterable[Container], pods: Iterable[PodView
                     "container": container.name,
                     "containerId": container.container_id,
                     "cores": shares[identity] / 1000,
+                    "limit": container.actual.limit / 1000 if container.actual and container.actual.limit else None,
                 }
 
 
@@ -95,10 +113,17 @@ class Bus:
     """One policy's place on the decision bus: publishes plans, answers queries for the last one and for its reasons."""
 
     def __init__(
-        self, session: zenoh.Session, policy: Policy, scheduler: SchedulerBase, explain: Callable[[], dict[str, Any]]
+        self,
+        session: zenoh.Session,
+        policy: Policy,
+        scheduler: SchedulerBase,
+        current: Callable[[], dict[str, Any] | None],
+        explain: Callable[[], dict[str, Any]],
     ) -> None:
-        """`explain` is called on the scheduler's thread, where the planner's state stands still."""
-        self._last = b""
+        """`current`, the message as of now, and `explain` are called on the scheduler's thread, where all stands still.
+
+        The token on the plans' key tells who acts on them that somebody still makes them.
+        """
         self._scheduler = scheduler
         key = plan_key(policy.namespace, policy.name)
         self._publisher = session.declare_publisher(
@@ -108,16 +133,18 @@ class Bus:
             applied_key(policy.namespace, policy.name), congestion_control=zenoh.CongestionControl.DROP
         )
         self._queryables = [
-            session.declare_queryable(key, self._answer(lambda: self._last)),
-            session.declare_queryable(
-                explain_key(policy.namespace, policy.name), self._answer(lambda: json.dumps(explain()).encode())
-            ),
+            session.declare_queryable(key, self._answer(current)),
+            session.declare_queryable(explain_key(policy.namespace, policy.name), self._answer(explain)),
         ]
+        self._token = session.liveliness().declare_token(key)
 
     def publish(self, plan: dict[str, Any]) -> None:
         """Tell everyone; a listener that is slow loses messages, it never slows the loop."""
-        self._last = json.dumps(plan).encode()
-        self._publisher.put(self._last, encoding=zenoh.Encoding.APPLICATION_JSON)
+        self._publisher.put(json.dumps(plan), encoding=zenoh.Encoding.APPLICATION_JSON)
+
+    def withdraw(self) -> None:
+        """Tell everyone that no plan of this policy counts any more."""
+        self._publisher.delete()
 
     def publish_applied(self, step: dict[str, Any]) -> None:
         """Tell that a container's limit reached the next stage."""
@@ -125,19 +152,20 @@ class Bus:
 
     def close(self) -> None:
         """Leave the bus."""
+        self._token.undeclare()
         for queryable in self._queryables:
             queryable.undeclare()
         self._applied.undeclare()
         self._publisher.undeclare()
 
-    def _answer(self, content: Callable[[], bytes]) -> Callable[[zenoh.Query], None]:
+    def _answer(self, content: Callable[[], dict[str, Any] | None]) -> Callable[[zenoh.Query], None]:
         """Zenoh's callbacks must not call Zenoh: the reply is sent from the loop."""
 
         def reply(query: zenoh.Query) -> None:
-            payload = content()
+            answer = content()
             with query:
-                if payload:
-                    query.reply(query.key_expr, payload, encoding=zenoh.Encoding.APPLICATION_JSON)
+                if answer is not None:
+                    query.reply(query.key_expr, json.dumps(answer), encoding=zenoh.Encoding.APPLICATION_JSON)
 
         return lambda query: _schedule(self._scheduler, lambda: reply(query))
 

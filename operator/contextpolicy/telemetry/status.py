@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.planning.policy import Mode
+from contextpolicy.planning.policy import Mode, Scheduler
 from contextpolicy.planning.quantities import format_cpu
 
 if TYPE_CHECKING:
@@ -106,12 +106,14 @@ def _findings(planner: Planner, facts: Facts) -> list[Finding]:
         [f"{s.task}: {s.message}" if s.task else s.message for s in planner.last.shortfalls] if planner.last else []
     )
     unapplied = [*facts.claim.obstacles.values(), *facts.unmet_actuation.values()]
+    realtime = [Finding("Realtime", "Scheduled", "Unavailable", facts.claim.realtime)]
     applied = {Mode.ENFORCE: "InForce", Mode.DRY_RUN: "DryRun", Mode.PAUSED: "Paused"}[policy.mode]
     return [
         Finding("Accepted", "Valid", "Conflicted" if not facts.rejected else "Invalid", refused),
         Finding("StreamsHealthy", "Heard", "Silent" if silent else "ExpressionFailed", [*silent, *expressions]),
         Finding("Feasible", "Met", "Unmet", shortfalls),
         Finding("Applied", applied, "NotApplied", unapplied if policy.mode is Mode.ENFORCE else ()),
+        *(realtime if policy.scheduler is Scheduler.REALTIME else ()),
     ]
 
 

@@ -1,0 +1,79 @@
+"""Which orders the agent obeys. Pure: the messages come from a network, and a plan is power over the node's CPU."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from contextpolicy.errors import OrderError
+from contextpolicy.planning.layout import REALTIME_BUDGET
+from contextpolicy.planning.policy import Control, Mode, Scheduler
+
+if TYPE_CHECKING:
+    from contextpolicy.agent.orders import Order, Target
+
+
+class Admission:
+    """Remembers what it admitted: each policy's place in time, and who has which container."""
+
+    def __init__(self, cpus: int) -> None:
+        self._cpus = cpus
+        self._stamps: dict[str, tuple[int, int, int]] = {}
+        self._admitted: dict[str, Order] = {}
+
+    def admit(self, order: Order) -> Order | None:
+        """The part of the order to obey: no targets when the policy wants nothing of the agent; None for a repetition.
+
+        OrderError when it comes out of turn, or asks for more than the node has or for what another policy has.
+        """
+        if not self._is_news(order):
+            return None
+        if order.mode is not Mode.ENFORCE or (order.scheduler, order.control) == (Scheduler.CFS, Control.WEIGHT):
+            order = replace(order, targets=())
+        self._check_amounts(order)
+        self._check_owners(order)
+        self._stamps[order.policy] = order.stamp
+        self._admitted[order.policy] = order
+        return order
+
+    def restart(self, policy: str) -> None:
+        """The source of the policy's plans went away; the next one counts anew, perhaps by another clock."""
+        self._stamps.pop(policy, None)
+
+    def drop(self, policy: str) -> None:
+        """The policy has nothing here any more."""
+        self._admitted.pop(policy, None)
+
+    def _is_news(self, order: Order) -> bool:
+        last = self._stamps.get(order.policy)
+        if last is not None and order.stamp < last:
+            raise OrderError("Outdated", f"{order.policy}: {order.stamp} came after {last}")
+        return order.stamp != last
+
+    def _check_amounts(self, order: Order) -> None:
+        realtime = order.scheduler is Scheduler.REALTIME
+        there_is = REALTIME_BUDGET - self._promised(order.policy) if realtime else self._cpus * 1000
+        asked = sum(target.share for target in order.targets)
+        if order.targets and order.capacity > (REALTIME_BUDGET if realtime else there_is):
+            raise OrderError("TooMuch", f"{order.policy}: a capacity of {order.capacity}m, this node has {there_is}m")
+        if asked > min(order.capacity, there_is):
+            raise OrderError("TooMuch", f"{order.policy}: {asked}m of {min(order.capacity, there_is)}m")
+
+    def _promised(self, but: str) -> int:
+        """What the other policies have of the realtime budget: unlike CPU limits it can't be overcommitted."""
+        others = [order for policy, order in self._admitted.items() if policy != but]
+        return sum(t.share for order in others if order.scheduler is Scheduler.REALTIME for t in order.targets)
+
+    def _check_owners(self, order: Order) -> None:
+        owners = {t.container_id: p for p, held in self._admitted.items() if p != order.policy for t in _named(held)}
+        wanted = [target.container_id for target in _named(order)]
+        if len(set(wanted)) < len(wanted):
+            raise OrderError("Twice", f"{order.policy}: names a container twice")
+        taken = next((identity for identity in wanted if identity in owners), None)
+        if taken is not None:
+            raise OrderError("Owned", f"{order.policy}: {taken} belongs to {owners[taken]}")
+
+
+def _named(order: Order) -> list[Target]:
+    """The targets that run already."""
+    return [target for target in order.targets if target.container_id]

@@ -1,0 +1,186 @@
+"""One node's agent: orders come in, cgroups change; everything here runs on the loop's thread."""
+
+from __future__ import annotations
+
+import logging
+import os
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.actuators.cgroup import CFS, REALTIME, ControlFiles
+from contextpolicy.agent import capabilities, orders
+from contextpolicy.agent.admission import Admission
+from contextpolicy.agent.layout import find
+from contextpolicy.agent.ledger import Ledger
+from contextpolicy.agent.limits import Limits
+from contextpolicy.agent.realtime import Realtime
+from contextpolicy.agent.refusals import Refusals
+from contextpolicy.errors import ActuationError, OrderError
+from contextpolicy.planning.placement import QUANTUM
+from contextpolicy.planning.policy import Mode, Scheduler
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from reactivex.abc import DisposableBase, SchedulerBase
+
+    from contextpolicy.actuators.inotify import Watch
+    from contextpolicy.agent.layout import Layout
+    from contextpolicy.agent.orders import Order, Target
+    from contextpolicy.agent.settings import AgentSettings
+
+log = logging.getLogger(__name__)
+
+_ATTEMPTS = 3
+
+
+class _Hands:
+    """What writes cgroups, once there are any."""
+
+    def __init__(self, layout: Layout, ledger: Ledger, refusals: Refusals, watch: Watch, priority: int) -> None:
+        limits = ControlFiles(CFS[layout.version], watch.add, watch.remove)
+        budgets = ControlFiles(REALTIME[layout.version])
+        self.layout = layout
+        self.limits = Limits(limits, ledger, refusals)
+        self.realtime = Realtime(layout, budgets, ledger, refusals, priority=priority)
+
+
+class Agent:
+    """Carries out what policies want of this node."""
+
+    def __init__(self, settings: AgentSettings, scheduler: SchedulerBase, watch: Watch) -> None:
+        self._settings, self._scheduler, self._watch = settings, scheduler, watch
+        self._refusals = Refusals()
+        self._admission = Admission(os.cpu_count() or 1)
+        self._ledger = Ledger(settings.state / "agent.json")
+        self._graces: dict[str, DisposableBase] = {}
+        self._hands: _Hands | None = None
+        self._missing: dict[str, list[str]] = {}
+
+    def start(self) -> None:
+        """Look around, and give the sources of what a former life left behind the grace period to speak up."""
+        self._settings.state.mkdir(parents=True, exist_ok=True)
+        self._ledger.load()
+        self._equip()
+        for policy in {entry.policy for entry in self._ledger.entries.values()}:
+            log.info("%s: a former agent was killed; waiting for the policy's plan", policy)
+            self._await_source(policy)
+
+    def stop(self) -> None:
+        """Undo everything."""
+        for grace in self._graces.values():
+            grace.dispose()
+        for policy in {entry.policy for entry in self._ledger.entries.values()}:
+            self._release(policy)
+
+    def hear(self, policy: str, payload: bytes | None) -> None:
+        """Take a message about the policy; None says that it is gone. Whatever it holds, it does no harm."""
+        if payload is None:
+            self._release(policy)
+            return
+        try:
+            order = self._admission.admit(orders.read(payload, policy, self._settings.node))
+        except OrderError as error:
+            self._refusals.note(error.reason, str(error))
+            return
+        if order is not None:
+            if order.mode is Mode.ENFORCE:
+                self._end_grace(policy)
+            self._persist(lambda: self._obey(order))
+
+    def lose_source(self, policy: str) -> None:
+        """Nobody makes plans for the policy any more, as far as the network tells."""
+        self._admission.restart(policy)
+        self._await_source(policy)
+
+    def on_other_write(self, path: Path) -> None:
+        """Somebody else wrote a CPU limit that we watch."""
+        hands = self._hands
+        if hands is not None:
+            self._persist(lambda: hands.limits.on_other_write(path))
+
+    def report(self) -> dict[str, Any]:
+        """What this node can do, what it lacks for the rest, and what it refused."""
+        layout = self._hands.layout if self._hands else None
+        return {
+            "node": self._settings.node,
+            "cgroup": layout.version if layout else None,
+            "driver": layout.driver if layout else None,
+            "missing": self._missing,
+            "refused": dict(self._refusals.counts),
+        }
+
+    def _equip(self) -> _Hands | None:
+        """The kubelet may come up after the agent."""
+        if self._hands is None:
+            layout = find(self._settings.cgroup_root)
+            self._missing = capabilities.missing(capabilities.probe(layout))
+            if layout is not None:
+                self._hands = _Hands(layout, self._ledger, self._refusals, self._watch, self._settings.priority)
+        return self._hands
+
+    def _obey(self, order: Order) -> None:
+        hands = self._equip()
+        lacks = self._missing.get(order.scheduler) if order.targets else None
+        if hands is None or lacks:
+            self._refusals.note("Incapable", f"{order.policy}: {order.scheduler}: {'; '.join(lacks or ())}")
+            return
+        groups = self._groups(hands, order)
+        if order.scheduler is Scheduler.REALTIME:
+            resting = {group for group, target in groups.items() if target.suspended}
+            hands.limits.apply(order.policy, dict.fromkeys(resting, QUANTUM), held=True)
+            hands.realtime.apply(order.policy, _shares(groups), resting)
+            return
+        for group, target in groups.items():
+            if target.limit is not None:
+                hands.limits.settle(group, target.limit)
+        hands.limits.apply(order.policy, _shares(groups))
+        hands.realtime.release(order.policy)
+
+    def _groups(self, hands: _Hands, order: Order) -> dict[Path, Target]:
+        """The cgroups of the targets that are here: a path made of the pod's UID and the container's id proves it."""
+        groups = {}
+        for target in order.targets:
+            group = hands.layout.container(target.qos, target.uid, target.container_id)
+            if target.container_id and group.is_dir():
+                groups[group] = target
+            else:
+                self._refusals.note("NotHere", f"{order.policy}: {target.container_id or 'a container that starts'}")
+        return groups
+
+    def _release(self, policy: str) -> None:
+        """Undo all of the policy."""
+        self._end_grace(policy)
+        self._admission.drop(policy)
+        hands = self._hands
+        if hands is not None:
+            self._persist(lambda: hands.limits.release(policy))
+            self._persist(lambda: hands.realtime.release(policy))
+
+    def _await_source(self, policy: str) -> None:
+        self._end_grace(policy)
+        self._graces[policy] = self._scheduler.schedule_relative(self._settings.grace, lambda *_: self._give_up(policy))
+
+    def _give_up(self, policy: str) -> None:
+        if self._ledger.of(policy):
+            log.warning("%s: no plans for %g s; undoing what the API did not confirm", policy, self._settings.grace)
+        self._release(policy)
+
+    def _persist(self, action: Callable[[], None]) -> None:
+        """A container may end in the middle of it; the next attempt leaves it out."""
+        for _ in range(_ATTEMPTS):
+            try:
+                action()
+            except ActuationError as error:
+                self._refusals.note(error.reason, str(error))
+            else:
+                return
+
+    def _end_grace(self, policy: str) -> None:
+        grace = self._graces.pop(policy, None)
+        if grace is not None:
+            grace.dispose()
+
+
+def _shares(groups: dict[Path, Target]) -> dict[Path, int]:
+    return {group: target.share for group, target in groups.items()}

@@ -1,0 +1,86 @@
+"""What a node can do, and what it lacks for the rest: `missing` is pure, `probe` looks."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators.cgroup import CFS, REALTIME
+from contextpolicy.planning.policy import Scheduler
+
+if TYPE_CHECKING:
+    from contextpolicy.agent.layout import Layout
+
+_SYS_NICE = 23
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What was found; `version` None where the kubelet has made no group for pods."""
+
+    version: int | None
+    limits: bool = False
+    writable: bool = False
+    budgets: bool = False
+    may_schedule: bool = False
+    sees_processes: bool = False
+
+
+def missing(facts: Facts) -> dict[str, list[str]]:
+    """What each scheduler lacks here, with what to do; empty lists are good."""
+    if facts.version is None:
+        nothing = ["there is no cgroup of pods (kubepods): is the kubelet running, and CGROUP_ROOT its cgroup mount?"]
+        return {Scheduler.CFS: nothing, Scheduler.REALTIME: nothing}
+    both = [] if facts.writable else ["cgroup files can't be written: mount the node's cgroups read-write, as root"]
+    limits = [] if facts.limits else ["the kernel's CPU controller is off for pods (CONFIG_CFS_BANDWIDTH)"]
+    return {Scheduler.CFS: [*limits, *both], Scheduler.REALTIME: [*_realtime(facts, facts.version), *both]}
+
+
+def _realtime(facts: Facts, version: int) -> list[str]:
+    lacks = []
+    if not facts.budgets and version == 1:
+        lacks.append(
+            "the kernel has no realtime group scheduling (no cpu.rt_runtime_us): build it with "
+            "CONFIG_RT_GROUP_SCHED=y, or boot it with rt_group_sched=1"
+        )
+    if not facts.budgets and version == 2:
+        lacks.append(
+            "cgroup v2 has no realtime budgets (cpu.rt.max) in this kernel: boot with cgroup v1 "
+            "(systemd.unified_cgroup_hierarchy=0, kubelet failCgroupV1: false) and CONFIG_RT_GROUP_SCHED=y"
+        )
+    if not facts.may_schedule:
+        lacks.append("the agent may not set scheduling policies (CAP_SYS_NICE): install it with agent.realtime=true")
+    if not facts.sees_processes:
+        lacks.append("the agent can't see the node's processes (hostPID): install it with agent.realtime=true")
+    return lacks
+
+
+def probe(layout: Layout | None) -> Facts:
+    """Look at the node."""
+    if layout is None:
+        return Facts(None)
+    limit = layout.top / CFS[layout.version].file
+    return Facts(
+        version=layout.version,
+        limits=limit.exists(),
+        writable=os.access(layout.top / "cgroup.procs", os.W_OK),
+        budgets=(layout.top / REALTIME[layout.version].file).exists(),
+        may_schedule=_has_capability(_SYS_NICE),
+        sees_processes=_sees_processes(layout),
+    )
+
+
+def _has_capability(number: int) -> bool:
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    effective = next(line for line in lines if line.startswith("CapEff:"))
+    return bool(int(effective.split()[1], 16) >> number & 1)
+
+
+def _sees_processes(layout: Layout) -> bool:
+    """Processes outside of our own PID namespace are listed as 0; each pod's sandbox would be one."""
+    for folder, _, files in os.walk(layout.top):
+        if "cgroup.procs" in files and "0" in (Path(folder) / "cgroup.procs").read_text().split():
+            return False
+    return True

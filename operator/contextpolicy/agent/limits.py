@@ -1,0 +1,161 @@
+"""CPU limits: writes what a resize is about to write, and gives way when the resize comes."""
+
+from __future__ import annotations
+
+import logging
+from collections import defaultdict
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators.cgroup import children
+from contextpolicy.agent.layout import is_pod
+from contextpolicy.agent.steps import PodLimits, limit_steps
+from contextpolicy.errors import ActuationError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+    from contextpolicy.actuators.cgroup import ControlFiles
+    from contextpolicy.agent.ledger import Entry, Ledger
+    from contextpolicy.agent.refusals import Refusals
+
+log = logging.getLogger(__name__)
+
+
+class Limits:
+    """The CPU limits of one node's containers, as far as policies want them; groups are the containers' own."""
+
+    def __init__(self, files: ControlFiles, ledger: Ledger, refusals: Refusals) -> None:
+        self._files, self._ledger, self._refusals = files, ledger, refusals
+        self._wanted: dict[str, dict[Path, int]] = {}
+        self._held: set[str] = set()
+
+    def apply(self, policy: str, shares: Mapping[Path, int], *, held: bool = False) -> None:
+        """Let these be the policy's limits; what it had besides is undone. `held` ones are kept against anybody."""
+        self._wanted[policy] = dict(shares)
+        (self._held.add if held else self._held.discard)(policy)
+        self._enforce(policy)
+        wanted = self._groups(policy)
+        self._undo({path: e for path, e in self._own(policy).items() if path.parent not in wanted})
+        self._files.keep({group for known in self._wanted for group in self._groups(known)})
+
+    def release(self, policy: str) -> None:
+        """Undo all of the policy."""
+        self.apply(policy, {})
+        self._wanted.pop(policy, None)
+
+    def settle(self, group: Path, limit: int) -> None:
+        """The API says that `limit` is in force: an entry of a former life which equals it was agreed with."""
+        entry = self._ledger.entries.get(group / self._files.form.file)
+        with suppress(ActuationError):
+            if entry is not None and entry.inherited and self._files[group].text(limit) == entry.ours:
+                self._close(group / self._files.form.file)
+
+    def on_other_write(self, path: Path) -> None:
+        """Somebody else wrote a file that we watch: the rule is told in the package's docstring."""
+        entry = self._ledger.entries.get(path)
+        policy = entry.policy if entry else self._owner(path.parent)
+        try:
+            text = self._files[path.parent].read()
+        except ActuationError:
+            self._ledger.close(path)
+            return
+        if entry is not None and (entry.held or text in entry.earlier):
+            entry.theirs = text
+        else:
+            self._close(path)
+            self._give_way(path, text)
+        if policy is not None:
+            self._enforce(policy)
+        self._ledger.save()
+
+    def _give_way(self, path: Path, text: str) -> None:
+        """A value that is not ours stays until the next plan."""
+        for wanted in self._wanted.values():
+            if path.parent in wanted and text != self._files[path.parent].text(wanted[path.parent]):
+                log.info("%s: somebody else wants %s", path, text)
+                del wanted[path.parent]
+
+    def _close(self, path: Path) -> None:
+        """A pod goes with its last container: the kubelet does not write a pod's limit that is right already."""
+        self._ledger.close(path)
+        pod = path.parent.parent
+        if not any(other.parent.parent == pod for other in self._ledger.entries):
+            self._ledger.close(pod / path.name)
+
+    def _enforce(self, policy: str) -> None:
+        """Write what differs. The kernel refuses when the kubelet just lowered a pod: look again, once."""
+        for last in (False, True):
+            failed = self._write(policy, self._pods(policy))
+            for error in failed if last else ():
+                self._refusals.note(error.reason, str(error))
+            if not failed:
+                return
+
+    def _pods(self, policy: str) -> list[PodLimits]:
+        by_pod: dict[Path, dict[Path, tuple[int | None, int]]] = defaultdict(dict)
+        for group, share in list(self._wanted[policy].items()):
+            with suppress(ActuationError):
+                by_pod[group.parent][group] = (self._now(group), share)
+        return [
+            PodLimits(pod, self._now(pod), self._others(pod, containers), containers)
+            for pod, containers in by_pod.items()
+        ]
+
+    def _others(self, pod: Path, containers: Iterable[Path]) -> int:
+        """What the pod's other containers may use; those without a limit (the sandbox) do not count."""
+        amounts = []
+        for group in children(pod):
+            with suppress(ActuationError):
+                amounts.append(0 if group in containers else self._now(group) or 0)
+        return sum(amounts)
+
+    def _now(self, group: Path) -> int | None:
+        file = self._files[group]
+        return file.amount(file.read())
+
+    def _write(self, policy: str, pods: Iterable[PodLimits]) -> list[ActuationError]:
+        """The ledger is on disk ahead of the first write."""
+        writes = [(step.group, self._files[step.group].text(step.amount)) for step in limit_steps(pods)]
+        for group, text in writes:
+            file = self._files[group]
+            self._ledger.intend(file.path, policy, now=file.read(), ours=text, held=policy in self._held)
+        self._ledger.save()
+        failed = []
+        for group, text in writes:
+            try:
+                self._files[group].write(text)
+            except ActuationError as error:
+                self._ledger.close(self._files[group].path)
+                failed += [error] if error.reason != "Gone" else []
+        return failed
+
+    def _fits(self, group: Path, limit: int | None) -> bool:
+        """Whether a pod's limit leaves its containers theirs."""
+        return limit is None or not is_pod(group) or self._others(group, ()) <= limit
+
+    def _own(self, policy: str) -> dict[Path, Entry]:
+        return {p: e for p, e in self._ledger.of(policy).items() if p.name == self._files.form.file}
+
+    def _groups(self, policy: str) -> set[Path]:
+        """The containers that the policy wants something of, and their pods."""
+        wanted = self._wanted.get(policy, {})
+        return {*wanted, *(group.parent for group in wanted)}
+
+    def _owner(self, group: Path) -> str | None:
+        return next((policy for policy in self._wanted if group in self._groups(policy)), None)
+
+    def _undo(self, entries: Mapping[Path, Entry]) -> None:
+        """Put back what others wrote, containers ahead of their pods; what holds another value by now is left alone."""
+        for path, entry in sorted(entries.items(), key=lambda item: len(item[0].parts), reverse=True):
+            try:
+                file = self._files[path.parent]
+                if file.read() == entry.ours != entry.theirs and self._fits(path.parent, file.amount(entry.theirs)):
+                    file.write(entry.theirs)
+                    log.info("%s: put back %s", path, entry.theirs)
+            except ActuationError as error:
+                if error.reason != "Gone":
+                    self._refusals.note(error.reason, str(error))
+            self._ledger.close(path)
+        self._ledger.save()

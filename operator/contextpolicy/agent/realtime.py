@@ -1,0 +1,141 @@
+"""Realtime budgets (Eq. 2): a container's share of each period at realtime priority, top-down through the cgroups.
+
+A suspended task leaves realtime: its threads go back to the fair scheduler. Its share of a period is 1 ms, which it
+would get in one go and then stand still for the rest of the second, long enough to lose its Zenoh session; as an
+ordinary task with the least CPU limit it gets 1 ms in each 100 ms, of the 5 % and more that realtime tasks leave. It
+keeps its budget meanwhile: a group in which a realtime thread is just being born can't have none (EBUSY).
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators import threads
+from contextpolicy.actuators.cgroup import children
+from contextpolicy.agent.steps import Step, budget_steps, budgets
+from contextpolicy.errors import ActuationError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+    from pathlib import Path
+
+    from contextpolicy.actuators.cgroup import ControlFiles
+    from contextpolicy.agent.layout import Layout
+    from contextpolicy.agent.ledger import Entry, Ledger
+    from contextpolicy.agent.refusals import Refusals
+
+_ATTEMPTS = 5
+"""A thread may be born at realtime priority between its group's last look and the end of the group's budget."""
+
+
+class Realtime:
+    """The realtime budgets of one node's containers; groups are the containers' own."""
+
+    def __init__(
+        self, layout: Layout, files: ControlFiles, ledger: Ledger, refusals: Refusals, *, priority: int
+    ) -> None:
+        self._layout, self._files, self._ledger, self._refusals = layout, files, ledger, refusals
+        self._priority = priority
+        self._wanted: dict[str, dict[Path, int]] = {}
+        self._others: dict[Path, dict[Path, int]] = {}
+
+    def apply(self, policy: str, shares: Mapping[Path, int], suspended: Iterable[Path] = ()) -> None:
+        """Let these be the policy's budgets, whole: containers that it no longer names leave realtime."""
+        self._wanted[policy] = {group: share for group, share in shares.items() if self._exists(group)}
+        resting = set(suspended)
+        released, inherited = self._unclaimed(policy)
+        for group in {*released, *resting}:
+            self._try(partial(threads.make_ordinary, group, self._layout.version))
+        self._divide(policy, inherited | self._merged() | released)
+        for group in self._wanted[policy].keys() - resting:
+            self._try(partial(threads.make_realtime, group, self._layout.version, self._priority))
+        self._close_settled()
+
+    def release(self, policy: str) -> None:
+        """Undo all of the policy."""
+        self.apply(policy, {})
+        self._wanted.pop(policy, None)
+
+    def _unclaimed(self, policy: str) -> tuple[dict[Path, int], dict[Path, int]]:
+        """Containers in the ledger that no plan names: the policy's, with what they had before, and the others.
+
+        The others are of a former life and wait for the plan of their own policy: they keep what they have.
+        """
+        entries = {path.parent: entry for path, entry in self._entries().items() if self._exists(path.parent)}
+        wanted = self._merged()
+        leaves = entries.keys() - {above for group in {*entries, *wanted} for above in group.parents} - wanted.keys()
+        released = {g: self._amount(g, entries[g].theirs) for g in leaves if entries[g].policy == policy}
+        return released, {g: self._now(g) for g in leaves - released.keys()}
+
+    def _divide(self, policy: str, leaves: Mapping[Path, int]) -> None:
+        """The ledger is on disk ahead of the first write."""
+        least = {path.parent: self._amount(path.parent, entry.theirs) for path, entry in self._entries().items()}
+        groups = budgets(leaves, self._layout.top, self._others_of(leaves), least)
+        steps = budget_steps({group: self._now(group) for group in groups}, groups)
+        for step in steps:
+            file = self._files[step.group]
+            self._ledger.intend(file.path, policy, now=file.read(), ours=file.text(step.amount))
+        self._ledger.save()
+        for step in steps:
+            self._try(partial(self._write, step))
+
+    def _write(self, step: Step) -> None:
+        file = self._files[step.group]
+        for _ in range(_ATTEMPTS):
+            try:
+                file.write(file.text(step.amount))
+            except ActuationError as error:
+                if error.reason != "Busy":
+                    raise
+                threads.make_ordinary(step.group, self._layout.version)
+            else:
+                return
+
+    def _others_of(self, leaves: Iterable[Path]) -> dict[Path, int]:
+        """What children that are not ours have, by parent; read once, for nobody else gives pods realtime budgets."""
+        on_path = {group for leaf in leaves for group in (leaf, *leaf.parents)}
+        for parent in (group for group in on_path.difference(leaves) if group.is_relative_to(self._layout.top)):
+            if parent not in self._others:
+                self._others[parent] = {c: self._now(c) for c in children(parent) if self._foreign(c)}
+        return {p: sum(a for child, a in of.items() if child not in on_path) for p, of in self._others.items()}
+
+    def _foreign(self, group: Path) -> bool:
+        return group / self._files.form.file not in self._ledger.entries and self._exists(group)
+
+    def _now(self, group: Path) -> int:
+        return self._amount(group, self._files[group].read())
+
+    def _amount(self, group: Path, text: str) -> int:
+        return self._files[group].amount(text) or 0
+
+    def _exists(self, group: Path) -> bool:
+        """What is gone needs no undoing."""
+        with suppress(ActuationError):
+            self._now(group)
+            return True
+        self._ledger.close(group / self._files.form.file)
+        return False
+
+    def _merged(self) -> dict[Path, int]:
+        return {group: share for shares in self._wanted.values() for group, share in shares.items()}
+
+    def _entries(self) -> dict[Path, Entry]:
+        return {path: e for path, e in self._ledger.entries.items() if path.name == self._files.form.file}
+
+    def _close_settled(self) -> None:
+        """What is as it was needs no entry; what nobody wants needs no open file."""
+        for path, entry in self._entries().items():
+            if self._exists(path.parent) and self._files[path.parent].read() == entry.theirs:
+                self._ledger.close(path)
+        self._ledger.save()
+        self._files.keep({path.parent for path in self._entries()})
+
+    def _try(self, action: Callable[[], None]) -> None:
+        """A container may end at any moment."""
+        try:
+            action()
+        except ActuationError as error:
+            if error.reason != "Gone":
+                self._refusals.note(error.reason, str(error))

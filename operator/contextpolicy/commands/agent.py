@@ -1,0 +1,98 @@
+"""`contextpolicy agent`: the node agent."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable
+
+    from contextpolicy.agent.settings import AgentSettings
+    from contextpolicy.streams.loop import Loop
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "agent",
+        help="run the node agent",
+        description="Hear plans on the decision bus and write the cgroups of this node at once, CPU limits and "
+        "realtime budgets, until SIGTERM; then undo what the API did not confirm. Settings come from the environment: "
+        "NODE_NAME, ZENOH_CONNECT, CGROUP_ROOT (default /sys/fs/cgroup), STATE_DIRECTORY (default /run/contextpolicy), "
+        "LOG_FORMAT, LOG_LEVEL.",
+    )
+    parser.add_argument(
+        "--priority",
+        type=int,
+        choices=range(1, 100),
+        metavar="1..99",
+        default=10,
+        help="realtime priority of the tasks' threads (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--grace",
+        type=float,
+        default=10.0,
+        metavar="SECONDS",
+        help="how long a policy's plans hold when nobody makes them any more (default: %(default)s)",
+    )
+    parser.set_defaults(main=main)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Run until told to stop, or until a thread fails: the kubelet then starts us anew, and the ledger knows."""
+    from contextpolicy.agent import settings
+    from contextpolicy.telemetry import logs
+
+    own = settings.read(os.environ, priority=arguments.priority, grace=arguments.grace)
+    logs.configure(own.common.log_format, own.common.log_level)
+    stop, failed = threading.Event(), threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+
+    def fail(failure: threading.ExceptHookArgs) -> None:
+        threading.__excepthook__(failure)
+        failed.set()
+        stop.set()
+
+    threading.excepthook = fail
+    _run(own, stop, failed)
+    return 1 if failed.is_set() else 0
+
+
+def _run(settings: AgentSettings, stop: threading.Event, failed: threading.Event) -> None:
+    """What a former life left behind is undone in time even when no router ever answers."""
+    from contextpolicy.actuators.inotify import Watch
+    from contextpolicy.agent.agent import Agent
+    from contextpolicy.agent.bus import AgentBus
+    from contextpolicy.streams.loop import Loop
+    from contextpolicy.streams.zenoh_session import open_client
+
+    loop = Loop()
+    watch = Watch(lambda path: _later(loop, lambda: agent.on_other_write(path)))
+    agent = Agent(settings, loop, watch)
+    _later(loop, agent.start)
+    session = open_client(settings.common.connect, stop)
+    if session is not None:
+        bus = AgentBus(session, settings.node, loop, agent)
+        stop.wait()
+        bus.close()
+        session.close()
+    if not failed.is_set():
+        _later(loop, agent.stop).wait(timeout=5)
+
+
+def _later(loop: Loop, action: Callable[[], None]) -> threading.Event:
+    """Run it on the loop; the event tells when that is done."""
+    done = threading.Event()
+
+    def run(*_: object) -> None:
+        action()
+        done.set()
+
+    loop.schedule(run)
+    return done

@@ -1,0 +1,66 @@
+"""Which nodes have an agent, and what each of them can do."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import zenoh
+
+from contextpolicy.cluster.agents import UNREADABLE, realtime_obstacle
+from contextpolicy.telemetry.bus import agent_key
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from reactivex.abc import SchedulerBase
+
+PATIENCE = 1.0
+"""Seconds in which the agents that live already must be known: a plan made without them would move them to and fro."""
+
+
+class AgentWatch:
+    """Follows the agents' liveliness tokens; `on_change` is called on the loop's thread."""
+
+    def __init__(self, session: zenoh.Session, scheduler: SchedulerBase, on_change: Callable[[], object]) -> None:
+        """Waits for the agents' first answers: never call it on the loop's thread."""
+        self._session, self._scheduler, self._on_change = session, scheduler, on_change
+        self.obstacles = dict(self._ask())
+        self._subscriber: Any = session.liveliness().declare_subscriber(agent_key("*"), self._on_token, history=True)
+
+    def close(self) -> None:
+        """Stop following."""
+        self._subscriber.undeclare()
+
+    def _ask(self) -> list[tuple[str, str]]:
+        replies = self._session.get(agent_key("*"), timeout=PATIENCE)
+        return [
+            (_node(reply.ok.key_expr), realtime_obstacle(reply.ok.payload.to_bytes())) for reply in replies if reply.ok
+        ]
+
+    def _on_token(self, token: zenoh.Sample) -> None:
+        """Zenoh's callbacks must not call Zenoh."""
+        node, lives = _node(token.key_expr), token.kind == zenoh.SampleKind.PUT
+        self._later(lambda: self._inquire(node) if lives else self._set(node, None))
+
+    def _inquire(self, node: str) -> None:
+        self._session.get(agent_key(node), lambda reply: self._on_reply(node, reply), timeout=PATIENCE)
+
+    def _on_reply(self, node: str, reply: zenoh.Reply) -> None:
+        obstacle = realtime_obstacle(reply.ok.payload.to_bytes()) if reply.ok else UNREADABLE
+        self._later(lambda: self._set(node, obstacle))
+
+    def _set(self, node: str, obstacle: str | None) -> None:
+        before = dict(self.obstacles)
+        if obstacle is None:
+            self.obstacles.pop(node, None)
+        else:
+            self.obstacles[node] = obstacle
+        if self.obstacles != before:
+            self._on_change()
+
+    def _later(self, action: Callable[[], None]) -> None:
+        self._scheduler.schedule(lambda *_: action())
+
+
+def _node(key: zenoh.KeyExpr) -> str:
+    return str(key).rpartition("/")[2]

@@ -1,0 +1,108 @@
+"""A node's cgroups as plain files, and messages of the decision bus about its pods."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators.cgroup import CFS, REALTIME
+from contextpolicy.actuators.threads import THREAD_FILES
+from contextpolicy.agent.layout import Driver, Layout
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+NODE = "node-1"
+POLICY = "robot/delivery"
+SLAM, SPEECH, CHAT, SANDBOX = "a" * 64, "b" * 64, "c" * 64, "f" * 64
+
+
+class Tree:
+    """The files that the kernel and the kubelet would make."""
+
+    def __init__(self, mount: Path, version: int = 1, driver: Driver = Driver.CGROUPFS, *, realtime: bool = True):
+        self.mount, self.version, self.realtime = mount, version, realtime
+        self.layout = Layout(mount if version == 2 else mount / "cpu", version, driver)
+        self._group(self.layout.top)
+        if version == 2:
+            (mount / "cgroup.controllers").write_text("cpu memory\n")
+
+    def container(self, identity: str, *, limit: int | None = 500, uid: str | None = None, qos: str = "Burstable"):
+        """Make a container and what is above it; the pod's limit is the sum of its containers'."""
+        group = self.layout.container(qos, uid or f"uid-{identity[0]}", f"containerd://{identity}")
+        for above in reversed(group.parents):
+            if above.is_relative_to(self.layout.top) and not above.exists():
+                self._group(above)
+        self._group(group)
+        self.set(group, limit)
+        limits = [self.limit(child) for child in group.parent.iterdir() if child.is_dir() and child.name != SANDBOX]
+        self.set(group.parent, None if None in limits else sum(limits))
+        return group
+
+    def sandbox(self, container: Path):
+        """The pod's infrastructure container has no limit of its own, and does not keep the pod from having one."""
+        self._group(container.parent / SANDBOX)
+
+    def set(self, group: Path, limit: int | None):
+        """Write a limit as the kubelet would."""
+        form = CFS[self.version]
+        time = form.unlimited if limit is None else str(limit * 100)
+        (group / form.file).write_text(time + ("\n" if self.version == 1 else " 100000\n"))
+
+    def limit(self, group: Path) -> int | None:
+        form = CFS[self.version]
+        time = (group / form.file).read_text().split()[0]
+        return None if time == form.unlimited else int(time) // 100
+
+    def budget(self, group: Path) -> int:
+        return int((group / REALTIME[self.version].file).read_text().split()[0]) // 1000
+
+    def threads(self, group: Path, *threads: int):
+        (group / THREAD_FILES[self.version]).write_text("".join(f"{thread}\n" for thread in threads))
+
+    def limit_file(self, group: Path) -> Path:
+        return group / CFS[self.version].file
+
+    def _group(self, group: Path):
+        group.mkdir(parents=True)
+        files = {"cgroup.procs": "", THREAD_FILES[self.version]: ""}
+        if self.version == 1:
+            files |= {"cpu.cfs_quota_us": "-1\n", "cpu.cfs_period_us": "100000\n"}
+            files |= {"cpu.rt_runtime_us": "0\n", "cpu.rt_period_us": "1000000\n"} if self.realtime else {}
+        else:
+            files |= {"cpu.max": "max 100000\n"} | ({"cpu.rt.max": "0 1000000\n"} if self.realtime else {})
+        for name, text in files.items():
+            (group / name).write_text(text)
+
+
+def a_target(identity: str = SLAM, cores: float = 0.5, *, task: str = "slam", **more):
+    return {
+        "task": task,
+        "node": NODE,
+        "namespace": "robot",
+        "pod": f"{task}-0",
+        "uid": f"uid-{identity[0]}",
+        "qos": "Burstable",
+        "container": task,
+        "containerId": f"containerd://{identity}",
+        "cores": cores,
+        "limit": None,
+        **more,
+    }
+
+
+def a_message(*targets, sequence: int = 1, capacity: float = 1.0, suspended: tuple[str, ...] = (), **more):
+    tasks = {target["task"]: {"share": target["cores"], "suspended": target["task"] in suspended} for target in targets}
+    message = {
+        "policy": POLICY,
+        "run": 1,
+        "sequence": sequence,
+        "edition": 0,
+        "mode": "Enforce",
+        "scheduler": "CFS",
+        "control": "Limit",
+        "tasks": tasks,
+        "nodes": {NODE: {"capacity": capacity, "scheduler": more.get("scheduler", "CFS"), "tasks": {}}},
+        "targets": list(targets),
+    }
+    return json.dumps(message | more).encode()

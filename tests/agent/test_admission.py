@@ -1,0 +1,101 @@
+"""Which orders are obeyed."""
+
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.agent.admission import Admission
+from contextpolicy.agent.orders import read
+from contextpolicy.errors import OrderError
+from tests.agent.builders import CHAT, NODE, POLICY, SLAM, SPEECH, a_message, a_target
+
+OTHER = "robot/other"
+
+
+def an_order(*targets, policy=POLICY, **more):
+    return read(a_message(*targets, policy=policy, **more), policy, NODE)
+
+
+@pytest.fixture
+def admission():
+    return Admission(cpus=2)
+
+
+def refusal(admission, order):
+    with pytest.raises(OrderError) as caught:
+        admission.admit(order)
+    return caught.value.reason
+
+
+@pytest.mark.parametrize("later", [{"sequence": 3}, {"sequence": 2, "edition": 1}, {"sequence": 1, "run": 2}])
+def test_orders_move_forward(admission, later):
+    assert admission.admit(an_order(sequence=2))
+    assert admission.admit(an_order(**later))
+    assert refusal(admission, an_order(sequence=2)) == "Outdated"
+
+
+def test_the_same_order_again_is_nothing_new(admission):
+    assert admission.admit(an_order(sequence=2))
+    assert admission.admit(an_order(sequence=2)) is None
+
+
+def test_each_policy_counts_for_itself(admission):
+    assert admission.admit(an_order(sequence=9))
+    assert admission.admit(an_order(sequence=1, policy=OTHER))
+
+
+def test_a_new_source_counts_anew(admission):
+    admission.admit(an_order(run=9))
+    admission.restart(POLICY)
+    assert admission.admit(an_order(run=8))
+
+
+def test_a_refused_order_does_not_count(admission):
+    assert refusal(admission, an_order(a_target(cores=1.5), sequence=5)) == "TooMuch"
+    assert admission.admit(an_order(a_target(), sequence=2))
+
+
+@pytest.mark.parametrize(
+    ("cores", "capacity", "scheduler"),
+    [
+        ((0.6, 0.5), 1.0, "CFS"),
+        ((1.1,), 1.0, "CFS"),
+        ((0.5,), 2.5, "CFS"),
+        ((0.5, 0.46), 0.95, "Realtime"),
+        ((0.5,), 1.0, "Realtime"),
+    ],
+)
+def test_more_than_there_is_is_refused(admission, cores, capacity, scheduler):
+    targets = [a_target(identity, share) for identity, share in zip((SLAM, SPEECH), cores, strict=False)]
+    assert refusal(admission, an_order(*targets, capacity=capacity, scheduler=scheduler)) == "TooMuch"
+
+
+def test_realtime_budgets_of_all_policies_fit_the_period(admission):
+    realtime = {"scheduler": "Realtime", "capacity": 0.95}
+    assert admission.admit(an_order(a_target(SLAM, 0.5), **realtime))
+    assert refusal(admission, an_order(a_target(SPEECH, 0.46), policy=OTHER, **realtime)) == "TooMuch"
+    assert admission.admit(an_order(a_target(SPEECH, 0.45), policy=OTHER, **realtime))
+
+
+def test_a_container_of_another_policy_is_not_touched(admission):
+    admission.admit(an_order(a_target(SLAM)))
+    assert refusal(admission, an_order(a_target(SLAM), policy=OTHER)) == "Owned"
+    admission.drop(POLICY)
+    assert admission.admit(an_order(a_target(SLAM), policy=OTHER))
+
+
+def test_a_container_is_named_once(admission):
+    assert refusal(admission, an_order(a_target(CHAT, 0.1), a_target(CHAT, 0.2))) == "Twice"
+
+
+def test_containers_that_start_are_not_mistaken_for_each_other(admission):
+    starting = a_target(SLAM, containerId="")
+    assert admission.admit(an_order(starting, starting))
+    assert admission.admit(an_order(starting, policy=OTHER))
+
+
+@pytest.mark.parametrize("changes", [{"mode": "DryRun"}, {"mode": "Paused"}, {"control": "Weight"}])
+def test_what_moves_no_limits_wants_nothing(admission, changes):
+    admitted = admission.admit(an_order(a_target(), **changes))
+    assert admitted is not None
+    assert admitted.targets == ()
