@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter, defaultdict
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,7 @@ from contextpolicy.planning.context import ContextState
 from contextpolicy.planning.division import divide_nodes
 from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.feasibility import shortfalls
+from contextpolicy.planning.fields import LARGEST
 from contextpolicy.planning.initiative import Initiative
 from contextpolicy.planning.inputs import Gone, Input, Score
 from contextpolicy.planning.layout import Layout, lay_out
@@ -202,8 +202,8 @@ class Planner:
 
     def _set_score(self, score: Score, now: float) -> None:
         # What a plugged-in function emits is its author's doing.
-        if isinstance(score.value, int | float) and math.isfinite(score.value):
-            self.initiatives[score.task][score.activity].set(score.value, now)
+        if isinstance(score.value, int | float) and abs(score.value) <= LARGEST:
+            self.initiatives[score.task][score.activity].set(float(score.value), now)
         else:
             self.on_drop(score.task, "score not finite")
 

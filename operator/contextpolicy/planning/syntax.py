@@ -66,7 +66,7 @@ def scan(source: str) -> Syntax:
         raise ValueError(f"adds more than {MAX_SUMS} times")
     scanner = _Scanner(tokens)
     cost = scanner.sequence()
-    return Syntax(frozenset(scanner.reads), _max_size(cost, scanner.macros, tokens.count(",") + 1))
+    return Syntax(frozenset(scanner.reads), _max_size(cost, scanner.macros, 1 + tokens.count(",") - scanner.macros))
 
 
 def size(value: object) -> int:

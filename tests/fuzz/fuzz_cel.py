@@ -1,0 +1,14 @@
+"""`python -m tests.fuzz.fuzz_cel -max_total_time=60` (libFuzzer's options; needs `pip install atheris`)."""
+
+from __future__ import annotations
+
+import sys
+
+import atheris
+
+with atheris.instrument_imports(include=["contextpolicy"]):
+    from tests.fuzz import targets
+
+if __name__ == "__main__":
+    atheris.Setup(sys.argv, targets.expression)
+    atheris.Fuzz()

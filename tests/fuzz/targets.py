@@ -1,0 +1,195 @@
+"""What must hold for any bytes: each target takes some, and raises only where something is wrong with us.
+
+Hypothesis feeds them in `test_fuzz`, atheris in `fuzz_*` by hand.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.errors import DecodeError, ExpressionError, PolicyError
+from contextpolicy.planning import parsing
+from contextpolicy.planning.expressions import Scope
+from contextpolicy.planning.placement import on_one_node
+from contextpolicy.planning.planner import Planner
+from contextpolicy.planning.policy import Encoding, Stream
+from contextpolicy.streams.decoding import Decoder, seconds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+START = 1_000.0
+ROS_TYPES = (
+    "sensor_msgs/msg/Imu",
+    "sensor_msgs/msg/LaserScan",
+    "sensor_msgs/msg/JointState",
+    "sensor_msgs/msg/PointCloud2",
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseArray",
+    "diagnostic_msgs/msg/DiagnosticArray",
+    "std_msgs/msg/String",
+)
+STREAMS = (
+    *(Stream("x", "robot/x", Encoding(name), timestamp="stamp") for name in ("json", "cbor", "msgpack")),
+    *(Stream("x", "robot/x", Encoding.CDR, type=name, timestamp="header.stamp") for name in ROS_TYPES),
+)
+DECODERS = tuple(Decoder(stream) for stream in STREAMS)
+
+DOCUMENT: dict[str, Any] = {
+    "metadata": {"name": "fuzz", "namespace": "lab"},
+    "spec": {
+        "reserve": "100m",
+        "fallback": "blind",
+        "streams": [
+            {
+                "name": "x",
+                "key": "robot/x",
+                "staleAfter": "1s",
+                "timestamp": "stamp",
+                "sampleEvery": "5ms",
+                "filter": "!has(x.off)",
+                "features": [{"name": "shaking", "op": "mean", "of": "has(x.a) ? x.a : 0.0", "over": "1s"}],
+            }
+        ],
+        "tasks": [
+            {
+                "name": "slam",
+                "selector": {"matchLabels": {"app": "slam"}},
+                "min": "100m",
+                "activity": [{"scoreFrom": "x.value"}, {"when": "norm(x.gyro) > 0.1", "hold": "1s", "decay": "1s"}],
+            },
+            {"name": "rest", "selector": {"matchLabels": {"app": "rest"}}, "requires": [{"when": "x.a != x.b"}]},
+            {"name": "base", "selector": {"matchLabels": {"app": "base"}}, "max": "500m"},
+        ],
+        "contexts": [
+            {"name": "blind", "tasks": {"slam": {"suspend": True}}},
+            {
+                "name": "moving",
+                "when": "x.l.exists(v, v > 1.0) || x.shaking > 0.5",
+                "enterAfter": "50ms",
+                "exitAfter": "50ms",
+                "tasks": {"rest": {"scale": 3}},
+            },
+        ],
+    },
+}
+POLICY = parsing.parse(DOCUMENT)
+JUNK: tuple[Any, ...] = (
+    *(None, True, 0, -1, 10**400, 1e308, float("nan"), "", "x", "5s", "1", "2h", "x.a > 1.0", "slam", "blind", "cdr"),
+    *(
+        [],
+        {},
+        [None],
+        [[]],
+        {"": None},
+        {"name": "slam"},
+        ["slam", "slam"],
+        {"slam": {"scale": 2}},
+        "a" * 2000,
+        "\ud800",
+    ),
+)
+
+
+class Robot:
+    """A planner that is fed anything; after each step its plan must be a good one."""
+
+    def __init__(self) -> None:
+        self.planner = Planner(POLICY)
+        self.planner.start(START)
+        self.planner.handle(on_one_node(tuple(task.name for task in POLICY.tasks), 2), START)
+        self.now = START
+        self.taken = 0
+
+    def take(self, event: Any, after: float) -> None:
+        """Hand an input over, some time after the last."""
+        self.now += after
+        self.taken += 1
+        self.planner.handle(event, self.now)
+        self.check()
+
+    def check(self) -> None:
+        """The last good plan stands."""
+        due = self.planner.next_due()
+        assert due is None or due > self.now
+        plan = self.planner.last
+        if plan is None:
+            return
+        for node in plan.nodes.values():
+            assert sum(node.containers.values()) <= node.capacity
+            assert min(node.containers.values()) >= 10
+        assert all(math.isfinite(task.weight) and task.weight >= 0 for task in plan.tasks.values())
+        assert {"slam", "rest", "base"} == set(plan.tasks)
+
+
+def payload(data: bytes) -> None:
+    """A payload of any encoding: a sample that the planner survives, or a DecodeError that says what."""
+    decoder = DECODERS[data[0] % len(DECODERS)] if data else DECODERS[0]
+    try:
+        sample = decoder.decode(data[1:])
+    except DecodeError as error:
+        text = str(error)
+        assert text.startswith("stream x: the ")
+        assert len(text) < 400
+        return
+    robot = Robot()
+    robot.take(sample, 0.5)
+    robot.take(sample, 0.5)
+
+
+def policy(data: bytes) -> None:
+    """A good policy with some fields damaged, three bytes each: valid still, or a PolicyError that names fields."""
+    document = copy.deepcopy(DOCUMENT)
+    edits, text = data[:30], data[30:]
+    junk = [*JUNK, text.decode(errors="replace")]
+    for high, low, choice in zip(edits[::3], edits[1::3], edits[2::3], strict=False):
+        all_places = list(places(document))
+        place, key = all_places[(high << 8 | low) % len(all_places)]
+        place[key] = copy.deepcopy(junk[choice % len(junk)])
+    body(document)
+
+
+def places(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Every place in a document, as container and key."""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, below in list(items):
+        yield value, key
+        yield from places(below)
+
+
+def body(document: Any) -> None:
+    """A policy as decoded JSON or YAML."""
+    try:
+        parsed = parsing.parse(document)
+    except PolicyError as error:
+        _check_findings(error)
+        return
+    planner = Planner(parsed)
+    planner.start(START)
+    planner.handle(on_one_node(tuple(task.name for task in parsed.leaves), 2), START)
+
+
+def _check_findings(error: PolicyError) -> None:
+    assert error.findings
+    assert all(finding.field and finding.allowed for finding in error.findings)
+
+
+def expression(data: bytes) -> None:
+    """A CEL source: refused, an answer, or an ExpressionError."""
+    scope = Scope()
+    try:
+        compiled = scope.compile(data.decode(errors="replace"))
+    except ValueError:
+        return
+    scope.bind("x", {"a": 1.5, "l": [1.0, 2.0], "s": "text", "m": {"k": None, "n": float("nan")}})
+    with suppress(ExpressionError):
+        compiled.evaluate(scope)
+
+
+def timestamp(stamp: object) -> None:
+    """Anything in a timestamp's place."""
+    with suppress(DecodeError):
+        assert isinstance(seconds(stamp), float | int)

@@ -1,0 +1,147 @@
+"""Bad input of all kinds: nothing crashes, nothing hangs, the last good plan stands, each drop is counted."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+
+import cbor2
+import ormsgpack
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contextpolicy.planning.inputs import Gone, Score
+from contextpolicy.planning.placement import Container, Placement
+from contextpolicy.planning.sample import Sample
+from tests.fuzz import targets
+
+POLICIES = [
+    yaml.safe_load(path.read_text(encoding="utf-8"))
+    for path in sorted((Path(__file__).parents[2] / "config/policies").glob("*.yaml"))
+    if ".expect" not in path.name
+]
+
+numbers = st.one_of(
+    st.integers(-(2**70), 2**70),
+    st.floats(),
+    st.sampled_from([0, -1, 10**400, 1e308, 5e-324, float("nan"), float("inf"), 2**63, 2**64, -(2**63) - 1]),
+)
+scalars = st.one_of(
+    st.none(), st.booleans(), numbers, st.text(max_size=8), st.sampled_from(["\ud800", "\x00", "a" * 2000])
+)
+names = st.one_of(st.sampled_from(["a", "b", "l", "value", "gyro", "off", "stamp", "shaking"]), st.text(max_size=3))
+values = st.recursive(
+    scalars,
+    lambda below: st.one_of(st.lists(below, max_size=5), st.dictionaries(names, below, max_size=5)),
+    max_leaves=12,
+)
+samples = st.builds(
+    Sample,
+    st.sampled_from(["x", "x", "x", "nobody"]),
+    st.dictionaries(names, values, max_size=6),
+    st.one_of(st.none(), st.floats(), st.floats(990, 1100)),
+)
+placements = st.builds(
+    Placement,
+    st.dictionaries(st.sampled_from(["n1", "n2"]), st.integers(0, 4000)),
+    st.lists(
+        st.builds(
+            Container,
+            st.uuids().map(str),
+            st.sampled_from(["slam", "rest", "base", "stranger"]),
+            st.sampled_from(["n1", "n2", "n3"]),
+            st.integers(0, 3000),
+        ),
+        max_size=5,
+    ).map(tuple),
+)
+events = st.one_of(
+    samples,
+    placements,
+    st.builds(Gone, st.sampled_from(["x", "y"])),
+    st.builds(Score, st.just("slam"), st.just(0), numbers),
+)
+
+
+@given(st.lists(st.tuples(events, st.floats(0, 3)), max_size=12))
+@settings(max_examples=150, deadline=None)
+def test_any_story_leaves_a_good_plan(story):
+    robot = targets.Robot()
+    for event, after in story:
+        robot.take(event, after)
+
+
+@given(st.dictionaries(names, values, max_size=6))
+def test_a_dropped_sample_is_counted_by_reason(fields):
+    robot = targets.Robot()
+    robot.take(Sample("x", fields), 0.5)
+    dropped = sum(robot.planner.drops[key] for key in robot.planner.drops if key[0] == "x")
+    assert dropped == (robot.planner.streams["x"].value is None)
+
+
+@given(st.integers(0, 255), st.binary(max_size=400))
+@settings(max_examples=200, deadline=None)
+def test_any_payload(selector, data):
+    targets.payload(bytes([selector]) + data)
+
+
+@given(st.sampled_from([json.dumps, cbor2.dumps, ormsgpack.packb]), values, st.data())
+@settings(max_examples=150, deadline=None)
+def test_a_damaged_payload(write, value, data):
+    try:
+        payload = write(value)
+    except (ValueError, TypeError, OverflowError):  # the format has no such value
+        return
+    payload = bytearray(payload.encode(errors="replace") if isinstance(payload, str) else payload)
+    for _ in range(data.draw(st.integers(0, 3))):
+        if payload:
+            payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
+    selector = {json.dumps: 0, cbor2.dumps: 1, ormsgpack.packb: 2}[write]
+    targets.payload(bytes([selector]) + bytes(payload[: data.draw(st.integers(0, len(payload)))]))
+
+
+@given(st.integers(3, 10), st.binary(max_size=600), st.booleans())
+@settings(max_examples=200, deadline=None)
+def test_any_cdr_behind_a_good_header(selector, data, little_endian):
+    targets.payload(bytes([selector, 0, little_endian, 0, 0]) + data)
+
+
+@given(st.one_of(values, st.fixed_dictionaries({"sec": scalars, "nanosec": scalars})))
+def test_any_timestamp(stamp):
+    targets.timestamp(stamp)
+
+
+@given(values)
+def test_any_body(document):
+    targets.body(document)
+    targets.body({"metadata": {"name": "x"}, "spec": document})
+
+
+@given(st.sampled_from(POLICIES), st.data())
+@settings(max_examples=200, deadline=None)
+def test_a_policy_with_one_field_replaced_or_moved(policy, data):
+    document = copy.deepcopy(policy)
+    place, key = data.draw(st.sampled_from(list(targets.places(document))))
+    place[key] = data.draw(st.one_of(values, st.sampled_from([v[k] for v, k in targets.places(policy)])))
+    targets.body(document)
+
+
+@given(st.binary(max_size=60))
+def test_several_damaged_fields(data):
+    targets.policy(data)
+
+
+@given(st.binary(max_size=100))
+def test_any_expression(data):
+    targets.expression(data)
+
+
+@given(
+    st.sampled_from(["x.a > 1.0 && norm(x.l) < 2.0", "x.l.exists(v, v > 1.0)", "x.m['k'] == null ? x.s : 's'"]),
+    st.data(),
+)
+def test_a_damaged_expression(source, data):
+    at = data.draw(st.integers(0, len(source)))
+    targets.expression((source[:at] + data.draw(st.text("xal.()[]+'\"", max_size=4)) + source[at:]).encode())
