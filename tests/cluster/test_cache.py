@@ -58,7 +58,7 @@ def test_what_git_ignores_does_not_count(sources):
 
 
 def test_folder_is_filled_once(tmp_path):
-    calls = []
+    calls: list[object] = []
     for _ in range(2):
         cache.folder(tmp_path / "x", calls.append)
     assert len(calls) == 1

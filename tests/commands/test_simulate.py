@@ -12,7 +12,7 @@ from contextpolicy.cli import main
 
 ROOT = Path(__file__).parents[2]
 POLICY = str(ROOT / "config/policies/delivery-robot.yaml")
-EXPECTED = str(ROOT / "config/policies/delivery-robot.expect.yaml")
+EXPECTED = str(ROOT / "config/expectations/delivery-robot.yaml")
 DEMO = str(ROOT / "timelines/demo.json")
 TWO_CORES = ("simulate", POLICY, DEMO, "--cores", "2")
 

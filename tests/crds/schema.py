@@ -10,7 +10,7 @@ import yaml
 
 ROOT = Path(__file__).parents[2]
 DEFINITION = ROOT / "crds" / "contextpolicies.contextpolicy.dev.yaml"
-POLICIES = sorted(p for p in (ROOT / "config" / "policies").glob("*.yaml") if not p.stem.endswith(".expect"))
+POLICIES = sorted(p for p in (ROOT / "config" / "policies").glob("*.yaml"))
 REFUSED = sorted((ROOT / "tests" / "e2e" / "bad_policies").glob("*.yaml"))
 
 

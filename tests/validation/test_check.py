@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[2]
 BAD = sorted((ROOT / "tests/e2e/bad_policies").glob("*.yaml"))
-GOOD = sorted(p for p in (ROOT / "config/policies").glob("*.yaml") if ".expect." not in p.name)
+GOOD = sorted(p for p in (ROOT / "config/policies").glob("*.yaml"))
 CRD = yaml.safe_load((ROOT / "crds/contextpolicies.contextpolicy.dev.yaml").read_text())
 SCHEMA = CRD["spec"]["versions"][0]["schema"]["openAPIV3Schema"]
 

@@ -44,6 +44,7 @@ class Initiative:
         self.streams = tuple(streams[name] for name in sorted(str(name) for name in names))
         self._peak = 0.0
         self._falls_from: float | None = None
+        self._steps = 0
 
     def start(self, now: float) -> None:
         """An activity that reads no stream is in force from the beginning."""
@@ -75,7 +76,10 @@ class Initiative:
 
     def on_due(self, now: float) -> None:
         """The hold is over, or the next step of the decay is due."""
-        self._fall(now)
+        if self._falls_from is None:
+            self._fall(now)
+        else:
+            self._step(self._falls_from, now)
 
     def _current(self) -> float:
         if not self._when.truth():
@@ -91,16 +95,22 @@ class Initiative:
         self._become(score, now)
 
     def _fall(self, now: float) -> None:
+        """Begin to decay, unless it does already; without a decay the score is gone at once."""
         if not self.spec.decay or self.value == 0:
+            self._falls_from = None
             self._become(0.0, now)
-            return
-        if self._falls_from is None:
-            self._falls_from = now
-        step = self.spec.decay / DECAY_STEPS
-        taken = int((now - self._falls_from) / step + 1e-9)
-        if taken < DECAY_STEPS:
-            self._timers.set(self, self._falls_from + (taken + 1) * step)
-        self._become(self._peak * max(0, DECAY_STEPS - taken) / DECAY_STEPS, now)
+        elif self._falls_from is None:
+            self._falls_from, self._steps = now, 0
+            self._timers.set(self, now + self.spec.decay / DECAY_STEPS)
+
+    def _step(self, since: float, now: float) -> None:
+        """Fall one step: counted, since a step computed from the clock can be rounded back to the one before."""
+        self._steps += 1
+        if self._steps < DECAY_STEPS:
+            self._timers.set(self, since + (self._steps + 1) * self.spec.decay / DECAY_STEPS)
+        else:
+            self._falls_from = None
+        self._become(self._peak * (DECAY_STEPS - self._steps) / DECAY_STEPS, now)
 
     def _become(self, value: float, now: float) -> None:
         if value != self.value:
