@@ -66,7 +66,7 @@ events = st.one_of(
 
 
 @given(st.lists(st.tuples(events, st.floats(0, 3)), max_size=12))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_any_story_leaves_a_good_plan(story):
     robot = targets.Robot()
     for event, after in story:
@@ -82,13 +82,13 @@ def test_a_dropped_sample_is_counted_by_reason(fields):
 
 
 @given(st.integers(0, 255), st.binary(max_size=400))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_any_payload(selector, data):
     targets.payload(bytes([selector]) + data)
 
 
 @given(st.sampled_from([json.dumps, cbor2.dumps, ormsgpack.packb]), values, st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_a_damaged_payload(write, value, data):
     try:
         payload = write(value)
@@ -103,7 +103,7 @@ def test_a_damaged_payload(write, value, data):
 
 
 @given(st.integers(3, 10), st.binary(max_size=600), st.booleans())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_any_cdr_behind_a_good_header(selector, data, little_endian):
     targets.payload(bytes([selector, 0, little_endian, 0, 0]) + data)
 
@@ -120,7 +120,7 @@ def test_any_body(document):
 
 
 @given(st.sampled_from(POLICIES), st.data())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_a_policy_with_one_field_replaced_or_moved(policy, data):
     document = copy.deepcopy(policy)
     place, key = data.draw(st.sampled_from(list(targets.places(document))))

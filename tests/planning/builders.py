@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from reactivex.testing import ReactiveTest, TestScheduler
+from reactivex.notification import OnNext
+from reactivex.testing import Recorded, TestScheduler
 
 from contextpolicy.planning import parsing
 from contextpolicy.planning.inputs import Gone
@@ -124,8 +125,12 @@ def record(
     """What `observable.plans` emits in virtual time: (seconds, plan); the subscription is made at 1 s."""
     scheduler = TestScheduler()
     source: Observable[Input] = scheduler.create_hot_observable(
-        *(ReactiveTest.on_next(at, event) for at, event in inputs.items())
+        *(Recorded(at, OnNext(event)) for at, event in inputs.items())  # type: ignore[arg-type]
     )
     made = plans(planner or Planner(policy), source, scheduler, initiatives)
     observer = scheduler.start(lambda: made, created=0.5, subscribed=1.0, disposed=until)
-    return [(message.time, message.value.value) for message in observer.messages]
+    seen: list[tuple[float, Plan]] = []
+    for message in observer.messages:
+        assert isinstance(message.value, OnNext), message
+        seen.append((message.time, message.value.value))
+    return seen

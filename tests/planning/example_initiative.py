@@ -29,8 +29,13 @@ def steadiness(
     stream: str,
 ) -> Observable[float]:
     """1 while the speed stays as it is, towards 0 the more it jumps from one sample to the next."""
-    return streams[stream].pipe(
-        ops.map(lambda sample: float(sample["speed"])),
-        ops.pairwise(),
-        ops.map(lambda pair: 1 / (1 + abs(pair[1] - pair[0]))),
-    )
+    speeds: Observable[float] = streams[stream].pipe(ops.map(_speed))
+    return speeds.pipe(ops.pairwise(), ops.map(_steadiness))
+
+
+def _speed(sample: dict[str, Any]) -> float:
+    return float(sample["speed"])
+
+
+def _steadiness(pair: tuple[float, float]) -> float:
+    return 1 / (1 + abs(pair[1] - pair[0]))

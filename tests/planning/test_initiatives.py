@@ -18,7 +18,7 @@ def scoring(*activity, streams=("imu",), **task):
 
 
 def scores(story, task="slam"):
-    seen = []
+    seen: list[tuple[float, float]] = []
     for plan in story.plans:
         score = plan.tasks[task].score
         if not seen or seen[-1][1] != score:

@@ -12,7 +12,24 @@ from contextpolicy.planning.quantities import (
     parse_memory,
 )
 
-NONSENSE = [None, True, "", " ", "1 ", "-1", "1e3", "m", "1.2.3", "NaN", "inf", [], {}, float("nan"), float("inf"), "٣"]
+NONSENSE: list[object] = [
+    None,
+    True,
+    "",
+    " ",
+    "1 ",
+    "-1",
+    "1e3",
+    "m",
+    "1.2.3",
+    "NaN",
+    "inf",
+    [],
+    {},
+    float("nan"),
+    float("inf"),
+    "٣",
+]
 
 
 @pytest.mark.parametrize(

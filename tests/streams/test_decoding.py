@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from typing import Any
 
 import cbor2
 import numpy as np
@@ -58,7 +59,7 @@ class TestPlainEncodings:
         assert message.endswith(f"has {MAX_PAYLOAD + 1} bytes, allowed: {MAX_PAYLOAD}")
 
     def test_depth_is_bounded(self, encoding):
-        value = 1
+        value: object = 1
         for _ in range(MAX_DEPTH):
             value = [value]
         assert decode(WRITERS[encoding](value), encoding).value == {"value": value}
@@ -146,7 +147,9 @@ STORE = get_typestore(Stores.LATEST)
 
 def message(name, /, **fields):
     """A ROS message; what is not given is zero."""
-    made = {}
+    made: dict[str, Any] = {}
+    kind: Any
+    detail: Any
     for field, (kind, detail) in STORE.fielddefs[name][1]:
         if field in fields:
             made[field] = fields[field]

@@ -15,8 +15,8 @@ from contextpolicy.planning.inputs import Gone, Input, Score
 from contextpolicy.planning.layout import Layout, lay_out
 from contextpolicy.planning.placement import Placement
 from contextpolicy.planning.plan import Plan, TaskPlan
-from contextpolicy.planning.policy import Activity
 from contextpolicy.planning.sample import Sample
+from contextpolicy.planning.scores import Scores
 from contextpolicy.planning.stream import StreamState
 from contextpolicy.planning.timers import Timers
 from contextpolicy.planning.weights import Weigher, Weight
@@ -45,21 +45,10 @@ class Planner:
         self.weights: dict[str, Weight] = {}
         scope = Scope()
         self.streams = {s.name: StreamState(s, scope, self.timers, self) for s in policy.streams}
-        self.initiatives = {t.name: [self._initiative(a, scope) for a in t.activity] for t in policy.tasks}
-        self.requirements = {
-            t.name: [self._initiative(Activity(when=r.when, hold=r.hold), scope) for r in t.requires]
-            for t in policy.tasks
-        }
+        self._scores = Scores(policy, lambda spec: Initiative(spec, self.streams, scope, self.timers, self))
+        self.initiatives, self.requirements = self._scores.initiatives, self._scores.requirements
         self.contexts = [ContextState(c, self.streams, scope, self.timers, self) for c in policy.contexts]
         self._readers = self._index()
-        self._idle = {t.name: (0.0 if t.activity else 1.0) if t.idle is None else t.idle for t in policy.tasks}
-        self._owners = {
-            i: t for own in (self.initiatives, self.requirements) for t, all_of in own.items() for i in all_of
-        }
-        self._scores = {task.name: self._score(task.name) for task in policy.tasks}
-        self._unmet: dict[str, str] = {}
-        for task in self.requirements:
-            self._require(task)
         self._weigher = Weigher(policy)
         self._placement, self._layout = Placement(), Layout()
         self._causes: dict[object, str] = {}
@@ -74,7 +63,7 @@ class Planner:
         """
         for stream in self.streams.values():
             stream.start(now)
-        for initiative in self._initiatives():
+        for initiative in self._scores:
             initiative.start(now)
         for context in self.contexts:
             context.start(now)
@@ -151,9 +140,7 @@ class Planner:
 
     def on_score(self, initiative: Initiative, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """An activity or a pre-condition changed."""
-        task = self._owners[initiative]
-        self._scores[task] = self._score(task)
-        self._require(task)
+        self._scores.update(initiative)
         source = ", ".join(stream.spec.name for stream in initiative.streams) or initiative.spec.initiative or "start"
         self._note(initiative, f"{source}: {initiative.spec.when} is {initiative.value:g}")
 
@@ -168,26 +155,20 @@ class Planner:
         return self._placement
 
     def scores(self) -> dict[str, float]:
-        """Each task's score: its strongest fresh activity, else its idle score; 1 for a task without either."""
-        return dict(self._scores)
+        """Each task's score now."""
+        return dict(self._scores.of)
 
     def unmet(self) -> dict[str, str]:
         """The first unmet pre-condition of each task that has one."""
-        return dict(self._unmet)
+        return dict(self._scores.unmet)
 
     def active_contexts(self) -> list[ContextState]:
         """The contexts that have effects now, in list order."""
         return [context for context in self.contexts if context.active]
 
-    def _initiative(self, spec: Activity, scope: Scope) -> Initiative:
-        return Initiative(spec, self.streams, scope, self.timers, self)
-
-    def _initiatives(self) -> list[Initiative]:
-        return [i for own in (*self.initiatives.values(), *self.requirements.values()) for i in own]
-
     def _index(self) -> dict[str, list[Initiative | ContextState]]:
         readers: dict[str, list[Initiative | ContextState]] = defaultdict(list)
-        all_readers: list[Initiative | ContextState] = [*self._initiatives(), *self.contexts]
+        all_readers: list[Initiative | ContextState] = [*self._scores, *self.contexts]
         for reader in all_readers:
             for stream in reader.streams:
                 readers[stream.spec.name].append(reader)
@@ -206,17 +187,6 @@ class Planner:
             self.initiatives[score.task][score.activity].set(float(score.value), now)
         else:
             self.on_drop(score.task, "score not finite")
-
-    def _score(self, task: str) -> float:
-        own = self.initiatives[task]
-        return max((initiative.value for initiative in own), default=0.0) or self._idle[task]
-
-    def _require(self, task: str) -> None:
-        self._unmet.pop(task, None)
-        for requirement in self.requirements[task]:
-            if requirement.value == 0:
-                self._unmet[task] = requirement.spec.when
-                return
 
     def _fall_back(self, now: float) -> None:
         silent = any(stream.silent for stream in self.streams.values())
@@ -277,7 +247,7 @@ class Planner:
 
     def _plan(self, now: float) -> Plan:
         active = self.active_contexts()
-        self.weights = self._weigher.weigh(self._scores, self._unmet, [context.spec for context in active])
+        self.weights = self._weigher.weigh(self._scores.of, self._scores.unmet, [context.spec for context in active])
         division = divide_nodes(self._layout, self.weights, self.last.nodes if self.last else {})
         unmet = tuple(shortfalls(self.policy, self.weights, self._layout.demanding, division.nodes))
         shares = _total_shares(division.nodes.values())
