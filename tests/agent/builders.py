@@ -36,7 +36,7 @@ class Tree:
         self._group(group)
         self.set(group, limit)
         limits = [self.limit(child) for child in group.parent.iterdir() if child.is_dir() and child.name != SANDBOX]
-        self.set(group.parent, None if None in limits else sum(limits))
+        self.set(group.parent, None if None in limits else sum(limit or 0 for limit in limits))
         return group
 
     def sandbox(self, container: Path):

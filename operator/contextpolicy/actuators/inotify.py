@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-_CLOSE_WRITE = 0x8
+_CLOSE_WRITE, _OVERFLOW = 0x8, 0x4000
 _HEADER = struct.Struct("iIII")
 _BUFFER = 4096
 
@@ -65,9 +65,10 @@ class Watch:
 
 
 def _numbers(events: bytes) -> Iterator[int]:
-    """The watches that events are about; an event may be followed by a name."""
+    """The watches whose files were written, -1 when events were lost; an event may be followed by a name."""
     position = 0
     while position < len(events):
-        number, _, _, length = _HEADER.unpack_from(events, position)
+        number, mask, _, length = _HEADER.unpack_from(events, position)
         position += _HEADER.size + length
-        yield number
+        if mask & (_CLOSE_WRITE | _OVERFLOW):
+            yield number

@@ -43,7 +43,7 @@ class AgentBus:
         self._session, self._scheduler, self._listener = session, scheduler, listener
         self._waiting: dict[str, bytes | None] = {}
         self._lock = Lock()
-        key = agent_key(node)
+        self._key = key = agent_key(node)
         self._declared: list[Any] = [
             session.declare_subscriber(PLANS, self._on_plan),
             session.liveliness().declare_subscriber(PLANS, self._on_source, history=True),
@@ -95,7 +95,7 @@ class AgentBus:
     def _answer(self, query: zenoh.Query) -> None:
         with query:
             report = json.dumps(self._listener.report()).encode()
-            query.reply(query.key_expr, report, encoding=zenoh.Encoding.APPLICATION_JSON)
+            query.reply(self._key, report, encoding=zenoh.Encoding.APPLICATION_JSON)
 
     def _later(self, action: Callable[[], None]) -> None:
         def run(*_: object) -> None:

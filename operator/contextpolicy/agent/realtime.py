@@ -18,7 +18,7 @@ from contextpolicy.agent.steps import Step, budget_steps, budgets
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Container, Iterable, Mapping
     from pathlib import Path
 
     from contextpolicy.actuators.cgroup import ControlFiles
@@ -71,8 +71,9 @@ class Realtime:
 
     def _divide(self, policy: str, leaves: Mapping[Path, int]) -> None:
         """The ledger is on disk ahead of the first write."""
-        least = {path.parent: self._amount(path.parent, entry.theirs) for path, entry in self._entries().items()}
-        groups = budgets(leaves, self._layout.top, self._others_of(leaves), least)
+        parents = {g for leaf in leaves for g in leaf.parents if g.is_relative_to(self._layout.top)}
+        least = {parent: self._theirs(parent) for parent in parents}
+        groups = budgets(leaves, self._layout.top, self._others_of(parents, {*parents, *leaves}), least)
         steps = budget_steps({group: self._now(group) for group in groups}, groups)
         for step in steps:
             file = self._files[step.group]
@@ -93,13 +94,17 @@ class Realtime:
             else:
                 return
 
-    def _others_of(self, leaves: Iterable[Path]) -> dict[Path, int]:
+    def _others_of(self, parents: Iterable[Path], ours: Container[Path]) -> dict[Path, int]:
         """What children that are not ours have, by parent; read once, for nobody else gives pods realtime budgets."""
-        on_path = {group for leaf in leaves for group in (leaf, *leaf.parents)}
-        for parent in (group for group in on_path.difference(leaves) if group.is_relative_to(self._layout.top)):
+        for parent in parents:
             if parent not in self._others:
                 self._others[parent] = {c: self._now(c) for c in children(parent) if self._foreign(c)}
-        return {p: sum(a for child, a in of.items() if child not in on_path) for p, of in self._others.items()}
+        return {p: sum(a for child, a in self._others[p].items() if child not in ours) for p in parents}
+
+    def _theirs(self, group: Path) -> int:
+        """What the group had before us."""
+        entry = self._ledger.entries.get(group / self._files.form.file)
+        return self._now(group) if entry is None else self._amount(group, entry.theirs)
 
     def _foreign(self, group: Path) -> bool:
         return group / self._files.form.file not in self._ledger.entries and self._exists(group)
@@ -114,7 +119,8 @@ class Realtime:
         """What is gone needs no undoing."""
         with suppress(ActuationError):
             self._now(group)
-            return True
+            if group.is_dir():
+                return True
         self._ledger.close(group / self._files.form.file)
         return False
 

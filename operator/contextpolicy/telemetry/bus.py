@@ -133,8 +133,8 @@ class Bus:
             applied_key(policy.namespace, policy.name), congestion_control=zenoh.CongestionControl.DROP
         )
         self._queryables = [
-            session.declare_queryable(key, self._answer(current)),
-            session.declare_queryable(explain_key(policy.namespace, policy.name), self._answer(explain)),
+            session.declare_queryable(of, self._answer(of, content))
+            for of, content in ((key, current), (explain_key(policy.namespace, policy.name), explain))
         ]
         self._token = session.liveliness().declare_token(key)
 
@@ -158,14 +158,17 @@ class Bus:
         self._applied.undeclare()
         self._publisher.undeclare()
 
-    def _answer(self, content: Callable[[], dict[str, Any] | None]) -> Callable[[zenoh.Query], None]:
-        """Zenoh's callbacks must not call Zenoh: the reply is sent from the loop."""
+    def _answer(self, key: str, content: Callable[[], dict[str, Any] | None]) -> Callable[[zenoh.Query], None]:
+        """Zenoh's callbacks must not call Zenoh: the reply is sent from the loop.
+
+        It names its own key: a question may be about all policies at once.
+        """
 
         def reply(query: zenoh.Query) -> None:
             answer = content()
             with query:
                 if answer is not None:
-                    query.reply(query.key_expr, json.dumps(answer), encoding=zenoh.Encoding.APPLICATION_JSON)
+                    query.reply(key, json.dumps(answer), encoding=zenoh.Encoding.APPLICATION_JSON)
 
         return lambda query: _schedule(self._scheduler, lambda: reply(query))
 

@@ -1,0 +1,215 @@
+"""The agent as a whole, from message to files, with time as an argument."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+import pytest
+from reactivex.testing import TestScheduler
+
+from contextpolicy.actuators.inotify import Watch
+from contextpolicy.agent import capabilities
+from contextpolicy.agent.agent import Agent
+from contextpolicy.agent.settings import AgentSettings
+from contextpolicy.settings import Settings
+from tests.agent.builders import NODE, POLICY, SLAM, SPEECH, Tree, a_message, a_target
+
+GRACE = 10.0
+
+
+@pytest.fixture(scope="module")
+def watch():
+    """Watches in vain: tests say themselves who wrote what."""
+    return Watch(lambda _: None)
+
+
+@pytest.fixture
+def tree(tmp_path):
+    return Tree(tmp_path / "cgroup")
+
+
+@pytest.fixture
+def slam(tree):
+    return tree.container(SLAM)
+
+
+@pytest.fixture
+def speech(tree):
+    return tree.container(SPEECH)
+
+
+@pytest.fixture
+def scheduler():
+    return TestScheduler()
+
+
+@pytest.fixture(autouse=True)
+def _able(monkeypatch):
+    """A node with two processors and every capability."""
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    monkeypatch.setattr(capabilities, "_has_capability", lambda _: True)
+
+
+@pytest.fixture
+def start(tmp_path, tree, scheduler, watch):
+    """Start an agent, or another one after it."""
+
+    def start(mount=tree.mount):
+        settings = AgentSettings(NODE, Settings(), mount, tmp_path / "state", priority=10, grace=GRACE)
+        agent = Agent(settings, scheduler, watch)
+        agent.start()
+        return agent
+
+    return start
+
+
+@pytest.fixture
+def agent(start):
+    return start()
+
+
+def wait(scheduler, seconds):
+    scheduler.advance_by(timedelta(seconds=seconds).total_seconds())
+
+
+def test_a_plan_is_in_force_at_once(tree, agent, slam, speech):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.99), a_target(SPEECH, 0.01, task="speech")))
+    assert (tree.limit(slam), tree.limit(speech)) == (990, 10)
+
+
+@pytest.mark.parametrize("payload", [b"", b"\x00\xff", b"{}", b"null", b'{"policy": 5}'])
+def test_what_is_no_plan_changes_nothing_and_is_counted(tree, agent, slam, payload):
+    agent.hear(POLICY, payload)
+    agent.hear(POLICY, payload)
+    assert tree.limit(slam) == 500
+    assert sum(agent.report()["refused"].values()) == 2
+
+
+def test_refusals_are_logged_once_per_reason(agent, caplog):
+    for _ in range(5):
+        agent.hear(POLICY, b"nonsense")
+        agent.hear(POLICY, a_message(a_target(cores=1.9)))
+    assert agent.report()["refused"] == {"Unreadable": 5, "TooMuch": 5}
+    assert len(caplog.records) == 2
+
+
+def test_a_container_that_is_not_here_is_left_out(tree, agent, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.4), a_target("d" * 64, 0.4, task="ghost")))
+    assert tree.limit(slam) == 400
+    assert agent.report()["refused"] == {"NotHere": 1}
+
+
+def test_a_container_of_another_pod_is_not_found_under_this_one(tree, agent, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.4, uid="uid-b")))
+    assert tree.limit(slam) == 500
+
+
+@pytest.mark.parametrize("mode", ["DryRun", "Paused"])
+def test_a_policy_that_leaves_enforce_is_undone(tree, agent, slam, mode):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9), sequence=2, mode=mode))
+    assert tree.limit(slam) == 500
+
+
+def test_a_policy_that_is_gone_is_undone_and_may_come_back(tree, agent, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    agent.hear(POLICY, None)
+    assert tree.limit(slam) == 500
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.8), run=2))
+    assert tree.limit(slam) == 800
+
+
+def test_without_a_source_plans_hold_for_the_grace_period(tree, agent, scheduler, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    agent.lose_source(POLICY)
+    wait(scheduler, GRACE - 0.1)
+    assert tree.limit(slam) == 900
+    wait(scheduler, 0.2)
+    assert tree.limit(slam) == 500
+
+
+def test_a_source_that_is_back_in_time_changes_nothing(tree, agent, scheduler, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    agent.lose_source(POLICY)
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    wait(scheduler, 2 * GRACE)
+    assert tree.limit(slam) == 900
+
+
+def test_a_confirmed_limit_stays_without_a_source(tree, agent, scheduler, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    tree.set(slam, 900)
+    agent.on_other_write(tree.limit_file(slam))
+    agent.lose_source(POLICY)
+    wait(scheduler, 2 * GRACE)
+    assert tree.limit(slam) == 900
+
+
+def test_stopping_undoes_what_is_not_confirmed(tree, agent, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    agent.stop()
+    assert tree.limit(slam) == 500
+
+
+def test_a_killed_agents_writes_are_undone_unless_a_plan_comes(start, tree, scheduler, slam, speech):
+    killed = start()
+    killed.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    killed.hear("robot/other", a_message(a_target(SPEECH, 0.1), policy="robot/other"))
+    heir = start()
+    heir.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    wait(scheduler, 2 * GRACE)
+    assert (tree.limit(slam), tree.limit(speech)) == (900, 500)
+
+
+def test_a_killed_agents_writes_that_the_api_confirmed_stay(start, tree, agent, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    heir = start()
+    heir.hear(POLICY, a_message(a_target(SLAM, 0.9, limit=0.9)))
+    heir.stop()
+    assert tree.limit(slam) == 900
+
+
+def realtime(*targets, **more):
+    return a_message(*targets, scheduler="Realtime", capacity=0.95, **more)
+
+
+def test_realtime_budgets_and_the_limit_of_the_suspended(tree, agent, slam, speech):
+    targets = a_target(SLAM, 0.949), a_target(SPEECH, 0.001, task="speech")
+    agent.hear(POLICY, realtime(*targets, suspended=("speech",)))
+    assert (tree.budget(slam), tree.budget(speech)) == (949, 1)
+    assert (tree.limit(slam), tree.limit(speech)) == (500, 10)
+    agent.hear(POLICY, realtime(a_target(SLAM, 0.5), a_target(SPEECH, 0.45, task="speech"), sequence=2))
+    assert (tree.budget(speech), tree.limit(speech)) == (450, 500)
+
+
+def test_leaving_realtime_undoes_it(tree, agent, slam):
+    agent.hear(POLICY, realtime(a_target(SLAM, 0.5)))
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.3), sequence=2))
+    assert (tree.budget(slam), tree.budget(tree.layout.top), tree.limit(slam)) == (0, 0, 300)
+
+
+def test_entering_realtime_undoes_limits(tree, agent, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.3)))
+    agent.hear(POLICY, realtime(a_target(SLAM, 0.5), sequence=2))
+    assert (tree.budget(slam), tree.limit(slam)) == (500, 500)
+
+
+def test_a_node_without_realtime_says_what_it_lacks_and_refuses(tmp_path, start):
+    bare = Tree(tmp_path / "bare", realtime=False)
+    group = bare.container(SLAM)
+    agent = start(bare.mount)
+    assert "CONFIG_RT_GROUP_SCHED" in agent.report()["missing"]["Realtime"][0]
+    agent.hear(POLICY, realtime(a_target(SLAM, 0.5)))
+    assert bare.limit(group) == 500
+    assert agent.report()["refused"] == {"Incapable": 1}
+
+
+def test_the_kubelet_may_come_after_the_agent(tmp_path, start):
+    mount = tmp_path / "late"
+    (mount / "cpu").mkdir(parents=True)
+    agent = start(mount)
+    assert "kubelet" in agent.report()["missing"]["CFS"][0]
+    late = Tree(mount)
+    group = late.container(SLAM)
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    assert late.limit(group) == 900

@@ -1,0 +1,65 @@
+"""What a node lacks, in words that help."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from contextpolicy.agent import capabilities
+from contextpolicy.agent.capabilities import Facts, missing, probe
+from tests.agent.builders import SLAM, Tree
+
+ALL = Facts(1, limits=True, writable=True, budgets=True, may_schedule=True, sees_processes=True)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_node_that_has_it_all_lacks_nothing(version):
+    assert missing(replace(ALL, version=version)) == {"CFS": [], "Realtime": []}
+
+
+@pytest.mark.parametrize(
+    ("change", "hint"),
+    [
+        ({"budgets": False}, "CONFIG_RT_GROUP_SCHED"),
+        ({"budgets": False, "version": 2}, "cgroup v2 has no realtime budgets"),
+        ({"may_schedule": False}, "CAP_SYS_NICE"),
+        ({"sees_processes": False}, "hostPID"),
+    ],
+)
+def test_what_realtime_lacks_does_not_keep_limits_from_working(change, hint):
+    lacks = missing(replace(ALL, **change))
+    assert lacks["CFS"] == []
+    assert len(lacks["Realtime"]) == 1
+    assert hint in lacks["Realtime"][0]
+
+
+@pytest.mark.parametrize(
+    ("change", "hint"), [({"limits": False}, "CONFIG_CFS_BANDWIDTH"), ({"writable": False}, "root")]
+)
+def test_what_limits_lack_is_told(change, hint):
+    assert hint in missing(replace(ALL, **change))["CFS"][0]
+
+
+def test_without_pods_nothing_is_possible_yet():
+    assert all("kubepods" in lacks[0] for lacks in missing(Facts(None)).values())
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("realtime", [True, False])
+def test_a_probe_looks_at_the_kernels_files(tmp_path, version, realtime):
+    found = probe(Tree(tmp_path, version, realtime=realtime).layout)
+    assert (found.version, found.limits, found.writable, found.budgets) == (version, True, True, realtime)
+
+
+def test_processes_of_another_namespace_are_noticed(tmp_path):
+    tree = Tree(tmp_path)
+    group = tree.container(SLAM)
+    assert probe(tree.layout).sees_processes
+    (group / "cgroup.procs").write_text("0\n17\n")
+    assert not probe(tree.layout).sees_processes
+
+
+def test_capabilities_are_read_from_the_process():
+    assert capabilities._has_capability(0) in (True, False)
+    assert not capabilities._has_capability(63)

@@ -1,0 +1,181 @@
+"""Realtime budgets and threads: given, changed and taken back, on both kinds of files."""
+
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.actuators import threads
+from contextpolicy.actuators.cgroup import REALTIME, ControlFile, ControlFiles
+from contextpolicy.agent.layout import Driver
+from contextpolicy.agent.ledger import Ledger
+from contextpolicy.agent.realtime import Realtime
+from contextpolicy.agent.refusals import Refusals
+from contextpolicy.errors import ActuationError
+from tests.agent.builders import CHAT, POLICY, SLAM, SPEECH, Tree
+
+OTHER = "robot/other"
+
+
+@pytest.fixture(params=[(1, Driver.CGROUPFS), (2, Driver.SYSTEMD)], ids=str)
+def tree(request, tmp_path):
+    return Tree(tmp_path / "cgroup", *request.param)
+
+
+@pytest.fixture
+def ledger(tmp_path):
+    return Ledger(tmp_path / "ledger.json")
+
+
+@pytest.fixture
+def refusals():
+    return Refusals()
+
+
+@pytest.fixture
+def realtime(tree, ledger, refusals, scheduled):  # noqa: ARG001 - no test may change real threads
+    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version]), ledger, refusals, priority=10)
+
+
+@pytest.fixture
+def scheduled(monkeypatch):
+    """Which groups' threads are in realtime, instead of real threads."""
+    groups = {}
+    monkeypatch.setattr(threads, "make_realtime", lambda group, _, priority: groups.update({group: priority}))
+    monkeypatch.setattr(threads, "make_ordinary", lambda group, _: groups.pop(group, None))
+    return groups
+
+
+@pytest.fixture
+def slam(tree):
+    return tree.container(SLAM)
+
+
+@pytest.fixture
+def speech(tree):
+    return tree.container(SPEECH)
+
+
+def budgets(tree, *groups):
+    return [tree.budget(group) for group in groups]
+
+
+def test_budgets_reach_from_the_top_to_the_container(tree, realtime, scheduled, slam, speech):
+    realtime.apply(POLICY, {slam: 600, speech: 350})
+    assert budgets(tree, slam, slam.parent, speech, speech.parent) == [600, 600, 350, 350]
+    assert budgets(tree, slam.parent.parent, tree.layout.top) == [950, 950]
+    assert scheduled == {slam: 10, speech: 10}
+
+
+def test_budgets_follow_the_plan(tree, realtime, slam, speech):
+    realtime.apply(POLICY, {slam: 600, speech: 350})
+    realtime.apply(POLICY, {slam: 100, speech: 850})
+    assert budgets(tree, slam, slam.parent, speech, tree.layout.top) == [100, 100, 850, 950]
+
+
+def test_a_suspended_task_leaves_realtime_and_keeps_its_budget(tree, realtime, scheduled, slam, speech):
+    realtime.apply(POLICY, {slam: 600, speech: 350})
+    realtime.apply(POLICY, {slam: 949, speech: 1}, [speech])
+    assert scheduled == {slam: 10}
+    assert tree.budget(speech) == 1
+    realtime.apply(POLICY, {slam: 600, speech: 350})
+    assert scheduled == {slam: 10, speech: 10}
+
+
+def test_all_is_undone(tree, realtime, scheduled, slam, speech):
+    realtime.apply(POLICY, {slam: 600, speech: 350})
+    realtime.release(POLICY)
+    assert budgets(tree, slam, slam.parent, speech, speech.parent, slam.parent.parent, tree.layout.top) == [0] * 6
+    assert scheduled == {}
+    assert realtime._ledger.entries == {}
+
+
+def test_a_container_that_the_plan_no_longer_names_leaves_realtime(tree, realtime, scheduled, slam, speech):
+    realtime.apply(POLICY, {slam: 600, speech: 350})
+    realtime.apply(POLICY, {slam: 900})
+    assert budgets(tree, slam, speech, speech.parent, tree.layout.top) == [900, 0, 0, 900]
+    assert scheduled == {slam: 10}
+
+
+def test_guaranteed_pods_are_directly_below_the_top(tree, realtime, slam):
+    chat = tree.container(CHAT, qos="Guaranteed")
+    realtime.apply(POLICY, {slam: 600, chat: 350})
+    assert budgets(tree, chat.parent, slam.parent.parent, tree.layout.top) == [350, 600, 950]
+
+
+def test_what_others_gave_the_groups_above_stays(tree, realtime, slam):
+    name = REALTIME[tree.version].file
+    text = "400000\n" if tree.version == 1 else "400000 1000000\n"
+    (tree.layout.top / name).write_text(text)
+    realtime.apply(POLICY, {slam: 300})
+    assert tree.budget(tree.layout.top) == 400
+    realtime.apply(POLICY, {slam: 600})
+    assert tree.budget(tree.layout.top) == 600
+    realtime.release(POLICY)
+    assert tree.budget(tree.layout.top) == 400
+
+
+def test_policies_add_up_and_end_one_by_one(tree, realtime, scheduled, slam, speech):
+    realtime.apply(POLICY, {slam: 600})
+    realtime.apply(OTHER, {speech: 350})
+    assert tree.budget(tree.layout.top) == 950
+    realtime.release(POLICY)
+    assert budgets(tree, slam, speech, tree.layout.top) == [0, 350, 350]
+    assert scheduled == {speech: 10}
+
+
+def test_a_container_that_ended_frees_its_part(tree, realtime, slam, speech):
+    realtime.apply(POLICY, {slam: 600, speech: 350})
+    for path in (*slam.iterdir(), slam):
+        path.unlink() if path.is_file() else path.rmdir()
+    realtime.apply(POLICY, {slam: 600, speech: 350})
+    assert budgets(tree, speech, tree.layout.top) == [350, 350]
+
+
+def test_a_refusal_of_the_kernel_is_counted_and_the_rest_goes_on(realtime, refusals, scheduled, monkeypatch, slam):
+    def no_room(file, text):
+        if file.path.parent == slam.parent.parent.parent:
+            raise ActuationError("OutOfBounds", f"no room for {text}", retriable=False)
+
+    monkeypatch.setattr(ControlFile, "write", no_room)
+    realtime.apply(POLICY, {slam: 600})
+    assert refusals.counts == {"OutOfBounds": 1}
+    assert scheduled == {slam: 10}
+
+
+def test_a_thread_born_in_the_last_moment_is_caught(tree, realtime, refusals, monkeypatch, slam):
+    def busy(file, text):
+        if text.startswith("0") and file.path.parent == slam and refusals_left:
+            refusals_left.pop()
+            raise ActuationError("Busy", "a realtime thread", retriable=True)
+        write(file, text)
+
+    write, refusals_left = ControlFile.write, [1, 2]
+    monkeypatch.setattr(ControlFile, "write", busy)
+    realtime.apply(POLICY, {slam: 600})
+    realtime.release(POLICY)
+    assert (tree.budget(slam), refusals.counts) == (0, {})
+
+
+@pytest.fixture
+def heir(tree, realtime, slam, speech, tmp_path):
+    """A second life, after the first was killed while two policies had realtime budgets."""
+    realtime.apply(POLICY, {slam: 600})
+    realtime.apply(OTHER, {speech: 300})
+    ledger = Ledger(tmp_path / "ledger.json")
+    ledger.load()
+    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version]), ledger, Refusals(), priority=10)
+
+
+def test_after_a_kill_all_can_be_undone(tree, heir, scheduled, slam, speech):
+    heir.release(POLICY)
+    heir.release(OTHER)
+    assert budgets(tree, slam, slam.parent, speech, speech.parent, slam.parent.parent, tree.layout.top) == [0] * 6
+    assert scheduled == {}
+
+
+def test_after_a_kill_one_policys_plan_does_not_undo_the_others(tree, heir, scheduled, slam, speech):
+    heir.apply(POLICY, {slam: 500})
+    assert budgets(tree, slam, speech, tree.layout.top) == [500, 300, 800]
+    assert scheduled == {slam: 10, speech: 10}
+    heir.apply(OTHER, {speech: 450})
+    assert budgets(tree, slam, speech, tree.layout.top) == [500, 450, 950]
