@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 from reactivex import Subject
 from reactivex.disposable import CompositeDisposable
 
+from contextpolicy.actuators.following import Follower
 from contextpolicy.actuators.pod_resize import Order
 from contextpolicy.cluster.claims import Claim
 from contextpolicy.explanation import explain
 from contextpolicy.planning.observable import plans
 from contextpolicy.planning.placement import Placement
 from contextpolicy.planning.planner import Planner
-from contextpolicy.planning.policy import Mode, Scheduler
+from contextpolicy.planning.policy import Control, Mode, Scheduler
 from contextpolicy.streams import zenoh_streams
 from contextpolicy.telemetry import metrics
 from contextpolicy.telemetry.bus import Bus, message
@@ -74,6 +75,7 @@ class Controller:
         self._pods: list[PodView] = []
         self._arrived: float | None = None
         self._bus: Bus | None = None
+        self._follower = Follower(surroundings.scheduler, self._order)
         self._edition = 0
         self._told: list[tuple[str, str]] = []
 
@@ -101,6 +103,7 @@ class Controller:
 
     def stop(self) -> None:
         """Stop listening; what was ordered stays in force."""
+        self._follower.stop()
         if self._subscription is not None:
             self._subscription.dispose()
         if self._bus is not None:
@@ -162,9 +165,10 @@ class Controller:
 
         Nodes in realtime are the agent's: their containers' CPU limits are put back, if we ever moved them.
         """
-        plan = self.planner.last
-        nodes = {n: p for n, p in plan.nodes.items() if p.scheduler is Scheduler.CFS} if plan else {}
-        realtime = plan.nodes.keys() - nodes.keys() if plan else set()
+        planned = self.planner.last.nodes if self.planner.last else {}
+        realtime = {node for node, plan in planned.items() if plan.scheduler is Scheduler.REALTIME}
+        ahead = self.claim.agents if self.policy.control is Control.LIMIT else frozenset()
+        nodes = self._follower.choose({n: plan for n, plan in planned.items() if n not in realtime}, ahead)
         claimed = frozenset(c.id for c in self.claim.placement.containers if c.node not in realtime)
         ceilings = {task.name: task.max for task in self.policy.leaves}
         self._with.actuator.apply(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.actuators.dry_run import DryRun
 from contextpolicy.actuators.pod_resize import Order, PodResizer
-from contextpolicy.cluster.agents import with_realtime
+from contextpolicy.cluster.agents import with_agents
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller, Surroundings
@@ -215,8 +215,8 @@ class Runtime:
         controllers = [entry.controller for entry in entries if entry.controller is not None]
         claims = claim([controller.policy for controller in controllers], self._pods.values(), self._nodes)
         for controller in controllers:
-            abilities = self._agents.obstacles if self._agents else {}
-            own = with_realtime(controller.policy, claims[controller.policy.reference], abilities)
+            reports = self._agents.reports if self._agents else {}
+            own = with_agents(controller.policy, claims[controller.policy.reference], reports)
             if own.conflicts:
                 self._tell(controller.policy.reference, "Conflicted", "; ".join(own.conflicts))
             if own.realtime and own.realtime != controller.claim.realtime:

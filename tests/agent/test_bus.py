@@ -9,6 +9,7 @@ import pytest
 from reactivex.scheduler import EventLoopScheduler
 
 from contextpolicy.agent.bus import AgentBus
+from contextpolicy.cluster.agents import Report
 from contextpolicy.telemetry.agents import AgentWatch
 from contextpolicy.telemetry.bus import agent_key, plan_key
 from tests.agent.builders import NODE
@@ -31,7 +32,7 @@ class Listener:
         self._note((policy, "lost"))
 
     def report(self):
-        return {"missing": {"Realtime": self.lacks}}
+        return {"missing": {"CFS": [], "Realtime": self.lacks}}
 
     def changed(self):
         self._note("changed")
@@ -103,25 +104,25 @@ def test_what_is_not_a_plan_is_not_heard(bus, operator, listener):  # noqa: ARG0
 def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(address, operator, scheduler):
     agent, watcher = Listener(), Listener()
     watch = AgentWatch(operator, scheduler, watcher.changed)
-    assert watch.obstacles == {}
+    assert watch.reports == {}
     agent.lacks = ["no kernel option"]
     with client(address) as session:
         bus = AgentBus(session, NODE, scheduler, agent)
         watcher.expect("changed")
-        assert watch.obstacles == {NODE: "no kernel option"}
+        assert watch.reports == {NODE: Report("", "no kernel option")}
         bus.close()
         watcher.expect("changed", "changed")
-        assert watch.obstacles == {}
+        assert watch.reports == {}
     watch.close()
 
 
 def test_agents_that_live_already_are_known_at_once(bus, operator, scheduler, listener):  # noqa: ARG001
     assert any(list(operator.get(agent_key(NODE), timeout=PATIENCE_S)) for _ in range(1000))
     watch = AgentWatch(operator, scheduler, listener.changed)
-    assert watch.obstacles == {NODE: ""}
+    assert watch.reports == {NODE: Report("", "")}
     watch.close()
 
 
 def test_anybody_may_ask_what_the_node_can_do(bus, operator):  # noqa: ARG001
     replies = next(filter(None, (list(operator.get(agent_key(NODE), timeout=PATIENCE_S)) for _ in range(1000))))
-    assert json.loads(replies[0].ok.payload.to_bytes()) == {"missing": {"Realtime": []}}
+    assert json.loads(replies[0].ok.payload.to_bytes()) == {"missing": {"CFS": [], "Realtime": []}}

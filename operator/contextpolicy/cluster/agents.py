@@ -1,9 +1,9 @@
-"""What node agents report, and what it means for a policy that asks for realtime. Pure."""
+"""What node agents report, and what it means for policies. Pure."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from contextpolicy.planning.policy import RealtimeFallback, Scheduler
@@ -18,31 +18,44 @@ NO_AGENT = "no node agent runs there: install the chart with agent.enabled=true 
 UNREADABLE = "its node agent's report can't be read: operator and agent must be of one version"
 
 
-def realtime_obstacle(report: bytes) -> str:
-    """What the node of this report lacks for realtime; empty when nothing."""
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a node's agent lacks for CPU limits and for realtime; empty when nothing."""
+
+    limits: str
+    realtime: str
+
+
+def read_report(payload: bytes) -> Report:
+    """An agent's report; one that can't be read lacks everything."""
     try:
-        lacks = json.loads(report)["missing"][Scheduler.REALTIME]
-        return "; ".join(str(one) for one in lacks)
+        missing = json.loads(payload)["missing"]
+        return Report("; ".join(missing[Scheduler.CFS]), "; ".join(missing[Scheduler.REALTIME]))
     except (ValueError, TypeError, KeyError):
-        return UNREADABLE
+        return Report(UNREADABLE, UNREADABLE)
 
 
-def with_realtime(policy: Policy, claim: Claim, obstacles: Mapping[str, str]) -> Claim:
-    """The claim with each of its nodes that can't do realtime in CFS, or without it when the policy rules that out.
+def with_agents(policy: Policy, claim: Claim, reports: Mapping[str, Report]) -> Claim:
+    """The claim with what its nodes' agents can do.
 
-    `obstacles` has an entry for each node with an agent, empty where realtime works.
+    A node that can't do realtime divides as CFS does, or is left out when the policy rules that out.
     """
-    if policy.scheduler is not Scheduler.REALTIME:
-        return claim
+    able = frozenset(node for node in claim.placement.allocatable if node in reports and not reports[node].limits)
+    claim = replace(claim, agents=able)
+    return _with_realtime(policy, claim, reports) if policy.scheduler is Scheduler.REALTIME else claim
+
+
+def _with_realtime(policy: Policy, claim: Claim, reports: Mapping[str, Report]) -> Claim:
     placement = claim.placement
-    unable = {node: problem for node in placement.allocatable if (problem := obstacles.get(node, NO_AGENT))}
+    obstacles = {node: reports[node].realtime if node in reports else NO_AGENT for node in placement.allocatable}
+    unable = {node: obstacle for node, obstacle in sorted(obstacles.items()) if obstacle}
     if policy.realtime_fallback is RealtimeFallback.CFS:
-        messages = [f"node {node} falls back to CFS: {problem}" for node, problem in sorted(unable.items())]
+        messages = [f"node {node} falls back to CFS: {obstacle}" for node, obstacle in unable.items()]
         return replace(claim, placement=replace(placement, fair_only=frozenset(unable)), realtime=messages)
     kept = replace(
         placement,
         allocatable={node: cpu for node, cpu in placement.allocatable.items() if node not in unable},
         containers=tuple(container for container in placement.containers if container.node not in unable),
     )
-    messages = [f"node {node} is left alone: {problem}" for node, problem in sorted(unable.items())]
+    messages = [f"node {node} is left alone: {obstacle}" for node, obstacle in unable.items()]
     return replace(claim, placement=kept, realtime=messages)

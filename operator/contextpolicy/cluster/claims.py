@@ -23,6 +23,7 @@ class Claim:
     conflicts: list[str] = field(default_factory=list)
     obstacles: dict[str, str] = field(default_factory=dict)
     realtime: list[str] = field(default_factory=list)
+    agents: frozenset[str] = frozenset()
 
 
 def container_id(pod: PodView, container: str) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from contextpolicy.cluster.agents import UNREADABLE, realtime_obstacle
+from contextpolicy.cluster.agents import Report, read_report
 from contextpolicy.telemetry.bus import agent_key
 
 if TYPE_CHECKING:
@@ -24,18 +24,16 @@ class AgentWatch:
     def __init__(self, session: zenoh.Session, scheduler: SchedulerBase, on_change: Callable[[], object]) -> None:
         """Waits for the agents' first answers: never call it on the loop's thread."""
         self._session, self._scheduler, self._on_change = session, scheduler, on_change
-        self.obstacles = dict(self._ask())
+        self.reports = dict(self._ask())
         self._subscriber: Any = session.liveliness().declare_subscriber(agent_key("*"), self._on_token, history=True)
 
     def close(self) -> None:
         """Stop following."""
         self._subscriber.undeclare()
 
-    def _ask(self) -> list[tuple[str, str]]:
+    def _ask(self) -> list[tuple[str, Report]]:
         replies = self._session.get(agent_key("*"), timeout=PATIENCE)
-        return [
-            (_node(reply.ok.key_expr), realtime_obstacle(reply.ok.payload.to_bytes())) for reply in replies if reply.ok
-        ]
+        return [(_node(reply.ok.key_expr), read_report(reply.ok.payload.to_bytes())) for reply in replies if reply.ok]
 
     def _on_token(self, token: zenoh.Sample) -> None:
         """Zenoh's callbacks must not call Zenoh."""
@@ -46,16 +44,16 @@ class AgentWatch:
         self._session.get(agent_key(node), lambda reply: self._on_reply(node, reply), timeout=PATIENCE)
 
     def _on_reply(self, node: str, reply: zenoh.Reply) -> None:
-        obstacle = realtime_obstacle(reply.ok.payload.to_bytes()) if reply.ok else UNREADABLE
-        self._later(lambda: self._set(node, obstacle))
+        report = read_report(reply.ok.payload.to_bytes() if reply.ok else b"")
+        self._later(lambda: self._set(node, report))
 
-    def _set(self, node: str, obstacle: str | None) -> None:
-        before = dict(self.obstacles)
-        if obstacle is None:
-            self.obstacles.pop(node, None)
+    def _set(self, node: str, report: Report | None) -> None:
+        before = dict(self.reports)
+        if report is None:
+            self.reports.pop(node, None)
         else:
-            self.obstacles[node] = obstacle
-        if self.obstacles != before:
+            self.reports[node] = report
+        if self.reports != before:
             self._on_change()
 
     def _later(self, action: Callable[[], None]) -> None:
