@@ -4,7 +4,8 @@
 
 Prints a table, writes build/bench/engine.json; progress goes to stderr. In each case one stream in five drives a score
 that is new with each sample (so each of its samples makes a plan), the others' samples mostly confirm what is known.
-Times are wall times of the quietest of several rounds: what the engine costs, not what else the machine does.
+Samples per second are of one core's time; sample to plan is wall time. Both are of the quietest of several rounds: what
+the engine costs, not what else the machine does.
 """
 
 # ruff: noqa: T201 - a command prints
