@@ -1,4 +1,4 @@
-"""One file per subcommand: `add(subparsers)` declares its arguments, `main(arguments)` runs it and returns the exit code.
+"""One file per subcommand: `add(subparsers)` declares its arguments, `main(arguments)` returns the exit code.
 
 Nothing heavy is imported at the top of these files: `contextpolicy --help` must not load kopf, and `simulate` needs
 neither Kubernetes nor Zenoh.
