@@ -8,7 +8,12 @@ ContextPolicyError
 ├── ExpressionError     a CEL expression failed on this sample
 ├── ShareError          weights and bounds that no division can satisfy
 ├── ActuationError      an actuator could not make a plan real; says whether a retry helps
-└── OrderError          a message on the decision bus that the node agent must not obey
+├── OrderError          a message on the decision bus that the node agent must not obey
+├── DocumentError       a file that is no YAML (validation.documents)
+├── PolicyFileError     a file that holds no valid policy (validation.policy_file)
+├── ExpectationError    expectations that make no sense (simulation.expectations)
+├── DrawingError        a picture that cannot be made (drawing)
+└── NoAnswerError       nobody on the bus explains the policy (commands.explain)
 """
 
 from __future__ import annotations
@@ -20,6 +25,10 @@ class ContextPolicyError(Exception):
     """Base class: everything contextpolicy raises on purpose."""
 
 
+MAX_VALUE = 200
+"""Characters of a refused value that a message repeats."""
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One thing that is wrong: which field, what it holds, what is allowed."""
@@ -29,7 +38,7 @@ class Finding:
     allowed: str
 
     def __str__(self) -> str:
-        return f"{self.field}: {self.value!r} is not allowed: {self.allowed}"
+        return f"{self.field}: {_short(self.value)} is not allowed: {self.allowed}"
 
 
 class FindingsError(ContextPolicyError):
@@ -80,3 +89,8 @@ class OrderError(ContextPolicyError):
     def __init__(self, reason: str, message: str) -> None:
         self.reason = reason
         super().__init__(message)
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= MAX_VALUE else f"{text[: MAX_VALUE - 3]}..."

@@ -17,11 +17,12 @@ from contextpolicy.cluster.agents import with_agents
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller, Surroundings
-from contextpolicy.errors import FindingsError
+from contextpolicy.errors import FindingsError, PolicyError
 from contextpolicy.planning.parsing import parse
 from contextpolicy.planning.policy import Mode
 from contextpolicy.planning.quantities import parse_cpu
 from contextpolicy.streams import initiatives
+from contextpolicy.streams.decoding import type_findings
 from contextpolicy.telemetry.agents import AgentWatch
 from contextpolicy.telemetry.clerk import Clerk
 from contextpolicy.telemetry.events import event
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
 
     from contextpolicy.cluster.api import Api
     from contextpolicy.cluster.pods import PodView
+    from contextpolicy.planning.observable import Instantiate
+    from contextpolicy.planning.policy import Policy
     from contextpolicy.streams.loop import Loop
 
 log = logging.getLogger(__name__)
@@ -153,8 +156,7 @@ class Runtime:
         entry.body = body
         entry.conditions = entry.conditions or list((body.get("status") or {}).get("conditions") or [])
         try:
-            policy = parse(body)
-            plugins = initiatives.load(policy)
+            policy, plugins = _load(body)
         except FindingsError as error:
             entry.rejected = tuple(str(finding) for finding in error.findings)
             self._tell(reference, "Invalid", "; ".join(entry.rejected))
@@ -260,6 +262,15 @@ class Runtime:
         if entry is not None:
             now = self._loop.to_seconds(self._loop.now)
             self._clerk.event(reference, event(entry.body, reason=reason, message=message, now=now))
+
+
+def _load(body: Mapping[str, Any]) -> tuple[Policy, dict[str, Instantiate]]:
+    """The policy and the functions it names; PolicyError says all that is wrong with it, here and now."""
+    policy = parse(body)
+    unknown = tuple(type_findings(policy))
+    if unknown:
+        raise PolicyError(f"ContextPolicy {policy.reference}", unknown)
+    return policy, initiatives.load(policy)
 
 
 def _fulfil(done: Future[None]) -> None:

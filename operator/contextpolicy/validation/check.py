@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from contextpolicy.errors import Finding, PolicyError
 from contextpolicy.planning.parsing import parse
+from contextpolicy.streams.decoding import type_findings
 from contextpolicy.validation import api
 from contextpolicy.validation.advice import advice
 from contextpolicy.validation.claims import Conflict, conflicts
@@ -115,7 +116,11 @@ def _parse(body: dict[str, Any]) -> Policy:
     if not isinstance(body.get("metadata"), dict):
         finding = Finding("metadata", body.get("metadata"), "an object with a name")
         raise PolicyError("", (finding,))
-    return parse(body)
+    policy = parse(body)
+    unknown = tuple(type_findings(policy))
+    if unknown:
+        raise PolicyError("", unknown)
+    return policy
 
 
 def _duplicates(source: Source) -> Iterator[Finding]:
