@@ -96,7 +96,10 @@ def test_the_agent_has_what_writing_cgroups_needs(render, realtime, capabilities
     pod = agent["spec"]["template"]["spec"]
     assert pod["hostPID"] is realtime
     assert not pod.keys() & {"hostNetwork", "hostIPC"}
-    assert pod["volumes"] == [{"name": "cgroup", "hostPath": {"path": "/sys/fs/cgroup", "type": "Directory"}}]
+    assert [volume["hostPath"] for volume in pod["volumes"]] == [
+        {"path": "/sys/fs/cgroup", "type": "Directory"},
+        {"path": "/run/contextpolicy", "type": "DirectoryOrCreate"},
+    ]
     security = container(agent)["securityContext"]
     assert security["capabilities"] == capabilities
     assert security["allowPrivilegeEscalation"] is False

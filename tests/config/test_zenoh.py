@@ -12,7 +12,7 @@ import pytest
 import zenoh
 
 CONFIGURATIONS = Path(__file__).parents[2] / "config" / "zenoh"
-USERS = ("driver", "module", "operator")
+USERS = ("driver", "module", "agent", "operator")
 SOON = 5.0
 NEVER = 0.3
 
@@ -88,7 +88,35 @@ def test_a_module_asks_for_the_last_plan(connect):
     assert answers == ["plan"]
 
 
-@pytest.mark.parametrize("user", ["driver", "module"])
+def test_the_operator_and_the_agents_know_of_each_other(connect):
+    operator, agent = connect("operator"), connect("agent")
+    plan, node = "contextpolicy/robot/delivery-robot/plan", "contextpolicy/agents/node-1"
+    heard: Queue[tuple[str, bool]] = Queue()
+    for session, others in ((operator, "contextpolicy/agents/*"), (agent, "contextpolicy/*/*/plan")):
+        session.liveliness().declare_subscriber(
+            others, lambda token: heard.put((str(token.key_expr), token.kind == zenoh.SampleKind.PUT)), history=True
+        )
+    tokens = operator.liveliness().declare_token(plan), agent.liveliness().declare_token(node)
+    assert {heard.get(timeout=SOON) for _ in tokens} == {(plan, True), (node, True)}
+    agent.declare_queryable(node, lambda query: query.reply(node, "report"))
+    answers = next(filter(None, (list(operator.get("contextpolicy/agents/*", timeout=SOON)) for _ in range(1000))))
+    assert answers[0].ok.payload.to_string() == "report"
+    for token in tokens:
+        token.undeclare()
+    assert {heard.get(timeout=SOON) for _ in tokens} == {(plan, False), (node, False)}
+
+
+def test_an_agent_hears_that_plans_are_withdrawn(connect):
+    key = "contextpolicy/robot/delivery-robot/plan"
+    withdrawn = Queue()
+    connect("agent").declare_subscriber(key, lambda sample: withdrawn.put(sample.kind == zenoh.SampleKind.DELETE))
+    publisher = connect("operator").declare_publisher(key)
+    wait_for_listener(publisher)
+    publisher.delete()
+    assert withdrawn.get(timeout=SOON)
+
+
+@pytest.mark.parametrize("user", ["driver", "module", "agent"])
 def test_nobody_else_makes_plans(connect, user):
     key = "contextpolicy/robot/delivery-robot/plan"
     heard = listen(connect("module"), "contextpolicy/**")
