@@ -33,7 +33,8 @@ unit: setup recordings cluster  ## run the tests that need no cluster (helm come
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q --ignore tests/e2e
 
 e2e: images  ## run the tests that need a real node
-	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e
+	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e --ignore tests/e2e/test_reboot.py
+	$(PYTHON) -m pytest -q tests/e2e/test_reboot.py
 
 simulate: setup  ## without root or cluster: what would POLICY decide on TIMELINE
 	$(PYTHON) -m contextpolicy simulate $(POLICY) $(TIMELINE) --cores $(CORES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import time
 
 import pytest
 
@@ -16,16 +17,45 @@ SYSTEM = "e2e-system"
 ROBOTS = ("e2e-robot", "e2e-pods")
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _cluster():
-    """Fail at once, with what to do, when there is no cluster."""
-    if "KUBECONFIG" not in os.environ:
-        pytest.exit("no cluster: run `make e2e`, which starts one, or set KUBECONFIG", returncode=1)
+def router():
+    """Where the router of the operator under test listens."""
+    return f"tcp/{free_address(48)}:7447"
+
+
+class Fault:
+    """One fault while it is looked at; `back` says that from here on the robot must recover."""
+
+    def __init__(self, name, promised):
+        self.name, self.promised = name, promised
+        self.started = self.recovering = time.monotonic()
+
+    def back(self):
+        self.recovering = time.monotonic()
+
+
+@pytest.fixture(scope="session")
+def faults():
+    """Notes what each fault promised and how long recovery took; the table ends in build/e2e/faults.md."""
+    rows = []
+
+    @contextlib.contextmanager
+    def watched(name, promised):
+        fault = Fault(name, promised)
+        yield fault
+        rows.append(f"| {fault.name} | {fault.promised} | kept; {time.monotonic() - fault.recovering:.1f} s |")
+
+    yield watched
+    table = ["| fault | promised | seen; time until the newest plan was in force |", "|---|---|---|", *rows]
+    folder = REPOSITORY / "build" / "e2e"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "faults.md").write_text("\n".join(table) + "\n")
 
 
 @pytest.fixture(scope="session")
 def operator():
     """The operator and its router as users install them; watching the robots' namespaces only."""
+    if "KUBECONFIG" not in os.environ:
+        pytest.exit("no cluster: run `make e2e`, which starts one, or set KUBECONFIG", returncode=1)
     for namespace in ROBOTS:
         apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": namespace}})
     chart = str(REPOSITORY / "charts" / "contextpolicy")
@@ -51,7 +81,7 @@ def operator():
 @pytest.fixture(scope="session")
 def session(operator):  # noqa: ARG001 - the router comes with the operator
     """A session on the robot's bus."""
-    with open_visitor([f"tcp/{free_address(48)}:7447"], patience=20) as opened:
+    with open_visitor([router()], patience=20) as opened:
         yield opened
 
 

@@ -1,0 +1,188 @@
+"""An installation with node agents, and a look at what they do to the node."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from tests.e2e.cluster import REPOSITORY, apply, run, until
+from timelines.demo.cgroup import find
+from timelines.demo.deploy import free_address
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    import zenoh
+
+    from tests.e2e.robot import Robot
+    from timelines.demo.cgroup import Cgroup
+
+SYSTEM, NAMESPACE, RELEASE = "e2e-agent-system", "e2e-agent", "e2e-agent"
+ADDRESS = 49
+PRIORITY = 10
+
+
+@contextmanager
+def installed() -> Iterator[str]:
+    """The operator, its router and agents, apart from any other installation on the node; gives the router's endpoint."""
+    apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": NAMESPACE}})
+    values = {
+        "fullnameOverride": RELEASE,
+        "image.repository": "contextpolicy",
+        "image.tag": "dev",
+        "router.service.clusterIP": free_address(ADDRESS),
+        "watchNamespaces": f"{{{NAMESPACE}}}",
+        "agent.enabled": "true",
+        "agent.realtime": "true",
+        "agent.realtimePriority": str(PRIORITY),
+    }
+    settings = [part for name, value in values.items() for part in ("--set", f"{name}={value}")]
+    chart = str(REPOSITORY / "charts" / "contextpolicy")
+    run(
+        *("helm", "upgrade", "--install", RELEASE, chart, "--namespace", SYSTEM, "--create-namespace", *settings),
+        *("--take-ownership", "--force-conflicts", "--wait", "--timeout", "120s"),
+        timeout=150,
+    )
+    yield f"tcp/{free_address(ADDRESS)}:7447"
+    run("kubectl", "delete", "ctxp", "--all", "-n", NAMESPACE, "--timeout=60s")
+    run("helm", "uninstall", RELEASE, "--namespace", SYSTEM, "--wait", "--timeout", "60s")
+    run("kubectl", "delete", "namespace", SYSTEM, NAMESPACE, "--timeout=90s")
+
+
+class Component:
+    """A running part of the installation: operator, router or agent."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def send(self, number: signal.Signals) -> None:
+        """Signal the component's processes."""
+        for pid in self._processes():
+            os.kill(pid, number)
+
+    def kill(self) -> None:
+        """SIGKILL; the kubelet starts it again."""
+        self.send(signal.SIGKILL)
+
+    def delete(self) -> None:
+        """Delete the pod, which ends it with SIGTERM; another one takes its place."""
+        run("kubectl", "delete", "pod", "-n", SYSTEM, "-l", f"app.kubernetes.io/component={self._name}", "--timeout=60s")
+
+    def restarts(self) -> int:
+        """How often its container was started again."""
+        return int(self._status()["restartCount"])
+
+    def wait(self) -> None:
+        """Wait until it runs; after several kills the kubelet takes its time."""
+        until(f"{self._name} runs", lambda: bool(self._processes()), patience=120)
+
+    def _processes(self) -> list[int]:
+        cgroup = find(self._status().get("containerID", ""))
+        return cgroup.processes() if cgroup else []
+
+    def _status(self) -> dict[str, Any]:
+        label = f"app.kubernetes.io/component={self._name}"
+        pods = json.loads(run("kubectl", "get", "pods", "-n", SYSTEM, "-l", label, "-o", "json"))["items"]
+        statuses: list[dict[str, Any]] = [s for pod in pods for s in pod["status"].get("containerStatuses", [])]
+        return next((status for status in statuses if "running" in status["state"]), {"restartCount": -1})
+
+
+def group(robot: Robot, task: str) -> Path:
+    """The cgroup of the task's container."""
+    cgroup = robot.container(task)
+    assert cgroup is not None
+    return cgroup.quota_file.parent
+
+
+def budgets(robot: Robot, *tasks: str) -> dict[str, int]:
+    """The containers' realtime budgets in thousandths of the period; -1 where the kernel has none."""
+    return {task: _budget(group(robot, task)) for task in tasks}
+
+
+def budgets_above(robot: Robot, task: str) -> list[int]:
+    """The realtime budgets of the task's pod, its class and all pods."""
+    own = group(robot, task)
+    return [_budget(above) for above in (own.parent, own.parent.parent, own.parent.parent.parent)]
+
+
+def _budget(of: Path) -> int:
+    for name in ("cpu.rt_runtime_us", "cpu.rt.max"):
+        if (of / name).exists():
+            return int((of / name).read_text().split()[0]) // 1000
+    return -1
+
+
+def policies(robot: Robot, task: str) -> set[tuple[int, int]]:
+    """Scheduling policy and priority of each thread of the task's container."""
+    own = group(robot, task)
+    found = set()
+    for thread in (own / ("tasks" if (own / "tasks").exists() else "cgroup.threads")).read_text().split():
+        try:
+            found.add((os.sched_getscheduler(int(thread)), os.sched_getparam(int(thread)).sched_priority))
+        except ProcessLookupError:
+            continue
+    return found
+
+
+def usage(robot: Robot, *tasks: str, seconds: float) -> dict[str, float]:
+    """Cores that the tasks use, measured."""
+    cgroups = {task: robot.container(task) for task in tasks}
+    before = {task: cgroup.usage() for task, cgroup in cgroups.items() if cgroup}
+    began = time.monotonic()
+    time.sleep(seconds)
+    elapsed = time.monotonic() - began
+    return {task: (cgroup.usage() - before[task]) / elapsed for task, cgroup in cgroups.items() if cgroup}
+
+
+class Trace:
+    """Every change of the tasks' limits, looked at all the time, and every message of the policy, on one clock."""
+
+    def __init__(self, robot: Robot, session: zenoh.Session, *tasks: str) -> None:
+        self._cgroups = {task: cgroup for task in tasks if (cgroup := robot.container(task))}
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._look, daemon=True)
+        self._subscriber = session.declare_subscriber(f"contextpolicy/{robot.namespace}/*/*", self._hear)
+        self.limits: list[tuple[float, dict[str, int]]] = []
+        self.messages: list[tuple[float, dict[str, Any]]] = []
+
+    def __enter__(self) -> Trace:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+    def reached(self, **limits: int) -> float:
+        """When the tasks first had these limits; 0 if not yet."""
+        return next((at for at, seen in self.limits if seen == limits), 0.0)
+
+    def told(self, **fields: object) -> float:
+        """When a message with these fields was first heard; 0 if not yet."""
+        return next((at for at, message in self.messages if fields.items() <= message.items()), 0.0)
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        if payload := sample.payload.to_bytes():
+            self.messages.append((time.monotonic(), json.loads(payload)))
+
+    def _look(self) -> None:
+        """Files are read one by one: what was seen counts only if it is still the same at a second look."""
+        while not self._stop.is_set():
+            seen = self._read()
+            if (not self.limits or seen != self.limits[-1][1]) and seen == self._read():
+                self.limits.append((time.monotonic(), seen))
+            time.sleep(0.0002)
+
+    def _read(self) -> dict[str, int]:
+        return {task: _thousandths(cgroup) for task, cgroup in self._cgroups.items()}
+
+
+def _thousandths(cgroup: Cgroup) -> int:
+    return round((cgroup.limit() or 0) * 1000)

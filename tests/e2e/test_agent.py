@@ -1,0 +1,204 @@
+"""The node agent: ahead of the resize, in agreement with it, and gone without a trace."""
+
+import itertools
+import json
+import signal
+import time
+
+import pytest
+
+from contextpolicy.streams.zenoh_session import open_visitor
+from tests.e2e.agents import NAMESPACE, Component, Trace, installed
+from tests.e2e.cluster import delete, get, run, until
+from tests.e2e.robot import Robot, Sensors
+
+GRACE = 10.0
+STANDING, MOVING = {"slam": 500, "speech": 500}, {"slam": 990, "speech": 10}
+
+
+@pytest.fixture(scope="module")
+def session():
+    with installed() as endpoint, open_visitor([endpoint], patience=20) as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def agent(session):  # noqa: ARG001 - installed with it
+    return Component("agent")
+
+
+@pytest.fixture(scope="module")
+def operator(session):  # noqa: ARG001 - installed with it
+    return Component("operator")
+
+
+@pytest.fixture(scope="module")
+def robot(session):
+    with Sensors(session) as sensors:
+        robot = Robot(NAMESPACE, sensors)
+        robot.drive(0.0)
+        robot.start("slam", "speech")
+        yield robot
+        robot.stop("slam", "speech")
+
+
+@pytest.fixture
+def governed(robot, agent):
+    agent.wait()
+    robot.drive(0.0)
+    robot.policy()
+    settled(robot, STANDING)
+    yield robot
+    run("kubectl", "delete", "ctxp", "--all", "-n", robot.namespace, "--timeout=60s")
+
+
+def api(robot):
+    """The limits that the API has, in thousandths of a core."""
+    containers = {task: get("pod", task, robot.namespace)["spec"]["containers"][0] for task in ("slam", "speech")}
+    texts = {task: container["resources"]["limits"]["cpu"] for task, container in containers.items()}
+    return {task: int(text[:-1]) if text.endswith("m") else int(text) * 1000 for task, text in texts.items()}
+
+
+def settled(robot, limits):
+    """The kernel and the API agree on the limits."""
+
+    def agreed():
+        seen = robot.limits("slam", "speech"), api(robot)
+        return True if seen == (limits, limits) else seen
+
+    until(f"kernel and API have {limits}", agreed)
+
+
+def in_force(robot, limits):
+    cgroups = {task: robot.container(task) for task in limits}
+    until(f"the kernel enforces {limits}", lambda: {t: round(c.limit() * 1000) for t, c in cgroups.items()} == limits)
+
+
+def test_the_agent_is_ahead_of_the_resize_which_agrees(governed, session):
+    with Trace(governed, session, "slam", "speech") as trace:
+        governed.drive(0.3)
+        settled(governed, MOVING)
+        until("the kubelet reports it", lambda: trace.told(stage="inForce", container=f"{NAMESPACE}/slam/slam") > 0)
+        time.sleep(1)
+    assert trace.told(mode="Enforce") < trace.reached(**MOVING) < trace.told(stage="accepted")
+    assert trace.limits[-1][1] == MOVING
+    assert len(trace.limits) <= 4, "somebody changed the limits again"
+
+
+def test_a_storm_of_contexts_ends_in_agreement_without_excess(governed, session, agent):
+    restarts = agent.restarts()
+    with Trace(governed, session, "slam", "speech") as trace:
+        for speed, pause in zip(itertools.cycle([0.3, 0.0]), [0.02, 0.05, 0.1, 0.3, 0.7] * 8, strict=False):
+            governed.drive(speed)
+            time.sleep(pause)
+        governed.drive(0.3)
+        settled(governed, MOVING)
+    excess = [sum(seen.values()) for _, seen in trace.limits if sum(seen.values()) > 1000]
+    assert len(trace.limits) > 10
+    assert not excess
+    assert agent.restarts() == restarts
+
+
+def test_messages_of_strangers_change_nothing(governed, session, agent):
+    """Everything that a forger can send short of a perfect plan; the agent lives on and does its work."""
+    restarts, key = agent.restarts(), f"contextpolicy/{NAMESPACE}/robot/plan"
+    good = json.loads(next(iter(session.get(key, timeout=5))).ok.payload.to_bytes())
+    slam, speech = good["targets"]
+    later = good | {"sequence": good["sequence"] + 1}
+    for forged in (
+        b"\xff\x00",
+        b"[" * 10000,
+        json.dumps(good | {"sequence": 0, "targets": [slam | {"cores": 0.01}]}),
+        json.dumps(later | {"targets": [slam | {"cores": 64}]}),
+        json.dumps(later | {"targets": [slam | {"cores": 0.9}, speech | {"cores": 0.9}]}),
+        json.dumps(later | {"targets": [slam | {"uid": "../../.."}]}),
+        json.dumps(later | {"targets": [slam | {"containerId": "containerd://../../../x"}]}),
+    ):
+        session.put(key, forged)
+    other = good | {"policy": f"{NAMESPACE}/other", "targets": [slam | {"cores": 0.02}]}
+    session.put(f"contextpolicy/{NAMESPACE}/other/plan", json.dumps(other))
+    time.sleep(1)
+    assert governed.limits("slam", "speech") == STANDING
+    governed.drive(0.3)
+    settled(governed, MOVING)
+    assert agent.restarts() == restarts
+
+
+def test_deleting_the_policy_restores_everything(governed):
+    governed.drive(0.3)
+    in_force(governed, MOVING)
+    delete("ctxp", "robot", governed.namespace)
+    settled(governed, STANDING)
+    time.sleep(1)
+    settled(governed, STANDING)
+
+
+def test_a_paused_policy_is_let_go(governed):
+    governed.drive(0.3)
+    in_force(governed, MOVING)
+    governed.policy(mode="Paused")
+    settled(governed, STANDING)
+    governed.policy()
+    settled(governed, MOVING)
+
+
+@pytest.mark.parametrize("moment", [0.0, 0.02, 0.3, 0.55, 1.0])
+def test_an_agent_killed_at_any_moment_leaves_agreement(governed, agent, moment):
+    """Before and after its write, before, during and after the resize."""
+    agent.wait()
+    restarts = agent.restarts()
+    governed.drive(0.3)
+    time.sleep(moment)
+    agent.kill()
+    settled(governed, MOVING)
+    until("the agent is back", lambda: agent.restarts() > restarts, patience=120)
+    governed.drive(0.0)
+    settled(governed, STANDING)
+
+
+def test_an_agent_killed_and_its_policy_deleted_meanwhile(governed, agent):
+    governed.drive(0.3)
+    in_force(governed, MOVING)
+    agent.kill()
+    delete("ctxp", "robot", governed.namespace)
+    agent.wait()
+    time.sleep(GRACE + 2)
+    settled(governed, STANDING)
+
+
+def test_an_agent_that_ends_leaves_what_the_api_says(governed, agent, operator):
+    """The operator is frozen just before the resize, so nobody else can make the two agree."""
+    governed.drive(0.3)
+    in_force(governed, MOVING)
+    operator.send(signal.SIGSTOP)
+    try:
+        assert api(governed) == STANDING
+        agent.delete()
+        settled(governed, STANDING)
+    finally:
+        operator.send(signal.SIGCONT)
+    settled(governed, MOVING)
+
+
+def test_without_an_operator_unconfirmed_limits_are_undone(governed, operator):
+    governed.drive(0.3)
+    in_force(governed, MOVING)
+    operator.send(signal.SIGSTOP)
+    try:
+        time.sleep(GRACE / 2)
+        assert governed.limits("slam", "speech") == MOVING
+        in_force(governed, STANDING)
+        assert api(governed) == STANDING
+    finally:
+        operator.send(signal.SIGCONT)
+    settled(governed, MOVING)
+
+
+def test_a_container_that_is_restarted_gets_its_share(governed):
+    governed.drive(0.3)
+    settled(governed, MOVING)
+    governed.kill("slam")
+    until("the container is back", lambda: governed.restarts("slam") > 0, patience=60)
+    settled(governed, MOVING)
+    governed.drive(0.0)
+    settled(governed, STANDING)
