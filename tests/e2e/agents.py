@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from tests.e2e.cluster import REPOSITORY, apply, run, until
 from timelines.demo.cgroup import find
@@ -30,7 +30,7 @@ PRIORITY = 10
 
 @contextmanager
 def installed() -> Iterator[str]:
-    """The operator, its router and agents, apart from any other installation on the node; gives the router's endpoint."""
+    """The operator, its router and agents, apart from any other installation; gives the router's endpoint."""
     apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": NAMESPACE}})
     values = {
         "fullnameOverride": RELEASE,
@@ -72,7 +72,9 @@ class Component:
 
     def delete(self) -> None:
         """Delete the pod, which ends it with SIGTERM; another one takes its place."""
-        run("kubectl", "delete", "pod", "-n", SYSTEM, "-l", f"app.kubernetes.io/component={self._name}", "--timeout=60s")
+        run(
+            "kubectl", "delete", "pod", "-n", SYSTEM, "-l", f"app.kubernetes.io/component={self._name}", "--timeout=60s"
+        )
 
     def restarts(self) -> int:
         """How often its container was started again."""
@@ -151,14 +153,14 @@ class Trace:
         self.limits: list[tuple[float, dict[str, int]]] = []
         self.messages: list[tuple[float, dict[str, Any]]] = []
 
-    def __enter__(self) -> Trace:
+    def __enter__(self) -> Self:
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._thread.join()
-        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+        self._subscriber.undeclare()
 
     def reached(self, **limits: int) -> float:
         """When the tasks first had these limits; 0 if not yet."""
