@@ -112,8 +112,9 @@ def _report(recording: Recording, started: float) -> list[str]:
 def _draw(recording: Recording, started: float, path: Path) -> None:
     duration = load(TIMELINE).duration
     tasks = sorted(recording.limits)
-    shares = {t: [(p["trigger"] - started, p["tasks"][t]["share"]) for p in recording.plans] for t in tasks}
-    measured = {t: [(moment - started, limit) for moment, limit in recording.limits[t]] for t in tasks}
+    plans = [(max(0.0, plan["trigger"] - started), plan["tasks"]) for plan in recording.plans]
+    shares = {t: [(moment, planned[t]["share"]) for moment, planned in plans] for t in tasks}
+    measured = {t: [(max(0.0, moment - started), limit) for moment, limit in recording.limits[t]] for t in tasks}
     bands = [(name, start, min(end, duration)) for name, start, end in verdict.spans(recording, started)]
     draw_shares(shares, bands, path, until=duration, measured=measured, title="delivery-robot: CPU limits over time")
 

@@ -55,6 +55,7 @@ class Recorder:
         self._subscribers: list[Any] = []
 
     def __enter__(self) -> Self:
+        self._ask_for_the_plan_in_force()
         for key, into in (("plan", self.recording.plans), ("applied", self.recording.applied)):
             self._subscribers.append(self._session.declare_subscriber(f"{self._base}/{key}", _collect(into)))
         self._thread.start()
@@ -65,6 +66,13 @@ class Recorder:
         self._thread.join(timeout=5)
         for subscriber in self._subscribers:
             subscriber.undeclare()
+
+    def _ask_for_the_plan_in_force(self) -> None:
+        """A plan that was made before nobody repeats."""
+        for reply in self._session.get(f"{self._base}/plan", timeout=2.0):
+            if reply.ok is not None:
+                plan = json.loads(reply.ok.payload.to_bytes())
+                self.recording.plans.append({"trigger": plan["time"], **plan})
 
     def _watch(self) -> None:
         next_usage = 0.0

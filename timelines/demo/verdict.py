@@ -36,7 +36,7 @@ def reactions(recording: Recording, started: float) -> list[Reaction]:
         shares = {name: task["share"] for name, task in plan["tasks"].items()}
         changed = {name for name in shares if shares[name] != before.get(name)}
         before = shares
-        if changed:
+        if changed and plan["trigger"] >= started:
             found.append(_reaction(recording, plan, until, started, changed))
     return found
 
