@@ -73,7 +73,8 @@ def operator():
         timeout=150,
     )
     yield SYSTEM
-    run("kubectl", "delete", "ctxp", "--all", "-A", "--timeout=60s")
+    for namespace in ROBOTS:
+        run("kubectl", "delete", "ctxp", "--all", "-n", namespace, "--timeout=60s")
     run("helm", "uninstall", "e2e", "--namespace", SYSTEM, "--wait", "--timeout", "60s")
     run("kubectl", "delete", "namespace", SYSTEM, *ROBOTS, "--timeout=90s")
 
