@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+from hypothesis import strategies as st
+
 from contextpolicy.actuators.cgroup import CFS, REALTIME
 from contextpolicy.actuators.threads import THREAD_FILES
 from contextpolicy.agent.layout import Driver, Layout
@@ -15,6 +17,13 @@ if TYPE_CHECKING:
 NODE = "node-1"
 POLICY = "robot/delivery"
 SLAM, SPEECH, CHAT, SANDBOX = "a" * 64, "b" * 64, "c" * 64, "f" * 64
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=8,
+)
+"""Anything at all."""
 
 
 class Tree:

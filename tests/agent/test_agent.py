@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from datetime import timedelta
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from reactivex.testing import TestScheduler
 
 from contextpolicy.actuators.inotify import Watch
@@ -12,7 +15,7 @@ from contextpolicy.agent import capabilities
 from contextpolicy.agent.agent import Agent
 from contextpolicy.agent.settings import AgentSettings
 from contextpolicy.settings import Settings
-from tests.agent.builders import NODE, POLICY, SLAM, SPEECH, Tree, a_message, a_target
+from tests.agent.builders import JSON, NODE, POLICY, SLAM, SPEECH, Tree, a_message, a_target
 
 GRACE = 10.0
 
@@ -55,8 +58,8 @@ def start(tmp_path, tree, scheduler, watch):
     """Start an agent, or another one after it."""
 
     def start(mount=tree.mount):
-        settings = AgentSettings(NODE, Settings(), mount, tmp_path / "state", priority=10, grace=GRACE)
-        agent = Agent(settings, scheduler, watch)
+        own = AgentSettings(NODE, Settings(), mount, tmp_path / "state", priority=10, grace=GRACE)
+        agent = Agent(own, scheduler, watch)
         agent.start()
         return agent
 
@@ -83,6 +86,14 @@ def test_what_is_no_plan_changes_nothing_and_is_counted(tree, agent, slam, paylo
     agent.hear(POLICY, payload)
     assert tree.limit(slam) == 500
     assert sum(agent.report()["refused"].values()) == 2
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.sampled_from(sorted(a_target())), JSON)
+def test_no_message_ends_the_agent(agent, field, value):
+    message = json.loads(a_message(a_target()))
+    message["targets"][0][field] = value
+    agent.hear(POLICY, json.dumps(message).encode())
 
 
 def test_refusals_are_logged_once_per_reason(agent, caplog):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from contextpolicy.agent.orders import MAX_BYTES, Order, Target, read
 from contextpolicy.errors import OrderError
 from contextpolicy.planning.policy import Control, Mode, Scheduler
-from tests.agent.builders import NODE, POLICY, SLAM, SPEECH, a_message, a_target
+from tests.agent.builders import JSON, NODE, POLICY, SLAM, SPEECH, a_message, a_target
 
 
 def test_an_order_has_what_this_node_must_do():
@@ -66,7 +66,9 @@ def test_a_container_that_starts_has_no_id_yet():
         {"uid": 5},
         {"qos": "../.."},
         {"qos": None},
+        {"containerId": 5},
         {"containerId": None},
+        {"containerId": "containerd://../../../x"},
         {"task": "unknown"},
         {"task": []},
         {"limit": "lots"},
@@ -119,11 +121,6 @@ def test_bytes_that_are_no_plan_are_refused(payload):
         read(payload, POLICY, NODE)
 
 
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
-    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
-    max_leaves=8,
-)
 FIELDS = ["policy", "run", "sequence", "edition", "mode", "scheduler", "control", "tasks", "nodes", "targets"]
 
 

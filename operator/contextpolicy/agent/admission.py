@@ -1,4 +1,8 @@
-"""Which orders the agent obeys. Pure: the messages come from a network, and a plan is power over the node's CPU."""
+"""Which orders the agent obeys. Pure.
+
+The messages come from a network, and a plan is power over the node's CPU: what is out of turn or out of proportion is
+refused. A forger who makes no such mistake is not found out here; a router with access control keeps him off the bus.
+"""
 
 from __future__ import annotations
 

@@ -20,7 +20,10 @@ MAX_CORES = 1024
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """One container: `share` in thousandths of a core (or of the realtime period), `limit` the one in force."""
+    """One container: `share` in thousandths of a core (or of the realtime period), `limit` the one in force.
+
+    A container that is only just starting has no id yet.
+    """
 
     uid: str
     qos: str
@@ -71,10 +74,12 @@ def _order(document: Mapping[str, Any], node: str) -> Order:
 def _target(target: Mapping[str, Any], task: Mapping[str, Any]) -> Target:
     if not is_uid(target["uid"]) or target["qos"] not in QOS_CLASSES:
         raise ValueError(f"pod {target['uid']!r:.80} of class {target['qos']!r:.20}")
+    if target["containerId"] != "" and not is_container_id(target["containerId"]):
+        raise ValueError(f"container {target['containerId']!r:.80}")
     return Target(
         uid=target["uid"],
         qos=target["qos"],
-        container_id=target["containerId"] if is_container_id(target["containerId"]) else "",
+        container_id=target["containerId"],
         share=_thousandths(target["cores"]),
         limit=None if target.get("limit") is None else _thousandths(target["limit"]),
         suspended=task["suspended"] is True,
