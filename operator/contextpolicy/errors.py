@@ -13,7 +13,7 @@ ContextPolicyError
 ├── PolicyFileError     a file that holds no valid policy (validation.policy_file)
 ├── ExpectationError    expectations that make no sense (simulation.expectations)
 ├── DrawingError        a picture that cannot be made (drawing)
-└── NoAnswerError       nobody on the bus explains the policy (commands.explain)
+└── NoAnswerError       nobody on the bus answers (commands.explain)
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.commands.simulate import add_run_arguments, run_policy, seconds
@@ -11,6 +12,7 @@ from contextpolicy.errors import ContextPolicyError
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterator
 
     import zenoh
 
@@ -19,7 +21,7 @@ PATIENCE = 3.0
 
 
 class NoAnswerError(ContextPolicyError):
-    """Nobody on the bus explains this policy."""
+    """Nobody on the bus answers."""
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -71,22 +73,29 @@ def _simulate(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _ask(arguments: argparse.Namespace) -> dict[str, Any]:
-    import zenoh
-
-    from contextpolicy.streams.zenoh_session import open_visitor
-
-    try:
-        with open_visitor(arguments.connect.split(","), patience=PATIENCE) as session:
-            answer = _answer(session, f"contextpolicy/{arguments.policy}/explain")
-    except zenoh.ZError as error:
-        reason = str(error).partition(" at /")[0]
-        raise NoAnswerError(f"{arguments.connect}: {reason}") from error
+    with visit(arguments.connect) as session:
+        answer = _answer(session, f"contextpolicy/{arguments.policy}/explain")
     if answer is not None:
         return answer
     raise NoAnswerError(
         f"nobody at {arguments.connect} explains {arguments.policy}: is the operator running, and is it the policy's "
         "NAMESPACE/NAME?"
     )
+
+
+@contextmanager
+def visit(connect: str) -> Iterator[zenoh.Session]:
+    """A session on the robot's bus; NoAnswerError when no router answers soon, or no more."""
+    import zenoh
+
+    from contextpolicy.streams.zenoh_session import open_visitor
+
+    try:
+        with open_visitor(connect.split(","), patience=PATIENCE) as session:
+            yield session
+    except zenoh.ZError as error:
+        reason = str(error).partition(" at /")[0]
+        raise NoAnswerError(f"{connect}: {reason}") from error
 
 
 def _answer(session: zenoh.Session, key: str) -> dict[str, Any] | None:

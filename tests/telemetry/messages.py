@@ -1,0 +1,48 @@
+"""Messages of the decision bus, so that a test names only what it is about."""
+
+from __future__ import annotations
+
+from typing import Any
+
+KEY, APPLIED = "contextpolicy/robot/delivery/plan", "contextpolicy/robot/delivery/applied"
+
+
+def plan(**changes: Any) -> dict[str, Any]:
+    """While the robot moves slam has nearly everything; nothing is resized yet."""
+    return {
+        "policy": "robot/delivery",
+        "run": 1,
+        "sequence": 1,
+        "edition": 0,
+        "time": 100.0,
+        "mode": "Enforce",
+        "scheduler": "CFS",
+        "control": "Limit",
+        "cause": "imu: context moving entered",
+        "contexts": ["moving"],
+        "tasks": {
+            "slam": {"score": 1.0, "weight": 10.0, "share": 0.99, "suspended": False, "because": ""},
+            "speech": {"score": 1.0, "weight": 0.0, "share": 0.01, "suspended": True, "because": ""},
+        },
+        "nodes": {},
+        "targets": [target("slam", 0.99), target("speech", 0.01)],
+        **changes,
+    }
+
+
+def target(task: str, cores: float, limit: float | None = 0.5) -> dict[str, Any]:
+    return {
+        "task": task,
+        "node": "robot-1",
+        "namespace": "robot",
+        "pod": f"{task}-1",
+        "container": task,
+        "cores": cores,
+        "limit": limit,
+    }
+
+
+def step(stage: str, cores: float, task: str = "slam") -> dict[str, Any]:
+    """A container reached a stage."""
+    identity = f"robot/{task}-1/{task}"
+    return {"run": 1, "sequence": 1, "stage": stage, "container": identity, "cores": cores, "time": 100.1}
