@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import kopf
 
-from contextpolicy.cluster.api import Api
+from contextpolicy.cluster.api import FINALIZER, Api
 from contextpolicy.runtime import Runtime
 from contextpolicy.streams.loop import Loop
 from contextpolicy.streams.zenoh_session import open_client
@@ -31,7 +31,7 @@ RESTORE_TIMEOUT = 20.0
 @kopf.on.startup()
 async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     """Open everything that is opened once."""
-    settings.persistence.finalizer = f"{GROUP}/restore"
+    settings.persistence.finalizer = FINALIZER
     settings.persistence.progress_storage = kopf.AnnotationsProgressStorage(prefix=GROUP)
     settings.persistence.diffbase_storage = kopf.AnnotationsDiffBaseStorage(prefix=GROUP)
     settings.posting.enabled = False

@@ -14,11 +14,13 @@ from kubernetes import client, config
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 STRATEGIC = "application/strategic-merge-patch+json"
 MERGE = "application/merge-patch+json"
 FIELD_MANAGER = "contextpolicy"
+FINALIZER = "contextpolicy.dev/restore"
+"""Holds a ContextPolicy that is being deleted until its containers are as they were."""
 TIMEOUT = (2.0, 5.0)
 """Seconds to connect and to wait for an answer."""
 
@@ -38,10 +40,7 @@ class Api:
 
     def __init__(self, pool: int = 8) -> None:
         """Find the cluster as kubectl does: the pod's service account, else KUBECONFIG."""
-        try:
-            config.load_incluster_config()  # type: ignore[no-untyped-call]
-        except config.ConfigException:
-            config.load_kube_config()  # type: ignore[no-untyped-call]
+        _configure()
         settings = client.Configuration.get_default_copy()
         settings.connection_pool_maxsize = pool
         settings.retries = urllib3.Retry(0)
@@ -76,9 +75,32 @@ class Api:
         path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}/status"
         self._send("PATCH", path, {"status": dict(status)}, MERGE)
 
+    def pods(self, namespace: str | None) -> list[dict[str, Any]]:
+        """The pods of a namespace; of all when it is None."""
+        return self._list("/api/v1", namespace, "pods")
+
+    def policies(self, namespace: str | None) -> list[dict[str, Any]]:
+        """The ContextPolicy objects of a namespace; of all when it is None; none where their definition is missing."""
+        try:
+            return self._list("/apis/contextpolicy.dev/v1alpha1", namespace, "contextpolicies")
+        except ActuationError as error:
+            if error.reason == "NotFound":
+                return []
+            raise
+
+    def set_finalizers(self, namespace: str, name: str, finalizers: Sequence[str], version: str) -> None:
+        """Replace the finalizers of a ContextPolicy; Conflict when it has changed since `version`."""
+        path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}"
+        self._send("PATCH", path, {"metadata": {"finalizers": list(finalizers), "resourceVersion": version}}, MERGE)
+
     def post_event(self, namespace: str, event: Mapping[str, Any]) -> None:
         """Create an Event."""
         self._send("POST", f"/api/v1/namespaces/{namespace}/events", event, "application/json")
+
+    def _list(self, root: str, namespace: str | None, plural: str) -> list[dict[str, Any]]:
+        path = f"{root}/{plural}" if namespace is None else f"{root}/namespaces/{namespace}/{plural}"
+        found: list[dict[str, Any]] = json.loads(self._send("GET", path, None, "application/json"))["items"]
+        return found
 
     def _send(self, method: str, path: str, body: Mapping[str, Any] | None, content_type: str) -> bytes:
         request = self._client.param_serialize(
@@ -97,6 +119,16 @@ class Api:
         if response.status >= 300:
             raise _refusal(response.status, answer)
         return bytes(answer)
+
+
+def _configure() -> None:
+    try:
+        config.load_incluster_config()  # type: ignore[no-untyped-call]
+    except config.ConfigException:
+        try:
+            config.load_kube_config()  # type: ignore[no-untyped-call]
+        except config.ConfigException as error:
+            raise ActuationError("NoCluster", f"no cluster: {error}; set KUBECONFIG", retriable=False) from error
 
 
 def _refusal(status: int, answer: bytes) -> ActuationError:
