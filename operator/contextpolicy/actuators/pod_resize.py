@@ -10,12 +10,12 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
-from contextpolicy.actuators.headroom import Holding, allowed
-from contextpolicy.actuators.patches import cpu_for, resize_patch
+from contextpolicy.actuators.headroom import allowed
+from contextpolicy.actuators.patches import cpu_for
+from contextpolicy.actuators.pod_job import Job, carry_out
 from contextpolicy.actuators.pod_slot import PodSlot
 from contextpolicy.cluster.claims import container_id
-from contextpolicy.cluster.pods import ORIGINALS, Cpu, write_originals
-from contextpolicy.errors import ActuationError
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.planning.policy import Control
 
 if TYPE_CHECKING:
@@ -24,20 +24,13 @@ if TYPE_CHECKING:
 
     from reactivex.abc import SchedulerBase
 
-    from contextpolicy.cluster.pods import ContainerView, Original, PodView
+    from contextpolicy.actuators.headroom import Holding
+    from contextpolicy.actuators.pod_job import Api, Outcome
+    from contextpolicy.cluster.pods import ContainerView, PodView
+    from contextpolicy.errors import ActuationError
 
 RETRY_FIRST, RETRY_LONGEST = 0.1, 5.0
 """Seconds before a failed patch is tried again: doubled with each failure. Only failures are ever retried by time."""
-
-
-class Api(Protocol):
-    """What the resizer needs of the API server."""
-
-    def resize(self, namespace: str, pod: str, patch: Mapping[str, object]) -> int:
-        """PATCH pods/resize; the generation of the accepted spec."""
-
-    def annotate(self, namespace: str, pod: str, annotations: Mapping[str, str | None]) -> None:
-        """Set or remove annotations."""
 
 
 class Observer(Protocol):
@@ -65,16 +58,6 @@ class Order:
     ceilings: Mapping[str, int] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class _Job:
-    """One patch under way."""
-
-    policy: str
-    uid: str
-    wanted: dict[str, Cpu]
-    originals: Mapping[str, Original]
-
-
 class PodResizer:
     """All pods that policies claim, and those that must be put back."""
 
@@ -91,9 +74,11 @@ class PodResizer:
         self._drive(order.policy)
 
     def release(self, policy: str, done: Callable[[], None]) -> None:
-        """Put all containers of the policy back as they were, then call `done`."""
+        """Put all containers of the policy back as they were, then call `done`; asking again tries refusals again."""
         self._orders[policy] = Order(policy, frozenset())
         self._released[policy] = done
+        for slot in self._slots.values():
+            slot.ask_again(policy)
         self._drive(policy)
 
     def observe(self, view: PodView) -> None:
@@ -104,45 +89,71 @@ class PodResizer:
         before = {c.name: c.actual for c in slot.view.containers}
         slot.observe(view)
         self._tell_in_force(slot, before)
-        for policy in list(self._orders):
-            self._drive(policy)
+        self._drive_all()
 
     def forget(self, uid: str) -> None:
         """The pod is gone."""
         if self._slots.pop(uid, None):
-            for policy in list(self._orders):
-                self._drive(policy)
+            self._drive_all()
+
+    def _drive_all(self) -> None:
+        """Policies share pods: what ends for one may be what another waited for."""
+        for policy in list(self._orders):
+            self._drive(policy)
 
     def _drive(self, policy: str) -> None:
         """Send every patch of the policy that may be sent now."""
         order = self._orders[policy]
-        by_pod: dict[str, dict[str, Cpu]] = defaultdict(dict)
+        steps: dict[str, dict[str, Cpu]] = defaultdict(dict)
         for uid, name, cpu in self._steps(order):
-            by_pod[uid][name] = cpu
-        for slot in {id(slot): slot for slot, _, _ in self._claimed(order)}.values():
-            wanted = by_pod.get(slot.view.uid)
-            if slot.refused != wanted:
-                slot.refused = None
-            if wanted and not slot.busy and slot.refused is None:
-                self._send(order, slot, wanted)
-        for slot in list(self._slots.values()):
-            self._restore(order, slot)
-        self._finish_release(policy)
+            steps[uid][name] = cpu
+        for uid, slot in list(self._slots.items()):
+            if not slot.view.ended:
+                self._attend(order, slot, steps.get(uid, {}))
+        if policy in self._released and not any(slot.holds(policy) for slot in self._slots.values()):
+            del self._orders[policy]
+            self._released.pop(policy)()
+
+    def _attend(self, order: Order, slot: PodSlot, steps: dict[str, Cpu]) -> None:
+        """Send what one pod needs: steps to the plan, or containers to put back that the policy claims no more."""
+        back = {
+            name: original.cpu
+            for name, original in slot.originals.items()
+            if original.policy == order.policy and container_id(slot.view, name) not in order.claimed
+        }
+        for wanted, restore in ((steps, False), (back, True)):
+            refused = slot.refuses(order.policy, wanted, restore=restore)
+            if wanted and slot.job is None and not refused:
+                self._send(order.policy, slot, wanted, restore=restore)
+        if not steps and not back and slot.job is None:
+            self._recovered(order.policy, slot)
 
     def _steps(self, order: Order) -> Iterator[tuple[str, str, Cpu]]:
         """What differs from the plan and may be set now."""
         by_node: dict[str, list[tuple[PodSlot, ContainerView, Holding, Cpu]]] = defaultdict(list)
+        seen = set()
         for slot, container, share in self._claimed(order):
             cpu = self._cpu(order, slot, container, share)
-            holding = Holding(f"{slot.view.uid}/{container.name}", slot.highest(container.name), cpu.limit or 0)
-            by_node[slot.view.node].append((slot, container, holding, cpu))
+            by_node[slot.view.node].append((slot, container, slot.holding(container.name, cpu), cpu))
+            seen.add(container_id(slot.view, container.name))
         for node, claimed in by_node.items():
-            bounded = order.control is not Control.WEIGHT
-            limits = allowed(order.capacity.get(node, 0), [h for *_, h, _ in claimed]) if bounded else {}
+            # A container that we have not seen yet may hold anything: until then nothing rises.
+            capacity = order.capacity.get(node, 0) - self._leaving(order, node) if order.shares.keys() <= seen else 0
+            may = allowed(capacity, [holding for *_, holding, _ in claimed])
             for slot, container, holding, cpu in claimed:
-                rises = bounded and holding.wanted > holding.now and holding.id not in limits
-                if cpu != slot.spec(container.name) and not rises:
+                bounded = order.control is not Control.WEIGHT
+                if cpu != slot.spec(container.name) and (holding.id in may or not bounded):
                     yield slot.view.uid, container.name, cpu
+
+    def _leaving(self, order: Order, node: str) -> int:
+        """What the policy gave to pods that are being deleted: it is theirs until their containers have ended."""
+        return sum(
+            slot.highest(name)
+            for slot in self._slots.values()
+            if slot.view.ended and slot.view.running and slot.view.node == node
+            for name, original in slot.originals.items()
+            if original.policy == order.policy
+        )
 
     def _claimed(self, order: Order) -> Iterator[tuple[PodSlot, ContainerView, int]]:
         for slot in self._slots.values():
@@ -154,95 +165,64 @@ class PodResizer:
     def _cpu(self, order: Order, slot: PodSlot, container: ContainerView, share: int) -> Cpu:
         ceiling = order.ceilings.get(container_id(slot.view, container.name), share)
         cpu = cpu_for(slot.view, container, share, order.control, ceiling)
-        original = slot.view.originals.get(container.name)
+        original = slot.originals.get(container.name)
         if original is None or order.control is not Control.LIMIT or slot.view.qos == "Guaranteed":
             return cpu
         return Cpu(original.cpu.request, cpu.limit)
 
-    def _restore(self, order: Order, slot: PodSlot) -> None:
-        """Put back the containers that the policy resized and no longer claims."""
-        mine = {
-            name: original.cpu
-            for name, original in slot.view.originals.items()
-            if original.policy == order.policy and container_id(slot.view, name) not in order.claimed
-        }
-        if mine and not slot.busy and not slot.view.ended and slot.refused != mine:
-            self._send(order, slot, mine, restore=True)
-
-    def _send(self, order: Order, slot: PodSlot, wanted: dict[str, Cpu], *, restore: bool = False) -> None:
-        view = slot.view
-        kept = (
-            {name: original for name, original in view.originals.items() if name not in wanted}
-            if restore
-            else slot.originals(order.policy, set(wanted))
-        )
+    def _send(self, policy: str, slot: PodSlot, wanted: dict[str, Cpu], *, restore: bool) -> None:
         changed = {name: cpu for name, cpu in wanted.items() if slot.spec(name) != cpu}
-        slot.sending(changed)
+        if restore:
+            note = {name: original for name, original in slot.originals.items() if name not in wanted}
+        else:
+            note = slot.note(policy, set(wanted))
+        fresh = slot.unsure or note != slot.view.originals
+        job = Job(policy, slot.view, wanted, changed, note, note=fresh, restore=restore)
+        slot.begin(job)
+        self._workers.submit(self._work, slot, job)
 
-        def work() -> int:
-            """The note of what was there is written before the first resize and taken away after the last."""
-            if not restore and kept != view.originals:
-                self._api.annotate(view.namespace, view.name, {ORIGINALS: write_originals(kept)})
-            generation = self._api.resize(view.namespace, view.name, resize_patch(view, changed)) if changed else 0
-            if restore:
-                self._api.annotate(view.namespace, view.name, {ORIGINALS: write_originals(kept)})
-            return generation
-
-        job = _Job(order.policy, view.uid, wanted, kept)
-        self._workers.submit(self._work, work, job)
-
-    def _work(self, work: Callable[[], int], job: _Job) -> None:
+    def _work(self, slot: PodSlot, job: Job) -> None:
         """On a worker's thread: the outcome goes back to the loop."""
-        try:
-            outcome: int | ActuationError = work()
-        except ActuationError as error:
-            outcome = error
-        self._scheduler.schedule(lambda *_: self._finish(job, outcome))
+        outcome = carry_out(self._api, job)
+        self._scheduler.schedule(lambda *_: self._finish(slot, job, outcome))
 
-    def _finish(self, job: _Job, outcome: int | ActuationError) -> None:
-        slot = self._slots.get(job.uid)
-        if slot is None:
+    def _finish(self, slot: PodSlot, job: Job, outcome: Outcome) -> None:
+        if self._slots.get(slot.view.uid) is not slot:
             return
-        if isinstance(outcome, ActuationError):
-            self._fail(job.policy, slot, job.wanted, outcome)
-            return
-        if slot.attempts or slot.refused:
-            self._observer.on_problem(job.policy, slot.view.name, None)
-        slot.accepted(outcome, job.originals)
-        for name, cpu in job.wanted.items():
-            self._observer.on_accepted(job.policy, container_id(slot.view, name), cpu)
-        if job.policy in self._orders:
-            self._drive(job.policy)
+        slot.finish(job, outcome)
+        if outcome.error is None:
+            self._recovered(job.policy, slot)
+            for name, cpu in job.wanted.items():
+                self._observer.on_accepted(job.policy, container_id(slot.view, name), cpu)
+        elif outcome.error.reason == "NotFound":
+            del self._slots[slot.view.uid]
+        else:
+            self._fail(job.policy, slot, outcome.error)
+        self._drive_all()
 
-    def _fail(self, policy: str, slot: PodSlot, wanted: dict[str, Cpu], error: ActuationError) -> None:
-        slot.failed(wanted, retriable=error.retriable)
-        if error.reason == "NotFound":
-            self.forget(slot.view.uid)
-            return
+    def _fail(self, policy: str, slot: PodSlot, error: ActuationError) -> None:
+        slot.troubled.add(policy)
         self._observer.on_problem(policy, slot.view.name, error)
         if error.retriable:
             delay = min(RETRY_LONGEST, RETRY_FIRST * 2 ** min(slot.attempts - 1, 10))
-            slot.busy = True
-            self._scheduler.schedule_relative(delay, lambda *_: self._retry(policy, slot))
+            self._scheduler.schedule_relative(delay, lambda *_: self._retry(slot))
 
-    def _retry(self, policy: str, slot: PodSlot) -> None:
-        slot.busy = False
-        if policy in self._orders:
-            self._drive(policy)
+    def _recovered(self, policy: str, slot: PodSlot) -> None:
+        if policy in slot.troubled:
+            slot.troubled.discard(policy)
+            self._observer.on_problem(policy, slot.view.name, None)
+
+    def _retry(self, slot: PodSlot) -> None:
+        slot.job = None
+        self._drive_all()
 
     def _tell_in_force(self, slot: PodSlot, before: Mapping[str, Cpu | None]) -> None:
         for order in self._orders.values():
             for container in slot.view.containers:
                 identity = container_id(slot.view, container.name)
-                share = order.shares.get(identity)
-                actual = container.actual
+                share, actual = order.shares.get(identity), container.actual
                 if actual is None or share is None or actual == before.get(container.name):
                     continue
-                if actual.limit == share:
+                wanted = self._cpu(order, slot, container, share)
+                if actual.limit == wanted.limit and (order.control is Control.LIMIT or actual == wanted):
                     self._observer.on_in_force(order.policy, identity, share)
-
-    def _finish_release(self, policy: str) -> None:
-        held = any(o.policy == policy for slot in self._slots.values() for o in slot.view.originals.values())
-        if not held and policy in self._released:
-            del self._orders[policy]
-            self._released.pop(policy)()

@@ -5,85 +5,138 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from contextpolicy.actuators.headroom import Holding
 from contextpolicy.cluster.pods import Cpu, Original
 from contextpolicy.planning.placement import QUANTUM
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from contextpolicy.actuators.pod_job import Job, Outcome
     from contextpolicy.cluster.pods import PodView
 
 
 @dataclass(slots=True)
 class PodSlot:
-    """One pod; at most one patch of it is under way, and a newer wish replaces one that has not been sent."""
+    """One pod; at most one job is under way (or waits to be tried again), newer wishes wait for its end.
+
+    `version` is that of our last write: a view from before it is old news. `unsure` holds after a job whose outcome
+    nobody knows until one is answered; `maybe` is the note that it may have left. `peaks` are limits that may still be
+    in force. `troubled` are the policies that were told of a problem.
+    """
 
     view: PodView
-    busy: bool = False
+    job: Job | None = None
     attempts: int = 0
-    refused: Mapping[str, Cpu] | None = None
-    generation: int = 0
+    version: int = 0
+    unsure: bool = False
+    maybe: dict[str, Original] = field(default_factory=dict)
     asked: dict[str, Cpu] = field(default_factory=dict)
     peaks: dict[str, int] = field(default_factory=dict)
+    troubled: set[str] = field(default_factory=set)
+    _refused: dict[tuple[str, bool], Mapping[str, Cpu]] = field(default_factory=dict)
+    _before: dict[str, int] = field(default_factory=dict)
 
     def observe(self, view: PodView) -> None:
-        """Take what the watch says; a view from before our last accepted patch tells nothing about the spec."""
+        """Take what the watch says, unless we have written since."""
+        if view.version < self.version:
+            return
         if view.generation != self.view.generation:
-            self.refused = None
+            self._refused.clear()
         self.view = view
-        if view.generation >= self.generation and not self.busy:
-            self.asked = {}
-        if self._settled():
-            self.peaks = {}
+        self._settle()
 
-    def sending(self, wanted: Mapping[str, Cpu]) -> None:
-        """A patch is on its way: from now on its limits may be in force."""
-        self.busy = True
-        for name, cpu in wanted.items():
+    def begin(self, job: Job) -> None:
+        """A job is on its way: from now on its limits may be in force."""
+        self.job, self._before = job, dict(self.peaks)
+        for name, cpu in job.changed.items():
             self.peaks[name] = max(self.highest(name), cpu.limit or 0)
-        self.asked |= wanted
 
-    def accepted(self, generation: int, originals: Mapping[str, Original]) -> None:
-        """The API took the patch, and the annotation that says what was there before."""
-        self.busy, self.attempts, self.refused = False, 0, None
-        self.view = replace(self.view, originals=originals)
-        self.generation = max(self.generation, generation)
-        self.observe(self.view)
+    def finish(self, job: Job, outcome: Outcome) -> None:
+        """Learn how far it came; after an error that a retry may mend it stays under way until `rest` ends."""
+        self._learn(job, outcome)
+        if outcome.error is None:
+            self.job, self.attempts, self.unsure, self.maybe = None, 0, False, {}
+        elif outcome.error.retriable:
+            self.attempts, self.unsure = self.attempts + 1, True
+            self.maybe |= {} if job.restore else job.originals
+        else:
+            self.job = None
+            self.peaks = self.peaks if outcome.resized else self._before
+            self._refused[job.policy, job.restore] = job.wanted
+        self._settle()
 
-    def failed(self, wanted: Mapping[str, Cpu], *, retriable: bool) -> None:
-        """The API did not take the patch, or nobody knows: what was asked may be in force until the watch tells."""
-        self.busy = False
-        self.attempts += 1
-        self.asked = {}
-        if not retriable:
-            self.refused = dict(wanted)
+    def refuses(self, policy: str, wanted: Mapping[str, Cpu], *, restore: bool) -> bool:
+        """Whether the API refused just this; it is not asked again until the wish or the pod changes."""
+        if self._refused.get((policy, restore)) == wanted:
+            return True
+        self._refused.pop((policy, restore), None)
+        return False
+
+    def ask_again(self, policy: str) -> None:
+        """Let a restore that was refused be tried once more."""
+        self._refused.pop((policy, True), None)
 
     def spec(self, name: str) -> Cpu | None:
-        """The container's resources in the API, counting what it accepted and the watch has not shown yet."""
+        """The container's resources in the API, counting what the watch has not shown yet; None when nobody knows."""
+        if self.unsure:
+            return None
         container = self.view.container(name)
         return self.asked.get(name) or (container.spec if container else None)
 
+    def holding(self, name: str, wanted: Cpu) -> Holding:
+        """The container's limits as the node's headroom counts them."""
+        container, asked = self.view.container(name), self.asked.get(name)
+        spec = asked or (container.spec if container else None)
+        return Holding(f"{self.view.uid}/{name}", (spec and spec.limit) or 0, self.highest(name), wanted.limit or 0)
+
     def highest(self, name: str) -> int:
         """The highest limit that may be in force now."""
-        container, spec = self.view.container(name), self.spec(name)
-        actual = container.actual.limit if container and container.actual else None
-        return max(self.peaks.get(name, 0), (spec.limit if spec else None) or 0, actual or 0)
+        container, asked = self.view.container(name), self.asked.get(name)
+        known = (asked, container.spec, container.actual) if container else (asked,)
+        return max(self.peaks.get(name, 0), *((cpu.limit or 0) if cpu else 0 for cpu in known))
 
-    def originals(self, policy: str, names: set[str]) -> dict[str, Original]:
-        """What to remember before resizing these containers: what is saved already, else what they have now."""
-        known = dict(self.view.originals)
+    @property
+    def originals(self) -> dict[str, Original]:
+        """What the containers had before us, as far as it is, or may be, written down in the pod."""
+        return {**self.maybe, **self.view.originals}
+
+    def note(self, policy: str, names: set[str]) -> dict[str, Original]:
+        """The originals with those of `names`, which are the policy's from now on."""
+        known = self.originals
         for name in names:
             container = self.view.container(name)
-            if name not in known and container is not None:
-                known[name] = Original(policy, container.spec)
+            if name in known:
+                known[name] = replace(known[name], policy=policy)
+            elif container is not None:
+                known[name] = Original(policy, self.asked.get(name) or container.spec)
         return known
 
-    def _settled(self) -> bool:
-        """Whether the kubelet has carried out everything that was asked."""
+    def holds(self, policy: str) -> bool:
+        """Whether the policy moved, or may yet move, anything in this pod."""
+        if self.view.ended:
+            return False
+        under_way = self.job is not None and self.job.policy == policy
+        return under_way or any(original.policy == policy for original in self.originals.values())
+
+    def _learn(self, job: Job, outcome: Outcome) -> None:
+        """What was answered is known, however the job ended."""
+        self.version = max(self.version, outcome.version)
+        if outcome.resized:
+            self.asked |= job.changed
+        if outcome.noted and self.view.version < self.version:
+            self.view = replace(self.view, originals=job.originals)
+
+    def _settle(self) -> None:
+        """Forget what has passed: the API's answers once the watch shows them, peaks once the kubelet is done."""
+        if self.job is not None or self.unsure or self.view.version < self.version:
+            return
+        self.asked = {}
         view = self.view
-        seen = view.observed_generation is None or view.observed_generation >= max(view.generation, self.generation)
+        seen = view.observed_generation is None or view.observed_generation >= view.generation
         in_force = all(c.actual is None or _same(c.actual.limit, c.spec.limit) for c in view.containers)
-        return seen and in_force and not self.busy and not self.asked and not view.pending
+        if seen and in_force and not view.pending:
+            self.peaks = {}
 
 
 def _same(actual: int | None, spec: int | None) -> bool:

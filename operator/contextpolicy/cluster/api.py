@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import urllib3
 from kubernetes import client, config
 
+from contextpolicy.cluster.pods import version_of
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
@@ -61,14 +62,13 @@ class Api:
         return True
 
     def resize(self, namespace: str, pod: str, patch: Mapping[str, Any]) -> int:
-        """PATCH pods/resize: containers merge by name. Returns the generation of the pod's spec that has it."""
-        answer = self._send("PATCH", f"/api/v1/namespaces/{namespace}/pods/{pod}/resize", patch, STRATEGIC)
-        return int(json.loads(answer)["metadata"].get("generation", 0))
+        """PATCH pods/resize: containers merge by name. Returns the version of the pod that has it."""
+        return _version(self._send("PATCH", f"/api/v1/namespaces/{namespace}/pods/{pod}/resize", patch, STRATEGIC))
 
-    def annotate(self, namespace: str, pod: str, annotations: Mapping[str, str | None]) -> None:
-        """Set annotations of a pod; None removes one."""
+    def annotate(self, namespace: str, pod: str, annotations: Mapping[str, str | None]) -> int:
+        """Set annotations of a pod; None removes one. Returns the version of the pod that has it."""
         patch = {"metadata": {"annotations": dict(annotations)}}
-        self._send("PATCH", f"/api/v1/namespaces/{namespace}/pods/{pod}", patch, MERGE)
+        return _version(self._send("PATCH", f"/api/v1/namespaces/{namespace}/pods/{pod}", patch, MERGE))
 
     def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
         """Replace what the status of a ContextPolicy says; fields that are absent now are removed by None."""
@@ -129,6 +129,14 @@ def _configure() -> None:
             config.load_kube_config()  # type: ignore[no-untyped-call]
         except config.ConfigException as error:
             raise ActuationError("NoCluster", f"no cluster: {error}; set KUBECONFIG", retriable=False) from error
+
+
+def _version(answer: bytes) -> int:
+    try:
+        return version_of(json.loads(answer)["metadata"])
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        message = f"the answer is no pod: {answer[:200].decode(errors='replace')}"
+        raise ActuationError("Unreadable", message, retriable=True) from error
 
 
 def _refusal(status: int, answer: bytes) -> ActuationError:

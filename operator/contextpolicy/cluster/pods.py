@@ -71,6 +71,10 @@ class PodView:
     observed_generation: int | None
     pending: str
     ended: bool
+    running: bool
+    """Whether a container still runs: in a pod that is being deleted they do until the grace period is over."""
+    version: int
+    """The object's resourceVersion, which only grows: a view of a lower one is older. 0 where it is no number."""
 
     def container(self, name: str) -> ContainerView | None:
         """The container of this name."""
@@ -108,7 +112,15 @@ def view(pod: Mapping[str, Any]) -> PodView:
         observed_generation=status.get("observedGeneration"),
         pending=_pending(status),
         ended=bool(metadata.get("deletionTimestamp")) or status.get("phase") in ("Succeeded", "Failed"),
+        running=any("running" in (entry.get("state") or {}) for entry in _statuses(status)),
+        version=version_of(metadata),
     )
+
+
+def version_of(metadata: Mapping[str, Any]) -> int:
+    """The resourceVersion of an object; 0 when it is no number, which Kubernetes has promised since 1.35."""
+    version = str(metadata.get("resourceVersion", ""))
+    return int(version) if version.isdecimal() else 0
 
 
 def read_originals(annotation: str | None) -> dict[str, Original]:
@@ -139,11 +151,14 @@ def _quantities(cpu: Cpu) -> dict[str, str]:
 def _containers(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Iterator[ContainerView]:
     """The long-running containers: init containers only if they are sidecars (`restartPolicy: Always`)."""
     sidecars = [c for c in spec.get("initContainers") or [] if c.get("restartPolicy") == "Always"]
-    statuses = [*(status.get("containerStatuses") or []), *(status.get("initContainerStatuses") or [])]
-    by_name = {entry["name"]: entry for entry in statuses}
+    by_name = {entry["name"]: entry for entry in _statuses(status)}
     for field, containers in (("containers", spec.get("containers") or []), ("initContainers", sidecars)):
         for container in containers:
             yield _container(container, field, by_name.get(container["name"], {}))
+
+
+def _statuses(status: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [*(status.get("containerStatuses") or []), *(status.get("initContainerStatuses") or [])]
 
 
 def _container(container: Mapping[str, Any], field: str, status: Mapping[str, Any]) -> ContainerView:

@@ -1,0 +1,627 @@
+"""From orders to patches: what is sent, when, and what is not."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+
+import pytest
+
+from contextpolicy.actuators.pod_resize import RETRY_FIRST, RETRY_LONGEST
+from contextpolicy.cluster.pods import ORIGINALS, Cpu, Original
+from contextpolicy.planning.policy import Control
+from tests.actuators.fake_cluster import UNREACHABLE, Unanswered, refusal
+from tests.actuators.rig import MOMENT, POLICY, Rig
+from tests.api.builders import a_pod, cpu
+
+OTHER = "lab/other"
+
+
+def two_pods(**kubelet: bool) -> Rig:
+    return Rig(a_pod("slam"), a_pod("speech"), **kubelet)
+
+
+def one_pod_for_two() -> Rig:
+    return Rig(a_pod("slam", {"slam": cpu("100m", "500m"), "map": cpu("100m", "500m")}))
+
+
+def limits(rig: Rig) -> tuple[int, int]:
+    return rig.cluster.limit("slam"), rig.cluster.limit("speech")
+
+
+# what is sent
+
+
+def test_a_share_becomes_the_limit_and_the_request_stays():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.work()
+    [(_, _, patch)] = [call for call in rig.cluster.calls if call[0] == "resize"]
+    assert patch == {
+        "spec": {
+            "containers": [{"name": "slam", "resources": {"limits": {"cpu": "300m"}, "requests": {"cpu": "100m"}}}]
+        }
+    }
+
+
+def test_nothing_is_sent_when_nothing_changes():
+    rig = two_pods()
+    rig.plan(slam=500, speech=500)
+    rig.watch()
+    rig.plan(slam=500, speech=500)
+    assert rig.workers.jobs == []
+
+
+def test_the_same_plan_again_sends_nothing_while_the_watch_is_late():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.work()
+    rig.plan(slam=300)
+    assert rig.workers.jobs == []
+
+
+def test_several_containers_of_a_pod_move_in_one_patch_and_sidecars_with_them():
+    rig = Rig(a_pod("slam", {"slam": cpu("10m", "500m")}, sidecars={"map": cpu("10m", "400m")}))
+    rig.plan(slam__slam=300, slam__map=200)
+    rig.settle()
+    assert rig.cluster.resizes() == [("slam", {"slam": "300m", "map": "200m"})]
+    assert rig.cluster.limits("uid-slam") == {"slam": 300, "map": 200}
+
+
+def test_a_container_that_the_order_does_not_name_is_left_alone():
+    rig = one_pod_for_two()
+    rig.plan(slam__slam=300)
+    rig.settle()
+    assert rig.cluster.limits("uid-slam") == {"slam": 300, "map": 500}
+
+
+@pytest.mark.parametrize(
+    ("control", "resources"),
+    [
+        (Control.LIMIT, {"requests": {"cpu": "100m"}, "limits": {"cpu": "300m"}}),
+        (Control.WEIGHT, {"requests": {"cpu": "300m"}, "limits": {"cpu": "800m"}}),
+        (Control.BOTH, {"requests": {"cpu": "299m"}, "limits": {"cpu": "300m"}}),
+    ],
+)
+def test_what_moves_is_the_policys_choice_and_all_of_it_comes_back(control, resources):
+    rig = Rig(a_pod("slam", {"slam": cpu("100m", "500m", None)}))
+    before = rig.cluster.pods["uid-slam"]["spec"]
+    rig.plan(slam=300, control=control)
+    rig.settle()
+    assert rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"] == resources
+    assert rig.witness.in_force == [("lab/slam/slam", 300)]
+    rig.release()
+    rig.settle()
+    assert rig.cluster.pods["uid-slam"]["spec"] == before
+
+
+def test_going_back_to_limits_brings_the_request_back():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300, control=Control.BOTH)
+    rig.settle()
+    rig.plan(slam=400)
+    rig.settle()
+    resources = rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]
+    assert (resources["requests"]["cpu"], resources["limits"]["cpu"]) == ("100m", "400m")
+
+
+@pytest.mark.parametrize("control", list(Control))
+def test_a_guaranteed_pod_keeps_its_class_both_ways(control):
+    rig = Rig(a_pod("slam", {"slam": cpu("500m", "500m", ("64Mi", "64Mi"))}, qos="Guaranteed"))
+    for share in (800, 200):
+        rig.plan(slam=share, control=control)
+        rig.settle()
+        resources = rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]
+        assert resources["requests"]["cpu"] == resources["limits"]["cpu"] == f"{share}m"
+
+
+# decreases before increases
+
+
+def test_an_increase_waits_until_the_decrease_is_in_force():
+    rig = two_pods()
+    rig.plan(slam=800, speech=200)
+    assert len(rig.workers.jobs) == 1
+    rig.work()
+    rig.watch()
+    assert limits(rig) == (500, 200)
+    assert rig.workers.jobs == [], "the API has it, the kubelet does not"
+    rig.cluster.kubelet("uid-speech")
+    rig.watch()
+    assert rig.workers.jobs == [], "the kubelet has it and has not told"
+    rig.cluster.report("uid-speech")
+    rig.watch()
+    rig.work()
+    assert limits(rig) == (800, 200)
+
+
+def test_a_report_about_an_older_spec_confirms_nothing():
+    """Up and down again: in force may be what was asked in between, although spec and report look alike."""
+    rig = two_pods()
+    rig.plan(slam=300, speech=300)
+    rig.settle()
+    rig.plan(slam=300, speech=700)
+    rig.work()
+    rig.watch()
+    rig.plan(slam=700, speech=300)
+    rig.work()
+    rig.cluster.report("uid-speech")  # still of the first spec
+    rig.watch()
+    assert rig.workers.jobs == []
+    rig.cluster.confirm("uid-speech")
+    rig.watch()
+    assert len(rig.workers.jobs) == 1
+
+
+def test_what_the_driver_rounds_up_counts_as_in_force():
+    rig = two_pods()
+    rig.plan(slam=500, speech=333)
+    rig.work()
+    rig.cluster.kubelet("uid-speech")
+    rig.cluster._specs["uid-speech"][0][1]["speech"] = 340
+    rig.cluster.report("uid-speech")
+    rig.watch()
+    rig.plan(slam=660, speech=333)
+    assert len(rig.workers.jobs) == 1
+
+
+def test_an_increase_that_fits_need_not_wait():
+    rig = two_pods()
+    rig.plan(slam=800, speech=500, n=1300)
+    assert len(rig.workers.jobs) == 1
+
+
+def test_a_refused_increase_takes_no_room():
+    """The kubelet never hears of it, so no news of the pod would ever free what it was to have."""
+    rig = two_pods()
+    rig.plan(slam=300, speech=300)
+    rig.settle()
+    rig.cluster.faults.append(refusal())
+    rig.plan(slam=700, speech=300)
+    rig.work()
+    rig.plan(slam=300, speech=700)
+    rig.work()
+    assert limits(rig) == (300, 700)
+
+
+def test_nothing_rises_beside_a_container_that_was_never_seen():
+    """A new pod starts with the limit of its template; the plan counts on it already."""
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=800, speech=200)
+    assert rig.workers.jobs == []
+    rig.cluster.create(a_pod("speech"))
+    rig.watch()
+    rig.work()
+    assert limits(rig) == (500, 200)
+    rig.settle()
+    assert limits(rig) == (800, 200)
+
+
+def test_a_pod_keeps_its_share_until_its_containers_have_ended():
+    rig = two_pods()
+    rig.plan(slam=600, speech=400)
+    rig.settle()
+    rig.cluster.terminate("uid-speech")
+    rig.watch()
+    rig.plan(slam=1000)
+    assert rig.workers.jobs == []
+    rig.remove("uid-speech")
+    rig.work()
+    assert rig.cluster.limit("slam") == 1000
+
+
+def test_weights_need_no_order():
+    rig = two_pods()
+    rig.plan(slam=800, speech=200, control=Control.WEIGHT)
+    assert len(rig.workers.jobs) == 2
+
+
+# the latest plan wins
+
+
+def test_plans_during_a_patch_become_one_patch_the_newest():
+    rig = Rig(a_pod("slam"))
+    for share in (300, 350, 400, 450):
+        rig.plan(slam=share)
+    assert len(rig.workers.jobs) == 1
+    rig.work()
+    assert len(rig.workers.jobs) == 1
+    rig.work()
+    assert [limits["slam"] for _, limits in rig.cluster.resizes()] == ["300m", "450m"]
+    assert rig.workers.jobs == []
+
+
+def test_a_plan_made_while_a_patch_was_refused_is_sent_at_once():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.plan(slam=400)
+    rig.cluster.faults.append(refusal())
+    rig.work()
+    rig.work()
+    assert rig.cluster.limit("slam") == 400
+
+
+# the note of what was there
+
+
+def test_the_originals_are_written_once_and_before_the_first_resize():
+    rig = Rig(a_pod("slam"))
+    for share in (300, 400, 450):
+        rig.plan(slam=share)
+        rig.settle()
+    assert [call for call, *_ in rig.cluster.calls] == ["annotate", "resize", "resize", "resize"]
+    written = json.loads(rig.cluster.calls[0][2][ORIGINALS])
+    assert written == {"slam": {"policy": POLICY, "request": "100m", "limit": "500m"}}
+
+
+def test_a_release_puts_all_back_and_then_takes_the_note_away():
+    rig = two_pods()
+    rig.plan(slam=300, speech=700)
+    rig.settle()
+    rig.cluster.calls.clear()
+    rig.release()
+    assert rig.released == []
+    while rig.workers.jobs:
+        rig.work()
+    assert sorted(call[:2] for call in rig.cluster.calls[:2]) == [("annotate", "slam"), ("resize", "slam")]
+    assert [call for call, *_ in rig.cluster.calls] == ["resize", "annotate"] * 2
+    assert limits(rig) == (500, 500)
+    assert rig.cluster.originals("uid-slam") == rig.cluster.originals("uid-speech") == {}
+    assert rig.released == [POLICY]
+
+
+def test_a_release_with_nothing_to_do_is_done_at_once():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=500)
+    rig.release()
+    assert (rig.released, rig.cluster.calls) == ([POLICY], [])
+
+
+def test_a_release_waits_for_the_first_patch_that_is_under_way():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.release()
+    assert rig.released == []
+    rig.work()
+    assert rig.cluster.limit("slam") == 300
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam"), rig.released) == (500, {}, [POLICY])
+
+
+def test_a_release_after_a_first_patch_without_an_answer_restores():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.cluster.faults += [None, Unanswered(UNREACHABLE)]
+    rig.work()
+    rig.release()
+    assert rig.released == []
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam"), rig.released) == (500, {}, [POLICY])
+
+
+def test_a_release_takes_away_the_note_of_a_resize_that_was_refused():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.cluster.faults += [None, refusal()]
+    rig.work()
+    rig.release()
+    rig.settle()
+    assert (rig.cluster.originals("uid-slam"), rig.released) == ({}, [POLICY])
+
+
+def test_a_release_does_not_wait_for_pods_that_vanish_or_end():
+    rig = two_pods()
+    rig.plan(slam=300, speech=300)
+    rig.settle()
+    rig.release()
+    rig.cluster.pods["uid-slam"]["status"]["phase"] = "Failed"  # evicted pods stay as objects
+    rig.cluster._commit("uid-slam")
+    rig.watch("uid-slam")
+    rig.remove("uid-speech")
+    assert rig.released == [POLICY]
+
+
+def test_a_container_that_is_claimed_no_more_is_put_back():
+    rig = two_pods()
+    rig.plan(slam=300, speech=700)
+    rig.settle()
+    rig.plan(slam=300)
+    rig.settle()
+    assert limits(rig) == (300, 500)
+    assert rig.cluster.originals("uid-speech") == {}
+
+
+def test_a_claimed_container_without_a_share_keeps_what_it_has():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.order(POLICY, {})
+    rig.order(POLICY, {"lab/slam/slam": 300})
+    rig.settle()
+    assert rig.cluster.limit("slam") == 300
+
+
+def test_a_policy_that_takes_a_container_over_restores_what_was_there_before_the_first():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.kill()  # and the first policy was removed by force meanwhile
+    rig.plan(OTHER, slam=400)
+    rig.settle()
+    assert rig.cluster.originals("uid-slam") == {"slam": Original(OTHER, Cpu(100, 500))}
+    rig.release(OTHER)
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.released) == (500, [OTHER])
+
+
+def test_a_late_view_does_not_make_a_restored_container_look_annotated():
+    """Claimed again while the watch still shows the old note: it must be written anew."""
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.release()
+    rig.work()
+    assert len(rig.cluster.feeds["uid-slam"]) == 2
+    rig.watch_one("uid-slam")  # resized back, the note still there
+    rig.plan(slam=400)
+    rig.watch()
+    rig.settle()
+    assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
+
+
+def test_a_damaged_note_does_not_keep_the_pod_from_being_resized():
+    rig = Rig(a_pod("slam", annotations={ORIGINALS: "{slam"}))
+    rig.plan(slam=300)
+    rig.settle()
+    assert rig.cluster.limit("slam") == 300
+
+
+# two policies in one pod
+
+
+def test_policies_that_share_a_pod_do_not_wait_for_news_of_each_others_patch():
+    rig = one_pod_for_two()
+    rig.plan(slam__slam=300)
+    rig.plan(OTHER, slam__map=300)
+    rig.cluster.faults.append(refusal())
+    rig.work()
+    rig.work()
+    assert rig.cluster.limits("uid-slam") == {"slam": 500, "map": 300}
+
+
+def test_each_policy_restores_its_own_containers():
+    rig = one_pod_for_two()
+    rig.plan(slam__slam=300)
+    rig.plan(OTHER, slam__map=300)
+    rig.settle()
+    rig.release()
+    rig.settle()
+    assert rig.cluster.limits("uid-slam") == {"slam": 500, "map": 300}
+    assert rig.cluster.originals("uid-slam").keys() == {"map"}
+
+
+def test_a_refused_restore_is_not_repeated_when_another_policy_plans():
+    rig = one_pod_for_two()
+    rig.plan(slam__slam=300)
+    rig.plan(OTHER, slam__map=300)
+    rig.settle()
+    rig.cluster.faults.append(refusal())
+    rig.plan()  # claims nothing any more
+    rig.work()
+    for _ in range(3):
+        rig.plan(OTHER, slam__map=300)
+    assert rig.workers.jobs == []
+
+
+# failures
+
+
+def times_of_calls(rig: Rig, seconds: float) -> list[float]:
+    """When the API was called, in steps of 10 ms."""
+    times, seen = [], len(rig.cluster.calls)
+    for step in range(round(seconds * 100)):
+        while rig.workers.jobs:
+            rig.work()
+        if len(rig.cluster.calls) > seen:
+            times.append(step / 100)
+            seen = len(rig.cluster.calls)
+        rig.wait(0.01)
+    return times
+
+
+@pytest.mark.parametrize("reason", ["Unreachable", "Conflict", "TooManyRequests", "ServerError", "Unauthorized"])
+def test_a_failure_that_may_pass_is_tried_again_ever_more_slowly(reason):
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [refusal(reason, retriable=True)] * 8
+    rig.plan(slam=300)
+    times = times_of_calls(rig, 25)
+    gaps = [round(after - before, 1) for before, after in pairwise(times)]
+    assert gaps == [RETRY_FIRST, 0.2, 0.4, 0.8, 1.6, 3.2, RETRY_LONGEST, RETRY_LONGEST]
+    assert rig.cluster.limit("slam") == 300
+    assert rig.witness.problems == [(POLICY, "slam", reason)] * 8 + [(POLICY, "slam", "recovered")]
+
+
+def test_neither_news_nor_plans_shorten_the_pause():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [UNREACHABLE]
+    rig.plan(slam=300)
+    rig.work()
+    rig.plan(slam=400)
+    rig.cluster.report("uid-slam")
+    rig.watch()
+    assert rig.workers.jobs == []
+    rig.wait(RETRY_FIRST + MOMENT)
+    rig.work()
+    assert rig.cluster.limit("slam") == 400
+
+
+def test_an_answer_that_is_lost_is_asked_for_again_and_the_note_is_not_spoilt():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [Unanswered(UNREACHABLE), None, Unanswered(UNREACHABLE)]
+    rig.plan(slam=300)
+    rig.settle()
+    assert rig.cluster.limit("slam") == 300
+    assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
+
+
+@pytest.mark.parametrize("reason", ["Invalid", "Forbidden", "BadRequest", "Refused"])
+def test_a_refusal_is_not_repeated(reason):
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, refusal(reason)]
+    rig.plan(slam=300)
+    assert times_of_calls(rig, 20) == [0.0]
+    rig.cluster.report("uid-slam")
+    rig.watch()
+    rig.plan(slam=300)
+    assert rig.workers.jobs == []
+    assert rig.witness.problems == [(POLICY, "slam", reason)]
+
+
+def test_a_refusal_is_tried_again_when_the_wish_changes():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, refusal()]
+    rig.plan(slam=300)
+    rig.work()
+    rig.plan(slam=400)
+    rig.work()
+    assert rig.cluster.limit("slam") == 400
+    assert rig.witness.problems[-1] == (POLICY, "slam", "recovered")
+
+
+def test_a_refusal_is_tried_again_when_the_pod_changes():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, refusal()]
+    rig.plan(slam=300)
+    rig.work()
+    rig.cluster.edit("uid-slam", "slam", cpu="600m")
+    rig.settle()
+    assert rig.cluster.limit("slam") == 300
+
+
+def test_a_refused_wish_that_is_given_up_is_no_problem_any_more():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, refusal()]
+    rig.plan(slam=300)
+    rig.work()
+    rig.plan(slam=500)
+    assert rig.witness.problems[-1] == (POLICY, "slam", "recovered")
+
+
+def test_a_refused_restore_is_tried_again_when_somebody_asks_again():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.cluster.faults.append(refusal("Forbidden"))
+    rig.release()
+    rig.work()
+    assert rig.released == []
+    rig.watch()
+    assert rig.workers.jobs == []
+    rig.release()
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.released) == (500, [POLICY])
+
+
+def test_a_pod_that_is_not_found_is_forgotten_without_a_word():
+    rig = two_pods()
+    rig.plan(slam=300, speech=300)
+    rig.cluster.remove("uid-slam")
+    while rig.workers.jobs:
+        rig.work()
+    rig.wait(60.0)
+    assert (rig.workers.jobs, rig.witness.problems) == ([], [])
+    rig.release()
+    rig.settle()
+    assert rig.released == [POLICY]
+
+
+def test_a_patch_that_ends_after_its_pod_changes_nothing():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.remove("uid-slam")
+    rig.work()
+    rig.release()
+    assert rig.released == [POLICY]
+
+
+# what the watch shows
+
+
+def test_a_view_from_before_the_last_patch_sends_nothing():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.report("uid-slam")
+    rig.plan(slam=300)
+    rig.work()
+    rig.watch_one("uid-slam")  # the report from before
+    rig.watch_one("uid-slam")  # the note, not yet the resize
+    assert rig.workers.jobs == []
+
+
+def test_an_external_change_of_the_limit_is_put_right():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.cluster.edit("uid-slam", "slam", cpu="900m")
+    rig.watch()
+    rig.work()
+    assert rig.cluster.limit("slam") == 300
+
+
+def test_a_new_pod_gets_its_share():
+    rig = two_pods()
+    rig.plan(slam=300, speech=700)
+    rig.settle()
+    rig.remove("uid-slam")
+    rig.cluster.create(a_pod("slam", uid="uid-slam-2"))
+    rig.settle()
+    assert rig.cluster.limits("uid-slam-2") == {"slam": 300}
+
+
+def test_accepted_and_in_force_are_told():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.work()
+    assert (rig.witness.accepted, rig.witness.in_force) == ([("lab/slam/slam", 300)], [])
+    rig.cluster.confirm()
+    rig.watch()
+    rig.cluster.report("uid-slam")
+    rig.watch()
+    assert rig.witness.in_force == [("lab/slam/slam", 300)]
+
+
+# restarts
+
+
+def test_a_new_operator_knows_the_originals_and_restores_them():
+    rig = two_pods()
+    rig.plan(slam=800, speech=200)
+    rig.settle()
+    rig.kill()
+    rig.plan(slam=800, speech=200)
+    assert rig.workers.jobs == []
+    rig.release()
+    rig.settle()
+    assert limits(rig) == (500, 500)
+    assert rig.released == [POLICY]
+
+
+def test_a_new_operator_moves_nothing_before_a_policy_speaks():
+    rig = two_pods()
+    rig.plan(slam=800, speech=200)
+    rig.settle()
+    rig.kill()
+    rig.wait(60.0)
+    assert rig.workers.jobs == []
+
+
+@pytest.mark.parametrize("observed_generation", [True, False])
+def test_kubelets_that_report_no_observed_generation_are_believed_by_their_resources(observed_generation):
+    rig = two_pods(observed_generation=observed_generation)
+    rig.cluster.confirm()
+    rig.watch()
+    rig.plan(slam=800, speech=200)
+    rig.work()
+    rig.watch()
+    assert rig.workers.jobs == []
+    rig.settle()
+    assert limits(rig) == (800, 200)
