@@ -26,7 +26,7 @@ from contextpolicy.telemetry import metrics
 from contextpolicy.telemetry.bus import Bus, message
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     import zenoh
     from reactivex.abc import DisposableBase, SchedulerBase
@@ -72,7 +72,7 @@ class Controller:
         self._with = surroundings
         self._inputs: Subject[Input] = Subject()
         self._subscription: DisposableBase | None = None
-        self._pods: list[PodView] = []
+        self._pods: Collection[PodView] = ()
         self._arrived: float | None = None
         self._bus: Bus | None = None
         self._follower = Follower(surroundings.scheduler, self._order)
@@ -115,8 +115,8 @@ class Controller:
             self._bus.withdraw()
         self.stop()
 
-    def place(self, claim: Claim, pods: list[PodView]) -> None:
-        """Take where the containers run."""
+    def place(self, claim: Claim, pods: Collection[PodView]) -> None:
+        """Take where the containers run; `pods` stays up to date, since most updates of a pod are no new placement."""
         self.claim, self._pods = claim, pods
         self._inputs.on_next(claim.placement)
         if self.policy.mode is not Mode.PAUSED:

@@ -223,7 +223,7 @@ class Runtime:
                 self._tell(controller.policy.reference, "Conflicted", "; ".join(own.conflicts))
             if own.realtime and own.realtime != controller.claim.realtime:
                 self._tell(controller.policy.reference, "RealtimeUnavailable", "; ".join(own.realtime))
-            controller.place(own, list(self._pods.values()))
+            controller.place(own, self._pods.values())
 
     def _report(self, reference: str) -> None:
         self._clerk.status(reference, lambda: self._status(reference))
@@ -282,6 +282,6 @@ def _fulfil(done: Future[None]) -> None:
 def _seat(pod: PodView) -> tuple[object, ...]:
     """What of a pod decides about claims: a mere status update must not cost a new placement."""
     bounds = tuple(
-        (c.name, c.lowest_limit, c.spec.limit is None, c.memory_limit, c.container_id) for c in pod.containers
+        (c.name, pod.floor(c), c.spec.limit is None, c.memory_limit, c.container_id) for c in pod.containers
     )
     return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds
