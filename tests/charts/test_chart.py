@@ -27,6 +27,10 @@ DEFAULTS = {
     ("Service", "contextpolicy-metrics"),
     ("Service", "contextpolicy-router"),
     ("ServiceAccount", "contextpolicy"),
+    ("ClusterRole", "contextpolicy-restore"),
+    ("ClusterRoleBinding", "contextpolicy-restore"),
+    ("Job", "contextpolicy-restore"),
+    ("ServiceAccount", "contextpolicy-restore"),
 }
 
 
@@ -54,6 +58,7 @@ def test_everything_at_once_renders(render):
     assert added == {
         ("DaemonSet", "contextpolicy-agent"),
         ("NetworkPolicy", "contextpolicy"),
+        ("NetworkPolicy", "contextpolicy-restore"),
         ("NetworkPolicy", "contextpolicy-router"),
         ("ServiceAccount", "contextpolicy-agent"),
         ("ServiceMonitor", "contextpolicy"),

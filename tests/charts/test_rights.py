@@ -14,6 +14,11 @@ IN_A_NAMESPACE = {
     ("", "pods/resize"): {"patch"},
     ("", "events"): {"create"},
 }
+RESTORE = {
+    ("contextpolicy.dev", "contextpolicies"): {"list", "patch"},
+    ("", "pods"): {"list", "patch"},
+    ("", "pods/resize"): {"patch"},
+}
 
 
 def rights(role):
@@ -30,17 +35,18 @@ def test_the_operator_may_do_this_everywhere(render):
     rendered = render()
     assert rights(rendered["ClusterRole", "contextpolicy"]) == NODES | IN_A_NAMESPACE
     assert not [key for key in rendered if key[0] == "Role"]
+    assert rights(rendered["ClusterRole", "contextpolicy-restore"]) == RESTORE
 
 
 def test_with_namespaces_it_may_do_it_there_only(render):
     rendered = render("watchNamespaces={robot}")
     assert rights(rendered["ClusterRole", "contextpolicy"]) == NODES
-    role, binding = rendered["Role", "contextpolicy"], rendered["RoleBinding", "contextpolicy"]
-    assert rights(role) == IN_A_NAMESPACE
-    assert role["metadata"]["namespace"] == binding["metadata"]["namespace"] == "robot"
-    assert binding["subjects"] == [
-        {"kind": "ServiceAccount", "name": "contextpolicy", "namespace": "contextpolicy-system"}
-    ]
+    assert not [key for key in rendered if key[0].startswith("ClusterRole") and key[1].endswith("-restore")]
+    for account, expected in (("contextpolicy", IN_A_NAMESPACE), ("contextpolicy-restore", RESTORE)):
+        role, binding = rendered["Role", account], rendered["RoleBinding", account]
+        assert rights(role) == expected
+        assert role["metadata"]["namespace"] == binding["metadata"]["namespace"] == "robot"
+        assert binding["subjects"] == [{"kind": "ServiceAccount", "name": account, "namespace": "contextpolicy-system"}]
 
 
 def test_users_get_policies_and_nothing_else(render):
@@ -62,22 +68,25 @@ def test_rights_can_be_left_to_others(render):
     assert not kinds & {"Role", "RoleBinding", "ClusterRole", "ClusterRoleBinding"}
 
 
-@pytest.mark.parametrize("name", ["contextpolicy", "contextpolicy-router"])
-def test_operator_and_router_pass_the_restricted_standard(render, name):
-    deployment = render()["Deployment", name]
-    pod = deployment["spec"]["template"]["spec"]
+@pytest.mark.parametrize(
+    "workload",
+    [("Deployment", "contextpolicy"), ("Deployment", "contextpolicy-router"), ("Job", "contextpolicy-restore")],
+)
+def test_all_but_the_agent_pass_the_restricted_standard(render, workload):
+    rendered = render()[workload]
+    pod = rendered["spec"]["template"]["spec"]
     assert pod["securityContext"]["runAsNonRoot"] is True
     assert pod["securityContext"]["runAsUser"] > 0
     assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
     assert not pod.keys() & {"volumes", "hostNetwork", "hostPID", "hostIPC"}
-    assert container(deployment)["securityContext"] == {
+    assert container(rendered)["securityContext"] == {
         "allowPrivilegeEscalation": False,
         "readOnlyRootFilesystem": True,
         "capabilities": {"drop": ["ALL"]},
     }
 
 
-def test_only_the_operator_gets_a_token(render):
+def test_only_the_operator_and_what_cleans_up_after_it_get_a_token(render):
     rendered = render("agent.enabled=true")
     router, agent = rendered["Deployment", "contextpolicy-router"], rendered["DaemonSet", "contextpolicy-agent"]
     assert [one["spec"]["template"]["spec"]["automountServiceAccountToken"] for one in (router, agent)] == [
@@ -85,7 +94,7 @@ def test_only_the_operator_gets_a_token(render):
         False,
     ]
     bound = [s["name"] for (kind, _), item in rendered.items() if kind.endswith("Binding") for s in item["subjects"]]
-    assert bound == ["contextpolicy"]
+    assert sorted(bound) == ["contextpolicy", "contextpolicy-restore"]
 
 
 @pytest.mark.parametrize(
@@ -107,8 +116,8 @@ def test_the_agent_has_what_writing_cgroups_needs(render, realtime, capabilities
 
 
 def test_every_container_has_a_weight_and_a_bound(render):
-    workloads = [item for (kind, _), item in render(*EVERYTHING).items() if kind in ("Deployment", "DaemonSet")]
-    assert len(workloads) == 3
+    workloads = [item for (kind, _), item in render(*EVERYTHING).items() if kind in ("Deployment", "DaemonSet", "Job")]
+    assert len(workloads) == 4
     for workload in workloads:
         resources = container(workload)["resources"]
         assert resources["requests"].keys() == resources["limits"].keys() == {"cpu", "memory"}

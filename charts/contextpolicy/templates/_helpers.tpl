@@ -114,3 +114,15 @@ affinity:
   resources: [events]
   verbs: [create]
 {{- end -}}
+
+{{/* Whether uninstalling puts containers back; without rights the Job could do nothing. */}}
+{{- define "contextpolicy.restores" -}}
+{{- if and .Values.restoreOnUninstall .Values.rbac.create -}}true{{- end -}}
+{{- end -}}
+
+{{/* The annotations of what exists only while the release is uninstalled. Takes the weight: low ones come first. */}}
+{{- define "contextpolicy.uninstallHook" -}}
+helm.sh/hook: post-delete
+helm.sh/hook-weight: {{ . | quote }}
+helm.sh/hook-delete-policy: hook-succeeded,before-hook-creation
+{{- end -}}

@@ -1,0 +1,72 @@
+"""What `helm uninstall` does after the operator is gone: put every container back."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.charts.conftest import CHART
+from tests.charts.test_chart import EVERYTHING, container
+
+HOOK = "helm.sh/hook"
+ADVICE = "Before you uninstall, let the operator put every container back"
+
+
+def hooks(rendered):
+    """All that exists only while the release is uninstalled, in the order of creation."""
+    found = [item for item in rendered.values() if HOOK in item["metadata"].get("annotations", {})]
+    return sorted(found, key=lambda item: int(item["metadata"]["annotations"][f"{HOOK}-weight"]))
+
+
+def notes(helm, *settings):
+    values = [part for one in settings for part in ("--set", one)]
+    done = helm("install", "contextpolicy", str(CHART), "--dry-run=client", *values)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_rights_come_before_the_job_and_go_after_it(render):
+    kinds = [item["kind"] for item in hooks(render())]
+    assert kinds == ["ServiceAccount", "ClusterRole", "ClusterRoleBinding", "Job"]
+    for item in hooks(render(*EVERYTHING)):
+        annotations = item["metadata"]["annotations"]
+        assert annotations[HOOK] == "post-delete"
+        assert annotations[f"{HOOK}-delete-policy"] == "hook-succeeded,before-hook-creation"
+
+
+@pytest.mark.parametrize(
+    ("settings", "namespaces"),
+    [((), []), (("watchNamespaces={robot,lab}",), ["--namespace=robot", "--namespace=lab"])],
+)
+def test_the_job_restores_what_the_operator_served(render, settings, namespaces):
+    job = render(*settings)["Job", "contextpolicy-restore"]
+    assert container(job)["args"] == ["restore", "--remove-finalizers", *namespaces]
+    assert job["spec"]["template"]["spec"]["serviceAccountName"] == "contextpolicy-restore"
+
+
+def test_each_namespace_gives_its_own_rights(helm):
+    done = helm("template", "x", str(CHART), "--set", "watchNamespaces={robot,lab}", "-s", "templates/restore.yaml")
+    assert [line for line in done.stdout.splitlines() if line.startswith("kind: ")] == [
+        "kind: ServiceAccount",
+        *["kind: Role"] * 2,
+        *["kind: RoleBinding"] * 2,
+        "kind: Job",
+    ]
+
+
+def test_the_job_reaches_the_api_and_nothing_else(render):
+    spec = render(*EVERYTHING)["NetworkPolicy", "contextpolicy-restore"]["spec"]
+    assert spec["egress"] == [{"ports": [{"port": 443}, {"port": 6443}]}]
+    assert spec["ingress"] == []
+    labels = render(*EVERYTHING)["Job", "contextpolicy-restore"]["spec"]["template"]["metadata"]["labels"]
+    assert spec["podSelector"]["matchLabels"].items() <= labels.items()
+
+
+@pytest.mark.parametrize("setting", ["restoreOnUninstall=false", "rbac.create=false"])
+def test_without_it_the_notes_tell_what_to_do_by_hand(helm, render, setting):
+    assert hooks(render(setting, *EVERYTHING)) == []
+    assert ADVICE in notes(helm, setting)
+
+
+def test_with_it_there_is_nothing_to_do_by_hand(helm):
+    assert ADVICE not in notes(helm)
+    assert "kubectl delete ctxp" not in notes(helm)
