@@ -62,9 +62,7 @@ class _Registry:
             elif obstacle is not None:
                 result.obstacles[task.name] = obstacle
             else:
-                held[identity] = Container(
-                    identity, task.name, pod.node, container.lowest_limit, container.memory_limit
-                )
+                held[identity] = Container(identity, task.name, pod.node, pod.floor(container), container.memory_limit)
         return self._take(policy, list(held.values()), result)
 
     def _take(self, policy: Policy, held: list[Container], result: Claim) -> Claim:

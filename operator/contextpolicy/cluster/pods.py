@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.planning.quantities import format_cpu, parse_cpu_ceiling, parse_memory
@@ -13,6 +15,8 @@ if TYPE_CHECKING:
 
 ORIGINALS = "contextpolicy.dev/original-resources"
 """Annotation: the CPU resources that each container had before the first resize, as JSON, written before it."""
+
+_EXPONENT = re.compile(r"[0-9]{1,15}(\.[0-9]{1,9})?[eE]-?[0-9]{1,2}")
 
 MIRROR = "kubernetes.io/config.mirror"
 """Annotation of a static pod's image in the API; the kubelet refuses to resize it."""
@@ -37,13 +41,6 @@ class ContainerView:
     memory_request: int | None
     memory_limit: int | None
     container_id: str
-
-    @property
-    def lowest_limit(self) -> int:
-        """The request is a floor for the limit; just above it where equality would turn the pod Guaranteed."""
-        request = self.spec.request or 0
-        equal_memory = self.memory_limit is not None and self.memory_request == self.memory_limit
-        return request + 1 if equal_memory and self.spec.request != self.spec.limit else request
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +76,20 @@ class PodView:
     def container(self, name: str) -> ContainerView | None:
         """The container of this name."""
         return next((container for container in self.containers if container.name == name), None)
+
+    def floor(self, container: ContainerView) -> int:
+        """The least limit that the container's request allows, where only limits move; 0 where both move together.
+
+        What counts is the request that it had before us. Where the request's equal would turn the pod Guaranteed, the
+        floor is just above it.
+        """
+        if self.qos == "Guaranteed":
+            return 0
+        original = self.originals.get(container.name)
+        cpu = original.cpu if original else container.spec
+        request = cpu.request or 0
+        equal_memory = container.memory_limit is not None and container.memory_request == container.memory_limit
+        return request + 1 if equal_memory and cpu.request != cpu.limit else request
 
     def obstacle(self, container: ContainerView) -> str | None:
         """Why this container's CPU can't be changed in place, with what to do; None when it can."""
@@ -181,11 +192,16 @@ def _cpu_of(resources: Mapping[str, Any]) -> Cpu:
 
 
 def _cpu(raw: object) -> int | None:
-    return None if raw is None else parse_cpu_ceiling(raw)
+    return None if raw is None else parse_cpu_ceiling(_plain(raw))
 
 
 def _memory(raw: object) -> int | None:
-    return None if raw is None else parse_memory(raw)
+    return None if raw is None else parse_memory(_plain(raw))
+
+
+def _plain(raw: object) -> object:
+    """A quantity without the exponent that the API server keeps where somebody wrote one: 128e6."""
+    return f"{Decimal(str(raw)):f}" if _EXPONENT.fullmatch(str(raw)) else raw
 
 
 def _pending(status: Mapping[str, Any]) -> str:
