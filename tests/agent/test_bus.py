@@ -10,6 +10,7 @@ from reactivex.scheduler import EventLoopScheduler
 
 from contextpolicy.agent.bus import AgentBus
 from contextpolicy.cluster.agents import Report
+from contextpolicy.telemetry import agents
 from contextpolicy.telemetry.agents import AgentWatch
 from contextpolicy.telemetry.bus import agent_key, plan_key
 from tests.agent.builders import NODE
@@ -101,7 +102,8 @@ def test_what_is_not_a_plan_is_not_heard(bus, operator, listener):  # noqa: ARG0
     listener.expect((POLICY, b"plan"))
 
 
-def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(address, operator, scheduler):
+def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(address, operator, scheduler, monkeypatch):
+    monkeypatch.setattr(agents, "RETURN", 0.0)
     agent, watcher = Listener(), Listener()
     watch = AgentWatch(operator, scheduler, watcher.changed)
     assert watch.reports == {}
@@ -113,6 +115,21 @@ def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(addr
         bus.close()
         watcher.expect("changed", "changed")
         assert watch.reports == {}
+    watch.close()
+
+
+def test_an_agent_that_is_back_soon_was_not_gone(address, operator, scheduler):
+    watcher, heir = Listener(), Listener()
+    heir.lacks = ["hostPID"]
+    watch = AgentWatch(operator, scheduler, watcher.changed)
+    with client(address) as session:
+        bus = AgentBus(session, NODE, scheduler, Listener())
+        watcher.expect("changed")
+        bus.close()
+        bus = AgentBus(session, NODE, scheduler, heir)
+        watcher.expect("changed", "changed")
+        assert watch.reports == {NODE: Report("", "hostPID")}
+        bus.close()
     watch.close()
 
 

@@ -81,8 +81,8 @@ class Component:
         return int(self._status()["restartCount"])
 
     def wait(self) -> None:
-        """Wait until it runs; after several kills the kubelet takes its time."""
-        until(f"{self._name} runs", lambda: bool(self._processes()), patience=120)
+        """Wait until it runs; the kubelet takes its time with one that was killed twice."""
+        until(f"{self._name} runs", lambda: bool(self._processes()))
 
     def _processes(self) -> list[int]:
         cgroup = find(self._status().get("containerID", ""))

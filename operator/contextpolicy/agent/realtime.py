@@ -1,5 +1,7 @@
 """Realtime budgets (Eq. 2): a container's share of each period at realtime priority, top-down through the cgroups.
 
+The kernel counts a budget on each processor by itself: a task with two busy threads on two of them gets it twice.
+
 A suspended task leaves realtime: its threads go back to the fair scheduler. Its share of a period is 1 ms, which it
 would get in one go and then stand still for the rest of the second, long enough to lose its Zenoh session; as an
 ordinary task with the least CPU limit it gets 1 ms in each 100 ms, of the 5 % and more that realtime tasks leave. It

@@ -12,10 +12,13 @@ from contextpolicy.telemetry.bus import agent_key
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from reactivex.abc import SchedulerBase
+    from reactivex.abc import DisposableBase, SchedulerBase
 
 PATIENCE = 1.0
 """Seconds in which the agents that live already must be known: a plan made without them would move them to and fro."""
+RETURN = 5.0
+"""Seconds that an agent may be gone, as for an upgrade, before its node counts as without. To fall back and return at
+once would be a quick revert of every limit, which kubelets get wrong (kubernetes#125205)."""
 
 
 class AgentWatch:
@@ -25,6 +28,7 @@ class AgentWatch:
         """Waits for the agents' first answers: never call it on the loop's thread."""
         self._session, self._scheduler, self._on_change = session, scheduler, on_change
         self.reports = dict(self._ask())
+        self._missed: dict[str, DisposableBase] = {}
         self._subscriber: Any = session.liveliness().declare_subscriber(agent_key("*"), self._on_token, history=True)
 
     def close(self) -> None:
@@ -38,9 +42,14 @@ class AgentWatch:
     def _on_token(self, token: zenoh.Sample) -> None:
         """Zenoh's callbacks must not call Zenoh."""
         node, lives = _node(token.key_expr), token.kind == zenoh.SampleKind.PUT
-        self._later(lambda: self._inquire(node) if lives else self._set(node, None))
+        self._later(lambda: self._inquire(node) if lives else self._miss(node))
+
+    def _miss(self, node: str) -> None:
+        self._missed[node] = self._scheduler.schedule_relative(RETURN, lambda *_: self._set(node, None))
 
     def _inquire(self, node: str) -> None:
+        if node in self._missed:
+            self._missed.pop(node).dispose()
         self._session.get(agent_key(node), lambda reply: self._on_reply(node, reply), timeout=PATIENCE)
 
     def _on_reply(self, node: str, reply: zenoh.Reply) -> None:
