@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from collections import deque
 from threading import Event
@@ -61,6 +62,9 @@ def main(arguments: argparse.Namespace) -> int:
                 _follow(arguments, session, view)
     except KeyboardInterrupt:
         pass  # how a person ends it
+    except BrokenPipeError:
+        # The reader of the pipe has left; Python must not flush what it did not take.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 
