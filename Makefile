@@ -3,6 +3,7 @@ SHELL := /bin/bash
 PYTHON := .venv/bin/python
 CLUSTER := $(PYTHON) -m tests.cluster
 POLICY ?= config/policies/delivery-robot.yaml
+VOICES := flite festival festvox-kallpc16k festvox-us-slt-hts sox
 TIMELINE ?= timelines/demo.json
 CORES ?= 2
 
@@ -57,6 +58,7 @@ images: cluster  ## build the images and import them into the node
 	$(CLUSTER) image contextpolicy-speech modules/speech/Dockerfile .
 
 recordings: setup  ## make the demo's recordings: a rendered EuRoC sequence and synthesised speech
+	dpkg --status $(VOICES) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(VOICES); }
 	$(PYTHON) -m timelines.datasets
 
 crds: setup  ## copy the canonical CRD into the chart
