@@ -133,7 +133,7 @@ def test_policies_are_released_and_other_finalizers_stay(restore: Any) -> None:
     server = Server(moved(), policies=[policy("robot", "example.com/backup")])
     code, out = restore(server, "--remove-finalizers")
     assert code == 0
-    assert out.splitlines()[1:] == ["ContextPolicy lab/robot: its finalizer is off"]
+    assert out.splitlines()[1:] == ["ContextPolicy lab/robot: its finalizer -> none"]
     assert server.objects[0]["metadata"]["finalizers"] == ["example.com/backup"]
     assert restore(server, "--remove-finalizers") == (0, "nothing to restore\n")
 
@@ -151,7 +151,7 @@ def test_a_policy_is_held_while_one_of_its_containers_is_not_back(restore: Any) 
     assert code == 1
     assert out.splitlines()[1:] == [
         "ContextPolicy lab/robot: NOT released: not all of its containers are restored",
-        "ContextPolicy lab/other: its finalizer is off",
+        "ContextPolicy lab/other: its finalizer -> none",
     ]
 
 
@@ -173,7 +173,7 @@ def test_namespaces_bound_it_and_one_that_is_closed_keeps_nobody_from_the_others
         "closed: NOT restored: Forbidden: you may not (HTTP 403)",
         "lab/slam/slam: limit 990m -> 500m",
         "ContextPolicy closed: NOT released: Forbidden: you may not (HTTP 403)",
-        "ContextPolicy lab/robot: its finalizer is off",
+        "ContextPolicy lab/robot: its finalizer -> none",
     ]
     assert server.cluster.limit("speech") == 990
 

@@ -68,7 +68,7 @@ def _print_text(restored: Sequence[Restored], released: Sequence[Released]) -> N
     for container in restored:
         print(f"{container.container}: {_deed(container)}")
     for policy in released:
-        deed = f"NOT released: {policy.error}" if policy.error else "its finalizer is off"
+        deed = f"NOT released: {policy.error}" if policy.error else "its finalizer -> none"
         print(f"ContextPolicy {policy.policy}: {deed}")
     if not restored and not released:
         print("nothing to restore")
