@@ -1,16 +1,21 @@
-"""The one thread on which everything is decided: an Rx scheduler whose clock never steps."""
+"""The one thread on which everything is decided: an Rx scheduler with a clock that never steps."""
 
 from __future__ import annotations
 
+import logging
 import time
 from datetime import UTC, datetime, timedelta
 from threading import Thread
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from reactivex.scheduler import EventLoopScheduler
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from reactivex.abc import DisposableBase
+
+log = logging.getLogger(__name__)
 
 
 class Loop(EventLoopScheduler):
@@ -25,6 +30,21 @@ class Loop(EventLoopScheduler):
     def now(self) -> datetime:
         """The loop's time."""
         return self._started + timedelta(seconds=time.monotonic() - self._origin)
+
+    def schedule_absolute(self, duetime: Any, action: Callable[..., Any], state: Any = None) -> DisposableBase:
+        """As every scheduler does; but an action that fails is logged, and the others still have their turn."""
+        return super().schedule_absolute(duetime, _guarded(action), state)
+
+
+def _guarded(action: Callable[..., Any]) -> Callable[..., Any]:
+    def act(*arguments: Any, **more: Any) -> Any:
+        try:
+            return action(*arguments, **more)
+        except Exception:
+            log.exception("internal error")
+            return None
+
+    return act
 
 
 def _thread(target: Callable[[], None]) -> Thread:

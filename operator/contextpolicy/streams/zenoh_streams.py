@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ import zenoh
 from reactivex import Observable
 from reactivex.disposable import CompositeDisposable, Disposable
 
-from contextpolicy.errors import DecodeError
+from contextpolicy.errors import DecodeError, Finding
 from contextpolicy.planning.inputs import Gone
 from contextpolicy.streams.decoding import Decoder
 
@@ -21,10 +21,32 @@ if TYPE_CHECKING:
     from reactivex.abc import DisposableBase, ObserverBase, SchedulerBase
 
     from contextpolicy.planning.inputs import Input
-    from contextpolicy.planning.policy import Stream
+    from contextpolicy.planning.policy import Policy, Stream
 
 BACKLOG = 10_000
 """Samples that may wait for the loop; beyond it the oldest are dropped, a newer reading is worth more."""
+
+BATCH = 100
+"""Samples taken in a row; then timers and finished patches have their turn, however fast samples come."""
+
+
+def key_findings(policy: Policy) -> list[Finding]:
+    """The key expressions that Zenoh refuses, with its reasons: its rules are finer than a pattern can tell."""
+    findings = []
+    for index, stream in enumerate(policy.streams):
+        for field, key in (("key", stream.key), ("liveliness", stream.liveliness)):
+            reason = "" if key is None else _refusal(key)
+            if reason:
+                findings.append(Finding(f"spec.streams[{index}].{field}", key, f"a Zenoh key expression; {reason}"))
+    return findings
+
+
+def _refusal(key: str) -> str:
+    try:
+        zenoh.KeyExpr(key)
+    except zenoh.ZError as error:
+        return str(error).partition(" at /")[0]
+    return ""
 
 
 def inputs(
@@ -79,7 +101,9 @@ class _Inbox:
         self._observer, self._scheduler = observer, scheduler
         self._on_drop, self._on_arrival = on_drop, on_arrival
         self._waiting: deque[tuple[Decoder, bytes, float] | Gone] = deque()
-        self._lock, self._awake, self._overrun = Lock(), False, 0
+        self._lock = Lock()
+        self._awake = False
+        self._overrun: Counter[str] = Counter()
 
     def put(self, decoder: Decoder, payload: bytes) -> None:
         """Take a sample; called on a Zenoh thread."""
@@ -93,24 +117,35 @@ class _Inbox:
         """The loop is woken only when it is not awake already: it empties the whole inbox."""
         with self._lock:
             if len(self._waiting) >= BACKLOG:
-                self._waiting.popleft()
-                self._overrun += 1
+                self._overrun[_stream(self._waiting.popleft())] += 1
             self._waiting.append(item)
             wake, self._awake = not self._awake, True
         if wake:
             self._scheduler.schedule(self._drain)
 
     def _drain(self, *_: object) -> None:
-        while (item := self._next()) is not None:
-            self._deliver(item)
+        try:
+            for _turn in range(BATCH):
+                item = self._next()
+                if item is None:
+                    return
+                self._deliver(item)
+        finally:
+            self._rest()
+
+    def _rest(self) -> None:
+        """Sleep, or come back after the others when there is more."""
+        with self._lock:
+            self._awake = awake = bool(self._waiting)
+        if awake:
+            self._scheduler.schedule(self._drain)
 
     def _next(self) -> tuple[Decoder, bytes, float] | Gone | None:
         with self._lock:
-            overrun, self._overrun = self._overrun, 0
+            overrun, self._overrun = self._overrun, Counter()
             item = self._waiting.popleft() if self._waiting else None
-            self._awake = item is not None
-        for _ in range(overrun):
-            self._on_drop("", "overrun")
+        for stream in overrun.elements():
+            self._on_drop(stream, "overrun")
         return item
 
     def _deliver(self, item: tuple[Decoder, bytes, float] | Gone) -> None:
@@ -124,5 +159,11 @@ class _Inbox:
             self._on_drop(decoder.stream.name, "undecodable")
             return
         self._on_arrival(arrived)
-        self._observer.on_next(sample)
-        self._on_arrival(None)
+        try:
+            self._observer.on_next(sample)
+        finally:
+            self._on_arrival(None)
+
+
+def _stream(item: tuple[Decoder, bytes, float] | Gone) -> str:
+    return item.stream if isinstance(item, Gone) else item[0].stream.name
