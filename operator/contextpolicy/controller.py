@@ -65,6 +65,7 @@ class Controller:
     def __init__(self, policy: Policy, surroundings: Surroundings) -> None:
         self.policy = policy
         self.planner = Planner(policy)
+        self.planner.on_health = self._tell_health
         self.claim = Claim(Placement())
         self.run = int(time.time() * 1000)
         self.on_change: Callable[[], None] = lambda: None
@@ -77,7 +78,8 @@ class Controller:
         self._bus: Bus | None = None
         self._follower = Follower(surroundings.scheduler, self._order)
         self._edition = 0
-        self._told: list[tuple[str, str]] = []
+        self._placed = False
+        self._told: list[tuple[str, str]] | None = None
 
     def start(self, before: Controller | None = None) -> None:
         """Begin to listen and to plan; `before` is the controller of the policy's last version, stopped already."""
@@ -117,7 +119,7 @@ class Controller:
 
     def place(self, claim: Claim, pods: Collection[PodView]) -> None:
         """Take where the containers run; `pods` stays up to date, since most updates of a pod are no new placement."""
-        self.claim, self._pods = claim, pods
+        self.claim, self._pods, self._placed = claim, pods, True
         self._inputs.on_next(claim.placement)
         if self.policy.mode is not Mode.PAUSED:
             self._order()
@@ -131,7 +133,12 @@ class Controller:
             self._bus.publish_applied({"run": self.run, "sequence": self.planner.last.sequence, **step})
 
     def _on_plan(self, plan: Plan) -> None:
-        """The bus first: an agent on the node is faster than any patch."""
+        """The bus first: an agent on the node is faster than any patch.
+
+        Before it is known where the containers run, a plan would say that the policy has none, and put them back.
+        """
+        if not self._placed:
+            return
         self._edition = 0
         trigger = plan.time if self._arrived is None else self._now() - (time.monotonic() - self._arrived)
         self._publish({"trigger": trigger})
@@ -158,7 +165,7 @@ class Controller:
         content = self._message()
         if content is not None and _whereabouts(content) != self._told:
             self._edition += 1
-            self._publish({})
+            self._publish({"trigger": self._now()})
 
     def _order(self) -> None:
         """Order the plan in force; a claimed container without a share keeps what it has.
@@ -194,6 +201,9 @@ class Controller:
         for name, task in plan.tasks.items():
             metrics.TASK_SHARE.labels(reference, name).set(task.share / 1000)
             metrics.TASK_WEIGHT.labels(reference, name).set(task.weight)
+
+    def _tell_health(self) -> None:
+        self.on_change()
 
     def _drop(self, stream: str, reason: str) -> None:
         self.planner.on_drop(stream, reason)

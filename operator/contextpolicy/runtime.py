@@ -15,14 +15,15 @@ from contextpolicy.actuators.dry_run import DryRun
 from contextpolicy.actuators.pod_resize import Order, PodResizer
 from contextpolicy.cluster.agents import with_agents
 from contextpolicy.cluster.claims import claim
+from contextpolicy.cluster.nodes import allocatable
 from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller, Surroundings
 from contextpolicy.errors import FindingsError, PolicyError
 from contextpolicy.planning.parsing import parse
 from contextpolicy.planning.policy import Mode
-from contextpolicy.planning.quantities import parse_cpu
 from contextpolicy.streams import initiatives
 from contextpolicy.streams.decoding import type_findings
+from contextpolicy.streams.zenoh_streams import key_findings
 from contextpolicy.telemetry.agents import AgentWatch
 from contextpolicy.telemetry.clerk import Clerk
 from contextpolicy.telemetry.events import event
@@ -84,11 +85,11 @@ class Runtime:
     def close(self) -> None:
         """Stop; what is in force stays in force, as after a crash: the next start goes on from there."""
         self._call(self._stop_controllers).result(timeout=5)
-        self._workers.shutdown(wait=True, cancel_futures=True)
-        self._clerk.close()
-        self._loop.dispose()
         if self._agents is not None:
             self._agents.close()
+        self._loop.dispose()
+        self._workers.shutdown(wait=True, cancel_futures=True)
+        self._clerk.close()
         if self._session is not None:
             self._session.close()
         self._api.close()
@@ -119,8 +120,9 @@ class Runtime:
 
     def node_changed(self, node: Mapping[str, Any]) -> None:
         """A node exists; what counts is its allocatable CPU."""
-        name, cpu = node["metadata"]["name"], parse_cpu(node["status"]["allocatable"]["cpu"])
-        self._call(lambda: self._take_node(name, cpu))
+        name, cpu = node["metadata"]["name"], allocatable(node)
+        if cpu is not None:
+            self._call(lambda: self._take_node(name, cpu))
 
     def delay(self) -> float:
         """Seconds that the loop takes to get to something new; an error when it hangs."""
@@ -133,12 +135,14 @@ class Runtime:
         future: Future[None] = Future()
 
         def run(*_: object) -> None:
+            awaited = future.set_running_or_notify_cancel()
             try:
                 action()
-            except BaseException as error:  # the caller's future carries it; the loop itself must go on
-                log.exception("internal error")
-                future.set_exception(error)
-            else:
+            except Exception as error:
+                if awaited:
+                    future.set_exception(error)
+                raise  # the loop logs it and goes on
+            if awaited:
                 future.set_result(None)
 
         self._loop.schedule(run)
@@ -202,7 +206,9 @@ class Runtime:
         self._resizer.observe(pod)
 
     def _lose_pod(self, uid: str) -> None:
-        if self._pods.pop(uid, None) is not None:
+        pod = self._pods.pop(uid, None)
+        if pod is not None:
+            self._watch.lose(pod)
             self._resizer.forget(uid)
             self._place()
 
@@ -219,7 +225,7 @@ class Runtime:
         for controller in controllers:
             reports = self._agents.reports if self._agents else {}
             own = with_agents(controller.policy, claims[controller.policy.reference], reports)
-            if own.conflicts:
+            if own.conflicts and own.conflicts != controller.claim.conflicts:
                 self._tell(controller.policy.reference, "Conflicted", "; ".join(own.conflicts))
             if own.realtime and own.realtime != controller.claim.realtime:
                 self._tell(controller.policy.reference, "RealtimeUnavailable", "; ".join(own.realtime))
@@ -267,21 +273,19 @@ class Runtime:
 def _load(body: Mapping[str, Any]) -> tuple[Policy, dict[str, Instantiate]]:
     """The policy and the functions it names; PolicyError says all that is wrong with it, here and now."""
     policy = parse(body)
-    unknown = tuple(type_findings(policy))
-    if unknown:
-        raise PolicyError(f"ContextPolicy {policy.reference}", unknown)
+    findings = (*type_findings(policy), *key_findings(policy))
+    if findings:
+        raise PolicyError(f"ContextPolicy {policy.reference}", findings)
     return policy, initiatives.load(policy)
 
 
 def _fulfil(done: Future[None]) -> None:
     """The caller may have given up waiting."""
-    if not done.done():
+    if done.set_running_or_notify_cancel():
         done.set_result(None)
 
 
 def _seat(pod: PodView) -> tuple[object, ...]:
     """What of a pod decides about claims: a mere status update must not cost a new placement."""
-    bounds = tuple(
-        (c.name, pod.floor(c), c.spec.limit is None, c.memory_limit, c.container_id) for c in pod.containers
-    )
+    bounds = tuple((c.name, pod.floor(c), c.spec.limit is None, c.memory_limit, c.container_id) for c in pod.containers)
     return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds

@@ -22,7 +22,7 @@ from contextpolicy.planning.timers import Timers
 from contextpolicy.planning.weights import Weigher, Weight
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from contextpolicy.planning.plan import NodePlan
     from contextpolicy.planning.policy import Policy
@@ -42,6 +42,9 @@ class Planner:
         self.errors: dict[str, str] = {}
         self.held_back = 0
         self.last: Plan | None = None
+        self.on_health: Callable[[], None] = lambda: None
+        """Called when a stream fell silent or is heard again, or an expression began or ceased to fail: there is news
+        to tell, even when no plan changes."""
         self.weights: dict[str, Weight] = {}
         scope = Scope()
         self.streams = {s.name: StreamState(s, scope, self.timers, self) for s in policy.streams}
@@ -119,11 +122,13 @@ class Planner:
             reader.on_silence(now)
         self._fall_back(now)
         self._note(stream, f"{stream.spec.name}: silent")
+        self.on_health()
 
     def on_recovery(self, stream: StreamState, now: float) -> None:
         """A silent stream is heard again."""
         self._fall_back(now)
         self._note(stream, f"{stream.spec.name}: heard again")
+        self.on_health()
 
     def on_drop(self, stream: str, reason: str) -> None:
         """Count a sample that was not used."""
@@ -132,11 +137,15 @@ class Planner:
     def on_expression_error(self, source: str, reason: str) -> None:
         """Count an expression without a value and keep the latest message for the status."""
         self.drops["", "expression"] += 1
+        known = source in self.errors
         self.errors[source] = reason
+        if not known:
+            self.on_health()
 
     def on_expression_recovery(self, source: str) -> None:
         """The status need not tell of it any more."""
-        self.errors.pop(source, None)
+        if self.errors.pop(source, None) is not None:
+            self.on_health()
 
     def on_score(self, initiative: Initiative, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """An activity or a pre-condition changed."""

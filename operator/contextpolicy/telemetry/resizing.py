@@ -70,6 +70,16 @@ class ResizeWatch:
             if identity in pods and pod.pending:
                 self._on_problem(policy, "ResizePending", f"{pod.name}: {pod.pending}")
 
+    def lose(self, pod: PodView) -> None:
+        """The pod is gone, and its problems with it."""
+        identity = f"{pod.namespace}/{pod.name}"
+        self._pending.pop(identity, None)
+        for pods in self._pods.values():
+            pods.discard(identity)
+        for policy, failed in self._failed.items():
+            if policy.partition("/")[0] == pod.namespace:
+                failed.pop(pod.name, None)
+
     def problems(self, policy: str) -> dict[str, str]:
         """What can't be applied now, by pod."""
         held = {pod: f"{pod}: {self._pending[pod]}" for pod in self._pods.get(policy, ()) if self._pending.get(pod)}

@@ -1,0 +1,169 @@
+"""The whole operator but its watches, in virtual time, on a fake cluster and a fake Zenoh session."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from reactivex.disposable import Disposable
+from reactivex.testing import TestScheduler
+
+from contextpolicy import runtime as runtime_module
+from contextpolicy.runtime import Runtime
+from contextpolicy.telemetry import clerk as clerk_module
+from tests.actuators.fake_cluster import FakeCluster
+from tests.actuators.rig import MOMENT, Workers
+from tests.api.builders import NODE
+from tests.streams.fake_session import FakeSession
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from concurrent.futures import Future
+
+    import pytest
+    from reactivex.abc import DisposableBase
+
+START = 1_000_000.0
+
+
+class VirtualLoop(TestScheduler):
+    """Time passes only when the test says so."""
+
+    def __init__(self) -> None:
+        super().__init__(START)
+        self.disposed = self.inline = False
+
+    def schedule(self, action: Any, state: Any = None) -> DisposableBase:
+        """At once while somebody blocks until the loop has answered."""
+        if self.inline:
+            action(self, state)
+            return Disposable()
+        return super().schedule(action, state)
+
+    def dispose(self) -> None:
+        self.disposed = True
+
+
+class Pool(Workers):
+    """An executor that runs its work when the test says so."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ended = False
+
+    def shutdown(self, **_: bool) -> None:
+        self.ended = True
+        self.jobs.clear()
+
+
+class ClusterWithPolicies(FakeCluster):
+    """Also takes statuses and events."""
+
+    def __init__(self, *pods: dict[str, Any]) -> None:
+        super().__init__(*pods)
+        self.statuses: dict[str, dict[str, Any]] = {}
+        self.events: list[dict[str, Any]] = []
+        self.closed = False
+
+    def write_status(self, namespace: str, name: str, status: dict[str, Any]) -> None:
+        self.statuses[f"{namespace}/{name}"] = status
+
+    def post_event(self, _: str, event: dict[str, Any]) -> None:
+        self.events.append(event)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class VirtualOperator:
+    """An operator that has just started; nothing was listed yet."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *pods: dict[str, Any]) -> None:
+        self.cluster, self.session = ClusterWithPolicies(*pods), FakeSession()
+        self._monkeypatch = monkeypatch
+        self.start()
+
+    def start(self) -> None:
+        """Begin anew, as after a crash."""
+        self.loop, self.patches, self.clerks = VirtualLoop(), Pool(), Pool()
+        self._monkeypatch.setattr(runtime_module, "ThreadPoolExecutor", lambda *_, **__: self.patches)
+        self._monkeypatch.setattr(clerk_module, "ThreadPoolExecutor", lambda *_, **__: self.clerks)
+        self.runtime = Runtime(self.cluster, self.loop)  # type: ignore[arg-type]
+
+    def list_all(self, cpu: str = "1") -> None:
+        """What the watches tell first: nodes and pods."""
+        self.node(cpu)
+        for uid, feed in self.cluster.feeds.items():
+            feed.clear()
+            self.runtime.pod_changed(self.cluster.pods[uid])
+        self.turn()
+
+    def node(self, cpu: str = "1", name: str = NODE) -> None:
+        self.runtime.node_changed({"metadata": {"name": name}, "status": {"allocatable": {"cpu": cpu}}})
+        self.turn()
+
+    def connect(self) -> None:
+        self.runtime.connected(self.session)  # type: ignore[arg-type]
+        self.turn()
+
+    def apply(self, body: dict[str, Any]) -> Future[None]:
+        done = self.runtime.policy_changed(body)
+        self.turn()
+        return done
+
+    def delete(self, body: dict[str, Any]) -> Future[None]:
+        metadata = body["metadata"]
+        done = self.runtime.policy_deleted(metadata["namespace"], metadata["name"])
+        self.turn()
+        return done
+
+    def sample(self, key: str, **value: Any) -> None:
+        self.session.deliver(key, **value)
+        self.turn()
+
+    def turn(self, seconds: float = MOMENT) -> None:
+        """Let the loop and the clerk work; patches wait."""
+        self.loop.advance_by(seconds)
+        while self.clerks.jobs:
+            self.clerks.run()
+            self.loop.advance_by(MOMENT)
+
+    def close(self) -> None:
+        self.loop.inline = True
+        self.runtime.close()
+
+    def patch(self) -> None:
+        """One worker carries its patch out."""
+        self.patches.run()
+        self.turn()
+
+    def settle(self) -> None:
+        """Everybody does all that there is to do; less than a second passes."""
+        for _ in range(50):
+            while self.patches.jobs:
+                self.patch()
+            self.cluster.confirm()
+            for feed in self.cluster.feeds.values():
+                while feed:
+                    self.runtime.pod_changed(feed.popleft())
+            self.turn()
+            if not self.patches.jobs:
+                self.turn(0.25)
+                return
+        raise AssertionError("never settles")
+
+    def limits(self) -> dict[str, int]:
+        return {name: limit for uid in self.cluster.pods for name, limit in self.cluster.limits(uid).items()}
+
+    def resizes_while(self, act: Callable[[], object]) -> list[tuple[str, dict[str, str]]]:
+        before = len(self.cluster.resizes())
+        act()
+        self.settle()
+        return self.cluster.resizes()[before:]
+
+    def condition(self, kind: str, policy: str = "lab/robot") -> tuple[str, str, str]:
+        """Status, reason and message."""
+        [found] = [one for one in self.cluster.statuses[policy]["conditions"] if one["type"] == kind]
+        return found["status"], found["reason"], found["message"]
+
+    def told(self) -> list[tuple[str, str]]:
+        return [(event["reason"], event["message"]) for event in self.cluster.events]
