@@ -8,6 +8,7 @@ from concurrent.futures import CancelledError
 import pytest
 
 from contextpolicy.cluster.agents import NO_AGENT
+from contextpolicy.telemetry import metrics
 from tests.actuators.fake_cluster import UNREACHABLE, refusal
 from tests.api.builders import NODE, a_pod, cpu
 from tests.planning.builders import a_context, a_stream, a_task
@@ -563,3 +564,19 @@ def test_closing_before_the_router_was_found(operator):
 def test_a_loop_that_answers_is_healthy(running):
     running.loop.inline = True
     assert 0 <= running.runtime.delay() < 1
+
+
+def test_plans_that_min_dwell_held_back_are_counted(operator):
+    def counted():
+        return metrics.HELD_BACK.labels("lab/robot")._value.get()
+
+    before = counted()
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(minDwell="5s"))
+    operator.sample(IMU, speed=0.0)
+    operator.turn(6)
+    operator.sample(IMU, speed=0.3)
+    operator.sample(IMU, speed=0.0)
+    operator.turn(6)
+    assert counted() == before + 1

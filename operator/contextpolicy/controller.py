@@ -78,6 +78,7 @@ class Controller:
         self._bus: Bus | None = None
         self._follower = Follower(surroundings.scheduler, self._order)
         self._edition = 0
+        self._held_back = 0
         self._placed = False
         self._told: list[tuple[str, str]] | None = None
 
@@ -196,6 +197,8 @@ class Controller:
     def _measure(self, plan: Plan) -> None:
         reference = self.policy.reference
         metrics.PLANS.labels(reference).inc()
+        metrics.HELD_BACK.labels(reference).inc(self.planner.held_back - self._held_back)
+        self._held_back = self.planner.held_back
         for context in self.policy.contexts:
             metrics.CONTEXT_ACTIVE.labels(reference, context.name).set(context.name in plan.contexts)
         for name, task in plan.tasks.items():
