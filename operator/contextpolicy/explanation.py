@@ -164,7 +164,7 @@ def _needs(planner: Planner, plan: Plan, task: Task) -> list[dict[str, Any]]:
     ]
     if not shares:
         return []
-    gap = throttle_gap(planner.policy.scheduler, min(shares))
+    gap = throttle_gap(min(shares))
     memory = [c.memory for c in planner.placement.containers if c.task == task.name and c.memory is not None]
     rows = [
         ("cores", task.needs.cores, min(shares), task.needs.cores is not None and min(shares) >= task.needs.cores),

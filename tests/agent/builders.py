@@ -64,7 +64,11 @@ class Tree:
         return None if time == form.unlimited else int(time) // 100
 
     def budget(self, group: Path) -> int:
-        return int((group / REALTIME[self.version].file).read_text().split()[0]) // 1000
+        """In thousandths of the group's period."""
+        form = REALTIME[self.version]
+        text = (group / form.file).read_text().split()
+        period = (group / form.period_file).read_text() if form.period_file else text[1]
+        return int(text[0]) * 1000 // int(period)
 
     def threads(self, group: Path, *threads: int):
         (group / THREAD_FILES[self.version]).write_text("".join(f"{thread}\n" for thread in threads))

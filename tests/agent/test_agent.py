@@ -58,7 +58,7 @@ def start(tmp_path, tree, scheduler, watch):
     """Start an agent, or another one after it."""
 
     def start(mount=tree.mount):
-        own = AgentSettings(NODE, Settings(), mount, tmp_path / "state", priority=10, grace=GRACE)
+        own = AgentSettings(NODE, Settings(), mount, tmp_path / "state", grace=GRACE)
         agent = Agent(own, scheduler, watch)
         agent.start()
         return agent

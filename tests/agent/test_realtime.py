@@ -8,7 +8,7 @@ from contextpolicy.actuators import threads
 from contextpolicy.actuators.cgroup import REALTIME, ControlFile, ControlFiles
 from contextpolicy.agent.layout import Driver
 from contextpolicy.agent.ledger import Ledger
-from contextpolicy.agent.realtime import Realtime
+from contextpolicy.agent.realtime import Manner, Realtime
 from contextpolicy.agent.refusals import Refusals
 from contextpolicy.errors import ActuationError
 from tests.agent.builders import CHAT, POLICY, SLAM, SPEECH, Tree
@@ -33,7 +33,7 @@ def refusals():
 
 @pytest.fixture
 def realtime(tree, ledger, refusals, scheduled):  # noqa: ARG001 - no test may change real threads
-    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version]), ledger, refusals, priority=10)
+    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version]), ledger, refusals, Manner())
 
 
 @pytest.fixture
@@ -55,6 +55,12 @@ def speech(tree):
     return tree.container(SPEECH)
 
 
+def files(group):
+    return {
+        path.name: path.read_text().partition("\n")[0] for path in group.iterdir() if path.name.startswith("cpu.rt")
+    }
+
+
 def budgets(tree, *groups):
     return [tree.budget(group) for group in groups]
 
@@ -70,6 +76,18 @@ def test_budgets_follow_the_plan(tree, realtime, slam, speech):
     realtime.apply(POLICY, {slam: 600, speech: 350})
     realtime.apply(POLICY, {slam: 100, speech: 850})
     assert budgets(tree, slam, slam.parent, speech, tree.layout.top) == [100, 100, 850, 950]
+
+
+def test_containers_have_a_shorter_period_and_get_the_kernels_back(tree, realtime, slam):
+    before = files(slam)
+    realtime.apply(POLICY, {slam: 600})
+    time = "60000" if tree.version == 1 else "60000 100000"
+    assert files(slam)[REALTIME[tree.version].file] == time
+    assert "100000" in files(slam)[REALTIME[tree.version].period_file or "cpu.rt.max"]
+    assert "1000000" in files(slam.parent)[REALTIME[tree.version].period_file or "cpu.rt.max"]
+    realtime.release(POLICY)
+    assert files(slam) == before
+    assert realtime._ledger.entries == {}
 
 
 def test_a_suspended_task_leaves_realtime_and_keeps_its_budget(tree, realtime, scheduled, slam, speech):
@@ -163,13 +181,15 @@ def heir(tree, realtime, slam, speech, tmp_path):
     realtime.apply(OTHER, {speech: 300})
     ledger = Ledger(tmp_path / "ledger.json")
     ledger.load()
-    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version]), ledger, Refusals(), priority=10)
+    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version]), ledger, Refusals(), Manner())
 
 
 def test_after_a_kill_all_can_be_undone(tree, heir, scheduled, slam, speech):
+    untouched = files(tree.container(CHAT))
     heir.release(POLICY)
     heir.release(OTHER)
     assert budgets(tree, slam, slam.parent, speech, speech.parent, slam.parent.parent, tree.layout.top) == [0] * 6
+    assert files(slam) == files(speech) == untouched
     assert scheduled == {}
 
 

@@ -6,14 +6,17 @@ from pathlib import Path
 
 import pytest
 
+from contextpolicy.agent.realtime import Manner
 from contextpolicy.agent.settings import read
 from contextpolicy.errors import SettingsError
 
 
 def test_settings_come_from_the_environment(tmp_path):
-    own = read({"NODE_NAME": "node-1", "CGROUP_ROOT": str(tmp_path), "ZENOH_CONNECT": "tcp/r:1"}, priority=5, grace=2)
+    own = read(
+        {"NODE_NAME": "node-1", "CGROUP_ROOT": str(tmp_path), "ZENOH_CONNECT": "tcp/r:1"}, manner=Manner(), grace=2
+    )
     assert (own.node, own.cgroup_root, own.common.connect) == ("node-1", tmp_path, ("tcp/r:1",))
-    assert (own.priority, own.grace, own.state) == (5, 2, Path("/run/contextpolicy"))
+    assert (own.grace, own.state) == (2, Path("/run/contextpolicy"))
 
 
 @pytest.mark.parametrize(
@@ -27,4 +30,4 @@ def test_settings_come_from_the_environment(tmp_path):
 )
 def test_a_setting_that_makes_no_sense_is_named(environment, name):
     with pytest.raises(SettingsError, match=name):
-        read(environment, priority=10, grace=10)
+        read(environment, manner=Manner(), grace=10)

@@ -103,20 +103,22 @@ def group(robot: Robot, task: str) -> Path:
 
 
 def budgets(robot: Robot, *tasks: str) -> dict[str, int]:
-    """The containers' realtime budgets in thousandths of the period; -1 where the kernel has none."""
-    return {task: _budget(group(robot, task)) for task in tasks}
+    """The containers' realtime budgets."""
+    return {task: budget(group(robot, task)) for task in tasks}
 
 
 def budgets_above(robot: Robot, task: str) -> list[int]:
     """The realtime budgets of the task's pod, its class and all pods."""
     own = group(robot, task)
-    return [_budget(above) for above in (own.parent, own.parent.parent, own.parent.parent.parent)]
+    return [budget(above) for above in (own.parent, own.parent.parent, own.parent.parent.parent)]
 
 
-def _budget(of: Path) -> int:
-    for name in ("cpu.rt_runtime_us", "cpu.rt.max"):
-        if (of / name).exists():
-            return int((of / name).read_text().split()[0]) // 1000
+def budget(of: Path) -> int:
+    """A group's realtime budget in thousandths of the period; -1 where the kernel has none."""
+    for names in (("cpu.rt_runtime_us", "cpu.rt_period_us"), ("cpu.rt.max",)):
+        if (of / names[0]).exists():
+            time, period = " ".join((of / name).read_text() for name in names).split()
+            return int(time) * 1000 // int(period)
     return -1
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from contextpolicy.planning.division import divide_nodes
 from contextpolicy.planning.layout import lay_out
 from contextpolicy.planning.placement import Container, Placement
+from contextpolicy.planning.policy import Scheduler
 from contextpolicy.planning.weights import Weight
 from tests.planning.builders import a_policy, a_task, on_node, together
 
@@ -105,6 +108,17 @@ def test_realtime_divides_the_budget_that_the_kernel_leaves_in_milliseconds():
     node = divided(two_tasks(scheduler="Realtime"), on_node("slam", "speech", cores=4), slam=2).nodes["robot"]
     assert node.capacity == 950
     assert node.shares == {"slam": 633, "speech": 317}
+
+
+def test_a_reserve_is_kept_back_from_the_realtime_budget_too():
+    policy = two_tasks(scheduler="Realtime", reserve="1")
+    assert divided(policy, on_node("slam", "speech", cores=4)).nodes["robot"].capacity == 750
+
+
+def test_a_node_that_cannot_do_realtime_divides_its_cores():
+    placement = replace(on_node("slam", "speech", cores=4), fair_only=frozenset({"robot"}))
+    node = divided(two_tasks(scheduler="Realtime"), placement).nodes["robot"]
+    assert (node.capacity, node.scheduler) == (4000, Scheduler.CFS)
 
 
 def test_a_node_whose_weights_are_all_zero_keeps_its_last_plan_and_says_why():

@@ -59,7 +59,7 @@ class ControlFile:
         self._form = form
         with _converted(self.path):
             text = (group / (form.period_file or form.file)).read_text()
-            self._period = int(text.split()[-1])
+            self.period = int(text.split()[-1])
             self._descriptor = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
 
     def read(self) -> str:
@@ -74,13 +74,25 @@ class ControlFile:
 
     def amount(self, text: str) -> int | None:
         """What a text means, rounded up."""
-        time = text.split(maxsplit=1)[0]
-        return None if time == self._form.unlimited else -(-int(time) * 1000 // self._period)
+        time, *period = text.split()
+        return None if time == self._form.unlimited else -(-int(time) * 1000 // int(*period or [self.period]))
 
     def text(self, amount: int) -> str:
         """How an amount is written."""
-        time = max(self._form.least, amount * self._period // 1000)
-        return str(time) if self._form.period_file else f"{time} {self._period}"
+        time = max(self._form.least, amount * self.period // 1000)
+        return str(time) if self._form.period_file else f"{time} {self.period}"
+
+    @property
+    def period_path(self) -> Path | None:
+        """The file of the period alone, where there is one."""
+        return self.path.parent / self._form.period_file if self._form.period_file else None
+
+    def set_period(self, period: int) -> None:
+        """Let time be per `period` microseconds: at once in version 1, with the next write in version 2."""
+        if self.period_path is not None:
+            with _converted(self.period_path):
+                self.period_path.write_text(f"{period}\n")
+        self.period = period
 
     def close(self) -> None:
         """Give the descriptor back."""

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from contextpolicy.actuators.inotify import Watch
     from contextpolicy.agent.layout import Layout
     from contextpolicy.agent.orders import Order, Target
+    from contextpolicy.agent.realtime import Manner
     from contextpolicy.agent.settings import AgentSettings
 
 log = logging.getLogger(__name__)
@@ -37,12 +38,12 @@ _ATTEMPTS = 3
 class _Hands:
     """What writes cgroups, once there are any."""
 
-    def __init__(self, layout: Layout, ledger: Ledger, refusals: Refusals, watch: Watch, priority: int) -> None:
+    def __init__(self, layout: Layout, ledger: Ledger, refusals: Refusals, watch: Watch, manner: Manner) -> None:
         limits = ControlFiles(CFS[layout.version], watch.add, watch.remove)
         budgets = ControlFiles(REALTIME[layout.version])
         self.layout = layout
         self.limits = Limits(limits, ledger, refusals)
-        self.realtime = Realtime(layout, budgets, ledger, refusals, priority=priority)
+        self.realtime = Realtime(layout, budgets, ledger, refusals, manner)
 
 
 class Agent:
@@ -116,7 +117,7 @@ class Agent:
             layout = find(self._settings.cgroup_root)
             self._missing = capabilities.missing(capabilities.probe(layout))
             if layout is not None:
-                self._hands = _Hands(layout, self._ledger, self._refusals, self._watch, self._settings.priority)
+                self._hands = _Hands(layout, self._ledger, self._refusals, self._watch, self._settings.manner)
         return self._hands
 
     def _obey(self, order: Order) -> None:

@@ -1,16 +1,17 @@
 """Realtime budgets (Eq. 2): a container's share of each period at realtime priority, top-down through the cgroups.
 
-The kernel counts a budget on each processor by itself: a task with two busy threads on two of them gets it twice.
+The kernel counts a budget on each processor by itself. Several busy threads, or one that is not bound to a processor,
+get it on each of them; the sum over the tasks stays within 95 % on each.
 
-A suspended task leaves realtime: its threads go back to the fair scheduler. Its share of a period is 1 ms, which it
-would get in one go and then stand still for the rest of the second, long enough to lose its Zenoh session; as an
-ordinary task with the least CPU limit it gets 1 ms in each 100 ms, of the 5 % and more that realtime tasks leave. It
-keeps its budget meanwhile: a group in which a realtime thread is just being born can't have none (EBUSY).
+A suspended task leaves realtime: its threads go back to the fair scheduler, under the least CPU limit. Its share, a
+thousandth, is less than a tick of the kernel's clock: after one tick at realtime priority it would stand still for
+seconds. It keeps its budget meanwhile: a group in which a realtime thread is just being born can't have none (EBUSY).
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -32,14 +33,24 @@ _ATTEMPTS = 5
 """A thread may be born at realtime priority between its group's last look and the end of the group's budget."""
 
 
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """How tasks run in realtime: their threads' priority, and the microseconds after which budgets begin anew.
+
+    The kernel's period is a second, in which a task with a tenth stands still for 0.9 s on end, and everything else may
+    have to wait for 0.95 s: both are enough to lose a Zenoh session.
+    """
+
+    priority: int = 10
+    period: int = 100_000
+
+
 class Realtime:
     """The realtime budgets of one node's containers; groups are the containers' own."""
 
-    def __init__(
-        self, layout: Layout, files: ControlFiles, ledger: Ledger, refusals: Refusals, *, priority: int
-    ) -> None:
+    def __init__(self, layout: Layout, files: ControlFiles, ledger: Ledger, refusals: Refusals, manner: Manner) -> None:
         self._layout, self._files, self._ledger, self._refusals = layout, files, ledger, refusals
-        self._priority = priority
+        self._manner = manner
         self._wanted: dict[str, dict[Path, int]] = {}
         self._others: dict[Path, dict[Path, int]] = {}
 
@@ -52,7 +63,7 @@ class Realtime:
             self._try(partial(threads.make_ordinary, group, self._layout.version))
         self._divide(policy, inherited | self._merged() | released)
         for group in self._wanted[policy].keys() - resting:
-            self._try(partial(threads.make_realtime, group, self._layout.version, self._priority))
+            self._try(partial(threads.make_realtime, group, self._layout.version, self._manner.priority))
         self._close_settled()
 
     def release(self, policy: str) -> None:
@@ -76,19 +87,37 @@ class Realtime:
         parents = {g for leaf in leaves for g in leaf.parents if g.is_relative_to(self._layout.top)}
         least = {parent: self._theirs(parent) for parent in parents}
         groups = budgets(leaves, self._layout.top, self._others_of(parents, {*parents, *leaves}), least)
+        for leaf in leaves:
+            if self._now(leaf) == 0 < leaves[leaf]:
+                self._set_period(policy, leaf)
         steps = budget_steps({group: self._now(group) for group in groups}, groups)
         for step in steps:
             file = self._files[step.group]
-            self._ledger.intend(file.path, policy, now=file.read(), ours=file.text(step.amount))
+            self._ledger.intend(file.path, policy, now=file.read(), ours=self._text(step))
         self._ledger.save()
         for step in steps:
             self._try(partial(self._write, step))
 
-    def _write(self, step: Step) -> None:
+    def _set_period(self, policy: str, group: Path) -> None:
+        """Only while there is no budget: in another period it would be another one."""
+        file = self._files[group]
+        if file.period_path is not None:
+            self._ledger.intend(file.period_path, policy, now=str(file.period), ours=str(self._manner.period))
+            self._ledger.save()
+        file.set_period(self._manner.period)
+
+    def _text(self, step: Step) -> str:
+        """What was there before comes back to the letter."""
         file = self._files[step.group]
+        entry = self._ledger.entries.get(file.path)
+        before = entry is not None and file.amount(entry.theirs) == step.amount
+        return entry.theirs if entry is not None and before else file.text(step.amount)
+
+    def _write(self, step: Step) -> None:
+        file, text = self._files[step.group], self._text(step)
         for _ in range(_ATTEMPTS):
             try:
-                file.write(file.text(step.amount))
+                file.write(text)
             except ActuationError as error:
                 if error.reason != "Busy":
                     raise
@@ -123,7 +152,8 @@ class Realtime:
             self._now(group)
             if group.is_dir():
                 return True
-        self._ledger.close(group / self._files.form.file)
+        for file in (self._files.form.file, self._files.form.period_file or self._files.form.file):
+            self._ledger.close(group / file)
         return False
 
     def _merged(self) -> dict[Path, int]:
@@ -136,9 +166,17 @@ class Realtime:
         """What is as it was needs no entry; what nobody wants needs no open file."""
         for path, entry in self._entries().items():
             if self._exists(path.parent) and self._files[path.parent].read() == entry.theirs:
+                self._put_period_back(path.parent)
                 self._ledger.close(path)
         self._ledger.save()
         self._files.keep({path.parent for path in self._entries()})
+
+    def _put_period_back(self, group: Path) -> None:
+        file = self._files[group]
+        entry = self._ledger.entries.get(file.period_path) if file.period_path else None
+        if file.period_path is not None and entry is not None:
+            self._try(partial(file.set_period, int(entry.theirs)))
+            self._ledger.close(file.period_path)
 
     def _try(self, action: Callable[[], None]) -> None:
         """A container may end at any moment."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from contextpolicy import settings
+from contextpolicy.agent.realtime import Manner
 from contextpolicy.errors import Finding, SettingsError
 
 if TYPE_CHECKING:
@@ -15,17 +16,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class AgentSettings:
-    """What an agent is told from outside; `grace` is in seconds, `priority` that of SCHED_RR."""
+    """What an agent is told from outside; `grace` is in seconds."""
 
     node: str
     common: settings.Settings
     cgroup_root: Path = Path("/sys/fs/cgroup")
     state: Path = Path("/run/contextpolicy")
-    priority: int = 10
+    manner: Manner = field(default_factory=Manner)
     grace: float = 10.0
 
 
-def read(environment: Mapping[str, str], *, priority: int, grace: float) -> AgentSettings:
+def read(environment: Mapping[str, str], *, manner: Manner, grace: float) -> AgentSettings:
     """Read the settings; SettingsError names every variable that makes no sense."""
     common = settings.read(environment)
     node = environment.get("NODE_NAME", "")
@@ -38,4 +39,4 @@ def read(environment: Mapping[str, str], *, priority: int, grace: float) -> Agen
     if findings:
         raise SettingsError("environment", tuple(findings))
     state = Path(environment.get("STATE_DIRECTORY", "") or "/run/contextpolicy")
-    return AgentSettings(node, common, root, state, priority, grace)
+    return AgentSettings(node, common, root, state, manner, grace)

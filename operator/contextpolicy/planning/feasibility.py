@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from contextpolicy.planning.plan import Shortfall
-from contextpolicy.planning.policy import Control, Scheduler
+from contextpolicy.planning.policy import Control
 from contextpolicy.planning.quantities import format_cpu
 
 if TYPE_CHECKING:
@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from contextpolicy.planning.policy import Policy, Task
     from contextpolicy.planning.weights import Weight
 
-CFS_PERIOD = 0.1
-"""Seconds; the kubelet's default quota period. A thread that used its quota waits for the rest of the period."""
+PERIOD = 0.1
+"""Seconds: the kubelet's default period of limits, and the node agent's of realtime budgets. A thread that used up what
+it has waits for the rest of the period."""
 
 
 def shortfalls(
@@ -30,7 +31,7 @@ def shortfalls(
         if share is None:
             continue
         if weights[container.task].value > 0:
-            yield from _unmet(policy, tasks[container.task], share, container)
+            yield from _unmet(tasks[container.task], share, container)
         elif policy.control is Control.LIMIT and share > 10:
             request = format_cpu(container.request)
             yield Shortfall(
@@ -39,13 +40,13 @@ def shortfalls(
             )
 
 
-def _unmet(policy: Policy, task: Task, share: int, container: Container) -> Iterator[Shortfall]:
+def _unmet(task: Task, share: int, container: Container) -> Iterator[Shortfall]:
     needs = task.needs
     if needs.cores is not None and share < needs.cores:
         yield Shortfall(task.name, f"needs {format_cpu(needs.cores)} cores, gets {format_cpu(share)}")
     if needs.memory is not None and container.memory is not None and container.memory < needs.memory:
         yield Shortfall(task.name, f"needs {needs.memory} bytes of memory, its limit is {container.memory}")
-    gap = throttle_gap(policy.scheduler, share)
+    gap = throttle_gap(share)
     if needs.deadline is not None and gap > needs.deadline:
         yield Shortfall(
             task.name,
@@ -53,7 +54,6 @@ def _unmet(policy: Policy, task: Task, share: int, container: Container) -> Iter
         )
 
 
-def throttle_gap(scheduler: Scheduler, share: int) -> float:
-    """Seconds for which one busy thread may stand still with this share (kernel: CFS bandwidth control)."""
-    period = CFS_PERIOD if scheduler is Scheduler.CFS else 1.0
-    return period * max(0.0, 1 - share / 1000)
+def throttle_gap(share: int) -> float:
+    """Seconds for which one busy thread may stand still with this share (kernel: bandwidth control)."""
+    return PERIOD * max(0.0, 1 - share / 1000)

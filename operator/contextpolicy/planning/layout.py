@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from contextpolicy.planning.policy import Policy, Task
 
 REALTIME_BUDGET = 950
-"""Thousandths of the period for realtime tasks: the default of sched_rt_runtime_us / sched_rt_period_us."""
+"""Thousandths of the period for realtime tasks: the default of sched_rt_runtime_us / sched_rt_period_us. A reserve
+leaves less: the same part of each processor as of the node's CPU."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +79,12 @@ def _on(node: str, policy: Policy, placement: Placement) -> Policy:
 
 
 def _node(policy: Policy, name: str, placement: Placement, seated: Sequence[tuple[Task, Sequence[Container]]]) -> Node:
+    allocatable = placement.allocatable[name]
+    divisible = max(0, allocatable - policy.reserve)
     if policy.scheduler is Scheduler.REALTIME:
-        capacity, quantum = REALTIME_BUDGET, 1
+        capacity, quantum = min(REALTIME_BUDGET, divisible * 1000 // max(1, allocatable)), 1
     else:
-        capacity, quantum = max(0, placement.allocatable[name] - policy.reserve) // QUANTUM * QUANTUM, QUANTUM
+        capacity, quantum = divisible // QUANTUM * QUANTUM, QUANTUM
     seats = tuple(_seat(policy, *seat, capacity, quantum) for seat in seated)
     return Node(name, capacity, quantum, seats, policy.scheduler)
 

@@ -61,7 +61,7 @@ def _task(policy: Policy, field: str, task: Task) -> Iterator[Finding]:
     if task.needs.cores is not None and task.needs.cores > task.max:
         told = f"needs {format_cpu(task.needs.cores)} cores, but max allows {format_cpu(task.max)}: never feasible"
         yield Finding(f"{field}.needs.cores", task.needs.cores, told)
-    gap = throttle_gap(policy.scheduler, task.max)
+    gap = throttle_gap(task.max)
     if task.needs.deadline is not None and gap > task.needs.deadline:
         told = f"with max {format_cpu(task.max)} it may stand still for {gap:.3g} s, longer than its deadline"
         yield Finding(f"{field}.needs.deadline", task.needs.deadline, told)
