@@ -401,6 +401,14 @@ def test_a_restarted_container_is_told_to_agents_with_the_plan_in_force(running)
     assert "trigger" in plan
 
 
+def test_a_pod_that_makes_no_sense_is_left_alone(running, caplog):
+    running.runtime.pod_changed(a_pod("odd", {"odd": cpu("1m", "many")}))
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+    assert any("pod odd can't be read" in message for message in caplog.messages)
+
+
 def test_a_guaranteed_pod_grows_and_shrinks(monkeypatch):
     guaranteed = a_pod("slam", {"slam": cpu("400m", "400m", ("64Mi", "64Mi"))}, qos="Guaranteed")
     operator = VirtualOperator(monkeypatch, guaranteed, a_pod("speech", {"speech": resources()}))

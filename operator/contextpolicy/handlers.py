@@ -78,20 +78,27 @@ async def release(namespace: str | None, name: str, memo: Any, **_: Any) -> None
         raise kopf.TemporaryError("containers are not restored yet", delay=1) from None
 
 
+# Kopf calls no handler before it has listed everything that has an index. What calls these is not the indices, which
+# stay empty, but their promise: a policy is deleted, or planned for, when all pods and nodes are known, not before.
+
+
+@kopf.index("pods")
+async def pod(body: Mapping[str, Any], memo: Any, **_: Any) -> None:
+    """A pod appeared or changed; async, because a thread of kopf's pool would only add a hop."""
+    memo.runtime.pod_changed(body)
+
+
 @kopf.on.event("pods")
-def pod(type: str | None, body: Mapping[str, Any], memo: Any, **_: Any) -> None:  # noqa: A002 - kopf's name
-    """A pod appeared, changed or went."""
+async def pod_gone(type: str | None, body: Mapping[str, Any], memo: Any, **_: Any) -> None:  # noqa: A002 - kopf's name
+    """A pod went."""
     if type == "DELETED":
         memo.runtime.pod_gone(body["metadata"]["uid"])
-    else:
-        memo.runtime.pod_changed(body)
 
 
-@kopf.on.event("nodes")
-def node(type: str | None, body: Mapping[str, Any], memo: Any, **_: Any) -> None:  # noqa: A002 - kopf's name
+@kopf.index("nodes")
+async def node(body: Mapping[str, Any], memo: Any, **_: Any) -> None:
     """A node appeared or changed; one that went has no pods any more."""
-    if type != "DELETED":
-        memo.runtime.node_changed(body)
+    memo.runtime.node_changed(body)
 
 
 @kopf.on.probe(id="loop")

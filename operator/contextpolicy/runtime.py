@@ -110,8 +110,12 @@ class Runtime:
         return done
 
     def pod_changed(self, pod: Mapping[str, Any]) -> None:
-        """A pod exists."""
-        seen = view(pod)
+        """A pod exists; one that makes no sense is left alone."""
+        try:
+            seen = view(pod)
+        except (ValueError, TypeError, KeyError) as error:
+            log.warning("pod %s can't be read: %r", pod["metadata"].get("name"), error)
+            return
         self._call(lambda: self._take_pod(seen))
 
     def pod_gone(self, uid: str) -> None:

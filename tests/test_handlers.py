@@ -1,0 +1,263 @@
+"""What kopf is told, and the one promise of its that the rest relies on, against a small API server."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from concurrent.futures import Future
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import SimpleNamespace
+
+import kopf
+import kubernetes.config.kube_config
+import pytest
+
+from contextpolicy import handlers
+from contextpolicy.settings import Settings
+from tests.api.builders import a_pod
+
+PATIENCE = 20.0
+
+
+class FakeRuntime:
+    """Notes what it is told, in order; restores are done when the test says so."""
+
+    def __init__(self):
+        self.told, self.restored = [], Future()
+        self._news = threading.Condition()
+
+    def __getattr__(self, name):
+        def note(*arguments):
+            subject = arguments[0] if isinstance(arguments[0], str) else arguments[0]["metadata"]["name"]
+            with self._news:
+                self.told.append((name, subject))
+                self._news.notify_all()
+            done = Future()
+            done.set_result(None)
+            return self.restored if name == "policy_deleted" else done
+
+        return note
+
+    def close(self):
+        pass
+
+    def wait_for(self, *told):
+        with self._news:
+            assert self._news.wait_for(lambda: told in self.told, PATIENCE), self.told
+
+
+def run(coroutine):
+    return asyncio.run(coroutine)
+
+
+def memo(runtime):
+    return SimpleNamespace(runtime=runtime)
+
+
+def test_a_policy_is_handed_over_as_a_plain_object():
+    runtime = FakeRuntime()
+    run(handlers.apply(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(runtime)))
+    assert runtime.told == [("policy_changed", "robot")]
+
+
+def test_a_policy_goes_when_all_is_restored():
+    runtime = FakeRuntime()
+    runtime.restored.set_result(None)
+    run(handlers.release(namespace="lab", name="robot", memo=memo(runtime)))
+    assert runtime.told == [("policy_deleted", "lab")]
+
+
+def test_a_restore_that_takes_long_is_asked_for_again(monkeypatch):
+    monkeypatch.setattr(handlers, "RESTORE_TIMEOUT", 0.01)
+    runtime = FakeRuntime()
+    with pytest.raises(kopf.TemporaryError, match="not restored yet"):
+        run(handlers.release(namespace="lab", name="robot", memo=memo(runtime)))
+    assert runtime.restored.cancelled(), "the runtime may skip an answer that nobody awaits"
+
+
+def test_pods_and_nodes_are_handed_over():
+    runtime = FakeRuntime()
+    pod, node = a_pod("slam"), {"metadata": {"name": "robot-1"}}
+    run(handlers.pod(body=pod, memo=memo(runtime)))
+    run(handlers.pod_gone(type="MODIFIED", body=pod, memo=memo(runtime)))
+    run(handlers.pod_gone(type="DELETED", body=pod, memo=memo(runtime)))
+    run(handlers.node(body=node, memo=memo(runtime)))
+    assert runtime.told == [("pod_changed", "slam"), ("pod_gone", "uid-slam"), ("node_changed", "robot-1")]
+
+
+def test_without_the_custom_resource_the_operator_says_what_to_do(monkeypatch):
+    monkeypatch.setattr(handlers, "Api", lambda: SimpleNamespace(serves_policies=lambda: False))
+    with pytest.raises(kopf.PermanentError, match="kubectl apply -f crds/"):
+        run(handlers.start(settings=kopf.OperatorSettings(), memo=SimpleNamespace(settings=Settings())))
+
+
+def test_a_router_that_answers_is_handed_over_and_one_that_does_not_is_not(monkeypatch):
+    runtime = FakeRuntime()
+    monkeypatch.setattr(handlers, "open_client", lambda *_: None)
+    handlers._connect(("tcp/router:7447",), runtime, threading.Event())
+    assert runtime.told == []
+    monkeypatch.setattr(handlers, "open_client", lambda *_: {"metadata": {"name": "session"}})
+    handlers._connect(("tcp/router:7447",), runtime, threading.Event())
+    assert runtime.told == [("connected", "session")]
+
+
+# with kopf
+
+
+class ApiServer(ThreadingHTTPServer):
+    """Serves one policy that is being deleted; pods and nodes are only listed when the test allows it."""
+
+    daemon_threads = True
+
+    def __init__(self):
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.pods_allowed, self.nodes_allowed, self.ended = threading.Event(), threading.Event(), threading.Event()
+        self.listed = threading.Event()
+        policy = {
+            "metadata": {
+                "name": "robot",
+                "namespace": "lab",
+                "uid": "uid-robot",
+                "resourceVersion": "5",
+                "generation": 1,
+                "deletionTimestamp": "2026-01-01T00:00:00Z",
+                "finalizers": ["contextpolicy.dev/restore"],
+            },
+            "spec": {},
+        }
+        node = {"metadata": {"name": "robot-1", "uid": "uid-node", "resourceVersion": "4"}}
+        self.lists = {"contextpolicies": [policy], "pods": [a_pod("slam")], "nodes": [node]}
+
+    def handle_error(self, *_):
+        """Kopf ends its watches by hanging up."""
+
+
+class Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+
+    def do_GET(self):
+        path, _, query = self.path.partition("?")
+        plural = path.rpartition("/")[2]
+        if "watch=true" in query:
+            self._hold()
+        elif plural in self.server.lists:
+            self._list(plural)
+        else:
+            self._answer(DISCOVERY.get(path, {}))
+
+    def do_PATCH(self):
+        self.rfile.read(int(self.headers["Content-Length"]))
+        self._answer(self.server.lists["contextpolicies"][0])
+
+    def log_message(self, *_):
+        """Silent."""
+
+    def _list(self, plural):
+        gate = {"pods": self.server.pods_allowed, "nodes": self.server.nodes_allowed}.get(plural)
+        if gate is not None:
+            gate.wait(PATIENCE)
+        self._answer({"metadata": {"resourceVersion": "9"}, "items": self.server.lists[plural]})
+        if plural == "contextpolicies":
+            self.server.listed.set()
+
+    def _hold(self):
+        self.send_response(200)
+        self.send_header("Transfer-Encoding", "chunked")
+        self.end_headers()
+        self.server.ended.wait(PATIENCE)
+        self.wfile.write(b"0\r\n\r\n")
+
+    def _answer(self, content):
+        body = json.dumps(content).encode()
+        self.send_response(200)
+        self.send_header("Content-Type", "application/json")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+
+def a_group(name, version):
+    served = {"groupVersion": f"{name}/{version}", "version": version}
+    return {"name": name, "versions": [served], "preferredVersion": served}
+
+
+def a_resource(plural, kind, *, namespaced=True):
+    verbs = ["list", "watch", "patch", "get"]
+    return {"name": plural, "singularName": "", "kind": kind, "namespaced": namespaced, "verbs": verbs}
+
+
+CRDS = a_resource("customresourcedefinitions", "CustomResourceDefinition", namespaced=False)
+CORE = [
+    a_resource("pods", "Pod"),
+    a_resource("nodes", "Node", namespaced=False),
+    a_resource("namespaces", "Namespace", namespaced=False),
+    a_resource("events", "Event"),
+]
+DISCOVERY = {
+    "/api": {"versions": ["v1"]},
+    "/apis": {"groups": [a_group("contextpolicy.dev", "v1alpha1"), a_group("apiextensions.k8s.io", "v1")]},
+    "/api/v1": {"resources": CORE},
+    "/apis/apiextensions.k8s.io/v1": {"resources": [CRDS]},
+    "/apis/contextpolicy.dev/v1alpha1": {"resources": [a_resource("contextpolicies", "ContextPolicy")]},
+}
+
+
+@pytest.fixture
+def server(tmp_path, monkeypatch):
+    with ApiServer() as running:
+        threading.Thread(target=running.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True).start()
+        address = f"http://127.0.0.1:{running.server_port}"
+        config = {
+            "apiVersion": "v1",
+            "kind": "Config",
+            "current-context": "test",
+            "contexts": [{"name": "test", "context": {"cluster": "test", "user": "test"}}],
+            "clusters": [{"name": "test", "cluster": {"server": address}}],
+            "users": [{"name": "test", "user": {}}],
+        }
+        path = tmp_path / "config"
+        path.write_text(json.dumps(config))
+        monkeypatch.setenv("KUBECONFIG", str(path))
+        monkeypatch.setattr(kubernetes.config.kube_config, "KUBE_CONFIG_DEFAULT_LOCATION", str(path))
+        yield running
+        for event in (running.pods_allowed, running.nodes_allowed, running.ended):
+            event.set()
+        running.shutdown()
+
+
+@pytest.fixture
+def runtime(server, monkeypatch):
+    """What the handlers tell while kopf runs."""
+    told = FakeRuntime()
+    monkeypatch.setattr(handlers, "Api", lambda: SimpleNamespace(serves_policies=lambda: True))
+    monkeypatch.setattr(handlers, "Runtime", lambda *_: told)
+    monkeypatch.setattr(handlers, "open_client", lambda *_: None)
+    stop = threading.Event()
+    operator = threading.Thread(
+        target=kopf.run,
+        kwargs={
+            "registry": handlers.registry,
+            "standalone": True,
+            "clusterwide": True,
+            "stop_flag": stop,
+            "memo": kopf.Memo(settings=Settings()),
+        },
+    )
+    operator.start()
+    yield told
+    stop.set()
+    server.ended.set()
+    operator.join(PATIENCE)
+    assert not operator.is_alive()
+
+
+def test_nothing_is_done_about_policies_before_all_pods_and_nodes_are_known(server, runtime):
+    """A policy whose containers are not known yet would seem restored, and be gone."""
+    assert server.listed.wait(PATIENCE)
+    server.pods_allowed.set()
+    runtime.wait_for("pod_changed", "slam")
+    server.nodes_allowed.set()
+    runtime.wait_for("policy_deleted", "lab")
+    assert [name for name, _ in runtime.told] == ["pod_changed", "node_changed", "policy_deleted"]
+    runtime.restored.set_result(None)
