@@ -39,6 +39,7 @@ class Clerk:
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="clerk")
         self._pending: dict[str, Callable[[], dict[str, Any]]] = {}
         self._resting: set[str] = set()
+        self._sent: dict[str, dict[str, Any]] = {}
         self._told: dict[tuple[str, str], str] = {}
 
     def status(self, policy: str, make: Callable[[], dict[str, Any]]) -> None:
@@ -50,6 +51,7 @@ class Clerk:
     def forget(self, policy: str) -> None:
         """The policy is gone: write nothing more about it."""
         self._pending.pop(policy, None)
+        self._sent.pop(policy, None)
         self._told = {key: message for key, message in self._told.items() if key[0] != policy}
 
     def event(self, policy: str, event: Mapping[str, Any]) -> None:
@@ -64,7 +66,7 @@ class Clerk:
         self._worker.shutdown(wait=True, cancel_futures=True)
 
     def _write(self, policy: str) -> None:
-        status = self._pending.pop(policy)()
+        status = self._sent[policy] = self._pending.pop(policy)()
         self._resting.add(policy)
         self._worker.submit(self._send, policy, status)
 
@@ -81,8 +83,9 @@ class Clerk:
         self._scheduler.schedule_relative(rest, lambda *_: self._rested(policy))
 
     def _keep(self, policy: str, status: dict[str, Any]) -> None:
-        """Write it again later, unless a newer one is pending."""
-        self._pending.setdefault(policy, lambda: status)
+        """Write it again later, unless there is a newer one or the policy is gone."""
+        if self._sent.get(policy) is status:
+            self._pending.setdefault(policy, lambda: status)
 
     def _rested(self, policy: str) -> None:
         self._resting.discard(policy)

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 MAX_MESSAGE = 1024
+MAX_NAME = 240
+"""Of a policy's name, which may have 253 letters, as an event's may."""
 
 
 def event(policy: Mapping[str, Any], *, reason: str, message: str, now: float, warning: bool = True) -> dict[str, Any]:
@@ -18,7 +20,7 @@ def event(policy: Mapping[str, Any], *, reason: str, message: str, now: float, w
     metadata = policy["metadata"]
     digest = hashlib.sha256(f"{reason}{message}{now:.0f}".encode()).hexdigest()[:12]
     return {
-        "metadata": {"name": f"{metadata['name']}.{digest}", "namespace": metadata["namespace"]},
+        "metadata": {"name": f"{metadata['name'][:MAX_NAME]}.{digest}", "namespace": metadata["namespace"]},
         "involvedObject": {
             "apiVersion": policy.get("apiVersion", "contextpolicy.dev/v1alpha1"),
             "kind": policy.get("kind", "ContextPolicy"),
