@@ -1,0 +1,85 @@
+"""What was measured, and what is told of it: medians of stages, the three key figures. Pure."""
+
+from __future__ import annotations
+
+import statistics
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+IDLE, SATURATED = "idle", "saturated"
+RESIZE, AGENT = "operator, resize", "operator, agent"
+
+
+@dataclass(slots=True)
+class Cell:
+    """The times of one stage of one path, in milliseconds."""
+
+    node: str
+    pods: int
+    path: str
+    stage: str
+    times: list[float] = field(default_factory=list)
+
+    def row(self) -> dict[str, Any]:
+        """The cell as the table has it."""
+        return {
+            "node": self.node,
+            "pods": self.pods,
+            "path": self.path,
+            "stage": self.stage,
+            "p50_ms": round(percentile(self.times, 50), 3),
+            "p90_ms": round(percentile(self.times, 90), 3),
+            "max_ms": round(max(self.times), 3),
+            "n": len(self.times),
+        }
+
+
+class Figures:
+    """Collects the cells of a run."""
+
+    def __init__(self) -> None:
+        self._cells: dict[tuple[str, int, str, str], Cell] = {}
+        self.missed: list[str] = []
+        self.unmeasured: dict[str, str] = {}
+
+    def note(self, node: str, pods: int, path: str, stages: Mapping[str, float]) -> None:
+        """Add one reaction."""
+        for stage, milliseconds in stages.items():
+            key = node, pods, path, stage
+            self._cells.setdefault(key, Cell(*key)).times.append(milliseconds)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The table."""
+        return [cell.row() for cell in self._cells.values()]
+
+    def p50(self, node: str, pods: int, path: str, stage: str) -> float | None:
+        """A median; None when it was not measured."""
+        cell = self._cells.get((node, pods, path, stage))
+        return percentile(cell.times, 50) if cell else None
+
+    def keys(self) -> dict[str, float | None]:
+        """The key figures, of one pod on the idle node: there each path does exactly the same work."""
+        operator = self.p50(IDLE, 1, RESIZE, "first patch accepted")
+        patch = self.p50(IDLE, 1, "bare PATCH", "first patch accepted")
+        agent = self.p50(IDLE, 1, AGENT, "first cgroup")
+        docker = self.p50(IDLE, 1, "docker update", "cgroup")
+        write = self.p50(IDLE, 1, "direct cgroup write", "cgroup")
+        return {
+            "operator_overhead_ms_p50": None if operator is None or patch is None else round(operator - patch, 3),
+            "agent_over_docker_update_p50": _ratio(agent, docker),
+            "agent_over_cgroup_write_p50": _ratio(agent, write),
+        }
+
+
+def percentile(times: Sequence[float], percent: int) -> float:
+    """A percentile, interpolated."""
+    if len(times) < 2:
+        return times[0]
+    return statistics.quantiles(times, n=100, method="inclusive")[percent - 1]
+
+
+def _ratio(one: float | None, other: float | None) -> float | None:
+    return None if one is None or not other else round(one / other, 3)

@@ -1,0 +1,113 @@
+"""The objects that the benchmark creates: pods that do nothing, pods that are busy, and policies."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tests.cluster.layout import PAUSE_IMAGE, TAG
+
+IMAGE = "contextpolicy:dev"
+WORKER_REQUEST = "10m"
+WORK = """
+import json, os, signal, sys, time
+processes, duty = int(sys.argv[1]), float(sys.argv[2])
+until = 0.0
+def work(*_):
+    global until
+    until = time.monotonic() + 30
+def rest(*_):
+    global until
+    until = 0.0
+def job(loops):
+    began = time.monotonic()
+    for _ in range(loops):
+        pass
+    return time.monotonic() - began
+signal.signal(signal.SIGUSR1, work)
+signal.signal(signal.SIGUSR2, rest)
+loops = int(100_000 * 0.01 / min(job(100_000) for _ in range(20)))
+for _ in range(processes - 1):
+    if os.fork() == 0:
+        break
+took, told, due = [], time.time(), 0.0
+while True:
+    now = time.monotonic()
+    if now >= until:
+        time.sleep(0.01)
+        continue
+    if duty < 1:
+        due = max(due + 0.01 / duty, now)
+        time.sleep(due - now)
+    took.append(round(job(loops) * 1e3, 2))
+    if time.time() > told + 0.25:
+        told = time.time()
+        os.write(1, json.dumps({"at": told, "took": took}).encode() + b"\\n")
+        took = []
+"""
+"""Jobs of 10 ms of CPU, for 30 seconds after SIGUSR1 or until SIGUSR2: a benchmark that is killed leaves no busy node.
+
+Its arguments are the number of processes, and how much of a core each of them wants.
+"""
+
+
+def idle_pod(name: str, namespace: str) -> dict[str, Any]:
+    """A task that does nothing: it is its limit that is measured."""
+    return pod(name, namespace, {"image": f"{PAUSE_IMAGE}:{TAG}", "resources": _cpu("5m", "500m")})
+
+
+def worker_pod(name: str, namespace: str, processes: int = 1, duty: float = 1.0) -> dict[str, Any]:
+    """A pod that works when told to, with the small request that tasks should have."""
+    command = ["python3", "-c", WORK, str(processes), str(duty)]
+    return pod(name, namespace, {"image": IMAGE, "command": command, "resources": _cpu(WORKER_REQUEST, "2")})
+
+
+def pod(name: str, namespace: str, container: dict[str, Any]) -> dict[str, Any]:
+    """A pod of one container."""
+    return {
+        "apiVersion": "v1",
+        "kind": "Pod",
+        "metadata": {"name": name, "namespace": namespace, "labels": {"app": name}},
+        "spec": {
+            "terminationGracePeriodSeconds": 0,
+            "automountServiceAccountToken": False,
+            "enableServiceLinks": False,
+            "containers": [{"name": name, "imagePullPolicy": "IfNotPresent", **container}],
+        },
+    }
+
+
+def policy(namespace: str, names: list[str], reserve: str) -> dict[str, Any]:
+    """Each sample turns the plan: what half of the tasks had, the other half gets. Of two tasks only the first moves.
+
+    A single task could not move at all, as nobody else could have its share.
+    """
+    left, right = names[::2], names[1::2]
+    contexts = [{"name": "left", "when": "turn.left", "tasks": {name: {"suspend": True} for name in left}}]
+    if len(names) > 2:
+        suspended = {name: {"suspend": True} for name in right}
+        contexts.append({"name": "right", "when": "!turn.left", "tasks": suspended})
+    bounds = {"max": "200m"} if len(names) == 2 else {}
+    return policy_of(
+        namespace,
+        {
+            "reserve": reserve,
+            "streams": [{"name": "turn", "key": f"{namespace}/turn"}],
+            "tasks": [task(name, **bounds) for name in names],
+            "contexts": contexts,
+        },
+    )
+
+
+def policy_of(namespace: str, spec: dict[str, Any]) -> dict[str, Any]:
+    """The one policy of a namespace."""
+    metadata = {"name": "bench", "namespace": namespace}
+    return {"apiVersion": "contextpolicy.dev/v1alpha1", "kind": "ContextPolicy", "metadata": metadata, "spec": spec}
+
+
+def task(name: str, **more: Any) -> dict[str, Any]:
+    """A task that selects the pod of its name; it always matters."""
+    return {"name": name, "selector": {"matchLabels": {"app": name}}, "idle": 1, **more}
+
+
+def _cpu(request: str, limit: str) -> dict[str, Any]:
+    return {"requests": {"cpu": request}, "limits": {"cpu": limit}}

@@ -1,0 +1,73 @@
+"""A bare PATCH of pods/resize, without an operator: what Kubernetes itself takes."""
+
+from __future__ import annotations
+
+import json
+import time
+from concurrent.futures import ThreadPoolExecutor
+from itertools import cycle
+from typing import TYPE_CHECKING
+
+from kubernetes import client, config
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from tests.bench.reaction.stopwatch import Stopwatch
+    from timelines.demo.cgroup import Cgroup
+
+CORES = (0.1, 0.2)
+CONNECTIONS = 8
+PATIENCE = 5.0
+
+
+class BarePatch:
+    """Moves the limits of some pods at once, over connections that are kept open."""
+
+    def __init__(self, namespace: str, groups: Mapping[str, Cgroup], stopwatch: Stopwatch) -> None:
+        self._groups, self._stopwatch, self._next = groups, stopwatch, cycle(CORES)
+        config.load_kube_config()
+        settings = client.Configuration.get_default_copy()
+        settings.connection_pool_maxsize = CONNECTIONS
+        self._client = client.ApiClient(settings)
+        self._requests = {pod: self._prepare(namespace, pod) for pod in groups}
+        self._threads = ThreadPoolExecutor(CONNECTIONS, thread_name_prefix="bare")
+        self.name = "bare PATCH" if len(groups) == 1 else "bare PATCHes at once"
+
+    def go(self) -> dict[str, float]:
+        """Milliseconds to each stage."""
+        cores = next(self._next)
+        began = time.time()
+        accepted = list(self._threads.map(lambda pod: self._send(pod, cores), self._requests))
+        seen = self._stopwatch.wait(dict.fromkeys(self._groups.values(), cores), began, PATIENCE)
+        moments = {
+            "first patch accepted": min(accepted),
+            "first cgroup": min(seen.values()),
+            "all cgroups": max(seen.values()),
+        }
+        return {stage: (at - began) * 1e3 for stage, at in moments.items()}
+
+    def close(self) -> None:
+        """Give the connections back."""
+        self._threads.shutdown()
+        self._client.rest_client.pool_manager.clear()
+
+    def _prepare(self, namespace: str, pod: str) -> tuple[str, str, dict[str, str]]:
+        """All of a request but its body, so that the client's own work is not measured."""
+        method, url, headers, *_ = self._client.param_serialize(
+            method="PATCH",
+            resource_path=f"/api/v1/namespaces/{namespace}/pods/{pod}/resize",
+            header_params={"Accept": "application/json", "Content-Type": "application/strategic-merge-patch+json"},
+            auth_settings=["BearerToken"],
+        )
+        return method, url, headers
+
+    def _send(self, pod: str, cores: float) -> float:
+        method, url, headers = self._requests[pod]
+        resources = {"limits": {"cpu": f"{round(cores * 1000)}m"}}
+        body = json.dumps({"spec": {"containers": [{"name": pod, "resources": resources}]}})
+        answer = self._client.rest_client.pool_manager.request(method, url, body=body, headers=headers)
+        at = time.time()
+        if answer.status != 200:
+            raise RuntimeError(f"PATCH of {pod}: HTTP {answer.status}: {answer.data[:300]!r}")
+        return at
