@@ -54,6 +54,7 @@ while True: pass
 
 SPEC = {
     "scheduler": "Realtime",
+    "reserve": 0,
     "tasks": [task("slam", idle=50), task("speech", idle=200), task("spare", idle=700)],
     "contexts": [
         {"name": "moving", "when": "imu.speed > 0.05", "tasks": {"slam": {"weight": 200}, "speech": {"weight": 50}}},
@@ -182,7 +183,7 @@ def test_deleting_the_policy_takes_all_back(governed):
 
 def test_changing_the_scheduler_moves_between_the_two(governed):
     governed.policy(**SPEC | {"scheduler": "CFS"})
-    governed.expect(slam=50, speech=210)
+    governed.expect(slam=110, speech=420)
     assert budgets(governed, *TASKS) == dict.fromkeys(TASKS, 0)
     governed.policy(**SPEC)
     expect(governed, STANDING)
@@ -214,7 +215,7 @@ def test_without_an_agent_the_node_falls_back_to_cfs_and_says_why(governed):
     run(*patch, json.dumps(nowhere))
     try:
         condition(governed, "False", "falls back to CFS: no node agent runs there")
-        governed.expect(slam=50, speech=210)
+        governed.expect(slam=110, speech=420)
         assert budgets(governed, *TASKS) == dict.fromkeys(TASKS, 0)
     finally:
         run(*patch, json.dumps({"spec": {"template": {"spec": {"nodeSelector": None}}}}))

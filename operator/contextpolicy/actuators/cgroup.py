@@ -74,8 +74,8 @@ class ControlFile:
 
     def amount(self, text: str) -> int | None:
         """What a text means, rounded up."""
-        time, *period = text.split()
-        return None if time == self._form.unlimited else -(-int(time) * 1000 // int(*period or [self.period]))
+        time, _, period = text.partition(" ")
+        return None if time == self._form.unlimited else -(-int(time) * 1000 // int(period or self.period))
 
     def text(self, amount: int) -> str:
         """How an amount is written."""
