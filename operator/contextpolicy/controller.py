@@ -84,6 +84,8 @@ class Controller:
 
     def start(self, before: Controller | None = None) -> None:
         """Begin to listen and to plan; `before` is the controller of the policy's last version, stopped already."""
+        if before is not None:
+            self.run = max(self.run, before.run + 1)  # the wall clock may have been set back
         self._bus = Bus(self._with.session, self.policy, self._with.scheduler, self._message, self._explain)
         if self.policy.mode is not Mode.ENFORCE:
             self._bus.withdraw()

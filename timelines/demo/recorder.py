@@ -8,10 +8,10 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+import zenoh
 
-    import zenoh
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
 
     from timelines.demo.cgroup import Cgroup
 
@@ -88,5 +88,11 @@ class Recorder:
                     self.recording.usage.setdefault(task, []).append((now, cgroup.usage()))
 
 
-def _collect(into: list[dict[str, Any]]) -> Any:
-    return lambda sample: into.append(json.loads(sample.payload.to_bytes()))
+def _collect(into: list[dict[str, Any]]) -> Callable[[zenoh.Sample], None]:
+    """Messages; a policy that goes withdraws its plans, which is none."""
+
+    def take(sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            into.append(json.loads(sample.payload.to_bytes()))
+
+    return take

@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.actuators.dry_run import DryRun
+from contextpolicy.actuators.pod_resize import Order
+
+
+@pytest.fixture
+def told(caplog):
+    caplog.set_level("INFO")
+    return caplog
+
+
+def order(policy="lab/robot", **shares):
+    return Order(policy, frozenset(shares), shares)
+
+
+def test_it_says_what_it_would_do(told):
+    DryRun().apply(order(slam=1500, speech=2000))
+    assert told.messages == [
+        "dry run: lab/robot would set the CPU of slam to 1500m",
+        "dry run: lab/robot would set the CPU of speech to 2",
+    ]
+
+
+def test_it_says_only_what_changes(told):
+    dry_run = DryRun()
+    dry_run.apply(order(slam=500, speech=500))
+    told.clear()
+    dry_run.apply(order(slam=500, speech=500))
+    dry_run.apply(order(slam=500, speech=300))
+    assert told.messages == ["dry run: lab/robot would set the CPU of speech to 300m"]
+
+
+def test_policies_are_told_apart(told):
+    dry_run = DryRun()
+    dry_run.apply(order(slam=500))
+    dry_run.apply(order("lab/other", slam=500))
+    assert len(told.messages) == 2

@@ -1,0 +1,291 @@
+"""One policy alive: what it orders and publishes, and what it hands over to its next version."""
+
+from __future__ import annotations
+
+import pytest
+from prometheus_client import REGISTRY
+from reactivex import operators
+
+from contextpolicy import controller as module
+from contextpolicy.cluster.agents import read_report, with_agents
+from contextpolicy.cluster.claims import claim
+from contextpolicy.cluster.pods import view
+from contextpolicy.controller import Controller, Surroundings
+from contextpolicy.planning.policy import Control
+from tests.api.builders import NODE, a_pod
+from tests.planning.builders import a_context, a_policy, a_stream, a_task
+from tests.streams.fake_session import FakeSession
+from tests.virtual_operator import START, VirtualLoop
+
+IMU, PLAN, APPLIED = "robot/imu", "contextpolicy/lab/robot/plan", "contextpolicy/lab/robot/applied"
+
+
+class Orders:
+    """Notes what is ordered."""
+
+    def __init__(self):
+        self.all = []
+
+    def apply(self, order):
+        self.all.append(order)
+
+    @property
+    def last(self):
+        return self.all[-1]
+
+
+class Robot:
+    """A controller with all around it."""
+
+    def __init__(self, **spec):
+        self.session, self.loop, self.orders = FakeSession(), VirtualLoop(), Orders()
+        self.changes = []
+        self.controller = self.version(**spec)
+
+    def version(self, initiatives=None, **spec):
+        defaults = {
+            "streams": [a_stream("imu")],
+            "tasks": [a_task("slam"), a_task("speech")],
+            "contexts": [a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 4}})],
+        }
+        surroundings = Surroundings(self.session, self.loop, self.orders, initiatives or {})
+        made = Controller(a_policy(**{**defaults, **spec}), surroundings)
+        made.on_change = lambda: self.changes.append(made)
+        return made
+
+    def place(self, *names, cpu=1000, controller=None):
+        controller = controller or self.controller
+        pods = [view(a_pod(name)) for name in names]
+        own = claim([controller.policy], pods, {NODE: cpu})[controller.policy.reference]
+        reports = {node: read_report(report) for node, report in self.session.agents.items()}
+        controller.place(with_agents(controller.policy, own, reports), pods)
+
+    def begin(self):
+        self.controller.start()
+        self.place("slam", "speech")
+        return self
+
+    def sample(self, **value):
+        self.session.deliver(IMU, **value)
+        self.loop.advance_by(0.01)
+
+    def edit(self, **spec):
+        before, self.controller = self.controller, self.version(**spec)
+        before.stop()
+        self.controller.start(before)
+
+
+def test_nothing_is_ordered_or_told_before_it_is_known_where_the_containers_run():
+    robot = Robot()
+    robot.controller.start()
+    assert robot.controller.planner.last is not None
+    assert (robot.orders.all, robot.session.published) == ([], [])
+
+
+def test_a_plan_becomes_an_order_and_a_message():
+    robot = Robot().begin()
+    robot.sample(speed=0.3)
+    order = robot.orders.last
+    assert order.policy == "lab/robot"
+    assert order.claimed == {"lab/slam/slam", "lab/speech/speech"}
+    assert order.shares == {"lab/slam/slam": 800, "lab/speech/speech": 200}
+    assert order.capacity == {NODE: 1000}
+    message = robot.session.plans()[-1]
+    assert (message["contexts"], message["edition"]) == (["moving"], 0)
+    assert message["trigger"] == pytest.approx(START, abs=1.0)
+
+
+def test_a_policy_without_any_container_is_still_on_the_bus():
+    robot = Robot()
+    robot.controller.start()
+    robot.place()
+    [message] = robot.session.plans()
+    assert message["targets"] == []
+
+
+def test_the_bus_hears_of_a_plan_before_the_actuator():
+    robot = Robot().begin()
+    heard = []
+    robot.orders.apply = lambda _: heard.append(("order", len(robot.session.plans())))
+    before = len(robot.session.plans())
+    robot.sample(speed=0.3)
+    assert heard == [("order", before + 1)]
+
+
+def test_ceilings_are_the_tasks_own_or_all_there_is():
+    robot = Robot(control="Weight", tasks=[a_task("slam", max="600m"), a_task("speech")]).begin()
+    assert robot.orders.last.control is Control.WEIGHT
+    assert robot.orders.last.ceilings == {"lab/slam/slam": 600, "lab/speech/speech": 1000}
+
+
+def test_the_same_placement_again_is_ordered_and_not_told():
+    robot = Robot().begin()
+    told, ordered = len(robot.session.published), len(robot.orders.all)
+    robot.place("slam", "speech")
+    assert len(robot.session.published) == told
+    assert len(robot.orders.all) == ordered + 1
+
+
+def test_a_question_is_answered_with_the_plan_and_its_reasons():
+    robot = Robot().begin()
+    plan, why = robot.session.ask(PLAN), robot.session.ask("contextpolicy/lab/robot/explain")
+    robot.loop.advance_by(0.01)
+    assert plan.answers[0]["sequence"] == robot.session.plans()[-1]["sequence"]
+    assert why.answers[0]["policy"] == "lab/robot"
+
+
+def test_run_and_sequence_only_move_forward_even_when_the_clock_does_not(monkeypatch):
+    robot = Robot().begin()
+    monkeypatch.setattr(module.time, "time", lambda: 1.0)
+    robot.edit()
+    robot.place("slam", "speech")
+    robot.edit()
+    robot.place("slam", "speech")
+    numbers = [(message["run"], message["sequence"]) for message in robot.session.plans()]
+    assert numbers == sorted(set(numbers))
+
+
+def test_stages_are_told_with_the_plan_they_belong_to():
+    robot = Robot()
+    robot.controller.tell("accepted", "lab/slam/slam", 0.8)
+    robot.begin()
+    robot.controller.tell("accepted", "lab/slam/slam", 0.8)
+    [step] = [message for key, message in robot.session.published if key == APPLIED]
+    last = robot.session.plans()[-1]
+    assert (step["run"], step["sequence"]) == (last["run"], last["sequence"])
+    assert (step["stage"], step["container"], step["cores"]) == ("accepted", "lab/slam/slam", 0.8)
+
+
+# editing and ending
+
+
+def test_an_edit_goes_on_from_what_the_streams_told():
+    robot = Robot().begin()
+    robot.sample(speed=0.3)
+    robot.edit(contexts=[a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 9}})])
+    robot.place("slam", "speech")
+    assert robot.orders.last.shares == {"lab/slam/slam": 900, "lab/speech/speech": 100}
+    assert [set(order.claimed) for order in robot.orders.all[-2:]] == [{"lab/slam/slam", "lab/speech/speech"}] * 2
+
+
+def test_the_version_before_hears_and_says_nothing_more():
+    robot = Robot().begin()
+    before = robot.controller
+    robot.edit()
+    robot.place("slam", "speech")
+    ordered = len(robot.orders.all)
+    robot.changes.clear()
+    robot.sample(speed=0.3)
+    assert before not in robot.changes
+    assert len(robot.orders.all) == ordered + 1
+    assert len(robot.session.subscribers) == len(robot.session.tokens) == 1
+
+
+def test_the_end_of_a_policy_withdraws_its_plans_and_leaves_nothing_declared():
+    robot = Robot().begin()
+    robot.controller.end()
+    assert robot.session.plans()[-1] is None
+    assert robot.session.everything_declared() == []
+
+
+def test_a_stop_leaves_plans_in_force():
+    robot = Robot().begin()
+    ordered = len(robot.orders.all)
+    robot.controller.stop()
+    assert None not in robot.session.plans()
+    assert len(robot.orders.all) == ordered
+    assert robot.session.everything_declared() == []
+
+
+def test_a_controller_that_never_started_can_be_stopped():
+    robot = Robot()
+    robot.controller.stop()
+    robot.controller.end()
+    assert robot.session.published == []
+
+
+# modes
+
+
+def test_a_paused_policy_claims_nothing_and_hears_nothing():
+    robot = Robot(mode="Paused").begin()
+    [order] = robot.orders.all
+    assert (order.claimed, dict(order.shares)) == (frozenset(), {})
+    assert robot.session.subscribers == []
+    assert robot.session.plans() == [None]
+
+
+def test_a_dry_run_withdraws_what_agents_acted_on():
+    robot = Robot(mode="DryRun").begin()
+    assert robot.session.plans()[0] is None
+    assert robot.session.plans()[-1]["mode"] == "DryRun"
+
+
+def test_nodes_in_realtime_are_not_resized_and_put_back():
+    robot = Robot(scheduler="Realtime")
+    robot.session.agents[NODE] = b'{"missing": {"CFS": [], "Realtime": []}}'
+    robot.begin()
+    robot.loop.advance_by(10)
+    assert robot.orders.last.claimed == frozenset()
+    assert robot.session.plans()[-1]["nodes"][NODE]["scheduler"] == "Realtime"
+
+
+# telling
+
+
+def test_a_sample_that_is_not_used_is_counted_and_told_once():
+    robot = Robot().begin()
+    labels = {"policy": "lab/robot", "stream": "imu", "reason": "undecodable"}
+    before = REGISTRY.get_sample_value("contextpolicy_samples_dropped_total", labels) or 0.0
+    robot.changes.clear()
+    for _ in range(3):
+        robot.session.deliver_bytes(IMU, b"{")
+        robot.loop.advance_by(0.01)
+    assert robot.controller.planner.drops["imu", "undecodable"] == 3
+    assert len(robot.changes) == 1
+    assert REGISTRY.get_sample_value("contextpolicy_samples_dropped_total", labels) == before + 3
+
+
+def test_a_plan_is_measured():
+    robot = Robot().begin()
+    robot.sample(speed=0.3)
+
+    def gauge(name, **labels):
+        return REGISTRY.get_sample_value(f"contextpolicy_{name}", {"policy": "lab/robot", **labels})
+
+    assert gauge("context_active", context="moving") == 1.0
+    assert gauge("task_share_cores", task="slam") == 0.8
+    assert gauge("task_weight", task="slam") == 4.0
+    robot.sample(speed=0.0)
+    assert gauge("context_active", context="moving") == 0.0
+
+
+def test_health_is_told_though_no_plan_changes():
+    robot = Robot(streams=[a_stream("imu", staleAfter="1s")], contexts=[]).begin()
+    robot.sample(speed=0.0)
+    plans = len(robot.session.plans())
+    robot.changes.clear()
+    robot.loop.advance_by(2)
+    assert len(robot.session.plans()) == plans
+    assert robot.changes
+
+
+def test_on_plan_hears_when_the_sample_behind_it_arrived():
+    robot = Robot().begin()
+    heard = []
+    robot.controller.on_plan = lambda policy, arrived: heard.append((policy, arrived))
+    robot.sample(speed=0.3)
+    [(policy, arrived)] = heard
+    assert policy == "lab/robot"
+    assert 0 <= module.time.monotonic() - arrived < 60
+
+
+def test_plugged_in_functions_get_the_streams_and_give_scores():
+    def bumps(streams, scheduler, **_):
+        assert scheduler is not None
+        return streams["imu"].pipe(operators.map(lambda value: value["bump"]))
+
+    tasks = [a_task("slam", activity=[{"initiative": "bumps"}]), a_task("speech")]
+    robot = Robot(tasks=tasks, contexts=[], initiatives={"bumps": bumps}).begin()
+    robot.sample(bump=3.0)
+    assert robot.orders.last.shares == {"lab/slam/slam": 750, "lab/speech/speech": 250}
