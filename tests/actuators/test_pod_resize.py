@@ -7,12 +7,12 @@ from itertools import pairwise
 
 import pytest
 
-from contextpolicy.actuators.pod_resize import RETRY_FIRST, RETRY_LONGEST
+from contextpolicy.actuators.pod_resize import RETRY_FIRST, RETRY_LONGEST, Order
 from contextpolicy.cluster.pods import ORIGINALS, Cpu, Original
 from contextpolicy.planning.policy import Control
 from tests.actuators.fake_cluster import UNREACHABLE, Unanswered, refusal
 from tests.actuators.rig import MOMENT, POLICY, Rig
-from tests.api.builders import a_pod, cpu
+from tests.api.builders import NODE, a_pod, cpu
 
 OTHER = "lab/other"
 
@@ -328,6 +328,18 @@ def test_a_container_that_is_claimed_no_more_is_put_back():
     rig.plan(slam=300)
     rig.settle()
     assert limits(rig) == (300, 500)
+    assert rig.cluster.originals("uid-speech") == {}
+
+
+def test_a_plan_that_is_ordered_late_does_not_hold_what_is_claimed_no_more():
+    """It still has a share for a container that the policy has lost, and for one whose pod is gone."""
+    rig = two_pods()
+    rig.plan(slam=300, speech=300)
+    rig.settle()
+    shares = {"lab/slam/slam": 400, "lab/speech/speech": 300, "lab/gone/gone": 100}
+    rig.resizer.apply(Order(POLICY, frozenset({"lab/slam/slam"}), shares, {NODE: 1000}))
+    rig.settle()
+    assert limits(rig) == (400, 500)
     assert rig.cluster.originals("uid-speech") == {}
 
 

@@ -138,7 +138,8 @@ class PodResizer:
             seen.add(container_id(slot.view, container.name))
         for node, claimed in by_node.items():
             # A container that we have not seen yet may hold anything: until then nothing rises.
-            capacity = order.capacity.get(node, 0) - self._leaving(order, node) if order.shares.keys() <= seen else 0
+            known = order.claimed & order.shares.keys() <= seen
+            capacity = order.capacity.get(node, 0) - self._leaving(order, node) if known else 0
             may = allowed(capacity, [holding for *_, holding, _ in claimed])
             for slot, container, holding, cpu in claimed:
                 bounded = order.control is not Control.WEIGHT
@@ -156,11 +157,12 @@ class PodResizer:
         )
 
     def _claimed(self, order: Order) -> Iterator[tuple[PodSlot, ContainerView, int]]:
+        """What has a share; a plan that is ordered late may have shares for what the policy has lost since."""
         for slot in self._slots.values():
             for container in slot.view.containers:
-                share = order.shares.get(container_id(slot.view, container.name))
-                if share is not None and not slot.view.ended:
-                    yield slot, container, share
+                identity = container_id(slot.view, container.name)
+                if identity in order.claimed and identity in order.shares and not slot.view.ended:
+                    yield slot, container, order.shares[identity]
 
     def _cpu(self, order: Order, slot: PodSlot, container: ContainerView, share: int) -> Cpu:
         ceiling = order.ceilings.get(container_id(slot.view, container.name), share)
