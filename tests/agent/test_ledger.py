@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from contextpolicy.agent import ledger as ledger_module
 from contextpolicy.agent.ledger import Entry, Ledger
 
 FILE = Path("/sys/fs/cgroup/cpu/kubepods/pod1/a/cpu.cfs_quota_us")
@@ -13,7 +14,7 @@ FILE = Path("/sys/fs/cgroup/cpu/kubepods/pod1/a/cpu.cfs_quota_us")
 
 @pytest.fixture
 def disk(tmp_path):
-    return tmp_path / "agent.json"
+    return tmp_path / "agent.journal"
 
 
 def test_another_life_knows_it_all(disk):
@@ -50,20 +51,67 @@ def test_the_first_life_has_no_file(disk):
     assert ledger.entries == {}
 
 
-@pytest.mark.parametrize("damage", ["", "{", "[]", "5", '{"/a": 5}', '{"/a": ["p"]}'])
-def test_a_damaged_file_is_as_none_and_is_reported(disk, damage, caplog):
-    disk.write_text(damage)
+@pytest.mark.parametrize("damage", ["{", "[]", "5", '{"/a": 5}', '["/a"]', '["/a", ["p"]]', '["/a", 5]', "\x00\xff"])
+def test_a_damaged_line_is_left_out_and_reported(disk, damage, caplog):
+    first_life(disk)
+    disk.write_text(disk.read_text() + damage)
     ledger = Ledger(disk)
     ledger.load()
-    assert ledger.entries == {}
+    assert ledger.entries.keys() == {FILE}
     assert str(disk) in caplog.text
 
 
-def test_a_crash_while_saving_leaves_the_last_version(disk):
+def first_life(disk):
     ledger = Ledger(disk)
     ledger.intend(FILE, "robot/delivery", now="50000", ours="1000")
     ledger.save()
-    disk.with_suffix(".new").write_text('{"/half')
+    return ledger
+
+
+def test_the_newest_line_counts(disk):
+    ledger = first_life(disk)
+    ledger.intend(FILE, "robot/delivery", now="1000", ours="70000")
+    ledger.save()
+    ledger.hear(FILE, "60000")
+    ledger.save()
+    heir = Ledger(disk)
+    heir.load()
+    assert (heir.entries[FILE].theirs, heir.entries[FILE].ours) == ("60000", "70000")
+
+
+def test_a_second_life_carries_on_the_first_ones_entries(disk):
+    first_life(disk)
+    heir, other = Ledger(disk), FILE.with_name("other")
+    heir.load()
+    heir.intend(other, "robot/delivery", now="1", ours="2")
+    heir.save()
+    third = Ledger(disk)
+    third.load()
+    assert third.entries.keys() == {FILE, other}
+
+
+def test_the_journal_ends_with_the_last_entry(disk):
+    ledger = first_life(disk)
+    ledger.close(FILE)
+    ledger.save()
+    assert disk.read_bytes() == b""
+
+
+def test_a_long_journal_is_begun_anew(disk, monkeypatch):
+    monkeypatch.setattr(ledger_module, "LONGEST", 1000)
+    ledger = first_life(disk)
+    for time in range(100):
+        ledger.intend(FILE, "robot/delivery", now="", ours=str(time))
+        ledger.save()
+    assert len(disk.read_bytes()) < 1500
+    heir = Ledger(disk)
+    heir.load()
+    assert (heir.entries[FILE].theirs, heir.entries[FILE].ours) == ("50000", "99")
+
+
+def test_a_crash_while_beginning_anew_leaves_the_last_version(disk):
+    first_life(disk)
+    disk.with_suffix(".new").write_text('["/half')
     heir = Ledger(disk)
     heir.load()
     assert FILE in heir.entries

@@ -53,7 +53,7 @@ class Agent:
         self._settings, self._scheduler, self._watch = settings, scheduler, watch
         self._refusals = Refusals()
         self._admission = Admission(os.cpu_count() or 1)
-        self._ledger = Ledger(settings.state / "agent.json")
+        self._ledger = Ledger(settings.state / "agent.journal")
         self._graces: dict[str, DisposableBase] = {}
         self._hands: _Hands | None = None
         self._missing: dict[str, list[str]] = {}

@@ -62,7 +62,7 @@ class Limits:
             self._ledger.close(path)
             return
         if entry is not None and (entry.held or text in entry.earlier):
-            entry.theirs = text
+            self._ledger.hear(path, text)
         else:
             self._close(path)
             self._give_way(path, text)
