@@ -84,9 +84,9 @@ class Runtime:
 
     def close(self) -> None:
         """Stop; what is in force stays in force, as after a crash: the next start goes on from there."""
-        self._call(self._stop_controllers).result(timeout=5)
         if self._agents is not None:
             self._agents.close()
+        self._call(self._stop_controllers).result(timeout=5)
         self._loop.dispose()
         self._workers.shutdown(wait=True, cancel_futures=True)
         self._clerk.close()

@@ -68,16 +68,29 @@ def scheduler():
 
 
 @pytest.fixture
+def close(scheduler):
+    """Close, and wait until the loop is done with the session."""
+
+    def close(what):
+        done = threading.Event()
+        what.close()
+        scheduler.schedule(lambda *_: done.set())
+        assert done.wait(PATIENCE_S)
+
+    return close
+
+
+@pytest.fixture
 def listener():
     return Listener()
 
 
 @pytest.fixture
-def bus(address, scheduler, listener):
+def bus(address, scheduler, listener, close):
     with client(address) as session:
         bus = AgentBus(session, NODE, scheduler, listener)
         yield bus
-        bus.close()
+        close(bus)
 
 
 def test_a_plan_and_its_withdrawal_arrive(bus, operator, listener):  # noqa: ARG001
@@ -102,7 +115,9 @@ def test_what_is_not_a_plan_is_not_heard(bus, operator, listener):  # noqa: ARG0
     listener.expect((POLICY, b"plan"))
 
 
-def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(address, operator, scheduler, monkeypatch):
+def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(
+    address, operator, scheduler, close, monkeypatch
+):
     monkeypatch.setattr(agents, "RETURN", 0.0)
     agent, watcher = Listener(), Listener()
     watch = AgentWatch(operator, scheduler, watcher.changed)
@@ -112,32 +127,32 @@ def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(addr
         bus = AgentBus(session, NODE, scheduler, agent)
         watcher.expect("changed")
         assert watch.reports == {NODE: Report("", "no kernel option")}
-        bus.close()
+        close(bus)
         watcher.expect("changed", "changed")
         assert watch.reports == {}
-    watch.close()
+    close(watch)
 
 
-def test_an_agent_that_is_back_soon_was_not_gone(address, operator, scheduler):
+def test_an_agent_that_is_back_soon_was_not_gone(address, operator, scheduler, close):
     watcher, heir = Listener(), Listener()
     heir.lacks = ["hostPID"]
     watch = AgentWatch(operator, scheduler, watcher.changed)
     with client(address) as session:
         bus = AgentBus(session, NODE, scheduler, Listener())
         watcher.expect("changed")
-        bus.close()
+        close(bus)
         bus = AgentBus(session, NODE, scheduler, heir)
         watcher.expect("changed", "changed")
         assert watch.reports == {NODE: Report("", "hostPID")}
-        bus.close()
-    watch.close()
+        close(bus)
+    close(watch)
 
 
-def test_agents_that_live_already_are_known_at_once(bus, operator, scheduler, listener):  # noqa: ARG001
+def test_agents_that_live_already_are_known_at_once(bus, operator, scheduler, close):  # noqa: ARG001
     assert any(list(operator.get(agent_key(NODE), timeout=PATIENCE_S)) for _ in range(1000))
-    watch = AgentWatch(operator, scheduler, listener.changed)
+    watch = AgentWatch(operator, scheduler, Listener().changed)
     assert watch.reports == {NODE: Report("", "")}
-    watch.close()
+    close(watch)
 
 
 def test_anybody_may_ask_what_the_node_can_do(bus, operator):  # noqa: ARG001

@@ -91,9 +91,10 @@ def _run(settings: AgentSettings, stop: threading.Event, failed: threading.Event
         bus = AgentBus(session, settings.node, loop, agent)
         stop.wait()
         bus.close()
-        session.close()
     if not failed.is_set():
         _later(loop, agent.stop).wait(timeout=5)
+    if session is not None:  # not before the loop is done with it
+        session.close()
 
 
 def _later(loop: Loop, action: Callable[[], None]) -> threading.Event:

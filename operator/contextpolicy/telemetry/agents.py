@@ -32,7 +32,7 @@ class AgentWatch:
         self._subscriber: Any = session.liveliness().declare_subscriber(agent_key("*"), self._on_token, history=True)
 
     def close(self) -> None:
-        """Stop following."""
+        """Stop following; what was heard already may still use the session, on the loop."""
         self._subscriber.undeclare()
 
     def _ask(self) -> list[tuple[str, Report]]:
