@@ -109,10 +109,10 @@ def test_invalid_edit_leaves_the_last_good_plan(governed):
 
 
 def test_second_policy_on_a_container_yields(governed):
-    rival = policy(governed.namespace, "rival", tasks=[task("slam"), task("speech", max="10m")])
-    apply(rival)
-    until("the younger policy is told", lambda: governed.condition("Accepted", "rival")[0] == "False")
-    message = governed.condition("Accepted", "rival")[1]
+    second = policy(governed.namespace, "second", tasks=[task("slam"), task("speech", max="10m")])
+    apply(second)
+    until("the younger policy is told", lambda: governed.condition("Accepted", "second")[0] == "False")
+    message = governed.condition("Accepted", "second")[1]
     assert f"{governed.namespace}/slam/slam belongs to task slam of {governed.namespace}/robot" in message
     governed.expect(slam=500, speech=500)
     assert governed.condition("Accepted")[0] == "True"
