@@ -98,14 +98,14 @@ def test_after_sigkill_its_successor_undoes(start, publisher, tree, slam):
     until(lambda: tree.limit(slam) == 500)
 
 
-def test_a_failure_ends_the_program_so_that_it_is_started_anew(start, publisher, slam, tmp_path):  # noqa: ARG001
+def test_what_cannot_be_noted_is_not_done(start, publisher, tree, slam, tmp_path):
+    """A full or missing disk: better no faster limit than one that nobody could undo."""
     process = start()
     Matching(publisher).wait(expected=True)
     (tmp_path / "state").rmdir()
     publisher.put(a_message(a_target(SLAM, 0.9)))
-    _, said = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 1
-    assert "FileNotFoundError" in said
+    assert any("FileNotFoundError" in line for line in process.stderr)
+    assert tree.limit(slam) == 500
 
 
 def test_settings_that_make_no_sense_are_told(start):

@@ -52,7 +52,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Run until told to stop, or until a thread fails: the kubelet then starts us anew, and the ledger knows."""
+    """Run until told to stop, or until a thread fails: the kubelet then starts us anew."""
     from contextpolicy.agent import settings
     from contextpolicy.agent.realtime import Manner
     from contextpolicy.telemetry import logs
@@ -70,11 +70,11 @@ def main(arguments: argparse.Namespace) -> int:
         stop.set()
 
     threading.excepthook = fail
-    _run(own, stop, failed)
+    _run(own, stop)
     return 1 if failed.is_set() else 0
 
 
-def _run(settings: AgentSettings, stop: threading.Event, failed: threading.Event) -> None:
+def _run(settings: AgentSettings, stop: threading.Event) -> None:
     """What a former life left behind is undone in time even when no router ever answers."""
     from contextpolicy.actuators.inotify import Watch
     from contextpolicy.agent.agent import Agent
@@ -91,8 +91,7 @@ def _run(settings: AgentSettings, stop: threading.Event, failed: threading.Event
         bus = AgentBus(session, settings.node, loop, agent)
         stop.wait()
         bus.close()
-    if not failed.is_set():
-        _later(loop, agent.stop).wait(timeout=5)
+    _later(loop, agent.stop).wait(timeout=5)
     if session is not None:  # not before the loop is done with it
         session.close()
 
