@@ -271,3 +271,19 @@ def test_what_cannot_be_meant_is_a_warning(path: tuple[Any, ...], value: Any, fi
     report = check([("policy.yaml", yaml.safe_dump(changed(path, value)))])
     assert not report.errors
     assert field in [problem.field for problem in report.problems]
+
+
+def test_what_only_zenoh_and_rosbags_refuse_is_refused_too():
+    text = """
+apiVersion: contextpolicy.dev/v1alpha1
+kind: ContextPolicy
+metadata: {name: robot, namespace: lab}
+spec:
+  streams:
+  - {name: imu, key: robot/**/**}
+  - {name: odometry, key: odom, encoding: cdr, type: my_msgs/msg/Odometry}
+  tasks:
+  - {name: slam, selector: {matchLabels: {app: slam}}}
+"""
+    fields = [problem.field for problem in check([("policy.yaml", text)]).errors]
+    assert fields == ["spec.streams[0].key", "spec.streams[1].type"]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from contextpolicy.errors import Finding, PolicyError
 from contextpolicy.planning.parsing import parse
 from contextpolicy.streams.decoding import type_findings
+from contextpolicy.streams.zenoh_streams import key_findings
 from contextpolicy.validation import api
 from contextpolicy.validation.advice import advice
 from contextpolicy.validation.claims import Conflict, conflicts
@@ -117,9 +118,9 @@ def _parse(body: dict[str, Any]) -> Policy:
         finding = Finding("metadata", body.get("metadata"), "an object with a name")
         raise PolicyError("", (finding,))
     policy = parse(body)
-    unknown = tuple(type_findings(policy))
-    if unknown:
-        raise PolicyError("", unknown)
+    refused = (*type_findings(policy), *key_findings(policy))
+    if refused:
+        raise PolicyError("", refused)
     return policy
 
 
