@@ -37,7 +37,7 @@ class Operated:
         """Govern these containers, by id; returns when the policy is in force."""
         self._groups = groups
         deadline = time.monotonic() + ADOPTION
-        while not self._governs(self.turn()):
+        while not (self._governs(self.turn()) and self._governs(self.turn())):
             if time.monotonic() > deadline:
                 raise MissedError(f"{self.name}: no plan for these pods after {ADOPTION:g} s")
         for _ in range(2):
