@@ -46,8 +46,29 @@ def test_each_policy_counts_for_itself(admission):
 
 def test_a_new_source_counts_anew(admission):
     admission.admit(an_order(run=9))
-    admission.restart(POLICY)
+    admission.lose_source(POLICY)
     assert admission.admit(an_order(run=8))
+    assert refusal(admission, an_order(run=7)) == "Outdated"
+
+
+def test_the_same_source_goes_on_where_it_was(admission):
+    admission.admit(an_order(sequence=5))
+    admission.lose_source(POLICY)
+    assert admission.admit(an_order(sequence=5)) is None
+    assert refusal(admission, an_order(sequence=4)) == "Outdated"
+
+
+def test_what_was_under_way_when_the_policy_went_is_out_of_turn(admission):
+    admission.admit(an_order(sequence=5))
+    admission.lose_source(POLICY)
+    admission.drop(POLICY)
+    assert admission.admit(an_order(sequence=5)) is None
+
+
+def test_after_a_long_silence_everything_is_news(admission):
+    admission.admit(an_order(sequence=5))
+    admission.forget(POLICY)
+    assert admission.admit(an_order(sequence=5))
 
 
 def test_a_refused_order_does_not_count(admission):

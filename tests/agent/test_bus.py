@@ -29,6 +29,9 @@ class Listener:
     def hear(self, policy, payload):
         self._note((policy, payload))
 
+    def find_source(self, policy):
+        self._note((policy, "found"))
+
     def lose_source(self, policy):
         self._note((policy, "lost"))
 
@@ -103,9 +106,9 @@ def test_a_plan_and_its_withdrawal_arrive(bus, operator, listener):  # noqa: ARG
 def test_a_source_is_asked_for_its_plan_and_missed_when_it_is_gone(bus, operator, listener):  # noqa: ARG001
     with operator.declare_queryable(KEY, lambda query: query.reply(query.key_expr, b"in force")):
         token = operator.liveliness().declare_token(KEY)
-        listener.expect((POLICY, b"in force"))
+        listener.expect((POLICY, "found"), (POLICY, b"in force"))
         token.undeclare()
-        listener.expect((POLICY, b"in force"), (POLICY, "lost"))
+        listener.expect((POLICY, "found"), (POLICY, b"in force"), (POLICY, "lost"))
 
 
 def test_what_is_not_a_plan_is_not_heard(bus, operator, listener):  # noqa: ARG001

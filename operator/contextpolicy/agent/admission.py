@@ -23,6 +23,7 @@ class Admission:
     def __init__(self, cpus: int) -> None:
         self._cpus = cpus
         self._stamps: dict[str, tuple[int, int, int]] = {}
+        self._sourceless: set[str] = set()
         self._admitted: dict[str, Order] = {}
 
     def admit(self, order: Order) -> Order | None:
@@ -36,21 +37,28 @@ class Admission:
             order = replace(order, targets=())
         self._check_amounts(order)
         self._check_owners(order)
+        self._sourceless.discard(order.policy)
         self._stamps[order.policy] = order.stamp
         self._admitted[order.policy] = order
         return order
 
-    def restart(self, policy: str) -> None:
-        """The source of the policy's plans went away; the next one counts anew, perhaps by another clock."""
-        self._stamps.pop(policy, None)
+    def lose_source(self, policy: str) -> None:
+        """The source of the policy's plans went away; another one may count its runs by another clock."""
+        self._sourceless.add(policy)
 
     def drop(self, policy: str) -> None:
-        """The policy has nothing here any more."""
+        """The policy has nothing here any more. What it ordered before is still out of turn, if it comes now."""
         self._admitted.pop(policy, None)
+
+    def forget(self, policy: str) -> None:
+        """Nobody was heard for long: whatever comes next is news."""
+        self.drop(policy)
+        self._stamps.pop(policy, None)
 
     def _is_news(self, order: Order) -> bool:
         last = self._stamps.get(order.policy)
-        if last is not None and order.stamp < last:
+        another_source = order.policy in self._sourceless and last is not None and order.stamp[0] != last[0]
+        if last is not None and order.stamp < last and not another_source:
             raise OrderError("Outdated", f"{order.policy}: {order.stamp} came after {last}")
         return order.stamp != last
 

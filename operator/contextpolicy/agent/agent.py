@@ -55,6 +55,7 @@ class Agent:
         self._admission = Admission(os.cpu_count() or 1)
         self._ledger = Ledger(settings.state / "agent.journal")
         self._graces: dict[str, DisposableBase] = {}
+        self._sources: set[str] = set()
         self._hands: _Hands | None = None
         self._missing: dict[str, list[str]] = {}
 
@@ -84,14 +85,19 @@ class Agent:
         except OrderError as error:
             self._refusals.note(error.reason, str(error))
             return
+        if order is None or order.mode is Mode.ENFORCE:
+            self._hold(policy)
         if order is not None:
-            if order.mode is Mode.ENFORCE:
-                self._end_grace(policy)
             self._persist(lambda: self._obey(order))
+
+    def find_source(self, policy: str) -> None:
+        """Somebody makes plans for the policy."""
+        self._sources.add(policy)
 
     def lose_source(self, policy: str) -> None:
         """Nobody makes plans for the policy any more, as far as the network tells."""
-        self._admission.restart(policy)
+        self._sources.discard(policy)
+        self._admission.lose_source(policy)
         self._await_source(policy)
 
     def on_other_write(self, path: Path) -> None:
@@ -166,6 +172,14 @@ class Agent:
         if self._ledger.of(policy):
             log.warning("%s: no plans for %g s; undoing what the API did not confirm", policy, self._settings.grace)
         self._release(policy)
+        self._admission.forget(policy)
+
+    def _hold(self, policy: str) -> None:
+        """A plan holds while it has a source; one that was long under way may have none any more."""
+        if policy in self._sources:
+            self._end_grace(policy)
+        elif policy not in self._graces:
+            self._await_source(policy)
 
     def _persist(self, action: Callable[[], None]) -> None:
         """A container may end in the middle of it; the next attempt leaves it out."""

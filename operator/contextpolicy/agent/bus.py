@@ -29,6 +29,9 @@ class Listener(Protocol):
     def hear(self, policy: str, payload: bytes | None) -> None:
         """A message about a policy; None: it is gone."""
 
+    def find_source(self, policy: str) -> None:
+        """Somebody makes plans for the policy."""
+
     def lose_source(self, policy: str) -> None:
         """Nobody makes plans for the policy any more."""
 
@@ -69,6 +72,7 @@ class AgentBus:
             self._later(lambda: self._listener.lose_source(policy_of(key)))
 
     def _ask(self, key: str) -> None:
+        self._listener.find_source(policy_of(key))
         self._session.get(key, self._on_reply)
 
     def _on_reply(self, reply: zenoh.Reply) -> None:

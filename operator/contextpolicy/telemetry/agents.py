@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 PATIENCE = 1.0
 """Seconds in which the agents that live already must be known: a plan made without them would move them to and fro."""
-RETURN = 5.0
+RETURN = 10.0
 """Seconds that an agent may be gone, as for an upgrade, before its node counts as without. To fall back and return at
 once would be a quick revert of every limit, which kubelets get wrong (kubernetes#125205)."""
 

@@ -17,6 +17,8 @@ log = logging.getLogger(__name__)
 
 STATUS_INTERVAL = 0.2
 """Seconds between two status writes of one policy: a storm of plans must not become a storm of writes."""
+STATUS_DELAY = 0.1
+"""Seconds until a status is written: the resizes of the plan that it tells of come first, on two cores they compete."""
 STATUS_RETRY = 2.0
 """Seconds until a status that could not be written is tried again."""
 
@@ -46,7 +48,8 @@ class Clerk:
         """Let `make` tell the policy's status soon; only the last of several gets written."""
         self._pending[policy] = make
         if policy not in self._resting:
-            self._write(policy)
+            self._resting.add(policy)
+            self._scheduler.schedule_relative(STATUS_DELAY, lambda *_: self._rested(policy))
 
     def forget(self, policy: str) -> None:
         """The policy is gone: write nothing more about it."""
