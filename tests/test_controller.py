@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 from prometheus_client import REGISTRY
 from reactivex import operators
@@ -103,13 +105,13 @@ def test_a_policy_without_any_container_is_still_on_the_bus():
     assert message["targets"] == []
 
 
-def test_the_bus_hears_of_a_plan_before_the_actuator():
+def test_the_patches_of_a_plan_are_under_way_before_the_bus_is_told():
     robot = Robot().begin()
     heard = []
     robot.orders.apply = lambda _: heard.append(("order", len(robot.session.plans())))
     before = len(robot.session.plans())
     robot.sample(speed=0.3)
-    assert heard == [("order", before + 1)]
+    assert heard == [("order", before)]
 
 
 def test_ceilings_are_the_tasks_own_or_all_there_is():
@@ -147,13 +149,14 @@ def test_run_and_sequence_only_move_forward_even_when_the_clock_does_not(monkeyp
 
 def test_stages_are_told_with_the_plan_they_belong_to():
     robot = Robot()
-    robot.controller.tell("accepted", "lab/slam/slam", 0.8)
+    robot.controller.tell("accepted", "lab/slam/slam", 0.8, time.monotonic())
     robot.begin()
-    robot.controller.tell("accepted", "lab/slam/slam", 0.8)
+    robot.controller.tell("accepted", "lab/slam/slam", 0.8, time.monotonic() - 5)
     [step] = [message for key, message in robot.session.published if key == APPLIED]
     last = robot.session.plans()[-1]
     assert (step["run"], step["sequence"]) == (last["run"], last["sequence"])
     assert (step["stage"], step["container"], step["cores"]) == ("accepted", "lab/slam/slam", 0.8)
+    assert robot.controller._now() - step["time"] == pytest.approx(5, abs=1)
 
 
 # editing and ending

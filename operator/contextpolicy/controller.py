@@ -129,24 +129,27 @@ class Controller:
             self._republish()
         self.on_change()
 
-    def tell(self, stage: str, container: str, cores: float) -> None:
-        """Tell the bus that a container's new limit reached a stage: `accepted` by the API, `inForce` on the node."""
+    def tell(self, stage: str, container: str, cores: float, at: float) -> None:
+        """Tell the bus that a container's new limit reached a stage: `accepted` by the API, `inForce` on the node.
+
+        `at` is the monotonic time of that.
+        """
         if self._bus is not None and self.planner.last is not None:
-            step = {"stage": stage, "container": container, "cores": cores, "time": self._now()}
+            step = {"stage": stage, "container": container, "cores": cores, "time": self._moment(at)}
             self._bus.publish_applied({"run": self.run, "sequence": self.planner.last.sequence, **step})
 
     def _on_plan(self, plan: Plan) -> None:
-        """The bus first: an agent on the node is faster than any patch.
+        """The patches first: workers send them while the bus hears of the plan.
 
         Before it is known where the containers run, a plan would say that the policy has none, and put them back.
         """
         if not self._placed:
             return
         self._edition = 0
-        trigger = plan.time if self._arrived is None else self._now() - (time.monotonic() - self._arrived)
-        self._publish({"trigger": trigger})
-        self.on_plan(self.policy.reference, time.monotonic() if self._arrived is None else self._arrived)
+        arrived = time.monotonic() if self._arrived is None else self._arrived
+        self.on_plan(self.policy.reference, arrived)
         self._order()
+        self._publish({"trigger": plan.time if self._arrived is None else self._moment(arrived)})
         self._measure(plan)
         self.on_change()
 
@@ -221,6 +224,9 @@ class Controller:
 
     def _explain(self) -> dict[str, Any]:
         return explain(self.planner, self._now())
+
+    def _moment(self, monotonic: float) -> float:
+        return self._now() - (time.monotonic() - monotonic)
 
     def _now(self) -> float:
         return self._with.scheduler.to_seconds(self._with.scheduler.now)

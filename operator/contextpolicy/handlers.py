@@ -1,4 +1,4 @@
-"""Kopf only: the life of ContextPolicy objects, and the watches of pods and nodes. Parse, call, return."""
+"""Kopf only: start and stop, and the life of ContextPolicy objects. Parse, call, return."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 import kopf
 
 from contextpolicy.cluster.api import FINALIZER, Api
+from contextpolicy.cluster.watching import Watch
 from contextpolicy.runtime import Runtime
 from contextpolicy.streams.loop import Loop
 from contextpolicy.streams.zenoh_session import open_client
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Sequence
 
     from contextpolicy.settings import Settings
 
@@ -42,7 +43,19 @@ async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     if not await asyncio.to_thread(api.serves_policies):
         raise kopf.PermanentError("the custom resource is not installed: kubectl apply -f crds/, then start again")
     memo.runtime, memo.stop = Runtime(api, Loop()), Event()
+    memo.watches = _watches(api, own.namespaces, memo.runtime)
+    for watch in memo.watches:
+        watch.start()
+    # A policy whose containers are not known yet would seem restored, and be gone: kopf calls no handler before this.
+    await asyncio.gather(*(asyncio.wrap_future(watch.listed) for watch in memo.watches))
     memo.connecting = asyncio.create_task(asyncio.to_thread(_connect, own.connect, memo.runtime, memo.stop))
+
+
+def _watches(api: Api, namespaces: Sequence[str], runtime: Runtime) -> list[Watch]:
+    """Pods and nodes; a node that went has no pods any more."""
+    lists = [f"/api/v1/namespaces/{namespace}/pods" for namespace in namespaces] or ["/api/v1/pods"]
+    pods = [Watch(api, path, runtime.pod_changed, runtime.pod_gone) for path in lists]
+    return [*pods, Watch(api, "/api/v1/nodes", runtime.node_changed, lambda _: None)]
 
 
 def _connect(endpoints: tuple[str, ...], runtime: Runtime, stop: Event) -> None:
@@ -57,7 +70,13 @@ async def stop(memo: Any, **_: Any) -> None:
     """Close it again."""
     memo.stop.set()
     await memo.connecting
-    await asyncio.to_thread(memo.runtime.close)
+    await asyncio.to_thread(_close, memo.watches, memo.runtime)
+
+
+def _close(watches: Sequence[Watch], runtime: Runtime) -> None:
+    for watch in watches:
+        watch.stop()
+    runtime.close()
 
 
 @kopf.on.resume(GROUP, PLURAL)
@@ -78,30 +97,9 @@ async def release(namespace: str | None, name: str, memo: Any, **_: Any) -> None
         raise kopf.TemporaryError("containers are not restored yet", delay=1) from None
 
 
-# Kopf calls no handler before it has listed everything that has an index. What calls these is not the indices, which
-# stay empty, but their promise: a policy is deleted, or planned for, when all pods and nodes are known, not before.
-
-
-@kopf.index("pods")
-async def pod(body: Mapping[str, Any], memo: Any, **_: Any) -> None:
-    """A pod appeared or changed; async, because a thread of kopf's pool would only add a hop."""
-    memo.runtime.pod_changed(body)
-
-
-@kopf.on.event("pods")
-async def pod_gone(type: str | None, body: Mapping[str, Any], memo: Any, **_: Any) -> None:  # noqa: A002 - kopf's name
-    """A pod went."""
-    if type == "DELETED":
-        memo.runtime.pod_gone(body["metadata"]["uid"])
-
-
-@kopf.index("nodes")
-async def node(body: Mapping[str, Any], memo: Any, **_: Any) -> None:
-    """A node appeared or changed; one that went has no pods any more."""
-    memo.runtime.node_changed(body)
-
-
 @kopf.on.probe(id="loop")
 def healthy(memo: Any, **_: Any) -> float:
-    """The loop's delay in seconds: a loop that hangs fails the liveness probe by time-out."""
+    """The loop's delay in seconds: a loop that hangs, or a watch that ended, fails the liveness probe by time-out."""
+    for watch in memo.watches:
+        watch.check()
     return float(memo.runtime.delay())

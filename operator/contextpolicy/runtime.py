@@ -261,10 +261,10 @@ class Runtime:
         if policy in self._policies:
             self._report(policy)
 
-    def _on_stage(self, policy: str, stage: str, container: str, cores: float) -> None:
+    def _on_stage(self, policy: str, stage: str, container: str, cores: float, at: float) -> None:
         entry = self._policies.get(policy)
         if entry is not None and entry.controller is not None:
-            entry.controller.tell(stage, container, cores)
+            entry.controller.tell(stage, container, cores, at)
 
     def _tell(self, reference: str, reason: str, message: str) -> None:
         entry = self._policies.get(reference)

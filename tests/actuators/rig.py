@@ -44,7 +44,7 @@ class Witness:
         self.in_force: list[tuple[str, int]] = []
         self.problems: list[tuple[str, str, str]] = []
 
-    def on_accepted(self, policy: str, container: str, cpu: Cpu) -> None:  # noqa: ARG002 - the observer's signature
+    def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:  # noqa: ARG002 - its signature
         self.accepted.append((container, cpu.limit))
 
     def on_in_force(self, policy: str, container: str, limit: int) -> None:  # noqa: ARG002 - as above

@@ -18,7 +18,7 @@ class Told:
         self.problems, self.stages = [], []
         self.watch = ResizeWatch(
             lambda _, reason, message: self.problems.append((reason, message)),
-            lambda _, stage, container, cores: self.stages.append((stage, container, cores)),
+            lambda _, stage, container, cores, __: self.stages.append((stage, container, cores)),
         )
 
 
@@ -32,9 +32,9 @@ def held_back(message="node is full"):
     return view(a_pod("slam", conditions=[condition]))
 
 
-def count(stage):
+def count(stage, of="count"):
     labels = {"policy": POLICY, "stage": stage}
-    return REGISTRY.get_sample_value("contextpolicy_stage_seconds_count", labels) or 0.0
+    return REGISTRY.get_sample_value(f"contextpolicy_stage_seconds_{of}", labels) or 0.0
 
 
 def resizes(result):
@@ -43,16 +43,18 @@ def resizes(result):
 
 def test_each_stage_is_told_and_measured(told):
     before = [count(stage) for stage in ("plan", "patch", "status")]
+    until_patch = count("patch", of="sum")
     told.watch.planned(POLICY, 1.0)
-    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300))
+    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 2.5)
     told.watch.on_in_force(POLICY, "lab/slam/slam", 300)
     assert told.stages == [("accepted", "lab/slam/slam", 0.3), ("inForce", "lab/slam/slam", 0.3)]
     assert [count(stage) for stage in ("plan", "patch", "status")] == [n + 1 for n in before]
+    assert count("patch", of="sum") - until_patch == pytest.approx(1.5)
 
 
 def test_a_patch_without_any_plan_yet_is_not_measured(told):
     before = count("patch")
-    told.watch.on_accepted("lab/other", "lab/slam/slam", Cpu(None, None))
+    told.watch.on_accepted("lab/other", "lab/slam/slam", Cpu(None, None), 2.5)
     assert (told.stages, count("patch")) == ([("accepted", "lab/slam/slam", 0.0)], before)
 
 
@@ -76,7 +78,7 @@ def test_another_failure_of_the_same_pod_is_news(told):
 
 
 def test_what_the_kubelet_holds_back_is_told_to_the_policies_that_asked_for_it(told):
-    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300))
+    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 2.5)
     for _ in range(2):
         told.watch.observe(held_back())
     assert told.problems == [("ResizePending", "slam: Deferred: node is full")]
@@ -92,7 +94,7 @@ def test_a_resize_of_somebody_else_that_is_held_back_is_no_news(told):
 
 
 def test_a_pod_takes_its_problems_along(told):
-    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300))
+    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 2.5)
     told.watch.on_problem(POLICY, "slam", refusal())
     told.watch.on_problem("elsewhere/other", "slam", refusal())
     told.watch.observe(held_back())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -43,11 +44,15 @@ class Job:
 
 @dataclass(slots=True)
 class Outcome:
-    """How far a job came: `version` is that of its last answered write, `error` what ended it."""
+    """How far a job came: `version` is that of its last answered write, `error` what ended it.
+
+    `answered` is the monotonic time at which the API had accepted all of it.
+    """
 
     version: int = 0
     noted: bool = False
     resized: bool = False
+    answered: float = 0.0
     error: ActuationError | None = None
 
 
@@ -60,6 +65,7 @@ def carry_out(api: Api, job: Job) -> Outcome:
         if job.changed:
             patch = resize_patch(job.view, job.changed)
             outcome.version, outcome.resized = api.resize(job.view.namespace, job.view.name, patch), True
+        outcome.answered = time.monotonic()
         if job.note and job.restore:
             _note(api, job, outcome)
     except ActuationError as error:

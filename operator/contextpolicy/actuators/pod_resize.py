@@ -36,8 +36,8 @@ RETRY_FIRST, RETRY_LONGEST = 0.1, 5.0
 class Observer(Protocol):
     """Who wants to know how resizing goes; called on the loop's thread."""
 
-    def on_accepted(self, policy: str, container: str, cpu: Cpu) -> None:
-        """The API has the new resources."""
+    def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
+        """The API has the new resources, since this monotonic time."""
 
     def on_in_force(self, policy: str, container: str, limit: int) -> None:
         """The kubelet reports the limit that the plan wants."""
@@ -195,7 +195,7 @@ class PodResizer:
         if outcome.error is None:
             self._recovered(job.policy, slot)
             for name, cpu in job.wanted.items():
-                self._observer.on_accepted(job.policy, container_id(slot.view, name), cpu)
+                self._observer.on_accepted(job.policy, container_id(slot.view, name), cpu, outcome.answered)
         elif outcome.error.reason == "NotFound":
             del self._slots[slot.view.uid]
         else:

@@ -18,11 +18,12 @@ class ResizeWatch:
     """Hears of every patch.
 
     `on_problem(policy, reason, message)` is called once per new problem and when one ends, `on_stage(policy, stage,
-    container, cores)` when the API accepted a limit (`accepted`) and when the node has it (`inForce`).
+    container, cores, at)` when the API accepted a limit (`accepted`) and when the node has it (`inForce`). Times are
+    monotonic.
     """
 
     def __init__(
-        self, on_problem: Callable[[str, str, str], None], on_stage: Callable[[str, str, str, float], None]
+        self, on_problem: Callable[[str, str, str], None], on_stage: Callable[[str, str, str, float, float], None]
     ) -> None:
         self._on_problem, self._on_stage = on_problem, on_stage
         self._arrived: dict[str, float] = {}
@@ -31,21 +32,22 @@ class ResizeWatch:
         self._pods: dict[str, set[str]] = {}
 
     def planned(self, policy: str, arrived: float) -> None:
-        """A plan was made from a sample that arrived at this monotonic time."""
+        """A plan was made from a sample that arrived then."""
         self._arrived[policy] = arrived
-        self._observe(policy, "plan")
+        self._observe(policy, "plan", time.monotonic())
 
-    def on_accepted(self, policy: str, container: str, cpu: Cpu) -> None:
+    def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
         """The API has the new resources."""
-        self._on_stage(policy, "accepted", container, (cpu.limit or 0) / 1000)
+        self._on_stage(policy, "accepted", container, (cpu.limit or 0) / 1000, answered)
         self._pods.setdefault(policy, set()).add(container.rsplit("/", 1)[0])
         metrics.RESIZES.labels(policy, "accepted").inc()
-        self._observe(policy, "patch")
+        self._observe(policy, "patch", answered)
 
     def on_in_force(self, policy: str, container: str, limit: int) -> None:
         """The kubelet reports the limit that the plan wants."""
-        self._on_stage(policy, "inForce", container, limit / 1000)
-        self._observe(policy, "status")
+        now = time.monotonic()
+        self._on_stage(policy, "inForce", container, limit / 1000, now)
+        self._observe(policy, "status", now)
 
     def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
         """A patch failed, or after a failure works again."""
@@ -90,7 +92,7 @@ class ResizeWatch:
         for known in (self._arrived, self._failed, self._pods):
             known.pop(policy, None)
 
-    def _observe(self, policy: str, stage: str) -> None:
+    def _observe(self, policy: str, stage: str, at: float) -> None:
         arrived = self._arrived.get(policy)
         if arrived:
-            metrics.STAGE_SECONDS.labels(policy, stage).observe(time.monotonic() - arrived)
+            metrics.STAGE_SECONDS.labels(policy, stage).observe(at - arrived)

@@ -1,0 +1,126 @@
+"""Every object of a list as it is, and then each change, as the API server tells it: list once, then watch.
+
+Kopf tells of any object too, but compares each version with the last and copies both: milliseconds of Python per event,
+just when a resize makes pods change and its own answer waits to be read. This reads an event and hands it over.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from concurrent.futures import Future
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Any, Protocol
+
+import urllib3
+from kubernetes.watch.watch import iter_resp_lines
+
+from contextpolicy.errors import ActuationError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+log = logging.getLogger(__name__)
+
+PAUSES = (0.1, 0.2, 0.5, 1.0)
+"""Seconds between attempts to reach the API server; the last one from then on."""
+
+
+class Api(Protocol):
+    """What a watch needs of the API server."""
+
+    def read(self, path: str) -> dict[str, Any]:
+        """GET a list."""
+
+    def watch(self, path: str, version: str) -> urllib3.BaseHTTPResponse:
+        """Its changes since then, one JSON object a line."""
+
+
+class Watch:
+    """One list, followed on a thread of its own.
+
+    `on_change(object)` and `on_gone(uid)` are called on that thread. `listed` is done when all that exists was told.
+    """
+
+    def __init__(
+        self, api: Api, path: str, on_change: Callable[[Mapping[str, Any]], None], on_gone: Callable[[str], None]
+    ) -> None:
+        self.listed: Future[None] = Future()
+        self._api, self._path = api, path
+        self._on_change, self._on_gone = on_change, on_gone
+        self._known: set[str] = set()
+        self._version: str | None = None
+        self._failures = 0
+        self._stop = Event()
+        self._response: urllib3.BaseHTTPResponse | None = None
+        self._thread = Thread(target=self._run, name=f"watch {path}", daemon=True)
+
+    def start(self) -> None:
+        """Begin to list."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End, also while the server is silent."""
+        self._stop.set()
+        if self._response is not None:
+            self._response.shutdown()
+        self._thread.join(timeout=5)
+
+    def check(self) -> None:
+        """RuntimeError when the thread has ended without being told to."""
+        if not self._thread.is_alive():
+            raise RuntimeError(f"{self._path} is not watched any more")
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                if self._version is None:
+                    self._list()
+                self._follow()
+            except (ActuationError, urllib3.exceptions.HTTPError, OSError, ValueError, LookupError, TypeError) as error:
+                self._rest(error)
+
+    def _list(self) -> None:
+        found = self._api.read(self._path)
+        for item in found["items"]:
+            self._on_change(item)
+        uids = {item["metadata"]["uid"] for item in found["items"]}
+        for uid in self._known - uids:
+            self._on_gone(uid)
+        self._known, self._version = uids, found["metadata"]["resourceVersion"]
+        if self._failures:
+            log.info("%s is told again", self._path)
+        self._failures = 0
+        if not self.listed.done():
+            self.listed.set_result(None)
+
+    def _follow(self) -> None:
+        """Until the server ends it, which it does every few minutes: then it goes on from the last version."""
+        with self._api.watch(self._path, self._version or "") as response:
+            self._response = response
+            if not self._stop.is_set():
+                for line in iter_resp_lines(response):  # type: ignore[no-untyped-call]
+                    self._take(json.loads(line))
+
+    def _take(self, event: Mapping[str, Any]) -> None:
+        item = event["object"]
+        if event["type"] == "ERROR":
+            raise ActuationError(str(item.get("reason")), str(item.get("message")), retriable=True)
+        metadata = item["metadata"]
+        if event["type"] == "DELETED":
+            self._known.discard(metadata["uid"])
+            self._on_gone(metadata["uid"])
+        elif event["type"] != "BOOKMARK":
+            self._known.add(metadata["uid"])
+            self._on_change(item)
+        self._version = metadata["resourceVersion"]
+
+    def _rest(self, error: Exception) -> None:
+        """Whatever went wrong, the versions may have moved on (410) or back (a restored backup): list anew."""
+        self._version = None
+        if self._stop.is_set():
+            return
+        if self._failures == 0:
+            log.warning("%s can't be watched, trying again: %s", self._path, error)
+        self._stop.wait(PAUSES[min(self._failures, len(PAUSES) - 1)])
+        self._failures += 1
