@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A decoded payload; `timestamp` is the sender's clock in Unix seconds where the sender gives one."""
+    """A decoded payload; `timestamp` is when it was taken, where the sender tells, in seconds of the planner's time."""
 
     stream: str
     value: dict[str, Any]
