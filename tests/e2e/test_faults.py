@@ -157,6 +157,23 @@ def test_node_saturated_by_the_tasks_themselves(governed, faults):
         governed.start("slam", "speech")
 
 
+def test_pods_deleted_and_created_under_load(governed, faults):
+    """Busy pods are replaced while contexts change."""
+    governed.stop("slam", "speech")
+    governed.start("slam", "speech", command=BUSY)
+    try:
+        with faults("pods deleted and created under load", "a new pod gets its share, the others keep theirs") as seen:
+            for name, speed in (("slam", 0.3), ("speech", 0.0), ("slam", 0.0), ("speech", 0.3)):
+                governed.drive(speed)
+                governed.stop(name)
+                governed.start(name, command=BUSY)
+            seen.back()
+            governed.expect(slam=990, speech=10)
+    finally:
+        governed.stop("slam", "speech")
+        governed.start("slam", "speech")
+
+
 class sensor:  # noqa: N801 - used as a context manager only
     """A sensor in a process of its own that sees the robot move."""
 

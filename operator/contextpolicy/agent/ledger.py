@@ -23,7 +23,8 @@ class Entry:
     """One file: `theirs` is what anybody else last wrote, `ours` what we did; as the file's own text.
 
     `earlier` is what we wrote before and a resize under way may still bring. A `held` file is ours alone to write.
-    `inherited` entries are from a former life: whether a resize has agreed since is for the next plan to tell.
+    `inherited` entries are from a former life, which may have ended ahead of its write: what the file then holds is an
+    earlier value. Whether a resize has agreed since is for the next plan to tell.
     """
 
     policy: str
@@ -32,6 +33,10 @@ class Entry:
     held: bool = False
     inherited: bool = False
     earlier: set[str] = field(default_factory=set)
+
+    def wrote(self, text: str) -> bool:
+        """Whether what the file holds is from us, and not what was there before."""
+        return text != self.theirs and (text == self.ours or (self.inherited and text in self.earlier))
 
 
 class Ledger:
@@ -103,12 +108,13 @@ class Ledger:
 
     def _line(self, path: Path) -> bytes:
         entry = self.entries.get(path)
-        content = [str(path), [entry.policy, entry.theirs, entry.ours, entry.held] if entry else None]
-        return json.dumps(content).encode() + b"\n"
+        content = (entry.policy, entry.theirs, entry.ours, entry.held, sorted(entry.earlier)) if entry else None
+        return json.dumps([str(path), content]).encode() + b"\n"
 
-    def _replay(self, path: str, entry: tuple[str, str, str, bool] | None) -> None:
+    def _replay(self, path: str, entry: tuple[str, str, str, bool, list[str]] | None) -> None:
         if entry is None:
             self.entries.pop(Path(path), None)
         else:
-            policy, theirs, ours, held = entry
-            self.entries[Path(path)] = Entry(str(policy), str(theirs), str(ours), held is True, inherited=True)
+            policy, theirs, ours, held, earlier = entry
+            known = {str(text) for text in earlier}
+            self.entries[Path(path)] = Entry(str(policy), str(theirs), str(ours), held is True, True, known)

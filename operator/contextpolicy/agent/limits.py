@@ -46,10 +46,11 @@ class Limits:
         self._wanted.pop(policy, None)
 
     def settle(self, group: Path, limit: int) -> None:
-        """The API says that `limit` is in force: an entry of a former life which equals it was agreed with."""
+        """The API says that `limit` is in force: what a former life wrote was agreed with if that is what it was."""
         entry = self._ledger.entries.get(group / self._files.form.file)
         with suppress(ActuationError):
-            if entry is not None and entry.inherited and self._files[group].text(limit) == entry.ours:
+            file = self._files[group]
+            if entry is not None and entry.inherited and file.text(limit) == file.read():
                 self._close(group / self._files.form.file)
 
     def on_other_write(self, path: Path) -> None:
@@ -151,7 +152,7 @@ class Limits:
         for path, entry in sorted(entries.items(), key=lambda item: len(item[0].parts), reverse=True):
             try:
                 file = self._files[path.parent]
-                if file.read() == entry.ours != entry.theirs and self._fits(path.parent, file.amount(entry.theirs)):
+                if entry.wrote(file.read()) and self._fits(path.parent, file.amount(entry.theirs)):
                     file.write(entry.theirs)
                     log.info("%s: put back %s", path, entry.theirs)
             except ActuationError as error:

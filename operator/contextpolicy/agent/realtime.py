@@ -166,17 +166,22 @@ class Realtime:
         """What is as it was needs no entry; what nobody wants needs no open file."""
         for path, entry in self._entries().items():
             if self._exists(path.parent) and self._files[path.parent].read() == entry.theirs:
-                self._put_period_back(path.parent)
                 self._ledger.close(path)
+        self._put_periods_back()
         self._ledger.save()
         self._files.keep({path.parent for path in self._entries()})
 
-    def _put_period_back(self, group: Path) -> None:
-        file = self._files[group]
-        entry = self._ledger.entries.get(file.period_path) if file.period_path else None
-        if file.period_path is not None and entry is not None:
-            self._try(partial(file.set_period, int(entry.theirs)))
-            self._ledger.close(file.period_path)
+    def _put_periods_back(self) -> None:
+        """Of groups whose budget is as it was; a former life may have ended before it gave them any."""
+        budgets = {path.parent for path in self._entries()}
+        periods = {p: e for p, e in self._ledger.entries.items() if p.name == self._files.form.period_file}
+        for path, entry in periods.items():
+            if path.parent not in budgets:
+                self._try(partial(self._set_back, path.parent, int(entry.theirs)))
+                self._ledger.close(path)
+
+    def _set_back(self, group: Path, period: int) -> None:
+        self._files[group].set_period(period)
 
     def _try(self, action: Callable[[], None]) -> None:
         """A container may end at any moment."""

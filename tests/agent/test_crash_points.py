@@ -1,0 +1,194 @@
+"""The agent is killed at each of its writes, to a cgroup or its journal: what the next one makes of it."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+from reactivex.testing import TestScheduler
+
+from contextpolicy.actuators.inotify import Watch
+from contextpolicy.agent import capabilities
+from contextpolicy.agent.agent import Agent
+from contextpolicy.agent.settings import AgentSettings
+from contextpolicy.settings import Settings
+from tests.agent.builders import NODE, POLICY, SLAM, SPEECH, Tree, a_message, a_target
+
+GRACE = 10.0
+BEFORE, DURING, AFTER = "before", "during", "after"
+MOST = {"CFS": 14, "Realtime": 34}
+"""More writes than the story costs."""
+POINTS = [
+    (scheduler, write, moment)
+    for scheduler, most in MOST.items()
+    for write, moment in itertools.product(range(most), (BEFORE, DURING, AFTER))
+]
+SHARES = ({"slam": 0.8, "speech": 0.1}, {"slam": 0.2, "speech": 0.6})
+
+
+class Killed(BaseException):
+    """SIGKILL."""
+
+
+class Fuse:
+    """Kills at one write: before it, in the middle of what it writes, or after it."""
+
+    def __init__(self, monkeypatch):
+        self.left, self.moment, self.writes, self.burnt = None, BEFORE, 0, False
+        for owner, name in ((os, "pwrite"), (os, "write"), (os, "ftruncate"), (Path, "write_text"), (Path, "replace")):
+            monkeypatch.setattr(owner, name, self._fused(getattr(owner, name)))
+
+    def _fused(self, call):
+        def fused(target, *arguments):
+            self.writes += 1
+            if self.left is None:
+                return call(target, *arguments)
+            self.left -= 1
+            if self.left >= 0:
+                return call(target, *arguments)
+            self.left, self.burnt = None, True
+            self._burn(call, target, arguments)
+            raise Killed
+
+        return fused
+
+    def _burn(self, call, target, arguments):
+        """Only a line of the journal can be cut short: the kernel takes a cgroup's text whole or not at all."""
+        if self.moment == AFTER:
+            call(target, *arguments)
+        if self.moment == DURING and call.__name__ == "write":
+            call(target, arguments[0][: len(arguments[0]) // 2])
+
+
+class Story:
+    """Two plans, then the policy is deleted; `after` counts the plans that some agent heard of."""
+
+    def __init__(self, tmp_path, scheduler, watch):
+        self._scheduler, self._state, self._watch = scheduler, tmp_path / "state", watch
+        self.tree = Tree(tmp_path / "cgroup")
+        self.groups = {"slam": self.tree.container(SLAM), "speech": self.tree.container(SPEECH)}
+        self.before = self.seen()
+        self.heard = 0
+        self.start()
+
+    def start(self):
+        self.time = TestScheduler()
+        own = AgentSettings(NODE, Settings(), self.tree.mount, self._state, grace=GRACE)
+        self.agent = Agent(own, self.time, self._watch)
+        self.agent.start()
+
+    def tell(self):
+        """The newest plan, as a source tells it to whoever asks; with a second sequence for the agent after it."""
+        self.agent.find_source(POLICY)
+        shares = SHARES[self.heard - 1]
+        targets = [a_target({"slam": SLAM, "speech": SPEECH}[name], c, task=name) for name, c in shares.items()]
+        suspended = ("speech",) if self._scheduler == "Realtime" and self.heard == 1 else ()
+        capacity = 0.95 if self._scheduler == "Realtime" else 1.0
+        message = a_message(
+            *targets, sequence=self.heard, capacity=capacity, suspended=suspended, scheduler=self._scheduler
+        )
+        self.agent.hear(POLICY, message)
+
+    def run(self):
+        for self.heard in range(1, len(SHARES) + 1):
+            self.tell()
+        self.agent.lose_source(POLICY)
+        self.agent.hear(POLICY, None)
+
+    def seen(self):
+        """Every limit, period and budget below all pods; unlike the kernel's, these files keep the end of longer text."""
+        names = ("cpu.cfs_quota_us", "cpu.rt_runtime_us", "cpu.rt_period_us")
+        files = [path for name in names for path in self.tree.layout.top.rglob(name)]
+        return {path: path.read_text().partition("\n")[0] for path in files}
+
+    def obeyed(self):
+        read = self.tree.budget if self._scheduler == "Realtime" else self.tree.limit
+        return {name: read(group) for name, group in self.groups.items()}
+
+    def wait(self):
+        self.time.advance_by(timedelta(seconds=2 * GRACE))
+
+
+@pytest.fixture(autouse=True)
+def _able(monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    monkeypatch.setattr(capabilities, "_has_capability", lambda _: True)
+
+
+@pytest.fixture(scope="module")
+def watch():
+    """Watches in vain: nobody else writes."""
+    return Watch(lambda _: None)
+
+
+@pytest.fixture
+def tell_story(tmp_path, watch):
+    return lambda scheduler: Story(tmp_path, scheduler, watch)
+
+
+@pytest.fixture
+def fuse(monkeypatch):
+    return Fuse(monkeypatch)
+
+
+def kill(story, fuse, write, moment):
+    """Whether it came to that."""
+    fuse.left, fuse.moment = write, moment
+    try:
+        story.run()
+    except Killed:
+        return True
+    fuse.left = None
+    return False
+
+
+@pytest.mark.parametrize("scheduler", MOST)
+def test_the_story_has_fewer_writes_and_leaves_nothing(tell_story, fuse, scheduler):
+    story = tell_story(scheduler)
+    fuse.writes = 0
+    story.run()
+    assert MOST[scheduler] - 4 <= fuse.writes < MOST[scheduler]
+    assert story.seen() == story.before
+
+
+@pytest.mark.parametrize(("scheduler", "write", "moment"), POINTS)
+def test_killed_at_a_write_and_nobody_plans_any_more(tell_story, fuse, scheduler, write, moment):
+    story = tell_story(scheduler)
+    kill(story, fuse, write, moment)
+    story.start()
+    story.wait()
+    assert story.seen() == story.before
+
+
+@pytest.mark.parametrize(("scheduler", "write", "moment"), POINTS)
+def test_killed_at_a_write_the_next_agent_ends_where_the_plan_wants_and_can_undo_it(
+    tell_story, fuse, scheduler, write, moment
+):
+    story = tell_story(scheduler)
+    kill(story, fuse, write, moment)
+    story.start()
+    story.tell()
+    story.wait()
+    assert story.obeyed() == {name: round(cores * 1000) for name, cores in SHARES[story.heard - 1].items()}
+    story.agent.lose_source(POLICY)
+    story.agent.hear(POLICY, None)
+    assert story.seen() == story.before
+
+
+@pytest.mark.parametrize(("scheduler", "write", "moment"), POINTS)
+def test_killed_at_a_write_and_again_at_the_next_ones_start(tell_story, fuse, scheduler, write, moment):
+    story = tell_story(scheduler)
+    kill(story, fuse, write, moment)
+    fuse.left, fuse.moment = write % 5, moment
+    try:
+        story.start()
+        story.tell()
+    except Killed:
+        pass
+    fuse.left = None
+    story.start()
+    story.wait()
+    assert story.seen() == story.before
