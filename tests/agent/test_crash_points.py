@@ -99,7 +99,7 @@ class Story:
         self.agent.hear(POLICY, None)
 
     def seen(self):
-        """Every limit, period and budget below all pods; unlike the kernel's, these files keep the end of longer text."""
+        """Every limit, period and budget of pods; unlike the kernel's, these files keep the end of a longer text."""
         names = ("cpu.cfs_quota_us", "cpu.rt_runtime_us", "cpu.rt_period_us")
         files = [path for name in names for path in self.tree.layout.top.rglob(name)]
         return {path: path.read_text().partition("\n")[0] for path in files}

@@ -117,4 +117,5 @@ class Ledger:
         else:
             policy, theirs, ours, held, earlier = entry
             known = {str(text) for text in earlier}
-            self.entries[Path(path)] = Entry(str(policy), str(theirs), str(ours), held is True, True, known)
+            inherited = Entry(str(policy), str(theirs), str(ours), held is True, inherited=True, earlier=known)
+            self.entries[Path(path)] = inherited
