@@ -7,8 +7,10 @@ from itertools import pairwise
 
 import pytest
 
-from contextpolicy.actuators.pod_resize import RETRY_FIRST, RETRY_LONGEST, Order
+from contextpolicy.actuators.pauses import FAILED, REFUSED
+from contextpolicy.actuators.pod_resize import Order
 from contextpolicy.cluster.pods import ORIGINALS, Cpu, Original
+from contextpolicy.errors import ActuationError
 from contextpolicy.planning.policy import Control
 from tests.actuators.fake_cluster import UNREACHABLE, Unanswered, refusal
 from tests.actuators.rig import MOMENT, POLICY, Rig
@@ -428,16 +430,16 @@ def test_a_refused_restore_is_not_repeated_when_another_policy_plans():
 # failures
 
 
-def times_of_calls(rig: Rig, seconds: float) -> list[float]:
-    """When the API was called, in steps of 10 ms."""
+def times_of_calls(rig: Rig, seconds: float, step: float = 0.01) -> list[float]:
+    """When the API was called."""
     times, seen = [], len(rig.cluster.calls)
-    for step in range(round(seconds * 100)):
+    for count in range(round(seconds / step)):
         while rig.workers.jobs:
             rig.work()
         if len(rig.cluster.calls) > seen:
-            times.append(step / 100)
+            times.append(count * step)
             seen = len(rig.cluster.calls)
-        rig.wait(0.01)
+        rig.wait(step)
     return times
 
 
@@ -448,7 +450,7 @@ def test_a_failure_that_may_pass_is_tried_again_ever_more_slowly(reason):
     rig.plan(slam=300)
     times = times_of_calls(rig, 25)
     gaps = [round(after - before, 1) for before, after in pairwise(times)]
-    assert gaps == [RETRY_FIRST, 0.2, 0.4, 0.8, 1.6, 3.2, RETRY_LONGEST, RETRY_LONGEST]
+    assert gaps == [FAILED.first, 0.2, 0.4, 0.8, 1.6, 3.2, FAILED.longest, FAILED.longest]
     assert rig.cluster.limit("slam") == 300
     assert rig.witness.problems == [(POLICY, "slam", reason)] * 8 + [(POLICY, "slam", "recovered")]
 
@@ -462,7 +464,7 @@ def test_neither_news_nor_plans_shorten_the_pause():
     rig.cluster.report("uid-slam")
     rig.watch()
     assert rig.workers.jobs == []
-    rig.wait(RETRY_FIRST + MOMENT)
+    rig.wait(FAILED.first + MOMENT)
     rig.work()
     assert rig.cluster.limit("slam") == 400
 
@@ -477,16 +479,34 @@ def test_an_answer_that_is_lost_is_asked_for_again_and_the_note_is_not_spoilt():
 
 
 @pytest.mark.parametrize("reason", ["Invalid", "Forbidden", "BadRequest", "Refused"])
-def test_a_refusal_is_not_repeated(reason):
+def test_a_refusal_is_tried_again_at_a_slow_pace(reason):
+    """A quota, a LimitRange or a role can change with nothing on the pod changing; nobody tells us."""
     rig = Rig(a_pod("slam"))
-    rig.cluster.faults += [None, refusal(reason)]
+    rig.cluster.faults += [None, *[refusal(reason)] * 6]
     rig.plan(slam=300)
-    assert times_of_calls(rig, 20) == [0.0]
+    times = times_of_calls(rig, 400, step=1.0)
+    gaps = [after - before for before, after in pairwise(times)]
+    assert gaps == pytest.approx([REFUSED.first, 10, 20, 40, 80, REFUSED.longest], abs=1.0)
+    assert rig.cluster.limit("slam") == 300
+    assert rig.witness.problems == [(POLICY, "slam", reason)] * 6 + [(POLICY, "slam", "recovered")]
+
+
+def test_neither_news_nor_the_same_plan_repeat_a_refusal():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, refusal("Forbidden")]
+    rig.plan(slam=300)
+    rig.work()
     rig.cluster.report("uid-slam")
     rig.watch()
     rig.plan(slam=300)
     assert rig.workers.jobs == []
-    assert rig.witness.problems == [(POLICY, "slam", reason)]
+
+
+def test_the_api_says_when_it_wants_to_be_asked_again():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults.append(ActuationError("TooManyRequests", "busy", retriable=True, retry_after=7.0))
+    rig.plan(slam=300)
+    assert times_of_calls(rig, 10, step=1.0) == [0.0, 7.0]
 
 
 def test_a_refusal_is_tried_again_when_the_wish_changes():

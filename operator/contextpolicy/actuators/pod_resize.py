@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.pods import ContainerView, PodView
     from contextpolicy.errors import ActuationError
 
-RETRY_FIRST, RETRY_LONGEST = 0.1, 5.0
-"""Seconds before a failed patch is tried again: doubled with each failure. Only failures are ever retried by time."""
+ROUNDING = 1e-3
+"""Seconds that a timer comes later than what it is for: moments are compared as floats."""
 
 
 class Observer(Protocol):
@@ -122,7 +122,7 @@ class PodResizer:
             if original.policy == order.policy and container_id(slot.view, name) not in order.claimed
         }
         for wanted, restore in ((steps, False), (back, True)):
-            refused = slot.refuses(order.policy, wanted, restore=restore)
+            refused = slot.refuses(order.policy, wanted, self._now(), restore=restore)
             if wanted and slot.job is None and not refused:
                 self._send(order.policy, slot, wanted, restore=restore)
         if not steps and not back and slot.job is None:
@@ -191,7 +191,7 @@ class PodResizer:
     def _finish(self, slot: PodSlot, job: Job, outcome: Outcome) -> None:
         if self._slots.get(slot.view.uid) is not slot:
             return
-        slot.finish(job, outcome)
+        pause = slot.finish(job, outcome, self._now())
         if outcome.error is None:
             self._recovered(job.policy, slot)
             for name, cpu in job.wanted.items():
@@ -199,15 +199,16 @@ class PodResizer:
         elif outcome.error.reason == "NotFound":
             del self._slots[slot.view.uid]
         else:
-            self._fail(job.policy, slot, outcome.error)
+            self._fail(job.policy, slot, outcome.error, pause)
         self._drive_all()
 
-    def _fail(self, policy: str, slot: PodSlot, error: ActuationError) -> None:
+    def _fail(self, policy: str, slot: PodSlot, error: ActuationError, pause: float) -> None:
         slot.troubled.add(policy)
         self._observer.on_problem(policy, slot.view.name, error)
         if error.retriable:
-            delay = min(RETRY_LONGEST, RETRY_FIRST * 2 ** min(slot.attempts - 1, 10))
-            self._scheduler.schedule_relative(delay, lambda *_: self._retry(slot))
+            self._scheduler.schedule_relative(pause, lambda *_: self._retry(slot))
+        else:
+            self._wake(pause)
 
     def _recovered(self, policy: str, slot: PodSlot) -> None:
         if policy in slot.troubled:
@@ -217,6 +218,13 @@ class PodResizer:
     def _retry(self, slot: PodSlot) -> None:
         slot.job = None
         self._drive_all()
+
+    def _wake(self, seconds: float) -> None:
+        """Look again then: a pause is over."""
+        self._scheduler.schedule_relative(seconds + ROUNDING, lambda *_: self._drive_all())
+
+    def _now(self) -> float:
+        return self._scheduler.to_seconds(self._scheduler.now)
 
     def _tell_in_force(self, slot: PodSlot, before: Mapping[str, Cpu | None]) -> None:
         for order in self._orders.values():

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from contextpolicy.actuators.headroom import Holding
+from contextpolicy.actuators.pauses import FAILED, REFUSED
 from contextpolicy.cluster.pods import Cpu, Original
 from contextpolicy.planning.placement import QUANTUM
 
@@ -14,6 +15,15 @@ if TYPE_CHECKING:
 
     from contextpolicy.actuators.pod_job import Job, Outcome
     from contextpolicy.cluster.pods import PodView
+
+
+@dataclass(frozen=True, slots=True)
+class _Refusal:
+    """A wish that the API refused so many times in a row; it is not asked for again before `until`."""
+
+    wanted: Mapping[str, Cpu]
+    times: int
+    until: float
 
 
 @dataclass(slots=True)
@@ -34,7 +44,7 @@ class PodSlot:
     asked: dict[str, Cpu] = field(default_factory=dict)
     peaks: dict[str, int] = field(default_factory=dict)
     troubled: set[str] = field(default_factory=set)
-    _refused: dict[tuple[str, bool], Mapping[str, Cpu]] = field(default_factory=dict)
+    _refused: dict[tuple[str, bool], _Refusal] = field(default_factory=dict)
     _before: dict[str, int] = field(default_factory=dict)
 
     def observe(self, view: PodView) -> None:
@@ -52,26 +62,34 @@ class PodSlot:
         for name, cpu in job.changed.items():
             self.peaks[name] = max(self.highest(name), cpu.limit or 0)
 
-    def finish(self, job: Job, outcome: Outcome) -> None:
-        """Learn how far it came; after an error that a retry may mend it stays under way until `rest` ends."""
+    def finish(self, job: Job, outcome: Outcome, now: float) -> float:
+        """Learn how far it came; returns the seconds until it may be tried again, if it failed.
+
+        After an error that a retry may mend it stays under way until then.
+        """
         self._learn(job, outcome)
+        pause = 0.0
         if outcome.error is None:
             self.job, self.attempts, self.unsure, self.maybe = None, 0, False, {}
+            self._refused.pop((job.policy, job.restore), None)
         elif outcome.error.retriable:
             self.attempts, self.unsure = self.attempts + 1, True
             self.maybe |= {} if job.restore else job.originals
+            pause = max(FAILED.after(self.attempts), outcome.error.retry_after)
         else:
             self.job = None
             self.peaks = self.peaks if outcome.resized else self._before
-            self._refused[job.policy, job.restore] = job.wanted
+            pause = self._refuse(job, now)
         self._settle()
+        return pause
 
-    def refuses(self, policy: str, wanted: Mapping[str, Cpu], *, restore: bool) -> bool:
-        """Whether the API refused just this; it is not asked again until the wish or the pod changes."""
-        if self._refused.get((policy, restore)) == wanted:
-            return True
-        self._refused.pop((policy, restore), None)
-        return False
+    def refuses(self, policy: str, wanted: Mapping[str, Cpu], now: float, *, restore: bool) -> bool:
+        """Whether the API has just refused this; another wish, or a change of the pod, may be asked for at once."""
+        refusal = self._refused.get((policy, restore))
+        if refusal is not None and refusal.wanted != wanted:
+            del self._refused[policy, restore]
+            return False
+        return refusal is not None and now < refusal.until
 
     def ask_again(self, policy: str) -> None:
         """Let a restore that was refused be tried once more."""
@@ -118,6 +136,13 @@ class PodSlot:
             return False
         under_way = self.job is not None and self.job.policy == policy
         return under_way or any(original.policy == policy for original in self.originals.values())
+
+    def _refuse(self, job: Job, now: float) -> float:
+        before = self._refused.get((job.policy, job.restore))
+        times = before.times + 1 if before is not None and before.wanted == job.wanted else 1
+        pause = REFUSED.after(times)
+        self._refused[job.policy, job.restore] = _Refusal(job.wanted, times, now + pause)
+        return pause
 
     def _learn(self, job: Job, outcome: Outcome) -> None:
         """What was answered is known, however the job ended."""

@@ -117,7 +117,7 @@ class Api:
         except (client.ApiException, urllib3.exceptions.HTTPError, OSError) as error:
             raise ActuationError("Unreachable", f"{method} {path}: {error}", retriable=True) from error
         if response.status >= 300:
-            raise _refusal(response.status, answer)
+            raise _refusal(response.status, answer, response.headers.get("Retry-After"))
         return bytes(answer)
 
 
@@ -139,10 +139,12 @@ def _version(answer: bytes) -> int:
         raise ActuationError("Unreadable", message, retriable=True) from error
 
 
-def _refusal(status: int, answer: bytes) -> ActuationError:
+def _refusal(status: int, answer: bytes, retry_after: str | None) -> ActuationError:
     reason, retriable = _REASONS.get(status, ("ServerError" if status >= 500 else "Refused", status >= 500))
     try:
         message = json.loads(answer).get("message", "")
     except (ValueError, AttributeError):
         message = answer[:200].decode(errors="replace")
-    return ActuationError(reason, f"{message or 'no message'} (HTTP {status})", retriable=retriable)
+    text = f"{message or 'no message'} (HTTP {status})"
+    pause = float(retry_after) if retry_after and retry_after.isdecimal() else 0.0  # the API server writes no dates
+    return ActuationError(reason, text, retriable=retriable, retry_after=pause)
