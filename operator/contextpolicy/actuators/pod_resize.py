@@ -14,12 +14,13 @@ from contextpolicy.actuators.headroom import allowed
 from contextpolicy.actuators.patches import cpu_for
 from contextpolicy.actuators.pod_job import Job, carry_out
 from contextpolicy.actuators.pod_slot import PodSlot
+from contextpolicy.actuators.restoring import falling, to_restore, without_rises
 from contextpolicy.cluster.claims import container_id
 from contextpolicy.cluster.pods import Cpu
 from contextpolicy.planning.policy import Control
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Collection, Iterator, Mapping
     from concurrent.futures import Executor
 
     from reactivex.abc import SchedulerBase
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.pods import ContainerView, PodView
     from contextpolicy.errors import ActuationError
 
+RESTORE_PATIENCE = 2.0
+"""Seconds for which what is put back waits with rising until what falls has fallen: a refusal, or a kubelet that is
+gone, must not keep it."""
 ROUNDING = 1e-3
 """Seconds that a timer comes later than what it is for: moments are compared as floats."""
 
@@ -66,6 +70,7 @@ class PodResizer:
         self._slots: dict[str, PodSlot] = {}
         self._orders: dict[str, Order] = {}
         self._released: dict[str, Callable[[], None]] = {}
+        self._falling: dict[str, dict[str, float]] = {}
 
     def apply(self, order: Order) -> None:
         """Let this be what the policy wants; replaces what it wanted before."""
@@ -107,21 +112,29 @@ class PodResizer:
         steps: dict[str, dict[str, Cpu]] = defaultdict(dict)
         for uid, name, cpu in self._steps(order):
             steps[uid][name] = cpu
+        bound = self._bound(order)
         for uid, slot in list(self._slots.items()):
             if not slot.view.ended:
-                self._attend(order, slot, steps.get(uid, {}))
+                self._attend(order, slot, steps.get(uid, {}), bound)
         if policy in self._released and not any(slot.holds(policy) for slot in self._slots.values()):
             del self._orders[policy]
+            self._falling.pop(policy, None)
             self._released.pop(policy)()
 
-    def _attend(self, order: Order, slot: PodSlot, steps: dict[str, Cpu]) -> None:
+    def _bound(self, order: Order) -> set[str]:
+        """The nodes on which nothing that is put back may rise yet."""
+        now, before = self._now(), self._falling.get(order.policy, {})
+        nodes = {slot.view.node for slot in self._slots.values() if falling(slot, order.policy, order.claimed)}
+        self._falling[order.policy] = since = {node: before.get(node, now) for node in nodes}
+        if nodes - before.keys():
+            self._wake(RESTORE_PATIENCE)
+        return {node for node, moment in since.items() if now < moment + RESTORE_PATIENCE}
+
+    def _attend(self, order: Order, slot: PodSlot, steps: dict[str, Cpu], bound: Collection[str]) -> None:
         """Send what one pod needs: steps to the plan, or containers to put back that the policy claims no more."""
-        back = {
-            name: original.cpu
-            for name, original in slot.originals.items()
-            if original.policy == order.policy and container_id(slot.view, name) not in order.claimed
-        }
-        for wanted, restore in ((steps, False), (back, True)):
+        back = to_restore(slot, order.policy, order.claimed)
+        now = without_rises(slot, back) if slot.view.node in bound else back
+        for wanted, restore in ((steps, False), (now, True)):
             refused = slot.refuses(order.policy, wanted, self._now(), restore=restore)
             if wanted and slot.job is None and not refused:
                 self._send(order.policy, slot, wanted, restore=restore)

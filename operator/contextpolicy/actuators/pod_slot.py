@@ -32,7 +32,8 @@ class PodSlot:
 
     `version` is that of our last write: a view from before it is old news. `unsure` holds after a job whose outcome
     nobody knows until one is answered; `maybe` is the note that it may have left. `peaks` are limits that may still be
-    in force. `troubled` are the policies that were told of a problem.
+    in force; `lowered` are the containers put back, by the policy that had them, until they are in force.
+    `troubled` are the policies that were told of a problem.
     """
 
     view: PodView
@@ -43,6 +44,7 @@ class PodSlot:
     maybe: dict[str, Original] = field(default_factory=dict)
     asked: dict[str, Cpu] = field(default_factory=dict)
     peaks: dict[str, int] = field(default_factory=dict)
+    lowered: dict[str, str] = field(default_factory=dict)
     troubled: set[str] = field(default_factory=set)
     _refused: dict[tuple[str, bool], _Refusal] = field(default_factory=dict)
     _before: dict[str, int] = field(default_factory=dict)
@@ -149,6 +151,8 @@ class PodSlot:
         self.version = max(self.version, outcome.version)
         if outcome.resized:
             self.asked |= job.changed
+        if outcome.noted and job.restore:
+            self.lowered |= dict.fromkeys(job.wanted, job.policy)
         if outcome.noted and self.view.version < self.version:
             self.view = replace(self.view, originals=job.originals)
 
@@ -161,7 +165,7 @@ class PodSlot:
         seen = view.observed_generation is None or view.observed_generation >= view.generation
         in_force = all(c.actual is None or _same(c.actual.limit, c.spec.limit) for c in view.containers)
         if seen and in_force and not view.pending:
-            self.peaks = {}
+            self.peaks, self.lowered = {}, {}
 
 
 def _same(actual: int | None, spec: int | None) -> bool:
