@@ -47,6 +47,9 @@ class World:
             (self.plan, 12),
             *MOODS[self.mood](self),
         ]
+        if self.mood == "contested":
+            self.wishes = {policy: dict.fromkeys(own, N[policy] // 30 * 10) for policy, own in OWN.items()}
+            self.settle()
         for act in self.random.choices([act for act, _ in acts], [weight for _, weight in acts], k=STEPS):
             act()
             self.check()
@@ -103,6 +106,16 @@ class World:
         feed = self.cluster.feeds[self.uid()]
         if len(feed) > 1:
             feed.popleft()
+
+    def meddle(self) -> None:
+        """Somebody else resizes a container; that is not ours, but from when it is known we add nothing to it."""
+        if self.rig.workers.jobs:
+            return
+        pod = self.random.choice(list(PODS))
+        container = self.random.choice(list(PODS[pod]))
+        self.cluster.edit(f"uid-{pod}", container, cpu=f"{self.random.choice([50, 300, 700])}m")
+        self.rig.watch(f"uid-{pod}")
+        self.bound = self._highest()
 
     def wait(self) -> None:
         self.rig.wait(self.random.choice([0.01, 0.2, 1.0, 10.0]))
@@ -162,6 +175,7 @@ class World:
 MOODS = {
     "calm": lambda world: [(world.wait, 10)],
     "restoring": lambda world: [(world.release, 4)],  # no time passes: nobody loses patience
+    "contested": lambda world: [(world.wait, 10), (world.meddle, 4)],
     "faulty": lambda world: [(world.wait, 10), (world.release, 2), (world.kill, 1)],
 }
 

@@ -10,6 +10,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from contextpolicy.actuators.guard import Guard
 from contextpolicy.actuators.headroom import allowed
 from contextpolicy.actuators.patches import cpu_for
 from contextpolicy.actuators.pod_job import Job, carry_out
@@ -20,15 +21,18 @@ from contextpolicy.cluster.pods import Cpu
 from contextpolicy.planning.policy import Control
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
     from concurrent.futures import Executor
 
     from reactivex.abc import SchedulerBase
 
+    from contextpolicy.actuators.contest import Contest
     from contextpolicy.actuators.headroom import Holding
     from contextpolicy.actuators.pod_job import Api, Outcome
     from contextpolicy.cluster.pods import ContainerView, PodView
     from contextpolicy.errors import ActuationError
+
+    _Wish = tuple[PodSlot, ContainerView, Cpu]
 
 RESTORE_PATIENCE = 2.0
 """Seconds for which what is put back waits with rising until what falls has fallen: a refusal, or a kubelet that is
@@ -48,6 +52,9 @@ class Observer(Protocol):
 
     def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
         """A patch failed, or after a failure works again (None)."""
+
+    def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:
+        """Somebody else resized a container of the policy, or has not done so for a while (None)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +78,7 @@ class PodResizer:
         self._orders: dict[str, Order] = {}
         self._released: dict[str, Callable[[], None]] = {}
         self._falling: dict[str, dict[str, float]] = {}
+        self._guard = Guard(scheduler, observer.on_contest, self._wake)
 
     def apply(self, order: Order) -> None:
         """Let this be what the policy wants; replaces what it wanted before."""
@@ -109,11 +117,15 @@ class PodResizer:
     def _drive(self, policy: str) -> None:
         """Send every patch of the policy that may be sent now."""
         order = self._orders[policy]
+        claimed = list(self._claimed(order))
+        for slot, container, cpu in claimed:
+            self._guard.look(policy, slot, container, cpu)
         steps: dict[str, dict[str, Cpu]] = defaultdict(dict)
-        for uid, name, cpu in self._steps(order):
+        for uid, name, cpu in self._steps(order, claimed):
             steps[uid][name] = cpu
         bound = self._bound(order)
         for uid, slot in list(self._slots.items()):
+            slot.let_go(policy, order.claimed)
             if not slot.view.ended:
                 self._attend(order, slot, steps.get(uid, {}), bound)
         if policy in self._released and not any(slot.holds(policy) for slot in self._slots.values()):
@@ -141,12 +153,11 @@ class PodResizer:
         if not steps and not back and slot.job is None:
             self._recovered(order.policy, slot)
 
-    def _steps(self, order: Order) -> Iterator[tuple[str, str, Cpu]]:
+    def _steps(self, order: Order, wishes: Iterable[_Wish]) -> Iterator[tuple[str, str, Cpu]]:
         """What differs from the plan and may be set now."""
         by_node: dict[str, list[tuple[PodSlot, ContainerView, Holding, Cpu]]] = defaultdict(list)
-        seen = set()
-        for slot, container, share in self._claimed(order):
-            cpu = self._cpu(order, slot, container, share)
+        seen, now = set(), self._now()
+        for slot, container, cpu in wishes:
             by_node[slot.view.node].append((slot, container, slot.holding(container.name, cpu), cpu))
             seen.add(container_id(slot.view, container.name))
         for node, claimed in by_node.items():
@@ -155,8 +166,8 @@ class PodResizer:
             capacity = order.capacity.get(node, 0) - self._leaving(order, node) if known else 0
             may = allowed(capacity, [holding for *_, holding, _ in claimed])
             for slot, container, holding, cpu in claimed:
-                bounded = order.control is not Control.WEIGHT
-                if cpu != slot.spec(container.name) and (holding.id in may or not bounded):
+                free = (holding.id in may or order.control is Control.WEIGHT) and not slot.rests(container.name, now)
+                if cpu != slot.spec(container.name) and free:
                     yield slot.view.uid, container.name, cpu
 
     def _leaving(self, order: Order, node: str) -> int:
@@ -169,21 +180,21 @@ class PodResizer:
             if original.policy == order.policy
         )
 
-    def _claimed(self, order: Order) -> Iterator[tuple[PodSlot, ContainerView, int]]:
+    def _claimed(self, order: Order) -> Iterator[_Wish]:
         """What has a share; a plan that is ordered late may have shares for what the policy has lost since."""
         for slot in self._slots.values():
             for container in slot.view.containers:
                 identity = container_id(slot.view, container.name)
                 if identity in order.claimed and identity in order.shares and not slot.view.ended:
-                    yield slot, container, order.shares[identity]
+                    yield slot, container, self._cpu(order, slot, container, order.shares[identity])
 
     def _cpu(self, order: Order, slot: PodSlot, container: ContainerView, share: int) -> Cpu:
         ceiling = order.ceilings.get(container_id(slot.view, container.name), share)
         cpu = cpu_for(slot.view, container, share, order.control, ceiling)
-        original = slot.originals.get(container.name)
-        if original is None or order.control is not Control.LIMIT or slot.view.qos == "Guaranteed":
+        before = slot.before(container.name)
+        if before is None or order.control is not Control.LIMIT or slot.view.qos == "Guaranteed":
             return cpu
-        return Cpu(original.cpu.request, cpu.limit)
+        return Cpu(before.request, cpu.limit)
 
     def _send(self, policy: str, slot: PodSlot, wanted: dict[str, Cpu], *, restore: bool) -> None:
         changed = {name: cpu for name, cpu in wanted.items() if slot.spec(name) != cpu}

@@ -12,6 +12,7 @@ import urllib3
 from kubernetes import client, config
 
 from contextpolicy.cluster.pods import version_of
+from contextpolicy.cluster.writers import FIELD_MANAGER
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 STRATEGIC = "application/strategic-merge-patch+json"
 MERGE = "application/merge-patch+json"
-FIELD_MANAGER = "contextpolicy"
 FINALIZER = "contextpolicy.dev/restore"
 """Holds a ContextPolicy that is being deleted until its containers are as they were."""
 TIMEOUT = (2.0, 5.0)
