@@ -35,8 +35,7 @@ class PodSlot:
     `version` is that of our last write: a view from before it is old news. `unsure` holds after a job whose outcome
     nobody knows until one is answered; `maybe` is the note that it may have left. `peaks` are limits that may still be
     in force; `lowered` are the containers put back, by the policy that had them, until they are in force. `governed`
-    are the containers that policies decide about now.
-    `troubled` are the policies that were told of a problem.
+    are the containers that policies decide about now. `troubled` are the policies that were told of a problem.
     """
 
     view: PodView
@@ -182,18 +181,13 @@ class PodSlot:
         self.version = max(self.version, outcome.version)
         if outcome.resized:
             self.asked |= job.changed
-            self._give(job)
+        if outcome.resized and not job.restore:
+            for name, cpu in job.changed.items():
+                self.governed.setdefault(name, Governed(job.policy, cpu)).give(job.policy, cpu)
         if outcome.noted and job.restore:
             self.lowered |= dict.fromkeys(job.wanted, job.policy)
         if outcome.noted and self.view.version < self.version:
             self.view = replace(self.view, originals=job.originals)
-
-    def _give(self, job: Job) -> None:
-        for name, cpu in job.changed.items():
-            if job.restore:
-                self.governed.pop(name, None)
-            else:
-                self.governed.setdefault(name, Governed(job.policy, cpu)).give(job.policy, cpu)
 
     def _settle(self) -> None:
         """Forget what has passed: the API's answers once the watch shows them, peaks once the kubelet is done."""
