@@ -205,7 +205,7 @@ def _note_manager(metadata: dict[str, Any], manager: str, field: str, container:
         entry["fieldsV1"].get("f:spec", {}).get(f"f:{field}", {}).get(_key(container), {}).get("f:resources", {}).pop(
             f"f:{kind}", None
         )
-    path = {_key(container): {"f:resources": {f"f:{kind}": {"f:cpu": {}}}}}
+    path: dict[str, Any] = {_key(container): {"f:resources": {f"f:{kind}": {"f:cpu": {}}}}}
     entries.append({"manager": manager, "subresource": "resize", "fieldsV1": {"f:spec": {f"f:{field}": path}}})
 
 

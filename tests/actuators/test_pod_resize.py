@@ -392,10 +392,10 @@ def test_a_damaged_note_does_not_keep_the_pod_from_being_resized():
 # what is put back: decreases before increases, but not for ever
 
 
-def about_to_release(**before: int) -> Rig:
+def about_to_release() -> Rig:
     """slam had 300m and is to rise to 500m, speech had 700m and is to fall to 500m."""
     rig = two_pods()
-    rig.plan(**{"slam": 300, "speech": 700, **before})
+    rig.plan(slam=300, speech=700)
     rig.settle()
     return rig
 

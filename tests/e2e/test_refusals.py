@@ -6,7 +6,7 @@ import pytest
 
 from tests.cluster import access, layout
 from tests.e2e.cluster import apply, delete, get, run, until
-from tests.e2e.robot import IDLE, pod
+from tests.e2e.robot import IDLE, pod, task
 
 GUARANTEED = {"requests": {"cpu": "500m", "memory": "64Mi"}, "limits": {"cpu": "500m", "memory": "64Mi"}}
 
@@ -53,6 +53,15 @@ def test_limit_range_that_refuses_is_reported(robot):
     until("the status is well again", lambda: robot.condition("Applied")[0] == "True")
 
 
+def limit(robot, name):
+    return get("pod", name, robot.namespace)["spec"]["containers"][0]["resources"]["limits"]["cpu"]
+
+
+def allocatable():
+    [node] = json.loads(run("kubectl", "get", "nodes", "-o", "json"))["items"]
+    return 1000 * int(node["status"]["allocatable"]["cpu"])
+
+
 def requested():
     """The CPU requests of all that runs on the node, in thousandths of a core."""
     total = 0
@@ -67,9 +76,7 @@ def test_deferred_resize_is_told_and_carried_out_when_there_is_room(robot):
     """A Guaranteed pod's request moves with its limit, and another pod has requested what is left of the node."""
     robot.start("slam", resources=GUARANTEED)
     robot.start("speech")
-    [node] = json.loads(run("kubectl", "get", "nodes", "-o", "json"))["items"]
-    free = 1000 * int(node["status"]["allocatable"]["cpu"]) - requested()
-    robot.start("hog", resources={"requests": {"cpu": f"{free - 100}m"}})
+    robot.start("hog", resources={"requests": {"cpu": f"{allocatable() - requested() - 100}m"}})
     robot.policy()
     robot.drive(0.3)
     until("the kubelet defers it", lambda: "slam: Deferred: " in robot.condition("Applied")[1])
@@ -78,6 +85,23 @@ def test_deferred_resize_is_told_and_carried_out_when_there_is_room(robot):
     robot.expect(slam=500, speech=10)
     robot.stop("hog")
     robot.expect(slam=990, speech=10)
+    until("the status is well again", lambda: robot.condition("Applied")[0] == "True")
+
+
+def test_resize_beyond_the_node_is_told_until_the_plan_is_within_it(robot):
+    """The requests of all containers of a pod count, and the API refuses what the node does not have."""
+    big = pod("slam", robot.namespace, IDLE, GUARANTEED)
+    size = {"cpu": f"{allocatable() - 800}m", "memory": "64Mi"}
+    container = big["spec"]["containers"][0]
+    big["spec"]["containers"].append({**container, "name": "big", "resources": {"requests": size, "limits": size}})
+    apply(big)
+    robot.start("speech")
+    robot.policy()
+    robot.drive(0.3)
+    until("the status says why", lambda: "enough allocatable resources" in robot.condition("Applied")[1])
+    assert "raise the policy's reserve or lower the task's max" in robot.condition("Applied")[1]
+    robot.policy(tasks=[task("slam", container="slam", max="550m"), task("speech")])
+    until("the plan is within it", lambda: limit(robot, "slam") == "550m")
     until("the status is well again", lambda: robot.condition("Applied")[0] == "True")
 
 
@@ -90,7 +114,7 @@ def test_static_pod_is_told_and_left_alone(robot):
     try:
         robot.expect(slam=1000)
         until("the status tells", lambda: f"{name} is a static pod" in robot.condition("Applied")[1])
-        assert get("pod", name, robot.namespace)["spec"]["containers"][0]["resources"]["limits"]["cpu"] == "500m"
+        assert limit(robot, name) == "500m"
     finally:
         manifest.unlink()
         until("it is gone", lambda: run("kubectl", "get", "pods", "-n", robot.namespace, "-o", "name").count(name) == 0)

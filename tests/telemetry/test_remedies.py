@@ -27,6 +27,10 @@ from contextpolicy.telemetry import remedies
             'pods "slam" is forbidden: User "u" cannot patch resource "pods/resize" in API group ""',
             "give the operator's role",
         ),
+        (
+            "node didn't have enough allocatable resources: cpu, requested: 3000, allocatable: 2000",
+            "raise the policy's reserve",
+        ),
         ('admission webhook "no.example.com" denied the request: no', "let that admission policy or webhook pass"),
         ("pods \"slam\" is forbidden: ValidatingAdmissionPolicy 'x' with binding 'x' denied request: no", "let that"),
         ("Pod QOS Class may not change as a result of resizing", ""),

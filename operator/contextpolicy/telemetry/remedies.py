@@ -18,6 +18,7 @@ _REFUSALS = (
         r"usage per (Container|Pod) is|limit to request ratio per",
         f"widen the LimitRange or lower the task's max; {_AGAIN}",
     ),
+    (r"enough allocatable resources", f"raise the policy's reserve or lower the task's max; {_AGAIN}"),
     (r"cannot (patch|update) resource", f"give the operator's role patch of pods and pods/resize; {_AGAIN}"),
     (r"denied (the )?request", f"let that admission policy or webhook pass the operator's resizes; {_AGAIN}"),
 )
