@@ -44,7 +44,6 @@ def test_each_strike_of_an_insistent_writer_is_answered_later():
         now = governed.until
         assert not governed.rests(now)
         governed.give(POLICY, OURS)
-        assert not governed.look(OURS, now)
     assert pauses == [0, CONTESTED.first, 1, 2, 4, CONTESTED.longest, CONTESTED.longest]
 
 
@@ -109,6 +108,20 @@ def test_a_writer_who_insists_gets_ever_fewer_answers():
     gaps = [after - before for before, after in pairwise(times)]
     assert gaps == pytest.approx([CONTESTED.first, 1, 2, 4, CONTESTED.longest, CONTESTED.longest], abs=0.1)
     assert len(rig.witness.contests) == len(times) + 1, "told at each strike, the last of which still rests"
+
+
+def test_a_writer_who_takes_it_back_and_comes_again_has_struck_twice():
+    rig = governed_rig()
+    take(rig)
+    rig.work()
+    rig.watch()
+    for limit in ("700m", "300m", "700m"):
+        take(rig, limit)
+    rig.wait(CONTESTED.first + 0.1)
+    assert rig.workers.jobs == []
+    rig.wait(2 * CONTESTED.first)
+    assert len(rig.workers.jobs) == 1
+    assert len(rig.witness.contests) == 3
 
 
 def test_new_plans_do_not_shorten_a_pause():

@@ -470,6 +470,19 @@ def test_a_decrease_on_another_node_is_not_waited_for():
     assert len(rig.workers.jobs) == 2
 
 
+def test_a_second_restore_is_in_order_too():
+    rig = about_to_release()
+    for _ in range(2):
+        rig.plan(slam=300, speech=700)
+        rig.settle()
+        rig.plan()  # claims nothing any more
+        rig.work()
+        rig.watch()
+        assert limits(rig) == (300, 500)
+        rig.settle()
+        assert limits(rig) == (500, 500)
+
+
 def test_a_restore_after_a_restart_is_in_order():
     rig = about_to_release()
     rig.kill()

@@ -19,7 +19,7 @@ def generation(robot, task):
     return get("pod", task, robot.namespace)["metadata"]["generation"]
 
 
-@pytest.mark.parametrize("manager", ["vpa-updater", "kubectl-patch"])
+@pytest.mark.parametrize("manager", ["updater", "kubectl-patch"])  # as the VPA 1.8 and as kubectl call themselves
 def test_foreign_limit_is_told_and_put_back(governed, manager):
     governed.drive(0.3)
     governed.expect(slam=990, speech=10)

@@ -47,13 +47,11 @@ class Governed:
         self.policy, self.cpu, self.found = policy, cpu, None
 
     def look(self, spec: Cpu, now: float) -> bool:
-        """Take what the API has; returns whether it has just been taken from us.
+        """Take what somebody else made of it; returns whether it has just been taken from us.
 
-        What a writer makes of it after that, before we take it back, is one and the same strike.
+        What it makes of it after that, before we take it back, is one and the same strike.
         """
-        if spec == self.cpu:
-            self.found = None
-        if spec in (self.cpu, self.found):
+        if spec == self.found:
             return False
         struck, self.found = self.found is None, spec
         if struck:

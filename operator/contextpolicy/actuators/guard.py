@@ -35,7 +35,7 @@ class Guard:
 
     def look(self, policy: str, slot: PodSlot, container: ContainerView, wanted: Cpu) -> None:
         """Compare what the container has with what its policy last gave it."""
-        spec, now = slot.spec(container.name), self._now()
+        spec = slot.spec(container.name)
         if slot.job is not None or spec is None:
             return
         governed = slot.governed.get(container.name)
@@ -44,9 +44,9 @@ class Guard:
             if had is None and spec != wanted:
                 return
             governed = slot.governed[container.name] = Governed(policy, had or spec)
-        if spec == wanted:
+        if spec in (wanted, governed.cpu):
             governed.give(policy, spec)
-        if governed.look(spec, now):
+        elif governed.look(spec, self._now()):
             self._struck(container_id(slot.view, container.name), container, governed, spec)
 
     def _struck(self, identity: str, container: ContainerView, governed: Governed, spec: Cpu) -> None:

@@ -21,7 +21,7 @@ from contextpolicy.cluster.pods import Cpu
 from contextpolicy.planning.policy import Control
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from concurrent.futures import Executor
 
     from reactivex.abc import SchedulerBase
@@ -91,7 +91,7 @@ class PodResizer:
         self._orders[policy] = Order(policy, frozenset())
         self._released[policy] = done
         for slot in self._slots.values():
-            slot.ask_again(policy)
+            slot.ask_again(policy, restore=True)
         self._drive(policy)
 
     def observe(self, view: PodView) -> None:
@@ -120,43 +120,49 @@ class PodResizer:
         claimed = list(self._claimed(order))
         for slot, container, cpu in claimed:
             self._guard.look(policy, slot, container, cpu)
-        steps: dict[str, dict[str, Cpu]] = defaultdict(dict)
-        for uid, name, cpu in self._steps(order, claimed):
-            steps[uid][name] = cpu
-        bound = self._bound(order)
+        steps = self._steps(order, claimed)
+        back = {uid: to_restore(slot, policy, order.claimed) for uid, slot in self._slots.items()}
+        bound = self._bound(order, restoring=any(back.values()))
         for uid, slot in list(self._slots.items()):
             slot.let_go(policy, order.claimed)
-            if not slot.view.ended:
-                self._attend(order, slot, steps.get(uid, {}), bound)
+            if slot.view.ended:
+                continue
+            ready = without_rises(slot, back[uid]) if slot.view.node in bound else back[uid]
+            self._attend(policy, slot, steps[uid], restore=False)
+            self._attend(policy, slot, ready, restore=True)
+            if not (steps[uid] or back[uid] or slot.job):
+                self._recovered(policy, slot)
+        self._let_go(policy)
+
+    def _let_go(self, policy: str) -> None:
+        """Tell that a released policy has nothing left to put back."""
         if policy in self._released and not any(slot.holds(policy) for slot in self._slots.values()):
             del self._orders[policy]
             self._falling.pop(policy, None)
             self._released.pop(policy)()
 
-    def _bound(self, order: Order) -> set[str]:
+    def _bound(self, order: Order, *, restoring: bool) -> set[str]:
         """The nodes on which nothing that is put back may rise yet."""
         now, before = self._now(), self._falling.get(order.policy, {})
-        nodes = {slot.view.node for slot in self._slots.values() if falling(slot, order.policy, order.claimed)}
+        slots = self._slots.values() if restoring else ()
+        nodes = {slot.view.node for slot in slots if falling(slot, order.policy, order.claimed)}
         self._falling[order.policy] = since = {node: before.get(node, now) for node in nodes}
         if nodes - before.keys():
             self._wake(RESTORE_PATIENCE)
         return {node for node, moment in since.items() if now < moment + RESTORE_PATIENCE}
 
-    def _attend(self, order: Order, slot: PodSlot, steps: dict[str, Cpu], bound: Collection[str]) -> None:
+    def _attend(self, policy: str, slot: PodSlot, wanted: dict[str, Cpu], *, restore: bool) -> None:
         """Send what one pod needs: steps to the plan, or containers to put back that the policy claims no more."""
-        back = to_restore(slot, order.policy, order.claimed)
-        now = without_rises(slot, back) if slot.view.node in bound else back
-        for wanted, restore in ((steps, False), (now, True)):
-            refused = slot.refuses(order.policy, wanted, self._now(), restore=restore)
-            if wanted and slot.job is None and not refused:
-                self._send(order.policy, slot, wanted, restore=restore)
-        if not steps and not back and slot.job is None:
-            self._recovered(order.policy, slot)
+        if not wanted:
+            slot.ask_again(policy, restore=restore)
+        elif not slot.refuses(policy, wanted, self._now(), restore=restore) and slot.job is None:
+            self._send(policy, slot, wanted, restore=restore)
 
-    def _steps(self, order: Order, wishes: Iterable[_Wish]) -> Iterator[tuple[str, str, Cpu]]:
-        """What differs from the plan and may be set now."""
+    def _steps(self, order: Order, wishes: Iterable[_Wish]) -> Mapping[str, dict[str, Cpu]]:
+        """What differs from the plan and may be set now, by pod."""
+        steps: dict[str, dict[str, Cpu]] = defaultdict(dict)
         by_node: dict[str, list[tuple[PodSlot, ContainerView, Holding, Cpu]]] = defaultdict(list)
-        seen, now = set(), self._now()
+        seen = set()
         for slot, container, cpu in wishes:
             by_node[slot.view.node].append((slot, container, slot.holding(container.name, cpu), cpu))
             seen.add(container_id(slot.view, container.name))
@@ -166,9 +172,10 @@ class PodResizer:
             capacity = order.capacity.get(node, 0) - self._leaving(order, node) if known else 0
             may = allowed(capacity, [holding for *_, holding, _ in claimed])
             for slot, container, holding, cpu in claimed:
-                free = (holding.id in may or order.control is Control.WEIGHT) and not slot.rests(container.name, now)
-                if cpu != slot.spec(container.name) and free:
-                    yield slot.view.uid, container.name, cpu
+                free = holding.id in may or order.control is Control.WEIGHT
+                if free and cpu != slot.spec(container.name) and not slot.rests(container.name, self._now()):
+                    steps[slot.view.uid][container.name] = cpu
+        return steps
 
     def _leaving(self, order: Order, node: str) -> int:
         """What the policy gave to pods that are being deleted: it is theirs until their containers have ended."""

@@ -97,9 +97,9 @@ class PodSlot:
             return False
         return refusal is not None and now < refusal.until
 
-    def ask_again(self, policy: str) -> None:
-        """Let a restore that was refused be tried once more."""
-        self._refused.pop((policy, True), None)
+    def ask_again(self, policy: str, *, restore: bool) -> None:
+        """Let what was refused be tried once more."""
+        self._refused.pop((policy, restore), None)
 
     def spec(self, name: str) -> Cpu | None:
         """The container's resources in the API, counting what the watch has not shown yet; None when nobody knows."""

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 def to_restore(slot: PodSlot, policy: str, claimed: Collection[str]) -> dict[str, Cpu]:
     """The containers of a pod that the policy moved, or is about to, and claims no more; and what they had before."""
-    originals = {**slot.originals, **(slot.job.originals if slot.job else {})}
+    originals = slot.originals
+    if slot.job is not None:
+        originals |= slot.job.originals
     return {
         name: original.cpu
         for name, original in originals.items()
