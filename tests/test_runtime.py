@@ -187,7 +187,7 @@ def test_deletion_is_done_when_all_is_as_it_was(running):
     assert not done.done()
     running.patch()
     assert not done.done()
-    running.patch()
+    running.settle()
     assert done.done()
     assert running.limits() == {"slam": 400, "speech": 400}
     assert running.session.plans()[-1] is None, "whoever acts on its plans must stop"
@@ -454,8 +454,29 @@ def test_a_resize_that_the_kubelet_holds_back_is_told(running):
     running.cluster.pods["uid-slam"]["status"]["conditions"].append(waits)
     running.cluster._commit("uid-slam")
     running.settle()
-    assert running.condition("Applied") == ("False", "NotApplied", "lab/slam: Deferred: node is full")
-    assert ("ResizePending", "slam: Deferred: node is full") in running.told()
+    status, reason, message = running.condition("Applied")
+    assert (status, reason) == ("False", "NotApplied")
+    assert message.startswith("slam: Deferred: node is full; its CPU request doesn't fit")
+    assert ("ResizePending", message) in running.told()
+    running.cluster.pods["uid-slam"]["status"]["conditions"].remove(waits)
+    running.cluster._commit("uid-slam")
+    running.settle()
+    assert running.condition("Applied")[0] == "True"
+
+
+def test_somebody_else_who_resizes_is_told_and_gets_nowhere(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    running.cluster.edit("uid-slam", "slam", cpu="300m", by="vpa-updater")
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+    status, _, message = running.condition("Applied")
+    assert status == "False"
+    assert message.startswith("lab/slam/slam: vpa-updater changed its CPU limit from 800m to 300m; ")
+    assert ("ResizedByOther", message) in running.told()
+    running.turn(100)
+    running.settle()
+    assert running.condition("Applied")[0] == "True"
 
 
 def test_the_problems_of_a_pod_go_with_it(running):

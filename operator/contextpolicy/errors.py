@@ -75,11 +75,15 @@ class ShareError(ContextPolicyError):
 
 
 class ActuationError(ContextPolicyError):
-    """An actuator's refusal: `reason` is a CamelCase word for status and events."""
+    """An actuator's refusal: `reason` is a CamelCase word for status and events.
 
-    def __init__(self, reason: str, message: str, *, retriable: bool) -> None:
+    `retriable` says whether the same may succeed in a moment, `retry_after` for how many seconds it can't.
+    """
+
+    def __init__(self, reason: str, message: str, *, retriable: bool, retry_after: float = 0.0) -> None:
         self.reason = reason
         self.retriable = retriable
+        self.retry_after = retry_after
         super().__init__(message)
 
 

@@ -27,7 +27,7 @@ from contextpolicy.streams.zenoh_streams import key_findings
 from contextpolicy.telemetry.agents import AgentWatch
 from contextpolicy.telemetry.clerk import Clerk
 from contextpolicy.telemetry.events import event
-from contextpolicy.telemetry.resizing import ResizeWatch
+from contextpolicy.telemetry.resizing import RECOVERED, ResizeWatch
 from contextpolicy.telemetry.status import Facts, status, waiting
 
 if TYPE_CHECKING:
@@ -271,7 +271,8 @@ class Runtime:
         log.warning("%s: %s: %s", reference, reason, message)
         if entry is not None:
             now = self._loop.to_seconds(self._loop.now)
-            self._clerk.event(reference, event(entry.body, reason=reason, message=message, now=now))
+            warning = reason != RECOVERED
+            self._clerk.event(reference, event(entry.body, reason=reason, message=message, now=now, warning=warning))
 
 
 def _load(body: Mapping[str, Any]) -> tuple[Policy, dict[str, Instantiate]]:

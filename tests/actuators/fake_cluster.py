@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.cluster.pods import ORIGINALS, read_originals
+from contextpolicy.cluster.writers import FIELD_MANAGER
 from contextpolicy.errors import ActuationError
 from contextpolicy.planning.quantities import parse_cpu
 
@@ -58,7 +59,7 @@ class FakeCluster:
     # the API server
 
     def resize(self, namespace: str, name: str, patch: Mapping[str, Any]) -> int:
-        return self._call("resize", namespace, name, patch, self._resize)
+        return self._call("resize", namespace, name, patch, lambda uid, it: self._resize(uid, it, FIELD_MANAGER))
 
     def annotate(self, namespace: str, name: str, annotations: Mapping[str, str | None]) -> int:
         return self._call("annotate", namespace, name, annotations, self._annotate)
@@ -70,10 +71,10 @@ class FakeCluster:
         self._commit(uid)
         return uid
 
-    def edit(self, uid: str, container: str, **limits: str) -> None:
+    def edit(self, uid: str, container: str, *, by: str = "vpa-updater", request: str = "", **limits: str) -> None:
         """Somebody else resizes a container."""
-        patch = {"spec": {"containers": [{"name": container, "resources": {"limits": limits}}]}}
-        self._resize(uid, patch)
+        resources = {"limits": limits, **({"requests": {"cpu": request}} if request else {})}
+        self._resize(uid, {"spec": {"containers": [{"name": container, "resources": resources}]}}, by)
 
     def terminate(self, uid: str) -> None:
         """Deletion begins: the containers still run."""
@@ -162,13 +163,15 @@ class FakeCluster:
             raise fault.error
         return int(self.pods[found[0]]["metadata"]["resourceVersion"])
 
-    def _resize(self, uid: str, patch: Mapping[str, Any]) -> None:
+    def _resize(self, uid: str, patch: Mapping[str, Any], manager: str) -> None:
         pod, before = deepcopy(self.pods[uid]), deepcopy(self.pods[uid]["spec"])
         for field in LISTS:
             by_name = {c["name"]: c for c in pod["spec"].get(field, [])}
             for change in patch["spec"].get(field, []):
                 resources = by_name[change["name"]]["resources"]
                 for kind, values in change["resources"].items():
+                    if {**resources.get(kind, {}), **values} != resources.get(kind):
+                        _note_manager(pod["metadata"], manager, field, change["name"], kind)
                     resources[kind] = {**resources.get(kind, {}), **values}
                 if parse_cpu(resources["requests"]["cpu"]) > parse_cpu(resources["limits"]["cpu"]):
                     raise refusal("Invalid")
@@ -193,3 +196,18 @@ class FakeCluster:
     def _containers(self, uid: str) -> list[dict[str, Any]]:
         spec = self.pods[uid]["spec"]
         return [*spec["containers"], *(c for c in spec["initContainers"] if c.get("restartPolicy") == "Always")]
+
+
+def _note_manager(metadata: dict[str, Any], manager: str, field: str, container: str, kind: str) -> None:
+    """As the API server does: who changes a value owns it, and nobody else."""
+    entries = metadata.setdefault("managedFields", [])
+    for entry in entries:
+        entry["fieldsV1"].get("f:spec", {}).get(f"f:{field}", {}).get(_key(container), {}).get("f:resources", {}).pop(
+            f"f:{kind}", None
+        )
+    path: dict[str, Any] = {_key(container): {"f:resources": {f"f:{kind}": {"f:cpu": {}}}}}
+    entries.append({"manager": manager, "subresource": "resize", "fieldsV1": {"f:spec": {f"f:{field}": path}}})
+
+
+def _key(container: str) -> str:
+    return f'k:{{"name":"{container}"}}'

@@ -15,6 +15,7 @@ from tests.api.builders import NODE
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from contextpolicy.actuators.contest import Contest
     from contextpolicy.cluster.pods import Cpu
     from contextpolicy.errors import ActuationError
 
@@ -43,6 +44,7 @@ class Witness:
         self.accepted: list[tuple[str, int | None]] = []
         self.in_force: list[tuple[str, int]] = []
         self.problems: list[tuple[str, str, str]] = []
+        self.contests: list[tuple[str, object]] = []
 
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:  # noqa: ARG002 - its signature
         self.accepted.append((container, cpu.limit))
@@ -52,6 +54,10 @@ class Witness:
 
     def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
         self.problems.append((policy, pod, error.reason if error else "recovered"))
+
+    def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:  # noqa: ARG002 - as above
+        limits = (contest.by, contest.had.limit, contest.got.limit) if contest else "over"
+        self.contests.append((container, limits))
 
 
 class Rig:

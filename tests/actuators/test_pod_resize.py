@@ -7,8 +7,10 @@ from itertools import pairwise
 
 import pytest
 
-from contextpolicy.actuators.pod_resize import RETRY_FIRST, RETRY_LONGEST, Order
+from contextpolicy.actuators.pauses import FAILED, REFUSED
+from contextpolicy.actuators.pod_resize import RESTORE_PATIENCE, Order
 from contextpolicy.cluster.pods import ORIGINALS, Cpu, Original
+from contextpolicy.errors import ActuationError
 from contextpolicy.planning.policy import Control
 from tests.actuators.fake_cluster import UNREACHABLE, Unanswered, refusal
 from tests.actuators.rig import MOMENT, POLICY, Rig
@@ -261,10 +263,9 @@ def test_a_release_puts_all_back_and_then_takes_the_note_away():
     rig.cluster.calls.clear()
     rig.release()
     assert rig.released == []
-    while rig.workers.jobs:
-        rig.work()
-    assert sorted(call[:2] for call in rig.cluster.calls[:2]) == [("annotate", "slam"), ("resize", "slam")]
-    assert [call for call, *_ in rig.cluster.calls] == ["resize", "annotate"] * 2
+    rig.settle()
+    resized, noted = ("resize", "speech"), ("annotate", "speech")
+    assert [call[:2] for call in rig.cluster.calls] == [resized, noted, ("resize", "slam"), ("annotate", "slam")]
     assert limits(rig) == (500, 500)
     assert rig.cluster.originals("uid-slam") == rig.cluster.originals("uid-speech") == {}
     assert rig.released == [POLICY]
@@ -388,6 +389,110 @@ def test_a_damaged_note_does_not_keep_the_pod_from_being_resized():
     assert rig.cluster.limit("slam") == 300
 
 
+# what is put back: decreases before increases, but not for ever
+
+
+def about_to_release() -> Rig:
+    """slam had 300m and is to rise to 500m, speech had 700m and is to fall to 500m."""
+    rig = two_pods()
+    rig.plan(slam=300, speech=700)
+    rig.settle()
+    return rig
+
+
+def test_what_is_put_back_rises_when_what_falls_is_in_force():
+    rig = about_to_release()
+    rig.release()
+    rig.work()
+    rig.watch()
+    assert (limits(rig), rig.workers.jobs, rig.released) == ((300, 500), [], []), "the API has it, the kubelet does not"
+    rig.cluster.confirm("uid-speech")
+    rig.watch()
+    rig.work()
+    assert (limits(rig), rig.released) == ((500, 500), [POLICY])
+
+
+def test_originals_that_sum_above_the_capacity_are_put_back_all_the_same():
+    rig = Rig(a_pod("slam", {"slam": cpu("10m", "1500m")}), a_pod("speech", {"speech": cpu("10m", "900m")}))
+    rig.plan(slam=20, speech=980)
+    rig.settle()
+    rig.release()
+    rig.settle()
+    assert (limits(rig), rig.released) == ((1500, 900), [POLICY])
+
+
+@pytest.mark.parametrize("fault", [None, refusal(), UNREACHABLE], ids=["kubelet gone", "refused", "unreachable"])
+def test_what_does_not_fall_keeps_nothing_from_rising_for_long(fault):
+    rig = about_to_release()
+    rig.cluster.faults += [fault] if fault is None else [fault] * 20
+    rig.release()
+    rig.work()
+    rig.wait(RESTORE_PATIENCE - 0.1)
+    assert rig.cluster.limit("slam") == 300
+    rig.cluster.faults.clear()
+    rig.wait(0.2)
+    while rig.workers.jobs:
+        rig.work()
+    assert rig.cluster.limit("slam") == 500
+
+
+def test_a_pod_that_goes_keeps_nothing_from_rising():
+    rig = about_to_release()
+    rig.release()
+    rig.cluster.terminate("uid-speech")
+    rig.watch()
+    assert rig.cluster.limit("slam") == 300, "its containers still run"
+    rig.remove("uid-speech")
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.released) == (500, [POLICY])
+
+
+def test_containers_of_one_pod_are_put_back_in_order_too():
+    rig = one_pod_for_two()
+    rig.plan(slam__slam=300, slam__map=700)
+    rig.settle()
+    rig.release()
+    rig.work()
+    assert rig.cluster.limits("uid-slam") == {"slam": 300, "map": 500}
+    assert rig.cluster.originals("uid-slam").keys() == {"slam"}
+    rig.settle()
+    assert (rig.cluster.limits("uid-slam"), rig.released) == ({"slam": 500, "map": 500}, [POLICY])
+
+
+def test_a_decrease_on_another_node_is_not_waited_for():
+    far = a_pod("speech")
+    far["spec"]["nodeName"] = "robot-2"
+    rig = Rig(a_pod("slam"), far)
+    shares = {"lab/slam/slam": 300, "lab/speech/speech": 700}
+    rig.resizer.apply(Order(POLICY, frozenset(shares), shares, {NODE: 1000, "robot-2": 1000}))
+    rig.settle()
+    rig.release()
+    assert len(rig.workers.jobs) == 2
+
+
+def test_a_second_restore_is_in_order_too():
+    rig = about_to_release()
+    for _ in range(2):
+        rig.plan(slam=300, speech=700)
+        rig.settle()
+        rig.plan()  # claims nothing any more
+        rig.work()
+        rig.watch()
+        assert limits(rig) == (300, 500)
+        rig.settle()
+        assert limits(rig) == (500, 500)
+
+
+def test_a_restore_after_a_restart_is_in_order():
+    rig = about_to_release()
+    rig.kill()
+    rig.release()
+    rig.work()
+    assert (limits(rig), rig.workers.jobs) == ((300, 500), [])
+    rig.settle()
+    assert (limits(rig), rig.released) == ((500, 500), [POLICY])
+
+
 # two policies in one pod
 
 
@@ -428,16 +533,16 @@ def test_a_refused_restore_is_not_repeated_when_another_policy_plans():
 # failures
 
 
-def times_of_calls(rig: Rig, seconds: float) -> list[float]:
-    """When the API was called, in steps of 10 ms."""
+def times_of_calls(rig: Rig, seconds: float, step: float = 0.01) -> list[float]:
+    """When the API was called."""
     times, seen = [], len(rig.cluster.calls)
-    for step in range(round(seconds * 100)):
+    for count in range(round(seconds / step)):
         while rig.workers.jobs:
             rig.work()
         if len(rig.cluster.calls) > seen:
-            times.append(step / 100)
+            times.append(count * step)
             seen = len(rig.cluster.calls)
-        rig.wait(0.01)
+        rig.wait(step)
     return times
 
 
@@ -448,7 +553,7 @@ def test_a_failure_that_may_pass_is_tried_again_ever_more_slowly(reason):
     rig.plan(slam=300)
     times = times_of_calls(rig, 25)
     gaps = [round(after - before, 1) for before, after in pairwise(times)]
-    assert gaps == [RETRY_FIRST, 0.2, 0.4, 0.8, 1.6, 3.2, RETRY_LONGEST, RETRY_LONGEST]
+    assert gaps == [FAILED.first, 0.2, 0.4, 0.8, 1.6, 3.2, FAILED.longest, FAILED.longest]
     assert rig.cluster.limit("slam") == 300
     assert rig.witness.problems == [(POLICY, "slam", reason)] * 8 + [(POLICY, "slam", "recovered")]
 
@@ -462,7 +567,7 @@ def test_neither_news_nor_plans_shorten_the_pause():
     rig.cluster.report("uid-slam")
     rig.watch()
     assert rig.workers.jobs == []
-    rig.wait(RETRY_FIRST + MOMENT)
+    rig.wait(FAILED.first + MOMENT)
     rig.work()
     assert rig.cluster.limit("slam") == 400
 
@@ -477,16 +582,34 @@ def test_an_answer_that_is_lost_is_asked_for_again_and_the_note_is_not_spoilt():
 
 
 @pytest.mark.parametrize("reason", ["Invalid", "Forbidden", "BadRequest", "Refused"])
-def test_a_refusal_is_not_repeated(reason):
+def test_a_refusal_is_tried_again_at_a_slow_pace(reason):
+    """A quota, a LimitRange or a role can change with nothing on the pod changing; nobody tells us."""
     rig = Rig(a_pod("slam"))
-    rig.cluster.faults += [None, refusal(reason)]
+    rig.cluster.faults += [None, *[refusal(reason)] * 6]
     rig.plan(slam=300)
-    assert times_of_calls(rig, 20) == [0.0]
+    times = times_of_calls(rig, 400, step=1.0)
+    gaps = [after - before for before, after in pairwise(times)]
+    assert gaps == pytest.approx([REFUSED.first, 10, 20, 40, 80, REFUSED.longest], abs=1.0)
+    assert rig.cluster.limit("slam") == 300
+    assert rig.witness.problems == [(POLICY, "slam", reason)] * 6 + [(POLICY, "slam", "recovered")]
+
+
+def test_neither_news_nor_the_same_plan_repeat_a_refusal():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, refusal("Forbidden")]
+    rig.plan(slam=300)
+    rig.work()
     rig.cluster.report("uid-slam")
     rig.watch()
     rig.plan(slam=300)
     assert rig.workers.jobs == []
-    assert rig.witness.problems == [(POLICY, "slam", reason)]
+
+
+def test_the_api_says_when_it_wants_to_be_asked_again():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults.append(ActuationError("TooManyRequests", "busy", retriable=True, retry_after=7.0))
+    rig.plan(slam=300)
+    assert times_of_calls(rig, 10, step=1.0) == [0.0, 7.0]
 
 
 def test_a_refusal_is_tried_again_when_the_wish_changes():

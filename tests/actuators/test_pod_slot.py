@@ -13,6 +13,7 @@ from tests.actuators.fake_cluster import UNREACHABLE, refusal
 from tests.api.builders import a_pod, cpu
 
 POLICY = "lab/robot"
+NOW = 1000.0
 OLD, NEW = Cpu(100, 500), Cpu(100, 300)
 BEFORE = {"slam": Original(POLICY, OLD)}
 
@@ -31,7 +32,7 @@ def carry(slot, outcome, **job):
     """Begin and finish a job."""
     job = a_job(slot, **job)
     slot.begin(job)
-    slot.finish(job, outcome)
+    slot.finish(job, outcome, NOW)
 
 
 def accepted(version=102):
@@ -99,7 +100,7 @@ def test_news_that_overtook_the_answer_is_believed(slot):
     job = a_job(slot)
     slot.begin(job)
     shown(slot, actual=NEW, version=110)
-    slot.finish(job, accepted(version=105))
+    slot.finish(job, accepted(version=105), NOW)
     assert (slot.asked, slot.peaks) == ({}, {})
 
 
@@ -133,19 +134,26 @@ def test_a_note_that_was_written_before_a_refusal_is_known(slot):
 
 def test_a_refused_wish_is_forgotten_when_it_changes(slot):
     carry(slot, Outcome(error=refusal()))
-    assert slot.refuses(POLICY, {"slam": NEW}, restore=False)
-    assert not slot.refuses("lab/other", {"slam": NEW}, restore=False)
-    assert not slot.refuses(POLICY, {"slam": NEW}, restore=True)
-    assert not slot.refuses(POLICY, {"slam": OLD}, restore=False)
-    assert not slot.refuses(POLICY, {"slam": NEW}, restore=False)
+    assert slot.refuses(POLICY, {"slam": NEW}, NOW, restore=False)
+    assert not slot.refuses("lab/other", {"slam": NEW}, NOW, restore=False)
+    assert not slot.refuses(POLICY, {"slam": NEW}, NOW, restore=True)
+    assert not slot.refuses(POLICY, {"slam": OLD}, NOW, restore=False)
+    assert not slot.refuses(POLICY, {"slam": NEW}, NOW, restore=False)
+
+
+def test_a_refusal_holds_for_ever_longer(slot):
+    for pause in (5.0, 10.0, 20.0):
+        carry(slot, Outcome(error=refusal()))
+        assert slot.refuses(POLICY, {"slam": NEW}, NOW + pause - 0.1, restore=False)
+        assert not slot.refuses(POLICY, {"slam": NEW}, NOW + pause, restore=False)
 
 
 def test_a_refused_wish_is_forgotten_when_the_pod_changes(slot):
     carry(slot, Outcome(error=refusal()))
     shown(slot, spec=OLD, generation=1, version=103)
-    assert slot.refuses(POLICY, {"slam": NEW}, restore=False)
+    assert slot.refuses(POLICY, {"slam": NEW}, NOW, restore=False)
     shown(slot, spec=OLD, generation=2, version=104)
-    assert not slot.refuses(POLICY, {"slam": NEW}, restore=False)
+    assert not slot.refuses(POLICY, {"slam": NEW}, NOW, restore=False)
 
 
 def test_what_is_saved_stays_saved_and_changes_hands(slot):

@@ -26,6 +26,7 @@ class Server(ThreadingHTTPServer):
         super().__init__(("127.0.0.1", 0), Handler)
         self.requests = []
         self.answer: tuple[int, bytes] | None = (200, json.dumps(POD).encode())
+        self.headers: dict[str, str] = {}
 
 
 class Handler(BaseHTTPRequestHandler):
@@ -40,7 +41,8 @@ class Handler(BaseHTTPRequestHandler):
             return
         status, content = self.server.answer
         self.send_response(status)
-        self.send_header("Content-Length", str(len(content)))
+        for name, value in {"Content-Length": str(len(content)), **self.server.headers}.items():
+            self.send_header(name, value)
         self.end_headers()
         self.wfile.write(content)
 
@@ -120,6 +122,16 @@ def test_what_the_server_refuses_and_if_a_retry_may_help(api, server, status, re
     server.answer = status, json.dumps({"kind": "Status", "message": "because"}).encode()
     error = refusal(api)
     assert (error.reason, error.retriable, str(error)) == (reason, retriable, f"because (HTTP {status})")
+
+
+@pytest.mark.parametrize(
+    ("header", "seconds"),
+    [({}, 0), ({"Retry-After": "3"}, 3), ({"Retry-After": "Wed, 21 Oct 2026 07:28:00 GMT"}, 0)],
+)
+def test_a_server_that_is_busy_says_for_how_long(api, server, header, seconds):
+    server.answer, server.headers = (429, b"Too many requests, please try again later.\n"), header
+    error = refusal(api)
+    assert (error.reason, error.retriable, error.retry_after) == ("TooManyRequests", True, seconds)
 
 
 @pytest.mark.parametrize("content", [b"", b"<html>gateway</html>", b"[]", b"\xff\xfe", b'"text"'])

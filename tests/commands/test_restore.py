@@ -95,6 +95,16 @@ def test_request_and_limit_of_every_container_are_put_back(restore: Any) -> None
     assert len(server.cluster.resizes()) == 1
 
 
+def test_what_gives_cpu_back_comes_first(restore: Any) -> None:
+    risen = a_pod(
+        "speech", {"speech": cpu("100m", "10m")}, annotations={ORIGINALS: json.dumps({"speech": NOTE["slam"]})}
+    )
+    server = Server(risen, moved("slam"))
+    code, out = restore(server)
+    assert (code, [line.partition(":")[0] for line in out.splitlines()]) == (0, ["lab/slam/slam", "lab/speech/speech"])
+    assert [pod for pod, _ in server.cluster.resizes()] == ["slam", "speech"]
+
+
 def test_a_note_left_by_an_interrupted_restore_is_only_taken_away(restore: Any) -> None:
     server = Server(a_pod(annotations={ORIGINALS: json.dumps(NOTE)}))
     assert restore(server) == (0, "lab/slam/slam: is as it was\n")

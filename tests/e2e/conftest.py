@@ -98,6 +98,18 @@ def robot(session):
 
 
 @pytest.fixture
+def empty(session):
+    """A standing robot whose pods the test starts; afterwards nothing of them is left."""
+    with Sensors(session) as sensors:
+        robot = Robot("e2e-pods", sensors)
+        robot.drive(0.0)
+        yield robot
+        run("kubectl", "delete", "ctxp", "--all", "-n", robot.namespace, "--timeout=60s")
+        everything = "pods,limitranges,resourcequotas"
+        run("kubectl", "delete", everything, "--all", "-n", robot.namespace, "--timeout=60s")
+
+
+@pytest.fixture
 def governed(robot):
     """The robot under its policy; after the test the policy is gone and the containers are as they were."""
     robot.drive(0.0)

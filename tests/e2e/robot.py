@@ -90,6 +90,12 @@ class Robot:
                 return condition["status"], condition["message"]
         return "", ""
 
+    def told(self, reason: str, name: str = "robot") -> list[str]:
+        """The messages of the policy's events with this reason."""
+        chosen = f"involvedObject.name={name},involvedObject.kind=ContextPolicy,reason={reason}"
+        found = run("kubectl", "get", "events", "-n", self.namespace, "--field-selector", chosen, "-o", "json")
+        return [event["message"] for event in json.loads(found)["items"]]
+
     def container(self, task: str) -> Cgroup | None:
         """The cgroup of the task's container."""
         statuses = get("pod", task, self.namespace)["status"].get("containerStatuses", [])

@@ -10,7 +10,7 @@ from contextpolicy.telemetry import metrics
 NAMES = {
     *("contextpolicy_stage_seconds", "contextpolicy_plans", "contextpolicy_samples_dropped"),
     *("contextpolicy_plans_held_back", "contextpolicy_context_active", "contextpolicy_task_share_cores"),
-    *("contextpolicy_task_weight", "contextpolicy_resizes"),
+    *("contextpolicy_task_weight", "contextpolicy_resizes", "contextpolicy_contests"),
 }
 
 

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import json
+
 import pytest
 from prometheus_client import REGISTRY
 
-from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.actuators.contest import Contest
+from contextpolicy.cluster.pods import ORIGINALS, Cpu, view
 from contextpolicy.telemetry.resizing import ResizeWatch
 from tests.actuators.fake_cluster import refusal
 from tests.api.builders import a_pod
@@ -27,14 +30,21 @@ def told():
     return Told()
 
 
-def held_back(message="node is full"):
+NOTE = {ORIGINALS: json.dumps({"slam": {"policy": POLICY, "request": "100m", "limit": "500m"}})}
+
+
+def held_back(message="node is full", *, annotations=NOTE):
     condition = {"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": message}
-    return view(a_pod("slam", conditions=[condition]))
+    return view(a_pod("slam", conditions=[condition], annotations=annotations))
 
 
 def count(stage, of="count"):
     labels = {"policy": POLICY, "stage": stage}
     return REGISTRY.get_sample_value(f"contextpolicy_stage_seconds_{of}", labels) or 0.0
+
+
+def contests():
+    return REGISTRY.get_sample_value("contextpolicy_contests_total", {"policy": POLICY}) or 0.0
 
 
 def resizes(result):
@@ -78,25 +88,55 @@ def test_another_failure_of_the_same_pod_is_news(told):
 
 
 def test_what_the_kubelet_holds_back_is_told_to_the_policies_that_asked_for_it(told):
-    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 2.5)
     for _ in range(2):
         told.watch.observe(held_back())
-    assert told.problems == [("ResizePending", "slam: Deferred: node is full")]
-    assert told.watch.problems(POLICY) == {"lab/slam": "lab/slam: Deferred: node is full"}
+    [(reason, message)] = told.problems
+    assert reason == "ResizePending"
+    assert message.startswith("slam: Deferred: node is full; its CPU request doesn't fit beside the node's other pods")
+    assert told.watch.problems(POLICY) == {"lab/slam": message}
     assert told.watch.problems("lab/other") == {}
-    told.watch.observe(view(a_pod("slam")))
+
+
+def test_what_the_kubelet_holds_back_no_more_is_told_too(told):
+    told.watch.observe(held_back())
+    for _ in range(2):
+        told.watch.observe(view(a_pod("slam", annotations=NOTE)))
+    assert told.problems[1:] == [("ResizeRecovered", "slam: no resize is held back any more")]
     assert told.watch.problems(POLICY) == {}
 
 
 def test_a_resize_of_somebody_else_that_is_held_back_is_no_news(told):
-    told.watch.observe(held_back())
+    told.watch.observe(held_back(annotations=None))
     assert (told.problems, told.watch.problems(POLICY)) == ([], {})
 
 
+def test_a_contest_is_told_with_who_did_what(told):
+    before = contests()
+    contest = Contest("vpa-updater", Cpu(100, 300), Cpu(150, 700))
+    told.watch.on_contest(POLICY, "lab/slam/slam", contest)
+    [(reason, message)] = told.problems
+    assert reason == "ResizedByOther"
+    assert message.startswith(
+        "lab/slam/slam: vpa-updater changed its CPU limit from 300m to 700m, CPU request from 100m to 150m; "
+        "it gets what the plan says again; set updateMode"
+    )
+    assert told.watch.problems(POLICY) == {"lab/slam/slam": message}
+    assert contests() == before + 1
+
+
+def test_a_contest_that_is_over_is_no_problem_any_more(told):
+    told.watch.on_contest(POLICY, "lab/slam/slam", Contest("", Cpu(None, 300), Cpu(None, None)))
+    for _ in range(2):
+        told.watch.on_contest(POLICY, "lab/slam/slam", None)
+    assert [reason for reason, _ in told.problems] == ["ResizedByOther", "ResizeRecovered"]
+    assert "somebody changed its CPU limit from 300m to none" in told.problems[0][1]
+    assert told.watch.problems(POLICY) == {}
+
+
 def test_a_pod_takes_its_problems_along(told):
-    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 2.5)
     told.watch.on_problem(POLICY, "slam", refusal())
     told.watch.on_problem("elsewhere/other", "slam", refusal())
+    told.watch.on_contest(POLICY, "lab/slam/slam", Contest("", Cpu(100, 300), Cpu(100, 700)))
     told.watch.observe(held_back())
     told.watch.lose(held_back())
     assert told.watch.problems(POLICY) == {}

@@ -10,27 +10,35 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from contextpolicy.actuators.guard import Guard
 from contextpolicy.actuators.headroom import allowed
 from contextpolicy.actuators.patches import cpu_for
 from contextpolicy.actuators.pod_job import Job, carry_out
 from contextpolicy.actuators.pod_slot import PodSlot
+from contextpolicy.actuators.restoring import falling, to_restore, without_rises
 from contextpolicy.cluster.claims import container_id
 from contextpolicy.cluster.pods import Cpu
 from contextpolicy.planning.policy import Control
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from concurrent.futures import Executor
 
     from reactivex.abc import SchedulerBase
 
+    from contextpolicy.actuators.contest import Contest
     from contextpolicy.actuators.headroom import Holding
     from contextpolicy.actuators.pod_job import Api, Outcome
     from contextpolicy.cluster.pods import ContainerView, PodView
     from contextpolicy.errors import ActuationError
 
-RETRY_FIRST, RETRY_LONGEST = 0.1, 5.0
-"""Seconds before a failed patch is tried again: doubled with each failure. Only failures are ever retried by time."""
+    _Wish = tuple[PodSlot, ContainerView, Cpu]
+
+RESTORE_PATIENCE = 2.0
+"""Seconds for which what is put back waits with rising until what falls has fallen: a refusal, or a kubelet that is
+gone, must not keep it."""
+ROUNDING = 1e-3
+"""Seconds that a timer comes later than what it is for: moments are compared as floats."""
 
 
 class Observer(Protocol):
@@ -44,6 +52,9 @@ class Observer(Protocol):
 
     def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
         """A patch failed, or after a failure works again (None)."""
+
+    def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:
+        """Somebody else resized a container of the policy, or has not done so for a while (None)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +77,8 @@ class PodResizer:
         self._slots: dict[str, PodSlot] = {}
         self._orders: dict[str, Order] = {}
         self._released: dict[str, Callable[[], None]] = {}
+        self._falling: dict[str, dict[str, float]] = {}
+        self._guard = Guard(scheduler, observer.on_contest, self._wake)
 
     def apply(self, order: Order) -> None:
         """Let this be what the policy wants; replaces what it wanted before."""
@@ -78,7 +91,7 @@ class PodResizer:
         self._orders[policy] = Order(policy, frozenset())
         self._released[policy] = done
         for slot in self._slots.values():
-            slot.ask_again(policy)
+            slot.ask_again(policy, restore=True)
         self._drive(policy)
 
     def observe(self, view: PodView) -> None:
@@ -104,36 +117,53 @@ class PodResizer:
     def _drive(self, policy: str) -> None:
         """Send every patch of the policy that may be sent now."""
         order = self._orders[policy]
-        steps: dict[str, dict[str, Cpu]] = defaultdict(dict)
-        for uid, name, cpu in self._steps(order):
-            steps[uid][name] = cpu
+        claimed = list(self._claimed(order))
+        for slot, container, cpu in claimed:
+            self._guard.look(policy, slot, container, cpu)
+        steps = self._steps(order, claimed)
+        back = {uid: to_restore(slot, policy, order.claimed) for uid, slot in self._slots.items()}
+        bound = self._bound(order, restoring=any(back.values()))
         for uid, slot in list(self._slots.items()):
-            if not slot.view.ended:
-                self._attend(order, slot, steps.get(uid, {}))
+            slot.let_go(policy, order.claimed)
+            if slot.view.ended:
+                continue
+            ready = without_rises(slot, back[uid]) if slot.view.node in bound else back[uid]
+            self._attend(policy, slot, steps[uid], restore=False)
+            self._attend(policy, slot, ready, restore=True)
+            if not (steps[uid] or back[uid] or slot.job):
+                self._recovered(policy, slot)
+        self._let_go(policy)
+
+    def _let_go(self, policy: str) -> None:
+        """Tell that a released policy has nothing left to put back."""
         if policy in self._released and not any(slot.holds(policy) for slot in self._slots.values()):
             del self._orders[policy]
+            self._falling.pop(policy, None)
             self._released.pop(policy)()
 
-    def _attend(self, order: Order, slot: PodSlot, steps: dict[str, Cpu]) -> None:
-        """Send what one pod needs: steps to the plan, or containers to put back that the policy claims no more."""
-        back = {
-            name: original.cpu
-            for name, original in slot.originals.items()
-            if original.policy == order.policy and container_id(slot.view, name) not in order.claimed
-        }
-        for wanted, restore in ((steps, False), (back, True)):
-            refused = slot.refuses(order.policy, wanted, restore=restore)
-            if wanted and slot.job is None and not refused:
-                self._send(order.policy, slot, wanted, restore=restore)
-        if not steps and not back and slot.job is None:
-            self._recovered(order.policy, slot)
+    def _bound(self, order: Order, *, restoring: bool) -> set[str]:
+        """The nodes on which nothing that is put back may rise yet."""
+        now, before = self._now(), self._falling.get(order.policy, {})
+        slots = self._slots.values() if restoring else ()
+        nodes = {slot.view.node for slot in slots if falling(slot, order.policy, order.claimed)}
+        self._falling[order.policy] = since = {node: before.get(node, now) for node in nodes}
+        if nodes - before.keys():
+            self._wake(RESTORE_PATIENCE)
+        return {node for node, moment in since.items() if now < moment + RESTORE_PATIENCE}
 
-    def _steps(self, order: Order) -> Iterator[tuple[str, str, Cpu]]:
-        """What differs from the plan and may be set now."""
+    def _attend(self, policy: str, slot: PodSlot, wanted: dict[str, Cpu], *, restore: bool) -> None:
+        """Send what one pod needs: steps to the plan, or containers to put back that the policy claims no more."""
+        if not wanted:
+            slot.ask_again(policy, restore=restore)
+        elif not slot.refuses(policy, wanted, self._now(), restore=restore) and slot.job is None:
+            self._send(policy, slot, wanted, restore=restore)
+
+    def _steps(self, order: Order, wishes: Iterable[_Wish]) -> Mapping[str, dict[str, Cpu]]:
+        """What differs from the plan and may be set now, by pod."""
+        steps: dict[str, dict[str, Cpu]] = defaultdict(dict)
         by_node: dict[str, list[tuple[PodSlot, ContainerView, Holding, Cpu]]] = defaultdict(list)
         seen = set()
-        for slot, container, share in self._claimed(order):
-            cpu = self._cpu(order, slot, container, share)
+        for slot, container, cpu in wishes:
             by_node[slot.view.node].append((slot, container, slot.holding(container.name, cpu), cpu))
             seen.add(container_id(slot.view, container.name))
         for node, claimed in by_node.items():
@@ -142,9 +172,10 @@ class PodResizer:
             capacity = order.capacity.get(node, 0) - self._leaving(order, node) if known else 0
             may = allowed(capacity, [holding for *_, holding, _ in claimed])
             for slot, container, holding, cpu in claimed:
-                bounded = order.control is not Control.WEIGHT
-                if cpu != slot.spec(container.name) and (holding.id in may or not bounded):
-                    yield slot.view.uid, container.name, cpu
+                free = holding.id in may or order.control is Control.WEIGHT
+                if free and cpu != slot.spec(container.name) and not slot.rests(container.name, self._now()):
+                    steps[slot.view.uid][container.name] = cpu
+        return steps
 
     def _leaving(self, order: Order, node: str) -> int:
         """What the policy gave to pods that are being deleted: it is theirs until their containers have ended."""
@@ -156,21 +187,21 @@ class PodResizer:
             if original.policy == order.policy
         )
 
-    def _claimed(self, order: Order) -> Iterator[tuple[PodSlot, ContainerView, int]]:
+    def _claimed(self, order: Order) -> Iterator[_Wish]:
         """What has a share; a plan that is ordered late may have shares for what the policy has lost since."""
         for slot in self._slots.values():
             for container in slot.view.containers:
                 identity = container_id(slot.view, container.name)
                 if identity in order.claimed and identity in order.shares and not slot.view.ended:
-                    yield slot, container, order.shares[identity]
+                    yield slot, container, self._cpu(order, slot, container, order.shares[identity])
 
     def _cpu(self, order: Order, slot: PodSlot, container: ContainerView, share: int) -> Cpu:
         ceiling = order.ceilings.get(container_id(slot.view, container.name), share)
         cpu = cpu_for(slot.view, container, share, order.control, ceiling)
-        original = slot.originals.get(container.name)
-        if original is None or order.control is not Control.LIMIT or slot.view.qos == "Guaranteed":
+        before = slot.before(container.name)
+        if before is None or order.control is not Control.LIMIT or slot.view.qos == "Guaranteed":
             return cpu
-        return Cpu(original.cpu.request, cpu.limit)
+        return Cpu(before.request, cpu.limit)
 
     def _send(self, policy: str, slot: PodSlot, wanted: dict[str, Cpu], *, restore: bool) -> None:
         changed = {name: cpu for name, cpu in wanted.items() if slot.spec(name) != cpu}
@@ -191,7 +222,7 @@ class PodResizer:
     def _finish(self, slot: PodSlot, job: Job, outcome: Outcome) -> None:
         if self._slots.get(slot.view.uid) is not slot:
             return
-        slot.finish(job, outcome)
+        pause = slot.finish(job, outcome, self._now())
         if outcome.error is None:
             self._recovered(job.policy, slot)
             for name, cpu in job.wanted.items():
@@ -199,15 +230,16 @@ class PodResizer:
         elif outcome.error.reason == "NotFound":
             del self._slots[slot.view.uid]
         else:
-            self._fail(job.policy, slot, outcome.error)
+            self._fail(job.policy, slot, outcome.error, pause)
         self._drive_all()
 
-    def _fail(self, policy: str, slot: PodSlot, error: ActuationError) -> None:
+    def _fail(self, policy: str, slot: PodSlot, error: ActuationError, pause: float) -> None:
         slot.troubled.add(policy)
         self._observer.on_problem(policy, slot.view.name, error)
         if error.retriable:
-            delay = min(RETRY_LONGEST, RETRY_FIRST * 2 ** min(slot.attempts - 1, 10))
-            self._scheduler.schedule_relative(delay, lambda *_: self._retry(slot))
+            self._scheduler.schedule_relative(pause, lambda *_: self._retry(slot))
+        else:
+            self._wake(pause)
 
     def _recovered(self, policy: str, slot: PodSlot) -> None:
         if policy in slot.troubled:
@@ -217,6 +249,13 @@ class PodResizer:
     def _retry(self, slot: PodSlot) -> None:
         slot.job = None
         self._drive_all()
+
+    def _wake(self, seconds: float) -> None:
+        """Look again then: a pause is over."""
+        self._scheduler.schedule_relative(seconds + ROUNDING, lambda *_: self._drive_all())
+
+    def _now(self) -> float:
+        return self._scheduler.to_seconds(self._scheduler.now)
 
     def _tell_in_force(self, slot: PodSlot, before: Mapping[str, Cpu | None]) -> None:
         for order in self._orders.values():

@@ -5,15 +5,27 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from contextpolicy.actuators.contest import Governed
 from contextpolicy.actuators.headroom import Holding
+from contextpolicy.actuators.pauses import FAILED, REFUSED
+from contextpolicy.cluster.claims import container_id
 from contextpolicy.cluster.pods import Cpu, Original
 from contextpolicy.planning.placement import QUANTUM
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
 
     from contextpolicy.actuators.pod_job import Job, Outcome
     from contextpolicy.cluster.pods import PodView
+
+
+@dataclass(frozen=True, slots=True)
+class _Refusal:
+    """A wish that the API refused so many times in a row; it is not asked for again before `until`."""
+
+    wanted: Mapping[str, Cpu]
+    times: int
+    until: float
 
 
 @dataclass(slots=True)
@@ -22,7 +34,8 @@ class PodSlot:
 
     `version` is that of our last write: a view from before it is old news. `unsure` holds after a job whose outcome
     nobody knows until one is answered; `maybe` is the note that it may have left. `peaks` are limits that may still be
-    in force. `troubled` are the policies that were told of a problem.
+    in force; `lowered` are the containers put back, by the policy that had them, until they are in force. `governed`
+    are the containers that policies decide about now. `troubled` are the policies that were told of a problem.
     """
 
     view: PodView
@@ -33,9 +46,10 @@ class PodSlot:
     maybe: dict[str, Original] = field(default_factory=dict)
     asked: dict[str, Cpu] = field(default_factory=dict)
     peaks: dict[str, int] = field(default_factory=dict)
+    lowered: dict[str, str] = field(default_factory=dict)
+    governed: dict[str, Governed] = field(default_factory=dict)
     troubled: set[str] = field(default_factory=set)
-    _refused: dict[tuple[str, bool], Mapping[str, Cpu]] = field(default_factory=dict)
-    _before: dict[str, int] = field(default_factory=dict)
+    _refused: dict[tuple[str, bool], _Refusal] = field(default_factory=dict)
 
     def observe(self, view: PodView) -> None:
         """Take what the watch says, unless we have written since."""
@@ -43,39 +57,49 @@ class PodSlot:
             return
         if view.generation != self.view.generation:
             self._refused.clear()
+            self._keep_peaks(view)
         self.view = view
         self._settle()
 
     def begin(self, job: Job) -> None:
         """A job is on its way: from now on its limits may be in force."""
-        self.job, self._before = job, dict(self.peaks)
-        for name, cpu in job.changed.items():
-            self.peaks[name] = max(self.highest(name), cpu.limit or 0)
+        for name in job.changed:
+            self.peaks[name] = self.highest(name)
+        self.job = job
 
-    def finish(self, job: Job, outcome: Outcome) -> None:
-        """Learn how far it came; after an error that a retry may mend it stays under way until `rest` ends."""
+    def finish(self, job: Job, outcome: Outcome, now: float) -> float:
+        """Learn how far it came; returns the seconds until it may be tried again, if it failed.
+
+        After an error that a retry may mend it stays under way until then.
+        """
         self._learn(job, outcome)
+        if outcome.resized or (outcome.error is not None and outcome.error.retriable):
+            self.peaks |= {name: self.highest(name) for name in job.changed}
+        pause = 0.0
         if outcome.error is None:
             self.job, self.attempts, self.unsure, self.maybe = None, 0, False, {}
+            self._refused.pop((job.policy, job.restore), None)
         elif outcome.error.retriable:
             self.attempts, self.unsure = self.attempts + 1, True
             self.maybe |= {} if job.restore else job.originals
+            pause = max(FAILED.after(self.attempts), outcome.error.retry_after)
         else:
             self.job = None
-            self.peaks = self.peaks if outcome.resized else self._before
-            self._refused[job.policy, job.restore] = job.wanted
+            pause = self._refuse(job, now)
         self._settle()
+        return pause
 
-    def refuses(self, policy: str, wanted: Mapping[str, Cpu], *, restore: bool) -> bool:
-        """Whether the API refused just this; it is not asked again until the wish or the pod changes."""
-        if self._refused.get((policy, restore)) == wanted:
-            return True
+    def refuses(self, policy: str, wanted: Mapping[str, Cpu], now: float, *, restore: bool) -> bool:
+        """Whether the API has just refused this; another wish, or a change of the pod, may be asked for at once."""
+        refusal = self._refused.get((policy, restore))
+        if refusal is not None and refusal.wanted != wanted:
+            del self._refused[policy, restore]
+            return False
+        return refusal is not None and now < refusal.until
+
+    def ask_again(self, policy: str, *, restore: bool) -> None:
+        """Let what was refused be tried once more."""
         self._refused.pop((policy, restore), None)
-        return False
-
-    def ask_again(self, policy: str) -> None:
-        """Let a restore that was refused be tried once more."""
-        self._refused.pop((policy, True), None)
 
     def spec(self, name: str) -> Cpu | None:
         """The container's resources in the API, counting what the watch has not shown yet; None when nobody knows."""
@@ -90,10 +114,30 @@ class PodSlot:
         spec = asked or (container.spec if container else None)
         return Holding(f"{self.view.uid}/{name}", (spec and spec.limit) or 0, self.highest(name), wanted.limit or 0)
 
+    def let_go(self, policy: str, claimed: Collection[str]) -> None:
+        """Whatever the policy decided about and claims no more is not its any more."""
+        lost = [
+            name
+            for name, governed in self.governed.items()
+            if governed.policy == policy and (self.view.ended or container_id(self.view, name) not in claimed)
+        ]
+        for name in lost:
+            del self.governed[name]
+
+    def rests(self, name: str, now: float) -> bool:
+        """Whether a container is left for a while as somebody else has made it."""
+        return name in self.governed and self.governed[name].rests(now)
+
+    def before(self, name: str) -> Cpu | None:
+        """What a container had before us; None when nobody knows yet."""
+        original, governed = self.originals.get(name), self.governed.get(name)
+        return original.cpu if original else governed.cpu if governed else None
+
     def highest(self, name: str) -> int:
         """The highest limit that may be in force now."""
         container, asked = self.view.container(name), self.asked.get(name)
-        known = (asked, container.spec, container.actual) if container else (asked,)
+        changing = self.job.changed.get(name) if self.job else None
+        known = (asked, changing, container.spec, container.actual) if container else (asked, changing)
         return max(self.peaks.get(name, 0), *((cpu.limit or 0) if cpu else 0 for cpu in known))
 
     @property
@@ -109,7 +153,7 @@ class PodSlot:
             if name in known:
                 known[name] = replace(known[name], policy=policy)
             elif container is not None:
-                known[name] = Original(policy, self.asked.get(name) or container.spec)
+                known[name] = Original(policy, self.before(name) or self.asked.get(name) or container.spec)
         return known
 
     def holds(self, policy: str) -> bool:
@@ -119,11 +163,29 @@ class PodSlot:
         under_way = self.job is not None and self.job.policy == policy
         return under_way or any(original.policy == policy for original in self.originals.values())
 
+    def _keep_peaks(self, view: PodView) -> None:
+        """Somebody's resize replaces another before the kubelet told about it: either may be in force."""
+        for container in view.containers:
+            if container.spec != self.spec(container.name):
+                self.peaks[container.name] = max(self.highest(container.name), container.spec.limit or 0)
+
+    def _refuse(self, job: Job, now: float) -> float:
+        before = self._refused.get((job.policy, job.restore))
+        times = before.times + 1 if before is not None and before.wanted == job.wanted else 1
+        pause = REFUSED.after(times)
+        self._refused[job.policy, job.restore] = _Refusal(job.wanted, times, now + pause)
+        return pause
+
     def _learn(self, job: Job, outcome: Outcome) -> None:
         """What was answered is known, however the job ended."""
         self.version = max(self.version, outcome.version)
         if outcome.resized:
             self.asked |= job.changed
+        if outcome.resized and not job.restore:
+            for name, cpu in job.changed.items():
+                self.governed.setdefault(name, Governed(job.policy, cpu)).give(job.policy, cpu)
+        if outcome.noted and job.restore:
+            self.lowered |= dict.fromkeys(job.wanted, job.policy)
         if outcome.noted and self.view.version < self.version:
             self.view = replace(self.view, originals=job.originals)
 
@@ -136,7 +198,7 @@ class PodSlot:
         seen = view.observed_generation is None or view.observed_generation >= view.generation
         in_force = all(c.actual is None or _same(c.actual.limit, c.spec.limit) for c in view.containers)
         if seen and in_force and not view.pending:
-            self.peaks = {}
+            self.peaks, self.lowered = {}, {}
 
 
 def _same(actual: int | None, spec: int | None) -> bool:

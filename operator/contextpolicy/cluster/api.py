@@ -13,6 +13,7 @@ import urllib3
 from kubernetes import client, config
 
 from contextpolicy.cluster.pods import version_of
+from contextpolicy.cluster.writers import FIELD_MANAGER
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
@@ -23,7 +24,6 @@ STRATEGIC = "application/strategic-merge-patch+json"
 MERGE = "application/merge-patch+json"
 POOL = 16
 """Connections that are kept: a new one costs a TLS handshake. Eight patches, the clerk and the watches need them."""
-FIELD_MANAGER = "contextpolicy"
 FINALIZER = "contextpolicy.dev/restore"
 """Holds a ContextPolicy that is being deleted until its containers are as they were."""
 TIMEOUT = urllib3.Timeout(connect=2.0, read=5.0)
@@ -94,7 +94,7 @@ class Api:
         query = f"watch=true&allowWatchBookmarks=true&timeoutSeconds={WATCH_SECONDS}&resourceVersion={version}"
         response = self._request("GET", f"{path}?{query}", None, timeout=HEARTBEAT, preload_content=False)
         if response.status >= 300:
-            raise _refusal(response.status, response.data)
+            raise _refusal(response)
         return response
 
     def pods(self, namespace: str | None) -> list[dict[str, Any]]:
@@ -129,7 +129,7 @@ class Api:
         content = None if body is None else json.dumps(body).encode()
         response = self._request(method, target, content, content_type=content_type, timeout=TIMEOUT)
         if response.status >= 300:
-            raise _refusal(response.status, response.data)
+            raise _refusal(response)
         return response.data
 
     def _request(self, method: str, target: str, content: bytes | None, **how: Any) -> urllib3.BaseHTTPResponse:
@@ -161,10 +161,13 @@ def _version(answer: bytes) -> int:
         raise ActuationError("Unreadable", message, retriable=True) from error
 
 
-def _refusal(status: int, answer: bytes) -> ActuationError:
+def _refusal(response: urllib3.BaseHTTPResponse) -> ActuationError:
+    status, answer = response.status, response.data
     reason, retriable = _REASONS.get(status, ("ServerError" if status >= 500 else "Refused", status >= 500))
     try:
         message = json.loads(answer).get("message", "")
     except (ValueError, AttributeError):
         message = answer[:200].decode(errors="replace")
-    return ActuationError(reason, f"{message or 'no message'} (HTTP {status})", retriable=retriable)
+    text = f"{message or 'no message'} (HTTP {status})"
+    pause = response.headers.get("Retry-After", "")  # seconds: the API server writes no dates
+    return ActuationError(reason, text, retriable=retriable, retry_after=float(pause) if pause.isdecimal() else 0.0)

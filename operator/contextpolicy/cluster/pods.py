@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.cluster.writers import NOBODY, Writers, writers
 from contextpolicy.planning.quantities import format_cpu, parse_cpu_ceiling, parse_memory
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ class ContainerView:
     memory_request: int | None
     memory_limit: int | None
     container_id: str
+    writers: Writers = NOBODY
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +119,7 @@ def view(pod: Mapping[str, Any]) -> PodView:
         labels=metadata.get("labels") or {},
         qos=status.get("qosClass") or "",
         mirror=MIRROR in annotations,
-        containers=tuple(_containers(spec, status)),
+        containers=tuple(_containers(metadata, spec, status)),
         originals=read_originals(annotations.get(ORIGINALS)),
         generation=metadata.get("generation") or 0,
         observed_generation=status.get("observedGeneration"),
@@ -159,20 +161,23 @@ def _quantities(cpu: Cpu) -> dict[str, str]:
     return {name: format_cpu(amount) for name, amount in amounts.items() if amount is not None}
 
 
-def _containers(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Iterator[ContainerView]:
+def _containers(
+    metadata: Mapping[str, Any], spec: Mapping[str, Any], status: Mapping[str, Any]
+) -> Iterator[ContainerView]:
     """The long-running containers: init containers only if they are sidecars (`restartPolicy: Always`)."""
     sidecars = [c for c in spec.get("initContainers") or [] if c.get("restartPolicy") == "Always"]
     by_name = {entry["name"]: entry for entry in _statuses(status)}
     for field, containers in (("containers", spec.get("containers") or []), ("initContainers", sidecars)):
         for container in containers:
-            yield _container(container, field, by_name.get(container["name"], {}))
+            by = writers(metadata, field, container["name"])
+            yield _container(container, field, by_name.get(container["name"], {}), by)
 
 
 def _statuses(status: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [*(status.get("containerStatuses") or []), *(status.get("initContainerStatuses") or [])]
 
 
-def _container(container: Mapping[str, Any], field: str, status: Mapping[str, Any]) -> ContainerView:
+def _container(container: Mapping[str, Any], field: str, status: Mapping[str, Any], by: Writers) -> ContainerView:
     resources = container.get("resources") or {}
     requests, limits = resources.get("requests") or {}, resources.get("limits") or {}
     actual = status.get("resources")
@@ -184,6 +189,7 @@ def _container(container: Mapping[str, Any], field: str, status: Mapping[str, An
         memory_request=_memory(requests.get("memory")),
         memory_limit=_memory(limits.get("memory")),
         container_id=status.get("containerID") or "",
+        writers=by,
     )
 
 

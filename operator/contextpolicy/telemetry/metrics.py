@@ -19,3 +19,6 @@ CONTEXT_ACTIVE = Gauge("contextpolicy_context_active", "1 while the context has 
 TASK_SHARE = Gauge("contextpolicy_task_share_cores", "What the plan gives the task.", ["policy", "task"])
 TASK_WEIGHT = Gauge("contextpolicy_task_weight", "The task's weight.", ["policy", "task"])
 RESIZES = Counter("contextpolicy_resizes_total", "Patches of pods/resize by result.", ["policy", "result"])
+CONTESTS = Counter(
+    "contextpolicy_contests_total", "Times that somebody else changed the CPU of a container of the policy.", ["policy"]
+)

@@ -1,0 +1,41 @@
+"""Who last changed a container's CPU, as the API server notes it in `metadata.managedFields`. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+FIELD_MANAGER = "contextpolicy"
+"""By which the API server tells our writes from others'."""
+
+
+@dataclass(frozen=True, slots=True)
+class Writers:
+    """The managers that own a container's CPU request and limit; empty where nobody is noted."""
+
+    request: str = ""
+    limit: str = ""
+
+
+NOBODY = Writers()
+
+
+def writers(metadata: Mapping[str, Any], list_field: str, container: str) -> Writers:
+    """The owners of a container's CPU; of several that applied the same value, the last."""
+    entries = sorted(metadata.get("managedFields") or [], key=lambda entry: str(entry.get("time", "")), reverse=True)
+    path = ("f:spec", f"f:{list_field}", f'k:{{"name":"{container}"}}', "f:resources")
+    found = [(str(entry.get("manager", "")), _inside(entry.get("fieldsV1"), path)) for entry in entries]
+    owners = {
+        kind: next((manager for manager, fields in found if "f:cpu" in _inside(fields, (kind,))), "")
+        for kind in ("f:requests", "f:limits")
+    }
+    return Writers(owners["f:requests"], owners["f:limits"])
+
+
+def _inside(fields: object, path: tuple[str, ...]) -> Mapping[str, Any]:
+    for step in path:
+        fields = fields.get(step) if isinstance(fields, dict) else None
+    return fields if isinstance(fields, dict) else {}

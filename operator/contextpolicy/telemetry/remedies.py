@@ -1,0 +1,61 @@
+"""What a user can do about a resize that was refused, held back or undone. Pure."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators.pauses import REFUSED
+from contextpolicy.cluster.writers import FIELD_MANAGER
+
+if TYPE_CHECKING:
+    from contextpolicy.errors import ActuationError
+
+_AGAIN = f"it is asked for again after {REFUSED.longest:.0f} s at the latest"
+_REFUSALS = (
+    (r"exceeded quota", f"raise the ResourceQuota or lower the task's max; {_AGAIN}"),
+    (
+        r"usage per (Container|Pod) is|limit to request ratio per",
+        f"widen the LimitRange or lower the task's max; {_AGAIN}",
+    ),
+    (r"enough allocatable resources", f"raise the policy's reserve or lower the task's max; {_AGAIN}"),
+    (r"cannot (patch|update) resource", f"give the operator's role patch of pods and pods/resize; {_AGAIN}"),
+    (r"denied (the )?request", f"let that admission policy or webhook pass the operator's resizes; {_AGAIN}"),
+)
+_NO_ROOM = (
+    "its CPU request doesn't fit beside the node's other pods: lower their requests or the task's max, or give the pod "
+    "unequal memory request and limit, so that only its CPU limit moves; the kubelet carries it out when there is room"
+)
+_PENDING = (
+    ("Deferred", _NO_ROOM),
+    ("Infeasible", "this node can't resize the pod like that: lower the task's max, or run the pod elsewhere"),
+    ("Error", "the kubelet tries again by itself; its log says more"),
+)
+_WRITERS = (
+    (
+        r"vpa|^updater$|vertical-pod",
+        'set updateMode: "Off" in its VerticalPodAutoscaler, or controlledResources: [memory] for this container',
+    ),
+    (r"startup-cpu-boost", "leave this pod out of its StartupCPUBoost"),
+    (
+        rf"^({FIELD_MANAGER})?$",
+        "an admission webhook changes what the operator asks for, or a second operator runs: let this one decide",
+    ),
+    (r"^kubectl", "change the policy instead: the task's min, max or priority, or mode: Paused"),
+)
+_ONE_DECIDES = "let one of them decide: take the container out of its hands, or out of the policy"
+
+
+def for_refusal(error: ActuationError) -> str:
+    """What to do about a refused patch; empty when its message says all that is known."""
+    return next((remedy for pattern, remedy in _REFUSALS if re.search(pattern, str(error))), "")
+
+
+def for_pending(pending: str) -> str:
+    """What to do about a resize that the kubelet holds back."""
+    return next((remedy for reason, remedy in _PENDING if pending.startswith(reason)), "")
+
+
+def for_writer(manager: str) -> str:
+    """What to do about somebody else who resizes a container."""
+    return next((remedy for pattern, remedy in _WRITERS if re.search(pattern, manager)), _ONE_DECIDES)

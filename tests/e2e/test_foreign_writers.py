@@ -1,0 +1,55 @@
+"""Somebody else resizes the same containers: it is told, put back, and never becomes a fight."""
+
+import json
+import time
+
+import pytest
+
+from tests.e2e.cluster import delete, get, run, until
+
+
+def resize(robot, task, limit, manager):
+    """As a VerticalPodAutoscaler or a person does it."""
+    patch = {"spec": {"containers": [{"name": task, "resources": {"limits": {"cpu": limit}}}]}}
+    where = ("-n", robot.namespace, "--subresource", "resize", "--field-manager", manager)
+    run("kubectl", "patch", "pod", task, *where, "--patch", json.dumps(patch))
+
+
+def generation(robot, task):
+    return get("pod", task, robot.namespace)["metadata"]["generation"]
+
+
+@pytest.mark.parametrize("manager", ["updater", "kubectl-patch"])  # as the VPA 1.8 and as kubectl call themselves
+def test_foreign_limit_is_told_and_put_back(governed, manager):
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    resize(governed, "slam", "300m", manager)
+    governed.expect(slam=990, speech=10)
+    said = f"{governed.namespace}/slam/slam: {manager} changed its CPU limit from 990m to 300m"
+    until("the status names it", lambda: said in governed.condition("Applied")[1])
+    assert any(said in message for message in governed.told("ResizedByOther"))
+
+
+def test_writer_who_insists_gets_growing_pauses(governed):
+    """It writes several times a second; each of the operator's answers is one more generation, and each of its own."""
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    before, attempts, deadline = generation(governed, "slam"), 0, time.monotonic() + 10
+    while time.monotonic() < deadline:
+        resize(governed, "slam", "300m", "vpa-updater")
+        attempts += 1
+    written = generation(governed, "slam") - before
+    assert attempts >= 20
+    assert 4 <= written <= 16
+    assert "vpa-updater" in governed.condition("Applied")[1]
+    governed.expect(slam=990, speech=10)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.3], ids=["where the plan had changed nothing", "where it had"])
+def test_foreign_limit_never_becomes_the_original(governed, speed):
+    governed.drive(speed)
+    governed.expect(slam=990 if speed else 500, speech=10 if speed else 500)
+    resize(governed, "slam", "700m", "vpa-updater")
+    governed.expect(slam=990 if speed else 500)
+    delete("ctxp", "robot", governed.namespace)
+    governed.expect(slam=500, speech=500)

@@ -1,0 +1,120 @@
+"""What the API refuses, and what the kubelet holds back: told with what to do, and done once it can be done."""
+
+import json
+
+import pytest
+
+from tests.cluster import access, layout
+from tests.e2e.cluster import apply, delete, get, run, until
+from tests.e2e.robot import IDLE, pod, task
+
+GUARANTEED = {"requests": {"cpu": "500m", "memory": "64Mi"}, "limits": {"cpu": "500m", "memory": "64Mi"}}
+
+own_node = pytest.mark.skipif(access.user_cluster() is not None, reason="writes files of the node: not of yours")
+
+
+@pytest.fixture
+def robot(empty):
+    return empty
+
+
+def bound(kind, namespace, **spec):
+    apply({"apiVersion": "v1", "kind": kind, "metadata": {"name": "small", "namespace": namespace}, "spec": spec})
+
+
+def test_quota_that_refuses_is_told_and_its_end_is_noticed(robot):
+    """Nothing on the pod changes when a quota is raised, so only asking again finds it out."""
+    robot.start("slam", "speech")
+    robot.policy()
+    robot.expect(slam=500, speech=500)
+    bound("ResourceQuota", robot.namespace, hard={"limits.cpu": "700m"})
+    until("the quota counts", lambda: "used" in get("resourcequota", "small", robot.namespace).get("status", {}))
+    robot.drive(0.3)
+    robot.expect(slam=500, speech=10)
+    until("the status says why", lambda: "exceeded quota: small" in robot.condition("Applied")[1])
+    assert "raise the ResourceQuota or lower the task's max" in robot.condition("Applied")[1]
+    assert any("exceeded quota: small" in message for message in robot.told("ResizeFailed"))
+    bound("ResourceQuota", robot.namespace, hard={"limits.cpu": "2"})
+    robot.expect(slam=990, speech=10)
+    until("the status is well again", lambda: robot.condition("Applied")[0] == "True")
+
+
+def test_limit_range_that_refuses_is_reported(robot):
+    robot.start("slam", "speech")
+    robot.policy()
+    robot.expect(slam=500, speech=500)
+    bound("LimitRange", robot.namespace, limits=[{"type": "Container", "max": {"cpu": "600m"}}])
+    robot.drive(0.3)
+    robot.expect(slam=500, speech=10)
+    until("the status says why", lambda: "maximum cpu usage per Container is 600m" in robot.condition("Applied")[1])
+    assert "widen the LimitRange" in robot.condition("Applied")[1]
+    delete("limitrange", "small", robot.namespace)
+    robot.expect(slam=990, speech=10)
+    until("the status is well again", lambda: robot.condition("Applied")[0] == "True")
+
+
+def limit(robot, name):
+    return get("pod", name, robot.namespace)["spec"]["containers"][0]["resources"]["limits"]["cpu"]
+
+
+def allocatable():
+    [node] = json.loads(run("kubectl", "get", "nodes", "-o", "json"))["items"]
+    return 1000 * int(node["status"]["allocatable"]["cpu"])
+
+
+def requested():
+    """The CPU requests of all that runs on the node, in thousandths of a core."""
+    total = 0
+    for found in json.loads(run("kubectl", "get", "pods", "-A", "-o", "json"))["items"]:
+        if found["status"].get("phase") in ("Pending", "Running"):
+            amounts = [c["resources"].get("requests", {}).get("cpu", "0") for c in found["spec"]["containers"]]
+            total += sum(int(cpu[:-1]) if cpu.endswith("m") else 1000 * int(cpu) for cpu in amounts)
+    return total
+
+
+def test_deferred_resize_is_told_and_carried_out_when_there_is_room(robot):
+    """A Guaranteed pod's request moves with its limit, and another pod has requested what is left of the node."""
+    robot.start("slam", resources=GUARANTEED)
+    robot.start("speech")
+    robot.start("hog", resources={"requests": {"cpu": f"{allocatable() - requested() - 100}m"}})
+    robot.policy()
+    robot.drive(0.3)
+    until("the kubelet defers it", lambda: "slam: Deferred: " in robot.condition("Applied")[1])
+    assert "lower their requests or the task's max" in robot.condition("Applied")[1]
+    assert any("slam: Deferred: " in message for message in robot.told("ResizePending"))
+    robot.expect(slam=500, speech=10)
+    robot.stop("hog")
+    robot.expect(slam=990, speech=10)
+    until("the status is well again", lambda: robot.condition("Applied")[0] == "True")
+
+
+def test_resize_beyond_the_node_is_told_until_the_plan_is_within_it(robot):
+    """The requests of all containers of a pod count, and the API refuses what the node does not have."""
+    big = pod("slam", robot.namespace, IDLE, GUARANTEED)
+    size = {"cpu": f"{allocatable() - 800}m", "memory": "64Mi"}
+    container = big["spec"]["containers"][0]
+    big["spec"]["containers"].append({**container, "name": "big", "resources": {"requests": size, "limits": size}})
+    apply(big)
+    robot.start("speech")
+    robot.policy()
+    robot.drive(0.3)
+    until("the status says why", lambda: "enough allocatable resources" in robot.condition("Applied")[1])
+    assert "raise the policy's reserve or lower the task's max" in robot.condition("Applied")[1]
+    robot.policy(tasks=[task("slam", container="slam", max="550m"), task("speech")])
+    until("the plan is within it", lambda: limit(robot, "slam") == "550m")
+    until("the status is well again", lambda: robot.condition("Applied")[0] == "True")
+
+
+@own_node
+def test_static_pod_is_told_and_left_alone(robot):
+    name, manifest = f"speech-{layout.NODE_NAME}", layout.MANIFESTS / "e2e-speech.json"
+    robot.start("slam")
+    robot.policy()
+    manifest.write_text(json.dumps(pod("speech", robot.namespace, IDLE, None)))
+    try:
+        robot.expect(slam=1000)
+        until("the status tells", lambda: f"{name} is a static pod" in robot.condition("Applied")[1])
+        assert limit(robot, name) == "500m"
+    finally:
+        manifest.unlink()
+        until("it is gone", lambda: run("kubectl", "get", "pods", "-n", robot.namespace, "-o", "name").count(name) == 0)

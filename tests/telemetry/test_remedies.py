@@ -1,0 +1,74 @@
+"""Messages as Kubernetes 1.36 writes them -> what to do."""
+
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.errors import ActuationError
+from contextpolicy.telemetry import remedies
+
+
+@pytest.mark.parametrize(
+    ("message", "remedy"),
+    [
+        (
+            'pods "slam" is forbidden: exceeded quota: cpu, requested: limits.cpu=9, used: limits.cpu=1, limited: 5',
+            "raise the ResourceQuota",
+        ),
+        (
+            'pods "slam" is forbidden: maximum cpu usage per Container is 600m, but limit is 990m',
+            "widen the LimitRange",
+        ),
+        (
+            'pods "slam" is forbidden: cpu max limit to request ratio per Container is 2, but provided ratio is 9.9',
+            "widen the LimitRange",
+        ),
+        (
+            'pods "slam" is forbidden: User "u" cannot patch resource "pods/resize" in API group ""',
+            "give the operator's role",
+        ),
+        (
+            "node didn't have enough allocatable resources: cpu, requested: 3000, allocatable: 2000",
+            "raise the policy's reserve",
+        ),
+        ('admission webhook "no.example.com" denied the request: no', "let that admission policy or webhook pass"),
+        ("pods \"slam\" is forbidden: ValidatingAdmissionPolicy 'x' with binding 'x' denied request: no", "let that"),
+        ("Pod QOS Class may not change as a result of resizing", ""),
+    ],
+)
+def test_what_to_do_about_a_refusal(message, remedy):
+    told = remedies.for_refusal(ActuationError("Forbidden", message, retriable=False))
+    assert told.startswith(remedy)
+    assert bool(told) == bool(remedy)
+
+
+@pytest.mark.parametrize(
+    ("pending", "remedy"),
+    [
+        ("Deferred: Node didn't have enough resource: cpu", "its CPU request doesn't fit"),
+        ("Infeasible: static CPU manager", "this node can't resize the pod"),
+        ("Error: EINVAL", "the kubelet tries again"),
+        ("", ""),
+    ],
+)
+def test_what_to_do_about_a_resize_that_is_held_back(pending, remedy):
+    told = remedies.for_pending(pending)
+    assert told.startswith(remedy)
+    assert bool(told) == bool(remedy)
+
+
+@pytest.mark.parametrize(
+    ("manager", "remedy"),
+    [
+        ("vpa-updater", 'set updateMode: "Off"'),
+        ("updater", 'set updateMode: "Off"'),
+        ("kube-startup-cpu-boost", "leave this pod out"),
+        ("kubectl-patch", "change the policy instead"),
+        ("contextpolicy", "an admission webhook"),
+        ("", "an admission webhook"),
+        ("my-autoscaler", "let one of them decide"),
+        ("contextpolicy-exporter", "let one of them decide"),
+    ],
+)
+def test_what_to_do_about_another_writer(manager, remedy):
+    assert remedies.for_writer(manager).startswith(remedy)
