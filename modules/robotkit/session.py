@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 ATTEMPT_MS = 1000
 LEASE_MS = 1000
+QUEUE = 16
+"""Messages that wait for the network; with Zenoh's default of 2 a busy robot drops some."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -40,6 +42,7 @@ def client_config(addresses: Sequence[str]) -> zenoh.Config:
         ("connect/timeout_ms", ATTEMPT_MS),
         ("scouting/multicast/enabled", False),
         ("transport/link/tx/lease", LEASE_MS),
+        *((f"transport/link/tx/queue/size/{priority}", QUEUE) for priority in ("real_time", "data")),
         ("transport/shared_memory/enabled", False),  # pods share no /dev/shm
     ):
         _insert(config, key, value)
