@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 CONTROLS = ("Limit", "Weight", "Both")
 BUSY, HALF = "busy", "half-idle"
 SETTLE, WINDOW = 2.0, 10.0
-RESERVE = "800m"
+RESERVE = "1"
 """Weights are CPU requests, and those of all pods of the node must fit: the operator's are among them."""
 
 

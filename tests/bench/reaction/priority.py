@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from tests.bench.reaction.stopwatch import Stopwatch
 
 PODS = 8
-TASKS = ("10m", "200m")
+TASKS = ("10m", "150m")
 """CPU requests of the pods that saturate the node: what tasks should have, and what they should not."""
-OPERATOR = ("10m", "100m", "400m")
+OPERATOR = ("10m", "100m", "300m")
 STAGES = ("sample at the operator", "plan on the bus", "first patch accepted", "first cgroup", "all cgroups")
 
 
@@ -35,15 +35,25 @@ def measure(site: Site, stopwatch: Stopwatch, bus: zenoh.Session) -> list[dict[s
     rows = []
     try:
         for tasks in TASKS:
-            for number in range(LOADS):
-                _request(LOAD, f"load-{number}", tasks)
+            _request_tasks(tasks)
             for operator in OPERATOR:
-                for pod in _own_pods():
-                    _request(PLAIN, pod, operator)
+                _request_own(operator)
                 rows.append({"tasks_request": tasks, "operator_request": operator, **_saturated(site, path)})
+        _request_tasks(TASKS[0])  # what requests they hold, others of this node can't have
+        _request_own(OPERATOR[1])
     finally:
         path.close()
     return rows
+
+
+def _request_tasks(cpu: str) -> None:
+    for number in range(LOADS):
+        _request(LOAD, f"load-{number}", cpu)
+
+
+def _request_own(cpu: str) -> None:
+    for pod in _own_pods():
+        _request(PLAIN, pod, cpu)
 
 
 def _saturated(site: Site, path: Operated) -> dict[str, Any]:
