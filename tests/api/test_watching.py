@@ -151,6 +151,21 @@ def test_failures_are_logged_once_and_their_end(caplog):
     assert messages == ["/pods can't be watched, trying again: nobody there", "/pods is told again"]
 
 
+def test_a_watch_that_ends_by_itself_just_now_can_be_stopped():
+    api = Api(a_list())
+    watch = Watch(api, "/pods", lambda _: None, lambda _: None)
+    watch.start()
+    assert api.idle.wait(PATIENCE)
+
+    def shut_down():
+        Response.shutdown(api.quiet)
+        raise OSError(9, "Bad file descriptor")
+
+    api.quiet.shutdown = shut_down
+    watch.stop()
+    assert api.quiet.closed
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_watch_that_has_ended_unasked_is_found_out():
     def fail(_):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import logging
 from concurrent.futures import Future
+from contextlib import suppress
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -62,8 +63,10 @@ class Watch:
     def stop(self) -> None:
         """End, also while the server is silent."""
         self._stop.set()
-        if self._response is not None:
-            self._response.shutdown()
+        response = self._response
+        if response is not None:
+            with suppress(OSError):  # it may just have ended by itself
+                response.shutdown()
         self._thread.join(timeout=5)
 
     def check(self) -> None:
