@@ -1,4 +1,4 @@
-"""What the operator's CPU request, its weight on a saturated node, does to its reaction."""
+"""What the weights of the operator and of the control plane on a saturated node do to the reaction."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from tests.bench.reaction.figures import percentile
 from tests.bench.reaction.rounds import PAUSE, RESTING, WORKING, operated
 from tests.bench.reaction.site import LOAD, LOADS, PLAIN, say
 from tests.bench.reaction.stopwatch import MissedError
+from tests.cluster import cgroups
 from tests.e2e.cluster import run
 
 if TYPE_CHECKING:
@@ -23,11 +24,13 @@ PODS = 8
 TASKS = ("10m", "150m")
 """CPU requests of the pods that saturate the node: what tasks should have, and what they should not."""
 OPERATOR = ("10m", "100m", "300m")
+CONTROL_PLANE = (1, 8)
+"""The weight of the node's own components in default groups' (1024 shares); the test node has the second."""
 STAGES = ("sample at the operator", "plan on the bus", "first patch accepted", "first cgroup", "all cgroups")
 
 
 def measure(site: Site, stopwatch: Stopwatch, bus: zenoh.Session) -> list[dict[str, Any]]:
-    """One row for each pair of requests; they are moved in place, nothing restarts."""
+    """One row for each choice of weights; they are moved in place, nothing restarts."""
     names = [f"task-{number}" for number in range(PODS)]
     site.pods(PLAIN, names)
     site.load()
@@ -38,12 +41,28 @@ def measure(site: Site, stopwatch: Stopwatch, bus: zenoh.Session) -> list[dict[s
             _request_tasks(tasks)
             for operator in OPERATOR:
                 _request_own(operator)
-                rows.append({"tasks_request": tasks, "operator_request": operator, **_saturated(site, path)})
+                rows.append(_row(tasks, operator, CONTROL_PLANE[1], _saturated(site, path)))
         _request_tasks(TASKS[0])  # what requests they hold, others of this node can't have
         _request_own(OPERATOR[1])
+        for weight in CONTROL_PLANE if cgroups.components_folder().is_dir() else ():
+            _weigh_control_plane(weight)
+            rows.append(_row(TASKS[0], OPERATOR[1], weight, _saturated(site, path)))
     finally:
         path.close()
     return rows
+
+
+def _row(tasks: str, operator: str, control_plane: int, measured: dict[str, Any]) -> dict[str, Any]:
+    return {"tasks_request": tasks, "operator_request": operator, "control_plane": control_plane, **measured}
+
+
+def _weigh_control_plane(weight: int) -> None:
+    folder = cgroups.components_folder()
+    shares = folder / "cpu.shares"
+    if shares.exists():
+        shares.write_text(str(1024 * weight))
+    else:
+        (folder / "cpu.weight").write_text(str(100 * weight))
 
 
 def _request_tasks(cpu: str) -> None:
