@@ -44,16 +44,23 @@ def measure(site: Site, stopwatch: Stopwatch, bus: zenoh.Session) -> list[dict[s
                 rows.append(_row(tasks, operator, CONTROL_PLANE[1], _saturated(site, path)))
         _request_tasks(TASKS[0])  # what requests they hold, others of this node can't have
         _request_own(OPERATOR[1])
-        for weight in CONTROL_PLANE if cgroups.components_folder().is_dir() else ():
+        for weight in CONTROL_PLANE if _own_node() else ():
             _weigh_control_plane(weight)
             rows.append(_row(TASKS[0], OPERATOR[1], weight, _saturated(site, path)))
     finally:
         path.close()
+        if _own_node():
+            _weigh_control_plane(CONTROL_PLANE[1])
     return rows
 
 
 def _row(tasks: str, operator: str, control_plane: int, measured: dict[str, Any]) -> dict[str, Any]:
     return {"tasks_request": tasks, "operator_request": operator, "control_plane": control_plane, **measured}
+
+
+def _own_node() -> bool:
+    """Whether the node's components run in a group that is ours to weigh."""
+    return cgroups.components_folder().is_dir()
 
 
 def _weigh_control_plane(weight: int) -> None:
