@@ -147,8 +147,8 @@ class Controller:
             return
         self._edition = 0
         arrived = time.monotonic() if self._arrived is None else self._arrived
-        self.on_plan(self.policy.reference, arrived)
         self._order()
+        self.on_plan(self.policy.reference, arrived)
         self._publish({"trigger": plan.time if self._arrived is None else self._moment(arrived)})
         self._measure(plan)
         self.on_change()

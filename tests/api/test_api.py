@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+from contextlib import ExitStack
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
 
@@ -61,13 +62,24 @@ def server():
 
 
 @pytest.fixture
-def api(server, monkeypatch):
-    settings = client.Configuration(host=f"http://127.0.0.1:{server.server_port}")
-    monkeypatch.setattr(module, "_configure", lambda: client.Configuration.set_default(settings))
-    opened = Api()
-    yield opened
-    opened.close()
+def open_api(server, monkeypatch):
+    """Open a client of the server, below a path of it."""
+    with ExitStack() as stack:
+
+        def open_api(path=""):
+            settings = client.Configuration(host=f"http://127.0.0.1:{server.server_port}{path}")
+            monkeypatch.setattr(module, "_configure", lambda: client.Configuration.set_default(settings))
+            opened = Api()
+            stack.callback(opened.close)
+            return opened
+
+        yield open_api
     client.Configuration.set_default(None)
+
+
+@pytest.fixture
+def api(open_api):
+    return open_api()
 
 
 def refusal(api):
@@ -83,6 +95,13 @@ def test_a_resize_is_a_strategic_merge_of_the_subresource(api, server):
     assert (method, path) == ("PATCH", "/api/v1/namespaces/lab/pods/slam/resize?fieldManager=contextpolicy")
     assert headers["Content-Type"] == "application/strategic-merge-patch+json"
     assert body == patch
+
+
+@pytest.mark.parametrize("path", ["/k8s/clusters/c-1", "/k8s/clusters/c-1/"])
+def test_a_cluster_may_be_served_below_a_path(open_api, server, path):
+    open_api(path).post_event("lab", {})
+    [(_, asked, _, _)] = server.requests
+    assert asked.startswith("/k8s/clusters/c-1/api/v1/namespaces/lab/events?")
 
 
 def test_an_annotation_is_set_and_removed_by_a_merge_of_the_pod(api, server):

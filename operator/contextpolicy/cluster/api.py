@@ -54,7 +54,8 @@ class Api:
         settings.connection_pool_maxsize = POOL
         settings.retries = urllib3.Retry(0)
         self._client = client.ApiClient(settings)
-        self._host: str = settings.host.rstrip("/")
+        self._pool = self._client.rest_client.pool_manager.connection_from_url(settings.host)
+        self._prefix = (urllib3.util.parse_url(settings.host).path or "").rstrip("/")
 
     def close(self) -> None:
         """Give the connections back."""
@@ -136,8 +137,7 @@ class Api:
         headers = {"Accept": JSON, "Content-Type": how.pop("content_type", JSON), "User-Agent": FIELD_MANAGER}
         try:
             self._client.update_params_for_auth(headers, [], ["BearerToken"], target, method, content)
-            pool = self._client.rest_client.pool_manager
-            return pool.request(method, self._host + target, body=content, headers=headers, **how)
+            return self._pool.urlopen(method, self._prefix + target, body=content, headers=headers, **how)
         except (urllib3.exceptions.HTTPError, OSError) as error:
             path = target.partition("?")[0]
             raise ActuationError("Unreachable", f"{method} {path}: {error}", retriable=True) from error
