@@ -9,6 +9,7 @@ import pytest
 
 from contextpolicy.actuators.pauses import FAILED, REFUSED
 from contextpolicy.actuators.pod_resize import RESTORE_PATIENCE, Order
+from contextpolicy.actuators.pod_slot import SETTLING
 from contextpolicy.cluster.pods import ORIGINALS, Cpu, Original
 from contextpolicy.errors import ActuationError
 from contextpolicy.planning.policy import Control
@@ -146,6 +147,7 @@ def test_a_report_about_an_older_spec_confirms_nothing():
     rig.work()
     rig.watch()
     rig.plan(slam=700, speech=300)
+    rig.wait(SETTLING + 0.1)
     rig.work()
     rig.cluster.report("uid-speech")  # still of the first spec
     rig.watch()
@@ -227,10 +229,35 @@ def test_plans_during_a_patch_become_one_patch_the_newest():
         rig.plan(slam=share)
     assert len(rig.workers.jobs) == 1
     rig.work()
+    rig.cluster.confirm()
+    rig.watch()
     assert len(rig.workers.jobs) == 1
     rig.work()
     assert [limits["slam"] for _, limits in rig.cluster.resizes()] == ["300m", "450m"]
     assert rig.workers.jobs == []
+
+
+def test_a_newer_plan_does_not_queue_up_behind_the_kubelets_last_resize():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.work()
+    for share in (350, 400, 450):
+        rig.plan(slam=share)
+        assert rig.workers.jobs == []
+    rig.cluster.confirm()
+    rig.watch()
+    rig.work()
+    assert [limits["slam"] for _, limits in rig.cluster.resizes()] == ["300m", "450m"]
+
+
+def test_a_kubelet_that_says_nothing_holds_the_newest_plan_up_for_a_moment_only():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.work()
+    rig.plan(slam=450)
+    rig.wait(SETTLING + 0.1)
+    rig.work()
+    assert [limits["slam"] for _, limits in rig.cluster.resizes()] == ["300m", "450m"]
 
 
 def test_a_plan_made_while_a_patch_was_refused_is_sent_at_once():

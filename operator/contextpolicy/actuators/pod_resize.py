@@ -14,7 +14,7 @@ from contextpolicy.actuators.guard import Guard
 from contextpolicy.actuators.headroom import allowed
 from contextpolicy.actuators.patches import cpu_for
 from contextpolicy.actuators.pod_job import Job, carry_out
-from contextpolicy.actuators.pod_slot import PodSlot
+from contextpolicy.actuators.pod_slot import SETTLING, PodSlot
 from contextpolicy.actuators.restoring import falling, to_restore, without_rises
 from contextpolicy.cluster.claims import container_id
 from contextpolicy.cluster.pods import Cpu
@@ -153,9 +153,10 @@ class PodResizer:
 
     def _attend(self, policy: str, slot: PodSlot, wanted: dict[str, Cpu], *, restore: bool) -> None:
         """Send what one pod needs: steps to the plan, or containers to put back that the policy claims no more."""
+        now = self._now()
         if not wanted:
             slot.ask_again(policy, restore=restore)
-        elif not slot.refuses(policy, wanted, self._now(), restore=restore) and slot.job is None:
+        elif not slot.refuses(policy, wanted, now, restore=restore) and slot.job is None and not slot.settling(now):
             self._send(policy, slot, wanted, restore=restore)
 
     def _steps(self, order: Order, wishes: Iterable[_Wish]) -> Mapping[str, dict[str, Cpu]]:
@@ -223,6 +224,8 @@ class PodResizer:
         if self._slots.get(slot.view.uid) is not slot:
             return
         pause = slot.finish(job, outcome, self._now())
+        if outcome.resized:
+            self._wake(SETTLING)
         if outcome.error is None:
             self._recovered(job.policy, slot)
             for name, cpu in job.wanted.items():

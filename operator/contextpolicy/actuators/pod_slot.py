@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import TYPE_CHECKING
 
 from contextpolicy.actuators.contest import Governed
@@ -17,6 +18,11 @@ if TYPE_CHECKING:
 
     from contextpolicy.actuators.pod_job import Job, Outcome
     from contextpolicy.cluster.pods import PodView
+
+
+SETTLING = 0.3
+"""Seconds for which a newer wish waits for the kubelet to be done with the last: it takes one resize of a pod after the
+other, and in a storm of contexts each that is overtaken only delays the newest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +55,7 @@ class PodSlot:
     lowered: dict[str, str] = field(default_factory=dict)
     governed: dict[str, Governed] = field(default_factory=dict)
     troubled: set[str] = field(default_factory=set)
+    _resized_at: float = -inf
     _refused: dict[tuple[str, bool], _Refusal] = field(default_factory=dict)
 
     def observe(self, view: PodView) -> None:
@@ -75,6 +82,8 @@ class PodSlot:
         self._learn(job, outcome)
         if outcome.resized or (outcome.error is not None and outcome.error.retriable):
             self.peaks |= {name: self.highest(name) for name in job.changed}
+        if outcome.resized:
+            self._resized_at = now
         pause = 0.0
         if outcome.error is None:
             self.job, self.attempts, self.unsure, self.maybe = None, 0, False, {}
@@ -96,6 +105,10 @@ class PodSlot:
             del self._refused[policy, restore]
             return False
         return refusal is not None and now < refusal.until
+
+    def settling(self, now: float) -> bool:
+        """Whether the kubelet, as far as is known, is still at our last resize; for one that waits, nothing does."""
+        return bool(self.peaks) and not self.view.pending and now < self._resized_at + SETTLING
 
     def ask_again(self, policy: str, *, restore: bool) -> None:
         """Let what was refused be tried once more."""
