@@ -80,6 +80,7 @@ class Watch:
                 if self._version is None:
                     self._list()
                 self._follow()
+                self._stop.wait(PAUSES[0])  # a server, or a proxy, that ends every watch at once must not be stormed
             except (ActuationError, urllib3.exceptions.HTTPError, OSError, ValueError, LookupError, TypeError) as error:
                 self._rest(error)
 
