@@ -235,6 +235,7 @@ def runtime(server, monkeypatch):
             "stop_flag": stop,
             "memo": kopf.Memo(settings=Settings()),
         },
+        daemon=True,  # one that hangs must fail its test, not keep the test run from ending
     )
     operator.start()
     yield told

@@ -51,6 +51,8 @@ class Response:
 
     def shutdown(self):
         self._down.set()
+        if self.closed:
+            raise ValueError("as urllib3 says it")
 
 
 class Api:
@@ -151,19 +153,43 @@ def test_failures_are_logged_once_and_their_end(caplog):
     assert messages == ["/pods can't be watched, trying again: nobody there", "/pods is told again"]
 
 
-def test_a_watch_that_ends_by_itself_just_now_can_be_stopped():
+class RefusedAfterTheEnd(Response):
+    """What urllib3 says to a shutdown when the server has just ended the answer."""
+
+    def __init__(self, error):
+        super().__init__(endless=True)
+        self._error = error
+
+    def shutdown(self):
+        super().shutdown()
+        raise self._error
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(9, "Bad file descriptor"), ValueError("closed"), RuntimeError("released")], ids=repr
+)
+def test_a_watch_that_ends_by_itself_just_now_can_be_stopped(error):
     api = Api(a_list())
+    api.quiet = RefusedAfterTheEnd(error)
     watch = Watch(api, "/pods", lambda _: None, lambda _: None)
     watch.start()
     assert api.idle.wait(PATIENCE)
-
-    def shut_down():
-        Response.shutdown(api.quiet)
-        raise OSError(9, "Bad file descriptor")
-
-    api.quiet.shutdown = shut_down
     watch.stop()
     assert api.quiet.closed
+
+
+def test_a_watch_can_be_stopped_in_the_pause_after_an_end(monkeypatch):
+    monkeypatch.setattr(watching, "PAUSES", (PATIENCE,))
+    ended = Response()
+    api = Api(a_list(), ended)
+    watch = Watch(api, "/pods", lambda _: None, lambda _: None)
+    watch.start()
+    watch.listed.result(PATIENCE)
+    while not ended.closed:
+        watch._thread.join(0.001)
+    watch.stop()
+    assert not watch._thread.is_alive()
+    assert not api.idle.is_set(), "it was stopped before it went on"
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

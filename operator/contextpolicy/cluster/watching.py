@@ -65,7 +65,7 @@ class Watch:
         self._stop.set()
         response = self._response
         if response is not None:
-            with suppress(OSError):  # it may just have ended by itself
+            with suppress(OSError, ValueError, RuntimeError):  # it has ended by itself, just now or before the pause
                 response.shutdown()
         self._thread.join(timeout=5)
 
