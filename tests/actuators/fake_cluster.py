@@ -107,6 +107,7 @@ class FakeCluster:
                 if "resources" in entry:
                     limit = {**entry["resources"]["limits"], "cpu": f"{limits[entry['name']]}m"}
                     entry["resources"] = {"requests": dict(requests[entry["name"]]), "limits": limit}
+                    entry["allocatedResources"] = dict(requests[entry["name"]])
         self._commit(uid)
 
     def confirm(self, *uids: str) -> None:

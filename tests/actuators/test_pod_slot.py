@@ -53,7 +53,8 @@ def shown(  # noqa: PLR0913 - each is a field of its own
             observed_generation=observed,
             version=version,
             originals=originals,
-        )
+        ),
+        NOW,
     )
 
 

@@ -116,6 +116,25 @@ def test_part_of_the_node_gone_and_back(governed, faults, component):
         until("the newest plan is in force", lambda: [round(c.limit() * 1000) for c in cgroups] == [500, 500], 60)
 
 
+@own_node
+def test_contexts_change_while_the_kubelet_starts(governed, faults):
+    """It serves before it has listed its pods, and what came until then it would look at after 30 s only."""
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    with faults("contexts change while the kubelet starts", "the newest plan wins") as seen:
+        lifecycle.stop("kubelet")
+        try:
+            governed.drive(0.0)
+            until("the API has the next plan", lambda: governed.requested("slam") == "500m")
+        finally:
+            lifecycle.start("kubelet")
+        governed.drive(0.3)
+        until("the API has the plan before", lambda: governed.requested("slam") == "990m")
+        seen.back()
+        governed.drive(0.0)
+        governed.expect(slam=500, speech=500)
+
+
 def test_frozen_sensor(governed, faults):
     """SIGSTOP: the sensor's session stays open, only its samples are missing."""
     governed.sensors.read(f"{governed.namespace}/imu", None)

@@ -1,10 +1,11 @@
 """What the API refuses, and what the kubelet holds back: told with what to do, and done once it can be done."""
 
+import contextlib
 import json
 
 import pytest
 
-from tests.cluster import access, layout
+from tests.cluster import access, layout, lifecycle
 from tests.e2e.cluster import apply, delete, get, run, until
 from tests.e2e.robot import IDLE, pod, task
 
@@ -53,10 +54,6 @@ def test_limit_range_that_refuses_is_reported(robot):
     until("the status is well again", lambda: robot.condition("Applied")[0] == "True")
 
 
-def limit(robot, name):
-    return get("pod", name, robot.namespace)["spec"]["containers"][0]["resources"]["limits"]["cpu"]
-
-
 def allocatable():
     [node] = json.loads(run("kubectl", "get", "nodes", "-o", "json"))["items"]
     return 1000 * int(node["status"]["allocatable"]["cpu"])
@@ -101,8 +98,45 @@ def test_resize_beyond_the_node_is_told_until_the_plan_is_within_it(robot):
     until("the status says why", lambda: "enough allocatable resources" in robot.condition("Applied")[1])
     assert "raise the policy's reserve or lower the task's max" in robot.condition("Applied")[1]
     robot.policy(tasks=[task("slam", container="slam", max="550m"), task("speech")])
-    until("the plan is within it", lambda: limit(robot, "slam") == "550m")
+    until("the plan is within it", lambda: robot.requested("slam") == "550m")
     until("the status is well again", lambda: robot.condition("Applied")[0] == "True")
+
+
+@contextlib.contextmanager
+def cpu_manager_policy(policy, **settings):
+    """The kubelet with this CPU manager; what the other one noted it would not start with."""
+    file, checkpoint = layout.CONFIG / "kubelet.json", layout.ROOT / "kubelet" / "cpu_manager_state"
+    usual = file.read_text()
+
+    def restart(text):
+        lifecycle.stop("kubelet")
+        file.write_text(text)
+        checkpoint.unlink()
+        lifecycle.start("kubelet")
+
+    try:
+        restart(json.dumps({**json.loads(usual), "cpuManagerPolicy": policy, **settings}))
+        yield
+    finally:
+        restart(usual)
+
+
+@own_node
+def test_infeasible_resize_is_told_until_the_plan_does_not_need_it(robot):
+    """A kubelet that gives whole processors away resizes no Guaranteed pod, whatever it asks for."""
+    with cpu_manager_policy("static", kubeReserved={"cpu": "1m"}):
+        robot.start("slam", resources=GUARANTEED)
+        robot.start("speech")
+        robot.policy(reserve="999m")
+        robot.expect(slam=500, speech=500)
+        robot.drive(0.3)
+        until("the kubelet refuses it", lambda: "slam: Infeasible: " in robot.condition("Applied")[1])
+        assert "so that it is Burstable, or leave it out of the policy" in robot.condition("Applied")[1]
+        assert any("slam: Infeasible: " in message for message in robot.told("ResizePending"))
+        robot.expect(slam=500, speech=10)
+        robot.drive(0.0)
+        robot.expect(slam=500, speech=500)
+        until("the status is well again", lambda: robot.condition("Applied")[0] == "True")
 
 
 @own_node
@@ -114,7 +148,7 @@ def test_static_pod_is_told_and_left_alone(robot):
     try:
         robot.expect(slam=1000)
         until("the status tells", lambda: f"{name} is a static pod" in robot.condition("Applied")[1])
-        assert limit(robot, name) == "500m"
+        assert robot.requested(name) == "500m"
     finally:
         manifest.unlink()
         until("it is gone", lambda: run("kubectl", "get", "pods", "-n", robot.namespace, "-o", "name").count(name) == 0)

@@ -46,7 +46,11 @@ def test_what_to_do_about_a_refusal(message, remedy):
     ("pending", "remedy"),
     [
         ("Deferred: Node didn't have enough resource: cpu", "its CPU request doesn't fit"),
-        ("Infeasible: static CPU manager", "this node can't resize the pod"),
+        (
+            'Infeasible: Resize is infeasible for Guaranteed Pods alongside CPU Manager policy "static"',
+            "a static CPU manager resizes no Guaranteed pod",
+        ),
+        ("Infeasible: Node didn't have enough capacity", "this node can't resize the pod"),
         ("Error: EINVAL", "the kubelet tries again"),
         ("", ""),
     ],

@@ -24,3 +24,5 @@ REFUSED = Pause(5.0, 120.0)
 changing, and nobody tells us; so nothing is refused for ever, and nothing is asked for often."""
 CONTESTED = Pause(0.5, 5.0)
 """Before a container that somebody else resizes as well is put back, from the second time on."""
+OVERLOOKED = Pause(2.0, 120.0)
+"""For which a kubelet may say nothing about a resize that it has seen; it looks at the runtime once a second."""

@@ -100,7 +100,9 @@ class PodResizer:
         if slot is None:
             slot = self._slots[view.uid] = PodSlot(view)
         before = {c.name: c.actual for c in slot.view.containers}
-        slot.observe(view)
+        slot.observe(view, now := self._now())
+        if slot.oversight.since == now:
+            self._wake(slot.oversight.until - now)
         self._tell_in_force(slot, before)
         self._drive_all()
 
@@ -161,7 +163,7 @@ class PodResizer:
 
     def _steps(self, order: Order, wishes: Iterable[_Wish]) -> Mapping[str, dict[str, Cpu]]:
         """What differs from the plan and may be set now, by pod."""
-        steps: dict[str, dict[str, Cpu]] = defaultdict(dict)
+        now, steps = self._now(), defaultdict[str, dict[str, Cpu]](dict)
         by_node: dict[str, list[tuple[PodSlot, ContainerView, Holding, Cpu]]] = defaultdict(list)
         seen = set()
         for slot, container, cpu in wishes:
@@ -174,8 +176,9 @@ class PodResizer:
             may = allowed(capacity, [holding for *_, holding, _ in claimed])
             for slot, container, holding, cpu in claimed:
                 free = holding.id in may or order.control is Control.WEIGHT
-                if free and cpu != slot.spec(container.name) and not slot.rests(container.name, self._now()):
-                    steps[slot.view.uid][container.name] = cpu
+                step = slot.step(container, cpu, now)
+                if free and step != slot.spec(container.name) and not slot.rests(container.name, now):
+                    steps[slot.view.uid][container.name] = step
         return steps
 
     def _leaving(self, order: Order, node: str) -> int:

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.actuators.contest import Governed
 from contextpolicy.actuators.headroom import Holding
+from contextpolicy.actuators.oversight import Oversight, beside
 from contextpolicy.actuators.pauses import FAILED, REFUSED
 from contextpolicy.cluster.claims import container_id
 from contextpolicy.cluster.pods import Cpu, Original
-from contextpolicy.planning.placement import QUANTUM
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from contextpolicy.actuators.pod_job import Job, Outcome
-    from contextpolicy.cluster.pods import PodView
+    from contextpolicy.cluster.pods import ContainerView, PodView
 
 
 SETTLING = 0.3
@@ -55,10 +55,11 @@ class PodSlot:
     lowered: dict[str, str] = field(default_factory=dict)
     governed: dict[str, Governed] = field(default_factory=dict)
     troubled: set[str] = field(default_factory=set)
+    oversight: Oversight = field(default_factory=Oversight)
     _resized_at: float = -inf
     _refused: dict[tuple[str, bool], _Refusal] = field(default_factory=dict)
 
-    def observe(self, view: PodView) -> None:
+    def observe(self, view: PodView, now: float) -> None:
         """Take what the watch says, unless we have written since."""
         if view.version < self.version:
             return
@@ -66,6 +67,7 @@ class PodSlot:
             self._refused.clear()
             self._keep_peaks(view)
         self.view = view
+        self.oversight.look(view, now)
         self._settle()
 
     def begin(self, job: Job) -> None:
@@ -113,6 +115,11 @@ class PodSlot:
     def ask_again(self, policy: str, *, restore: bool) -> None:
         """Let what was refused be tried once more."""
         self._refused.pop((policy, restore), None)
+
+    def step(self, container: ContainerView, wanted: Cpu, now: float) -> Cpu:
+        """What to ask for: what is wanted, or what is beside it when the kubelet has overlooked that."""
+        overlooked = now >= self.oversight.until and self.spec(container.name) == wanted
+        return beside(container, wanted) if overlooked else wanted
 
     def spec(self, name: str) -> Cpu | None:
         """The container's resources in the API, counting what the watch has not shown yet; None when nobody knows."""
@@ -194,6 +201,7 @@ class PodSlot:
         self.version = max(self.version, outcome.version)
         if outcome.resized:
             self.asked |= job.changed
+            self.oversight.nudged()
         if outcome.resized and not job.restore:
             for name, cpu in job.changed.items():
                 self.governed.setdefault(name, Governed(job.policy, cpu)).give(job.policy, cpu)
@@ -207,13 +215,6 @@ class PodSlot:
         if self.job is not None or self.unsure or self.view.version < self.version:
             return
         self.asked = {}
-        view = self.view
-        seen = view.observed_generation is None or view.observed_generation >= view.generation
-        in_force = all(c.actual is None or _same(c.actual.limit, c.spec.limit) for c in view.containers)
-        if seen and in_force and not view.pending:
+        settled = self.view.seen and all(container.in_force for container in self.view.containers)
+        if settled and not self.view.pending:
             self.peaks, self.lowered = {}, {}
-
-
-def _same(actual: int | None, spec: int | None) -> bool:
-    """Equal up to the 10m steps in which the systemd cgroup driver rounds up (runc #4622)."""
-    return -(-(actual or 0) // QUANTUM) == -(-(spec or 0) // QUANTUM)

@@ -9,6 +9,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.cluster.writers import NOBODY, Writers, writers
+from contextpolicy.planning.placement import QUANTUM
 from contextpolicy.planning.quantities import format_cpu, parse_cpu_ceiling, parse_memory
 
 if TYPE_CHECKING:
@@ -33,7 +34,10 @@ class Cpu:
 
 @dataclass(frozen=True, slots=True)
 class ContainerView:
-    """One container; `actual` is what the kubelet reports as in force, None before it runs."""
+    """One container; `actual` is what the kubelet reports as in force, None before it runs.
+
+    `allocated` is the request that the kubelet has granted, as it was written: `actual` is read back from the kernel.
+    """
 
     name: str
     list_field: str
@@ -42,7 +46,18 @@ class ContainerView:
     memory_request: int | None
     memory_limit: int | None
     container_id: str
+    allocated: int | None = None
     writers: Writers = NOBODY
+
+    @property
+    def in_force(self) -> bool:
+        """Whether it runs with the limit that the API has, up to the systemd driver's steps of 10m (runc #4622)."""
+        return self.actual is None or _steps(self.actual.limit) == _steps(self.spec.limit)
+
+    @property
+    def granted(self) -> bool:
+        """Whether it runs with the resources that the API has."""
+        return self.in_force and self.allocated in (None, self.spec.request)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +84,24 @@ class PodView:
     generation: int
     observed_generation: int | None
     pending: str
+    resizing: bool
+    """Whether the kubelet says that it is at a resize."""
     ended: bool
     running: bool
     """Whether a container still runs: in a pod that is being deleted they do until the grace period is over."""
     version: int
     """The object's resourceVersion, which only grows: a view of a lower one is older. 0 where it is no number."""
+
+    @property
+    def seen(self) -> bool:
+        """Whether the kubelet has seen the newest spec, as far as it tells (since Kubernetes 1.34)."""
+        return self.observed_generation is None or self.observed_generation >= self.generation
+
+    @property
+    def overlooked(self) -> bool:
+        """Whether the kubelet has seen the newest spec, has other resources in force, and says nothing about that."""
+        silent = not (self.pending or self.resizing or self.ended) and self.observed_generation is not None
+        return silent and self.seen and not all(container.granted for container in self.containers)
 
     def container(self, name: str) -> ContainerView | None:
         """The container of this name."""
@@ -124,6 +152,7 @@ def view(pod: Mapping[str, Any]) -> PodView:
         generation=metadata.get("generation") or 0,
         observed_generation=status.get("observedGeneration"),
         pending=_pending(status),
+        resizing=any(condition.get("type") == "PodResizeInProgress" for condition in _true_conditions(status)),
         ended=bool(metadata.get("deletionTimestamp")) or status.get("phase") in ("Succeeded", "Failed"),
         running=any("running" in (entry.get("state") or {}) for entry in _statuses(status)),
         version=version_of(metadata),
@@ -189,6 +218,7 @@ def _container(container: Mapping[str, Any], field: str, status: Mapping[str, An
         memory_request=_memory(requests.get("memory")),
         memory_limit=_memory(limits.get("memory")),
         container_id=status.get("containerID") or "",
+        allocated=_cpu((status.get("allocatedResources") or {}).get("cpu")),
         writers=by,
     )
 
@@ -212,9 +242,17 @@ def _plain(raw: object) -> object:
 
 def _pending(status: Mapping[str, Any]) -> str:
     """What the kubelet says about a resize that it has not carried out: `Deferred: ...`, `Infeasible: ...`, `Error`."""
-    for condition in status.get("conditions") or []:
+    for condition in _true_conditions(status):
         waits = condition.get("type") == "PodResizePending"
         failed = condition.get("type") == "PodResizeInProgress" and condition.get("reason") == "Error"
-        if condition.get("status") == "True" and (waits or failed):
+        if waits or failed:
             return f"{condition.get('reason')}: {condition.get('message', '')}"
     return ""
+
+
+def _true_conditions(status: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    return (condition for condition in status.get("conditions") or [] if condition.get("status") == "True")
+
+
+def _steps(limit: int | None) -> int:
+    return -(-(limit or 0) // QUANTUM)

@@ -26,10 +26,15 @@ _NO_ROOM = (
     "its CPU request doesn't fit beside the node's other pods: lower their requests or the task's max, or give the pod "
     "unequal memory request and limit, so that only its CPU limit moves; the kubelet carries it out when there is room"
 )
+_STATIC_CPUS = (
+    "a static CPU manager resizes no Guaranteed pod: give it unequal memory request and limit, so that it is "
+    "Burstable, or leave it out of the policy"
+)
 _PENDING = (
-    ("Deferred", _NO_ROOM),
-    ("Infeasible", "this node can't resize the pod like that: lower the task's max, or run the pod elsewhere"),
-    ("Error", "the kubelet tries again by itself; its log says more"),
+    (r"^Deferred", _NO_ROOM),
+    (r"^Infeasible.*CPU Manager", _STATIC_CPUS),
+    (r"^Infeasible", "this node can't resize the pod like that: lower the task's max, or run the pod elsewhere"),
+    (r"^Error", "the kubelet tries again by itself; its log says more"),
 )
 _WRITERS = (
     (
@@ -53,7 +58,7 @@ def for_refusal(error: ActuationError) -> str:
 
 def for_pending(pending: str) -> str:
     """What to do about a resize that the kubelet holds back."""
-    return next((remedy for reason, remedy in _PENDING if pending.startswith(reason)), "")
+    return next((remedy for pattern, remedy in _PENDING if re.search(pattern, pending)), "")
 
 
 def for_writer(manager: str) -> str:
