@@ -10,7 +10,7 @@ from contextpolicy.actuators.pod_resize import Order, PodResizer
 from contextpolicy.cluster.pods import view
 from contextpolicy.planning.policy import Control
 from tests.actuators.fake_cluster import FakeCluster, Killed
-from tests.api.builders import NODE
+from tests.api.builders import NODE, a_pod, cpu
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.pods import Cpu
     from contextpolicy.errors import ActuationError
 
-POLICY = "lab/robot"
+POLICY, OTHER = "lab/robot", "lab/other"
 MOMENT = 1e-5
 """Seconds in which everything due happens."""
 
@@ -146,3 +146,18 @@ class Rig:
 def by_id(shares: Mapping[str, int]) -> dict[str, int]:
     """A test's short names (`slam`, `slam__map`) as the names that planning uses."""
     return {f"lab/{name.partition('__')[0]}/{name.rpartition('__')[2]}": share for name, share in shares.items()}
+
+
+def two_pods(**kubelet: bool) -> Rig:
+    """slam and speech, each with a limit of 500m."""
+    return Rig(a_pod("slam"), a_pod("speech"), **kubelet)
+
+
+def one_pod_for_two() -> Rig:
+    """slam and map in one pod, each with a limit of 500m."""
+    return Rig(a_pod("slam", {"slam": cpu("100m", "500m"), "map": cpu("100m", "500m")}))
+
+
+def limits(rig: Rig) -> tuple[int, int]:
+    """What the API has for slam and speech."""
+    return rig.cluster.limit("slam"), rig.cluster.limit("speech")

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from tests.bench.reaction.stopwatch import Stopwatch
 
 SIZES = (1, 8, 30)
+FIXED = ("written", "patched")
+"""The pods of the paths that are the same for any number of pods."""
 KEY_SIZE, KEY_TIMES = 1, 3
 """The case of the key figures, idle, has that many times the rounds: its goal is 3 ms, and a PATCH takes 6 to 25."""
 WARM_UP = 3
@@ -58,25 +60,25 @@ class Rounds:
         self._site, self._stopwatch, self._figures, self._rounds = site, stopwatch, figures, rounds
 
     def measure(self, buses: dict[str, zenoh.Session]) -> list[dict[str, Any]]:
-        """The table; what was measured before a failure is in the figures."""
-        names = [f"task-{number}" for number in range(max(SIZES))]
-        spare = [f"spare-{number}" for number in range(max(SIZES) // 2 + 2)]
-        for namespace in buses:
-            self._site.pods(namespace, names)
-        self._site.pods(SPARE, spare)
+        """The table; what was measured before a failure is in the figures.
+
+        Pods join as they are needed: each of them costs the kubelet time.
+        """
+        self._site.pods(SPARE, FIXED)
         self._site.load()
         with ExitStack() as stack:
-            fixed = self._fixed(stack, spare[:2])
+            fixed = self._fixed(stack)
             for size in SIZES:
-                with self._sized(buses, names[: max(2, size)], spare[2 : 2 + size // 2]) as sized:
+                with self._sized(buses, size) as sized:
                     self._both(size, [*fixed, *sized])
         return self._figures.rows()
 
-    def _fixed(self, stack: ExitStack, spare: Sequence[str]) -> list[Contender]:
+    def _fixed(self, stack: ExitStack) -> list[Contender]:
+        written, patched = FIXED
         groups = self._site.groups[SPARE]
         made: list[Contender] = [
-            DirectWrite(groups[spare[0]], self._stopwatch),
-            BarePatch(SPARE, {spare[1]: groups[spare[1]]}, self._stopwatch),
+            DirectWrite(groups[written], self._stopwatch),
+            BarePatch(SPARE, {patched: groups[patched]}, self._stopwatch),
         ]
         try:
             docker = stack.enter_context(Docker())
@@ -88,15 +90,18 @@ class Rounds:
         return made
 
     @contextmanager
-    def _sized(
-        self, buses: dict[str, zenoh.Session], names: list[str], spare: Sequence[str]
-    ) -> Iterator[list[Contender]]:
-        """As many bare PATCHes as the plan has decreases; the operators under a policy for these pods."""
+    def _sized(self, buses: dict[str, zenoh.Session], size: int) -> Iterator[list[Contender]]:
+        """As many bare PATCHes as the plan has decreases; the operators under a policy for so many pods."""
+        names = [f"task-{number}" for number in range(max(2, size))]
+        spare = [f"spare-{number}" for number in range(size // 2)]
         with ExitStack() as stack:
             made: list[Contender] = []
             if spare:
+                self._site.pods(SPARE, spare)
                 groups = self._site.groups[SPARE]
                 made.append(BarePatch(SPARE, {name: groups[name] for name in spare}, self._stopwatch))
+            for namespace in buses:
+                self._site.pods(namespace, names)
             made += [operated(self._site, self._stopwatch, *bus, names) for bus in buses.items()]
             for contender in made:
                 stack.callback(contender.close)
@@ -107,7 +112,7 @@ class Rounds:
         say(f"{size} pods, idle node: {rounds} rounds")
         for number in range(-WARM_UP, rounds):
             self._site.quiet.wait()
-            self._round(IDLE, size, contenders, counts=number >= 0)
+            self._round(IDLE, size, rotated(contenders, number), counts=number >= 0)
         left = self._rounds
         while left > 0:
             say(f"{size} pods, saturated node: {left} rounds")
@@ -122,13 +127,13 @@ class Rounds:
         done = 0
         try:
             while done < rounds and time.monotonic() < until:
-                self._round(SATURATED, size, contenders)
+                self._round(SATURATED, size, rotated(contenders, done))
                 done += 1
         finally:
             self._site.saturate(on=False)
         return done
 
-    def _round(self, node: str, size: int, contenders: list[Contender], *, counts: bool = True) -> None:
+    def _round(self, node: str, size: int, contenders: Sequence[Contender], *, counts: bool = True) -> None:
         self._stopwatch.forget()
         for contender in contenders:
             time.sleep(PAUSE)
@@ -139,6 +144,12 @@ class Rounds:
             except MissedError as error:
                 self._figures.missed.append(f"{node}, {size} pods, {contender.name}: {error}")
                 say(self._figures.missed[-1])
+
+
+def rotated(contenders: list[Contender], number: int) -> list[Contender]:
+    """Another one first in each round: what one leaves in the caches must not always meet the same next one."""
+    first = number % len(contenders)
+    return contenders[first:] + contenders[:first]
 
 
 def operated(site: Site, stopwatch: Stopwatch, namespace: str, bus: zenoh.Session, names: list[str]) -> Operated:

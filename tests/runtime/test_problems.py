@@ -1,0 +1,118 @@
+"""What goes wrong is told in the status, and told again when it is over, in virtual time."""
+
+from __future__ import annotations
+
+from concurrent.futures import CancelledError
+
+import pytest
+
+from tests.actuators.fake_cluster import refusal
+from tests.runtime.builders import IMU, a_policy
+
+
+def test_a_refused_resize_is_told_and_recovers(running):
+    running.cluster.faults.append(refusal("Forbidden"))
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.condition("Applied") == ("False", "NotApplied", "speech: Forbidden: no")
+    assert ("ResizeFailed", "speech: Forbidden: no") in running.told()
+    running.sample(IMU, speed=0.0)
+    running.settle()
+    assert running.condition("Applied")[0] == "True"
+    assert ("ResizeRecovered", "speech can be resized again") in running.told()
+
+
+def test_a_resize_that_the_kubelet_holds_back_is_told(running):
+    waits = {"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": "node is full"}
+    running.cluster.pods["uid-slam"]["status"]["conditions"].append(waits)
+    running.cluster._commit("uid-slam")
+    running.settle()
+    status, reason, message = running.condition("Applied")
+    assert (status, reason) == ("False", "NotApplied")
+    assert message.startswith("slam: Deferred: node is full; its CPU request doesn't fit")
+    assert ("ResizePending", message) in running.told()
+    running.cluster.pods["uid-slam"]["status"]["conditions"].remove(waits)
+    running.cluster._commit("uid-slam")
+    running.settle()
+    assert running.condition("Applied")[0] == "True"
+
+
+def test_somebody_else_who_resizes_is_told_and_gets_nowhere(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    running.cluster.edit("uid-slam", "slam", cpu="300m", by="vpa-updater")
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+    status, _, message = running.condition("Applied")
+    assert status == "False"
+    assert message.startswith("lab/slam/slam: vpa-updater changed its CPU limit from 800m to 300m; ")
+    assert ("ResizedByOther", message) in running.told()
+    running.turn(100)
+    running.settle()
+    assert running.condition("Applied")[0] == "True"
+
+
+def test_the_problems_of_a_pod_go_with_it(running):
+    waits = {"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": "node is full"}
+    running.cluster.pods["uid-slam"]["status"]["conditions"].append(waits)
+    running.cluster._commit("uid-slam")
+    running.settle()
+    running.runtime.pod_gone("uid-slam")
+    running.cluster.remove("uid-slam")
+    running.settle()
+    assert running.condition("Applied")[0] == "True"
+
+
+def test_a_silent_stream_is_told_and_heard_again(running):
+    running.turn(11.0)
+    running.turn(1.0)
+    assert running.condition("StreamsHealthy")[:2] == ("False", "Silent")
+    assert "stream imu (robot/imu) is silent" in running.condition("StreamsHealthy")[2]
+    running.sample(IMU, speed=0.3)
+    running.turn(1.0)
+    assert running.condition("StreamsHealthy")[0] == "True"
+
+
+def test_undecodable_samples_are_counted_in_the_status_and_end_nothing(running):
+    for _ in range(3):
+        running.session.deliver_bytes(IMU, b"{")
+    running.turn(1.0)
+    [stream] = running.cluster.statuses["lab/robot"]["streams"]
+    assert stream == {"name": "imu", "healthy": True, "message": "undecodable: 3"}
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+
+
+def test_an_expression_that_fails_is_told_until_it_works_again(running):
+    running.sample(IMU, speed="fast")
+    running.turn(1.0)
+    assert running.condition("StreamsHealthy")[:2] == ("False", "ExpressionFailed")
+    running.sample(IMU, speed=0.0)
+    running.turn(1.0)
+    assert running.condition("StreamsHealthy")[0] == "True"
+
+
+def test_an_error_inside_is_the_callers_and_the_loop_goes_on(running):
+    broken = {"metadata": {}}
+    future = running.runtime.policy_changed(broken)
+    with pytest.raises(KeyError):
+        running.turn()
+    assert isinstance(future.exception(), KeyError)
+    running.loop.stop()
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+
+
+def test_a_caller_that_gave_up_waiting_harms_nobody(operator):
+    operator.list_all()
+    operator.connect()
+    future = operator.runtime.policy_changed(a_policy())
+    assert future.cancel()
+    operator.turn()
+    operator.sample(IMU, speed=0.3)
+    operator.settle()
+    assert operator.limits() == {"slam": 800, "speech": 200}
+    with pytest.raises(CancelledError):
+        future.result()

@@ -1,0 +1,135 @@
+"""The operator from its watches' news to patches, statuses and messages, in virtual time."""
+
+from __future__ import annotations
+
+import json
+
+from contextpolicy.cluster.agents import NO_AGENT
+from contextpolicy.telemetry import metrics
+from tests.api.builders import NODE
+from tests.runtime.builders import IMU, a_policy
+
+
+def test_samples_become_limits(running):
+    assert running.limits() == {"slam": 500, "speech": 500}
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+    running.sample(IMU, speed=0.0)
+    running.settle()
+    assert running.limits() == {"slam": 500, "speech": 500}
+
+
+def test_status_and_bus_tell_the_same(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    status, plan = running.cluster.statuses["lab/robot"], running.session.plans()[-1]
+    assert status["activeContexts"] == plan["contexts"] == ["moving"]
+    assert status["plan"]["sequence"] == plan["sequence"]
+    assert {task["name"]: task["share"] for task in status["tasks"]} == {"slam": "800m", "speech": "200m"}
+    assert {name: task["share"] for name, task in plan["tasks"].items()} == {"slam": 0.8, "speech": 0.2}
+    assert running.condition("Ready") == ("True", "Working", "")
+
+
+def test_what_is_accepted_and_in_force_goes_to_the_bus(running):
+    running.session.published.clear()
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    steps = [step for key, step in running.session.published if key == "contextpolicy/lab/robot/applied"]
+    assert [(step["stage"], step["container"], step["cores"]) for step in steps] == [
+        ("accepted", "lab/speech/speech", 0.2),
+        ("inForce", "lab/speech/speech", 0.2),
+        ("accepted", "lab/slam/slam", 0.8),
+        ("inForce", "lab/slam/slam", 0.8),
+    ]
+    assert {step["sequence"] for step in steps} == {running.session.plans()[-1]["sequence"]}
+
+
+# the router
+
+
+def test_policies_wait_for_the_router_and_say_so(operator):
+    operator.list_all()
+    operator.apply(a_policy())
+    operator.turn(0.5)
+    assert operator.condition("StreamsHealthy") == ("False", "NoRouter", "no Zenoh router answers yet")
+    assert operator.condition("Accepted")[0] == "True"
+    assert operator.cluster.calls == []
+    operator.connect()
+    operator.sample(IMU, speed=0.3)
+    operator.settle()
+    assert operator.limits() == {"slam": 800, "speech": 200}
+    assert operator.condition("Ready")[0] == "True"
+
+
+def test_an_invalid_policy_is_told_without_a_router(operator):
+    operator.apply(a_policy(tasks=[]))
+    operator.turn(0.5)
+    assert operator.condition("Accepted")[:2] == ("False", "Invalid")
+    assert operator.condition("StreamsHealthy")[0] == "True"
+
+
+# agents
+
+
+def test_a_realtime_policy_without_agents_falls_back_and_says_why(operator):
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(scheduler="Realtime"))
+    operator.sample(IMU, speed=0.3)
+    operator.settle()
+    assert operator.limits() == {"slam": 800, "speech": 200}
+    assert operator.condition("Realtime") == ("False", "Unavailable", f"node {NODE} falls back to CFS: {NO_AGENT}")
+    assert [reason for reason, _ in operator.told()] == ["RealtimeUnavailable"]
+
+
+def test_the_nodes_of_realtime_agents_are_left_to_them(operator):
+    operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(scheduler="Realtime"))
+    operator.sample(IMU, speed=0.3)
+    operator.turn(10.0)
+    operator.settle()
+    assert operator.cluster.calls == []
+    assert operator.condition("Realtime")[0] == "True"
+
+
+# start and end
+
+
+def test_closing_ends_everything_and_leaves_the_limits(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    running.close()
+    assert running.session.everything_declared() == []
+    assert (running.session.closed, running.cluster.closed) == (True, True)
+    assert (running.loop.disposed, running.patches.ended, running.clerks.ended) == (True, True, True)
+    assert running.limits() == {"slam": 800, "speech": 200}
+
+
+def test_closing_before_the_router_was_found(operator):
+    operator.list_all()
+    operator.close()
+    assert operator.cluster.closed
+
+
+def test_a_loop_that_answers_is_healthy(running):
+    running.loop.inline = True
+    assert 0 <= running.runtime.delay() < 1
+
+
+def test_plans_that_min_dwell_held_back_are_counted(operator):
+    def counted():
+        return metrics.HELD_BACK.labels("lab/robot")._value.get()
+
+    before = counted()
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(minDwell="5s"))
+    operator.sample(IMU, speed=0.0)
+    operator.turn(6)
+    operator.sample(IMU, speed=0.3)
+    operator.sample(IMU, speed=0.0)
+    operator.turn(6)
+    assert counted() == before + 1
