@@ -44,7 +44,7 @@ class Oversight:
 
 
 def beside(container: ContainerView, wanted: Cpu) -> Cpu:
-    """A thousandth off what is wanted towards what is in force, so that it never is more than either of them.
+    """A thousandth off what is wanted, towards what is in force: for its sake nothing ever sums to more.
 
     Not the wish itself: what changes nothing, the API server does not tell the kubelet.
     """

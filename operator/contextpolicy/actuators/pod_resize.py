@@ -163,7 +163,8 @@ class PodResizer:
 
     def _steps(self, order: Order, wishes: Iterable[_Wish]) -> Mapping[str, dict[str, Cpu]]:
         """What differs from the plan and may be set now, by pod."""
-        now, steps = self._now(), defaultdict[str, dict[str, Cpu]](dict)
+        now = self._now()
+        steps: dict[str, dict[str, Cpu]] = defaultdict(dict)
         by_node: dict[str, list[tuple[PodSlot, ContainerView, Holding, Cpu]]] = defaultdict(list)
         seen = set()
         for slot, container, cpu in wishes:
