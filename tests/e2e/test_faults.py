@@ -13,7 +13,7 @@ import time
 
 import pytest
 
-from tests.cluster import access, lifecycle
+from tests.cluster import access, components, lifecycle
 from tests.e2e.cluster import delete, run, until
 from tests.e2e.conftest import SYSTEM, router
 from tests.e2e.robot import BUSY, policy
@@ -32,6 +32,13 @@ with zenoh.open(config) as session:
         session.put(sys.argv[2], json.dumps({"gyro": [0, 0, 0.3], "speed": 0.3}))
         time.sleep(float(sys.argv[3]))
 """
+
+
+@pytest.fixture(autouse=True)
+def _supervisor():
+    """Start again what has ended, as k3s or systemd would: a scheduler that lost its API server may end itself."""
+    for name in () if access.user_cluster() else components.names():
+        lifecycle.start(name)
 
 
 def pods(component):
@@ -112,6 +119,26 @@ def test_part_of_the_node_gone_and_back(governed, faults, component):
             assert [round(cgroup.limit() * 1000) for cgroup in cgroups] == [990, 10]
         finally:
             lifecycle.start(component)
+        seen.back()
+        until("the newest plan is in force", lambda: [round(c.limit() * 1000) for c in cgroups] == [500, 500], 60)
+
+
+@own_node
+def test_all_of_k3s_restarts(governed, faults):
+    """Its one process is all of these, and its API takes the next plan before its kubelet is back."""
+    parts = ("apiserver", "controller-manager", "scheduler", "containerd", "kubelet", "proxy")
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    cgroups = [governed.container("slam"), governed.container("speech")]
+    with faults("all of k3s restarted (all but etcd)", "the last good plan stays, then the newest is in force") as seen:
+        for part in reversed(parts):
+            lifecycle.stop(part)
+        try:
+            governed.drive(0.0)
+            assert [round(cgroup.limit() * 1000) for cgroup in cgroups] == [990, 10]
+        finally:
+            for part in parts:
+                lifecycle.start(part)
         seen.back()
         until("the newest plan is in force", lambda: [round(c.limit() * 1000) for c in cgroups] == [500, 500], 60)
 
