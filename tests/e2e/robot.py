@@ -106,7 +106,7 @@ class Robot:
         found = {task: self.container(task) for task in tasks}
         return {task: round((cgroup.limit() or 0) * 1000) for task, cgroup in found.items() if cgroup}
 
-    def requested(self, task: str) -> str:
+    def api_limit(self, task: str) -> str:
         """The CPU limit that the API has for the task, as it writes it."""
         limit: str = get("pod", task, self.namespace)["spec"]["containers"][0]["resources"]["limits"]["cpu"]
         return limit

@@ -152,11 +152,11 @@ def test_contexts_change_while_the_kubelet_starts(governed, faults):
         lifecycle.stop("kubelet")
         try:
             governed.drive(0.0)
-            until("the API has the next plan", lambda: governed.requested("slam") == "500m")
+            until("the API has the next plan", lambda: governed.api_limit("slam") == "500m")
         finally:
             lifecycle.start("kubelet")
         governed.drive(0.3)
-        until("the API has the plan before", lambda: governed.requested("slam") == "990m")
+        until("the API has the plan before", lambda: governed.api_limit("slam") == "990m")
         seen.back()
         governed.drive(0.0)
         governed.expect(slam=500, speech=500)
