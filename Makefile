@@ -1,7 +1,7 @@
 # One verb, one line. `make help` explains them all.
 SHELL := /bin/bash
 PYTHON := .venv/bin/python
-CLUSTER := $(PYTHON) -m tests.cluster
+CLUSTER := $(PYTHON) -m tests.node
 POLICY ?= config/policies/delivery-robot.yaml
 VOICES := flite festival festvox-kallpc16k festvox-us-slt-hts sox
 TIMELINE ?= timelines/demo.json

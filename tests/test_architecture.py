@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -11,16 +12,32 @@ OPERATOR = Path(__file__).parents[1] / "operator"
 PACKAGE = OPERATOR / "contextpolicy"
 PLANNING = sorted((PACKAGE / "planning").glob("**/*.py"))
 
+LAYERS = (
+    ("errors",),
+    ("policy", "settings", "loop"),
+    ("planning",),
+    ("plugins", "cluster", "streams", "explain"),
+    ("actuators", "bus", "simulation"),
+    ("telemetry", "agent"),
+    ("controller",),
+    ("runtime",),
+    ("handlers",),
+    ("commands",),
+    ("cli",),
+    ("__main__",),
+)
+"""Who may import whom: a room imports rooms of the layers above its line in this table, never of its own or below."""
+ROOMS = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
+
 PURE = {
     *("__future__", "collections", "dataclasses", "decimal", "enum", "fractions", "functools", "heapq", "itertools"),
     *("logging", "math", "operator", "re", "typing"),
-    *("cel", "contextpolicy.errors", "contextpolicy.planning"),
+    *("cel", "contextpolicy.errors", "contextpolicy.policy", "contextpolicy.planning"),
 }
 """What planning may import: no clock, no I/O, no threads, no Kubernetes, no Zenoh."""
 
 ALSO = {
     "observable.py": {"reactivex"},
-    "fields.py": {"datetime"},  # reads a moment that a person wrote, never the clock
 }
 FORBIDDEN_CALLS = {
     "now",
@@ -64,6 +81,22 @@ def impurities(source, file_name):
     return bad + list(calls(tree))
 
 
+def room_of(path):
+    inside = path.relative_to(PACKAGE).parts
+    return inside[0].removesuffix(".py")
+
+
+def rooms_imported(source):
+    """The rooms of the package that a module imports, also inside functions."""
+    names = (name.split(".") for name in imports(ast.parse(source)))
+    return {parts[1] for parts in names if parts[0] == "contextpolicy" and len(parts) > 1}
+
+
+def trespasses(room, source):
+    """Every import of a room that does not stand in a layer before the importer's own."""
+    return sorted(other for other in rooms_imported(source) - {room} if ROOMS[other] >= ROOMS[room])
+
+
 def importers_of(module, files):
     return {
         path.name
@@ -79,6 +112,43 @@ def test_planning_is_pure(path):
 
 def test_there_is_something_to_check():
     assert len(PLANNING) > 15
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.glob("**/*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_go_up_the_layers_only(path):
+    if path.name != "__init__.py" or path.parent != PACKAGE:
+        assert trespasses(room_of(path), path.read_text(encoding="utf-8")) == []
+
+
+def test_every_room_has_its_layer():
+    rooms = {room_of(path) for path in PACKAGE.glob("**/*.py")} - {"__init__"}
+    assert rooms == ROOMS.keys()
+
+
+@pytest.mark.parametrize(
+    ("room", "planted", "found"),
+    [
+        ("planning", "from contextpolicy.cluster.pods import Cpu", ["cluster"]),
+        ("policy", "def f():\n    from contextpolicy.planning import plan", ["planning"]),
+        ("bus", "from contextpolicy.actuators.order import Order", ["actuators"]),
+        ("bus", "from contextpolicy import controller", ["controller"]),
+        ("bus", "from contextpolicy.cluster.claims import Claim", []),
+    ],
+)
+def test_a_planted_trespass_is_found(room, planted, found):
+    assert trespasses(room, planted) == found
+
+
+def test_no_two_modules_share_a_name():
+    names = [path.stem for path in PACKAGE.glob("**/*.py") if path.parent.name != "commands"]
+    assert [name for name, count in Counter(names).items() if count > 1] == ["__init__"]
+
+
+def test_no_two_public_classes_share_a_name():
+    """A reader who searches for a class finds one."""
+    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.glob("**/*.py"))
+    classes = (node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
+    assert [name for name, count in Counter(classes).items() if count > 1 and not name.startswith("_")] == []
 
 
 @pytest.mark.parametrize(
@@ -104,8 +174,8 @@ def test_a_planted_violation_is_found(planted, found):
     assert impurities(planted, "shares.py") == found
 
 
-def test_only_handlers_import_kopf():
-    assert importers_of("kopf", PACKAGE.glob("**/*.py")) <= {"handlers.py", "operation.py"}
+def test_only_the_handlers_and_the_run_command_import_kopf():
+    assert importers_of("kopf", PACKAGE.glob("**/*.py")) <= {"handlers.py", "run.py"}
 
 
 def test_the_operator_folder_cannot_shadow_pythons_operator_module():

@@ -9,14 +9,14 @@ from prometheus_client import REGISTRY
 from reactivex import operators
 
 from contextpolicy import controller as module
-from contextpolicy.cluster.agents import read_report, with_agents
+from contextpolicy.cluster.agent_reports import read_report, with_agents
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller, Surroundings
-from contextpolicy.planning.policy import Control
-from tests.api.builders import NODE, a_pod
+from contextpolicy.policy.spec import Control
+from tests.bus.fake_session import FakeSession
+from tests.cluster.builders import NODE, a_pod
 from tests.planning.builders import a_context, a_policy, a_stream, a_task
-from tests.streams.fake_session import FakeSession
 from tests.virtual_operator import START, VirtualLoop
 
 IMU, PLAN, APPLIED = "robot/imu", "contextpolicy/lab/robot/plan", "contextpolicy/lab/robot/applied"

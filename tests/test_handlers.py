@@ -15,7 +15,7 @@ import pytest
 
 from contextpolicy import handlers
 from contextpolicy.settings import Settings
-from tests.api.builders import a_pod
+from tests.cluster.builders import a_pod
 
 PATIENCE = 20.0
 
@@ -77,7 +77,7 @@ def test_a_restore_that_takes_long_is_asked_for_again(monkeypatch):
 
 
 def test_without_the_custom_resource_the_operator_says_what_to_do(monkeypatch):
-    monkeypatch.setattr(handlers, "Api", lambda: SimpleNamespace(serves_policies=lambda: False))
+    monkeypatch.setattr(handlers, "ApiServer", lambda: SimpleNamespace(serves_policies=lambda: False))
     with pytest.raises(kopf.PermanentError, match="kubectl apply -f crds/"):
         run(handlers.start(settings=kopf.OperatorSettings(), memo=SimpleNamespace(settings=Settings())))
 

@@ -9,11 +9,11 @@ from reactivex.testing import TestScheduler
 
 from contextpolicy import runtime as runtime_module
 from contextpolicy.runtime import Runtime
-from contextpolicy.telemetry import clerk as clerk_module
-from tests.actuators.fake_cluster import FakeCluster
-from tests.actuators.rig import MOMENT, Workers
-from tests.api.builders import NODE
-from tests.streams.fake_session import FakeSession
+from contextpolicy.telemetry import reporter as clerk_module
+from tests.actuators.resize.fake_cluster import FakeCluster
+from tests.actuators.resize.rig import MOMENT, Workers
+from tests.bus.fake_session import FakeSession
+from tests.cluster.builders import NODE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,16 +14,16 @@ from reactivex import Subject
 from reactivex.disposable import CompositeDisposable
 
 from contextpolicy.actuators.following import Follower
-from contextpolicy.actuators.pod_resize import Order
+from contextpolicy.actuators.order import Order
+from contextpolicy.bus.decision_bus import Bus, message
 from contextpolicy.cluster.claims import Claim
-from contextpolicy.explanation import explain
+from contextpolicy.explain.explanation import explain
 from contextpolicy.planning.observable import plans
 from contextpolicy.planning.placement import Placement
 from contextpolicy.planning.planner import Planner
-from contextpolicy.planning.policy import Control, Mode, Scheduler
-from contextpolicy.streams import zenoh_streams
+from contextpolicy.policy.spec import Control, Mode, Scheduler
+from contextpolicy.streams import subscription
 from contextpolicy.telemetry import metrics
-from contextpolicy.telemetry.bus import Bus, message
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.inputs import Input
     from contextpolicy.planning.observable import Instantiate
     from contextpolicy.planning.plan import Plan
-    from contextpolicy.planning.policy import Policy
+    from contextpolicy.policy.spec import Policy
 
 
 class Actuator(Protocol):
@@ -99,7 +99,7 @@ class Controller:
             self._with.initiatives,
             before.planner if before else None,
         )
-        samples = zenoh_streams.inputs(
+        samples = subscription.inputs(
             self._with.session, self.policy.streams, self._with.scheduler, self._drop, self._note_arrival
         )
         self._subscription = CompositeDisposable(

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import kopf
 
-from contextpolicy.cluster.api import FINALIZER, Api
-from contextpolicy.cluster.watching import Watch
+from contextpolicy.bus.session import open_client
+from contextpolicy.cluster.api import FINALIZER, ApiServer
+from contextpolicy.cluster.watching import ObjectWatch
+from contextpolicy.loop import Loop
 from contextpolicy.runtime import Runtime
-from contextpolicy.streams.loop import Loop
-from contextpolicy.streams.zenoh_session import open_client
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,7 +39,7 @@ async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     settings.scanning.disabled = True
     settings.networking.error_backoffs = RECONNECT
     own: Settings = memo.settings
-    api = Api()
+    api = ApiServer()
     if not await asyncio.to_thread(api.serves_policies):
         raise kopf.PermanentError("the custom resource is not installed: kubectl apply -f crds/, then start again")
     memo.runtime, memo.stop = Runtime(api, Loop()), Event()
@@ -51,11 +51,11 @@ async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     memo.connecting = asyncio.create_task(asyncio.to_thread(_connect, own.connect, memo.runtime, memo.stop))
 
 
-def _watches(api: Api, namespaces: Sequence[str], runtime: Runtime) -> list[Watch]:
+def _watches(api: ApiServer, namespaces: Sequence[str], runtime: Runtime) -> list[ObjectWatch]:
     """Pods and nodes; a node that went has no pods any more."""
     lists = [f"/api/v1/namespaces/{namespace}/pods" for namespace in namespaces] or ["/api/v1/pods"]
-    pods = [Watch(api, path, runtime.pod_changed, runtime.pod_gone) for path in lists]
-    return [*pods, Watch(api, "/api/v1/nodes", runtime.node_changed, lambda _: None)]
+    pods = [ObjectWatch(api, path, runtime.pod_changed, runtime.pod_gone) for path in lists]
+    return [*pods, ObjectWatch(api, "/api/v1/nodes", runtime.node_changed, lambda _: None)]
 
 
 def _connect(endpoints: tuple[str, ...], runtime: Runtime, stop: Event) -> None:
@@ -73,7 +73,7 @@ async def stop(memo: Any, **_: Any) -> None:
     await asyncio.to_thread(_close, memo.watches, memo.runtime)
 
 
-def _close(watches: Sequence[Watch], runtime: Runtime) -> None:
+def _close(watches: Sequence[ObjectWatch], runtime: Runtime) -> None:
     for watch in watches:
         watch.stop()
     runtime.close()

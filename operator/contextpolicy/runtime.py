@@ -11,35 +11,36 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy import plugins
 from contextpolicy.actuators.dry_run import DryRun
-from contextpolicy.actuators.pod_resize import Order, PodResizer
-from contextpolicy.cluster.agents import with_agents
+from contextpolicy.actuators.order import Order
+from contextpolicy.actuators.resize.resizer import PodResizer
+from contextpolicy.bus.agent_watch import AgentWatch
+from contextpolicy.cluster.agent_reports import with_agents
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.nodes import allocatable
 from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller, Surroundings
 from contextpolicy.errors import FindingsError, PolicyError
-from contextpolicy.planning.parsing import parse
-from contextpolicy.planning.policy import Mode
-from contextpolicy.streams import initiatives
-from contextpolicy.streams.decoding import type_findings
-from contextpolicy.streams.zenoh_streams import key_findings
-from contextpolicy.telemetry.agents import AgentWatch
-from contextpolicy.telemetry.clerk import Clerk
+from contextpolicy.policy.key_expressions import key_findings
+from contextpolicy.policy.parsing import parse
+from contextpolicy.policy.ros_types import type_findings
+from contextpolicy.policy.spec import Mode
 from contextpolicy.telemetry.events import event
-from contextpolicy.telemetry.resizing import RECOVERED, ResizeWatch
-from contextpolicy.telemetry.status import Facts, status, waiting
+from contextpolicy.telemetry.reporter import Reporter
+from contextpolicy.telemetry.resize_watch import RECOVERED, ResizeWatch
+from contextpolicy.telemetry.status import StatusFacts, status, waiting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     import zenoh
 
-    from contextpolicy.cluster.api import Api
+    from contextpolicy.cluster.api import ApiServer
     from contextpolicy.cluster.pods import PodView
+    from contextpolicy.loop import Loop
     from contextpolicy.planning.observable import Instantiate
-    from contextpolicy.planning.policy import Policy
-    from contextpolicy.streams.loop import Loop
+    from contextpolicy.policy.spec import Policy
 
 log = logging.getLogger(__name__)
 
@@ -69,12 +70,12 @@ class _Entry:
 class Runtime:
     """The operator without its watches."""
 
-    def __init__(self, api: Api, loop: Loop) -> None:
+    def __init__(self, api: ApiServer, loop: Loop) -> None:
         self._session: zenoh.Session | None = None
         self._agents: AgentWatch | None = None
         self._loop, self._api = loop, api
         self._workers = ThreadPoolExecutor(PATCH_WORKERS, thread_name_prefix="patch")
-        self._clerk = Clerk(api, loop)
+        self._clerk = Reporter(api, loop)
         self._watch = ResizeWatch(self._on_problem, self._on_stage)
         self._resizer = PodResizer(api, loop, self._workers, self._watch)
         self._dry_run = DryRun()
@@ -245,7 +246,7 @@ class Runtime:
         if entry.controller is None:
             made = waiting(entry.rejected, generation, entry.conditions, now)
         else:
-            facts = Facts(
+            facts = StatusFacts(
                 generation,
                 entry.controller.run,
                 entry.controller.claim,
@@ -281,7 +282,7 @@ def _load(body: Mapping[str, Any]) -> tuple[Policy, dict[str, Instantiate]]:
     findings = (*type_findings(policy), *key_findings(policy))
     if findings:
         raise PolicyError(f"ContextPolicy {policy.reference}", findings)
-    return policy, initiatives.load(policy)
+    return policy, plugins.load(policy)
 
 
 def _fulfil(done: Future[None]) -> None:

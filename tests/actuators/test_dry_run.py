@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from contextpolicy.actuators.dry_run import DryRun
-from contextpolicy.actuators.pod_resize import Order
+from contextpolicy.actuators.order import Order
 
 
 @pytest.fixture

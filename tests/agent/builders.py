@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from hypothesis import strategies as st
 
-from contextpolicy.actuators.cgroup import CFS, REALTIME
-from contextpolicy.actuators.threads import THREAD_FILES
-from contextpolicy.agent.layout import Driver, Layout
+from contextpolicy.agent.cgroup_paths import CgroupPaths, Driver
+from contextpolicy.agent.control_files import CFS, REALTIME
+from contextpolicy.agent.threads import THREAD_FILES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,7 +31,7 @@ class Tree:
 
     def __init__(self, mount: Path, version: int = 1, driver: Driver = Driver.CGROUPFS, *, realtime: bool = True):
         self.mount, self.version, self.realtime = mount, version, realtime
-        self.layout = Layout(mount if version == 2 else mount / "cpu", version, driver)
+        self.layout = CgroupPaths(mount if version == 2 else mount / "cpu", version, driver)
         self._group(self.layout.top)
         if version == 2:
             (mount / "cgroup.controllers").write_text("cpu memory\n")

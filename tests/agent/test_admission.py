@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from contextpolicy.agent.admission import Admission
-from contextpolicy.agent.orders import read
+from contextpolicy.agent.node_orders import read
 from contextpolicy.errors import OrderError
 from tests.agent.builders import CHAT, NODE, POLICY, SLAM, SPEECH, a_message, a_target
 

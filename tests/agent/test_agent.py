@@ -10,10 +10,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reactivex.testing import TestScheduler
 
-from contextpolicy.actuators.inotify import Watch
 from contextpolicy.agent import capabilities
 from contextpolicy.agent.agent import Agent
-from contextpolicy.agent.settings import AgentSettings
+from contextpolicy.agent.agent_settings import AgentSettings
+from contextpolicy.agent.inotify import WriteWatch
 from contextpolicy.settings import Settings
 from tests.agent.builders import JSON, NODE, POLICY, SLAM, SPEECH, Tree, a_message, a_target
 
@@ -23,7 +23,7 @@ GRACE = 10.0
 @pytest.fixture(scope="module")
 def watch():
     """Watches in vain: tests say themselves who wrote what."""
-    return Watch(lambda _: None)
+    return WriteWatch(lambda _: None)
 
 
 @pytest.fixture

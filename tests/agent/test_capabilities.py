@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 
 from contextpolicy.agent import capabilities
-from contextpolicy.agent.capabilities import Facts, missing, probe
+from contextpolicy.agent.capabilities import NodeFacts, missing, probe
 from tests.agent.builders import SLAM, Tree
 
-ALL = Facts(1, limits=True, writable=True, budgets=True, may_schedule=True, sees_processes=True)
+ALL = NodeFacts(1, limits=True, writable=True, budgets=True, may_schedule=True, sees_processes=True)
 
 
 @pytest.mark.parametrize("version", [1, 2])
@@ -42,7 +42,7 @@ def test_what_limits_lack_is_told(change, hint):
 
 
 def test_without_pods_nothing_is_possible_yet():
-    assert all("kubepods" in lacks[0] for lacks in missing(Facts(None)).values())
+    assert all("kubepods" in lacks[0] for lacks in missing(NodeFacts(None)).values())
 
 
 @pytest.mark.parametrize("version", [1, 2])

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from reactivex.testing import TestScheduler
 
-from contextpolicy.actuators.inotify import Watch
 from contextpolicy.agent import capabilities
 from contextpolicy.agent.agent import Agent
-from contextpolicy.agent.settings import AgentSettings
+from contextpolicy.agent.agent_settings import AgentSettings
+from contextpolicy.agent.inotify import WriteWatch
 from contextpolicy.settings import Settings
 from tests.agent.builders import NODE, POLICY, SLAM, SPEECH, Tree, a_message, a_target
 
@@ -121,7 +121,7 @@ def _able(monkeypatch):
 @pytest.fixture(scope="module")
 def watch():
     """Watches in vain: nobody else writes."""
-    return Watch(lambda _: None)
+    return WriteWatch(lambda _: None)
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.actuators.cgroup import CFS, ControlFiles
-from contextpolicy.agent.layout import Driver
+from contextpolicy.agent.cgroup_paths import Driver
+from contextpolicy.agent.control_files import CFS, ControlFiles
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.limits import Limits
 from contextpolicy.agent.refusals import Refusals

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.actuators import threads
-from contextpolicy.actuators.cgroup import REALTIME, ControlFile, ControlFiles
-from contextpolicy.agent.layout import Driver
+from contextpolicy.agent import threads
+from contextpolicy.agent.cgroup_paths import Driver
+from contextpolicy.agent.control_files import REALTIME, ControlFile, ControlFiles
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.realtime import Manner, Realtime
 from contextpolicy.agent.refusals import Refusals

@@ -6,11 +6,11 @@ import json
 
 import pytest
 
-from contextpolicy.agent.capabilities import Facts, missing
-from contextpolicy.cluster.agents import NO_AGENT, UNREADABLE, Report, read_report, with_agents
+from contextpolicy.agent.capabilities import NodeFacts, missing
+from contextpolicy.cluster.agent_reports import NO_AGENT, UNREADABLE, AgentReport, read_report, with_agents
 from contextpolicy.cluster.claims import Claim
-from contextpolicy.planning.parsing import parse
 from contextpolicy.planning.placement import Container, Placement
+from contextpolicy.policy.parsing import parse
 from tests.agent.builders import NODE
 
 PLACEMENT = Placement({NODE: 2000, "node-2": 2000}, (Container("a", "slam", NODE), Container("b", "slam", "node-2")))
@@ -22,20 +22,20 @@ def a_policy(**spec):
     return parse({"metadata": {"name": "delivery", "namespace": "robot"}, "spec": spec})
 
 
-ABLE, FAIR, USELESS = Report("", ""), Report("", "no kernel option"), Report("read-only", "read-only")
+ABLE, FAIR, USELESS = AgentReport("", ""), AgentReport("", "no kernel option"), AgentReport("read-only", "read-only")
 
 
 def test_an_agents_own_report_is_understood():
-    able = Facts(1, limits=True, writable=True, budgets=True, may_schedule=True, sees_processes=True)
+    able = NodeFacts(1, limits=True, writable=True, budgets=True, may_schedule=True, sees_processes=True)
     assert read_report(json.dumps({"missing": missing(able)}).encode()) == ABLE
-    assert "kubepods" in read_report(json.dumps({"missing": missing(Facts(None))}).encode()).limits
+    assert "kubepods" in read_report(json.dumps({"missing": missing(NodeFacts(None))}).encode()).limits
 
 
 @pytest.mark.parametrize(
     "report", [b"", b"{}", b"[]", b'{"missing": 5}', b'{"missing": {}}', b'{"missing": {"CFS": [5]}}', b"\xff"]
 )
 def test_a_report_that_cannot_be_read_lacks_everything(report):
-    assert read_report(report) == Report(UNREADABLE, UNREADABLE)
+    assert read_report(report) == AgentReport(UNREADABLE, UNREADABLE)
 
 
 def test_agents_that_can_write_limits_are_ahead_of_resizes():

@@ -7,15 +7,15 @@ import random
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.planning import parsing
 from contextpolicy.planning.placement import on_one_node
-from contextpolicy.planning.policy import Context, Effect
+from contextpolicy.policy import parsing
+from contextpolicy.policy.spec import Context, Effect
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from contextpolicy.planning.placement import Placement
-    from contextpolicy.planning.policy import Policy
+    from contextpolicy.policy.spec import Policy
 
 RATE = 200.0
 """Samples per second of each stream."""

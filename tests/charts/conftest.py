@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.cluster import build
-from tests.cluster.layout import CACHE
+from tests.node import build
+from tests.node.layout import CACHE
 
 CHART = Path(__file__).parents[2] / "charts" / "contextpolicy"
 

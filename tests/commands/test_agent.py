@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from contextpolicy.telemetry.bus import plan_key
+from contextpolicy.bus.decision_bus import plan_key
 from tests.agent.builders import NODE, SLAM, Tree, a_message, a_target
 from tests.modules.robotkit.bus import Matching, client, router
 

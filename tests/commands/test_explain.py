@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from contextpolicy.bus.session import open_router
 from contextpolicy.cli import main
-from contextpolicy.streams.zenoh_session import open_router
 
 if TYPE_CHECKING:
     import zenoh

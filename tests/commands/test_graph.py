@@ -7,9 +7,9 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from contextpolicy.cli import main
-from contextpolicy.taskgraph.graph import Kind, Relation, build
-from contextpolicy.taskgraph.layout import place
-from contextpolicy.validation.policy_file import load_policy
+from contextpolicy.explain.graph_layout import place
+from contextpolicy.explain.task_graph import Kind, Relation, build
+from contextpolicy.policy.validation.policy_file import load_policy
 
 POLICIES = Path(__file__).parents[2] / "config/policies"
 NAMES = sorted(path.stem for path in POLICIES.glob("*.yaml") if ".expect" not in path.name)

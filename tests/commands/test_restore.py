@@ -11,8 +11,8 @@ from contextpolicy.cli import main
 from contextpolicy.cluster.api import FINALIZER
 from contextpolicy.cluster.pods import ORIGINALS
 from contextpolicy.errors import ActuationError
-from tests.actuators.fake_cluster import FakeCluster
-from tests.api.builders import a_pod, cpu
+from tests.actuators.resize.fake_cluster import FakeCluster
+from tests.cluster.builders import a_pod, cpu
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -68,7 +68,7 @@ def restore(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     """Run the command; returns the exit code and what it printed."""
 
     def run(server: Server, *arguments: str) -> tuple[int, str]:
-        monkeypatch.setattr("contextpolicy.cluster.api.Api", lambda: server)
+        monkeypatch.setattr("contextpolicy.cluster.api.ApiServer", lambda: server)
         code = main(["restore", *arguments])
         assert server.closed
         return code, capsys.readouterr().out

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from contextpolicy.bus.session import open_router
 from contextpolicy.cli import main
-from contextpolicy.streams.zenoh_session import open_router
-from tests.telemetry.messages import KEY, plan, step
+from tests.bus.messages import KEY, plan, step
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from jsonschema import Draft7Validator
 
-from contextpolicy.planning.parsing import parse
+from contextpolicy.policy.parsing import parse
 from tests.crds.schema import DEFINITION, POLICIES, REFUSED, ROOT, definition, nodes, schema, strict, with_defaults
 
 ALL_NODES = dict(nodes(schema()))

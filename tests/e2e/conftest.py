@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from contextpolicy.streams.zenoh_session import open_visitor
+from contextpolicy.bus.session import open_visitor
 from tests.e2e.cluster import REPOSITORY, apply, run
 from tests.e2e.robot import Robot, Sensors
 from timelines.demo.deploy import free_address

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from contextpolicy.streams.zenoh_session import open_visitor
+from contextpolicy.bus.session import open_visitor
 from tests.e2e.agents import NAMESPACE, Component, Trace, installed
 from tests.e2e.cluster import delete, get, run, until
 from tests.e2e.robot import Robot, Sensors

@@ -13,10 +13,10 @@ import time
 
 import pytest
 
-from tests.cluster import access, components, lifecycle
 from tests.e2e.cluster import delete, run, until
 from tests.e2e.conftest import SYSTEM, router
 from tests.e2e.robot import BUSY, policy
+from tests.node import access, components, lifecycle
 from timelines.demo.cgroup import find
 
 own_node = pytest.mark.skipif(access.user_cluster() is not None, reason="stops parts of the node: not on yours")

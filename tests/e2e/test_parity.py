@@ -7,9 +7,9 @@ import threading
 import pytest
 import yaml
 
+from contextpolicy.policy.validation.policy_file import load_policy
 from contextpolicy.simulation.run import simulate
 from contextpolicy.streams import timeline
-from contextpolicy.validation.policy_file import load_policy
 from tests.e2e.cluster import delete, get, until
 from tests.e2e.robot import policy, task
 from timelines.replay.player import play

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from contextpolicy.streams.zenoh_session import open_visitor
+from contextpolicy.bus.session import open_visitor
 from tests.e2e.agents import (
     NAMESPACE,
     PRIORITY,

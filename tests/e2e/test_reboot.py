@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from tests.cluster import access, lifecycle
 from tests.e2e.cluster import REPOSITORY, until
 from tests.e2e.robot import IDLE, pod, policy, task
+from tests.node import access, lifecycle
 
 ROBOT, SYSTEM = "e2e-reboot", "e2e-reboot-system"
 

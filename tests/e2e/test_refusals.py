@@ -5,9 +5,9 @@ import json
 
 import pytest
 
-from tests.cluster import access, layout, lifecycle
 from tests.e2e.cluster import apply, delete, get, run, until
 from tests.e2e.robot import IDLE, pod, task
+from tests.node import access, layout, lifecycle
 
 GUARANTEED = {"requests": {"cpu": "500m", "memory": "64Mi"}, "limits": {"cpu": "500m", "memory": "64Mi"}}
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from contextpolicy.streams.zenoh_session import open_visitor
+from contextpolicy.bus.session import open_visitor
 from tests.e2e.cluster import REPOSITORY, apply, delete, get, run, until
 from tests.e2e.robot import Robot, Sensors
 from timelines.demo.deploy import free_address

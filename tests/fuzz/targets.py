@@ -11,11 +11,11 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import DecodeError, ExpressionError, PolicyError
-from contextpolicy.planning import parsing
 from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
-from contextpolicy.planning.policy import Encoding, Stream
+from contextpolicy.policy import parsing
+from contextpolicy.policy.spec import Encoding, Stream
 from contextpolicy.streams.decoding import Decoder, seconds
 
 if TYPE_CHECKING:

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 from reactivex.notification import OnNext
 from reactivex.testing import Recorded, TestScheduler
 
-from contextpolicy.planning import parsing
 from contextpolicy.planning.inputs import Gone
 from contextpolicy.planning.observable import plans
 from contextpolicy.planning.placement import Container, Placement
 from contextpolicy.planning.planner import Planner
 from contextpolicy.planning.sample import Sample
+from contextpolicy.policy import parsing
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.inputs import Input
     from contextpolicy.planning.observable import Instantiate
     from contextpolicy.planning.plan import Plan
-    from contextpolicy.planning.policy import Policy
+    from contextpolicy.policy.spec import Policy
 
 START = 1000.0
 """When stories begin: far from 0, so that a forgotten `now` shows."""

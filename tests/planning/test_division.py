@@ -7,16 +7,16 @@ from dataclasses import replace
 import pytest
 
 from contextpolicy.planning.division import divide_nodes
-from contextpolicy.planning.layout import lay_out
 from contextpolicy.planning.placement import Container, Placement
-from contextpolicy.planning.policy import Scheduler
+from contextpolicy.planning.seating import seat_tasks
 from contextpolicy.planning.weights import Weight
+from contextpolicy.policy.spec import Scheduler
 from tests.planning.builders import a_policy, a_task, on_node, together
 
 
 def divided(policy, placement, last=None, **weights):
     given = {task.name: Weight(1.0, float(weights.get(task.name, 1.0)), "test") for task in policy.tasks}
-    return divide_nodes(lay_out(policy, placement), given, last or {})
+    return divide_nodes(seat_tasks(policy, placement), given, last or {})
 
 
 def two_tasks(**spec):

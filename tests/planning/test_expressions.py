@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contextpolicy.errors import ExpressionError
-from contextpolicy.planning import syntax
-from contextpolicy.planning.expressions import Expression, Guarded, Scope
+from contextpolicy.planning.expressions import Guarded, Scope
+from contextpolicy.policy import cel_syntax
+from contextpolicy.policy.cel import Expression
 
 
 def evaluate(source, **samples):
@@ -222,4 +223,4 @@ def test_no_source_crashes(source):
 def test_the_scan_ends_on_anything(source):
     """It runs after the compiler, but must not depend on its mercy."""
     with suppress(ValueError):
-        syntax.scan(source)
+        cel_syntax.scan(source)

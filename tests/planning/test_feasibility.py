@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.planning.feasibility import throttle_gap
+from contextpolicy.policy.bandwidth import throttle_gap
 from tests.planning.builders import Story, a_policy, a_task, on_node
 
 

@@ -13,7 +13,7 @@ from reactivex.testing import ReactiveTest, TestScheduler
 from contextpolicy.planning.observable import plans
 from contextpolicy.planning.planner import Planner
 from contextpolicy.planning.sample import Sample
-from contextpolicy.streams.initiatives import load
+from contextpolicy.plugins import load
 from tests.planning.builders import a_context, a_policy, a_stream, a_task, on_node, record
 from tests.planning.example_initiative import steadiness
 
@@ -125,7 +125,7 @@ class TestInitiatives:
             def load(self):
                 return steadiness
 
-        monkeypatch.setattr("contextpolicy.streams.initiatives.entry_points", lambda **_: [Installed()])
+        monkeypatch.setattr("contextpolicy.plugins.entry_points", lambda **_: [Installed()])
         assert load(curious_policy()) == {"steadiness": steadiness}
 
     def test_it_gets_streams_scheduler_and_its_arguments(self):

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from contextpolicy.errors import ShareError
-from contextpolicy.planning.shares import Claim, divide, floors_exceed
+from contextpolicy.planning.shares import Demand, divide, floors_exceed
 
 weights = st.one_of(st.just(0.0), st.floats(1e-6, 1e6), st.integers(1, 20).map(float))
 """Many equal ones: ties are where divisions go wrong."""
@@ -24,7 +24,7 @@ def claims(draw, least=1, most=12):
         floor = draw(st.integers(1, 40))
         weight = draw(weights)
         ceiling = floor + draw(st.integers(0, 200)) if weight > 0 else floor
-        made.append(Claim(name, weight, floor, ceiling))
+        made.append(Demand(name, weight, floor, ceiling))
     return made
 
 
@@ -74,7 +74,7 @@ def test_a_heavier_claim_with_no_tighter_bounds_gets_no_less(case):
 @given(divisible(), st.sampled_from([0.5, 2.0, 1024.0, 2.0**-20]))
 def test_only_the_ratio_of_weights_counts(case, factor):
     total, made = case
-    scaled = [Claim(c.name, c.weight * factor, c.floor, c.ceiling) for c in made]
+    scaled = [Demand(c.name, c.weight * factor, c.floor, c.ceiling) for c in made]
     assert divide(total, scaled) == divide(total, made)
 
 
@@ -88,7 +88,7 @@ def test_the_order_of_claims_does_not_matter(case, random):
 @given(divisible())
 def test_equal_weights_and_bounds_differ_by_one_unit_at_most(case):
     total, made = case
-    equal = [Claim(c.name, 3.0, 2, 300) for c in made]
+    equal = [Demand(c.name, 3.0, 2, 300) for c in made]
     parts = divide(total, equal) if total >= len(equal) else {}
     assert max(parts.values()) - min(parts.values()) <= 1
 
@@ -149,10 +149,12 @@ def test_nobody_gets_nothing():
     ],
 )
 def test_examples(total, made, parts):
-    assert divide(total, [Claim(name, float(weight), floor, ceiling) for name, weight, floor, ceiling in made]) == parts
+    assert (
+        divide(total, [Demand(name, float(weight), floor, ceiling) for name, weight, floor, ceiling in made]) == parts
+    )
 
 
-def reference(total: int, made: list[Claim]) -> dict[str, Fraction]:
+def reference(total: int, made: list[Demand]) -> dict[str, Fraction]:
     """The level at which the clamped weights fill the total, found by halving."""
     suspended = {c.name: Fraction(c.floor) for c in made if c.weight == 0}
     active = [c for c in made if c.weight > 0]

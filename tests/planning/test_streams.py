@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from contextpolicy.planning import parsing
+from contextpolicy.policy import parsing
 from tests.planning.builders import Story, a_context, a_policy, a_stream, a_task
 
 LISTING_1 = Path(__file__).parents[2] / "config/policies/paper-listing1.yaml"

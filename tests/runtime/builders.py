@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.api.builders import cpu
+from tests.cluster.builders import cpu
 from tests.planning.builders import a_context, a_stream, a_task
 
 IMU = "robot/imu"

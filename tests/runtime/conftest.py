@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.api.builders import a_pod
+from tests.cluster.builders import a_pod
 from tests.runtime.builders import IMU, a_policy, resources
 from tests.virtual_operator import VirtualOperator
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.api.builders import a_pod, cpu
+from tests.cluster.builders import a_pod, cpu
 from tests.planning.builders import a_context, a_task
 from tests.runtime.builders import IMU, a_policy, resources
 from tests.virtual_operator import VirtualOperator

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.actuators.fake_cluster import UNREACHABLE
-from tests.api.builders import a_pod
+from tests.actuators.resize.fake_cluster import UNREACHABLE
+from tests.cluster.builders import a_pod
 from tests.planning.builders import a_context, a_stream, a_task
 from tests.runtime.builders import IMU, a_policy
 

@@ -6,7 +6,7 @@ from concurrent.futures import CancelledError
 
 import pytest
 
-from tests.actuators.fake_cluster import refusal
+from tests.actuators.resize.fake_cluster import refusal
 from tests.runtime.builders import IMU, a_policy
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 
-from contextpolicy.cluster.agents import NO_AGENT
+from contextpolicy.cluster.agent_reports import NO_AGENT
 from contextpolicy.telemetry import metrics
-from tests.api.builders import NODE
+from tests.cluster.builders import NODE
 from tests.runtime.builders import IMU, a_policy
 
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from contextpolicy.policy.validation.policy_file import load_policy
 from contextpolicy.simulation.comparison import differences
 from contextpolicy.simulation.expectations import ExpectationError, parse
 from contextpolicy.simulation.run import simulate
 from contextpolicy.streams import timeline
-from contextpolicy.validation.policy_file import load_policy
 
 ROOT = Path(__file__).parents[2]
 POLICY = load_policy(str(ROOT / "config/policies/delivery-robot.yaml"))

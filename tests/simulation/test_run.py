@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from contextpolicy.planning.parsing import parse
 from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
+from contextpolicy.policy.parsing import parse
+from contextpolicy.policy.validation.policy_file import load_policy
 from contextpolicy.simulation.run import simulate
 from contextpolicy.simulation.samples import EPOCH, Skipped, samples
 from contextpolicy.streams import timeline
-from contextpolicy.validation.policy_file import load_policy
 
 ROOT = Path(__file__).parents[2]
 DELIVERY = load_policy(str(ROOT / "config/policies/delivery-robot.yaml"))

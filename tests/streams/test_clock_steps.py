@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from contextpolicy.streams import zenoh_streams
+from contextpolicy.streams import subscription
 from tests.planning.builders import a_context, a_stream, a_task
 from tests.test_controller import IMU, Robot
 from tests.virtual_operator import START
@@ -23,7 +23,7 @@ def robot(monkeypatch):
     )
     robot.step = 0.0
     wall = SimpleNamespace(time=lambda: now(robot) + robot.step, monotonic=lambda: now(robot))
-    monkeypatch.setattr(zenoh_streams, "time", wall)
+    monkeypatch.setattr(subscription, "time", wall)
     return robot.begin()
 
 

@@ -13,8 +13,8 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from contextpolicy.errors import DecodeError
-from contextpolicy.planning.policy import Encoding, Policy, Stream
-from contextpolicy.streams.decoding import MAX_DEPTH, MAX_PAYLOAD, MAX_VALUES, Decoder, seconds, type_findings
+from contextpolicy.policy.spec import Encoding, Stream
+from contextpolicy.streams.decoding import MAX_DEPTH, MAX_PAYLOAD, MAX_VALUES, Decoder, seconds
 
 READING = {
     "gyro": [0.1, -0.2, 0.3],
@@ -241,14 +241,6 @@ class TestCdr:
     def test_an_unknown_type_is_told_when_the_decoder_is_made(self):
         with pytest.raises(DecodeError, match="my_msgs/msg/Mood is no standard ROS 2 message type"):
             Decoder(Stream("mood", "robot/mood", Encoding.CDR, type="my_msgs/msg/Mood"))
-
-    def test_unknown_types_are_findings_of_the_policy(self):
-        known = Stream("imu", "robot/imu", Encoding.CDR, type=IMU)
-        unknown = Stream("mood", "robot/mood", Encoding.CDR, type="my_msgs/msg/Mood")
-        findings = type_findings(Policy("lab", "robot", (), (known, unknown)))
-        assert [(finding.field, finding.value) for finding in findings] == [
-            ("spec.streams[1].type", "my_msgs/msg/Mood")
-        ]
 
 
 NOW = 1763712350.25

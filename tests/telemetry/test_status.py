@@ -9,7 +9,15 @@ import pytest
 
 from contextpolicy.cluster.claims import Claim
 from contextpolicy.planning.inputs import Gone
-from contextpolicy.telemetry.status import MAX_MESSAGE, Facts, Finding, conditions, status, timestamp, waiting
+from contextpolicy.telemetry.status import (
+    MAX_MESSAGE,
+    ConditionFinding,
+    StatusFacts,
+    conditions,
+    status,
+    timestamp,
+    waiting,
+)
 from tests.crds.schema import schema, strict
 from tests.planning.builders import START, Story, a_context, a_parent, a_policy, a_stream, a_task, on_node
 
@@ -21,7 +29,7 @@ def made(story, *, previous=(), **facts):
     """The status, as the API server would store it."""
     claim = Claim(story.planner.placement, facts.pop("conflicts", []), facts.pop("obstacles", {}))
     claim.realtime = facts.pop("realtime", [])
-    content = status(story.planner, Facts(3, 17, claim, **facts), previous, NOW)
+    content = status(story.planner, StatusFacts(3, 17, claim, **facts), previous, NOW)
     stored = {name: value for name, value in json.loads(json.dumps(content)).items() if value is not None}
     jsonschema.validate(stored, SCHEMA)
     return stored
@@ -74,7 +82,7 @@ def test_before_the_first_plan():
 
 def test_no_plan_removes_what_an_earlier_operator_wrote():
     story = Story(a_robot())
-    assert status(story.planner, Facts(1, 1, Claim(story.planner.placement)), (), NOW)["plan"] is None
+    assert status(story.planner, StatusFacts(1, 1, Claim(story.planner.placement)), (), NOW)["plan"] is None
 
 
 def test_tasks_without_a_container_are_not_bound():
@@ -180,7 +188,7 @@ def test_messages_are_cut_to_what_the_schema_allows():
 
 
 def at(now, problems=(), previous=(), generation=1):
-    return conditions([Finding("Accepted", "Valid", "Invalid", problems)], generation, previous, now)
+    return conditions([ConditionFinding("Accepted", "Valid", "Invalid", problems)], generation, previous, now)
 
 
 def since(found):

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.live import Live
 
-from contextpolicy.drawing import draw_shares
+from contextpolicy.bus.session import open_visitor
+from contextpolicy.simulation.drawing import draw_shares
 from contextpolicy.streams.timeline import load
-from contextpolicy.streams.zenoh_session import open_visitor
 from timelines.demo import cgroup, deploy, verdict, view
 from timelines.demo.recorder import Recorder
 from timelines.replay.player import play

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from contextpolicy.telemetry.view import cores, titled
+from contextpolicy.bus.view import cores, titled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

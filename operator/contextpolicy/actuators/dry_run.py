@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
-from contextpolicy.planning.quantities import format_cpu
+from contextpolicy.policy.quantities import format_cpu
 
 if TYPE_CHECKING:
-    from contextpolicy.actuators.pod_resize import Order
+    from contextpolicy.actuators.order import Order
 
 log = logging.getLogger(__name__)
 

@@ -10,11 +10,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import OrderError
-from contextpolicy.planning.layout import REALTIME_BUDGET
-from contextpolicy.planning.policy import Control, Mode, Scheduler
+from contextpolicy.planning.seating import REALTIME_BUDGET
+from contextpolicy.policy.spec import Control, Mode, Scheduler
 
 if TYPE_CHECKING:
-    from contextpolicy.agent.orders import Order, Target
+    from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
 
 
 class Admission:
@@ -24,9 +24,9 @@ class Admission:
         self._cpus = cpus
         self._stamps: dict[str, tuple[int, int, int]] = {}
         self._sourceless: set[str] = set()
-        self._admitted: dict[str, Order] = {}
+        self._admitted: dict[str, NodeOrder] = {}
 
-    def admit(self, order: Order) -> Order | None:
+    def admit(self, order: NodeOrder) -> NodeOrder | None:
         """The part of the order to obey: no targets when the policy wants nothing of the agent; None for a repetition.
 
         OrderError when it comes out of turn, or asks for more than the node has or for what another policy has.
@@ -55,14 +55,14 @@ class Admission:
         self.drop(policy)
         self._stamps.pop(policy, None)
 
-    def _is_news(self, order: Order) -> bool:
+    def _is_news(self, order: NodeOrder) -> bool:
         last = self._stamps.get(order.policy)
         another_source = order.policy in self._sourceless and last is not None and order.stamp[0] != last[0]
         if last is not None and order.stamp < last and not another_source:
             raise OrderError("Outdated", f"{order.policy}: {order.stamp} came after {last}")
         return order.stamp != last
 
-    def _check_amounts(self, order: Order) -> None:
+    def _check_amounts(self, order: NodeOrder) -> None:
         realtime = order.scheduler is Scheduler.REALTIME
         there_is = REALTIME_BUDGET - self._promised(order.policy) if realtime else self._cpus * 1000
         asked = sum(target.share for target in order.targets)
@@ -76,7 +76,7 @@ class Admission:
         others = [order for policy, order in self._admitted.items() if policy != but]
         return sum(t.share for order in others if order.scheduler is Scheduler.REALTIME for t in order.targets)
 
-    def _check_owners(self, order: Order) -> None:
+    def _check_owners(self, order: NodeOrder) -> None:
         owners = {t.container_id: p for p, held in self._admitted.items() if p != order.policy for t in _named(held)}
         wanted = [target.container_id for target in _named(order)]
         if len(set(wanted)) < len(wanted):
@@ -86,6 +86,6 @@ class Admission:
             raise OrderError("Owned", f"{order.policy}: {taken} belongs to {owners[taken]}")
 
 
-def _named(order: Order) -> list[Target]:
+def _named(order: NodeOrder) -> list[OrderTarget]:
     """The targets that run already."""
     return [target for target in order.targets if target.container_id]

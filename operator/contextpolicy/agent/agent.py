@@ -6,17 +6,18 @@ import logging
 import os
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.actuators.cgroup import CFS, REALTIME, ControlFiles
-from contextpolicy.agent import capabilities, orders
+from contextpolicy.agent import capabilities
+from contextpolicy.agent import node_orders as orders
 from contextpolicy.agent.admission import Admission
-from contextpolicy.agent.layout import find
+from contextpolicy.agent.cgroup_paths import find_cgroups
+from contextpolicy.agent.control_files import CFS, REALTIME, ControlFiles
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.limits import Limits
 from contextpolicy.agent.realtime import Realtime
 from contextpolicy.agent.refusals import Refusals
 from contextpolicy.errors import ActuationError, OrderError
 from contextpolicy.planning.placement import QUANTUM
-from contextpolicy.planning.policy import Mode, Scheduler
+from contextpolicy.policy.spec import Mode, Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,11 +25,11 @@ if TYPE_CHECKING:
 
     from reactivex.abc import DisposableBase, SchedulerBase
 
-    from contextpolicy.actuators.inotify import Watch
-    from contextpolicy.agent.layout import Layout
-    from contextpolicy.agent.orders import Order, Target
+    from contextpolicy.agent.agent_settings import AgentSettings
+    from contextpolicy.agent.cgroup_paths import CgroupPaths
+    from contextpolicy.agent.inotify import WriteWatch
+    from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
     from contextpolicy.agent.realtime import Manner
-    from contextpolicy.agent.settings import AgentSettings
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +39,9 @@ _ATTEMPTS = 3
 class _Hands:
     """What writes cgroups, once there are any."""
 
-    def __init__(self, layout: Layout, ledger: Ledger, refusals: Refusals, watch: Watch, manner: Manner) -> None:
+    def __init__(
+        self, layout: CgroupPaths, ledger: Ledger, refusals: Refusals, watch: WriteWatch, manner: Manner
+    ) -> None:
         limits = ControlFiles(CFS[layout.version], watch.add, watch.remove)
         budgets = ControlFiles(REALTIME[layout.version])
         self.layout = layout
@@ -49,7 +52,7 @@ class _Hands:
 class Agent:
     """Carries out what policies want of this node."""
 
-    def __init__(self, settings: AgentSettings, scheduler: SchedulerBase, watch: Watch) -> None:
+    def __init__(self, settings: AgentSettings, scheduler: SchedulerBase, watch: WriteWatch) -> None:
         self._settings, self._scheduler, self._watch = settings, scheduler, watch
         self._refusals = Refusals()
         self._admission = Admission(os.cpu_count() or 1)
@@ -120,13 +123,13 @@ class Agent:
     def _equip(self) -> _Hands | None:
         """The kubelet may come up after the agent."""
         if self._hands is None:
-            layout = find(self._settings.cgroup_root)
+            layout = find_cgroups(self._settings.cgroup_root)
             self._missing = capabilities.missing(capabilities.probe(layout))
             if layout is not None:
                 self._hands = _Hands(layout, self._ledger, self._refusals, self._watch, self._settings.manner)
         return self._hands
 
-    def _obey(self, order: Order) -> None:
+    def _obey(self, order: NodeOrder) -> None:
         hands = self._equip()
         lacks = self._missing.get(order.scheduler) if order.targets else None
         if hands is None or lacks:
@@ -144,7 +147,7 @@ class Agent:
         hands.limits.apply(order.policy, _shares(groups))
         hands.realtime.release(order.policy)
 
-    def _groups(self, hands: _Hands, order: Order) -> dict[Path, Target]:
+    def _groups(self, hands: _Hands, order: NodeOrder) -> dict[Path, OrderTarget]:
         """The cgroups of the targets that are here: a path made of the pod's UID and the container's id proves it."""
         groups = {}
         for target in order.targets:
@@ -197,5 +200,5 @@ class Agent:
             grace.dispose()
 
 
-def _shares(groups: dict[Path, Target]) -> dict[Path, int]:
+def _shares(groups: dict[Path, OrderTarget]) -> dict[Path, int]:
     return {group: target.share for group, target in groups.items()}

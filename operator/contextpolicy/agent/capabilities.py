@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from contextpolicy.actuators.cgroup import CFS, REALTIME
-from contextpolicy.planning.policy import Scheduler
+from contextpolicy.agent.control_files import CFS, REALTIME
+from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
-    from contextpolicy.agent.layout import Layout
+    from contextpolicy.agent.cgroup_paths import CgroupPaths
 
 _SYS_NICE = 23
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class NodeFacts:
     """What was found; `version` None where the kubelet has made no group for pods."""
 
     version: int | None
@@ -28,7 +28,7 @@ class Facts:
     sees_processes: bool = False
 
 
-def missing(facts: Facts) -> dict[str, list[str]]:
+def missing(facts: NodeFacts) -> dict[str, list[str]]:
     """What each scheduler lacks here, with what to do; empty lists are good."""
     if facts.version is None:
         nothing = ["there is no cgroup of pods (kubepods): is the kubelet running, and CGROUP_ROOT its cgroup mount?"]
@@ -38,7 +38,7 @@ def missing(facts: Facts) -> dict[str, list[str]]:
     return {Scheduler.CFS: [*limits, *both], Scheduler.REALTIME: [*_realtime(facts, facts.version), *both]}
 
 
-def _realtime(facts: Facts, version: int) -> list[str]:
+def _realtime(facts: NodeFacts, version: int) -> list[str]:
     lacks = []
     if not facts.budgets and version == 1:
         lacks.append(
@@ -57,12 +57,12 @@ def _realtime(facts: Facts, version: int) -> list[str]:
     return lacks
 
 
-def probe(layout: Layout | None) -> Facts:
+def probe(layout: CgroupPaths | None) -> NodeFacts:
     """Look at the node."""
     if layout is None:
-        return Facts(None)
+        return NodeFacts(None)
     limit = layout.top / CFS[layout.version].file
-    return Facts(
+    return NodeFacts(
         version=layout.version,
         limits=limit.exists(),
         writable=os.access(layout.top / "cgroup.procs", os.W_OK),
@@ -78,7 +78,7 @@ def _has_capability(number: int) -> bool:
     return bool(int(effective.split()[1], 16) >> number & 1)
 
 
-def _sees_processes(layout: Layout) -> bool:
+def _sees_processes(layout: CgroupPaths) -> bool:
     """Processes outside of our own PID namespace are listed as 0; each pod's sandbox would be one."""
     for folder, _, files in os.walk(layout.top):
         if "cgroup.procs" in files and "0" in (Path(folder) / "cgroup.procs").read_text().split():

@@ -7,8 +7,8 @@ from collections import defaultdict
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from contextpolicy.actuators.cgroup import children
-from contextpolicy.agent.layout import is_pod
+from contextpolicy.agent.cgroup_paths import is_pod
+from contextpolicy.agent.control_files import children
 from contextpolicy.agent.steps import PodLimits, limit_steps
 from contextpolicy.errors import ActuationError
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from contextpolicy.actuators.cgroup import ControlFiles
+    from contextpolicy.agent.control_files import ControlFiles
     from contextpolicy.agent.ledger import Entry, Ledger
     from contextpolicy.agent.refusals import Refusals
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from contextpolicy.actuators import threads
-from contextpolicy.actuators.cgroup import children
+from contextpolicy.agent import threads
+from contextpolicy.agent.control_files import children
 from contextpolicy.agent.steps import Step, budget_steps, budgets
 from contextpolicy.errors import ActuationError
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterable, Mapping
     from pathlib import Path
 
-    from contextpolicy.actuators.cgroup import ControlFiles
-    from contextpolicy.agent.layout import Layout
+    from contextpolicy.agent.cgroup_paths import CgroupPaths
+    from contextpolicy.agent.control_files import ControlFiles
     from contextpolicy.agent.ledger import Entry, Ledger
     from contextpolicy.agent.refusals import Refusals
 
@@ -48,7 +48,9 @@ class Manner:
 class Realtime:
     """The realtime budgets of one node's containers; groups are the containers' own."""
 
-    def __init__(self, layout: Layout, files: ControlFiles, ledger: Ledger, refusals: Refusals, manner: Manner) -> None:
+    def __init__(
+        self, layout: CgroupPaths, files: ControlFiles, ledger: Ledger, refusals: Refusals, manner: Manner
+    ) -> None:
         self._layout, self._files, self._ledger, self._refusals = layout, files, ledger, refusals
         self._manner = manner
         self._wanted: dict[str, dict[Path, int]] = {}

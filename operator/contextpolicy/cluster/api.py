@@ -44,7 +44,7 @@ _REASONS = {
 }
 
 
-class Api:
+class ApiServer:
     """A pooled client; safe to use from several threads."""
 
     def __init__(self) -> None:

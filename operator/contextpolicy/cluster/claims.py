@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from contextpolicy.planning.placement import Container, Placement
-from contextpolicy.planning.policy import Mode
+from contextpolicy.policy.spec import Mode
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from contextpolicy.cluster.pods import ContainerView, PodView
-    from contextpolicy.planning.policy import Policy, Task
+    from contextpolicy.policy.spec import Policy, Task
 
 
 @dataclass(slots=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.cluster.writers import NOBODY, Writers, writers
 from contextpolicy.planning.placement import QUANTUM
-from contextpolicy.planning.quantities import format_cpu, parse_cpu_ceiling, parse_memory
+from contextpolicy.policy.quantities import format_cpu, parse_cpu_ceiling, parse_memory
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -27,7 +27,7 @@ PAUSES = (0.1, 0.2, 0.5, 1.0)
 """Seconds between attempts to reach the API server; the last one from then on."""
 
 
-class Api(Protocol):
+class ListWatch(Protocol):
     """What a watch needs of the API server."""
 
     def read(self, path: str) -> dict[str, Any]:
@@ -37,14 +37,14 @@ class Api(Protocol):
         """Its changes since then, one JSON object a line."""
 
 
-class Watch:
+class ObjectWatch:
     """One list, followed on a thread of its own.
 
     `on_change(object)` and `on_gone(uid)` are called on that thread. `listed` is done when all that exists was told.
     """
 
     def __init__(
-        self, api: Api, path: str, on_change: Callable[[Mapping[str, Any]], None], on_gone: Callable[[str], None]
+        self, api: ListWatch, path: str, on_change: Callable[[Mapping[str, Any]], None], on_gone: Callable[[str], None]
     ) -> None:
         self.listed: Future[None] = Future()
         self._api, self._path = api, path

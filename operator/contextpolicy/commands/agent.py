@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
-    from contextpolicy.agent.settings import AgentSettings
-    from contextpolicy.streams.loop import Loop
+    from contextpolicy.agent.agent_settings import AgentSettings
+    from contextpolicy.loop import Loop
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -53,7 +53,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(arguments: argparse.Namespace) -> int:
     """Run until told to stop, or until a thread fails: the kubelet then starts us anew."""
-    from contextpolicy.agent import settings
+    from contextpolicy.agent import agent_settings as settings
     from contextpolicy.agent.realtime import Manner
     from contextpolicy.telemetry import logs
 
@@ -76,14 +76,14 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _run(settings: AgentSettings, stop: threading.Event) -> None:
     """What a former life left behind is undone in time even when no router ever answers."""
-    from contextpolicy.actuators.inotify import Watch
     from contextpolicy.agent.agent import Agent
-    from contextpolicy.agent.bus import AgentBus
-    from contextpolicy.streams.loop import Loop
-    from contextpolicy.streams.zenoh_session import open_client
+    from contextpolicy.agent.bus_link import AgentBus
+    from contextpolicy.agent.inotify import WriteWatch
+    from contextpolicy.bus.session import open_client
+    from contextpolicy.loop import Loop
 
     loop = Loop()
-    watch = Watch(lambda path: _later(loop, lambda: agent.on_other_write(path)))
+    watch = WriteWatch(lambda path: _later(loop, lambda: agent.on_other_write(path)))
     agent = Agent(settings, loop, watch)
     _later(loop, agent.start)
     session = open_client(settings.common.connect, stop)

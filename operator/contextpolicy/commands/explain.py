@@ -45,7 +45,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(arguments: argparse.Namespace) -> int:
     """Get the explanation and print it."""
-    from contextpolicy.narration import sentences
+    from contextpolicy.explain.sentences import sentences
 
     explanation = _ask(arguments) if arguments.connect else _simulate(arguments)
     known = list(explanation["tasks"])
@@ -62,10 +62,10 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _simulate(arguments: argparse.Namespace) -> dict[str, Any]:
-    from contextpolicy.explanation import explain
+    from contextpolicy.explain.explanation import explain
+    from contextpolicy.policy.validation.policy_file import load_policy
     from contextpolicy.simulation.samples import EPOCH
     from contextpolicy.streams import timeline
-    from contextpolicy.validation.policy_file import load_policy
 
     policy, inputs = load_policy(arguments.policy), timeline.load(arguments.timeline)
     run = run_policy(policy, inputs, cores=arguments.cores, until=arguments.at)
@@ -88,7 +88,7 @@ def visit(connect: str) -> Iterator[zenoh.Session]:
     """A session on the robot's bus; NoAnswerError when no router answers soon, or no more."""
     import zenoh
 
-    from contextpolicy.streams.zenoh_session import open_visitor
+    from contextpolicy.bus.session import open_visitor
 
     try:
         with open_visitor(connect.split(","), patience=PATIENCE) as session:

@@ -24,10 +24,10 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(arguments: argparse.Namespace) -> int:
     """Print the picture."""
-    from contextpolicy.taskgraph.graph import build
-    from contextpolicy.taskgraph.mermaid import mermaid
-    from contextpolicy.taskgraph.svg import svg
-    from contextpolicy.validation.policy_file import load_policy
+    from contextpolicy.explain.graph_svg import svg
+    from contextpolicy.explain.mermaid import mermaid
+    from contextpolicy.explain.task_graph import build
+    from contextpolicy.policy.validation.policy_file import load_policy
 
     policy = load_policy(arguments.policy)
     known = [context.name for context in policy.contexts]

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator, Sequence
 
-    from contextpolicy.actuators.restoration import Api, Released, Restored
+    from contextpolicy.actuators.resize.offline_restore import Released, RestoreApi, Restored
     from contextpolicy.cluster.pods import Cpu
 
 
@@ -37,26 +37,26 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(arguments: argparse.Namespace) -> int:
     """Restore and tell."""
-    from contextpolicy.cluster.api import Api
+    from contextpolicy.cluster.api import ApiServer
 
-    api = Api()
+    api = ApiServer()
     try:
         return run(api, arguments)
     finally:
         api.close()
 
 
-def run(api: Api, arguments: argparse.Namespace) -> int:
+def run(api: RestoreApi, arguments: argparse.Namespace) -> int:
     """Containers first: as long as one is not back, the policy that moved it stays held."""
-    from contextpolicy.actuators import restoration
+    from contextpolicy.actuators.resize import offline_restore
 
     namespaces: Sequence[str | None] = arguments.namespace or [None]
     dry_run: bool = arguments.dry_run
-    restored = [one for where in namespaces for one in restoration.restore(api, where, dry_run=dry_run)]
+    restored = [one for where in namespaces for one in offline_restore.restore(api, where, dry_run=dry_run)]
     released: list[Released] = []
     if arguments.remove_finalizers:
         held = {one.policy for one in restored if one.error}
-        released = [one for where in namespaces for one in restoration.release(api, where, held, dry_run=dry_run)]
+        released = [one for where in namespaces for one in offline_restore.release(api, where, held, dry_run=dry_run)]
     (_print_json if arguments.output == "json" else _print_text)(restored, released)
     if dry_run:
         print("dry run: nothing was changed", file=sys.stderr)
@@ -89,7 +89,7 @@ def _differences(moved: Cpu | None, original: Cpu | None) -> Iterator[tuple[str,
 
 
 def _quantities(cpu: Cpu | None) -> dict[str, str]:
-    from contextpolicy.planning.quantities import format_cpu
+    from contextpolicy.policy.quantities import format_cpu
 
     amounts = {"limit": cpu.limit, "request": cpu.request} if cpu else {}
     return {kind: format_cpu(amount) for kind, amount in amounts.items() if amount is not None}

@@ -25,7 +25,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(arguments: argparse.Namespace) -> int:
     """Route until told to stop."""
-    from contextpolicy.streams.zenoh_session import open_router
+    from contextpolicy.bus.session import open_router
 
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

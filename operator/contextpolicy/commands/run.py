@@ -1,7 +1,8 @@
-"""`contextpolicy run`: the operator."""
+"""`contextpolicy run`: the operator, under kopf, with its health and metrics endpoints."""
 
 from __future__ import annotations
 
+import logging
 import os
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,8 @@ from contextpolicy import settings
 
 if TYPE_CHECKING:
     import argparse
+
+    from contextpolicy.settings import Settings
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -25,7 +28,31 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(_: argparse.Namespace) -> int:
     """Run until SIGTERM."""
-    from contextpolicy import operation
-
-    operation.run(settings.read(os.environ))
+    run(settings.read(os.environ))
     return 0
+
+
+def run(settings: Settings) -> None:
+    """Run the operator until it is told to stop."""
+    import kopf
+    import prometheus_client
+
+    from contextpolicy import handlers
+
+    formats = {"text": kopf.LogFormat.FULL, "json": kopf.LogFormat.JSON}
+    kopf.configure(
+        debug=settings.log_level == "debug",
+        quiet=settings.log_level in ("warning", "error"),
+        log_format=formats[settings.log_format],
+    )
+    for chatty in ("kopf.objects", "aiohttp.access"):
+        logging.getLogger(chatty).setLevel(logging.WARNING)
+    prometheus_client.start_http_server(settings.metrics_port)
+    kopf.run(
+        registry=handlers.registry,
+        standalone=True,
+        clusterwide=not settings.namespaces,
+        namespaces=settings.namespaces,
+        liveness_endpoint=f"http://0.0.0.0:{settings.health_port}/healthz",
+        memo=kopf.Memo(settings=settings),
+    )

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from contextpolicy.planning.policy import Policy
+    from contextpolicy.policy.spec import Policy
     from contextpolicy.simulation.run import Simulation
     from contextpolicy.streams.timeline import Timeline
 
@@ -63,8 +63,8 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Simulate, print, draw and compare."""
+    from contextpolicy.policy.validation.policy_file import load_policy
     from contextpolicy.streams import timeline
-    from contextpolicy.validation.policy_file import load_policy
 
     policy, inputs = load_policy(arguments.policy), timeline.load(arguments.timeline)
     expected = _expected(arguments.expected, policy) if arguments.expected else None
@@ -79,10 +79,10 @@ def main(arguments: argparse.Namespace) -> int:
 
 def run_policy(policy: Policy, inputs: Timeline, *, cores: float, until: float | None) -> Simulation:
     """Simulate with the installed initiatives."""
+    from contextpolicy import plugins
     from contextpolicy.simulation.run import simulate
-    from contextpolicy.streams import initiatives
 
-    return simulate(policy, inputs, cores=cores, until=until, initiatives=initiatives.load(policy))
+    return simulate(policy, inputs, cores=cores, until=until, initiatives=plugins.load(policy))
 
 
 def seconds(text: str) -> float:
@@ -121,8 +121,8 @@ def _print(arguments: argparse.Namespace, policy: Policy, inputs: Timeline, run:
 
 
 def _draw(path: Path, policy: Policy, inputs: Timeline, run: Simulation) -> None:
-    from contextpolicy.drawing import draw_shares
     from contextpolicy.simulation import series
+    from contextpolicy.simulation.drawing import draw_shares
 
     draw_shares(
         series.shares(run.plans),

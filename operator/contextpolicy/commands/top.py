@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from contextpolicy.telemetry.view import BusView
+    from contextpolicy.bus.view import BusView
 
 PLANS, STEPS = "contextpolicy/*/*/plan", "contextpolicy/*/*/applied"
 LONGEST_QUEUE = 1000
@@ -51,7 +51,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(arguments: argparse.Namespace) -> int:
     """Show what is in force, then every change, until interrupted."""
-    from contextpolicy.telemetry.view import BusView
+    from contextpolicy.bus.view import BusView
 
     view = BusView()
     try:
@@ -79,7 +79,7 @@ def _show_once(arguments: argparse.Namespace, session: zenoh.Session, view: BusV
         return
     from rich.console import Console
 
-    from contextpolicy.telemetry.view import live
+    from contextpolicy.bus.view import live
 
     Console().print(live(view, time.time()))
 
@@ -134,7 +134,7 @@ def _draw(view: BusView, mailbox: deque[tuple[str, bytes | None]], arrived: Even
     """A storm of messages is drawn once: the last state of it."""
     from rich.live import Live
 
-    from contextpolicy.telemetry.view import live
+    from contextpolicy.bus.view import live
 
     with Live(auto_refresh=False) as screen:
         while True:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
-    from contextpolicy.validation.check import Report
+    from contextpolicy.policy.validation.check import CheckReport
 
 SUFFIXES = (".yaml", ".yml", ".json")
 
@@ -32,7 +32,7 @@ def add(subparsers: Any) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Check and print; the exit code is for CI."""
-    from contextpolicy.validation.check import check
+    from contextpolicy.policy.validation.check import check
 
     try:
         texts = list(_texts(arguments.files))
@@ -55,12 +55,12 @@ def _texts(names: list[str]) -> Iterator[tuple[str, str]]:
             yield str(file), file.read_text(encoding="utf-8")
 
 
-def _is_valid(report: Report) -> bool:
+def _is_valid(report: CheckReport) -> bool:
     """A run that found no policy proves nothing: a wrong path must not pass as valid."""
     return report.seen > 0 and not report.errors
 
 
-def _print_text(report: Report) -> None:
+def _print_text(report: CheckReport) -> None:
     for problem in report.problems:
         print(problem)
     for note in report.skipped:
@@ -78,7 +78,7 @@ def _count(number: int, one: str, many: str = "") -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
-def _print_json(report: Report) -> None:
+def _print_json(report: CheckReport) -> None:
     document = {
         "valid": _is_valid(report),
         "policies": [{"file": source.file, "policy": policy.reference} for source, policy in report.policies],

@@ -9,12 +9,12 @@ from contextpolicy.planning.stream import all_fresh
 
 if TYPE_CHECKING:
     from contextpolicy.planning.expressions import Scope
-    from contextpolicy.planning.policy import Context
     from contextpolicy.planning.stream import StreamState
     from contextpolicy.planning.timers import Timers
+    from contextpolicy.policy.spec import Context
 
 
-class Listener(expressions.Listener, Protocol):
+class ContextListener(expressions.ExpressionListener, Protocol):
     """What a context tells the planner."""
 
     def on_context(self, context: ContextState, now: float) -> None:
@@ -29,7 +29,7 @@ class ContextState:
     """
 
     def __init__(
-        self, spec: Context, streams: dict[str, StreamState], scope: Scope, timers: Timers, listener: Listener
+        self, spec: Context, streams: dict[str, StreamState], scope: Scope, timers: Timers, listener: ContextListener
     ) -> None:
         self.spec = spec
         self.holds = False

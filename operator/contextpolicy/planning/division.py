@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import ShareError
-from contextpolicy.planning.layout import lay_out
 from contextpolicy.planning.plan import NodePlan, Shortfall
-from contextpolicy.planning.shares import Claim, divide, floors_exceed
+from contextpolicy.planning.seating import seat_tasks
+from contextpolicy.planning.shares import Demand, divide, floors_exceed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from contextpolicy.planning.layout import Layout, Node, Seat
     from contextpolicy.planning.placement import Placement
-    from contextpolicy.planning.policy import Policy
+    from contextpolicy.planning.seating import Seat, SeatedNode, Seating
     from contextpolicy.planning.weights import Weight
+    from contextpolicy.policy.spec import Policy
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +33,10 @@ class Terms:
 
     capacity: int
     quantum: int
-    claims: tuple[Claim, ...]
+    claims: tuple[Demand, ...]
 
 
-def divide_nodes(layout: Layout, weights: Mapping[str, Weight], last: Mapping[str, NodePlan]) -> Division:
+def divide_nodes(layout: Seating, weights: Mapping[str, Weight], last: Mapping[str, NodePlan]) -> Division:
     """Divide each node; a node that can't be divided keeps its last plan and says why."""
     nodes: dict[str, NodePlan] = {}
     shortfalls: list[Shortfall] = []
@@ -56,15 +56,15 @@ def terms(policy: Policy, weights: Mapping[str, Weight], placement: Placement) -
     """Each node's terms, for explanations."""
     return {
         node.name: Terms(node.capacity, node.quantum, tuple(_claims(node, weights)))
-        for node in lay_out(policy, placement).nodes
+        for node in seat_tasks(policy, placement).nodes
     }
 
 
-def _claims(node: Node, weights: Mapping[str, Weight]) -> list[Claim]:
+def _claims(node: SeatedNode, weights: Mapping[str, Weight]) -> list[Demand]:
     return [seat.claim(weights[seat.task].value) for seat in node.seats]
 
 
-def _divide(node: Node, claims: Sequence[Claim]) -> NodePlan:
+def _divide(node: SeatedNode, claims: Sequence[Demand]) -> NodePlan:
     if not any(claim.weight > 0 for claim in claims):
         raise ShareError("the weights of all its tasks sum to 0, allowed: at least one above 0")
     units = divide(node.capacity // node.quantum, claims)
@@ -82,13 +82,13 @@ def _divide(node: Node, claims: Sequence[Claim]) -> NodePlan:
 def _parts(seat: Seat, units: int) -> dict[str, int]:
     """One task's units over its containers on the node: equal parts above each one's own floor."""
     claims = [
-        Claim(container.id, 1.0, floor, max(floor, units))
+        Demand(container.id, 1.0, floor, max(floor, units))
         for container, floor in zip(seat.containers, seat.floors, strict=True)
     ]
     return divide(units, claims)
 
 
-def _floor_shortfall(node: Node, claims: Sequence[Claim]) -> list[Shortfall]:
+def _floor_shortfall(node: SeatedNode, claims: Sequence[Demand]) -> list[Shortfall]:
     if not floors_exceed(node.capacity // node.quantum, claims):
         return []
     total = sum(claim.floor for claim in claims) * node.quantum

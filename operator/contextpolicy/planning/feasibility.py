@@ -5,20 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from contextpolicy.planning.plan import Shortfall
-from contextpolicy.planning.policy import Control
-from contextpolicy.planning.quantities import format_cpu
+from contextpolicy.policy.bandwidth import throttle_gap
+from contextpolicy.policy.quantities import format_cpu
+from contextpolicy.policy.spec import Control
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from contextpolicy.planning.placement import Container
     from contextpolicy.planning.plan import NodePlan
-    from contextpolicy.planning.policy import Policy, Task
     from contextpolicy.planning.weights import Weight
-
-PERIOD = 0.1
-"""Seconds: the kubelet's default period of limits, and the node agent's of realtime budgets. A thread that used up what
-it has waits for the rest of the period."""
+    from contextpolicy.policy.spec import Policy, Task
 
 
 def shortfalls(
@@ -52,8 +49,3 @@ def _unmet(task: Task, share: int, container: Container) -> Iterator[Shortfall]:
             task.name,
             f"needs results within {needs.deadline:g} s, with {format_cpu(share)} it may stand still for {gap:.3g} s",
         )
-
-
-def throttle_gap(share: int) -> float:
-    """Seconds for which one busy thread may stand still with this share (kernel: bandwidth control)."""
-    return PERIOD * max(0.0, 1 - share / 1000)

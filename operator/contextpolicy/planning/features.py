@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
-from contextpolicy.planning.policy import FeatureOp
+from contextpolicy.policy.spec import FeatureOp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from contextpolicy.planning.expressions import Scope
-    from contextpolicy.planning.policy import Feature
+    from contextpolicy.policy.spec import Feature
 
 MAX_SAMPLES = 10_000
 """A window keeps at most this many samples, the newest ones: 10 s of a 1 kHz sensor."""

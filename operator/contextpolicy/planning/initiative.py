@@ -9,15 +9,15 @@ from contextpolicy.planning.stream import all_fresh
 
 if TYPE_CHECKING:
     from contextpolicy.planning.expressions import Scope
-    from contextpolicy.planning.policy import Activity
     from contextpolicy.planning.stream import StreamState
     from contextpolicy.planning.timers import Timers
+    from contextpolicy.policy.spec import Activity
 
 DECAY_STEPS = 10
 """A decaying score falls in this many steps: a plan for each, and none in between."""
 
 
-class Listener(expressions.Listener, Protocol):
+class ActivityListener(expressions.ExpressionListener, Protocol):
     """What an initiative tells the planner."""
 
     def on_score(self, initiative: Initiative, now: float) -> None:
@@ -33,7 +33,7 @@ class Initiative:
         streams: dict[str, StreamState],
         scope: Scope,
         timers: Timers,
-        listener: Listener,
+        listener: ActivityListener,
     ) -> None:
         self.spec = spec
         self.value = 0.0

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from contextpolicy.planning.plan import Plan
     from contextpolicy.planning.planner import Planner
-    from contextpolicy.planning.policy import Activity
+    from contextpolicy.policy.spec import Activity
 
     Instantiate = Callable[..., Observable[float]]
     """A plugged-in instantiation function (paper IV-D): called with `streams`, a map from stream names to observables

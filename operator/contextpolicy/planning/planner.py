@@ -9,23 +9,23 @@ from contextpolicy.planning.context import ContextState
 from contextpolicy.planning.division import divide_nodes
 from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.feasibility import shortfalls
-from contextpolicy.planning.fields import LARGEST
 from contextpolicy.planning.initiative import Initiative
 from contextpolicy.planning.inputs import Gone, Input, Score
-from contextpolicy.planning.layout import Layout, lay_out
 from contextpolicy.planning.placement import Placement
 from contextpolicy.planning.plan import Plan, TaskPlan
 from contextpolicy.planning.sample import Sample
 from contextpolicy.planning.scores import Scores
+from contextpolicy.planning.seating import Seating, seat_tasks
 from contextpolicy.planning.stream import StreamState
 from contextpolicy.planning.timers import Timers
 from contextpolicy.planning.weights import Weigher, Weight
+from contextpolicy.policy.fields import LARGEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from contextpolicy.planning.plan import NodePlan
-    from contextpolicy.planning.policy import Policy
+    from contextpolicy.policy.spec import Policy
 
 
 class Planner:
@@ -53,7 +53,7 @@ class Planner:
         self.contexts = [ContextState(c, self.streams, scope, self.timers, self) for c in policy.contexts]
         self._readers = self._index()
         self._weigher = Weigher(policy)
-        self._placement, self._layout = Placement(), Layout()
+        self._placement, self._layout = Placement(), Seating()
         self._causes: dict[object, str] = {}
         self._changed = self._urgent = False
         self._held: Plan | None = None
@@ -85,7 +85,7 @@ class Planner:
                 self._observe(event, now)
             case Placement():
                 if event != self._placement:
-                    self._placement, self._layout = event, lay_out(self.policy, event)
+                    self._placement, self._layout = event, seat_tasks(self.policy, event)
                     self._note(Placement, "containers changed")
                     self._urgent = True
             case Gone():

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from contextpolicy.planning.policy import Activity
+from contextpolicy.policy.spec import Activity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from contextpolicy.planning.initiative import Initiative
-    from contextpolicy.planning.policy import Policy
+    from contextpolicy.policy.spec import Policy
 
 
 class Scores:

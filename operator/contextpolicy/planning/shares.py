@@ -17,7 +17,7 @@ RESOLUTION = 10**9
 """Weights count to one part in 10^9 of the heaviest: whole numbers, so float noise can't move a unit."""
 
 
-class Claim(NamedTuple):
+class Demand(NamedTuple):
     """One task's part in the division: weight and bounds in units, `floor <= ceiling`.
 
     A claim of weight 0 gets its floor, no more. `least` is what it gets even where floors are scaled down.
@@ -30,7 +30,7 @@ class Claim(NamedTuple):
     least: int = 1
 
 
-def divide(total: int, claims: Sequence[Claim]) -> dict[str, int]:
+def divide(total: int, claims: Sequence[Demand]) -> dict[str, int]:
     """Units per claim, by weight, within [floor, ceiling]; the sum is min(total, sum of ceilings) exactly.
 
     Bounds are met by redistribution: a claim that a bound holds leaves the division and the others share the rest, as
@@ -50,19 +50,19 @@ def divide(total: int, claims: Sequence[Claim]) -> dict[str, int]:
     return fixed | _largest_remainder(total - sum(fixed.values()), free, weights)
 
 
-def floors_exceed(total: int, claims: Sequence[Claim]) -> bool:
+def floors_exceed(total: int, claims: Sequence[Demand]) -> bool:
     """Whether the floors alone are more than there is to divide."""
     return sum(claim.floor for claim in claims) > total
 
 
-def _whole_weights(claims: Sequence[Claim]) -> dict[str, int]:
+def _whole_weights(claims: Sequence[Demand]) -> dict[str, int]:
     heaviest = max(claim.weight for claim in claims)
     return {
         claim.name: max(1, round(claim.weight / heaviest * RESOLUTION)) if claim.weight > 0 else 0 for claim in claims
     }
 
 
-def _clamped(total: int, claims: Sequence[Claim], weights: dict[str, int]) -> dict[str, int]:
+def _clamped(total: int, claims: Sequence[Demand], weights: dict[str, int]) -> dict[str, int]:
     """The claims that a bound decides, with what it gives them.
 
     Water filling: in each round either the claims below their floor or those above their ceiling leave, whichever
@@ -90,7 +90,7 @@ def _clamped(total: int, claims: Sequence[Claim], weights: dict[str, int]) -> di
         free = [claim for claim in free if claim.name not in fixed]
 
 
-def _largest_remainder(total: int, claims: Sequence[Claim], weights: dict[str, int]) -> dict[str, int]:
+def _largest_remainder(total: int, claims: Sequence[Demand], weights: dict[str, int]) -> dict[str, int]:
     weight = sum(weights[claim.name] for claim in claims)
     if weight == 0:
         return {}
@@ -100,7 +100,7 @@ def _largest_remainder(total: int, claims: Sequence[Claim], weights: dict[str, i
     return {c.name: parts[c.name][0] + (c.name in extra) for c in claims}
 
 
-def _scaled_floors(total: int, claims: Sequence[Claim]) -> dict[str, int]:
+def _scaled_floors(total: int, claims: Sequence[Demand]) -> dict[str, int]:
     """Floors that together exceed the total, scaled down: the least each, the rest in proportion to the floors."""
-    by_floor = [Claim(c.name, float(c.floor), c.least, max(c.least, c.floor), c.least) for c in claims]
+    by_floor = [Demand(c.name, float(c.floor), c.least, max(c.least, c.floor), c.least) for c in claims]
     return divide(total, by_floor)

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import Any
 
-    from contextpolicy.planning.policy import Stream
     from contextpolicy.planning.sample import Sample
     from contextpolicy.planning.timers import Timers
+    from contextpolicy.policy.spec import Stream
 
 FUTURE_TOLERANCE = 1.0
 """Seconds that a sender's clock may be ahead; a timestamp beyond it is ignored, its sample still counts."""
@@ -23,7 +23,7 @@ REORDERING = 10.0
 """Seconds by which samples can overtake each other; a timestamp older than that means that its clock was set."""
 
 
-class Listener(Protocol):
+class StreamListener(Protocol):
     """What a stream tells the planner."""
 
     def on_value(self, stream: StreamState, now: float) -> None:
@@ -42,7 +42,7 @@ class Listener(Protocol):
 class StreamState:
     """A stream's gate (order, age, debounce, sampling limit, filter), features and watchdog."""
 
-    def __init__(self, spec: Stream, scope: Scope, timers: Timers, listener: Listener) -> None:
+    def __init__(self, spec: Stream, scope: Scope, timers: Timers, listener: StreamListener) -> None:
         self.spec = spec
         self.value: dict[str, Any] | None = None
         self.seen_at: float | None = None

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from contextpolicy.planning.policy import SatisfiedBy
+from contextpolicy.policy.spec import SatisfiedBy
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from contextpolicy.planning.policy import Context, Policy, Task
+    from contextpolicy.policy.spec import Context, Policy, Task
 
 
 HEAVIEST = 1e100

@@ -18,13 +18,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import Finding, FindingsError
-from contextpolicy.planning.quantities import CPU_ALLOWED, parse_cpu
-from contextpolicy.validation.documents import DocumentError, read
+from contextpolicy.policy.quantities import CPU_ALLOWED, parse_cpu
+from contextpolicy.policy.validation.documents import DocumentError, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from contextpolicy.planning.policy import Policy
+    from contextpolicy.policy.spec import Policy
 
 FIELDS = ("at", "from", "to", "contexts", "suspended", "shares", "weights", "feasible", "plans")
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.inputs import Input
     from contextpolicy.planning.observable import Instantiate
     from contextpolicy.planning.plan import Plan
-    from contextpolicy.planning.policy import Policy
+    from contextpolicy.policy.spec import Policy
     from contextpolicy.streams.timeline import Timeline
 
 

@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import DecodeError
-from contextpolicy.planning.policy import Encoding
-from contextpolicy.simulation.keyexpr import includes
+from contextpolicy.policy.key_expressions import selects
+from contextpolicy.policy.spec import Encoding
 from contextpolicy.streams.decoding import Decoder
 
 if TYPE_CHECKING:
     from collections import Counter
     from collections.abc import Iterable, Iterator
 
-    from contextpolicy.planning.policy import Policy, Stream
     from contextpolicy.planning.sample import Sample
+    from contextpolicy.policy.spec import Policy, Stream
     from contextpolicy.streams.timeline import TimedInput
 
 
@@ -41,7 +41,7 @@ def samples(
     readers: dict[str, list[tuple[Stream, Decoder]]] = {}
     for timed in inputs:
         if timed.key not in readers:
-            readers[timed.key] = [(s, _decoder(s)) for s in policy.streams if includes(s.key, timed.key)]
+            readers[timed.key] = [(s, _decoder(s)) for s in policy.streams if selects(s.key, timed.key)]
         if not readers[timed.key]:
             skipped.unread.add(timed.key)
         elif timed.value is None:

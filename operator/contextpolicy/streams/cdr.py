@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.base import normalize_fieldname
 
 from contextpolicy.errors import DecodeError
+from contextpolicy.policy.ros_types import is_known, type_store
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,8 +21,8 @@ if TYPE_CHECKING:
 
 def reader(type_name: str, *, max_values: int) -> Callable[[bytes], dict[str, Any]]:
     """A function from a payload, its 4-byte encapsulation header included, to the message's fields."""
-    store = _store()
-    if type_name not in store.fielddefs:
+    store = type_store()
+    if not is_known(type_name):
         raise DecodeError(f"{type_name} is no standard ROS 2 message type")
     convert = _message(store, type_name, max_values)
 
@@ -36,11 +35,6 @@ def reader(type_name: str, *, max_values: int) -> Callable[[bytes], dict[str, An
         return fields
 
     return read
-
-
-@cache
-def _store() -> Typestore:
-    return get_typestore(Stores.LATEST)
 
 
 def _message(store: Typestore, type_name: str, max_values: int) -> Convert:

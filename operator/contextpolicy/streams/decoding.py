@@ -11,9 +11,9 @@ import json
 import math
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.errors import DecodeError, Finding
-from contextpolicy.planning.policy import Encoding, Policy, Stream
+from contextpolicy.errors import DecodeError
 from contextpolicy.planning.sample import Sample, as_fields
+from contextpolicy.policy.spec import Encoding, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,17 +50,6 @@ class Decoder:
                 f"stream {self.stream.name}: the {self.stream.encoding} payload {_reason(error)}"
             ) from error
         return Sample(self.stream.name, fields, timestamp)
-
-
-def type_findings(policy: Policy) -> list[Finding]:
-    """The streams whose ROS type nobody here can decode; parsing can't tell, it knows no message definitions."""
-    findings = []
-    for index, stream in enumerate(policy.streams):
-        try:
-            Decoder(stream)
-        except DecodeError as error:
-            findings.append(Finding(f"spec.streams[{index}].type", stream.type, str(error)))
-    return findings
 
 
 def seconds(stamp: object) -> float:

@@ -1,1 +1,1 @@
-"""I/O out that changes nothing: the decision bus, the status, events and metrics tell what was decided and why."""
+"""I/O out that changes nothing: status, events, metrics and logs tell what was decided and why."""

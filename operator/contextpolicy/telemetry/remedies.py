@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from contextpolicy.actuators.pauses import REFUSED
+from contextpolicy.actuators.resize.pauses import REFUSED
 from contextpolicy.cluster.writers import FIELD_MANAGER
 
 if TYPE_CHECKING:

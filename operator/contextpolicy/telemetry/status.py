@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.planning.policy import Mode, Scheduler
-from contextpolicy.planning.quantities import format_cpu
+from contextpolicy.policy.quantities import format_cpu
+from contextpolicy.policy.spec import Mode, Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ MAX_MESSAGE = 1024
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class ConditionFinding:
     """One condition: `problems` empty means that all is well."""
 
     type: str
@@ -29,7 +29,7 @@ class Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class StatusFacts:
     """Everything the status is made from besides the planner's own state."""
 
     generation: int
@@ -39,7 +39,7 @@ class Facts:
     unmet_actuation: Mapping[str, str] = field(default_factory=dict)
 
 
-def status(planner: Planner, facts: Facts, previous: Sequence[Mapping[str, Any]], now: float) -> dict[str, Any]:
+def status(planner: Planner, facts: StatusFacts, previous: Sequence[Mapping[str, Any]], now: float) -> dict[str, Any]:
     """The whole status; `previous` are the conditions as they stand, whose transition times are kept."""
     plan, policy = planner.last, planner.policy
     contexts = list(plan.contexts) if plan else []
@@ -63,23 +63,25 @@ def waiting(
     """The status of a policy of which no version was ever valid, or whose samples can't come yet."""
     no_router = () if rejected else ("no Zenoh router answers yet",)
     findings = [
-        Finding("Accepted", "Valid", "Invalid", rejected),
-        Finding("StreamsHealthy", "Heard", "NoRouter", no_router),
+        ConditionFinding("Accepted", "Valid", "Invalid", rejected),
+        ConditionFinding("StreamsHealthy", "Heard", "NoRouter", no_router),
     ]
     return {"observedGeneration": generation, "conditions": conditions(findings, generation, previous, now)}
 
 
 def conditions(
-    findings: Sequence[Finding], generation: int, previous: Sequence[Mapping[str, Any]], now: float
+    findings: Sequence[ConditionFinding], generation: int, previous: Sequence[Mapping[str, Any]], now: float
 ) -> list[dict[str, Any]]:
     """Kubernetes conditions; `Ready` sums the others up."""
     broken = [finding for finding in findings if finding.problems]
-    ready = Finding("Ready", "Working", "Degraded", [f"{f.type}: {f.problems[0]}" for f in broken])
+    ready = ConditionFinding("Ready", "Working", "Degraded", [f"{f.type}: {f.problems[0]}" for f in broken])
     before = {condition["type"]: condition for condition in previous}
     return [_condition(finding, generation, before.get(finding.type), now) for finding in (ready, *findings)]
 
 
-def _condition(finding: Finding, generation: int, before: Mapping[str, Any] | None, now: float) -> dict[str, Any]:
+def _condition(
+    finding: ConditionFinding, generation: int, before: Mapping[str, Any] | None, now: float
+) -> dict[str, Any]:
     value = "False" if finding.problems else "True"
     since = before["lastTransitionTime"] if before and before.get("status") == value else timestamp(now)
     return {
@@ -97,7 +99,7 @@ def timestamp(moment: float) -> str:
     return datetime.fromtimestamp(moment, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def _findings(planner: Planner, facts: Facts) -> list[Finding]:
+def _findings(planner: Planner, facts: StatusFacts) -> list[ConditionFinding]:
     policy = planner.policy
     refused = [*facts.rejected, *facts.claim.conflicts]
     silent = [_silence(planner, name) for name, stream in planner.streams.items() if stream.silent]
@@ -106,13 +108,15 @@ def _findings(planner: Planner, facts: Facts) -> list[Finding]:
         [f"{s.task}: {s.message}" if s.task else s.message for s in planner.last.shortfalls] if planner.last else []
     )
     unapplied = [*facts.claim.obstacles.values(), *facts.unmet_actuation.values()]
-    realtime = [Finding("Realtime", "Scheduled", "Unavailable", facts.claim.realtime)]
+    realtime = [ConditionFinding("Realtime", "Scheduled", "Unavailable", facts.claim.realtime)]
     applied = {Mode.ENFORCE: "InForce", Mode.DRY_RUN: "DryRun", Mode.PAUSED: "Paused"}[policy.mode]
     return [
-        Finding("Accepted", "Valid", "Conflicted" if not facts.rejected else "Invalid", refused),
-        Finding("StreamsHealthy", "Heard", "Silent" if silent else "ExpressionFailed", [*silent, *expressions]),
-        Finding("Feasible", "Met", "Unmet", shortfalls),
-        Finding("Applied", applied, "NotApplied", unapplied if policy.mode is Mode.ENFORCE else ()),
+        ConditionFinding("Accepted", "Valid", "Conflicted" if not facts.rejected else "Invalid", refused),
+        ConditionFinding(
+            "StreamsHealthy", "Heard", "Silent" if silent else "ExpressionFailed", [*silent, *expressions]
+        ),
+        ConditionFinding("Feasible", "Met", "Unmet", shortfalls),
+        ConditionFinding("Applied", applied, "NotApplied", unapplied if policy.mode is Mode.ENFORCE else ()),
         *(realtime if policy.scheduler is Scheduler.REALTIME else ()),
     ]
 
@@ -143,7 +147,7 @@ def _nodes(planner: Planner, claim: Claim) -> list[dict[str, Any]]:
     ]
 
 
-def _task(planner: Planner, facts: Facts, name: str) -> dict[str, Any]:
+def _task(planner: Planner, facts: StatusFacts, name: str) -> dict[str, Any]:
     plan = planner.last.tasks.get(name) if planner.last else None
     pods = sum(container.task == name for container in facts.claim.placement.containers)
     shortfalls = [s.message for s in planner.last.shortfalls if s.task == name] if planner.last else []

@@ -1,6 +1,6 @@
 """How long from a sample to the CPU limit in the kernel, side by side with the alternatives, on a real node.
 
-    python -m tests.cluster exec -- python -m tests.bench.reaction [--only table,storm,priority,control] [--rounds 20]
+    python -m tests.node exec -- python -m tests.bench.reaction [--only table,storm,priority,control] [--rounds 20]
 
 Needs the image contextpolicy:dev on the node (`make bench-reaction` sees to that) and to run as root on that node.
 Prints tables, writes build/bench/reaction.json (with --only: reaction-<parts>.json); progress goes to stderr. What it

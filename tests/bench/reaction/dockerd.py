@@ -10,9 +10,9 @@ import tempfile
 from pathlib import Path
 from typing import Self
 
-from tests.cluster import build, cache, cgroups, shell
-from tests.cluster.errors import ClusterError
-from tests.cluster.layout import CACHE
+from tests.node import build, cache, cgroups, shell
+from tests.node.errors import ClusterError
+from tests.node.layout import CACHE
 from timelines.demo.cgroup import Cgroup
 
 PACKAGES = ("docker.io", "containerd", "runc", "tini")

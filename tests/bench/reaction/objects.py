@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tests.cluster.layout import PAUSE_IMAGE, TAG
+from tests.node.layout import PAUSE_IMAGE, TAG
 
 IMAGE = "contextpolicy:dev"
 WORKER_REQUEST = "10m"

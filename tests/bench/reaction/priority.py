@@ -10,8 +10,8 @@ from tests.bench.reaction.figures import percentile
 from tests.bench.reaction.rounds import PAUSE, RESTING, WORKING, operated
 from tests.bench.reaction.site import LOAD, LOADS, PLAIN, say
 from tests.bench.reaction.stopwatch import MissedError
-from tests.cluster import cgroups
 from tests.e2e.cluster import run
+from tests.node import cgroups
 
 if TYPE_CHECKING:
     import zenoh

@@ -10,7 +10,7 @@ import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Self
 
-from contextpolicy.streams.zenoh_session import open_visitor
+from contextpolicy.bus.session import open_visitor
 from tests.bench.reaction import objects
 from tests.bench.reaction.quiet import Quiet
 from tests.e2e.cluster import REPOSITORY, CommandError, apply, run

@@ -1,0 +1,58 @@
+"""A resize that the kubelet has overlooked, and the one beside it that makes it look again. Pure.
+
+A kubelet that starts takes the pods that it finds for seen. What of their resources it has not granted yet it looks at
+after 30 s, or as soon as the resources of any pod change (kubelet/allocation/allocation_manager.go of Kubernetes 1.36,
+`initialRetryDelay`). Whenever k3s restarts, its API is back before its kubelet, and resizes get in between.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators.resize.pauses import OVERLOOKED
+from contextpolicy.cluster.pods import Cpu
+
+if TYPE_CHECKING:
+    from contextpolicy.cluster.pods import ContainerView, PodView
+
+
+@dataclass(slots=True)
+class Oversight:
+    """How long the kubelet has overlooked what a pod should have, and how often it has since that last was in force."""
+
+    since: float = inf
+    times: int = 0
+
+    def look(self, view: PodView, now: float) -> None:
+        """Take what the watch says."""
+        if not view.overlooked:
+            self.since = inf
+            self.times = 0 if view.seen and all(container.granted for container in view.containers) else self.times
+        elif self.since == inf:
+            self.since, self.times = now, self.times + 1
+
+    def nudged(self) -> None:
+        """A resize was sent: the kubelet looks again."""
+        self.since = inf
+
+    @property
+    def until(self) -> float:
+        """When the kubelet's time to say something is over."""
+        return self.since + OVERLOOKED.after(self.times)
+
+
+def beside(container: ContainerView, wanted: Cpu) -> Cpu:
+    """A thousandth off what is wanted, towards what is in force: for its sake nothing ever sums to more.
+
+    Not the wish itself: what changes nothing, the API server does not tell the kubelet.
+    """
+    actual = container.actual or wanted
+    return Cpu(_towards(container.allocated, wanted.request), _towards(actual.limit, wanted.limit))
+
+
+def _towards(now: int | None, wanted: int | None) -> int | None:
+    if now is None or wanted is None or now == wanted:
+        return wanted
+    return wanted + (1 if now > wanted else -1)

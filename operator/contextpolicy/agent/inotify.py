@@ -1,0 +1,74 @@
+"""Who else writes files: one blocked thread, woken by the kernel."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import struct
+import threading
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+_CLOSE_WRITE, _OVERFLOW = 0x8, 0x4000
+_HEADER = struct.Struct("iIII")
+_BUFFER = 4096
+
+
+class WriteWatch:
+    """Calls `on_write(path)`, on its own thread, when somebody closed a file after writing to it.
+
+    A file that is kept open and written never shows: that is how our own writes stay out.
+    """
+
+    def __init__(self, on_write: Callable[[Path], object]) -> None:
+        self._on_write = on_write
+        self._libc = ctypes.CDLL(None, use_errno=True)
+        self._descriptor = self._checked(self._libc.inotify_init1(os.O_CLOEXEC))
+        self._paths: dict[int, Path] = {}
+        self._lock = threading.Lock()
+        threading.Thread(target=self._follow, name="inotify", daemon=True).start()
+
+    def add(self, path: Path) -> None:
+        """Watch a file, which must exist."""
+        with self._lock:
+            number = self._checked(self._libc.inotify_add_watch(self._descriptor, bytes(path), _CLOSE_WRITE))
+            self._paths[number] = path
+
+    def remove(self, path: Path) -> None:
+        """Watch it no longer; the kernel has forgotten files that are gone by itself."""
+        with self._lock:
+            for number in [number for number, known in self._paths.items() if known == path]:
+                del self._paths[number]
+                self._libc.inotify_rm_watch(self._descriptor, number)
+
+    def _follow(self) -> None:
+        while True:
+            for number in _numbers(os.read(self._descriptor, _BUFFER)):
+                for path in self._written(number):
+                    self._on_write(path)
+
+    def _written(self, number: int) -> list[Path]:
+        """The file; all of them when the kernel's queue ran over."""
+        with self._lock:
+            if number < 0:
+                return list(self._paths.values())
+            return [self._paths[number]] if number in self._paths else []
+
+    def _checked(self, result: int) -> int:
+        if result < 0:
+            code = ctypes.get_errno()
+            raise OSError(code, os.strerror(code))
+        return result
+
+
+def _numbers(events: bytes) -> Iterator[int]:
+    """The watches whose files were written, -1 when events were lost; an event may be followed by a name."""
+    position = 0
+    while position < len(events):
+        number, mask, _, length = _HEADER.unpack_from(events, position)
+        position += _HEADER.size + length
+        if mask & (_CLOSE_WRITE | _OVERFLOW):
+            yield number

@@ -1,0 +1,99 @@
+"""A message of the decision bus as the agent reads it: what one policy wants of this node. Pure, and trusts nothing."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.agent.cgroup_paths import is_container_id, is_uid
+from contextpolicy.errors import OrderError
+from contextpolicy.policy.spec import Control, Mode, Scheduler
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+QOS_CLASSES = ("Guaranteed", "Burstable", "BestEffort")
+MAX_BYTES = 1 << 20
+MAX_CORES = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class OrderTarget:
+    """One container: `share` in thousandths of a core (or of the realtime period), `limit` the one in force.
+
+    A container that is only just starting has no id yet.
+    """
+
+    uid: str
+    qos: str
+    container_id: str
+    share: int
+    limit: int | None
+    suspended: bool
+
+
+@dataclass(frozen=True, slots=True)
+class NodeOrder:
+    """What one policy wants of one node; `stamp` only moves forward while its source lives."""
+
+    policy: str
+    stamp: tuple[int, int, int]
+    mode: Mode
+    scheduler: Scheduler
+    control: Control
+    capacity: int
+    targets: tuple[OrderTarget, ...]
+
+
+def read(payload: bytes, policy: str, node: str) -> NodeOrder:
+    """The order in a message about `policy`; OrderError when it isn't one."""
+    try:
+        document = json.loads(payload[: MAX_BYTES + 1])
+        if document["policy"] != policy:
+            raise OrderError("WrongPolicy", f"a message of {document['policy']!r:.80} on the key of {policy}")
+        return _order(document, node)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError) as error:
+        raise OrderError("Unreadable", f"not a plan: {error!r:.200}") from error
+
+
+def _order(document: Mapping[str, Any], node: str) -> NodeOrder:
+    own = document["nodes"].get(node, {})
+    tasks = document["tasks"]
+    return NodeOrder(
+        policy=document["policy"],
+        stamp=(_count(document["run"]), _count(document["sequence"]), _count(document.get("edition", 0))),
+        mode=Mode(document["mode"]),
+        scheduler=Scheduler(own.get("scheduler", document["scheduler"])),
+        control=Control(document["control"]),
+        capacity=_thousandths(own["capacity"]) if own else 0,
+        targets=tuple(_target(t, tasks[t["task"]]) for t in document["targets"] if t["node"] == node),
+    )
+
+
+def _target(target: Mapping[str, Any], task: Mapping[str, Any]) -> OrderTarget:
+    if not is_uid(target["uid"]) or target["qos"] not in QOS_CLASSES:
+        raise ValueError(f"pod {target['uid']!r:.80} of class {target['qos']!r:.20}")
+    if target["containerId"] != "" and not is_container_id(target["containerId"]):
+        raise ValueError(f"container {target['containerId']!r:.80}")
+    return OrderTarget(
+        uid=target["uid"],
+        qos=target["qos"],
+        container_id=target["containerId"],
+        share=_thousandths(target["cores"]),
+        limit=None if target.get("limit") is None else _thousandths(target["limit"]),
+        suspended=task["suspended"] is True,
+    )
+
+
+def _count(number: object) -> int:
+    if type(number) is not int or number < 0:
+        raise ValueError(f"{number!r:.80} is no whole number from 0")
+    return number
+
+
+def _thousandths(cores: object) -> int:
+    """Cores are told with at most three decimals."""
+    if not isinstance(cores, int | float) or not 0.001 <= cores <= MAX_CORES:
+        raise ValueError(f"{cores!r:.80} is no number of cores from 0.001 to {MAX_CORES}")
+    return round(cores * 1000)

@@ -1,0 +1,177 @@
+"""The decision bus: every plan as one JSON message on Zenoh, for modules, agents, recorders and live views."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import zenoh
+
+from contextpolicy.cluster.claims import container_id
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from reactivex.abc import SchedulerBase
+
+    from contextpolicy.cluster.pods import PodView
+    from contextpolicy.planning.placement import Container
+    from contextpolicy.planning.plan import Plan
+    from contextpolicy.policy.spec import Policy
+
+
+def plan_key(namespace: str, name: str) -> str:
+    """The key of a policy's plans."""
+    return f"contextpolicy/{namespace}/{name}/plan"
+
+
+def policy_of(key: str) -> str:
+    """The policy that a key of the bus is about, as `namespace/name`."""
+    return "/".join(key.split("/")[1:3])
+
+
+def agent_key(node: str) -> str:
+    """The key of a node's agent: a liveliness token while it lives, and a queryable for what the node can do."""
+    return f"contextpolicy/agents/{node}"
+
+
+def applied_key(namespace: str, name: str) -> str:
+    """The key that tells which limits the API accepted and the node put in force."""
+    return f"contextpolicy/{namespace}/{name}/applied"
+
+
+def explain_key(namespace: str, name: str) -> str:
+    """The key that answers a query with the explanation of the plan in force."""
+    return f"contextpolicy/{namespace}/{name}/explain"
+
+
+def message(
+    policy: Policy, run: int, plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]
+) -> dict[str, Any]:
+    """A plan as the bus carries it; shares in cores. `run`, `sequence` and `edition` together only move forward.
+
+    The controller adds `edition`, which counts the messages about one plan: containers were restarted or moved.
+    """
+    return {
+        "policy": policy.reference,
+        "run": run,
+        "sequence": plan.sequence,
+        "time": plan.time,
+        "mode": policy.mode,
+        "scheduler": policy.scheduler,
+        "control": policy.control,
+        "cause": plan.cause,
+        "contexts": list(plan.contexts),
+        "tasks": {
+            name: {
+                "score": task.score,
+                "weight": task.weight,
+                "share": task.share / 1000,
+                "suspended": task.suspended,
+                "because": task.because,
+            }
+            for name, task in plan.tasks.items()
+        },
+        "nodes": {
+            name: {
+                "capacity": node.capacity / 1000,
+                "scheduler": node.scheduler,
+                "tasks": {task: share / 1000 for task, share in node.shares.items()},
+            }
+            for name, node in plan.nodes.items()
+        },
+        "targets": list(_targets(plan, containers, pods)),
+    }
+
+
+def _targets(plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]) -> Iterator[dict[str, Any]]:
+    """What each container gets, with all that an agent on its node needs to find the cgroup.
+
+    `limit` is what the kubelet reports as in force, None as long as it reports nothing.
+    """
+    tasks = {container.id: container.task for container in containers}
+    shares = {identity: share for node in plan.nodes.values() for identity, share in node.containers.items()}
+    for pod in pods:
+        for container in pod.containers:
+            identity = container_id(pod, container.name)
+            if identity in shares and identity in tasks:
+                yield {
+                    "task": tasks[identity],
+                    "node": pod.node,
+                    "namespace": pod.namespace,
+                    "pod": pod.name,
+                    "uid": pod.uid,
+                    "qos": pod.qos,
+                    "container": container.name,
+                    "containerId": container.container_id,
+                    "cores": shares[identity] / 1000,
+                    "limit": container.actual.limit / 1000 if container.actual and container.actual.limit else None,
+                }
+
+
+class Bus:
+    """One policy's place on the decision bus: publishes plans, answers queries for the last one and for its reasons."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        policy: Policy,
+        scheduler: SchedulerBase,
+        current: Callable[[], dict[str, Any] | None],
+        explain: Callable[[], dict[str, Any]],
+    ) -> None:
+        """`current`, the message as of now, and `explain` are called on the scheduler's thread, where all stands still.
+
+        The token on the plans' key tells who acts on them that somebody still makes them.
+        """
+        self._scheduler = scheduler
+        key = plan_key(policy.namespace, policy.name)
+        self._publisher = session.declare_publisher(
+            key, express=True, congestion_control=zenoh.CongestionControl.DROP, priority=zenoh.Priority.REAL_TIME
+        )
+        self._applied = session.declare_publisher(
+            applied_key(policy.namespace, policy.name), congestion_control=zenoh.CongestionControl.DROP
+        )
+        self._queryables = [
+            session.declare_queryable(of, self._answer(of, content))
+            for of, content in ((key, current), (explain_key(policy.namespace, policy.name), explain))
+        ]
+        self._token = session.liveliness().declare_token(key)
+
+    def publish(self, plan: dict[str, Any]) -> None:
+        """Tell everyone; a listener that is slow loses messages, it never slows the loop."""
+        self._publisher.put(json.dumps(plan), encoding=zenoh.Encoding.APPLICATION_JSON)
+
+    def withdraw(self) -> None:
+        """Tell everyone that no plan of this policy counts any more."""
+        self._publisher.delete()
+
+    def publish_applied(self, step: dict[str, Any]) -> None:
+        """Tell that a container's limit reached the next stage."""
+        self._applied.put(json.dumps(step), encoding=zenoh.Encoding.APPLICATION_JSON)
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._token.undeclare()
+        for queryable in self._queryables:
+            queryable.undeclare()
+        self._applied.undeclare()
+        self._publisher.undeclare()
+
+    def _answer(self, key: str, content: Callable[[], dict[str, Any] | None]) -> Callable[[zenoh.Query], None]:
+        """Zenoh's callbacks must not call Zenoh: the reply is sent from the loop.
+
+        It names its own key: a question may be about all policies at once.
+        """
+
+        def reply(query: zenoh.Query) -> None:
+            answer = content()
+            with query:
+                if answer is not None:
+                    query.reply(key, json.dumps(answer), encoding=zenoh.Encoding.APPLICATION_JSON)
+
+        return lambda query: _schedule(self._scheduler, lambda: reply(query))
+
+
+def _schedule(scheduler: SchedulerBase, action: Callable[[], None]) -> None:
+    scheduler.schedule(lambda *_: action())

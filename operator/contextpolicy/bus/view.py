@@ -1,0 +1,171 @@
+"""The decision bus as a person follows it: the last plan of every policy, and how far the node is with it. Pure."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from contextpolicy.bus.decision_bus import policy_of
+from contextpolicy.policy.spec import Control, Mode, Scheduler
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+STAGES = {"planned": 0, "accepted": 1, "inForce": 2}
+"""How far a container's limit has come, as the bus calls it: decided, in the API, on the node."""
+WORDS = {"planned": "planned", "accepted": "accepted", "inForce": "in force"}
+
+
+@dataclass(slots=True)
+class ShownTarget:
+    """One container of a task; `stage` says how far it has come with its `cores`."""
+
+    task: str
+    cores: float
+    stage: str
+
+
+@dataclass(slots=True)
+class PolicyView:
+    """The last plan of one policy; `order` only moves forward."""
+
+    policy: str
+    order: tuple[int, int, int]
+    time: float
+    mode: str
+    scheduler: str
+    control: str
+    contexts: list[str]
+    cause: str
+    tasks: dict[str, dict[str, Any]]
+    targets: dict[str, ShownTarget]
+
+    def stage(self, task: str) -> str | None:
+        """How far the task's slowest container has come; None where nothing is resized, or nothing to resize."""
+        if self.mode != Mode.ENFORCE or self.scheduler != Scheduler.CFS:
+            return None
+        stages = [target.stage for target in self.targets.values() if target.task == task]
+        return min(stages, key=STAGES.__getitem__, default=None)
+
+    def as_json(self) -> dict[str, Any]:
+        """One line of output; shares in cores."""
+        return {
+            "policy": self.policy,
+            "run": self.order[0],
+            "sequence": self.order[1],
+            "time": self.time,
+            "mode": self.mode,
+            "scheduler": self.scheduler,
+            "contexts": self.contexts,
+            "cause": self.cause,
+            "tasks": {name: {**task, "stage": self.stage(name)} for name, task in self.tasks.items()},
+        }
+
+
+@dataclass(slots=True)
+class BusView:
+    """All policies that were heard of."""
+
+    policies: dict[str, PolicyView] = field(default_factory=dict)
+
+    def take(self, key: str, payload: bytes | None) -> dict[str, Any] | None:
+        """Take a message, None when a plan was withdrawn; returns the new state of its policy if it has changed.
+
+        A message that can't be read is nobody's plan: anybody may speak on the bus.
+        """
+        policy, topic = policy_of(key), key.rpartition("/")[2]
+        if payload is None:
+            gone = topic == "plan" and self.policies.pop(policy, None) is not None
+            return {"policy": policy, "withdrawn": True} if gone else None
+        try:
+            content = json.loads(payload)
+            changed = self._plan(policy, content) if topic == "plan" else self._applied(policy, content)
+        except (ValueError, KeyError, TypeError, AttributeError):
+            return None
+        return self.policies[policy].as_json() if changed else None
+
+    def _plan(self, policy: str, content: Mapping[str, Any]) -> bool:
+        new, known = _read(policy, content), self.policies.get(policy)
+        if known is not None and new.order < known.order:
+            return False
+        for identity, target in new.targets.items():
+            before = known.targets.get(identity) if known else None
+            if before is not None and before.cores == target.cores:
+                target.stage = max(target.stage, before.stage, key=STAGES.__getitem__)
+        self.policies[policy] = new
+        return True
+
+    def _applied(self, policy: str, step: Mapping[str, Any]) -> bool:
+        known = self.policies.get(policy)
+        target = known.targets.get(step["container"]) if known else None
+        if known is None or target is None or STAGES[step["stage"]] <= STAGES[target.stage]:
+            return False
+        if known.control == Control.LIMIT and step["cores"] != target.cores:
+            return False  # a limit on the way to the planned one, or that of an earlier plan
+        target.stage = step["stage"]
+        return True
+
+
+def _read(policy: str, content: Mapping[str, Any]) -> PolicyView:
+    fields = ("weight", "share", "suspended")
+    limited = content["control"] == Control.LIMIT
+    return PolicyView(
+        policy=policy,
+        order=(int(content["run"]), int(content["sequence"]), int(content.get("edition", 0))),
+        time=float(content["time"]),
+        mode=str(content["mode"]),
+        scheduler=str(content["scheduler"]),
+        control=str(content["control"]),
+        contexts=[str(context) for context in content["contexts"]],
+        cause=str(content["cause"]),
+        tasks={name: {one: task[one] for one in fields} for name, task in content["tasks"].items()},
+        targets={
+            f"{one['namespace']}/{one['pod']}/{one['container']}": ShownTarget(
+                one["task"], one["cores"], "inForce" if limited and one["limit"] == one["cores"] else "planned"
+            )
+            for one in content["targets"]
+        },
+    )
+
+
+def live(view: BusView, now: float) -> Group | Text:
+    """A table for each policy."""
+    if not view.policies:
+        return Text("no plans yet")
+    policies = [policy for _, policy in sorted(view.policies.items())]
+    return Group(*(part for policy in policies for part in (_headline(policy, now), _tasks(policy))))
+
+
+def _headline(policy: PolicyView, now: float) -> Text:
+    """Above the table and not its title, which would wrap at the table's width; a cause may have [brackets]."""
+    mode = "" if policy.mode == Mode.ENFORCE else f"   {policy.mode}"
+    contexts = ", ".join(policy.contexts) or "-"
+    age = max(0.0, now - policy.time)
+    return Text(f"{policy.policy}{mode}   context: {contexts}   for {age:.0f} s: {policy.cause}", style="bold")
+
+
+def _tasks(policy: PolicyView) -> Table:
+    table = titled("", ("task", "weight", "share", "stage"), left=("task", "stage"))
+    for name, task in policy.tasks.items():
+        stage = WORDS.get(policy.stage(name) or "", "-")
+        suspended = "   suspended" if task["suspended"] else ""
+        table.add_row(Text(name), f"{task['weight']:g}", cores(task["share"]), stage + suspended)
+    return table
+
+
+def titled(title: str, headings: Sequence[str], *, left: Sequence[str]) -> Table:
+    """An empty table; numbers stand at the right, what is named in `left` is text."""
+    table = Table(title=Text(title) if title else None, title_justify="left")
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in left else "right")
+    return table
+
+
+def cores(value: float | None) -> str:
+    """Thousandths of a core, as Kubernetes writes them."""
+    return "-" if value is None else f"{value * 1000:.0f}m"

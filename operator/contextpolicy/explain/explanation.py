@@ -1,0 +1,223 @@
+"""Why each task has its share: everything that led to the plan in force, as plain data.
+
+The same structure answers a query on the decision bus, `explain --output json` and, through `narration`, people.
+CPU is in thousandths of a core (of the period under Realtime), times and ages in seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.errors import ShareError
+from contextpolicy.planning.division import terms
+from contextpolicy.planning.shares import divide, floors_exceed
+from contextpolicy.policy.bandwidth import throttle_gap
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from contextpolicy.planning.context import ContextState
+    from contextpolicy.planning.division import Terms
+    from contextpolicy.planning.initiative import Initiative
+    from contextpolicy.planning.plan import NodePlan, Plan
+    from contextpolicy.planning.planner import Planner
+    from contextpolicy.planning.stream import StreamState
+    from contextpolicy.policy.spec import Context, Effect, Task
+
+
+LONGEST_LIST = 16
+
+
+def explain(planner: Planner, now: float) -> dict[str, Any]:
+    """The plan in force and its reasons, JSON-serialisable; before the first plan `plan` is None and tasks are empty.
+
+    Scores, weights and contexts are those of `now`: a change that moves no share makes no new plan.
+    """
+    plan, policy = planner.last, planner.policy
+    return {
+        "policy": policy.reference,
+        "mode": policy.mode,
+        "scheduler": policy.scheduler,
+        "time": now,
+        "plan": _plan(plan, now),
+        "minDwell": policy.min_dwell,
+        "heldBack": planner.held_back,
+        "streams": {name: _stream(stream, now) for name, stream in planner.streams.items()},
+        "contexts": {context.spec.name: _context(context) for context in planner.contexts},
+        "nodes": _nodes(planner, plan) if plan else {},
+        "tasks": {task.name: _task(planner, plan, task) for task in policy.tasks} if plan else {},
+        "errors": dict(planner.errors),
+        "drops": [{"stream": s, "reason": r, "count": count} for (s, r), count in sorted(planner.drops.items())],
+    }
+
+
+def _plan(plan: Plan | None, now: float) -> dict[str, Any] | None:
+    if plan is None:
+        return None
+    return {
+        "sequence": plan.sequence,
+        "time": plan.time,
+        "age": round(now - plan.time, 6),
+        "cause": plan.cause,
+        "contexts": list(plan.contexts),
+        "shortfalls": [{"task": shortfall.task, "message": shortfall.message} for shortfall in plan.shortfalls],
+    }
+
+
+def _stream(stream: StreamState, now: float) -> dict[str, Any]:
+    return {
+        "key": stream.spec.key,
+        "value": _plain(stream.value),
+        "features": _plain(stream.features(now)),
+        "age": None if stream.seen_at is None else round(now - stream.seen_at, 6),
+        "counts": stream.fresh,
+        "silent": stream.silent,
+        "staleAfter": stream.spec.stale_after,
+        "producedBy": stream.spec.produced_by,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """A reading as JSON can say it, and no longer than people read: a laser scan has thousands of numbers."""
+    match value:
+        case dict():
+            return {str(name): _plain(inner) for name, inner in value.items()}
+        case list() if len(value) > LONGEST_LIST:
+            return [*map(_plain, value[:LONGEST_LIST]), f"and {len(value) - LONGEST_LIST} more"]
+        case list():
+            return [_plain(inner) for inner in value]
+        case bytes():
+            return f"{len(value)} bytes"
+        case float() if not math.isfinite(value):
+            return str(value)
+    return value
+
+
+def _context(context: ContextState) -> dict[str, Any]:
+    return {
+        "active": context.active,
+        "when": context.spec.when,
+        "streams": [stream.spec.name for stream in context.streams],
+        "insisted": sorted(context.insisted),
+    }
+
+
+def _task(planner: Planner, plan: Plan, task: Task) -> dict[str, Any]:
+    weight = planner.weights[task.name]
+    parent = next((other.name for other in planner.policy.tasks if task.name in other.subtasks), None)
+    names = {context.spec.name for context in planner.active_contexts()}
+    active = [context for context in planner.policy.contexts if context.name in names]
+    return {
+        "score": planner.scores()[task.name],
+        "weight": weight.value,
+        "share": plan.tasks[task.name].share,
+        "suspended": weight.value == 0,
+        "because": weight.because,
+        "priority": task.priority,
+        "idle": task.idle,
+        "activity": [_initiative(own) | {"score": own.spec.score} for own in planner.initiatives[task.name]],
+        "requires": [_initiative(own) | {"met": own.value > 0} for own in planner.requirements[task.name]],
+        "effects": _effects(active, task.name),
+        "parent": parent,
+        "subtasks": list(task.subtasks),
+        "satisfiedBy": task.satisfied_by if task.subtasks else None,
+        "needs": _needs(planner, plan, task),
+        "shortfalls": [shortfall.message for shortfall in plan.shortfalls if shortfall.task == task.name],
+    }
+
+
+def _initiative(initiative: Initiative) -> dict[str, Any]:
+    return {
+        "when": initiative.spec.when,
+        "initiative": initiative.spec.initiative,
+        "streams": [stream.spec.name for stream in initiative.streams],
+        "hold": initiative.spec.hold,
+        "value": initiative.value,
+    }
+
+
+def _effects(active: Sequence[Context], task: str) -> list[dict[str, Any]]:
+    """What the contexts in force do to a task; of several the last one decides."""
+    effects = [(context.name, context.effects[task]) for context in active if task in context.effects]
+    return [
+        {"context": name, "change": change(effect), "decides": index == len(effects) - 1}
+        for index, (name, effect) in enumerate(effects)
+    ]
+
+
+def change(effect: Effect) -> str:
+    """A context's effect in a few words."""
+    if effect.suspend:
+        return "suspends it"
+    if effect.weight is not None:
+        return f"sets its weight to {effect.weight:g}"
+    return f"scales its weight by {effect.scale:g}"
+
+
+def _needs(planner: Planner, plan: Plan, task: Task) -> list[dict[str, Any]]:
+    """Each capability constraint with what the least well served container gets."""
+    shares = [
+        plan.nodes[container.node].containers[container.id]
+        for container in planner.placement.containers
+        if container.task == task.name and container.node in plan.nodes
+    ]
+    if not shares:
+        return []
+    gap = throttle_gap(min(shares))
+    memory = [c.memory for c in planner.placement.containers if c.task == task.name and c.memory is not None]
+    rows = [
+        ("cores", task.needs.cores, min(shares), task.needs.cores is not None and min(shares) >= task.needs.cores),
+        ("memory", task.needs.memory, min(memory, default=None), not memory or min(memory) >= (task.needs.memory or 0)),
+        ("deadline", task.needs.deadline, gap, task.needs.deadline is not None and gap <= task.needs.deadline),
+    ]
+    return [{"need": n, "wanted": wanted, "given": given, "met": met} for n, wanted, given, met in rows if wanted]
+
+
+def _nodes(planner: Planner, plan: Plan) -> dict[str, Any]:
+    divided = terms(planner.policy, planner.weights, planner.placement)
+    return {node: _node(divided[node], made) for node, made in plan.nodes.items() if node in divided}
+
+
+def _node(own: Terms, made: NodePlan) -> dict[str, Any]:
+    total = sum(claim.weight for claim in own.claims)
+    rows = {}
+    for claim in own.claims:
+        proportional = own.capacity * claim.weight / total if total else 0.0
+        floor, ceiling, share = claim.floor * own.quantum, claim.ceiling * own.quantum, made.shares.get(claim.name, 0)
+        rows[claim.name] = {
+            "weight": claim.weight,
+            "proportional": round(proportional, 3),
+            "floor": floor,
+            "ceiling": ceiling,
+            "share": share,
+            "bound": _bound(share, proportional, floor, ceiling),
+        }
+    return {
+        "capacity": made.capacity,
+        "step": own.quantum,
+        "weights": total,
+        "floorsExceed": floors_exceed(own.capacity // own.quantum, own.claims),
+        "current": _divides_so(own, made),
+        "tasks": rows,
+    }
+
+
+def _divides_so(own: Terms, made: NodePlan) -> bool:
+    """Whether the weights of now give the shares in force; not so while minDwell or weights of 0 keep the last plan."""
+    if not any(claim.weight for claim in own.claims):
+        return False
+    try:
+        units = divide(own.capacity // own.quantum, own.claims)
+    except ShareError:
+        return False
+    return {name: share * own.quantum for name, share in units.items()} == dict(made.shares)
+
+
+def _bound(share: int, proportional: float, floor: int, ceiling: int) -> str | None:
+    """Which bound holds the share away from what the weight alone would buy."""
+    if share == floor and proportional < floor:
+        return "floor"
+    if share == ceiling and proportional > ceiling:
+        return "ceiling"
+    return None

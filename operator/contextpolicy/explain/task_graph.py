@@ -1,0 +1,154 @@
+"""What stands in the picture: streams, tasks, needs and contexts, and how they hang together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from contextpolicy.explain.explanation import change
+from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.quantities import format_cpu
+from contextpolicy.policy.spec import SatisfiedBy
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from contextpolicy.policy.spec import Context, Policy, Task
+
+
+class Kind(StrEnum):
+    """What a node stands for."""
+
+    STREAM = "stream"
+    TASK = "task"
+    GROUP = "group"
+    NEED = "need"
+    CONTEXT = "context"
+
+
+class Relation(StrEnum):
+    """What an edge stands for."""
+
+    ACTIVITY = "activity"
+    CONDITION = "condition"
+    PRODUCES = "produces"
+    SUBTASK = "subtask"
+    NEEDS = "needs"
+    READS = "reads"
+    CHANGES = "changes"
+
+
+@dataclass(frozen=True, slots=True)
+class GraphNode:
+    """A box: its first line is its name, the others say more. A suspended task is crossed out by a context."""
+
+    id: str
+    kind: Kind
+    lines: tuple[str, ...]
+    suspended: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """An arrow."""
+
+    source: str
+    target: str
+    relation: Relation
+    label: str = ""
+
+
+@dataclass(slots=True)
+class Graph:
+    """A picture before it is drawn."""
+
+    title: str
+    nodes: list[GraphNode] = field(default_factory=list)
+    edges: list[Edge] = field(default_factory=list)
+
+
+def build(policy: Policy, *, context: str | None = None) -> Graph:
+    """The graph with all contexts, or as one context modifies it: that one alone, and what it suspends."""
+    chosen = [own for own in policy.contexts if context in (None, own.name)]
+    suspended = _suspended(policy, chosen[0]) if context is not None else set()
+    title = policy.name if context is None else f"{policy.name} while {context} holds"
+    graph = Graph(title)
+    for stream in policy.streams:
+        graph.nodes.append(GraphNode(f"stream-{stream.name}", Kind.STREAM, (stream.name, stream.key)))
+        if stream.produced_by:
+            graph.edges.append(Edge(f"task-{stream.produced_by}", f"stream-{stream.name}", Relation.PRODUCES))
+    for task in policy.tasks:
+        _add_task(graph, task, suspended=task.name in suspended)
+    for own in chosen:
+        _add_context(graph, own)
+    return graph
+
+
+def _suspended(policy: Policy, context: Context) -> set[str]:
+    """The tasks that cannot run in this context: what it suspends, and what belongs to it in the graph."""
+    names = {name for name, effect in context.effects.items() if effect.suspend or effect.weight == 0}
+    for task in policy.tasks:
+        blocked = set(task.subtasks) & names
+        if task.subtasks and blocked and (task.satisfied_by is SatisfiedBy.ALL or blocked == set(task.subtasks)):
+            names.add(task.name)
+        if task.name in names:
+            names |= set(task.subtasks)
+    return names
+
+
+def _add_task(graph: Graph, task: Task, *, suspended: bool) -> None:
+    node = f"task-{task.name}"
+    graph.nodes.append(GraphNode(node, Kind.GROUP if task.subtasks else Kind.TASK, _task_lines(task), suspended))
+    graph.edges += [Edge(node, f"task-{name}", Relation.SUBTASK) for name in task.subtasks]
+    graph.edges += _merged(list(_input_edges(task)))
+    needs = _needs(task)
+    if needs:
+        graph.nodes.append(GraphNode(f"need-{task.name}", Kind.NEED, needs, suspended))
+        graph.edges.append(Edge(node, f"need-{task.name}", Relation.NEEDS))
+
+
+def _task_lines(task: Task) -> tuple[str, ...]:
+    kind = {SatisfiedBy.ALL: "compound: all of", SatisfiedBy.ANY: "complex: any of"}[task.satisfied_by]
+    return (task.name, kind if task.subtasks else f"priority {task.priority:g}")
+
+
+def _input_edges(task: Task) -> Iterator[Edge]:
+    node = f"task-{task.name}"
+    for activity in task.activity:
+        streams = Expression(activity.when).variables | ({activity.stream} if activity.stream else set())
+        label = activity.initiative or ("" if activity.when == "true" else activity.when)
+        yield from (Edge(f"stream-{stream}", node, Relation.ACTIVITY, label) for stream in sorted(streams))
+    for requirement in task.requires:
+        for stream in sorted(Expression(requirement.when).variables):
+            yield Edge(f"stream-{stream}", node, Relation.CONDITION, requirement.when)
+
+
+def _merged(edges: list[Edge]) -> list[Edge]:
+    """One arrow where a task's pre-condition is also what makes it active; the pre-condition is the stronger word."""
+    conditions = {(edge.source, edge.label) for edge in edges if edge.relation is Relation.CONDITION}
+    return list(
+        dict.fromkeys(
+            edge for edge in edges if edge.relation is Relation.CONDITION or (edge.source, edge.label) not in conditions
+        )
+    )
+
+
+def _needs(task: Task) -> tuple[str, ...]:
+    needs = task.needs
+    cores = f"{format_cpu(needs.cores)} {'core' if needs.cores == 1000 else 'cores'}" if needs.cores else ""
+    memory = f"{needs.memory / 2**20:.4g} MiB" if needs.memory else ""
+    deadline = f"within {needs.deadline:g} s" if needs.deadline else ""
+    return tuple(filter(None, (cores, memory, deadline)))
+
+
+def _add_context(graph: Graph, context: Context) -> None:
+    node = f"context-{context.name}"
+    graph.nodes.append(GraphNode(node, Kind.CONTEXT, (context.name, context.when or "by fallback or force")))
+    if context.when:
+        streams = sorted(Expression(context.when).variables)
+        graph.edges += [Edge(f"stream-{stream}", node, Relation.READS) for stream in streams]
+    graph.edges += [
+        Edge(node, f"task-{task}", Relation.CHANGES, change(effect).replace(" its weight", "").replace(" it", ""))
+        for task, effect in context.effects.items()
+    ]

@@ -1,0 +1,47 @@
+"""Instantiation functions that users plug in through the Python entry point group `contextpolicy.initiatives`.
+
+A function takes `streams` (name -> observable of samples' fields), `scheduler` and the activity's `with` as keyword
+arguments, and returns an observable of scores (paper IV-D).
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING
+
+from contextpolicy.errors import Finding, PolicyError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from importlib.metadata import EntryPoint
+
+    from contextpolicy.planning.observable import Instantiate
+    from contextpolicy.policy.spec import Policy
+
+GROUP = "contextpolicy.initiatives"
+
+
+def load(policy: Policy) -> dict[str, Instantiate]:
+    """The functions that the policy names; PolicyError when one is not installed or can't be imported."""
+    installed = {entry.name: entry for entry in entry_points(group=GROUP)}
+    wanted = {a.initiative: t.name for t in policy.tasks for a in t.activity if a.initiative is not None}
+    loaded: dict[str, Instantiate] = {}
+    findings = []
+    for name, task in wanted.items():
+        problem = _load(name, installed, loaded)
+        if problem:
+            findings.append(Finding(f"spec.tasks[{task}].activity.initiative", name, problem))
+    if findings:
+        raise PolicyError(f"ContextPolicy {policy.reference}", tuple(findings))
+    return loaded
+
+
+def _load(name: str, installed: Mapping[str, EntryPoint], loaded: dict[str, Instantiate]) -> str:
+    """Returns what is wrong."""
+    if name not in installed:
+        return f"installed: {', '.join(sorted(installed)) or 'none'}"
+    try:
+        loaded[name] = installed[name].load()
+    except Exception as error:  # noqa: BLE001 - nobody knows what importing foreign code raises
+        return f"a function that can be imported; {type(error).__name__}: {error}"
+    return ""

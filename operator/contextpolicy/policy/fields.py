@@ -1,0 +1,216 @@
+"""Reading one object of a spec, field by field: findings are collected, never raised, so that all are told at once."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from contextpolicy.errors import Finding
+from contextpolicy.policy import quantities
+from contextpolicy.policy.cel import Expression
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from enum import StrEnum
+
+Choice = TypeVar("Choice", bound="StrEnum")
+Parsed = TypeVar("Parsed")
+
+STREAM_NAME = re.compile(r"[a-z][a-z0-9_]{0,62}")
+TASK_NAME = re.compile(r"[a-z][a-z0-9-]{0,62}")
+FEATURE_NAME = re.compile(r"[a-z][A-Za-z0-9_]{0,62}")
+LARGEST = 1e308
+"""No float is much larger; whole numbers can be."""
+
+KEY_EXPRESSION = re.compile(r"(?!/)(?!.*//)(?!.*/$)[^#?$]{1,256}")
+
+
+class Fields:
+    """The fields of one object; each read name is known, what is left at `close` is unknown."""
+
+    def __init__(self, raw: object, path: str, findings: list[Finding]) -> None:
+        self.path = path
+        self._findings = findings
+        self._known: set[str] = set()
+        self._raw: dict[str, Any] = {}
+        if isinstance(raw, dict):
+            self._raw = raw
+        else:
+            self.refuse("", raw, "an object")
+
+    def __contains__(self, name: str) -> bool:
+        return self._raw.get(name) is not None
+
+    def refuse(self, name: str, value: object, allowed: str) -> None:
+        """Note that a field's value is not allowed."""
+        self._findings.append(Finding(self.at(name), value, allowed))
+
+    def at(self, name: str) -> str:
+        """The field's full path."""
+        return f"{self.path}.{name}" if name else self.path
+
+    def raw(self, name: str) -> Any:
+        """The field as it stands; None when it is absent."""
+        self._known.add(name)
+        return self._raw.get(name)
+
+    def text(
+        self,
+        name: str,
+        default: str | None = None,
+        *,
+        allowed: str = "a text",
+        pattern: str | re.Pattern[str] = r"(?s).+",
+    ) -> str:
+        """A string that matches the whole pattern; required when there is no default."""
+        value = self.raw(name)
+        if value is None and default is not None:
+            return default
+        if not isinstance(value, str) or not re.fullmatch(pattern, value):
+            self.refuse(name, value, allowed)
+            return ""
+        return value
+
+    def optional_text(
+        self, name: str, *, allowed: str = "a text", pattern: str | re.Pattern[str] = r"(?s).+"
+    ) -> str | None:
+        """As `text`, None when the field is absent."""
+        return self.text(name, allowed=allowed, pattern=pattern) if name in self else self.raw(name)
+
+    def choice(self, name: str, default: Choice) -> Choice:
+        """One of the words of an enumeration."""
+        value = self.raw(name)
+        kind = type(default)
+        if value is None:
+            return default
+        if value not in list(kind):
+            self.refuse(name, value, "one of " + ", ".join(kind))
+            return default
+        return kind(value)
+
+    def number(self, name: str) -> float | None:
+        """A finite number >= 0."""
+        value = self.raw(name)
+        if value is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= LARGEST:
+            self.refuse(name, value, "a number of 0 or more")
+            return None
+        return float(value)
+
+    def cpu(self, name: str) -> int | None:
+        """A CPU quantity in thousandths of a core."""
+        return self._parsed(name, quantities.parse_cpu, quantities.CPU_ALLOWED)
+
+    def memory(self, name: str) -> int | None:
+        """A memory quantity in bytes."""
+        return self._parsed(name, quantities.parse_memory, quantities.MEMORY_ALLOWED)
+
+    def duration(self, name: str) -> float | None:
+        """A duration in seconds."""
+        return self._parsed(name, quantities.parse_duration, quantities.DURATION_ALLOWED)
+
+    def moment(self, name: str) -> float:
+        """A date and time with zone, in Unix seconds."""
+        value = self.raw(name)
+        try:
+            moment = value if isinstance(value, datetime) else datetime.fromisoformat(str(value))
+        except ValueError:
+            moment = datetime.min  # noqa: DTZ901 - a date without zone is refused below
+        if moment.tzinfo is None:
+            self.refuse(name, value, "a date and time with zone, such as 2026-11-21T12:00:00Z")
+            return 0.0
+        return moment.timestamp()
+
+    def cel(self, name: str, default: str | None = None) -> str | None:
+        """A CEL expression that compiles and calls known functions only; its variables are checked by `references`."""
+        value = self.raw(name)
+        if value is None:
+            return default
+        try:
+            unknown = Expression(value).unknown_functions if isinstance(value, str) else None
+        except ValueError as error:
+            self.refuse(name, value, f"a CEL expression ({_first_line(error)})")
+            return default
+        if unknown is None or unknown:
+            known = "a CEL expression" if unknown is None else f"known functions only, not {', '.join(sorted(unknown))}"
+            self.refuse(name, value, known)
+            return default
+        return str(value)
+
+    def flag(self, name: str) -> bool:
+        """True or absent: a field that only says yes."""
+        value = self.raw(name)
+        if value not in (None, True, False) or (isinstance(value, int | float) and not isinstance(value, bool)):
+            self.refuse(name, value, "true or false")
+        return value is True
+
+    def nested(self, name: str) -> Fields:
+        """A nested object; an absent one reads as empty."""
+        value = self.raw(name)
+        return Fields({} if value is None else value, self.at(name), self._findings)
+
+    def nested_list(self, name: str, *, limit: int) -> list[Fields]:
+        """A list of objects."""
+        return [Fields(item, f"{self.at(name)}[{i}]", self._findings) for i, item in enumerate(self._list(name, limit))]
+
+    def texts(self, name: str, *, limit: int) -> tuple[str, ...]:
+        """A list of non-empty strings."""
+        items = self._list(name, limit)
+        for index, item in enumerate(items):
+            if not isinstance(item, str) or not item:
+                self.refuse(f"{name}[{index}]", item, "a text")
+        return tuple(item for item in items if isinstance(item, str))
+
+    def mapping(self, name: str, *, limit: int) -> dict[str, Fields]:
+        """A map from names to objects."""
+        entries = self._entries(name)
+        if len(entries) > limit:
+            self.refuse(name, f"{len(entries)} entries", f"at most {limit} entries")
+        return {str(key): Fields(value, f"{self.at(name)}.{key}", self._findings) for key, value in entries.items()}
+
+    def string_map(self, name: str) -> dict[str, str]:
+        """A map from strings to strings, as labels are."""
+        entries = self._entries(name)
+        for key, value in entries.items():
+            if not isinstance(value, str):
+                self.refuse(f"{name}.{key}", value, "a text")
+        return {str(key): str(value) for key, value in entries.items()}
+
+    def close(self) -> None:
+        """Refuse the fields that nobody asked for: a misspelt name must not be ignored."""
+        for name in [name for name in self._raw if name not in self._known]:
+            self.refuse(str(name), self._raw[name], "known fields: " + ", ".join(sorted(self._known)))
+
+    def _entries(self, name: str) -> dict[Any, Any]:
+        value = self.raw(name)
+        if value is None or isinstance(value, dict):
+            return value or {}
+        self.refuse(name, value, "an object")
+        return {}
+
+    def _list(self, name: str, limit: int) -> list[Any]:
+        value = self.raw(name)
+        if value is None:
+            return []
+        if not isinstance(value, list):
+            self.refuse(name, value, "a list")
+            return []
+        if len(value) > limit:
+            self.refuse(name, f"{len(value)} items", f"at most {limit} items")
+        return value[:limit]
+
+    def _parsed(self, name: str, parse: Callable[[object], Parsed], allowed: str) -> Parsed | None:
+        value = self.raw(name)
+        if value is None:
+            return None
+        try:
+            return parse(value)
+        except ValueError:
+            self.refuse(name, value, allowed)
+            return None
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0]

@@ -1,0 +1,202 @@
+"""A ContextPolicy object as it stands in YAML or the API -> a valid `Policy`, or every finding at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.errors import PolicyError
+from contextpolicy.policy import references
+from contextpolicy.policy import spec as policy
+from contextpolicy.policy.fields import FEATURE_NAME, KEY_EXPRESSION, STREAM_NAME, TASK_NAME, Fields
+from contextpolicy.policy.selectors import OPERATORS, Selector, SelectorRequirement
+
+if TYPE_CHECKING:
+    from contextpolicy.errors import Finding
+
+_STREAM_WORDS = "lower-case letters, digits and '_', a letter first (it is a CEL variable)"
+_TASK_WORDS = "lower-case letters, digits and '-', a letter first"
+_KEY_WORDS = "a Zenoh key expression such as robot/imu or robot/*/imu, without '/' at either end"
+
+
+def parse(body: Mapping[str, Any]) -> policy.Policy:
+    """Read a whole object; PolicyError carries every finding."""
+    findings: list[Finding] = []
+    fields = body if isinstance(body, dict) else dict(body) if isinstance(body, Mapping) else {}
+    metadata = Fields(fields.get("metadata"), "metadata", findings)
+    namespace, name = (
+        metadata.text("namespace", "default", allowed="a namespace"),
+        metadata.text("name", allowed="a name"),
+    )
+    result = _policy(namespace, name, Fields(fields.get("spec"), "spec", findings))
+    findings += references.check(result)
+    if findings:
+        raise PolicyError(f"ContextPolicy {namespace}/{name}", tuple(findings))
+    return result
+
+
+def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
+    result = policy.Policy(
+        namespace=namespace,
+        name=name,
+        mode=spec.choice("mode", policy.Mode.ENFORCE),
+        scheduler=spec.choice("scheduler", policy.Scheduler.CFS),
+        control=spec.choice("control", policy.Control.LIMIT),
+        realtime_fallback=spec.choice("realtimeFallback", policy.RealtimeFallback.CFS),
+        reserve=spec.cpu("reserve") or 0,
+        min_dwell=spec.duration("minDwell") or 0.0,
+        fallback=spec.optional_text("fallback"),
+        force=_force(spec.nested("force")) if "force" in spec else spec.raw("force"),
+        streams=tuple(_stream(item) for item in spec.nested_list("streams", limit=64)),
+        tasks=tuple(_task(item) for item in spec.nested_list("tasks", limit=128)),
+        contexts=tuple(_context(item) for item in spec.nested_list("contexts", limit=64)),
+    )
+    if not result.tasks:
+        spec.refuse("tasks", spec.raw("tasks"), "at least one task")
+    spec.close()
+    return result
+
+
+def _force(fields: Fields) -> policy.Force:
+    result = policy.Force(fields.text("context"), fields.moment("until"))
+    fields.close()
+    return result
+
+
+def _stream(fields: Fields) -> policy.Stream:
+    result = policy.Stream(
+        name=fields.text("name", pattern=STREAM_NAME, allowed=_STREAM_WORDS),
+        key=fields.text("key", pattern=KEY_EXPRESSION, allowed=_KEY_WORDS),
+        encoding=fields.choice("encoding", policy.Encoding.JSON),
+        type=fields.optional_text("type", pattern=r"\w+/msg/\w+", allowed="a ROS 2 type such as sensor_msgs/msg/Imu"),
+        stale_after=fields.duration("staleAfter"),
+        liveliness=fields.optional_text("liveliness", pattern=KEY_EXPRESSION, allowed=_KEY_WORDS),
+        timestamp=fields.optional_text(
+            "timestamp", pattern=r"\w+(\.\w+)*", allowed="a field path such as header.stamp"
+        ),
+        filter=fields.cel("filter"),
+        debounce=fields.duration("debounce") or 0.0,
+        sample_every=fields.duration("sampleEvery") or 0.0,
+        produced_by=fields.optional_text("producedBy"),
+        features=tuple(_feature(item) for item in fields.nested_list("features", limit=16)),
+    )
+    if (result.encoding is policy.Encoding.CDR) != (result.type is not None):
+        fields.refuse("type", result.type, "a ROS 2 type with encoding cdr, and none with another encoding")
+    fields.close()
+    return result
+
+
+def _feature(fields: Fields) -> policy.Feature:
+    result = policy.Feature(
+        name=fields.text("name", pattern=FEATURE_NAME, allowed="letters, digits and '_', a lower-case letter first"),
+        op=policy.FeatureOp.COUNT if "op" not in fields else fields.choice("op", policy.FeatureOp.COUNT),
+        over=fields.duration("over") or 0.0,
+        of=fields.cel("of"),
+    )
+    if "op" not in fields:
+        fields.refuse("op", fields.raw("op"), "one of " + ", ".join(policy.FeatureOp))
+    if result.over <= 0:
+        fields.refuse("over", fields.raw("over"), "a duration above 0")
+    if result.of is None and result.op not in (policy.FeatureOp.RATE, policy.FeatureOp.COUNT):
+        fields.refuse("of", None, f"a CEL number, {result.op} needs one")
+    fields.close()
+    return result
+
+
+def _task(fields: Fields) -> policy.Task:
+    name = fields.text("name", pattern=TASK_NAME, allowed=_TASK_WORDS)
+    activity = tuple(_activity(item) for item in fields.nested_list("activity", limit=16))
+    priority, minimum = fields.number("priority"), fields.cpu("min")
+    result = policy.Task(
+        name=name,
+        selector=_selector(fields.nested("selector")) if "selector" in fields else fields.raw("selector"),
+        container=fields.text("container", name),
+        priority=1.0 if priority is None else priority,
+        idle=fields.number("idle"),
+        min=max(10, minimum or 0),
+        max=fields.cpu("max"),
+        needs=_needs(fields.nested("needs")),
+        activity=activity,
+        requires=tuple(_requirement(item) for item in fields.nested_list("requires", limit=16)),
+        subtasks=fields.texts("subtasks", limit=16),
+        satisfied_by=fields.choice("satisfiedBy", policy.SatisfiedBy.ALL),
+    )
+    if (result.selector is None) == (not result.subtasks):
+        fields.refuse(
+            "selector",
+            fields.raw("selector"),
+            "a selector for a task in a container, subtasks for one without",
+        )
+    if result.max is not None and not result.min <= result.max:
+        fields.refuse("max", fields.raw("max"), f"at least min ({minimum or 10}m) and at least 10m")
+    fields.close()
+    return result
+
+
+def _selector(fields: Fields) -> Selector:
+    labels = [SelectorRequirement(key, "In", (value,)) for key, value in fields.string_map("matchLabels").items()]
+    expressions = []
+    for item in fields.nested_list("matchExpressions", limit=16):
+        operator = item.text("operator", pattern="|".join(OPERATORS), allowed="one of " + ", ".join(OPERATORS))
+        expressions.append(SelectorRequirement(item.text("key"), operator, item.texts("values", limit=64)))
+        item.close()
+    fields.close()
+    if not labels and not expressions:
+        fields.refuse("", {}, "at least one label: an empty selector would claim every pod")
+    return Selector((*labels, *expressions))
+
+
+def _needs(fields: Fields) -> policy.Needs:
+    result = policy.Needs(fields.cpu("cores"), fields.memory("memory"), fields.duration("deadline"))
+    fields.close()
+    return result
+
+
+def _activity(fields: Fields) -> policy.Activity:
+    score = fields.number("score")
+    result = policy.Activity(
+        when=fields.cel("when", "true") or "true",
+        stream=fields.optional_text("stream"),
+        score=1.0 if score is None else score,
+        score_from=fields.cel("scoreFrom"),
+        hold=fields.duration("hold") or 0.0,
+        decay=fields.duration("decay") or 0.0,
+        initiative=fields.optional_text("initiative"),
+        arguments=fields.string_map("with"),
+    )
+    if "scoreFrom" in fields and "score" in fields:
+        fields.refuse("score", score, "score or scoreFrom, not both")
+    fields.close()
+    return result
+
+
+def _requirement(fields: Fields) -> policy.Requirement:
+    if "when" not in fields:
+        fields.refuse("when", None, "a CEL condition")
+    result = policy.Requirement(fields.cel("when", "true") or "true", fields.duration("hold") or 0.0)
+    fields.close()
+    return result
+
+
+def _context(fields: Fields) -> policy.Context:
+    result = policy.Context(
+        name=fields.text("name", pattern=TASK_NAME, allowed=_TASK_WORDS),
+        when=fields.cel("when"),
+        enter_after=fields.duration("enterAfter") or 0.0,
+        exit_after=fields.duration("exitAfter") or 0.0,
+        effects={task: _effect(item) for task, item in fields.mapping("tasks", limit=128).items()},
+    )
+    fields.close()
+    return result
+
+
+def _effect(fields: Fields) -> policy.Effect:
+    result = policy.Effect(fields.number("weight"), fields.number("scale"), fields.flag("suspend"))
+    if [result.weight is not None, result.scale is not None, result.suspend].count(True) != 1:
+        fields.refuse(
+            "",
+            dict.fromkeys(n for n in ("weight", "scale", "suspend") if n in fields),
+            "exactly one of weight, scale or suspend: true",
+        )
+    fields.close()
+    return result

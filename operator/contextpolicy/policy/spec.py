@@ -1,0 +1,209 @@
+"""The ContextPolicy resource as frozen values, valid by construction (see `parsing`).
+
+Durations are seconds, CPU is thousandths of a core, memory is bytes, scores and weights are floats >= 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from contextpolicy.policy.selectors import Selector
+
+
+class Mode(StrEnum):
+    """What happens with a plan: carried out, only told, or not made at all."""
+
+    ENFORCE = "Enforce"
+    DRY_RUN = "DryRun"
+    PAUSED = "Paused"
+
+
+class Scheduler(StrEnum):
+    """Which of the paper's schedulers divides the CPU (IV-C)."""
+
+    CFS = "CFS"
+    REALTIME = "Realtime"
+
+
+class Control(StrEnum):
+    """What a resize moves: the limit (a cap, the paper), the request (a weight) or both."""
+
+    LIMIT = "Limit"
+    WEIGHT = "Weight"
+    BOTH = "Both"
+
+
+class RealtimeFallback(StrEnum):
+    """What a node without realtime group scheduling does with a Realtime policy."""
+
+    CFS = "CFS"
+    NONE = "None"
+
+
+class Encoding(StrEnum):
+    """How a stream's payloads are written."""
+
+    JSON = "json"
+    CBOR = "cbor"
+    MSGPACK = "msgpack"
+    CDR = "cdr"
+
+
+class FeatureOp(StrEnum):
+    """What a feature computes over its window."""
+
+    MEAN = "mean"
+    MIN = "min"
+    MAX = "max"
+    RATE = "rate"
+    COUNT = "count"
+
+
+class SatisfiedBy(StrEnum):
+    """A compound task needs all of its subtasks, a complex task any of them (paper III)."""
+
+    ALL = "All"
+    ANY = "Any"
+
+
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """A number over the samples of the last `over` seconds, read as `stream.name`."""
+
+    name: str
+    op: FeatureOp
+    over: float
+    of: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """A Zenoh key expression whose samples the policy reads."""
+
+    name: str
+    key: str
+    encoding: Encoding = Encoding.JSON
+    type: str | None = None
+    stale_after: float | None = None
+    liveliness: str | None = None
+    timestamp: str | None = None
+    filter: str | None = None
+    debounce: float = 0.0
+    sample_every: float = 0.0
+    produced_by: str | None = None
+    features: tuple[Feature, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Activity:
+    """An event-driven initiative: a score while its event is fresh (paper III, IV-D).
+
+    With `hold` a matching sample counts that long; without it, until a sample does not match or the stream is silent.
+    `decay` then lets the score fall to zero linearly. `initiative` names a plugged-in instantiation function instead.
+    """
+
+    when: str = "true"
+    stream: str | None = None
+    score: float = 1.0
+    score_from: str | None = None
+    hold: float = 0.0
+    decay: float = 0.0
+    initiative: str | None = None
+    arguments: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """A pre-condition: without it the task's weight is 0. A matching sample counts for `hold`."""
+
+    when: str
+    hold: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """Capability constraints: what the task must get to be of any use (paper III)."""
+
+    cores: int | None = None
+    memory: int | None = None
+    deadline: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A robot function; `idle` is its score while no activity is fresh, None where it has no activity at all."""
+
+    name: str
+    selector: Selector | None = None
+    container: str = ""
+    priority: float = 1.0
+    idle: float | None = None
+    min: int = 10
+    max: int | None = None
+    needs: Needs = Needs()
+    activity: tuple[Activity, ...] = ()
+    requires: tuple[Requirement, ...] = ()
+    subtasks: tuple[str, ...] = ()
+    satisfied_by: SatisfiedBy = SatisfiedBy.ALL
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What a context does to one task: exactly one of the three."""
+
+    weight: float | None = None
+    scale: float | None = None
+    suspend: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """A named condition over streams that changes weights while it holds."""
+
+    name: str
+    when: str | None = None
+    enter_after: float = 0.0
+    exit_after: float = 0.0
+    effects: Mapping[str, Effect] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Force:
+    """A context that a person makes hold until a moment (Unix seconds), whatever the sensors say."""
+
+    context: str
+    until: float
+
+
+@dataclass(frozen=True, slots=True)
+class Policy:
+    """One ContextPolicy."""
+
+    namespace: str
+    name: str
+    tasks: tuple[Task, ...]
+    streams: tuple[Stream, ...] = ()
+    contexts: tuple[Context, ...] = ()
+    mode: Mode = Mode.ENFORCE
+    scheduler: Scheduler = Scheduler.CFS
+    control: Control = Control.LIMIT
+    realtime_fallback: RealtimeFallback = RealtimeFallback.CFS
+    reserve: int = 0
+    min_dwell: float = 0.0
+    fallback: str | None = None
+    force: Force | None = None
+
+    @property
+    def reference(self) -> str:
+        """`namespace/name`, how messages and the decision bus name the policy."""
+        return f"{self.namespace}/{self.name}"
+
+    @property
+    def leaves(self) -> tuple[Task, ...]:
+        """The tasks that run in a container of their own."""
+        return tuple(task for task in self.tasks if not task.subtasks)

@@ -1,0 +1,79 @@
+"""What is allowed, and yet cannot be what its author wants. Each piece of advice is certain, not a matter of taste."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from contextpolicy.errors import Finding
+from contextpolicy.policy.bandwidth import throttle_gap
+from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.quantities import format_cpu
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from contextpolicy.policy.spec import Policy, Task
+
+
+def advice(policy: Policy) -> Iterator[Finding]:
+    """Everything to think about again; `allowed` says why."""
+    yield from _streams(policy)
+    for index, task in enumerate(policy.tasks):
+        yield from _task(policy, f"spec.tasks[{index}]", task)
+    yield from _contexts(policy)
+
+
+def _streams(policy: Policy) -> Iterator[Finding]:
+    sources = list(_sources(policy))
+    read = {name for source in sources for name in Expression(source).variables}
+    read |= {activity.stream for task in policy.tasks for activity in task.activity if activity.stream}
+    plugged_in = any(activity.initiative for task in policy.tasks for activity in task.activity)
+    for index, stream in enumerate(policy.streams):
+        watched = policy.fallback is not None and (stream.stale_after or stream.liveliness)
+        if stream.name not in read and not plugged_in and not watched:
+            yield Finding(f"spec.streams[{index}]", stream.name, f"nothing reads stream {stream.name}")
+        for number, feature in enumerate(stream.features):
+            pattern = re.compile(rf"\b{stream.name}\.{feature.name}\b")
+            if not plugged_in and not any(pattern.search(source) for source in sources):
+                field = f"spec.streams[{index}].features[{number}]"
+                yield Finding(
+                    field, feature.name, f"nothing reads {stream.name}.{feature.name}; it costs with every sample"
+                )
+
+
+def _sources(policy: Policy) -> Iterator[str]:
+    for task in policy.tasks:
+        yield from (requirement.when for requirement in task.requires)
+        for activity in task.activity:
+            yield from filter(None, (activity.when, activity.score_from))
+    yield from (context.when for context in policy.contexts if context.when)
+
+
+def _task(policy: Policy, field: str, task: Task) -> Iterator[Finding]:
+    if task.priority == 0 and not any(context.effects.get(task.name) for context in policy.contexts):
+        yield Finding(f"{field}.priority", 0, "a task of priority 0 that no context changes is always suspended")
+    for number, activity in enumerate(task.activity):
+        if activity.score == 0 and not activity.score_from and not activity.initiative:
+            yield Finding(f"{field}.activity[{number}].score", 0, "an activity with score 0 never counts")
+    if task.max is None:
+        return
+    if task.needs.cores is not None and task.needs.cores > task.max:
+        told = f"needs {format_cpu(task.needs.cores)} cores, but max allows {format_cpu(task.max)}: never feasible"
+        yield Finding(f"{field}.needs.cores", task.needs.cores, told)
+    gap = throttle_gap(task.max)
+    if task.needs.deadline is not None and gap > task.needs.deadline:
+        told = f"with max {format_cpu(task.max)} it may stand still for {gap:.3g} s, longer than its deadline"
+        yield Finding(f"{field}.needs.deadline", task.needs.deadline, told)
+
+
+def _contexts(policy: Policy) -> Iterator[Finding]:
+    if policy.fallback and not any(stream.stale_after or stream.liveliness for stream in policy.streams):
+        yield Finding("spec.fallback", policy.fallback, "never holds: no stream has staleAfter or liveliness")
+    for index, context in enumerate(policy.contexts):
+        field = f"spec.contexts[{index}]"
+        if not context.effects:
+            yield Finding(field, context.name, f"context {context.name} changes no task")
+        if context.when and not (context.enter_after or context.exit_after or policy.min_dwell):
+            told = "may change with every sample: enterAfter, exitAfter or minDwell bound how often pods are resized"
+            yield Finding(field, context.name, f"context {context.name} {told}")

@@ -1,0 +1,176 @@
+"""All checks over all documents."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from contextpolicy.errors import Finding, PolicyError
+from contextpolicy.policy.key_expressions import key_findings
+from contextpolicy.policy.parsing import parse
+from contextpolicy.policy.ros_types import type_findings
+from contextpolicy.policy.validation import crd_rules
+from contextpolicy.policy.validation.advice import advice
+from contextpolicy.policy.validation.documents import Document, DocumentError, Position, read
+from contextpolicy.policy.validation.overlaps import Conflict, conflicts
+from contextpolicy.policy.validation.problem import Problem, Severity, short
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from contextpolicy.policy.spec import Policy
+
+API_VERSION = "contextpolicy.dev/v1alpha1"
+KIND = "ContextPolicy"
+
+
+class Source(NamedTuple):
+    """One object inside a file; `prefix` is its path in the document, for items of a List."""
+
+    file: str
+    document: Document
+    body: dict[str, Any]
+    prefix: str = ""
+
+    def position(self, path: str, value: object = None) -> Position:
+        """Where a finding stands: at the key or list item that its value names, if there is one, else at its field."""
+        full = self.prefix + path
+        if not isinstance(value, str):
+            return self.document.position(full)
+        if f"{full}.{value}" in self.document.positions:
+            return self.document.positions[f"{full}.{value}"]
+        named = [index for index, item in enumerate(_get(self.body, path)) if item.get("name") == value]
+        return self.document.position(f"{full}[{named[-1]}]" if named else full)
+
+
+@dataclass(slots=True)
+class CheckReport:
+    """What the files hold and what is wrong with them."""
+
+    policies: list[tuple[Source, Policy]] = field(default_factory=list)
+    problems: list[Problem] = field(default_factory=list)
+    skipped: list[str] = field(default_factory=list)
+    seen: int = 0
+
+    @property
+    def errors(self) -> list[Problem]:
+        """The problems for which a file is refused."""
+        return [problem for problem in self.problems if problem.severity is Severity.ERROR]
+
+
+def check(files: Iterable[tuple[str, str]]) -> CheckReport:
+    """Check (name, text) pairs; problems come in the order of the files."""
+    report = CheckReport()
+    for file, text in files:
+        try:
+            for document in read(text):
+                _check_document(file, document, report)
+        except DocumentError as error:
+            report.problems.append(Problem(file, error.position, str(error)))
+    report.problems += [_claimed(report, conflict) for conflict in conflicts(_latest(report))]
+    return report
+
+
+def _check_document(file: str, document: Document, report: CheckReport) -> None:
+    sources = list(_objects(file, document))
+    if not sources:
+        report.skipped.append(f"{file}:{document.position('').line}: no {KIND}: {_kind(document.body)}")
+    for source in sources:
+        report.seen += 1
+        _check_object(source, report)
+
+
+def _objects(file: str, document: Document) -> Iterator[Source]:
+    body = document.body
+    if not isinstance(body, dict):
+        return
+    if body.get("kind") == KIND:
+        yield Source(file, document, body)
+    elif isinstance(body.get("items"), list):
+        for index, item in enumerate(body["items"]):
+            if isinstance(item, dict) and item.get("kind") == KIND:
+                yield Source(file, document, item, f"items[{index}].")
+
+
+def _check_object(source: Source, report: CheckReport) -> None:
+    findings = list(_duplicates(source))
+    if source.body.get("apiVersion") != API_VERSION:
+        findings.append(Finding("apiVersion", source.body.get("apiVersion"), API_VERSION))
+    policy = None
+    try:
+        policy = _parse(source.body)
+    except PolicyError as error:
+        findings += error.findings
+    told = {finding.field for finding in findings}
+    findings += [finding for finding in crd_rules.findings(source.body) if finding.field not in told]
+    report.problems += sorted(
+        (_refusal(source, finding) for finding in findings),
+        key=lambda problem: (problem.position.line, problem.position.column),
+    )
+    if policy is not None and not findings:
+        report.problems += [_warning(source, finding) for finding in advice(policy)]
+        report.policies.append((source, policy))
+
+
+def _parse(body: dict[str, Any]) -> Policy:
+    """Planning's parser is for objects that an API server knows, which have metadata."""
+    if not isinstance(body.get("metadata"), dict):
+        finding = Finding("metadata", body.get("metadata"), "an object with a name")
+        raise PolicyError("", (finding,))
+    policy = parse(body)
+    refused = (*type_findings(policy), *key_findings(policy))
+    if refused:
+        raise PolicyError("", refused)
+    return policy
+
+
+def _duplicates(source: Source) -> Iterator[Finding]:
+    for path in source.document.duplicates:
+        if path.startswith(source.prefix):
+            yield Finding(path.removeprefix(source.prefix), path.rpartition(".")[2], "each key once in an object")
+
+
+def _latest(report: CheckReport) -> list[Policy]:
+    """One policy per name: files may hold several editions of one policy, which the API never has at once."""
+    return list({policy.reference: policy for _, policy in report.policies}.values())
+
+
+def _claimed(report: CheckReport, conflict: Conflict) -> Problem:
+    """An error in what is applied together; two files may be alternatives, of which only one is ever applied."""
+    sources = {id(policy): source for source, policy in report.policies}
+    earlier, later = conflict.earlier, conflict.later
+    source, other = sources[id(later.policy)], sources[id(earlier.policy)]
+    field = f"spec.tasks[{later.place}].selector"
+    message = (
+        f"task {later.task.name} {'claims' if conflict.certain else 'may claim'} container {later.task.container} of "
+        f"the pods that task {earlier.task.name} of {earlier.policy.reference} ({other.file}) claims"
+    )
+    severity = Severity.ERROR if conflict.certain and source.file == other.file else Severity.WARNING
+    return Problem(source.file, source.position(field), message, later.policy.name, field, severity=severity)
+
+
+def _refusal(source: Source, finding: Finding) -> Problem:
+    metadata = source.body.get("metadata")
+    name = str(metadata.get("name", "")) if isinstance(metadata, dict) else ""
+    what = "is missing" if finding.value is None else f"{short(finding.value)} is not allowed"
+    place = source.position(finding.field, finding.value)
+    message = f"{what}: {finding.allowed}"
+    return Problem(source.file, place, message, name, finding.field, finding.value, finding.allowed)
+
+
+def _warning(source: Source, finding: Finding) -> Problem:
+    name = source.body["metadata"]["name"]
+    place = source.position(finding.field)
+    return Problem(source.file, place, finding.allowed, name, finding.field, finding.value, severity=Severity.WARNING)
+
+
+def _get(body: Any, path: str) -> list[dict[str, Any]]:
+    """The list of objects at a path without indexes, else nothing."""
+    for name in path.split("."):
+        body = body.get(name) if isinstance(body, dict) else None
+    return [item for item in body if isinstance(item, dict)] if isinstance(body, list) else []
+
+
+def _kind(body: object) -> str:
+    kind = body.get("kind") if isinstance(body, dict) else None
+    return f"kind {kind}" if kind else "not a Kubernetes object"

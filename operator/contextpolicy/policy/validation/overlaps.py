@@ -1,0 +1,84 @@
+"""Two tasks that claim one container: certain where one selector implies the other, possible where none excludes it."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import TYPE_CHECKING, NamedTuple
+
+from contextpolicy.policy.spec import Mode
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from contextpolicy.policy.selectors import Selector, SelectorRequirement
+    from contextpolicy.policy.spec import Policy, Task
+
+
+class TaskClaim(NamedTuple):
+    """One task of one policy; `place` is its index in the policy."""
+
+    policy: Policy
+    place: int
+    task: Task
+
+
+class Conflict(NamedTuple):
+    """Two claims; `certain` when one selector takes every pod that the other takes."""
+
+    earlier: TaskClaim
+    later: TaskClaim
+    certain: bool
+
+
+def conflicts(policies: Iterable[Policy]) -> Iterator[Conflict]:
+    """Every pair of tasks that would want the same container. Only enforcing policies take anything."""
+    claims = [
+        TaskClaim(policy, place, task)
+        for policy in policies
+        if policy.mode is Mode.ENFORCE
+        for place, task in enumerate(policy.tasks)
+    ]
+    for one, other in combinations(claims, 2):
+        first, second = one.task.selector, other.task.selector
+        if first is None or second is None or one.task.container != other.task.container:
+            continue
+        if one.policy.namespace == other.policy.namespace and not _exclude(first, second):
+            yield Conflict(one, other, certain=_implies(first, second) or _implies(second, first))
+
+
+def _implies(narrow: Selector, wide: Selector) -> bool:
+    """Whether each requirement of `wide` follows from one of `narrow`."""
+    return all(any(_follows(a, b) for a in narrow.requirements) for b in wide.requirements)
+
+
+def _follows(given: SelectorRequirement, wanted: SelectorRequirement) -> bool:
+    if given.key != wanted.key:
+        return False
+    match given.operator, wanted.operator:
+        case "In", "In":
+            return set(given.values) <= set(wanted.values)
+        case "In", "NotIn":
+            return not set(given.values) & set(wanted.values)
+        case "NotIn", "NotIn":
+            return set(wanted.values) <= set(given.values)
+        case one, other:
+            return one == other or (one, other) in {("In", "Exists"), ("DoesNotExist", "NotIn")}
+
+
+def _exclude(first: Selector, second: Selector) -> bool:
+    """Whether no pod can meet both."""
+    return any(_contradict(a, b) or _contradict(b, a) for a in first.requirements for b in second.requirements)
+
+
+def _contradict(one: SelectorRequirement, other: SelectorRequirement) -> bool:
+    if one.key != other.key:
+        return False
+    match one.operator, other.operator:
+        case "In", "In":
+            return not set(one.values) & set(other.values)
+        case "In", "NotIn":
+            return set(one.values) <= set(other.values)
+        case (("In" | "Exists"), "DoesNotExist"):
+            return True
+        case _:
+            return False

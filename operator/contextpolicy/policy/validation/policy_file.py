@@ -1,0 +1,31 @@
+"""One policy from one file, for the commands that need exactly one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from contextpolicy.errors import ContextPolicyError
+from contextpolicy.policy.validation.check import check
+
+if TYPE_CHECKING:
+    from contextpolicy.policy.spec import Policy
+
+
+class PolicyFileError(ContextPolicyError):
+    """A file that does not hold exactly one valid policy; the message is what `validate` prints."""
+
+
+def load_policy(path: str) -> Policy:
+    """Read a policy as the API server would take it."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise PolicyFileError(f"{path}: is not a readable file: {error}") from error
+    report = check([(path, text)])
+    if report.errors:
+        raise PolicyFileError("\n".join(str(problem) for problem in report.errors))
+    if len(report.policies) != 1:
+        names = ", ".join(policy.reference for _, policy in report.policies) or "none"
+        raise PolicyFileError(f"{path}: holds {len(report.policies)} policies ({names}), allowed: one")
+    return report.policies[0][1]

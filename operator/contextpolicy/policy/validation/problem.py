@@ -1,0 +1,53 @@
+"""One thing to tell about a file."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from contextpolicy.policy.validation.documents import Position
+
+
+class Severity(StrEnum):
+    """Whether a file is refused or merely surprising."""
+
+    ERROR = "error"
+    WARNING = "warning"
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """A sentence with its place; `allowed` is None where the value itself is not the problem."""
+
+    file: str
+    position: Position
+    message: str
+    policy: str = ""
+    field: str = ""
+    value: object = None
+    allowed: str | None = None
+    severity: Severity = Severity.ERROR
+
+    def __str__(self) -> str:
+        """As compilers write it, so that editors can jump there."""
+        field = f"{self.field}: " if self.field else ""
+        return f"{self.file}:{self.position.line}:{self.position.column}: {self.severity}: {field}{self.message}"
+
+    def as_json(self) -> dict[str, Any]:
+        """For machines."""
+        value = self.value if _is_plain(self.value) else short(self.value)
+        fields = asdict(replace(self, value=value)) | asdict(self.position)
+        del fields["position"]
+        return fields
+
+
+def short(value: object) -> str:
+    """A value for people, cut where it gets boring."""
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _is_plain(value: object) -> bool:
+    return value is None or isinstance(value, str | int | float | bool)

@@ -1,0 +1,157 @@
+"""The streams of a policy as one observable of inputs, from Zenoh."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from dataclasses import replace
+from threading import Lock
+from typing import TYPE_CHECKING
+
+import zenoh
+from reactivex import Observable
+from reactivex.disposable import CompositeDisposable, Disposable
+
+from contextpolicy.errors import DecodeError
+from contextpolicy.planning.inputs import Gone
+from contextpolicy.streams.decoding import Decoder
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from reactivex.abc import DisposableBase, ObserverBase, SchedulerBase
+
+    from contextpolicy.planning.inputs import Input
+    from contextpolicy.policy.spec import Stream
+
+BACKLOG = 10_000
+"""Samples that may wait for the loop; beyond it the oldest are dropped, a newer reading is worth more."""
+
+BATCH = 100
+"""Samples taken in a row; then timers and finished patches have their turn, however fast samples come."""
+
+
+def inputs(
+    session: zenoh.Session,
+    streams: Sequence[Stream],
+    scheduler: SchedulerBase,
+    on_drop: Callable[[str, str], None],
+    on_arrival: Callable[[float | None], None],
+) -> Observable[Input]:
+    """Samples and lost liveliness of all streams, on the scheduler's thread.
+
+    A payload that can't be decoded goes to `on_drop(stream, reason)` and never ends the stream. `on_arrival` is told
+    the monotonic time at which Zenoh delivered a sample just before the sample itself, and None just after it.
+    """
+
+    def subscribe(observer: ObserverBase[Input], _: SchedulerBase | None = None) -> DisposableBase:
+        inbox = _Inbox(observer, scheduler, on_drop, on_arrival)
+        declared = [_declare(session, stream, inbox) for stream in streams]
+        return CompositeDisposable(*(Disposable(undeclare) for own in declared for undeclare in own))
+
+    return Observable(subscribe)
+
+
+def _declare(session: zenoh.Session, stream: Stream, inbox: _Inbox) -> list[Callable[[], None]]:
+    decoder = Decoder(stream)
+
+    def on_sample(sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            inbox.put(decoder, sample.payload.to_bytes())
+
+    def on_token(sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            inbox.put_gone(stream.name)
+
+    declared: list[Callable[[], None]] = [session.declare_subscriber(stream.key, on_sample).undeclare]
+    if stream.liveliness is not None:
+        token = session.liveliness().declare_subscriber(stream.liveliness, on_token, history=True)
+        declared.append(token.undeclare)
+    return declared
+
+
+class _Inbox:
+    """Between Zenoh's threads, which must not be held up, and the loop: one wake-up for all that has arrived."""
+
+    def __init__(
+        self,
+        observer: ObserverBase[Input],
+        scheduler: SchedulerBase,
+        on_drop: Callable[[str, str], None],
+        on_arrival: Callable[[float | None], None],
+    ) -> None:
+        self._observer, self._scheduler = observer, scheduler
+        self._on_drop, self._on_arrival = on_drop, on_arrival
+        self._waiting: deque[tuple[Decoder, bytes, float] | Gone] = deque()
+        self._lock = Lock()
+        self._awake = False
+        self._overrun: Counter[str] = Counter()
+
+    def put(self, decoder: Decoder, payload: bytes) -> None:
+        """Take a sample; called on a Zenoh thread."""
+        self._append((decoder, payload, time.monotonic()))
+
+    def put_gone(self, stream: str) -> None:
+        """Take the end of a liveliness token; called on a Zenoh thread."""
+        self._append(Gone(stream))
+
+    def _append(self, item: tuple[Decoder, bytes, float] | Gone) -> None:
+        """The loop is woken only when it is not awake already: it empties the whole inbox."""
+        with self._lock:
+            if len(self._waiting) >= BACKLOG:
+                self._overrun[_stream(self._waiting.popleft())] += 1
+            self._waiting.append(item)
+            wake, self._awake = not self._awake, True
+        if wake:
+            self._scheduler.schedule(self._drain)
+
+    def _drain(self, *_: object) -> None:
+        try:
+            for _turn in range(BATCH):
+                item = self._next()
+                if item is None:
+                    return
+                self._deliver(item)
+        finally:
+            self._rest()
+
+    def _rest(self) -> None:
+        """Sleep, or come back after the others when there is more."""
+        with self._lock:
+            self._awake = awake = bool(self._waiting)
+        if awake:
+            self._scheduler.schedule(self._drain)
+
+    def _next(self) -> tuple[Decoder, bytes, float] | Gone | None:
+        with self._lock:
+            overrun, self._overrun = self._overrun, Counter()
+            item = self._waiting.popleft() if self._waiting else None
+        for stream in overrun.elements():
+            self._on_drop(stream, "overrun")
+        return item
+
+    def _deliver(self, item: tuple[Decoder, bytes, float] | Gone) -> None:
+        if isinstance(item, Gone):
+            self._observer.on_next(item)
+            return
+        decoder, payload, arrived = item
+        try:
+            sample = decoder.decode(payload)
+        except DecodeError:
+            self._on_drop(decoder.stream.name, "undecodable")
+            return
+        if sample.timestamp is not None:
+            sample = replace(sample, timestamp=sample.timestamp + self._ahead())
+        self._on_arrival(arrived)
+        try:
+            self._observer.on_next(sample)
+        finally:
+            self._on_arrival(None)
+
+    def _ahead(self) -> float:
+        """Seconds by which the loop's time is ahead of the wall clock, which senders read: it steps, the loop never."""
+        return self._scheduler.to_seconds(self._scheduler.now) - time.time()
+
+
+def _stream(item: tuple[Decoder, bytes, float] | Gone) -> str:
+    return item.stream if isinstance(item, Gone) else item[0].stream.name

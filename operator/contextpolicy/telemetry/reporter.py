@@ -1,0 +1,102 @@
+"""Writes statuses and events off the hot path: the newest status wins, the same event is told once."""
+
+from __future__ import annotations
+
+import logging
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, Protocol
+
+from contextpolicy.errors import ActuationError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from reactivex.abc import SchedulerBase
+
+log = logging.getLogger(__name__)
+
+STATUS_INTERVAL = 0.2
+"""Seconds between two status writes of one policy: a storm of plans must not become a storm of writes."""
+STATUS_DELAY = 0.1
+"""Seconds until a status is written: the resizes of the plan that it tells of come first, on two cores they compete."""
+STATUS_RETRY = 2.0
+"""Seconds until a status that could not be written is tried again."""
+
+
+class ReportApi(Protocol):
+    """What the clerk needs of the API server."""
+
+    def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
+        """Write a policy's status."""
+
+    def post_event(self, namespace: str, event: Mapping[str, Any]) -> None:
+        """Create an Event."""
+
+
+class Reporter:
+    """One worker thread; called on the loop's thread."""
+
+    def __init__(self, api: ReportApi, scheduler: SchedulerBase) -> None:
+        self._api, self._scheduler = api, scheduler
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="clerk")
+        self._pending: dict[str, Callable[[], dict[str, Any]]] = {}
+        self._resting: set[str] = set()
+        self._sent: dict[str, dict[str, Any]] = {}
+        self._told: dict[tuple[str, str], str] = {}
+
+    def status(self, policy: str, make: Callable[[], dict[str, Any]]) -> None:
+        """Let `make` tell the policy's status soon; only the last of several gets written."""
+        self._pending[policy] = make
+        if policy not in self._resting:
+            self._resting.add(policy)
+            self._scheduler.schedule_relative(STATUS_DELAY, lambda *_: self._rested(policy))
+
+    def forget(self, policy: str) -> None:
+        """The policy is gone: write nothing more about it."""
+        self._pending.pop(policy, None)
+        self._sent.pop(policy, None)
+        self._told = {key: message for key, message in self._told.items() if key[0] != policy}
+
+    def event(self, policy: str, event: Mapping[str, Any]) -> None:
+        """Post an event unless the last one with its reason said the same."""
+        key = (policy, event["reason"])
+        if self._told.get(key) != event["message"]:
+            self._told[key] = event["message"]
+            self._worker.submit(self._post, event)
+
+    def close(self) -> None:
+        """Finish what is under way."""
+        self._worker.shutdown(wait=True, cancel_futures=True)
+
+    def _write(self, policy: str) -> None:
+        status = self._sent[policy] = self._pending.pop(policy)()
+        self._resting.add(policy)
+        self._worker.submit(self._send, policy, status)
+
+    def _send(self, policy: str, status: dict[str, Any]) -> None:
+        rest = STATUS_INTERVAL
+        namespace, name = policy.split("/")
+        try:
+            self._api.write_status(namespace, name, status)
+        except ActuationError as error:
+            rest = STATUS_RETRY if error.retriable else STATUS_INTERVAL
+            log.log(logging.INFO if error.reason == "NotFound" else logging.WARNING, "status of %s: %s", policy, error)
+            if error.retriable:
+                self._scheduler.schedule(lambda *_: self._keep(policy, status))
+        self._scheduler.schedule_relative(rest, lambda *_: self._rested(policy))
+
+    def _keep(self, policy: str, status: dict[str, Any]) -> None:
+        """Write it again later, unless there is a newer one or the policy is gone."""
+        if self._sent.get(policy) is status:
+            self._pending.setdefault(policy, lambda: status)
+
+    def _rested(self, policy: str) -> None:
+        self._resting.discard(policy)
+        if policy in self._pending:
+            self._write(policy)
+
+    def _post(self, event: Mapping[str, Any]) -> None:
+        try:
+            self._api.post_event(event["metadata"]["namespace"], event)
+        except ActuationError as error:
+            log.warning("event %s: %s", event["reason"], error)

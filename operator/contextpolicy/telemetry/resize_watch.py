@@ -1,0 +1,139 @@
+"""How resizing goes: stage times for the metrics, problems for status and events."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from contextpolicy.policy.quantities import format_cpu
+from contextpolicy.telemetry import metrics, remedies
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from contextpolicy.actuators.resize.contest import Contest
+    from contextpolicy.cluster.pods import Cpu, PodView
+    from contextpolicy.errors import ActuationError
+
+RECOVERED = "ResizeRecovered"
+"""Reason of the event that a problem is over."""
+
+
+class ResizeWatch:
+    """Hears of every patch.
+
+    `on_problem(policy, reason, message)` is called once per new problem and when one ends, `on_stage(policy, stage,
+    container, cores, at)` when the API accepted a limit (`accepted`) and when the node has it (`inForce`). Times are
+    monotonic.
+    """
+
+    def __init__(
+        self, on_problem: Callable[[str, str, str], None], on_stage: Callable[[str, str, str, float, float], None]
+    ) -> None:
+        self._on_problem, self._on_stage = on_problem, on_stage
+        self._arrived: dict[str, float] = {}
+        self._failed: dict[str, dict[str, str]] = {}
+        self._held: dict[str, dict[str, str]] = {}
+        self._contested: dict[str, dict[str, str]] = {}
+
+    def planned(self, policy: str, arrived: float) -> None:
+        """A plan was made from a sample that arrived then."""
+        self._arrived[policy] = arrived
+        self._observe(policy, "plan", time.monotonic())
+
+    def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
+        """The API has the new resources."""
+        self._on_stage(policy, "accepted", container, (cpu.limit or 0) / 1000, answered)
+        metrics.RESIZES.labels(policy, "accepted").inc()
+        self._observe(policy, "patch", answered)
+
+    def on_in_force(self, policy: str, container: str, limit: int) -> None:
+        """The kubelet reports the limit that the plan wants."""
+        now = time.monotonic()
+        self._on_stage(policy, "inForce", container, limit / 1000, now)
+        self._observe(policy, "status", now)
+
+    def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
+        """A patch failed, or after a failure works again."""
+        failed = self._failed.setdefault(policy, {})
+        if error is None:
+            if failed.pop(pod, None):
+                self._on_problem(policy, RECOVERED, f"{pod} can be resized again")
+            return
+        metrics.RESIZES.labels(policy, error.reason).inc()
+        message = _advised(f"{pod}: {error.reason}: {error}", remedies.for_refusal(error))
+        if failed.get(pod) != message:
+            failed[pod] = message
+            self._on_problem(policy, "ResizeFailed", message)
+
+    def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:
+        """Somebody else resized a container, or has not done so for a while."""
+        contested = self._contested.setdefault(policy, {})
+        if contest is None:
+            if contested.pop(container, None):
+                self._on_problem(policy, RECOVERED, f"{container}: nobody else has resized it for a while")
+            return
+        metrics.CONTESTS.labels(policy).inc()
+        by, changes = contest.by or "somebody", ", ".join(_changes(contest))
+        message = f"{container}: {by} changed its {changes}; it gets what the plan says again"
+        contested[container] = _advised(message, remedies.for_writer(contest.by))
+        self._on_problem(policy, "ResizedByOther", contested[container])
+
+    def observe(self, pod: PodView) -> None:
+        """Take what the kubelet says about resizes that it holds back; the pod's note says whose they are."""
+        identity = f"{pod.namespace}/{pod.name}"
+        asking = {original.policy for original in pod.originals.values()} if pod.pending else set()
+        for policy in asking - self._held.keys():
+            self._held[policy] = {}
+        for policy, held in self._held.items():
+            message = _advised(f"{pod.name}: {pod.pending}", remedies.for_pending(pod.pending))
+            if policy in asking and held.get(identity) != message:
+                held[identity] = message
+                self._on_problem(policy, "ResizePending", message)
+            elif policy not in asking and identity in held:
+                del held[identity]
+                self._on_problem(policy, RECOVERED, f"{pod.name}: no resize is held back any more")
+
+    def lose(self, pod: PodView) -> None:
+        """The pod is gone, and its problems with it."""
+        identity = f"{pod.namespace}/{pod.name}"
+        for held in self._held.values():
+            held.pop(identity, None)
+        for contested in self._contested.values():
+            for container in [container for container in contested if container.startswith(f"{identity}/")]:
+                del contested[container]
+        for policy, failed in self._failed.items():
+            if policy.partition("/")[0] == pod.namespace:
+                failed.pop(pod.name, None)
+
+    def problems(self, policy: str) -> dict[str, str]:
+        """What can't be applied now, or does not stay applied, by pod or container."""
+        every = (self._failed, self._held, self._contested)
+        return {subject: message for known in every for subject, message in known.get(policy, {}).items()}
+
+    def forget(self, policy: str) -> None:
+        """The policy is gone."""
+        for known in (self._arrived, self._failed, self._held, self._contested):
+            known.pop(policy, None)
+
+    def _observe(self, policy: str, stage: str, at: float) -> None:
+        arrived = self._arrived.get(policy)
+        if arrived:
+            metrics.STAGE_SECONDS.labels(policy, stage).observe(at - arrived)
+
+
+def _advised(message: str, remedy: str) -> str:
+    return f"{message}; {remedy}" if remedy else message
+
+
+def _changes(contest: Contest) -> Iterator[str]:
+    for kind, had, got in (
+        ("limit", contest.had.limit, contest.got.limit),
+        ("request", contest.had.request, contest.got.request),
+    ):
+        if had != got:
+            yield f"CPU {kind} from {_cpu(had)} to {_cpu(got)}"
+
+
+def _cpu(amount: int | None) -> str:
+    return "none" if amount is None else format_cpu(amount)

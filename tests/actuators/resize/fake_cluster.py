@@ -1,0 +1,214 @@
+"""An API server, a kubelet and a watch in memory; each acts when the test says so, and not before."""
+
+from __future__ import annotations
+
+from collections import deque
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.cluster.pods import ORIGINALS, read_originals
+from contextpolicy.cluster.writers import FIELD_MANAGER
+from contextpolicy.errors import ActuationError
+from contextpolicy.policy.quantities import parse_cpu
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from contextpolicy.cluster.pods import Original
+
+LISTS = ("containers", "initContainers")
+
+
+class Killed(BaseException):
+    """The operator's process ends here."""
+
+
+@dataclass(frozen=True)
+class Unanswered:
+    """The call has its effect; its answer is lost."""
+
+    error: BaseException
+
+
+def refusal(reason: str = "Invalid", *, retriable: bool = False) -> ActuationError:
+    return ActuationError(reason, "no", retriable=retriable)
+
+
+UNREACHABLE = refusal("Unreachable", retriable=True)
+
+
+class FakeCluster:
+    """The API that the resizer talks to, with what the test does to it.
+
+    `faults` are what the next calls end in (None: they work), `on_call` is called before each of them.
+    """
+
+    def __init__(self, *pods: dict[str, Any], observed_generation: bool = True) -> None:
+        self.calls: list[tuple[str, str, Any]] = []
+        self.faults: deque[BaseException | Unanswered | None] = deque()
+        self.on_call: Callable[[], None] = lambda: None
+        self.pods: dict[str, dict[str, Any]] = {}
+        self.feeds: dict[str, deque[dict[str, Any]]] = {}
+        self._reports_generation = observed_generation
+        self._version = 100
+        self._specs: dict[str, list[tuple[int, dict[str, int]]]] = {}
+        for pod in pods:
+            self.create(pod)
+
+    # the API server
+
+    def resize(self, namespace: str, name: str, patch: Mapping[str, Any]) -> int:
+        return self._call("resize", namespace, name, patch, lambda uid, it: self._resize(uid, it, FIELD_MANAGER))
+
+    def annotate(self, namespace: str, name: str, annotations: Mapping[str, str | None]) -> int:
+        return self._call("annotate", namespace, name, annotations, self._annotate)
+
+    def create(self, pod: dict[str, Any]) -> str:
+        uid = str(pod["metadata"]["uid"])
+        self.pods[uid], self.feeds[uid] = deepcopy(pod), deque()
+        self._specs[uid] = [(pod["metadata"]["generation"], self.limits(uid))]
+        self._commit(uid)
+        return uid
+
+    def edit(self, uid: str, container: str, *, by: str = "vpa-updater", request: str = "", **limits: str) -> None:
+        """Somebody else resizes a container."""
+        resources = {"limits": limits, **({"requests": {"cpu": request}} if request else {})}
+        self._resize(uid, {"spec": {"containers": [{"name": container, "resources": resources}]}}, by)
+
+    def terminate(self, uid: str) -> None:
+        """Deletion begins: the containers still run."""
+        self.pods[uid]["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
+        self._commit(uid)
+
+    def remove(self, uid: str) -> None:
+        """The containers have ended and the object is gone."""
+        for known in (self.pods, self.feeds, self._specs):
+            known.pop(uid)
+
+    # the kubelet
+
+    def kubelet(self, uid: str, generation: int | None = None) -> None:
+        """Put a version of the spec in force, the newest unless told otherwise, and tell nobody yet."""
+        specs = self._specs[uid]
+        wanted = specs[-1][0] if generation is None else generation
+        self._specs[uid] = [spec for spec in specs if spec[0] >= min(wanted, specs[-1][0])]
+
+    def report(self, uid: str) -> None:
+        """Write what is in force into the status."""
+        generation, limits = self._specs[uid][0]
+        status = self.pods[uid]["status"]
+        status.pop("observedGeneration", None)
+        if self._reports_generation:
+            status["observedGeneration"] = generation
+        requests = {c["name"]: c["resources"].get("requests", {}) for c in self._containers(uid)}
+        for kind in ("containerStatuses", "initContainerStatuses"):
+            for entry in status[kind]:
+                if "resources" in entry:
+                    limit = {**entry["resources"]["limits"], "cpu": f"{limits[entry['name']]}m"}
+                    entry["resources"] = {"requests": dict(requests[entry["name"]]), "limits": limit}
+                    entry["allocatedResources"] = dict(requests[entry["name"]])
+        self._commit(uid)
+
+    def confirm(self, *uids: str) -> None:
+        """Do and report all there is to do."""
+        for uid in uids or tuple(self.pods):
+            self.kubelet(uid)
+            self.report(uid)
+
+    # what a test asks
+
+    def limits(self, uid: str) -> dict[str, int]:
+        """The CPU limits of the spec."""
+        return {
+            c["name"]: parse_cpu(c["resources"]["limits"]["cpu"])
+            for c in self._containers(uid)
+            if "cpu" in c["resources"].get("limits", {})
+        }
+
+    def limit(self, name: str) -> int:
+        """The limit of the container that its pod is named after."""
+        return self.limits(f"uid-{name}")[name]
+
+    def originals(self, uid: str) -> dict[str, Original]:
+        return read_originals((self.pods[uid]["metadata"].get("annotations") or {}).get(ORIGINALS))
+
+    def highest(self, uid: str) -> dict[str, int]:
+        """The highest limit that each container may have at some instant: in force, or still to be put in force."""
+        versions = [limits for _, limits in self._specs[uid]]
+        return {name: max(limits[name] for limits in versions) for name in versions[0]}
+
+    def resizes(self) -> list[tuple[str, dict[str, str]]]:
+        """Every accepted or refused resize: pod, and the limits that it asked for."""
+        return [
+            (name, {c["name"]: c["resources"]["limits"]["cpu"] for cs in patch["spec"].values() for c in cs})
+            for call, name, patch in self.calls
+            if call == "resize"
+        ]
+
+    def _call(
+        self, call: str, namespace: str, name: str, content: Mapping[str, Any], act: Callable[[str, Any], None]
+    ) -> int:
+        self.calls.append((call, name, deepcopy(dict(content))))
+        self.on_call()
+        fault = self.faults.popleft() if self.faults else None
+        if isinstance(fault, BaseException):
+            raise fault
+        found = [
+            u for u, p in self.pods.items() if (p["metadata"]["namespace"], p["metadata"]["name"]) == (namespace, name)
+        ]
+        if not found:
+            raise refusal("NotFound")
+        act(found[0], content)
+        if fault is not None:
+            raise fault.error
+        return int(self.pods[found[0]]["metadata"]["resourceVersion"])
+
+    def _resize(self, uid: str, patch: Mapping[str, Any], manager: str) -> None:
+        pod, before = deepcopy(self.pods[uid]), deepcopy(self.pods[uid]["spec"])
+        for field in LISTS:
+            by_name = {c["name"]: c for c in pod["spec"].get(field, [])}
+            for change in patch["spec"].get(field, []):
+                resources = by_name[change["name"]]["resources"]
+                for kind, values in change["resources"].items():
+                    if {**resources.get(kind, {}), **values} != resources.get(kind):
+                        _note_manager(pod["metadata"], manager, field, change["name"], kind)
+                    resources[kind] = {**resources.get(kind, {}), **values}
+                if parse_cpu(resources["requests"]["cpu"]) > parse_cpu(resources["limits"]["cpu"]):
+                    raise refusal("Invalid")
+        if pod["spec"] == before:
+            return
+        pod["metadata"]["generation"] += 1
+        self.pods[uid] = pod
+        self._specs[uid].append((pod["metadata"]["generation"], self.limits(uid)))
+        self._commit(uid)
+
+    def _annotate(self, uid: str, annotations: Mapping[str, str | None]) -> None:
+        metadata = self.pods[uid]["metadata"]
+        merged = {**(metadata.get("annotations") or {}), **annotations}
+        metadata["annotations"] = {key: value for key, value in merged.items() if value is not None}
+        self._commit(uid)
+
+    def _commit(self, uid: str) -> None:
+        self._version += 1
+        self.pods[uid]["metadata"]["resourceVersion"] = str(self._version)
+        self.feeds[uid].append(deepcopy(self.pods[uid]))
+
+    def _containers(self, uid: str) -> list[dict[str, Any]]:
+        spec = self.pods[uid]["spec"]
+        return [*spec["containers"], *(c for c in spec["initContainers"] if c.get("restartPolicy") == "Always")]
+
+
+def _note_manager(metadata: dict[str, Any], manager: str, field: str, container: str, kind: str) -> None:
+    """As the API server does: who changes a value owns it, and nobody else."""
+    entries = metadata.setdefault("managedFields", [])
+    for entry in entries:
+        entry["fieldsV1"].get("f:spec", {}).get(f"f:{field}", {}).get(_key(container), {}).get("f:resources", {}).pop(
+            f"f:{kind}", None
+        )
+    path: dict[str, Any] = {_key(container): {"f:resources": {f"f:{kind}": {"f:cpu": {}}}}}
+    entries.append({"manager": manager, "subresource": "resize", "fieldsV1": {"f:spec": {f"f:{field}": path}}})
+
+
+def _key(container: str) -> str:
+    return f'k:{{"name":"{container}"}}'

@@ -1,0 +1,164 @@
+"""A resizer at work on a fake cluster: patches run, and the watch tells, when the test says so."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from reactivex.testing import TestScheduler
+
+from contextpolicy.actuators.order import Order
+from contextpolicy.actuators.resize.resizer import PodResizer
+from contextpolicy.cluster.pods import view
+from contextpolicy.policy.spec import Control
+from tests.actuators.resize.fake_cluster import FakeCluster, Killed
+from tests.cluster.builders import NODE, a_pod, cpu
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from contextpolicy.actuators.resize.contest import Contest
+    from contextpolicy.cluster.pods import Cpu
+    from contextpolicy.errors import ActuationError
+
+POLICY, OTHER = "lab/robot", "lab/other"
+MOMENT = 1e-5
+"""Seconds in which everything due happens."""
+
+
+class Workers:
+    """Holds patches back until they are told to run."""
+
+    def __init__(self) -> None:
+        self.jobs: list[Callable[[], object]] = []
+
+    def submit(self, act: Callable[..., object], *arguments: object) -> None:
+        self.jobs.append(lambda: act(*arguments))
+
+    def run(self, index: int = 0) -> None:
+        self.jobs.pop(index)()
+
+
+class Witness:
+    """Notes what the resizer tells."""
+
+    def __init__(self) -> None:
+        self.accepted: list[tuple[str, int | None]] = []
+        self.in_force: list[tuple[str, int]] = []
+        self.problems: list[tuple[str, str, str]] = []
+        self.contests: list[tuple[str, object]] = []
+
+    def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:  # noqa: ARG002 - its signature
+        self.accepted.append((container, cpu.limit))
+
+    def on_in_force(self, policy: str, container: str, limit: int) -> None:  # noqa: ARG002 - as above
+        self.in_force.append((container, limit))
+
+    def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
+        self.problems.append((policy, pod, error.reason if error else "recovered"))
+
+    def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:  # noqa: ARG002 - as above
+        limits = (contest.by, contest.had.limit, contest.got.limit) if contest else "over"
+        self.contests.append((container, limits))
+
+
+class Rig:
+    """One operator's resizer; `kill` ends it and starts the next one from what the API server has."""
+
+    def __init__(self, *pods: dict[str, Any], **kubelet: bool) -> None:
+        self.cluster = FakeCluster(*pods, **kubelet)
+        self.scheduler = TestScheduler()
+        self.released: list[str] = []
+        self.kill()
+
+    def kill(self) -> None:
+        self.scheduler = TestScheduler()
+        self.workers, self.witness = Workers(), Witness()
+        self.resizer = PodResizer(self.cluster, self.scheduler, self.workers, self.witness)  # type: ignore[arg-type]
+        for uid, feed in self.cluster.feeds.items():
+            feed.clear()
+            self.resizer.observe(view(self.cluster.pods[uid]))
+
+    def plan(self, policy: str = POLICY, *, n: int = 1000, control: Control = Control.LIMIT, **shares: int) -> None:
+        """Shares by container; a container is in the pod of its name unless it is written pod__container."""
+        self.order(policy, by_id(shares), n=n, control=control)
+
+    def hold(self, policy: str, **shares: int) -> None:
+        """Claim these containers and want nothing of them."""
+        self.resizer.apply(Order(policy, frozenset(by_id(shares))))
+
+    def order(
+        self,
+        policy: str,
+        shares: Mapping[str, int],
+        *,
+        n: int = 1000,
+        control: Control = Control.LIMIT,
+        ceiling: int = 800,
+    ) -> None:
+        ceilings = dict.fromkeys(shares, ceiling)
+        self.resizer.apply(Order(policy, frozenset(shares), dict(shares), {NODE: n}, control, ceilings))
+
+    def release(self, policy: str = POLICY) -> None:
+        self.resizer.release(policy, lambda: self.released.append(policy))
+
+    def work(self, index: int = 0) -> None:
+        """Run one patch and let the loop hear of it."""
+        self.workers.run(index)
+        self.wait(MOMENT)
+
+    def watch(self, *uids: str) -> None:
+        """Let the watch tell everything that it has, one version after the other."""
+        for uid in uids or tuple(self.cluster.feeds):
+            while self.cluster.feeds[uid]:
+                self.watch_one(uid)
+
+    def watch_one(self, uid: str) -> None:
+        self.resizer.observe(view(self.cluster.feeds[uid].popleft()))
+
+    def remove(self, uid: str) -> None:
+        self.cluster.remove(uid)
+        self.resizer.forget(uid)
+
+    def wait(self, seconds: float) -> None:
+        self.scheduler.advance_by(seconds)
+
+    def settle(self) -> None:
+        """Let everybody do all that there is to do."""
+        for _ in range(100):
+            while self.workers.jobs:
+                self.work()
+            self.cluster.confirm()
+            self.watch()
+            self.wait(10.0)
+            if not self.workers.jobs:
+                return
+        raise AssertionError(f"never settles; last calls: {self.cluster.calls[-6:]}")
+
+    def survive(self, act: Callable[[], object]) -> bool:
+        """Whether the operator lives through `act`; if not, the next one starts."""
+        try:
+            act()
+        except Killed:
+            self.kill()
+            return False
+        return True
+
+
+def by_id(shares: Mapping[str, int]) -> dict[str, int]:
+    """A test's short names (`slam`, `slam__map`) as the names that planning uses."""
+    return {f"lab/{name.partition('__')[0]}/{name.rpartition('__')[2]}": share for name, share in shares.items()}
+
+
+def two_pods(**kubelet: bool) -> Rig:
+    """slam and speech, each with a limit of 500m."""
+    return Rig(a_pod("slam"), a_pod("speech"), **kubelet)
+
+
+def one_pod_for_two() -> Rig:
+    """slam and map in one pod, each with a limit of 500m."""
+    return Rig(a_pod("slam", {"slam": cpu("100m", "500m"), "map": cpu("100m", "500m")}))
+
+
+def limits(rig: Rig) -> tuple[int, int]:
+    """What the API has for slam and speech."""
+    return rig.cluster.limit("slam"), rig.cluster.limit("speech")

@@ -1,0 +1,275 @@
+"""Somebody else resizes the same containers: told, put back, and never a fight."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+
+from contextpolicy.actuators.resize.contest import QUIET, REMEMBERED, Governed
+from contextpolicy.actuators.resize.pauses import CONTESTED
+from contextpolicy.cluster.pods import ORIGINALS, Cpu, Original
+from contextpolicy.policy.spec import Control
+from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered
+from tests.actuators.resize.rig import MOMENT, POLICY, Rig
+from tests.cluster.builders import a_pod, cpu
+
+SLAM = "lab/slam/slam"
+OURS, THEIRS, OTHERS = Cpu(10, 300), Cpu(10, 700), Cpu(10, 710)
+
+
+def governed_rig(share: int = 300) -> Rig:
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=share)
+    rig.settle()
+    rig.cluster.calls.clear()
+    return rig
+
+
+def take(rig: Rig, limit: str = "700m", **more: str) -> None:
+    """Somebody else resizes, and the watch tells."""
+    rig.cluster.edit("uid-slam", "slam", cpu=limit, **more)
+    rig.watch()
+
+
+# the pauses
+
+
+def test_each_strike_of_an_insistent_writer_is_answered_later():
+    governed, now, pauses = Governed(POLICY, OURS), 0.0, []
+    for _ in range(7):
+        assert governed.look(THEIRS, now)
+        pauses.append(governed.until - now)
+        now = governed.until
+        assert not governed.rests(now)
+        governed.give(POLICY, OURS)
+    assert pauses == [0, CONTESTED.first, 1, 2, 4, CONTESTED.longest, CONTESTED.longest]
+
+
+def test_what_it_makes_of_it_during_a_pause_is_the_same_strike():
+    governed = Governed(POLICY, OURS)
+    governed.look(THEIRS, 0.0)
+    governed.give(POLICY, OURS)
+    assert governed.look(THEIRS, 0.1)
+    until = governed.until
+    assert not governed.look(THEIRS, 0.2)
+    assert not governed.look(OTHERS, 0.3)
+    assert (governed.until, governed.seen, governed.rests(0.3)) == (until, 0.3, True)
+
+
+def test_after_a_quiet_while_it_is_put_back_at_once_again():
+    governed = Governed(POLICY, OURS)
+    for now in (0.0, 1.0, 1.0 + QUIET + 0.1):
+        governed.look(THEIRS, now)
+        pause = governed.until - now
+        governed.give(POLICY, OURS)
+    assert pause == 0
+
+
+def test_nothing_rests_that_nobody_took():
+    assert not Governed(POLICY, OURS).rests(-math.inf)
+
+
+# the resizer
+
+
+def test_a_foreign_limit_is_told_and_put_back_at_once():
+    rig = governed_rig()
+    take(rig)
+    rig.work()
+    assert rig.cluster.limit("slam") == 300
+    assert rig.witness.contests == [(SLAM, ("vpa-updater", 300, 700))]
+    rig.settle()
+    rig.wait(REMEMBERED)
+    assert rig.witness.contests[1:] == [(SLAM, "over")]
+
+
+def test_a_foreign_request_is_told_and_put_back():
+    rig = governed_rig()
+    take(rig, "300m", request="250m", by="kubectl-edit")
+    rig.settle()
+    assert rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]["requests"]["cpu"] == "100m"
+    assert rig.witness.contests[:1] == [(SLAM, ("kubectl-edit", 300, 300))]
+
+
+def test_a_writer_who_insists_gets_ever_fewer_answers():
+    rig = governed_rig()
+    times = []
+    for step in range(2000):
+        if rig.cluster.limit("slam") == 300:
+            rig.cluster.edit("uid-slam", "slam", cpu="700m")
+        rig.cluster.confirm()
+        rig.watch()
+        while rig.workers.jobs:
+            rig.work()
+            times.append(step / 100)
+        rig.wait(0.01)
+    gaps = [after - before for before, after in pairwise(times)]
+    assert gaps == pytest.approx([CONTESTED.first, 1, 2, 4, CONTESTED.longest, CONTESTED.longest], abs=0.1)
+    assert len(rig.witness.contests) == len(times) + 1, "told at each strike, the last of which still rests"
+
+
+def test_a_writer_who_takes_it_back_and_comes_again_has_struck_twice():
+    rig = governed_rig()
+    take(rig)
+    rig.work()
+    rig.watch()
+    for limit in ("700m", "300m", "700m"):
+        take(rig, limit)
+    rig.wait(CONTESTED.first + 0.1)
+    assert rig.workers.jobs == []
+    rig.wait(2 * CONTESTED.first)
+    assert len(rig.workers.jobs) == 1
+    assert len(rig.witness.contests) == 3
+
+
+def test_new_plans_do_not_shorten_a_pause():
+    rig = governed_rig()
+    for _ in range(2):
+        take(rig)
+        while rig.workers.jobs:
+            rig.work()
+    for share in (400, 200, 300, 600):
+        rig.plan(slam=share)
+        assert rig.workers.jobs == []
+    rig.wait(CONTESTED.first + 0.1)
+    rig.work()
+    assert rig.cluster.limit("slam") == 600
+
+
+def test_a_foreign_limit_takes_its_room_from_the_node():
+    rig = Rig(a_pod("slam"), a_pod("speech"))
+    rig.plan(slam=800, speech=200)
+    rig.settle()
+    for _ in range(2):
+        rig.cluster.edit("uid-speech", "speech", cpu="600m")
+        rig.cluster.confirm()
+        rig.watch()
+        while rig.workers.jobs:
+            rig.work()
+    rig.plan(slam=900, speech=100)
+    assert rig.workers.jobs == [], "slam must not rise beside 600m"
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.cluster.limit("speech")) == (900, 100)
+
+
+def test_a_foreign_limit_that_was_replaced_before_it_was_reported_still_counts():
+    rig = Rig(a_pod("slam"), a_pod("speech"))
+    rig.plan(slam=300, speech=200)
+    rig.settle()
+    take(rig, "700m")
+    take(rig, "300m")  # its writer takes it back; the kubelet may have seen it
+    rig.work()
+    rig.watch()
+    rig.plan(slam=300, speech=600)
+    assert rig.workers.jobs == []
+    rig.settle()
+    assert rig.cluster.limit("speech") == 600
+
+
+def test_a_foreign_limit_is_never_what_comes_back():
+    rig = governed_rig()
+    for _ in range(3):
+        take(rig)
+        while rig.workers.jobs:
+            rig.work()
+    rig.release()
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam"), rig.released) == (500, {}, [POLICY])
+
+
+def test_what_the_plan_left_as_it_was_is_governed_too():
+    """Its share is what it has, so nothing was ever noted in the pod."""
+    rig = governed_rig(share=500)
+    take(rig, request="200m")
+    rig.settle()
+    assert rig.witness.contests[:1] == [(SLAM, ("vpa-updater", 500, 700))]
+    assert rig.cluster.limit("slam") == 500
+    assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
+
+
+def test_what_was_there_before_the_policy_is_nobodys_fault():
+    rig = Rig(a_pod("slam"))
+    take(rig)
+    rig.plan(slam=300)
+    rig.settle()
+    assert rig.witness.contests == []
+    rig.release()
+    rig.settle()
+    assert rig.cluster.limit("slam") == 700
+
+
+def test_after_the_policy_everybody_may_do_what_they_like():
+    for share in (300, 500):
+        rig = governed_rig(share)
+        rig.release()
+        rig.settle()
+        take(rig)
+        rig.plan(slam=300)
+        rig.settle()
+        assert rig.witness.contests == []
+
+
+def test_a_foreign_limit_that_the_plan_wants_by_now_is_the_plans():
+    rig = governed_rig()
+    rig.cluster.edit("uid-slam", "slam", cpu="700m")
+    rig.plan(slam=700)
+    rig.watch()
+    rig.settle()
+    assert rig.cluster.limit("slam") == 700
+
+
+def test_an_answer_that_was_lost_is_not_taken_for_somebody_else():
+    rig = governed_rig()
+    rig.cluster.faults.append(Unanswered(UNREACHABLE))
+    rig.plan(slam=400)
+    rig.work()
+    rig.watch()
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.witness.contests) == (400, [])
+
+
+@pytest.mark.parametrize("control", list(Control))
+def test_nobody_is_accused_while_all_goes_well(control):
+    rig = Rig(a_pod("slam", {"slam": cpu("100m", "500m", None), "map": cpu("100m", "500m", None)}))
+    for slam in (300, 400, 200):
+        rig.plan(slam__slam=slam, slam__map=600 - slam, control=control)
+        rig.settle()
+    rig.kill()
+    rig.plan(slam__slam=250, slam__map=250, control=control)
+    rig.settle()
+    assert rig.witness.contests == []
+
+
+def test_what_others_did_while_no_operator_ran_is_told():
+    rig = governed_rig()
+    rig.cluster.edit("uid-slam", "slam", cpu="700m", by="kubectl-edit")
+    rig.kill()
+    rig.plan(slam=300)
+    assert rig.witness.contests == [(SLAM, ("kubectl-edit", 500, 700))]
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam")["slam"].cpu.limit) == (300, 500)
+
+
+def test_a_note_without_its_resize_accuses_nobody():
+    """The operator before died between the two."""
+    note = '{"slam": {"policy": "lab/robot", "request": "100m", "limit": "500m"}}'
+    rig = Rig(a_pod("slam", annotations={ORIGINALS: note}))
+    rig.plan(slam=300)
+    rig.wait(MOMENT)
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.witness.contests) == (300, [])
+
+
+def test_a_contest_ends_when_nobody_contests_any_more():
+    rig = governed_rig()
+    for _ in range(3):
+        take(rig)
+        rig.settle()
+        rig.wait(REMEMBERED / 2)
+    assert (SLAM, "over") not in rig.witness.contests
+    rig.wait(REMEMBERED)
+    assert rig.witness.contests[-1] == (SLAM, "over")
+    rig.wait(10 * REMEMBERED)
+    assert [told for _, told in rig.witness.contests].count("over") == 1

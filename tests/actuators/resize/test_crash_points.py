@@ -1,0 +1,91 @@
+"""The operator is killed at every call to the API, before and after its effect: what the next one makes of it."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from tests.actuators.resize.fake_cluster import Killed, Unanswered
+from tests.actuators.resize.rig import POLICY, Rig, by_id
+from tests.cluster.builders import a_pod, cpu
+
+BEFORE = {"slam": 500, "map": 300, "speech": 400}
+FIRST = {"slam__slam": 800, "slam__map": 100, "speech__speech": 300}
+SECOND = {"slam__slam": 100, "slam__map": 200, "speech__speech": 900}
+CALLS = 13
+"""What the story below costs: three notes, and every decrease before every increase."""
+POINTS = list(itertools.product(range(CALLS), [False, True]))
+
+
+class Story:
+    """A policy plans twice and is deleted; `wish` is what it wants now, None when it is to be gone."""
+
+    def __init__(self) -> None:
+        self.rig = Rig(
+            a_pod("slam", {"slam": cpu("10m", "500m"), "map": cpu("10m", "300m")}),
+            a_pod("speech", {"speech": cpu("10m", "400m")}),
+        )
+        self.wish: dict[str, int] | None = None
+
+    def run(self) -> None:
+        for self.wish in (FIRST, SECOND, None):
+            self.rig.survive(self.ask_and_settle)
+            self.go_on()
+
+    def go_on(self) -> None:
+        """The next operator, or the same one once more: asking again changes nothing."""
+        self.ask_and_settle()
+        limits = {**self.rig.cluster.limits("uid-slam"), **self.rig.cluster.limits("uid-speech")}
+        originals = {**self.rig.cluster.originals("uid-slam"), **self.rig.cluster.originals("uid-speech")}
+        if self.wish is None:
+            assert (limits, originals, self.rig.released) == (BEFORE, {}, [POLICY])
+        else:
+            assert limits == {name.rpartition("__")[2]: share for name, share in self.wish.items()}
+            assert {name: original.cpu.limit for name, original in originals.items()} == BEFORE
+
+    def ask_and_settle(self) -> None:
+        self.rig.released.clear()
+        if self.wish is None:
+            self.rig.release()
+        else:
+            self.rig.order(POLICY, by_id(self.wish), n=1200)
+        self.rig.settle()
+
+
+def test_the_story_has_this_many_calls():
+    story = Story()
+    story.run()
+    assert len(story.rig.cluster.calls) == CALLS
+
+
+@pytest.mark.parametrize(("call", "effect"), POINTS)
+def test_killed_at_a_call_the_next_operator_ends_where_the_policy_wants(call, effect):
+    story = Story()
+    story.rig.cluster.faults.extend([None] * call + [Unanswered(Killed()) if effect else Killed()])
+    story.run()
+    assert not story.rig.cluster.faults, "never killed"
+
+
+@pytest.mark.parametrize(("call", "effect"), POINTS)
+def test_killed_at_a_call_and_deleted_meanwhile_all_is_as_it_was(call, effect):
+    story = Story()
+    story.rig.cluster.faults.extend([None] * call + [Unanswered(Killed()) if effect else Killed()])
+    for story.wish in (FIRST, SECOND, None):
+        if not story.rig.survive(story.ask_and_settle):
+            break
+    assert not story.rig.cluster.faults, "never killed"
+    story.wish = None
+    story.go_on()
+
+
+@pytest.mark.parametrize("second", range(CALLS))
+@pytest.mark.parametrize("first", range(CALLS))
+def test_killed_twice(first, second):
+    """The next operator dies as well, after as many calls of its own."""
+    story = Story()
+    story.rig.cluster.faults.extend([None] * first + [Unanswered(Killed())] + [None] * second + [Killed()])
+    for story.wish in (FIRST, SECOND, None):
+        while not story.rig.survive(story.ask_and_settle):
+            pass
+        story.go_on()

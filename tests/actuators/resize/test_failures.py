@@ -1,0 +1,160 @@
+"""Patches that fail or are refused: when they are asked for again, and when not."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from contextpolicy.actuators.resize.pauses import FAILED, REFUSED
+from contextpolicy.cluster.pods import Cpu, Original
+from contextpolicy.errors import ActuationError
+from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered, refusal
+from tests.actuators.resize.rig import MOMENT, POLICY, Rig, two_pods
+from tests.cluster.builders import a_pod
+
+
+def times_of_calls(rig: Rig, seconds: float, step: float = 0.01) -> list[float]:
+    """When the API was called."""
+    times, seen = [], len(rig.cluster.calls)
+    for count in range(round(seconds / step)):
+        while rig.workers.jobs:
+            rig.work()
+        if len(rig.cluster.calls) > seen:
+            times.append(count * step)
+            seen = len(rig.cluster.calls)
+        rig.wait(step)
+    return times
+
+
+@pytest.mark.parametrize("reason", ["Unreachable", "Conflict", "TooManyRequests", "ServerError", "Unauthorized"])
+def test_a_failure_that_may_pass_is_tried_again_ever_more_slowly(reason):
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [refusal(reason, retriable=True)] * 8
+    rig.plan(slam=300)
+    times = times_of_calls(rig, 25)
+    gaps = [round(after - before, 1) for before, after in pairwise(times)]
+    assert gaps == [FAILED.first, 0.2, 0.4, 0.8, 1.6, 3.2, FAILED.longest, FAILED.longest]
+    assert rig.cluster.limit("slam") == 300
+    assert rig.witness.problems == [(POLICY, "slam", reason)] * 8 + [(POLICY, "slam", "recovered")]
+
+
+def test_neither_news_nor_plans_shorten_the_pause():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [UNREACHABLE]
+    rig.plan(slam=300)
+    rig.work()
+    rig.plan(slam=400)
+    rig.cluster.report("uid-slam")
+    rig.watch()
+    assert rig.workers.jobs == []
+    rig.wait(FAILED.first + MOMENT)
+    rig.work()
+    assert rig.cluster.limit("slam") == 400
+
+
+def test_an_answer_that_is_lost_is_asked_for_again_and_the_note_is_not_spoilt():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [Unanswered(UNREACHABLE), None, Unanswered(UNREACHABLE)]
+    rig.plan(slam=300)
+    rig.settle()
+    assert rig.cluster.limit("slam") == 300
+    assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
+
+
+@pytest.mark.parametrize("reason", ["Invalid", "Forbidden", "BadRequest", "Refused"])
+def test_a_refusal_is_tried_again_at_a_slow_pace(reason):
+    """A quota, a LimitRange or a role can change with nothing on the pod changing; nobody tells us."""
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, *[refusal(reason)] * 6]
+    rig.plan(slam=300)
+    times = times_of_calls(rig, 400, step=1.0)
+    gaps = [after - before for before, after in pairwise(times)]
+    assert gaps == pytest.approx([REFUSED.first, 10, 20, 40, 80, REFUSED.longest], abs=1.0)
+    assert rig.cluster.limit("slam") == 300
+    assert rig.witness.problems == [(POLICY, "slam", reason)] * 6 + [(POLICY, "slam", "recovered")]
+
+
+def test_neither_news_nor_the_same_plan_repeat_a_refusal():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, refusal("Forbidden")]
+    rig.plan(slam=300)
+    rig.work()
+    rig.cluster.report("uid-slam")
+    rig.watch()
+    rig.plan(slam=300)
+    assert rig.workers.jobs == []
+
+
+def test_the_api_says_when_it_wants_to_be_asked_again():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults.append(ActuationError("TooManyRequests", "busy", retriable=True, retry_after=7.0))
+    rig.plan(slam=300)
+    assert times_of_calls(rig, 10, step=1.0) == [0.0, 7.0]
+
+
+def test_a_refusal_is_tried_again_when_the_wish_changes():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, refusal()]
+    rig.plan(slam=300)
+    rig.work()
+    rig.plan(slam=400)
+    rig.work()
+    assert rig.cluster.limit("slam") == 400
+    assert rig.witness.problems[-1] == (POLICY, "slam", "recovered")
+
+
+def test_a_refusal_is_tried_again_when_the_pod_changes():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, refusal()]
+    rig.plan(slam=300)
+    rig.work()
+    rig.cluster.edit("uid-slam", "slam", cpu="600m")
+    rig.settle()
+    assert rig.cluster.limit("slam") == 300
+
+
+def test_a_refused_wish_that_is_given_up_is_no_problem_any_more():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, refusal()]
+    rig.plan(slam=300)
+    rig.work()
+    rig.plan(slam=500)
+    assert rig.witness.problems[-1] == (POLICY, "slam", "recovered")
+
+
+def test_a_refused_restore_is_tried_again_when_somebody_asks_again():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.cluster.faults.append(refusal("Forbidden"))
+    rig.release()
+    rig.work()
+    assert rig.released == []
+    rig.watch()
+    assert rig.workers.jobs == []
+    rig.release()
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.released) == (500, [POLICY])
+
+
+def test_a_pod_that_is_not_found_is_forgotten_without_a_word():
+    rig = two_pods()
+    rig.plan(slam=300, speech=300)
+    rig.cluster.remove("uid-slam")
+    while rig.workers.jobs:
+        rig.work()
+    rig.wait(60.0)
+    assert (rig.workers.jobs, rig.witness.problems) == ([], [])
+    rig.release()
+    rig.settle()
+    assert rig.released == [POLICY]
+
+
+def test_a_patch_that_ends_after_its_pod_changes_nothing():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.remove("uid-slam")
+    rig.work()
+    rig.release()
+    assert rig.released == [POLICY]

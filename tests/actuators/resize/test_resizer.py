@@ -1,0 +1,229 @@
+"""From orders to patches: what is sent, when, and what is not."""
+
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.actuators.resize.pod_slot import SETTLING
+from contextpolicy.policy.spec import Control
+from tests.actuators.resize.fake_cluster import refusal
+from tests.actuators.resize.rig import POLICY, Rig, limits, one_pod_for_two, two_pods
+from tests.cluster.builders import a_pod, cpu
+
+# what is sent
+
+
+def test_a_share_becomes_the_limit_and_the_request_stays():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.work()
+    [(_, _, patch)] = [call for call in rig.cluster.calls if call[0] == "resize"]
+    assert patch == {
+        "spec": {
+            "containers": [{"name": "slam", "resources": {"limits": {"cpu": "300m"}, "requests": {"cpu": "100m"}}}]
+        }
+    }
+
+
+def test_nothing_is_sent_when_nothing_changes():
+    rig = two_pods()
+    rig.plan(slam=500, speech=500)
+    rig.watch()
+    rig.plan(slam=500, speech=500)
+    assert rig.workers.jobs == []
+
+
+def test_the_same_plan_again_sends_nothing_while_the_watch_is_late():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.work()
+    rig.plan(slam=300)
+    assert rig.workers.jobs == []
+
+
+def test_several_containers_of_a_pod_move_in_one_patch_and_sidecars_with_them():
+    rig = Rig(a_pod("slam", {"slam": cpu("10m", "500m")}, sidecars={"map": cpu("10m", "400m")}))
+    rig.plan(slam__slam=300, slam__map=200)
+    rig.settle()
+    assert rig.cluster.resizes() == [("slam", {"slam": "300m", "map": "200m"})]
+    assert rig.cluster.limits("uid-slam") == {"slam": 300, "map": 200}
+
+
+def test_a_container_that_the_order_does_not_name_is_left_alone():
+    rig = one_pod_for_two()
+    rig.plan(slam__slam=300)
+    rig.settle()
+    assert rig.cluster.limits("uid-slam") == {"slam": 300, "map": 500}
+
+
+@pytest.mark.parametrize(
+    ("control", "resources"),
+    [
+        (Control.LIMIT, {"requests": {"cpu": "100m"}, "limits": {"cpu": "300m"}}),
+        (Control.WEIGHT, {"requests": {"cpu": "300m"}, "limits": {"cpu": "800m"}}),
+        (Control.BOTH, {"requests": {"cpu": "299m"}, "limits": {"cpu": "300m"}}),
+    ],
+)
+def test_what_moves_is_the_policys_choice_and_all_of_it_comes_back(control, resources):
+    rig = Rig(a_pod("slam", {"slam": cpu("100m", "500m", None)}))
+    before = rig.cluster.pods["uid-slam"]["spec"]
+    rig.plan(slam=300, control=control)
+    rig.settle()
+    assert rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"] == resources
+    assert rig.witness.in_force == [("lab/slam/slam", 300)]
+    rig.release()
+    rig.settle()
+    assert rig.cluster.pods["uid-slam"]["spec"] == before
+
+
+def test_going_back_to_limits_brings_the_request_back():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300, control=Control.BOTH)
+    rig.settle()
+    rig.plan(slam=400)
+    rig.settle()
+    resources = rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]
+    assert (resources["requests"]["cpu"], resources["limits"]["cpu"]) == ("100m", "400m")
+
+
+@pytest.mark.parametrize("control", list(Control))
+def test_a_guaranteed_pod_keeps_its_class_both_ways(control):
+    rig = Rig(a_pod("slam", {"slam": cpu("500m", "500m", ("64Mi", "64Mi"))}, qos="Guaranteed"))
+    for share in (800, 200):
+        rig.plan(slam=share, control=control)
+        rig.settle()
+        resources = rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]
+        assert resources["requests"]["cpu"] == resources["limits"]["cpu"] == f"{share}m"
+
+
+# the latest plan wins
+
+
+def test_plans_during_a_patch_become_one_patch_the_newest():
+    rig = Rig(a_pod("slam"))
+    for share in (300, 350, 400, 450):
+        rig.plan(slam=share)
+    assert len(rig.workers.jobs) == 1
+    rig.work()
+    rig.cluster.confirm()
+    rig.watch()
+    assert len(rig.workers.jobs) == 1
+    rig.work()
+    assert [limits["slam"] for _, limits in rig.cluster.resizes()] == ["300m", "450m"]
+    assert rig.workers.jobs == []
+
+
+def test_a_newer_plan_does_not_queue_up_behind_the_kubelets_last_resize():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.work()
+    for share in (350, 400, 450):
+        rig.plan(slam=share)
+        assert rig.workers.jobs == []
+    rig.cluster.confirm()
+    rig.watch()
+    rig.work()
+    assert [limits["slam"] for _, limits in rig.cluster.resizes()] == ["300m", "450m"]
+
+
+def test_a_kubelet_that_says_nothing_holds_the_newest_plan_up_for_a_moment_only():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.work()
+    rig.plan(slam=450)
+    rig.wait(SETTLING + 0.1)
+    rig.work()
+    assert [limits["slam"] for _, limits in rig.cluster.resizes()] == ["300m", "450m"]
+
+
+def test_a_plan_made_while_a_patch_was_refused_is_sent_at_once():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.plan(slam=400)
+    rig.cluster.faults.append(refusal())
+    rig.work()
+    rig.work()
+    assert rig.cluster.limit("slam") == 400
+
+
+# what the watch shows
+
+
+def test_a_view_from_before_the_last_patch_sends_nothing():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.report("uid-slam")
+    rig.plan(slam=300)
+    rig.work()
+    rig.watch_one("uid-slam")  # the report from before
+    rig.watch_one("uid-slam")  # the note, not yet the resize
+    assert rig.workers.jobs == []
+
+
+def test_an_external_change_of_the_limit_is_put_right():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.cluster.edit("uid-slam", "slam", cpu="900m")
+    rig.watch()
+    rig.work()
+    assert rig.cluster.limit("slam") == 300
+
+
+def test_a_new_pod_gets_its_share():
+    rig = two_pods()
+    rig.plan(slam=300, speech=700)
+    rig.settle()
+    rig.remove("uid-slam")
+    rig.cluster.create(a_pod("slam", uid="uid-slam-2"))
+    rig.settle()
+    assert rig.cluster.limits("uid-slam-2") == {"slam": 300}
+
+
+def test_accepted_and_in_force_are_told():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.work()
+    assert (rig.witness.accepted, rig.witness.in_force) == ([("lab/slam/slam", 300)], [])
+    rig.cluster.confirm()
+    rig.watch()
+    rig.cluster.report("uid-slam")
+    rig.watch()
+    assert rig.witness.in_force == [("lab/slam/slam", 300)]
+
+
+# restarts
+
+
+def test_a_new_operator_knows_the_originals_and_restores_them():
+    rig = two_pods()
+    rig.plan(slam=800, speech=200)
+    rig.settle()
+    rig.kill()
+    rig.plan(slam=800, speech=200)
+    assert rig.workers.jobs == []
+    rig.release()
+    rig.settle()
+    assert limits(rig) == (500, 500)
+    assert rig.released == [POLICY]
+
+
+def test_a_new_operator_moves_nothing_before_a_policy_speaks():
+    rig = two_pods()
+    rig.plan(slam=800, speech=200)
+    rig.settle()
+    rig.kill()
+    rig.wait(60.0)
+    assert rig.workers.jobs == []
+
+
+@pytest.mark.parametrize("observed_generation", [True, False])
+def test_kubelets_that_report_no_observed_generation_are_believed_by_their_resources(observed_generation):
+    rig = two_pods(observed_generation=observed_generation)
+    rig.cluster.confirm()
+    rig.watch()
+    rig.plan(slam=800, speech=200)
+    rig.work()
+    rig.watch()
+    assert rig.workers.jobs == []
+    rig.settle()
+    assert limits(rig) == (800, 200)

@@ -1,0 +1,300 @@
+"""What was there before is written down, and comes back when a policy lets go."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from contextpolicy.actuators.order import Order
+from contextpolicy.actuators.resize.resizer import RESTORE_PATIENCE
+from contextpolicy.cluster.pods import ORIGINALS, Cpu, Original
+from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered, refusal
+from tests.actuators.resize.rig import OTHER, POLICY, Rig, limits, one_pod_for_two, two_pods
+from tests.cluster.builders import NODE, a_pod, cpu
+
+# the note of what was there
+
+
+def test_the_originals_are_written_once_and_before_the_first_resize():
+    rig = Rig(a_pod("slam"))
+    for share in (300, 400, 450):
+        rig.plan(slam=share)
+        rig.settle()
+    assert [call for call, *_ in rig.cluster.calls] == ["annotate", "resize", "resize", "resize"]
+    written = json.loads(rig.cluster.calls[0][2][ORIGINALS])
+    assert written == {"slam": {"policy": POLICY, "request": "100m", "limit": "500m"}}
+
+
+def test_a_release_puts_all_back_and_then_takes_the_note_away():
+    rig = two_pods()
+    rig.plan(slam=300, speech=700)
+    rig.settle()
+    rig.cluster.calls.clear()
+    rig.release()
+    assert rig.released == []
+    rig.settle()
+    resized, noted = ("resize", "speech"), ("annotate", "speech")
+    assert [call[:2] for call in rig.cluster.calls] == [resized, noted, ("resize", "slam"), ("annotate", "slam")]
+    assert limits(rig) == (500, 500)
+    assert rig.cluster.originals("uid-slam") == rig.cluster.originals("uid-speech") == {}
+    assert rig.released == [POLICY]
+
+
+def test_a_release_with_nothing_to_do_is_done_at_once():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=500)
+    rig.release()
+    assert (rig.released, rig.cluster.calls) == ([POLICY], [])
+
+
+def test_a_release_waits_for_the_first_patch_that_is_under_way():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.release()
+    assert rig.released == []
+    rig.work()
+    assert rig.cluster.limit("slam") == 300
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam"), rig.released) == (500, {}, [POLICY])
+
+
+def test_a_release_after_a_first_patch_without_an_answer_restores():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.cluster.faults += [None, Unanswered(UNREACHABLE)]
+    rig.work()
+    rig.release()
+    assert rig.released == []
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam"), rig.released) == (500, {}, [POLICY])
+
+
+def test_a_release_takes_away_the_note_of_a_resize_that_was_refused():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.cluster.faults += [None, refusal()]
+    rig.work()
+    rig.release()
+    rig.settle()
+    assert (rig.cluster.originals("uid-slam"), rig.released) == ({}, [POLICY])
+
+
+def test_a_release_does_not_wait_for_pods_that_vanish_or_end():
+    rig = two_pods()
+    rig.plan(slam=300, speech=300)
+    rig.settle()
+    rig.release()
+    rig.cluster.pods["uid-slam"]["status"]["phase"] = "Failed"  # evicted pods stay as objects
+    rig.cluster._commit("uid-slam")
+    rig.watch("uid-slam")
+    rig.remove("uid-speech")
+    assert rig.released == [POLICY]
+
+
+def test_a_container_that_is_claimed_no_more_is_put_back():
+    rig = two_pods()
+    rig.plan(slam=300, speech=700)
+    rig.settle()
+    rig.plan(slam=300)
+    rig.settle()
+    assert limits(rig) == (300, 500)
+    assert rig.cluster.originals("uid-speech") == {}
+
+
+def test_a_plan_that_is_ordered_late_does_not_hold_what_is_claimed_no_more():
+    """It still has a share for a container that the policy has lost, and for one whose pod is gone."""
+    rig = two_pods()
+    rig.plan(slam=300, speech=300)
+    rig.settle()
+    shares = {"lab/slam/slam": 400, "lab/speech/speech": 300, "lab/gone/gone": 100}
+    rig.resizer.apply(Order(POLICY, frozenset({"lab/slam/slam"}), shares, {NODE: 1000}))
+    rig.settle()
+    assert limits(rig) == (400, 500)
+    assert rig.cluster.originals("uid-speech") == {}
+
+
+def test_a_claimed_container_without_a_share_keeps_what_it_has():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.order(POLICY, {})
+    rig.order(POLICY, {"lab/slam/slam": 300})
+    rig.settle()
+    assert rig.cluster.limit("slam") == 300
+
+
+def test_a_policy_that_takes_a_container_over_restores_what_was_there_before_the_first():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.kill()  # and the first policy was removed by force meanwhile
+    rig.plan(OTHER, slam=400)
+    rig.settle()
+    assert rig.cluster.originals("uid-slam") == {"slam": Original(OTHER, Cpu(100, 500))}
+    rig.release(OTHER)
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.released) == (500, [OTHER])
+
+
+def test_a_late_view_does_not_make_a_restored_container_look_annotated():
+    """Claimed again while the watch still shows the old note: it must be written anew."""
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.release()
+    rig.work()
+    assert len(rig.cluster.feeds["uid-slam"]) == 2
+    rig.watch_one("uid-slam")  # resized back, the note still there
+    rig.plan(slam=400)
+    rig.watch()
+    rig.settle()
+    assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
+
+
+def test_a_damaged_note_does_not_keep_the_pod_from_being_resized():
+    rig = Rig(a_pod("slam", annotations={ORIGINALS: "{slam"}))
+    rig.plan(slam=300)
+    rig.settle()
+    assert rig.cluster.limit("slam") == 300
+
+
+# what is put back: decreases before increases, but not for ever
+
+
+def about_to_release() -> Rig:
+    """slam had 300m and is to rise to 500m, speech had 700m and is to fall to 500m."""
+    rig = two_pods()
+    rig.plan(slam=300, speech=700)
+    rig.settle()
+    return rig
+
+
+def test_what_is_put_back_rises_when_what_falls_is_in_force():
+    rig = about_to_release()
+    rig.release()
+    rig.work()
+    rig.watch()
+    assert (limits(rig), rig.workers.jobs, rig.released) == ((300, 500), [], []), "the API has it, the kubelet does not"
+    rig.cluster.confirm("uid-speech")
+    rig.watch()
+    rig.work()
+    assert (limits(rig), rig.released) == ((500, 500), [POLICY])
+
+
+def test_originals_that_sum_above_the_capacity_are_put_back_all_the_same():
+    rig = Rig(a_pod("slam", {"slam": cpu("10m", "1500m")}), a_pod("speech", {"speech": cpu("10m", "900m")}))
+    rig.plan(slam=20, speech=980)
+    rig.settle()
+    rig.release()
+    rig.settle()
+    assert (limits(rig), rig.released) == ((1500, 900), [POLICY])
+
+
+@pytest.mark.parametrize("fault", [None, refusal(), UNREACHABLE], ids=["kubelet gone", "refused", "unreachable"])
+def test_what_does_not_fall_keeps_nothing_from_rising_for_long(fault):
+    rig = about_to_release()
+    rig.cluster.faults += [fault] if fault is None else [fault] * 20
+    rig.release()
+    rig.work()
+    rig.wait(RESTORE_PATIENCE - 0.1)
+    assert rig.cluster.limit("slam") == 300
+    rig.cluster.faults.clear()
+    rig.wait(0.2)
+    while rig.workers.jobs:
+        rig.work()
+    assert rig.cluster.limit("slam") == 500
+
+
+def test_a_pod_that_goes_keeps_nothing_from_rising():
+    rig = about_to_release()
+    rig.release()
+    rig.cluster.terminate("uid-speech")
+    rig.watch()
+    assert rig.cluster.limit("slam") == 300, "its containers still run"
+    rig.remove("uid-speech")
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.released) == (500, [POLICY])
+
+
+def test_containers_of_one_pod_are_put_back_in_order_too():
+    rig = one_pod_for_two()
+    rig.plan(slam__slam=300, slam__map=700)
+    rig.settle()
+    rig.release()
+    rig.work()
+    assert rig.cluster.limits("uid-slam") == {"slam": 300, "map": 500}
+    assert rig.cluster.originals("uid-slam").keys() == {"slam"}
+    rig.settle()
+    assert (rig.cluster.limits("uid-slam"), rig.released) == ({"slam": 500, "map": 500}, [POLICY])
+
+
+def test_a_decrease_on_another_node_is_not_waited_for():
+    far = a_pod("speech")
+    far["spec"]["nodeName"] = "robot-2"
+    rig = Rig(a_pod("slam"), far)
+    shares = {"lab/slam/slam": 300, "lab/speech/speech": 700}
+    rig.resizer.apply(Order(POLICY, frozenset(shares), shares, {NODE: 1000, "robot-2": 1000}))
+    rig.settle()
+    rig.release()
+    assert len(rig.workers.jobs) == 2
+
+
+def test_a_second_restore_is_in_order_too():
+    rig = about_to_release()
+    for _ in range(2):
+        rig.plan(slam=300, speech=700)
+        rig.settle()
+        rig.plan()  # claims nothing any more
+        rig.work()
+        rig.watch()
+        assert limits(rig) == (300, 500)
+        rig.settle()
+        assert limits(rig) == (500, 500)
+
+
+def test_a_restore_after_a_restart_is_in_order():
+    rig = about_to_release()
+    rig.kill()
+    rig.release()
+    rig.work()
+    assert (limits(rig), rig.workers.jobs) == ((300, 500), [])
+    rig.settle()
+    assert (limits(rig), rig.released) == ((500, 500), [POLICY])
+
+
+# two policies in one pod
+
+
+def test_policies_that_share_a_pod_do_not_wait_for_news_of_each_others_patch():
+    rig = one_pod_for_two()
+    rig.plan(slam__slam=300)
+    rig.plan(OTHER, slam__map=300)
+    rig.cluster.faults.append(refusal())
+    rig.work()
+    rig.work()
+    assert rig.cluster.limits("uid-slam") == {"slam": 500, "map": 300}
+
+
+def test_each_policy_restores_its_own_containers():
+    rig = one_pod_for_two()
+    rig.plan(slam__slam=300)
+    rig.plan(OTHER, slam__map=300)
+    rig.settle()
+    rig.release()
+    rig.settle()
+    assert rig.cluster.limits("uid-slam") == {"slam": 500, "map": 300}
+    assert rig.cluster.originals("uid-slam").keys() == {"map"}
+
+
+def test_a_refused_restore_is_not_repeated_when_another_policy_plans():
+    rig = one_pod_for_two()
+    rig.plan(slam__slam=300)
+    rig.plan(OTHER, slam__map=300)
+    rig.settle()
+    rig.cluster.faults.append(refusal())
+    rig.plan()  # claims nothing any more
+    rig.work()
+    for _ in range(3):
+        rig.plan(OTHER, slam__map=300)
+    assert rig.workers.jobs == []

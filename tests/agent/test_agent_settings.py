@@ -1,0 +1,33 @@
+"""The agent's settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from contextpolicy.agent.agent_settings import read
+from contextpolicy.agent.realtime import Manner
+from contextpolicy.errors import SettingsError
+
+
+def test_settings_come_from_the_environment(tmp_path):
+    own = read(
+        {"NODE_NAME": "node-1", "CGROUP_ROOT": str(tmp_path), "ZENOH_CONNECT": "tcp/r:1"}, manner=Manner(), grace=2
+    )
+    assert (own.node, own.cgroup_root, own.common.connect) == ("node-1", tmp_path, ("tcp/r:1",))
+    assert (own.grace, own.state) == (2, Path("/run/contextpolicy"))
+
+
+@pytest.mark.parametrize(
+    ("environment", "name"),
+    [
+        ({}, "NODE_NAME"),
+        ({"NODE_NAME": "a/b"}, "NODE_NAME"),
+        ({"NODE_NAME": "a", "CGROUP_ROOT": "/no/such/mount"}, "CGROUP_ROOT"),
+        ({"NODE_NAME": "a", "LOG_LEVEL": "loud"}, "LOG_LEVEL"),
+    ],
+)
+def test_a_setting_that_makes_no_sense_is_named(environment, name):
+    with pytest.raises(SettingsError, match=name):
+        read(environment, manner=Manner(), grace=10)

@@ -1,0 +1,163 @@
+"""The agent's place on a real bus."""
+
+from __future__ import annotations
+
+import json
+import threading
+
+import pytest
+from reactivex.scheduler import EventLoopScheduler
+
+from contextpolicy.agent.bus_link import AgentBus
+from contextpolicy.bus import agent_watch as agents
+from contextpolicy.bus.agent_watch import AgentWatch
+from contextpolicy.bus.decision_bus import agent_key, plan_key
+from contextpolicy.cluster.agent_reports import AgentReport
+from tests.agent.builders import NODE
+from tests.modules.robotkit.bus import PATIENCE_S, client, router
+
+KEY, POLICY = plan_key("robot", "delivery"), "robot/delivery"
+
+
+class Listener:
+    """Notes what it hears."""
+
+    def __init__(self):
+        self.events, self._changed = [], threading.Condition()
+        self.lacks = []
+
+    def hear(self, policy, payload):
+        self._note((policy, payload))
+
+    def find_source(self, policy):
+        self._note((policy, "found"))
+
+    def lose_source(self, policy):
+        self._note((policy, "lost"))
+
+    def report(self):
+        return {"missing": {"CFS": [], "Realtime": self.lacks}}
+
+    def changed(self):
+        self._note("changed")
+
+    def expect(self, *events):
+        with self._changed:
+            assert self._changed.wait_for(lambda: self.events == list(events), PATIENCE_S), self.events
+
+    def _note(self, event):
+        with self._changed:
+            self.events.append(event)
+            self._changed.notify_all()
+
+
+@pytest.fixture
+def address():
+    with router() as address:
+        yield address
+
+
+@pytest.fixture
+def operator(address):
+    with client(address) as session:
+        yield session
+
+
+@pytest.fixture
+def scheduler():
+    loop = EventLoopScheduler()
+    yield loop
+    loop.dispose()
+
+
+@pytest.fixture
+def close(scheduler):
+    """Close, and wait until the loop is done with the session."""
+
+    def close(what):
+        done = threading.Event()
+        what.close()
+        scheduler.schedule(lambda *_: done.set())
+        assert done.wait(PATIENCE_S)
+
+    return close
+
+
+@pytest.fixture
+def listener():
+    return Listener()
+
+
+@pytest.fixture
+def bus(address, scheduler, listener, close):
+    with client(address) as session:
+        bus = AgentBus(session, NODE, scheduler, listener)
+        yield bus
+        close(bus)
+
+
+def test_a_plan_and_its_withdrawal_arrive(bus, operator, listener):  # noqa: ARG001
+    operator.put(KEY, b"plan")
+    listener.expect((POLICY, b"plan"))
+    operator.delete(KEY)
+    listener.expect((POLICY, b"plan"), (POLICY, None))
+
+
+def test_a_source_is_asked_for_its_plan_and_missed_when_it_is_gone(bus, operator, listener):  # noqa: ARG001
+    with operator.declare_queryable(KEY, lambda query: query.reply(query.key_expr, b"in force")):
+        token = operator.liveliness().declare_token(KEY)
+        listener.expect((POLICY, "found"), (POLICY, b"in force"))
+        token.undeclare()
+        listener.expect((POLICY, "found"), (POLICY, b"in force"), (POLICY, "lost"))
+
+
+def test_what_is_not_a_plan_is_not_heard(bus, operator, listener):  # noqa: ARG001
+    operator.put("contextpolicy/robot/delivery/applied", b"no plan")
+    operator.put("robot/imu", b"no plan")
+    operator.put(KEY, b"plan")
+    listener.expect((POLICY, b"plan"))
+
+
+def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(
+    address, operator, scheduler, close, monkeypatch
+):
+    monkeypatch.setattr(agents, "RETURN", 0.0)
+    agent, watcher = Listener(), Listener()
+    watch = AgentWatch(operator, scheduler, watcher.changed)
+    assert watch.reports == {}
+    agent.lacks = ["no kernel option"]
+    with client(address) as session:
+        bus = AgentBus(session, NODE, scheduler, agent)
+        watcher.expect("changed")
+        assert watch.reports == {NODE: AgentReport("", "no kernel option")}
+        close(bus)
+        watcher.expect("changed", "changed")
+        assert watch.reports == {}
+    close(watch)
+
+
+def test_an_agent_that_is_back_soon_was_not_gone(address, operator, scheduler, close):
+    watcher, heir = Listener(), Listener()
+    heir.lacks = ["hostPID"]
+    watch = AgentWatch(operator, scheduler, watcher.changed)
+    with client(address) as session:
+        bus = AgentBus(session, NODE, scheduler, Listener())
+        watcher.expect("changed")
+        close(bus)
+        bus = AgentBus(session, NODE, scheduler, heir)
+        watcher.expect("changed", "changed")
+        assert watch.reports == {NODE: AgentReport("", "hostPID")}
+        close(bus)
+    close(watch)
+
+
+def test_agents_that_live_already_are_known_at_once(bus, operator, scheduler, close):  # noqa: ARG001
+    assert any(list(operator.get(agent_key(NODE), timeout=PATIENCE_S)) for _ in range(1000))
+    watch = AgentWatch(operator, scheduler, Listener().changed)
+    assert watch.reports == {NODE: AgentReport("", "")}
+    close(watch)
+
+
+def test_anybody_may_ask_what_the_node_can_do(bus, operator):  # noqa: ARG001
+    replies = next(filter(None, (list(operator.get(agent_key(NODE), timeout=PATIENCE_S)) for _ in range(1000))))
+    assert json.loads(replies[0].ok.payload.to_bytes()) == {"missing": {"CFS": [], "Realtime": []}}

@@ -1,0 +1,77 @@
+"""Who else writes a file."""
+
+from __future__ import annotations
+
+import os
+import queue
+
+import pytest
+
+from contextpolicy.agent.inotify import WriteWatch
+
+PATIENCE = 10
+
+
+@pytest.fixture
+def heard():
+    return queue.Queue()
+
+
+@pytest.fixture
+def watch(heard):
+    return WriteWatch(heard.put)
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "quota"
+    path.write_text("-1\n")
+    return path
+
+
+def test_others_are_heard_and_an_open_file_of_ours_is_not(watch, heard, file, tmp_path):
+    own, fence = os.open(file, os.O_RDWR), tmp_path / "fence"
+    fence.touch()
+    watch.add(file)
+    watch.add(fence)
+    os.pwrite(own, b"1000\n", 0)
+    fence.write_text("x")
+    assert heard.get(timeout=PATIENCE) == fence
+    file.write_text("2000\n")
+    assert heard.get(timeout=PATIENCE) == file
+    os.close(own)
+
+
+def test_a_removed_file_is_not_heard(watch, heard, file, tmp_path):
+    fence = tmp_path / "fence"
+    fence.touch()
+    watch.add(file)
+    watch.add(fence)
+    watch.remove(file)
+    file.write_text("2000\n")
+    fence.write_text("x")
+    assert heard.get(timeout=PATIENCE) == fence
+
+
+def test_a_file_that_is_gone_ends_nothing(watch, heard, file, tmp_path):
+    watch.add(file)
+    file.unlink()
+    watch.remove(file)
+    other = tmp_path / "other"
+    other.touch()
+    watch.add(other)
+    other.write_text("x")
+    assert heard.get(timeout=PATIENCE) == other
+
+
+def test_a_file_that_is_not_there_cannot_be_watched(watch, tmp_path):
+    with pytest.raises(FileNotFoundError):
+        watch.add(tmp_path / "no")
+
+
+def test_when_the_kernels_queue_ran_over_all_files_count_as_written(watch, file, tmp_path):
+    other = tmp_path / "other"
+    other.touch()
+    watch.add(file)
+    watch.add(other)
+    assert watch._written(-1) == [file, other]

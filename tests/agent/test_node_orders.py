@@ -1,0 +1,138 @@
+"""Messages of the bus: those that are orders are read exactly, everything else is refused and harms nobody."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contextpolicy.agent.node_orders import MAX_BYTES, NodeOrder, OrderTarget, read
+from contextpolicy.errors import OrderError
+from contextpolicy.policy.spec import Control, Mode, Scheduler
+from tests.agent.builders import JSON, NODE, POLICY, SLAM, SPEECH, a_message, a_target
+
+
+def test_an_order_has_what_this_node_must_do():
+    message = a_message(
+        a_target(SLAM, 0.99, limit=0.5),
+        a_target(SPEECH, 0.01, task="speech"),
+        a_target("c" * 64, 0.4, task="chat", node="node-2"),
+        sequence=7,
+        suspended=("speech",),
+    )
+    assert read(message, POLICY, NODE) == NodeOrder(
+        policy=POLICY,
+        stamp=(1, 7, 0),
+        mode=Mode.ENFORCE,
+        scheduler=Scheduler.CFS,
+        control=Control.LIMIT,
+        capacity=1000,
+        targets=(
+            OrderTarget("uid-a", "Burstable", f"containerd://{SLAM}", 990, 500, suspended=False),
+            OrderTarget("uid-b", "Burstable", f"containerd://{SPEECH}", 10, None, suspended=True),
+        ),
+    )
+
+
+def test_the_nodes_own_scheduler_counts():
+    nodes = {NODE: {"capacity": 1.0, "scheduler": "CFS"}}
+    assert read(a_message(scheduler="Realtime", nodes=nodes), POLICY, NODE).scheduler is Scheduler.CFS
+
+
+def test_a_message_without_this_node_wants_nothing_of_it():
+    assert read(a_message(a_target(node="node-2")), POLICY, "node-3").targets == ()
+
+
+def test_a_container_that_starts_has_no_id_yet():
+    assert read(a_message(a_target(containerId="")), POLICY, NODE).targets[0].container_id == ""
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"cores": 0},
+        {"cores": -1},
+        {"cores": 0.0001},
+        {"cores": 1e9},
+        {"cores": float("nan")},
+        {"cores": float("inf")},
+        {"cores": "1"},
+        {"cores": None},
+        {"cores": [1]},
+        {"uid": "../../../etc"},
+        {"uid": 5},
+        {"qos": "../.."},
+        {"qos": None},
+        {"containerId": 5},
+        {"containerId": None},
+        {"containerId": "containerd://../../../x"},
+        {"task": "unknown"},
+        {"task": []},
+        {"limit": "lots"},
+    ],
+)
+def test_a_target_that_makes_no_sense_spoils_the_message(changes):
+    good = json.loads(a_message(a_target()))
+    good["targets"][0] |= changes
+    with pytest.raises(OrderError) as caught:
+        read(json.dumps(good).encode(), POLICY, NODE)
+    assert caught.value.reason == "Unreadable"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"run": -1},
+        {"run": 1.5},
+        {"run": None},
+        {"run": True},
+        {"sequence": "1"},
+        {"mode": "Destroy"},
+        {"scheduler": 5},
+        {"control": {}},
+        {"tasks": []},
+        {"nodes": []},
+        {"nodes": {NODE: []}},
+        {"nodes": {NODE: {"capacity": 0}}},
+        {"targets": None},
+        {"targets": [1]},
+        {"targets": [{}]},
+    ],
+)
+def test_a_message_that_makes_no_sense_is_refused(changes):
+    with pytest.raises(OrderError):
+        read(a_message(a_target(), **changes), POLICY, NODE)
+
+
+def test_a_message_on_the_key_of_another_policy_is_refused():
+    with pytest.raises(OrderError, match="robot/other"):
+        read(a_message(policy="robot/other"), POLICY, NODE)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [b"", b"\xff\xfe", b"null", b"[]", b'"x"', b"1", b"[" * 100_000, b"{" * 2000, b"1" * 5000, b" " * (MAX_BYTES + 9)],
+)
+def test_bytes_that_are_no_plan_are_refused(payload):
+    with pytest.raises(OrderError):
+        read(payload, POLICY, NODE)
+
+
+FIELDS = ["policy", "run", "sequence", "edition", "mode", "scheduler", "control", "tasks", "nodes", "targets"]
+
+
+@given(st.sampled_from(FIELDS), JSON)
+def test_whatever_a_field_holds_it_is_an_order_or_a_refusal(field, value):
+    with contextlib.suppress(OrderError):
+        read(a_message(a_target(), **{field: value}), POLICY, NODE)
+
+
+@given(st.sampled_from(sorted(a_target())), JSON)
+def test_whatever_a_target_holds_it_is_an_order_or_a_refusal(field, value):
+    message = json.loads(a_message(a_target()))
+    message["targets"][0][field] = value
+    with contextlib.suppress(OrderError):
+        read(json.dumps(message).encode(), POLICY, NODE)

@@ -1,0 +1,154 @@
+"""Messages of the decision bus as values, and one policy's place on the bus."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from reactivex.testing import TestScheduler
+
+from contextpolicy.bus.decision_bus import Bus, agent_key, applied_key, explain_key, message, plan_key, policy_of
+from contextpolicy.cluster.pods import view
+from contextpolicy.planning.placement import Container, Placement
+from tests.bus.fake_session import FakeSession
+from tests.cluster.builders import NODE, a_pod
+from tests.planning.builders import START, Story, a_context, a_policy, a_stream, a_task
+
+POLICY = a_policy(
+    streams=[a_stream("imu")],
+    tasks=[a_task("slam", priority=10), a_task("speech")],
+    contexts=[a_context("moving", "imu.speed > 0.1", {"speech": {"suspend": True}})],
+)
+CONTAINERS = (Container("lab/slam/slam", "slam", NODE), Container("lab/speech/speech", "speech", NODE))
+
+
+@pytest.fixture
+def story():
+    story = Story(POLICY, Placement({NODE: 2000}, CONTAINERS))
+    story.sample("imu", at=1, speed=0.3)
+    return story
+
+
+def pods(*names):
+    return [view(a_pod(name)) for name in names]
+
+
+def test_a_message_has_all_that_modules_agents_and_recorders_read(story):
+    made = message(POLICY, 17, story.last, CONTAINERS, pods("slam", "speech"))
+    assert json.loads(json.dumps(made)) == {
+        "policy": "lab/robot",
+        "run": 17,
+        "sequence": story.last.sequence,
+        "time": START + 1,
+        "mode": "Enforce",
+        "scheduler": "CFS",
+        "control": "Limit",
+        "cause": "imu: context moving entered",
+        "contexts": ["moving"],
+        "tasks": {
+            "slam": {
+                "score": 1.0,
+                "weight": 10.0,
+                "share": 1.99,
+                "suspended": False,
+                "because": made_because(story, "slam"),
+            },
+            "speech": {
+                "score": 1.0,
+                "weight": 0.0,
+                "share": 0.01,
+                "suspended": True,
+                "because": made_because(story, "speech"),
+            },
+        },
+        "nodes": {NODE: {"capacity": 2.0, "scheduler": "CFS", "tasks": {"slam": 1.99, "speech": 0.01}}},
+        "targets": [
+            {
+                "task": task,
+                "node": NODE,
+                "namespace": "lab",
+                "pod": task,
+                "uid": f"uid-{task}",
+                "qos": "Burstable",
+                "container": task,
+                "containerId": f"containerd://{task}",
+                "cores": cores,
+                "limit": 0.5,
+            }
+            for task, cores in (("slam", 1.99), ("speech", 0.01))
+        ],
+    }
+
+
+def made_because(story, task):
+    return story.last.tasks[task].because
+
+
+def test_only_containers_with_a_share_are_targets(story):
+    targets = message(POLICY, 1, story.last, CONTAINERS[:1], pods("slam", "speech", "other"))["targets"]
+    assert [target["container"] for target in targets] == ["slam"]
+
+
+def test_a_container_that_does_not_run_has_no_limit_in_force(story):
+    pod = a_pod("slam")
+    del pod["status"]["containerStatuses"]
+    [target] = message(POLICY, 1, story.last, CONTAINERS, [view(pod)])["targets"]
+    assert (target["limit"], target["containerId"]) == (None, "")
+
+
+def test_keys():
+    assert plan_key("lab", "robot") == "contextpolicy/lab/robot/plan"
+    assert applied_key("lab", "robot") == "contextpolicy/lab/robot/applied"
+    assert explain_key("lab", "robot") == "contextpolicy/lab/robot/explain"
+    assert agent_key("robot-1") == "contextpolicy/agents/robot-1"
+    assert {policy_of(key("lab", "robot")) for key in (plan_key, applied_key, explain_key)} == {"lab/robot"}
+
+
+@pytest.fixture
+def scheduler():
+    return TestScheduler()
+
+
+@pytest.fixture
+def session():
+    return FakeSession()
+
+
+def a_bus(session, scheduler, current=lambda: {"n": 1}, explain=lambda: {"why": "so"}):
+    return Bus(session, POLICY, scheduler, current, explain)
+
+
+def test_what_is_published_goes_to_the_policys_keys(session, scheduler):
+    bus = a_bus(session, scheduler)
+    bus.publish({"n": 1})
+    bus.publish_applied({"stage": "accepted"})
+    bus.withdraw()
+    assert session.published == [
+        ("contextpolicy/lab/robot/plan", {"n": 1}),
+        ("contextpolicy/lab/robot/applied", {"stage": "accepted"}),
+        ("contextpolicy/lab/robot/plan", None),
+    ]
+
+
+def test_questions_are_answered_on_the_loop_with_what_holds_then(session, scheduler):
+    state = {"n": 1}
+    a_bus(session, scheduler, lambda: dict(state))
+    plan, why = session.ask("contextpolicy/lab/robot/plan"), session.ask("contextpolicy/lab/robot/explain")
+    assert (plan.answers, why.answers) == ([], [])
+    state["n"] = 2
+    scheduler.advance_by(1)
+    assert (plan.answers, why.answers) == ([{"n": 2}], [{"why": "so"}])
+
+
+def test_without_a_plan_there_is_no_answer(session, scheduler):
+    a_bus(session, scheduler, lambda: None)
+    query = session.ask("contextpolicy/lab/robot/plan")
+    scheduler.advance_by(1)
+    assert query.answers == []
+
+
+def test_a_token_tells_that_somebody_makes_the_plans(session, scheduler):
+    bus = a_bus(session, scheduler)
+    assert [token.key for token in session.tokens] == ["contextpolicy/lab/robot/plan"]
+    bus.close()
+    assert session.everything_declared() == []

@@ -1,0 +1,119 @@
+"""What a person sees of the decision bus."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from contextpolicy.bus.view import BusView, live
+from tests.bus.messages import APPLIED, KEY, plan, step, target
+
+
+def heard(*messages: tuple[str, dict[str, Any]]) -> BusView:
+    view = BusView()
+    for key, message in messages:
+        view.take(key, json.dumps(message).encode())
+    return view
+
+
+def stages(view: BusView) -> dict[str, str | None]:
+    policy = view.policies["robot/delivery"]
+    return {task: policy.stage(task) for task in policy.tasks}
+
+
+def drawn(view: BusView, now: float = 103.0) -> str:
+    console = Console(width=120, color_system=None)
+    with console.capture() as capture:
+        console.print(live(view, now))
+    return capture.get()
+
+
+def test_a_policy_on_the_screen() -> None:
+    view = heard((KEY, plan()), (APPLIED, step("inForce", 0.99)))
+    lines = drawn(view).splitlines()
+    assert lines[0].rstrip() == "robot/delivery   context: moving   for 3 s: imu: context moving entered"
+    rows = [[cell.strip() for cell in line.strip("│").split("│")] for line in lines if line.startswith("│")]
+    assert rows == [["slam", "10", "990m", "in force"], ["speech", "0", "10m", "planned   suspended"]]
+
+
+def test_an_expression_with_brackets_is_no_markup() -> None:
+    assert "mic: x[y] > 1 is 1" in drawn(heard((KEY, plan(cause="mic: x[y] > 1 is 1"))))
+
+
+def test_no_plans_yet() -> None:
+    assert drawn(BusView()).strip() == "no plans yet"
+
+
+@pytest.mark.parametrize(
+    ("steps", "stage"),
+    [
+        ([], "planned"),
+        ([step("accepted", 0.99)], "accepted"),
+        ([step("accepted", 0.7)], "planned"),
+        ([step("accepted", 0.99), step("inForce", 0.99)], "inForce"),
+        ([step("inForce", 0.99), step("accepted", 0.99)], "inForce"),
+    ],
+    ids=["nothing", "accepted", "a step on the way", "in force", "the answer after the watch"],
+)
+def test_a_task_is_as_far_as_its_container(steps: list[dict[str, Any]], stage: str) -> None:
+    assert stages(heard((KEY, plan()), *((APPLIED, one) for one in steps)))["slam"] == stage
+
+
+def test_a_task_is_as_far_as_its_slowest_container() -> None:
+    two = [target("slam", 0.5, limit=0.5), {**target("slam", 0.5), "pod": "slam-2", "limit": 0.1}]
+    assert stages(heard((KEY, plan(targets=two))))["slam"] == "planned"
+
+
+def test_limits_that_are_in_force_already() -> None:
+    assert stages(heard((KEY, plan(targets=[target("slam", 0.99, limit=0.99)])))) == {"slam": "inForce", "speech": None}
+
+
+def test_a_new_plan_keeps_what_it_does_not_change() -> None:
+    view = heard((KEY, plan()), (APPLIED, step("inForce", 0.99)), (KEY, plan(sequence=2)))
+    assert stages(view)["slam"] == "inForce"
+    view.take(KEY, json.dumps(plan(sequence=3, targets=[target("slam", 0.5, limit=0.99)])).encode())
+    assert stages(view)["slam"] == "planned"
+
+
+@pytest.mark.parametrize("change", [{"mode": "DryRun"}, {"scheduler": "Realtime"}])
+def test_where_nothing_is_resized_there_is_no_stage(change: dict[str, str]) -> None:
+    assert stages(heard((KEY, plan(**change)))) == {"slam": None, "speech": None}
+
+
+@pytest.mark.parametrize("late", [{"sequence": 4}, {"run": 0, "sequence": 9}, {"edition": 0}])
+def test_an_older_plan_that_arrives_late_changes_nothing(late: dict[str, int]) -> None:
+    newest = plan(sequence=5, edition=1, contexts=[])
+    view = heard((KEY, newest))
+    assert view.take(KEY, json.dumps({**newest, **late, "contexts": ["moving"]}).encode()) is None
+    assert view.policies["robot/delivery"].contexts == []
+
+
+def test_a_withdrawn_plan_is_gone() -> None:
+    view = heard((KEY, plan()))
+    assert view.take(KEY, None) == {"policy": "robot/delivery", "withdrawn": True}
+    assert view.take(KEY, None) is None
+    assert view.policies == {}
+
+
+@pytest.mark.parametrize(
+    ("key", "payload"),
+    [
+        (KEY, b"\xff"),
+        (KEY, b"{}"),
+        (KEY, b"[1]"),
+        (KEY, json.dumps(plan(targets=[{}])).encode()),
+        (KEY, json.dumps(plan(tasks={"slam": 1})).encode()),
+        (KEY, json.dumps(plan(time=None)).encode()),
+        (APPLIED, b"{}"),
+        (APPLIED, json.dumps(step("lost", 0.99)).encode()),
+        (APPLIED, json.dumps(step("accepted", 0.99, task="unknown")).encode()),
+    ],
+)
+def test_what_nobody_can_read_changes_nothing(key: str, payload: bytes) -> None:
+    view = heard((KEY, plan()))
+    before = json.dumps(view.policies["robot/delivery"].as_json())
+    assert view.take(key, payload) is None
+    assert json.dumps(view.policies["robot/delivery"].as_json()) == before

@@ -1,0 +1,196 @@
+"""What goes over the wire, and what its answers become; a real HTTP server on the loopback."""
+
+from __future__ import annotations
+
+import json
+import socket
+from contextlib import ExitStack
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+
+import pytest
+from kubernetes import client
+
+from contextpolicy.cluster import api as module
+from contextpolicy.cluster.api import ApiServer
+from contextpolicy.errors import ActuationError
+
+POD = {"kind": "Pod", "metadata": {"name": "slam", "generation": 3, "resourceVersion": "4711"}}
+
+
+class Server(ThreadingHTTPServer):
+    """Answers everything with `answer`; None means that it hangs up."""
+
+    daemon_threads = True
+
+    def __init__(self):
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.requests = []
+        self.answer: tuple[int, bytes] | None = (200, json.dumps(POD).encode())
+        self.headers: dict[str, str] = {}
+
+
+class Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+
+    def _answer(self):
+        body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
+        self.server.requests.append((self.command, self.path, self.headers, json.loads(body) if body else None))
+        if self.server.answer is None:
+            self.connection.shutdown(socket.SHUT_RDWR)
+            self.close_connection = True
+            return
+        status, content = self.server.answer
+        self.send_response(status)
+        for name, value in {"Content-Length": str(len(content)), **self.server.headers}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(content)
+
+    do_GET = do_PATCH = do_POST = _answer  # noqa: N815 - http.server looks for these names
+
+    def log_message(self, *_):
+        """Silent."""
+
+
+@pytest.fixture
+def server():
+    with Server() as running:
+        Thread(target=running.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True).start()
+        yield running
+        running.shutdown()
+
+
+@pytest.fixture
+def open_api(server, monkeypatch):
+    """Open a client of the server, below a path of it."""
+    with ExitStack() as stack:
+
+        def open_api(path=""):
+            settings = client.Configuration(host=f"http://127.0.0.1:{server.server_port}{path}")
+            monkeypatch.setattr(module, "_configure", lambda: client.Configuration.set_default(settings))
+            opened = ApiServer()
+            stack.callback(opened.close)
+            return opened
+
+        yield open_api
+    client.Configuration.set_default(None)
+
+
+@pytest.fixture
+def api(open_api):
+    return open_api()
+
+
+def refusal(api):
+    with pytest.raises(ActuationError) as caught:
+        api.resize("lab", "slam", {"spec": {}})
+    return caught.value
+
+
+def test_a_resize_is_a_strategic_merge_of_the_subresource(api, server):
+    patch = {"spec": {"containers": [{"name": "slam", "resources": {"limits": {"cpu": "300m"}}}]}}
+    assert api.resize("lab", "slam", patch) == 4711
+    [(method, path, headers, body)] = server.requests
+    assert (method, path) == ("PATCH", "/api/v1/namespaces/lab/pods/slam/resize?fieldManager=contextpolicy")
+    assert headers["Content-Type"] == "application/strategic-merge-patch+json"
+    assert body == patch
+
+
+@pytest.mark.parametrize("path", ["/k8s/clusters/c-1", "/k8s/clusters/c-1/"])
+def test_a_cluster_may_be_served_below_a_path(open_api, server, path):
+    open_api(path).post_event("lab", {})
+    [(_, asked, _, _)] = server.requests
+    assert asked.startswith("/k8s/clusters/c-1/api/v1/namespaces/lab/events?")
+
+
+def test_an_annotation_is_set_and_removed_by_a_merge_of_the_pod(api, server):
+    assert api.annotate("lab", "slam", {"a": "1", "b": None}) == 4711
+    [(method, path, headers, body)] = server.requests
+    assert (method, path) == ("PATCH", "/api/v1/namespaces/lab/pods/slam?fieldManager=contextpolicy")
+    assert headers["Content-Type"] == "application/merge-patch+json"
+    assert body == {"metadata": {"annotations": {"a": "1", "b": None}}}
+
+
+def test_a_status_is_merged_into_the_subresource(api, server):
+    api.write_status("lab", "robot", {"plan": None, "contexts": "-"})
+    [(method, path, _, body)] = server.requests
+    assert (method, path.partition("?")[0]) == (
+        "PATCH",
+        "/apis/contextpolicy.dev/v1alpha1/namespaces/lab/contextpolicies/robot/status",
+    )
+    assert body == {"status": {"plan": None, "contexts": "-"}}
+
+
+def test_an_event_is_posted(api, server):
+    api.post_event("lab", {"reason": "Invalid"})
+    assert [(m, p.partition("?")[0], b) for m, p, _, b in server.requests] == [
+        ("POST", "/api/v1/namespaces/lab/events", {"reason": "Invalid"})
+    ]
+
+
+@pytest.mark.parametrize(
+    ("status", "reason", "retriable"),
+    [
+        *((400, "BadRequest", False), (401, "Unauthorized", True), (403, "Forbidden", False), (404, "NotFound", False)),
+        *((409, "Conflict", True), (422, "Invalid", False), (429, "TooManyRequests", True), (418, "Refused", False)),
+        *((500, "ServerError", True), (503, "ServerError", True), (504, "ServerError", True)),
+    ],
+)
+def test_what_the_server_refuses_and_if_a_retry_may_help(api, server, status, reason, retriable):
+    server.answer = status, json.dumps({"kind": "Status", "message": "because"}).encode()
+    error = refusal(api)
+    assert (error.reason, error.retriable, str(error)) == (reason, retriable, f"because (HTTP {status})")
+
+
+@pytest.mark.parametrize(
+    ("header", "seconds"),
+    [({}, 0), ({"Retry-After": "3"}, 3), ({"Retry-After": "Wed, 21 Oct 2026 07:28:00 GMT"}, 0)],
+)
+def test_a_server_that_is_busy_says_for_how_long(api, server, header, seconds):
+    server.answer, server.headers = (429, b"Too many requests, please try again later.\n"), header
+    error = refusal(api)
+    assert (error.reason, error.retriable, error.retry_after) == ("TooManyRequests", True, seconds)
+
+
+@pytest.mark.parametrize("content", [b"", b"<html>gateway</html>", b"[]", b"\xff\xfe", b'"text"'])
+def test_a_refusal_in_no_known_form(api, server, content):
+    server.answer = 502, content
+    assert refusal(api).reason == "ServerError"
+
+
+@pytest.mark.parametrize("content", [b"", b"{}", b"[]", b"null", b'{"metadata": null}', b"<html>", b"\xff\xfe"])
+def test_an_answer_that_is_no_pod_is_worth_another_try(api, server, content):
+    server.answer = 200, content
+    error = refusal(api)
+    assert (error.reason, error.retriable) == ("Unreadable", True)
+
+
+def test_a_server_that_hangs_up_is_unreachable(api, server):
+    server.answer = None
+    error = refusal(api)
+    assert (error.reason, error.retriable) == ("Unreachable", True)
+    assert len(server.requests) == 1, "the resizer decides when to try again, not the connection pool"
+
+
+def test_a_server_that_is_gone_is_unreachable(monkeypatch):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    settings = client.Configuration(host=f"http://127.0.0.1:{port}")
+    monkeypatch.setattr(module, "_configure", lambda: client.Configuration.set_default(settings))
+    try:
+        assert refusal(ApiServer()).reason == "Unreachable"
+    finally:
+        client.Configuration.set_default(None)
+
+
+@pytest.mark.parametrize(("answer", "serves"), [((200, b"{}"), True), ((404, b"{}"), False)])
+def test_if_the_custom_resource_is_installed(api, server, answer, serves):
+    server.answer = answer
+    assert api.serves_policies() is serves
+
+
+def test_a_server_that_does_not_answer_says_nothing_about_the_custom_resource(api, server):
+    server.answer = 503, b"{}"
+    with pytest.raises(ActuationError):
+        api.serves_policies()

@@ -1,0 +1,152 @@
+"""Who gets which container, and what those are told who don't."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from contextpolicy.cluster.claims import claim, container_id
+from contextpolicy.cluster.pods import view
+from contextpolicy.policy.spec import Mode
+from tests.cluster.builders import NODE, a_pod, cpu
+from tests.planning.builders import a_policy, a_task
+
+NODES = {NODE: 2000}
+
+
+def policy_of(name, *tasks, **spec):
+    return replace(a_policy(tasks=[a_task(t) if isinstance(t, str) else t for t in tasks], **spec), name=name)
+
+
+def views(*names, **fields):
+    return [view(a_pod(name, **fields)) for name in names]
+
+
+def held(result):
+    return {container.id: container.task for container in result.placement.containers}
+
+
+def test_each_task_gets_its_container_on_its_node():
+    result = claim([policy_of("robot", "slam", "speech")], views("slam", "speech", "other"), NODES)["lab/robot"]
+    assert held(result) == {"lab/slam/slam": "slam", "lab/speech/speech": "speech"}
+    assert result.placement.allocatable == NODES
+    [slam, _] = result.placement.containers
+    assert (slam.node, slam.request, slam.memory) == (NODE, 100, 128 << 20)
+    assert (result.conflicts, result.obstacles) == ([], {})
+
+
+def test_a_task_may_name_another_container():
+    pod = view(a_pod("slam", {"slam": cpu("1m", "2m"), "map": cpu("1m", "2m")}))
+    assert held(claim([policy_of("robot", a_task("slam", container="map"))], [pod], NODES)["lab/robot"]) == {
+        "lab/slam/map": "slam"
+    }
+
+
+def test_all_pods_of_a_task_are_its_own():
+    pods = [view(a_pod(f"slam-{n}", {"slam": cpu("1m", "2m")}, labels={"app": "slam"})) for n in range(3)]
+    assert len(held(claim([policy_of("robot", "slam")], pods, NODES)["lab/robot"])) == 3
+
+
+@pytest.mark.parametrize(
+    "pod",
+    [
+        a_pod("slam", namespace="elsewhere"),
+        a_pod("slam", labels={"app": "other"}),
+        a_pod("slam", {"another": cpu("1m", "2m")}),
+        a_pod("slam", deletionTimestamp="2026-01-01T00:00:00Z"),
+    ],
+    ids=["other namespace", "other labels", "no such container", "ending"],
+)
+def test_what_does_not_match_is_not_claimed(pod):
+    assert held(claim([policy_of("robot", "slam")], [view(pod)], NODES)["lab/robot"]) == {}
+
+
+def test_a_pod_on_a_node_of_unknown_size_waits():
+    assert held(claim([policy_of("robot", "slam")], views("slam"), {})["lab/robot"]) == {}
+
+
+def test_a_guaranteed_pod_has_no_floor():
+    pod = view(a_pod("slam", {"slam": cpu("500m", "500m", ("64Mi", "64Mi"))}, qos="Guaranteed"))
+    [container] = claim([policy_of("robot", "slam")], [pod], NODES)["lab/robot"].placement.containers
+    assert container.floor == 10
+
+
+def test_the_older_policy_keeps_the_container_and_the_younger_is_told_of_both():
+    old, young = (
+        policy_of("old", "slam", reserve="1"),
+        policy_of("young", a_task("mapping", container="slam"), reserve="1"),
+    )
+    young = replace(young, tasks=(replace(young.tasks[0], selector=old.tasks[0].selector),))
+    claims = claim([old, young], views("slam"), NODES)
+    assert held(claims["lab/old"]) == {"lab/slam/slam": "slam"}
+    assert held(claims["lab/young"]) == {}
+    assert claims["lab/young"].conflicts == [
+        "lab/slam/slam belongs to task slam of lab/old, task mapping can't have it too"
+    ]
+    assert claims["lab/old"].conflicts == []
+
+
+def test_two_tasks_of_a_policy_cannot_share_a_container():
+    both = policy_of("robot", "slam", a_task("mapping", container="slam"))
+    both = replace(both, tasks=(both.tasks[0], replace(both.tasks[1], selector=both.tasks[0].selector)))
+    result = claim([both], views("slam"), NODES)["lab/robot"]
+    assert held(result) == {"lab/slam/slam": "slam"}
+    assert result.conflicts == ["lab/slam/slam belongs to slam, task mapping can't have it too"]
+
+
+def test_policies_may_share_a_node_that_is_big_enough_for_both():
+    policies = [policy_of("old", "slam", reserve="1200m"), policy_of("young", "speech", reserve="800m")]
+    claims = claim(policies, views("slam", "speech"), NODES)
+    assert [len(held(claims[f"lab/{name}"])) for name in ("old", "young")] == [1, 1]
+    assert claims["lab/young"].conflicts == []
+
+
+def test_the_younger_policy_yields_a_node_that_is_too_small_and_is_told_what_would_do():
+    policies = [policy_of("old", "slam", reserve="500m"), policy_of("young", "speech", reserve="300m")]
+    claims = claim(policies, views("slam", "speech"), NODES)
+    assert held(claims["lab/young"]) == {}
+    assert claims["lab/young"].placement.allocatable == {}
+    assert claims["lab/young"].conflicts == [
+        f"node {NODE}: older policies leave 500m of 2000m; reserve 300m is not allowed: at least 1500m"
+    ]
+
+
+def test_a_policy_yields_only_the_node_that_is_too_small():
+    far = a_pod("speech-2", {"speech": cpu("1m", "2m")}, labels={"app": "speech"})
+    far["spec"]["nodeName"] = "robot-2"
+    policies = [policy_of("old", "slam"), policy_of("young", "speech")]
+    claims = claim(policies, [*views("slam", "speech"), view(far)], {**NODES, "robot-2": 1000})
+    assert held(claims["lab/young"]) == {"lab/speech-2/speech": "speech"}
+
+
+@pytest.mark.parametrize("mode", [Mode.DRY_RUN, Mode.PAUSED])
+def test_a_policy_that_does_not_enforce_takes_nothing(mode):
+    old, young = policy_of("old", "slam", mode=mode), policy_of("young", "slam")
+    claims = claim([old, young], views("slam"), NODES)
+    assert held(claims["lab/old"]) == held(claims["lab/young"]) == {"lab/slam/slam": "slam"}
+    assert claims["lab/young"].conflicts == []
+
+
+def test_an_obstacle_is_told_by_task_and_hinders_no_other():
+    pods = [*views("slam"), view(a_pod("speech", {"speech": {}}, qos="BestEffort"))]
+    result = claim([policy_of("robot", "slam", "speech")], pods, NODES)["lab/robot"]
+    assert held(result) == {"lab/slam/slam": "slam"}
+    assert list(result.obstacles) == ["speech"]
+
+
+def test_an_obstacle_of_one_pod_leaves_the_tasks_other_pods():
+    stuck = a_pod("slam-0", {"slam": cpu("1m", None)}, labels={"app": "slam"})
+    result = claim([policy_of("robot", "slam")], [view(stuck), *views("slam")], NODES)["lab/robot"]
+    assert held(result) == {"lab/slam/slam": "slam"}
+    assert "slam-0/slam has no CPU limit" in result.obstacles["slam"]
+
+
+def test_the_order_of_pods_decides_nothing():
+    pods = views("slam", "speech", "nav")
+    policy = policy_of("robot", "slam", "speech", "nav")
+    assert claim([policy], pods, NODES) == claim([policy], reversed(pods), NODES)
+
+
+def test_a_container_has_one_name():
+    assert container_id(view(a_pod("slam")), "slam") == "lab/slam/slam"

@@ -1,0 +1,202 @@
+"""Pods as kubectl shows them -> what matters about them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from contextpolicy.cluster.pods import ORIGINALS, Cpu, Original, read_originals, view, write_originals
+from tests.cluster.builders import a_pod, cpu
+
+NOTE = json.dumps({"slam": {"policy": "lab/robot", "request": "100m", "limit": "1"}})
+EQUAL = ("64Mi", "64Mi")
+
+
+def test_a_pod_of_the_api():
+    pod = view(a_pod("slam", annotations={ORIGINALS: NOTE}, generation=7, resourceVersion="4711"))
+    assert (pod.namespace, pod.name, pod.uid, pod.node, pod.qos) == ("lab", "slam", "uid-slam", "robot-1", "Burstable")
+    assert (pod.labels, pod.generation, pod.observed_generation, pod.version) == ({"app": "slam"}, 7, 1, 4711)
+    assert (pod.mirror, pod.pending, pod.ended, pod.running) == (False, "", False, True)
+    assert pod.originals == {"slam": Original("lab/robot", Cpu(100, 1000))}
+    [container] = pod.containers
+    assert (container.name, container.list_field, container.container_id) == ("slam", "containers", "containerd://slam")
+    assert (container.spec, container.actual) == (Cpu(100, 500), Cpu(100, 500))
+    assert (container.memory_request, container.memory_limit) == (64 << 20, 128 << 20)
+
+
+def test_a_pod_that_the_kubelet_has_not_seen():
+    pod = a_pod()
+    del pod["status"], pod["spec"]["nodeName"], pod["metadata"]["labels"], pod["metadata"]["generation"]
+    seen = view(pod)
+    assert (seen.node, seen.qos, seen.labels, seen.generation, seen.observed_generation) == ("", "", {}, 0, None)
+    assert [(c.actual, c.container_id) for c in seen.containers] == [(None, "")]
+    assert not seen.running
+
+
+def test_sidecars_count_and_init_containers_that_end_do_not():
+    pod = view(a_pod("slam", {"slam": cpu("10m", "500m")}, sidecars={"map": cpu("20m", "400m")}))
+    assert [(c.name, c.list_field, c.spec, c.actual) for c in pod.containers] == [
+        ("slam", "containers", Cpu(10, 500), Cpu(10, 500)),
+        ("map", "initContainers", Cpu(20, 400), Cpu(20, 400)),
+    ]
+    assert pod.container("wait-for-camera") is None
+
+
+@pytest.mark.parametrize(
+    ("stored", "millis"),
+    [
+        ("500m", 500),
+        ("2", 2000),
+        ("0.5", 500),
+        (1, 1000),
+        ("333333333n", 334),
+        ("1500u", 2),
+        ("1k", 10**6),
+        ("1e3", 10**6),
+        ("0", 0),
+        ("5e-1", 500),
+    ],
+)
+def test_cpu_in_every_form_that_the_api_stores(stored, millis):
+    assert view(a_pod("slam", {"slam": cpu(None, stored)})).containers[0].spec.limit == millis
+
+
+@pytest.mark.parametrize(
+    ("stored", "size"),
+    [
+        ("128Mi", 128 << 20),
+        ("1G", 10**9),
+        ("128e6", 128 * 10**6),
+        ("1.5e9", 1500 * 10**6),
+        ("134217728", 1 << 27),
+        ("134217728000m", 1 << 27),
+        ("1Ki", 1024),
+        ("1Ti", 1 << 40),
+    ],
+)
+def test_memory_in_every_form_that_the_api_stores(stored, size):
+    assert view(a_pod("slam", {"slam": cpu("1m", "2m", (stored, stored))})).containers[0].memory_limit == size
+
+
+def test_containers_without_resources():
+    [container] = view(a_pod("slam", {"slam": {}}, qos="BestEffort")).containers
+    assert (container.spec, container.memory_limit) == (Cpu(None, None), None)
+
+
+@pytest.mark.parametrize(
+    ("condition", "told"),
+    [
+        ({"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": "full"}, "Deferred: full"),
+        ({"type": "PodResizePending", "status": "True", "reason": "Infeasible", "message": "no"}, "Infeasible: no"),
+        ({"type": "PodResizeInProgress", "status": "True", "reason": "Error", "message": "EINVAL"}, "Error: EINVAL"),
+        ({"type": "PodResizeInProgress", "status": "True"}, ""),
+        ({"type": "PodResizePending", "status": "False", "reason": "Deferred"}, ""),
+        ({"type": "PodResizePending", "status": "True", "reason": "Deferred"}, "Deferred: "),
+    ],
+)
+def test_what_the_kubelet_holds_back_and_why(condition, told):
+    assert view(a_pod(conditions=[condition])).pending == told
+
+
+@pytest.mark.parametrize(
+    ("metadata", "phase", "ended"),
+    [
+        ({}, "Running", False),
+        ({}, "Pending", False),
+        ({}, "Succeeded", True),
+        ({}, "Failed", True),
+        ({"deletionTimestamp": "2026-01-01T00:00:00Z"}, "Running", True),
+    ],
+)
+def test_pods_that_have_ended_or_are_ending(metadata, phase, ended):
+    pod = a_pod(**metadata)
+    pod["status"]["phase"] = phase
+    assert view(pod).ended == ended
+
+
+def test_containers_run_until_they_have_ended():
+    pod = a_pod()
+    pod["status"]["containerStatuses"][0]["state"] = {"terminated": {"exitCode": 0}}
+    assert not view(pod).running
+
+
+@pytest.mark.parametrize("version", ["", "v1-abc", "12.5"])
+def test_a_version_that_is_no_number_counts_as_the_oldest(version):
+    assert view(a_pod(resourceVersion=version)).version == 0
+
+
+# the note
+
+
+def test_a_note_reads_back_as_it_was_written():
+    originals = {"slam": Original("lab/robot", Cpu(100, 1500)), "map": Original("lab/other", Cpu(None, 200))}
+    assert read_originals(write_originals(originals)) == originals
+
+
+def test_an_empty_note_is_none_at_all():
+    assert write_originals({}) is None
+    assert read_originals(None) == {}
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [
+        *("", "{", "[]", "1", "null", '"text"', '{"slam": 1}', '{"slam": {}}'),
+        '{"slam": {"policy": "lab/robot", "limit": "lots"}}',
+        '{"slam": {"policy": "lab/robot", "limit": {}}}',
+    ],
+)
+def test_a_damaged_note_reads_as_none(damaged):
+    assert read_originals(damaged) == {}
+
+
+# what can be changed, and how far
+
+
+@pytest.mark.parametrize(
+    ("pod", "said"),
+    [
+        (a_pod("slam", {"slam": {}}, qos="BestEffort"), "slam is BestEffort, which can't be resized; give slam a CPU"),
+        (
+            a_pod("slam", {"slam": cpu("10m", None)}),
+            "slam/slam has no CPU limit, and one that is set can't be taken back",
+        ),
+        (
+            a_pod("slam", annotations={"kubernetes.io/config.mirror": "x"}),
+            "slam is a static pod, which can't be resized",
+        ),
+    ],
+    ids=["best effort", "no limit", "static"],
+)
+def test_what_is_in_the_way_of_a_resize(pod, said):
+    seen = view(pod)
+    assert (seen.obstacle(seen.containers[0]) or "").startswith(said)
+
+
+@pytest.mark.parametrize("qos", ["Burstable", "Guaranteed"])
+def test_nothing_is_in_the_way_of_other_pods(qos):
+    seen = view(a_pod(qos=qos))
+    assert seen.obstacle(seen.containers[0]) is None
+
+
+@pytest.mark.parametrize(
+    ("resources", "qos", "floor"),
+    [
+        (cpu("100m", "500m"), "Burstable", 100),
+        (cpu("100m", "500m", None), "Burstable", 100),
+        (cpu(None, "500m"), "Burstable", 0),
+        (cpu("100m", "500m", EQUAL), "Burstable", 101),  # a limit of 100m would turn the pod Guaranteed
+        (cpu("500m", "500m", EQUAL), "Burstable", 500),  # it is not, so another container keeps it from that
+        (cpu("500m", "500m", EQUAL), "Guaranteed", 0),  # the request moves with the limit
+    ],
+)
+def test_a_request_is_a_floor_for_the_limit(resources, qos, floor):
+    pod = view(a_pod("slam", {"slam": resources}, qos=qos))
+    assert pod.floor(pod.containers[0]) == floor
+
+
+def test_the_floor_is_the_request_from_before_us():
+    """A policy that moves requests has moved it; once only limits move it comes back."""
+    pod = view(a_pod("slam", {"slam": cpu("799m", "800m")}, annotations={ORIGINALS: NOTE}))
+    assert pod.floor(pod.containers[0]) == 100

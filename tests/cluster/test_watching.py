@@ -1,0 +1,206 @@
+"""A list and its changes, whatever the server and the network do."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+
+import pytest
+
+from contextpolicy.cluster import watching
+from contextpolicy.cluster.watching import ObjectWatch
+from contextpolicy.errors import ActuationError
+
+PATIENCE = 20.0
+UNREACHABLE = ActuationError("Unreachable", "nobody there", retriable=True)
+
+
+def an_item(name, version=1):
+    return {"metadata": {"name": name, "uid": f"uid-{name}", "resourceVersion": str(version)}}
+
+
+def a_list(*items, version=1):
+    return {"metadata": {"resourceVersion": str(version)}, "items": list(items)}
+
+
+def an_event(kind, item):
+    return json.dumps({"type": kind, "object": item}).encode() + b"\n"
+
+
+class Response:
+    """Sends its chunks, then ends; one without an end lasts until somebody shuts it down."""
+
+    def __init__(self, *chunks, endless=False):
+        self._chunks, self._down, self.closed = chunks, threading.Event(), False
+        if not endless:
+            self._down.set()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.closed = True
+
+    def stream(self, **_):
+        for chunk in self._chunks:
+            if isinstance(chunk, Exception):
+                raise chunk
+            yield chunk
+        assert self._down.wait(PATIENCE)
+
+    def shutdown(self):
+        self._down.set()
+        if self.closed:
+            raise ValueError("as urllib3 says it")
+
+
+class Api:
+    """Answers as the script says; when it ends, a silent watch."""
+
+    def __init__(self, *script):
+        self._script, self.asked = list(script), []
+        self.quiet = Response(endless=True)
+        self.idle = threading.Event()
+
+    def read(self, path):
+        return self._answer(path)
+
+    def watch(self, path, version):
+        return self._answer(f"{path} since {version}")
+
+    def _answer(self, question):
+        self.asked.append(question)
+        if not self._script:
+            self.idle.set()
+            return self.quiet
+        answer = self._script.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+@pytest.fixture(autouse=True)
+def _no_pauses(monkeypatch):
+    monkeypatch.setattr(watching, "PAUSES", (0.0,))
+
+
+def follow(*script):
+    """What a watch tells and asks, until the script has ended."""
+    api, told = Api(*script), []
+    watch = ObjectWatch(
+        api, "/pods", lambda item: told.append(item["metadata"]["name"]), lambda uid: told.append(f"-{uid}")
+    )
+    watch.start()
+    assert api.idle.wait(PATIENCE)
+    watch.check()
+    assert watch.listed.done()
+    watch.stop()
+    assert api.quiet.closed
+    return told, api.asked
+
+
+def test_what_exists_is_told_then_each_change():
+    events = an_event("ADDED", an_item("speech", 5)) + an_event("MODIFIED", an_item("slam", 6))
+    told, asked = follow(a_list(an_item("slam"), version=4), Response(events, an_event("DELETED", an_item("slam", 7))))
+    assert told == ["slam", "speech", "slam", "-uid-slam"]
+    assert asked == ["/pods", "/pods since 4", "/pods since 7"]
+
+
+def test_events_may_come_in_any_pieces():
+    event = an_event("ADDED", an_item("slam", 5))
+    told, _ = follow(a_list(), Response(event[:7], event[7:] + event[:20], event[20:]))
+    assert told == ["slam", "slam"]
+
+
+def test_a_bookmark_moves_only_the_version():
+    told, asked = follow(a_list(), Response(an_event("BOOKMARK", {"metadata": {"resourceVersion": "99"}})))
+    assert (told, asked[-1]) == ([], "/pods since 99")
+
+
+def test_after_a_failure_all_is_listed_anew_and_what_is_missing_has_gone():
+    told, asked = follow(
+        a_list(an_item("slam"), an_item("speech"), version=4),
+        Response(an_event("ADDED", an_item("map", 5)), OSError("connection reset")),
+        UNREACHABLE,
+        UNREACHABLE,
+        a_list(an_item("slam"), version=2),
+    )
+    assert told[:4] == ["slam", "speech", "map", "slam"]
+    assert sorted(told[4:]) == ["-uid-map", "-uid-speech"]
+    assert asked[-1] == "/pods since 2", "a restored backup counts from where it was"
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        UNREACHABLE,
+        Response(an_event("ERROR", {"code": 410, "reason": "Expired", "message": "too old"})),
+        Response(b"<html>\n"),
+        Response(b'{"type": "ADDED"}\n'),
+        Response(b"[]\n"),
+    ],
+    ids=["unreachable", "expired", "no JSON", "no object", "no event"],
+)
+def test_a_watch_that_fails_in_any_way_is_begun_anew(broken):
+    told, asked = follow(a_list(version=4), broken, a_list(an_item("slam"), version=8))
+    assert told == ["slam"]
+    assert asked[2:] == ["/pods", "/pods since 8"]
+
+
+def test_failures_are_logged_once_and_their_end(caplog):
+    caplog.set_level(logging.INFO)
+    follow(UNREACHABLE, UNREACHABLE, {"kind": "Status"}, a_list())
+    messages = [record.getMessage() for record in caplog.records if record.name == watching.__name__]
+    assert messages == ["/pods can't be watched, trying again: nobody there", "/pods is told again"]
+
+
+class RefusedAfterTheEnd(Response):
+    """What urllib3 says to a shutdown when the server has just ended the answer."""
+
+    def __init__(self, error):
+        super().__init__(endless=True)
+        self._error = error
+
+    def shutdown(self):
+        super().shutdown()
+        raise self._error
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(9, "Bad file descriptor"), ValueError("closed"), RuntimeError("released")], ids=repr
+)
+def test_a_watch_that_ends_by_itself_just_now_can_be_stopped(error):
+    api = Api(a_list())
+    api.quiet = RefusedAfterTheEnd(error)
+    watch = ObjectWatch(api, "/pods", lambda _: None, lambda _: None)
+    watch.start()
+    assert api.idle.wait(PATIENCE)
+    watch.stop()
+    assert api.quiet.closed
+
+
+def test_a_watch_can_be_stopped_in_the_pause_after_an_end(monkeypatch):
+    monkeypatch.setattr(watching, "PAUSES", (PATIENCE,))
+    ended = Response()
+    api = Api(a_list(), ended)
+    watch = ObjectWatch(api, "/pods", lambda _: None, lambda _: None)
+    watch.start()
+    watch.listed.result(PATIENCE)
+    while not ended.closed:
+        watch._thread.join(0.001)
+    watch.stop()
+    assert not watch._thread.is_alive()
+    assert not api.idle.is_set(), "it was stopped before it went on"
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_watch_that_has_ended_unasked_is_found_out():
+    def fail(_):
+        raise SystemExit
+
+    watch = ObjectWatch(Api(a_list(an_item("slam"))), "/pods", fail, lambda _: None)
+    watch.start()
+    watch._thread.join(PATIENCE)
+    with pytest.raises(RuntimeError, match="/pods is not watched any more"):
+        watch.check()

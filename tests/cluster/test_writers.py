@@ -1,0 +1,55 @@
+"""managedFields as the API server writes them -> who changed a container's CPU."""
+
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.writers import NOBODY, Writers, writers
+from tests.cluster.builders import a_pod, cpu
+
+KEY = 'k:{"name":"slam"}'
+
+
+def entry(manager, *kinds, time="2026-01-01T00:00:00Z", field="containers", **more):
+    resources = {f"f:{kind}": {"f:cpu": {}, "f:memory": {}} for kind in kinds}
+    fields = {"f:spec": {f"f:{field}": {KEY: {".": {}, "f:name": {}, "f:resources": resources}}}}
+    return {
+        "manager": manager,
+        "operation": "Update",
+        "time": time,
+        "fieldsType": "FieldsV1",
+        "fieldsV1": fields,
+        **more,
+    }
+
+
+def test_request_and_limit_may_have_two_owners():
+    managed = [entry("kubectl", "requests"), entry("vpa-updater", "limits", subresource="resize")]
+    assert writers({"managedFields": managed}, "containers", "slam") == Writers("kubectl", "vpa-updater")
+
+
+def test_of_two_that_applied_the_same_value_the_last_counts():
+    managed = [
+        entry("gitops", "limits", time="2026-01-01T00:00:02Z", operation="Apply"),
+        entry("kubectl", "limits", time="2026-01-01T00:00:01Z", operation="Apply"),
+    ]
+    assert writers({"managedFields": managed}, "containers", "slam").limit == "gitops"
+
+
+def test_a_sidecars_owner():
+    pod = a_pod("map", {"map": cpu("10m", "500m")}, sidecars={"slam": cpu("10m", "400m")})
+    pod["metadata"]["managedFields"] = [entry("vpa-updater", "limits", field="initContainers")]
+    assert [container.writers for container in view(pod).containers] == [NOBODY, Writers("", "vpa-updater")]
+
+
+@pytest.mark.parametrize(
+    "managed",
+    [
+        *(None, [], [{}], [{"manager": "kubelet", "fieldsV1": None}], [{"manager": "x", "fieldsV1": {"f:spec": 1}}]),
+        [{"manager": "kubelet", "subresource": "status", "fieldsV1": {"f:status": {}}}],
+        [entry("kubectl")],
+    ],
+)
+def test_nobody_is_noted(managed):
+    assert writers({"managedFields": managed}, "containers", "slam") == NOBODY

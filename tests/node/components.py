@@ -1,0 +1,148 @@
+"""Each component's command line and the question that tells that it is ready: pure, nothing is started."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+from tests.node.certificates import AUTHORITY, TOKENS, certificate, private_key
+from tests.node.layout import (
+    API_URL,
+    BIN,
+    CONFIG,
+    CONTAINERD_SOCKET,
+    NODE_ADDRESS,
+    NODE_NAME,
+    POD_CIDR,
+    ROOT,
+    SERVICE_CIDR,
+    SOURCES,
+)
+
+NODE_BINARY = str(BIN / "node")
+
+
+@dataclass(frozen=True)
+class Component:
+    """A process of the node; `probe` is a command that succeeds once the component serves."""
+
+    name: str
+    argv: tuple[str, ...]
+    probe: tuple[str, ...]
+    patience: float = 60
+
+
+def kubeconfig_path(name: str) -> str:
+    return str(CONFIG / f"{name}.kubeconfig")
+
+
+def _flags(**flags: object) -> list[str]:
+    return [f"--{name.replace('_', '-')}={value}" for name, value in flags.items()]
+
+
+def _answers(url: str) -> tuple[str, ...]:
+    return (sys.executable, str(SOURCES / "probe.py"), url)
+
+
+def etcd() -> Component:
+    client, peer = "http://127.0.0.1:2379", "http://127.0.0.1:2380"
+    flags = _flags(
+        name="node",
+        data_dir=ROOT / "etcd",
+        listen_client_urls=client,
+        advertise_client_urls=client,
+        listen_peer_urls=peer,
+        initial_advertise_peer_urls=peer,
+        initial_cluster=f"node={peer}",
+        unsafe_no_fsync="true",  # the page cache outlives the process, and nobody pulls this node's plug
+    )
+    return Component("etcd", (NODE_BINARY, "etcd", *flags), _answers(f"{client}/health"))
+
+
+def apiserver() -> Component:
+    flags = _flags(
+        advertise_address=NODE_ADDRESS,
+        allow_privileged="true",
+        authorization_mode="Node,RBAC",
+        client_ca_file=certificate(AUTHORITY),
+        enable_admission_plugins="NodeRestriction",
+        etcd_servers="http://127.0.0.1:2379",
+        kubelet_client_certificate=certificate("apiserver-client"),
+        kubelet_client_key=private_key("apiserver-client"),
+        kubelet_preferred_address_types="InternalIP",
+        service_account_issuer="https://kubernetes.default.svc.cluster.local",
+        service_account_key_file=certificate(TOKENS),
+        service_account_signing_key_file=private_key(TOKENS),
+        service_cluster_ip_range=SERVICE_CIDR,
+        tls_cert_file=certificate("apiserver"),
+        tls_private_key_file=private_key("apiserver"),
+    )
+    argv = (NODE_BINARY, "kube-apiserver", *flags)
+    return Component("apiserver", argv, _answers(f"{API_URL}/readyz"), patience=120)
+
+
+def controller_manager() -> Component:
+    flags = _flags(
+        bind_address="127.0.0.1",
+        cluster_signing_cert_file=certificate(AUTHORITY),
+        cluster_signing_key_file=private_key(AUTHORITY),
+        flex_volume_plugin_dir=ROOT / "volume-plugins",
+        kubeconfig=kubeconfig_path("controller-manager"),
+        leader_elect="false",
+        root_ca_file=certificate(AUTHORITY),
+        service_account_private_key_file=private_key(TOKENS),
+        use_service_account_credentials="true",
+    )
+    argv = (NODE_BINARY, "kube-controller-manager", *flags)
+    return Component("controller-manager", argv, _answers("https://127.0.0.1:10257/healthz"))
+
+
+def scheduler() -> Component:
+    flags = _flags(
+        bind_address="127.0.0.1",
+        kubeconfig=kubeconfig_path("scheduler"),
+        leader_elect="false",
+    )
+    return Component("scheduler", (NODE_BINARY, "kube-scheduler", *flags), _answers("https://127.0.0.1:10259/healthz"))
+
+
+def containerd() -> Component:
+    ctr = (str(BIN / "ctr"), "--address", str(CONTAINERD_SOCKET), "--timeout", "5s", "version")
+    argv = (str(BIN / "containerd"), "--config", str(CONFIG / "containerd.toml"))
+    return Component("containerd", argv, ctr)
+
+
+def kubelet() -> Component:
+    flags = _flags(
+        cert_dir=ROOT / "kubelet" / "pki",
+        config=CONFIG / "kubelet.json",
+        hostname_override=NODE_NAME,
+        kubeconfig=kubeconfig_path("kubelet"),
+        node_ip=NODE_ADDRESS,
+        root_dir=ROOT / "kubelet",
+    )
+    return Component("kubelet", (NODE_BINARY, "kubelet", *flags), _answers("http://127.0.0.1:10248/healthz"))
+
+
+def proxy() -> Component:
+    flags = _flags(
+        cluster_cidr=POD_CIDR,
+        conntrack_max_per_core=0,  # these sysctls belong to the host
+        conntrack_tcp_timeout_close_wait=0,
+        conntrack_tcp_timeout_established=0,
+        healthz_bind_address="127.0.0.1:10256",
+        hostname_override=NODE_NAME,
+        kubeconfig=kubeconfig_path("proxy"),
+        oom_score_adj=0,
+        proxy_mode="nftables",
+    )
+    return Component("proxy", (NODE_BINARY, "kube-proxy", *flags), _answers("http://127.0.0.1:10256/healthz"))
+
+
+def all_components() -> tuple[Component, ...]:
+    """Return the components in the order in which they start; they stop in the opposite order."""
+    return (etcd(), apiserver(), controller_manager(), scheduler(), containerd(), kubelet(), proxy())
+
+
+def names() -> tuple[str, ...]:
+    return tuple(component.name for component in all_components())

@@ -1,0 +1,145 @@
+"""Images: built from a Dockerfile without a daemon, only when something changed, and put where pods look."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+from tests.node import access, base, build, cache, context, host, mounts, shell
+from tests.node.errors import ClusterError
+from tests.node.layout import BIN, CACHE, CONTAINERD_SOCKET, PAUSE_IMAGE, REPOSITORY, ROOT, SOURCES, TAG
+from tests.node.lock import held
+
+log = logging.getLogger(__name__)
+
+STORE = CACHE / "images" / "store"
+BUILD_TIMEOUT = 1800.0
+IMPORT_TIMEOUT = 300.0
+
+
+def image(name: str, dockerfile: Path, folder: Path) -> str:
+    """Build NAME:dev from a Dockerfile, import it into the cluster and return how pods call it."""
+    build.install_packages()
+    inputs = cache.key(name, base.key(), dockerfile.read_text(), files=context.files(folder), root=folder)
+    _deliver(name, _known(name, inputs) or _build(name, inputs, dockerfile, folder))
+    return f"{name}:{TAG}"
+
+
+def reference(name: str) -> str:
+    """Return the full name that the container runtime makes of a pod's `image: NAME:dev`."""
+    return f"docker.io/library/{name}:{TAG}"
+
+
+def import_pause() -> None:
+    """Import the image of every pod's first container, which no registry has to serve."""
+    program = next(one for one in build.PROGRAMS if one.name == "pause")
+    inputs, dockerfile = build.program_key(program), SOURCES / "program" / "pause" / "Dockerfile"
+    known = _known(PAUSE_IMAGE, inputs)
+    _import(PAUSE_IMAGE, known or _build(PAUSE_IMAGE, inputs, dockerfile, build.build(program), on_base=False))
+
+
+def _known(name: str, inputs: str) -> str:
+    """Return the id of the image that these inputs made, or nothing; no build has to be waited for."""
+    record = _record(name)
+    known, _, identifier = record.read_text().partition(" ") if record.exists() else ("", "", "")
+    if known != inputs or not _archive(name, identifier).exists():
+        return ""
+    log.info("image %s:%s: unchanged", name, TAG)
+    return identifier
+
+
+def _build(name: str, inputs: str, dockerfile: Path, folder: Path, *, on_base: bool = True) -> str:
+    """Build and return the image's id; an archive is written only when the id is a new one."""
+    with held("images"):
+        base_image = _base_image() if on_base else ""
+        identifier = _bud(reference(name), dockerfile, folder, base_image=base_image)
+        if not _archive(name, identifier).exists():
+            _push(name, identifier)
+        _record(name).write_text(f"{inputs} {identifier}")
+    return identifier
+
+
+def _base_image() -> str:
+    """Put the base image into buildah's store and return its name there."""
+    name = f"localhost/{base.IMAGE}"
+    folder, stamp = base.archive(), STORE / f"base-{base.key()}"
+    if not stamp.exists():
+        _bud(name, folder / "Dockerfile", folder, base_image="")
+        stamp.touch()
+    return name
+
+
+def _record(name: str) -> Path:
+    return CACHE / "images" / f"{name}.built"
+
+
+def _archive(name: str, identifier: str) -> Path:
+    return CACHE / "images" / name / f"{identifier}.tar"
+
+
+def _bud(name: str, dockerfile: Path, folder: Path, *, base_image: str) -> str:
+    """Build with buildah, which reuses unchanged layers, and return the id of the image."""
+    STORE.mkdir(parents=True, exist_ok=True)
+    identifier = STORE / "built"
+    options = ["--iidfile", str(identifier)]
+    options += ["--isolation", "chroot", "--layers", "--format", "docker", "--pull-never"]
+    if base_image:
+        options += ["--build-arg", f"BASE_IMAGE={base_image}"]
+        options += [part for volume in host.volumes() for part in ("--volume", volume)]
+    argv = _buildah("bud", *options, "--file", str(dockerfile), "--tag", name, str(folder))
+    output = CACHE / "logs" / f"image-{name.rpartition('/')[2].partition(':')[0]}.log"
+    try:
+        shell.run_long(f"building image {name}", argv, output=output, timeout=BUILD_TIMEOUT, env=os.environ)
+    finally:
+        mounts.remove(STORE)
+    return identifier.read_text().strip().removeprefix("sha256:")
+
+
+def _push(name: str, identifier: str) -> None:
+    """Replace the archives of the image's earlier builds; the new one appears complete or not at all."""
+    archive = _archive(name, identifier)
+    shutil.rmtree(archive.parent, ignore_errors=True)
+    archive.parent.mkdir(parents=True)
+    with tempfile.TemporaryDirectory(dir=archive.parent, prefix=".draft-") as folder:
+        draft = Path(folder) / "image.tar"
+        shell.run(_buildah("push", reference(name), f"docker-archive:{draft}"), timeout=IMPORT_TIMEOUT)
+        mounts.remove(STORE)
+        draft.rename(archive)
+
+
+def _buildah(command: str, *arguments: str) -> list[str]:
+    return ["buildah", "--root", f"{STORE}/root", "--runroot", f"{STORE}/run", command, *arguments]
+
+
+def _deliver(name: str, identifier: str) -> None:
+    if not access.user_cluster():
+        _import(name, identifier)
+        return
+    copy = REPOSITORY / "build" / "images" / f"{name}.tar"
+    copy.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(_archive(name, identifier), copy)
+    _give_to_user_cluster(copy)
+
+
+def _give_to_user_cluster(archive: Path) -> None:
+    argv = ["k3s", "ctr", "images", "import", str(archive)]
+    if shutil.which("k3s"):
+        shell.run(argv, timeout=IMPORT_TIMEOUT)
+    else:
+        log.info("no k3s on this machine; on the cluster's node run: %s", " ".join(argv))
+
+
+def _import(name: str, identifier: str) -> None:
+    """Import into our containerd; the stamp lives and dies with containerd's state."""
+    stamp = ROOT / "images" / name
+    if stamp.exists() and stamp.read_text() == identifier:
+        return
+    if not CONTAINERD_SOCKET.exists():
+        raise ClusterError(f"image {name}: built, but there is no node: run `python -m tests.node up`")
+    ctr = [str(BIN / "ctr"), "--address", str(CONTAINERD_SOCKET), "--namespace", "k8s.io"]
+    shell.run([*ctr, "images", "import", str(_archive(name, identifier))], timeout=IMPORT_TIMEOUT)
+    stamp.parent.mkdir(parents=True, exist_ok=True)
+    stamp.write_text(identifier)

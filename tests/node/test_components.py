@@ -1,0 +1,73 @@
+import json
+import tomllib
+
+import pytest
+
+from tests.node import certificates, components, configuration, layout
+
+
+def flags(component: components.Component) -> dict[str, str]:
+    return dict(word.removeprefix("--").split("=", 1) for word in component.argv if "=" in word)
+
+
+def test_each_component_has_its_own_name():
+    assert len(set(components.names())) == len(components.all_components())
+
+
+def test_the_kubelet_starts_after_what_it_needs_and_so_stops_before():
+    order = components.names()
+    assert order.index("etcd") < order.index("apiserver") < order.index("kubelet")
+    assert order.index("containerd") < order.index("kubelet")
+
+
+@pytest.mark.parametrize("component", components.all_components(), ids=components.names())
+def test_every_file_that_a_component_names_is_below_the_root(component):
+    paths = [value for value in flags(component).values() if value.startswith("/")]
+    assert all(path.startswith(f"{layout.ROOT}/") for path in paths)
+
+
+def test_node_name_is_one_for_kubelet_proxy_and_certificate():
+    assert flags(components.kubelet())["hostname-override"] == layout.NODE_NAME
+    assert flags(components.proxy())["hostname-override"] == layout.NODE_NAME
+    assert certificates.KUBELET.user == f"system:node:{layout.NODE_NAME}"
+
+
+def test_api_server_certificate_covers_the_addresses_that_clients_use():
+    names = certificates.API_SERVER.alternative_names
+    assert {f"IP:{layout.NODE_ADDRESS}", f"IP:{layout.API_SERVICE_ADDRESS}"} <= set(names)
+
+
+def test_client_certificates_carry_user_and_group():
+    command = certificates.issue(certificates.KUBELET)
+    assert f"/O=system:nodes/CN=system:node:{layout.NODE_NAME}" in command
+    assert "extendedKeyUsage=clientAuth" in command
+
+
+def test_containerd_pins_the_pause_image_and_keeps_its_files_below_the_root():
+    config = tomllib.loads(configuration.CONTAINERD_TOML)
+    plugins = config["plugins"]
+    assert plugins["io.containerd.cri.v1.images"]["pinned_images"]["sandbox"] == layout.PAUSE_REFERENCE
+    assert plugins["io.containerd.cri.v1.runtime"]["restrict_oom_score_adj"] is True
+    assert config["state"].startswith(str(layout.RUN))
+
+
+def test_shim_sockets_fit_into_the_limit_of_containerd():
+    config = tomllib.loads(configuration.CONTAINERD_TOML)
+    assert len(config["plugins"]["io.containerd.shim.v1.manager"]["socket_dir"]) <= 42
+
+
+def test_kubelet_accepts_cgroup_v1_and_reads_static_pods():
+    config = json.loads(configuration.kubelet())
+    assert (config["failCgroupV1"], config["cgroupDriver"]) == (False, "cgroupfs")
+    assert config["staticPodPath"] == str(layout.MANIFESTS)
+
+
+def test_kubeconfig_points_to_the_api_server_with_the_identity():
+    config = json.loads(configuration.kubeconfig(certificates.ADMIN))
+    assert config["clusters"][0]["cluster"]["server"] == layout.API_URL
+    assert config["users"][0]["user"]["client-key"].endswith("/admin.key")
+
+
+def test_pods_get_addresses_from_the_range_that_the_proxy_knows():
+    bridge = json.loads(configuration.cni())["plugins"][0]
+    assert bridge["ipam"]["ranges"] == [[{"subnet": flags(components.proxy())["cluster-cidr"]}]]

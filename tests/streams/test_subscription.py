@@ -1,0 +1,287 @@
+"""Samples from a real Zenoh session to the loop: in order, bounded, and whatever is in them."""
+
+from __future__ import annotations
+
+import json
+import socket
+from dataclasses import replace
+from threading import Condition, Event, Thread, current_thread
+
+import pytest
+import zenoh
+from reactivex.testing import TestScheduler
+
+from contextpolicy.loop import Loop
+from contextpolicy.planning.inputs import Gone
+from contextpolicy.planning.sample import Sample
+from contextpolicy.policy.spec import Encoding, Stream
+from contextpolicy.streams import subscription
+from contextpolicy.streams.decoding import Decoder
+from contextpolicy.streams.subscription import BATCH, _Inbox, inputs
+
+PATIENCE = 10.0
+IMU = Stream("imu", "robot/imu")
+MIC = Stream("mic", "robot/microphone")
+
+
+def open_session(**settings):
+    config = zenoh.Config()
+    for key, value in {"mode": "peer", "scouting/multicast/enabled": False, **settings}.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
+
+
+def free_endpoint():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+
+
+@pytest.fixture(scope="module")
+def robot_and_operator():
+    """Two sessions, joined by TCP on the loopback; each test has keys of its own on them."""
+    endpoint = free_endpoint()
+    with (
+        open_session(**{"listen/endpoints": [endpoint]}) as operator,
+        open_session(**{"connect/endpoints": [endpoint], "listen/endpoints": []}) as robot,
+    ):
+        yield robot, operator
+
+
+class Heard:
+    """What arrives, and on which thread; `wait_for` is bounded."""
+
+    def __init__(self):
+        self.inputs, self.drops, self.threads, self.arrivals = [], [], set(), []
+        self._news = Condition()
+
+    def on_next(self, event):
+        with self._news:
+            self.inputs.append(event)
+            self.threads.add(current_thread().name)
+            self._news.notify_all()
+
+    def on_drop(self, stream, reason):
+        with self._news:
+            self.drops.append((stream, reason))
+            self.threads.add(current_thread().name)
+            self._news.notify_all()
+
+    def wait_for(self, condition):
+        with self._news:
+            assert self._news.wait_for(lambda: condition(self), PATIENCE), (self.inputs[-3:], self.drops[-3:])
+
+    def values(self, stream="imu"):
+        return [event.value for event in self.inputs if isinstance(event, Sample) and event.stream == stream]
+
+
+@pytest.fixture
+def loop():
+    running = Loop()
+    yield running
+    running.dispose()
+
+
+@pytest.fixture
+def listen(robot_and_operator, loop):
+    """Subscribe to streams; returns what is heard."""
+    subscriptions = []
+
+    def start(*streams):
+        heard = Heard()
+        source = inputs(robot_and_operator[1], streams, loop, heard.on_drop, heard.arrivals.append)
+        subscriptions.append(source.subscribe(heard.on_next))
+        return heard
+
+    yield start
+    for started in subscriptions:
+        started.dispose()
+
+
+@pytest.fixture
+def imu(request):
+    return replace(IMU, key=f"{abs(hash(request.node.name))}/imu")
+
+
+@pytest.fixture
+def mic(request):
+    base = abs(hash(request.node.name))
+    return replace(MIC, key=f"{base}/*/level", liveliness=f"{base}/mic/alive")
+
+
+@pytest.fixture
+def publish(robot_and_operator):
+    robot, _ = robot_and_operator
+
+    def put(key, *payloads):
+        publisher = robot.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
+        wait_for_match(publisher)
+        for payload in payloads:
+            publisher.put(payload)
+        publisher.undeclare()
+
+    return put
+
+
+def wait_for_match(publisher):
+    """A subscriber's declaration travels, too."""
+    matched = Event()
+    listener = publisher.declare_matching_listener(lambda status: status.matching and matched.set())
+    assert publisher.matching_status.matching or matched.wait(PATIENCE)
+    listener.undeclare()
+
+
+def test_samples_arrive_in_order_on_the_loops_thread(listen, publish, imu):
+    heard = listen(imu)
+    publish(imu.key, *(json.dumps({"n": n}) for n in range(500)))
+    heard.wait_for(lambda h: len(h.inputs) == 500)
+    assert heard.values() == [{"n": n} for n in range(500)]
+    assert heard.threads == {"loop"}
+
+
+def test_each_sample_is_announced_with_the_time_of_its_arrival(listen, publish, imu):
+    heard = listen(imu)
+    publish(imu.key, "{}", "{}")
+    heard.wait_for(lambda h: len(h.arrivals) == 4)
+    first, after, second, last = heard.arrivals
+    assert 0 < first <= second
+    assert (after, last) == (None, None)
+
+
+def test_a_key_expression_may_join_several_publishers(listen, publish, mic):
+    heard = listen(mic)
+    publish(mic.key.replace("*", "left"), '{"level": 1}')
+    publish(mic.key.replace("*", "right"), '{"level": 2}')
+    heard.wait_for(lambda h: len(h.inputs) == 2)
+    assert heard.values("mic") == [{"level": 1}, {"level": 2}]
+
+
+@pytest.mark.parametrize("broken", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b'{"n": NaN}'])
+def test_a_payload_that_cannot_be_decoded_is_counted_and_ends_nothing(listen, publish, imu, broken):
+    heard = listen(imu)
+    publish(imu.key, '{"n": 1}', broken, '{"n": 2}')
+    heard.wait_for(lambda h: len(h.inputs) == 2)
+    assert heard.values() == [{"n": 1}, {"n": 2}]
+    assert heard.drops == [("imu", "undecodable")]
+
+
+def test_a_deletion_is_no_sample(listen, robot_and_operator, publish, imu):
+    heard = listen(imu)
+    publish(imu.key, '{"n": 1}')
+    robot_and_operator[0].delete(imu.key)
+    publish(imu.key, '{"n": 2}')
+    heard.wait_for(lambda h: len(h.values()) == 2)
+    assert (heard.values(), heard.drops) == ([{"n": 1}, {"n": 2}], [])
+
+
+def test_a_sender_that_dies_is_gone(listen, robot_and_operator, mic):
+    robot, operator = robot_and_operator
+    token = robot.liveliness().declare_token(mic.liveliness)
+    seen = Event()
+    watcher = operator.liveliness().declare_subscriber(mic.liveliness, lambda _: seen.set(), history=True)
+    assert seen.wait(PATIENCE)
+    heard = listen(mic)
+    token.undeclare()
+    heard.wait_for(lambda h: h.inputs)
+    watcher.undeclare()
+    assert heard.inputs == [Gone("mic")]
+    assert heard.threads == {"loop"}
+
+
+def test_after_the_end_of_the_subscription_nothing_arrives(robot_and_operator, loop, publish, imu, mic):
+    _, operator = robot_and_operator
+    ended, other = Heard(), Heard()
+    inputs(operator, [imu, mic], loop, ended.on_drop, ended.arrivals.append).subscribe(ended.on_next).dispose()
+    later = inputs(operator, [imu], loop, other.on_drop, other.arrivals.append).subscribe(other.on_next)
+    publish(imu.key, "{}")
+    other.wait_for(lambda h: h.inputs)
+    later.dispose()
+    assert ended.inputs == []
+
+
+# between Zenoh's threads and the loop
+
+
+def an_inbox(scheduler, heard):
+    return _Inbox(heard, scheduler, heard.on_drop, heard.arrivals.append)
+
+
+def test_beyond_the_backlog_the_oldest_are_dropped_and_counted(monkeypatch):
+    monkeypatch.setattr(subscription, "BACKLOG", 10)
+    scheduler, heard = TestScheduler(), Heard()
+    inbox, imu, mic = an_inbox(scheduler, heard), Decoder(IMU), Decoder(MIC)
+    inbox.put(mic, b'{"level": 1}')
+    for n in range(24):
+        inbox.put(imu, b'{"n": %d}' % n)
+    scheduler.advance_by(1)
+    assert heard.values() == [{"n": n} for n in range(14, 24)]
+    assert sorted(heard.drops) == [("imu", "overrun")] * 14 + [("mic", "overrun")]
+
+
+def test_a_storm_leaves_others_their_turn():
+    """As many samples come in as are taken out: timers and finished patches still act."""
+    scheduler, heard = TestScheduler(), Heard()
+    inbox, decoder, others = an_inbox(scheduler, heard), Decoder(IMU), []
+    put_again = heard.on_next
+
+    def on_next(event):
+        put_again(event)
+        if not others:
+            inbox.put(decoder, b"{}")
+
+    heard.on_next = on_next
+    inbox.put(decoder, b"{}")
+    scheduler.schedule(lambda *_: others.append("a patch"))
+    scheduler.advance_by(1)
+    assert others == ["a patch"]
+    assert len(heard.inputs) == BATCH + 1
+
+
+def test_the_loop_is_woken_once_for_all_that_wait():
+    scheduler, heard = TestScheduler(), Heard()
+    inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
+    for _ in range(50):
+        inbox.put(decoder, b"{}")
+    assert len(scheduler._queue) == 1
+    scheduler.advance_by(1)
+    assert len(heard.inputs) == 50
+    inbox.put(decoder, b"{}")
+    assert len(scheduler._queue) == 1
+
+
+def test_a_reader_that_fails_does_not_end_the_stream():
+    scheduler, heard = TestScheduler(), Heard()
+    inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
+    take = heard.on_next
+
+    def fail_once(_):
+        heard.on_next = take
+        raise RuntimeError("by accident")
+
+    heard.on_next = fail_once
+    inbox.put(decoder, b'{"n": 1}')
+    inbox.put(decoder, b'{"n": 2}')
+    with pytest.raises(RuntimeError):
+        scheduler.advance_by(1)
+    scheduler.stop()
+    scheduler.advance_by(1)
+    assert heard.values() == [{"n": 2}]
+    assert heard.arrivals[-1] is None
+
+
+def test_many_threads_may_put_at_once(loop):
+    heard = Heard()
+    inbox = an_inbox(loop, heard)
+    decoders = [Decoder(replace(IMU, name=f"imu{n}", encoding=Encoding.JSON)) for n in range(8)]
+
+    def put_all(decoder):
+        for n in range(500):
+            inbox.put(decoder, b'{"n": %d}' % n)
+
+    threads = [Thread(target=put_all, args=(decoder,)) for decoder in decoders]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE)
+    heard.wait_for(lambda h: len(h.inputs) == 4000)
+    for n in range(8):
+        assert heard.values(f"imu{n}") == [{"n": n} for n in range(500)]

@@ -1,0 +1,200 @@
+"""What is written when, in virtual time; the worker runs when the test says so."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from reactivex.testing import TestScheduler
+
+from contextpolicy.telemetry import reporter as module
+from contextpolicy.telemetry.reporter import STATUS_DELAY, STATUS_INTERVAL, STATUS_RETRY, Reporter
+from tests.actuators.resize.fake_cluster import UNREACHABLE, refusal
+from tests.actuators.resize.rig import MOMENT
+from tests.virtual_operator import Pool
+
+POLICY = "lab/robot"
+
+
+class Desk:
+    """A clerk with its worker and the API that it writes to."""
+
+    def __init__(self):
+        self.scheduler, self.worker = TestScheduler(), Pool()
+        self.statuses, self.events, self.faults = [], [], []
+        self.clerk = Reporter(self, self.scheduler)
+
+    def write_status(self, namespace, name, status):
+        self._fail()
+        self.statuses.append((self.now(), f"{namespace}/{name}", status["n"]))
+
+    def post_event(self, namespace, event):
+        self._fail()
+        self.events.append((namespace, event["reason"], event["message"]))
+
+    def _fail(self):
+        if self.faults:
+            raise self.faults.pop(0)
+
+    def now(self):
+        return round(self.scheduler.to_seconds(self.scheduler.now), 2)
+
+    def status(self, n, policy=POLICY):
+        self.clerk.status(policy, lambda: {"n": n})
+
+    def event(self, message, reason="Invalid", policy=POLICY):
+        self.clerk.event(policy, {"metadata": {"namespace": "lab"}, "reason": reason, "message": message})
+
+    def wait(self, seconds):
+        """In steps of 10 ms, the worker at work."""
+        for _ in range(round(seconds * 100)):
+            while self.worker.jobs:
+                self.worker.run()
+            self.scheduler.advance_by(0.01)
+
+
+@pytest.fixture
+def desk(monkeypatch):
+    made = Pool()
+    monkeypatch.setattr(module, "ThreadPoolExecutor", lambda *_, **__: made)
+    desk = Desk()
+    desk.worker = made
+    return desk
+
+
+def test_a_status_lets_the_resizes_of_its_plan_go_first(desk):
+    desk.status(1)
+    assert desk.worker.jobs == []
+    desk.wait(1)
+    assert desk.statuses == [(STATUS_DELAY, POLICY, 1)]
+
+
+def test_of_many_statuses_the_newest_is_written_at_most_once_per_interval(desk):
+    for n in range(100):
+        desk.status(n)
+        desk.wait(0.01)
+    desk.wait(1)
+    written = [n for _, _, n in desk.statuses]
+    times = [at for at, _, _ in desk.statuses]
+    assert written[-1] == 99
+    assert all(after - before > STATUS_INTERVAL - 0.001 for before, after in pairwise(times))
+    assert len(written) <= 1 / STATUS_INTERVAL + 2
+
+
+def test_a_status_is_made_when_it_is_written_not_when_it_is_announced(desk):
+    desk.status(0)
+    desk.wait(STATUS_DELAY + 0.05)
+    facts = {"n": 1}
+    desk.clerk.status(POLICY, lambda: dict(facts))
+    facts["n"] = 2
+    desk.wait(1)
+    assert [n for _, _, n in desk.statuses] == [0, 2]
+
+
+def test_policies_do_not_wait_for_each_other(desk):
+    desk.status(1)
+    desk.status(2, "lab/other")
+    desk.wait(STATUS_DELAY + 0.05)
+    assert [policy for _, policy, _ in desk.statuses] == [POLICY, "lab/other"]
+
+
+def test_a_status_that_could_not_be_written_is_written_later(desk):
+    desk.faults += [UNREACHABLE, UNREACHABLE]
+    desk.status(1)
+    desk.wait(3 * STATUS_RETRY)
+    [(at, _, n)] = desk.statuses
+    assert n == 1
+    assert at == pytest.approx(2 * STATUS_RETRY, abs=0.1)
+
+
+def test_a_newer_status_takes_the_place_of_one_that_could_not_be_written(desk):
+    desk.faults += [UNREACHABLE]
+    desk.status(1)
+    desk.wait(0.5)
+    desk.status(2)
+    desk.wait(2 * STATUS_RETRY)
+    assert [n for _, _, n in desk.statuses] == [2]
+
+
+@pytest.mark.parametrize("reason", ["NotFound", "Invalid", "Forbidden"])
+def test_a_status_that_is_refused_is_given_up(desk, reason):
+    desk.faults += [refusal(reason)]
+    desk.status(1)
+    desk.wait(5)
+    assert desk.statuses == []
+    desk.status(2)
+    desk.wait(1)
+    assert [n for _, _, n in desk.statuses] == [2]
+
+
+def test_nothing_more_is_written_about_a_policy_that_is_gone(desk):
+    desk.status(1)
+    desk.wait(STATUS_DELAY + 0.05)
+    desk.status(2)
+    desk.clerk.forget(POLICY)
+    desk.wait(1)
+    assert [n for _, _, n in desk.statuses] == [1]
+
+
+def test_nor_is_what_could_not_be_written_before(desk):
+    desk.faults += [UNREACHABLE]
+    desk.status(1)
+    desk.clerk.forget(POLICY)
+    desk.wait(5)
+    assert desk.statuses == []
+
+
+def test_a_policy_of_the_same_name_begins_anew(desk):
+    desk.faults += [UNREACHABLE]
+    desk.status(1)
+    desk.clerk.forget(POLICY)
+    desk.status(2)
+    desk.wait(5)
+    assert [n for _, _, n in desk.statuses] == [2]
+
+
+# events
+
+
+def test_the_same_event_is_told_once(desk):
+    for _ in range(5):
+        desk.event("weights sum to 0")
+    desk.wait(0.1)
+    assert desk.events == [("lab", "Invalid", "weights sum to 0")]
+
+
+def test_what_is_new_is_told(desk):
+    for message, reason in (("a", "Invalid"), ("b", "Invalid"), ("a", "Invalid"), ("a", "Conflicted")):
+        desk.event(message, reason)
+    desk.event("a", "Conflicted", "lab/other")
+    desk.wait(0.1)
+    assert [(reason, message) for _, reason, message in desk.events] == [
+        ("Invalid", "a"),
+        ("Invalid", "b"),
+        ("Invalid", "a"),
+        ("Conflicted", "a"),
+        ("Conflicted", "a"),
+    ]
+
+
+def test_a_policy_that_comes_again_is_told_again(desk):
+    desk.event("a")
+    desk.clerk.forget(POLICY)
+    desk.event("a")
+    desk.wait(0.1)
+    assert len(desk.events) == 2
+
+
+def test_an_event_that_is_refused_hinders_nothing(desk):
+    desk.faults += [refusal("Forbidden")]
+    desk.event("a")
+    desk.status(1)
+    desk.wait(STATUS_DELAY + 0.05)
+    assert [n for _, _, n in desk.statuses] == [1]
+
+
+def test_closing_drops_what_waits(desk):
+    desk.status(1)
+    desk.clerk.close()
+    desk.wait(MOMENT)
+    assert (desk.statuses, desk.worker.ended) == ([], True)

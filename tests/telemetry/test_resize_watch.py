@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from prometheus_client import REGISTRY
+
+from contextpolicy.actuators.resize.contest import Contest
+from contextpolicy.cluster.pods import ORIGINALS, Cpu, view
+from contextpolicy.telemetry.resize_watch import ResizeWatch
+from tests.actuators.resize.fake_cluster import refusal
+from tests.cluster.builders import a_pod
+
+POLICY = "lab/watched"
+
+
+class Told:
+    """A watch, and what it says."""
+
+    def __init__(self):
+        self.problems, self.stages = [], []
+        self.watch = ResizeWatch(
+            lambda _, reason, message: self.problems.append((reason, message)),
+            lambda _, stage, container, cores, __: self.stages.append((stage, container, cores)),
+        )
+
+
+@pytest.fixture
+def told():
+    return Told()
+
+
+NOTE = {ORIGINALS: json.dumps({"slam": {"policy": POLICY, "request": "100m", "limit": "500m"}})}
+
+
+def held_back(message="node is full", *, annotations=NOTE):
+    condition = {"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": message}
+    return view(a_pod("slam", conditions=[condition], annotations=annotations))
+
+
+def count(stage, of="count"):
+    labels = {"policy": POLICY, "stage": stage}
+    return REGISTRY.get_sample_value(f"contextpolicy_stage_seconds_{of}", labels) or 0.0
+
+
+def contests():
+    return REGISTRY.get_sample_value("contextpolicy_contests_total", {"policy": POLICY}) or 0.0
+
+
+def resizes(result):
+    return REGISTRY.get_sample_value("contextpolicy_resizes_total", {"policy": POLICY, "result": result}) or 0.0
+
+
+def test_each_stage_is_told_and_measured(told):
+    before = [count(stage) for stage in ("plan", "patch", "status")]
+    until_patch = count("patch", of="sum")
+    told.watch.planned(POLICY, 1.0)
+    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 2.5)
+    told.watch.on_in_force(POLICY, "lab/slam/slam", 300)
+    assert told.stages == [("accepted", "lab/slam/slam", 0.3), ("inForce", "lab/slam/slam", 0.3)]
+    assert [count(stage) for stage in ("plan", "patch", "status")] == [n + 1 for n in before]
+    assert count("patch", of="sum") - until_patch == pytest.approx(1.5)
+
+
+def test_a_patch_without_any_plan_yet_is_not_measured(told):
+    before = count("patch")
+    told.watch.on_accepted("lab/other", "lab/slam/slam", Cpu(None, None), 2.5)
+    assert (told.stages, count("patch")) == ([("accepted", "lab/slam/slam", 0.0)], before)
+
+
+def test_a_failure_is_told_once_and_its_end_too(told):
+    failures = resizes("Forbidden")
+    for _ in range(3):
+        told.watch.on_problem(POLICY, "slam", refusal("Forbidden"))
+    assert told.problems == [("ResizeFailed", "slam: Forbidden: no")]
+    assert told.watch.problems(POLICY) == {"slam": "slam: Forbidden: no"}
+    assert resizes("Forbidden") == failures + 3
+    told.watch.on_problem(POLICY, "slam", None)
+    told.watch.on_problem(POLICY, "slam", None)
+    assert told.problems[1:] == [("ResizeRecovered", "slam can be resized again")]
+    assert told.watch.problems(POLICY) == {}
+
+
+def test_another_failure_of_the_same_pod_is_news(told):
+    told.watch.on_problem(POLICY, "slam", refusal("Forbidden"))
+    told.watch.on_problem(POLICY, "slam", refusal("Invalid"))
+    assert [message for _, message in told.problems] == ["slam: Forbidden: no", "slam: Invalid: no"]
+
+
+def test_what_the_kubelet_holds_back_is_told_to_the_policies_that_asked_for_it(told):
+    for _ in range(2):
+        told.watch.observe(held_back())
+    [(reason, message)] = told.problems
+    assert reason == "ResizePending"
+    assert message.startswith("slam: Deferred: node is full; its CPU request doesn't fit beside the node's other pods")
+    assert told.watch.problems(POLICY) == {"lab/slam": message}
+    assert told.watch.problems("lab/other") == {}
+
+
+def test_what_the_kubelet_holds_back_no_more_is_told_too(told):
+    told.watch.observe(held_back())
+    for _ in range(2):
+        told.watch.observe(view(a_pod("slam", annotations=NOTE)))
+    assert told.problems[1:] == [("ResizeRecovered", "slam: no resize is held back any more")]
+    assert told.watch.problems(POLICY) == {}
+
+
+def test_a_resize_of_somebody_else_that_is_held_back_is_no_news(told):
+    told.watch.observe(held_back(annotations=None))
+    assert (told.problems, told.watch.problems(POLICY)) == ([], {})
+
+
+def test_a_contest_is_told_with_who_did_what(told):
+    before = contests()
+    contest = Contest("vpa-updater", Cpu(100, 300), Cpu(150, 700))
+    told.watch.on_contest(POLICY, "lab/slam/slam", contest)
+    [(reason, message)] = told.problems
+    assert reason == "ResizedByOther"
+    assert message.startswith(
+        "lab/slam/slam: vpa-updater changed its CPU limit from 300m to 700m, CPU request from 100m to 150m; "
+        "it gets what the plan says again; set updateMode"
+    )
+    assert told.watch.problems(POLICY) == {"lab/slam/slam": message}
+    assert contests() == before + 1
+
+
+def test_a_contest_that_is_over_is_no_problem_any_more(told):
+    told.watch.on_contest(POLICY, "lab/slam/slam", Contest("", Cpu(None, 300), Cpu(None, None)))
+    for _ in range(2):
+        told.watch.on_contest(POLICY, "lab/slam/slam", None)
+    assert [reason for reason, _ in told.problems] == ["ResizedByOther", "ResizeRecovered"]
+    assert "somebody changed its CPU limit from 300m to none" in told.problems[0][1]
+    assert told.watch.problems(POLICY) == {}
+
+
+def test_a_pod_takes_its_problems_along(told):
+    told.watch.on_problem(POLICY, "slam", refusal())
+    told.watch.on_problem("elsewhere/other", "slam", refusal())
+    told.watch.on_contest(POLICY, "lab/slam/slam", Contest("", Cpu(100, 300), Cpu(100, 700)))
+    told.watch.observe(held_back())
+    told.watch.lose(held_back())
+    assert told.watch.problems(POLICY) == {}
+    assert told.watch.problems("elsewhere/other") == {"slam": "slam: Invalid: no"}
+
+
+def test_a_policy_takes_its_problems_along(told):
+    told.watch.on_problem(POLICY, "slam", refusal())
+    told.watch.forget(POLICY)
+    assert told.watch.problems(POLICY) == {}
