@@ -64,15 +64,15 @@ def test_a_policy_is_handed_over_as_a_plain_object():
 def test_a_policy_goes_when_all_is_restored():
     runtime = FakeRuntime()
     runtime.restored.set_result(None)
-    run(handlers.release(namespace="lab", name="robot", memo=memo(runtime)))
-    assert runtime.told == [("policy_deleted", "lab")]
+    run(handlers.release(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(runtime)))
+    assert runtime.told == [("policy_deleted", "robot")]
 
 
 def test_a_restore_that_takes_long_is_asked_for_again(monkeypatch):
     monkeypatch.setattr(handlers, "RESTORE_TIMEOUT", 0.01)
     runtime = FakeRuntime()
     with pytest.raises(kopf.TemporaryError, match="not restored yet"):
-        run(handlers.release(namespace="lab", name="robot", memo=memo(runtime)))
+        run(handlers.release(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(runtime)))
     assert runtime.restored.cancelled(), "the runtime may skip an answer that nobody awaits"
 
 
@@ -251,7 +251,7 @@ def test_nothing_is_done_about_policies_before_all_pods_and_nodes_are_known(serv
     runtime.wait_for("pod_changed", "slam")
     assert not server.listed.wait(1), "kopf has heard of policies before the nodes are known"
     server.nodes_allowed.set()
-    runtime.wait_for("policy_deleted", "lab")
+    runtime.wait_for("policy_deleted", "robot")
     assert [name for name, _ in runtime.told] == ["pod_changed", "node_changed", "policy_deleted"]
     assert not server.by_kopf, "kopf is too slow for what changes with every resize"
     runtime.restored.set_result(None)

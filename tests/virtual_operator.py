@@ -47,7 +47,7 @@ class Pool(Workers):
     """An executor that runs its work when the test says so."""
 
     def __init__(self) -> None:
-        super().__init__()
+        super().__init__(apart=False)
         self.ended = False
 
     def shutdown(self, **_: bool) -> None:
@@ -106,13 +106,15 @@ class VirtualOperator:
         self.turn()
 
     def apply(self, body: dict[str, Any]) -> Future[None]:
+        self.cluster.policies.setdefault(f"{body['metadata']['namespace']}/{body['metadata']['name']}", {})
         done = self.runtime.policy_changed(body)
         self.turn()
         return done
 
     def delete(self, body: dict[str, Any]) -> Future[None]:
         metadata = body["metadata"]
-        done = self.runtime.policy_deleted(metadata["namespace"], metadata["name"])
+        stored = self.cluster.policies.get(f"{metadata['namespace']}/{metadata['name']}", {})
+        done = self.runtime.policy_deleted({**body, "status": {"originals": stored}})
         self.turn()
         return done
 

@@ -123,8 +123,9 @@ class Controller:
     def place(self, claim: Claim, pods: Collection[PodView]) -> None:
         """Take where the containers run; `pods` stays up to date, since most updates of a pod are no new placement."""
         self.claim, self._pods, self._placed = claim, pods, True
+        before = self.planner.last
         self._inputs.on_next(claim.placement)
-        if self.policy.mode is not Mode.PAUSED:
+        if self.policy.mode is not Mode.PAUSED and self.planner.last is before:  # a new plan has ordered itself
             self._order()
             self._republish()
         self.on_change()
@@ -196,6 +197,7 @@ class Controller:
                     for c in self.claim.placement.containers
                     if c.node in nodes
                 },
+                nodes={container.id: container.node for container in self.claim.placement.containers},
             )
         )
 

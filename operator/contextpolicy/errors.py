@@ -77,14 +77,23 @@ class ShareError(ContextPolicyError):
 class ActuationError(ContextPolicyError):
     """An actuator's refusal: `reason` is a CamelCase word for status and events.
 
-    `retriable` says whether the same may succeed in a moment, `retry_after` for how many seconds it can't.
+    `retriable` says whether the same may succeed in a moment, `retry_after` for how many seconds it can't. `in_doubt`
+    says that there was no usable answer: it may have been carried out all the same.
     """
 
-    def __init__(self, reason: str, message: str, *, retriable: bool, retry_after: float = 0.0) -> None:
+    def __init__(
+        self, reason: str, message: str, *, retriable: bool, retry_after: float = 0.0, in_doubt: bool = False
+    ) -> None:
         self.reason = reason
         self.retriable = retriable
         self.retry_after = retry_after
+        self.in_doubt = in_doubt
         super().__init__(message)
+
+
+def unexpected(error: Exception) -> ActuationError:
+    """What nobody foresaw, as an outcome that is told and tried again."""
+    return ActuationError("Unexpected", f"{type(error).__name__}: {error}", retriable=True, in_doubt=True)
 
 
 class OrderError(ContextPolicyError):

@@ -88,9 +88,9 @@ async def apply(body: kopf.Body, memo: Any, **_: Any) -> None:
 
 
 @kopf.on.delete(GROUP, PLURAL)
-async def release(namespace: str | None, name: str, memo: Any, **_: Any) -> None:
+async def release(body: kopf.Body, memo: Any, **_: Any) -> None:
     """Put every container back before the policy may go."""
-    restored = memo.runtime.policy_deleted(namespace or "", name)
+    restored = memo.runtime.policy_deleted(dict(body))
     try:
         await asyncio.wait_for(asyncio.wrap_future(restored), RESTORE_TIMEOUT)
     except TimeoutError:

@@ -104,10 +104,10 @@ class Runtime:
         """A ContextPolicy exists, as new or edited."""
         return self._call(lambda: self._adopt(body))
 
-    def policy_deleted(self, namespace: str, name: str) -> Future[None]:
+    def policy_deleted(self, body: Mapping[str, Any]) -> Future[None]:
         """A ContextPolicy is being deleted; done when every container is as it was."""
         done: Future[None] = Future()
-        self._call(lambda: self._drop(f"{namespace}/{name}", done))
+        self._call(lambda: self._drop(body, done))
         return done
 
     def pod_changed(self, pod: Mapping[str, Any]) -> None:
@@ -160,7 +160,8 @@ class Runtime:
 
     def _adopt(self, body: Mapping[str, Any]) -> None:
         """Swap a valid version in; an invalid one leaves the last good one in force and says why."""
-        reference = f"{body['metadata']['namespace']}/{body['metadata']['name']}"
+        reference = _reference(body)
+        self._resizer.recall(reference, (body.get("status") or {}).get("originals"))
         entry = self._policies.setdefault(reference, _Entry(body))
         entry.body = body
         entry.conditions = entry.conditions or list((body.get("status") or {}).get("conditions") or [])
@@ -188,7 +189,9 @@ class Runtime:
         self._place()
         self._report(reference)
 
-    def _drop(self, reference: str, done: Future[None]) -> None:
+    def _drop(self, body: Mapping[str, Any], done: Future[None]) -> None:
+        reference = _reference(body)
+        self._resizer.recall(reference, (body.get("status") or {}).get("originals"))
         entry = self._policies.pop(reference, None)
         if entry is not None and entry.controller is not None:
             entry.controller.end()
@@ -205,10 +208,19 @@ class Runtime:
     def _take_pod(self, pod: PodView) -> None:
         before = self._pods.get(pod.uid)
         self._pods[pod.uid] = pod
-        if before is None or _seat(before) != _seat(pod):
+        if before is None or self._seat(before) != self._seat(pod):
             self._place()
-        self._watch.observe(pod)
+        self._watch.observe(pod, {original.policy for original in self._resizer.originals.in_pod(pod.uid).values()})
         self._resizer.observe(pod)
+
+    def _seat(self, pod: PodView) -> tuple[object, ...]:
+        """What of a pod decides about claims: a mere status update must not cost a new placement."""
+        original = self._resizer.originals.cpu
+        bounds = tuple(
+            (c.name, pod.floor(c, original(pod.uid, c.name)), c.spec.limit is None, c.memory_limit, c.container_id)
+            for c in pod.containers
+        )
+        return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds
 
     def _lose_pod(self, uid: str) -> None:
         pod = self._pods.pop(uid, None)
@@ -226,7 +238,8 @@ class Runtime:
         """Tell every controller what it may claim, the oldest policy first."""
         entries = sorted(self._policies.values(), key=lambda entry: entry.age)
         controllers = [entry.controller for entry in entries if entry.controller is not None]
-        claims = claim([controller.policy for controller in controllers], self._pods.values(), self._nodes)
+        originals = self._resizer.originals.cpu
+        claims = claim([controller.policy for controller in controllers], self._pods.values(), self._nodes, originals)
         for controller in controllers:
             reports = self._agents.reports if self._agents else {}
             own = with_agents(controller.policy, claims[controller.policy.reference], reports)
@@ -291,7 +304,5 @@ def _fulfil(done: Future[None]) -> None:
         done.set_result(None)
 
 
-def _seat(pod: PodView) -> tuple[object, ...]:
-    """What of a pod decides about claims: a mere status update must not cost a new placement."""
-    bounds = tuple((c.name, pod.floor(c), c.spec.limit is None, c.memory_limit, c.container_id) for c in pod.containers)
-    return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds
+def _reference(body: Mapping[str, Any]) -> str:
+    return f"{body['metadata']['namespace']}/{body['metadata']['name']}"

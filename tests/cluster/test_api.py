@@ -10,6 +10,7 @@ from threading import Thread
 
 import pytest
 from kubernetes import client
+from kubernetes.config import ConfigException
 
 from contextpolicy.cluster import api as module
 from contextpolicy.cluster.api import ApiServer
@@ -104,12 +105,28 @@ def test_a_cluster_may_be_served_below_a_path(open_api, server, path):
     assert asked.startswith("/k8s/clusters/c-1/api/v1/namespaces/lab/events?")
 
 
-def test_an_annotation_is_set_and_removed_by_a_merge_of_the_pod(api, server):
-    assert api.annotate("lab", "slam", {"a": "1", "b": None}) == 4711
+def test_originals_are_merged_into_the_status(api, server):
+    api.write_originals("lab", "robot", {"uid-1": None})
     [(method, path, headers, body)] = server.requests
-    assert (method, path) == ("PATCH", "/api/v1/namespaces/lab/pods/slam?fieldManager=contextpolicy")
+    assert (method, path.partition("?")[0].rpartition("/")[2]) == ("PATCH", "status")
     assert headers["Content-Type"] == "application/merge-patch+json"
-    assert body == {"metadata": {"annotations": {"a": "1", "b": None}}}
+    assert body == {"status": {"originals": {"uid-1": None}}}
+
+
+def test_one_pod_is_read(api, server):
+    assert api.pod("lab", "slam")["metadata"]["resourceVersion"] == "4711"
+    [(method, path, _, _)] = server.requests
+    assert (method, path) == ("GET", "/api/v1/namespaces/lab/pods/slam")
+
+
+def test_a_token_that_cannot_be_renewed_is_a_failure_like_others(api, monkeypatch):
+    def fail(*_):
+        raise ConfigException("exec plugin is gone")
+
+    monkeypatch.setattr(api._client, "update_params_for_auth", fail)
+    with pytest.raises(ActuationError, match="exec plugin is gone") as caught:
+        api.resize("lab", "slam", {})
+    assert (caught.value.reason, caught.value.retriable) == ("NoToken", True)
 
 
 def test_a_status_is_merged_into_the_subresource(api, server):

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from contextpolicy.cluster.pods import ORIGINALS, Cpu, Original, read_originals, view, write_originals
+from contextpolicy.cluster.pods import Cpu, millicores, view
 from tests.cluster.builders import a_pod, cpu
 
 NOTE = json.dumps({"slam": {"policy": "lab/robot", "request": "100m", "limit": "1"}})
@@ -14,11 +14,10 @@ EQUAL = ("64Mi", "64Mi")
 
 
 def test_a_pod_of_the_api():
-    pod = view(a_pod("slam", annotations={ORIGINALS: NOTE}, generation=7, resourceVersion="4711"))
+    pod = view(a_pod("slam", generation=7, resourceVersion="4711"))
     assert (pod.namespace, pod.name, pod.uid, pod.node, pod.qos) == ("lab", "slam", "uid-slam", "robot-1", "Burstable")
     assert (pod.labels, pod.generation, pod.observed_generation, pod.version) == ({"app": "slam"}, 7, 1, 4711)
     assert (pod.mirror, pod.pending, pod.ended, pod.running) == (False, "", False, True)
-    assert pod.originals == {"slam": Original("lab/robot", Cpu(100, 1000))}
     [container] = pod.containers
     assert (container.name, container.list_field, container.container_id) == ("slam", "containers", "containerd://slam")
     assert (container.spec, container.actual) == (Cpu(100, 500), Cpu(100, 500))
@@ -126,29 +125,21 @@ def test_a_version_that_is_no_number_counts_as_the_oldest(version):
     assert view(a_pod(resourceVersion=version)).version == 0
 
 
-# the note
-
-
-def test_a_note_reads_back_as_it_was_written():
-    originals = {"slam": Original("lab/robot", Cpu(100, 1500)), "map": Original("lab/other", Cpu(None, 200))}
-    assert read_originals(write_originals(originals)) == originals
-
-
-def test_an_empty_note_is_none_at_all():
-    assert write_originals({}) is None
-    assert read_originals(None) == {}
-
-
 @pytest.mark.parametrize(
-    "damaged",
+    ("raw", "millis"),
     [
-        *("", "{", "[]", "1", "null", '"text"', '{"slam": 1}', '{"slam": {}}'),
-        '{"slam": {"policy": "lab/robot", "limit": "lots"}}',
-        '{"slam": {"policy": "lab/robot", "limit": {}}}',
+        ("100m", 100),
+        ("1", 1000),
+        (2, 2000),
+        ("0.5", 500),
+        ("100u", 1),
+        ("1e3m", 1000),
+        ("1500000n", 2),
+        ("1k", 1000000),
     ],
 )
-def test_a_damaged_note_reads_as_none(damaged):
-    assert read_originals(damaged) == {}
+def test_every_way_to_write_cpu_is_read_and_rounded_up(raw, millis):
+    assert millicores(raw) == millis
 
 
 # what can be changed, and how far
@@ -198,5 +189,5 @@ def test_a_request_is_a_floor_for_the_limit(resources, qos, floor):
 
 def test_the_floor_is_the_request_from_before_us():
     """A policy that moves requests has moved it; once only limits move it comes back."""
-    pod = view(a_pod("slam", {"slam": cpu("799m", "800m")}, annotations={ORIGINALS: NOTE}))
-    assert pod.floor(pod.containers[0]) == 100
+    pod = view(a_pod("slam", {"slam": cpu("799m", "800m")}))
+    assert pod.floor(pod.containers[0], Cpu(100, 1000)) == 100

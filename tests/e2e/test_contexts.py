@@ -10,8 +10,6 @@ import pytest
 from tests.e2e.cluster import apply, delete, get, until
 from tests.e2e.robot import policy, task
 
-ORIGINALS = "contextpolicy.dev/original-resources"
-
 
 def test_context_moves_cpu_between_running_pods(governed):
     governed.drive(0.3)
@@ -84,12 +82,14 @@ def test_status_tells_weights_shares_and_conditions(governed):
 def test_deleting_the_policy_restores_everything(governed):
     governed.drive(0.3)
     governed.expect(slam=990, speech=10)
-    assert ORIGINALS in get("pod", "slam", governed.namespace)["metadata"]["annotations"]
+    slam = get("pod", "slam", governed.namespace)["metadata"]
+    stored = governed.status()["originals"][slam["uid"]]
+    assert stored["containers"]["slam"]["limit"] == "500m"
+    assert not [name for name in slam.get("annotations", {}) if "contextpolicy" in name]
     delete("ctxp", "robot", governed.namespace)
     governed.expect(slam=500, speech=500)
     for name in ("slam", "speech"):
         pod = get("pod", name, governed.namespace)
-        assert ORIGINALS not in pod["metadata"].get("annotations", {})
         assert pod["spec"]["containers"][0]["resources"]["limits"]["cpu"] == "500m"
 
 

@@ -10,7 +10,6 @@ from tests.e2e.robot import Robot, Sensors
 from timelines.demo.deploy import free_address
 
 RELEASE, SYSTEM, NAMESPACE = "leave", "e2e-leave-system", "e2e-leave"
-ORIGINALS = "contextpolicy.dev/original-resources"
 KINDS = "jobs,pods,serviceaccounts,roles,rolebindings,clusterroles,clusterrolebindings,deployments,services"
 
 
@@ -71,7 +70,6 @@ def test_containers_are_as_they_were(left):
             "requests": {"cpu": "10m", "memory": "32Mi"},
             "limits": {"cpu": "500m", "memory": "64Mi"},
         }
-        assert ORIGINALS not in pod["metadata"].get("annotations", {})
         assert pod["status"]["containerStatuses"][0]["restartCount"] == 0
 
 
@@ -88,5 +86,6 @@ def test_nothing_of_the_release_stays(left):
 def test_the_policy_stays_and_can_be_deleted_at_once(left):
     policy = get("ctxp", "robot", left.namespace)
     assert "deletionTimestamp" not in policy["metadata"]
+    assert not policy["status"].get("originals")
     delete("ctxp", "robot", left.namespace)
     assert run("kubectl", "get", "ctxp", "-n", left.namespace, "-o", "name") == ""

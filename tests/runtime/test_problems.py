@@ -108,6 +108,7 @@ def test_an_error_inside_is_the_callers_and_the_loop_goes_on(running):
 def test_a_caller_that_gave_up_waiting_harms_nobody(operator):
     operator.list_all()
     operator.connect()
+    operator.cluster.policies["lab/robot"] = {}
     future = operator.runtime.policy_changed(a_policy())
     assert future.cancel()
     operator.turn()

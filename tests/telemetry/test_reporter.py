@@ -42,8 +42,9 @@ class Desk:
     def status(self, n, policy=POLICY):
         self.clerk.status(policy, lambda: {"n": n})
 
-    def event(self, message, reason="Invalid", policy=POLICY):
-        self.clerk.event(policy, {"metadata": {"namespace": "lab"}, "reason": reason, "message": message})
+    def event(self, message, reason="Invalid", policy=POLICY, kind="Warning"):
+        event = {"metadata": {"namespace": "lab"}, "type": kind, "reason": reason, "message": message}
+        self.clerk.event(policy, event)
 
     def wait(self, seconds):
         """In steps of 10 ms, the worker at work."""
@@ -175,6 +176,25 @@ def test_what_is_new_is_told(desk):
         ("Conflicted", "a"),
         ("Conflicted", "a"),
     ]
+
+
+def test_a_problem_that_returns_after_a_recovery_is_told_again(desk):
+    for message, kind in (("no", "Warning"), ("works again", "Normal")) * 2:
+        desk.event(message, "ResizeFailed" if kind == "Warning" else "ResizeRecovered", kind=kind)
+    desk.wait(0.1)
+    assert [message for _, _, message in desk.events] == ["no", "works again"] * 2
+
+
+def test_what_nobody_foresaw_is_tried_again_like_any_failure(desk):
+    desk.faults += [RuntimeError("token file is gone"), RuntimeError("still")]
+    desk.status(1)
+    desk.wait(3 * STATUS_RETRY)
+    assert [n for _, _, n in desk.statuses] == [1]
+    desk.faults += [RuntimeError("and again")]
+    desk.event("a")
+    desk.event("b")
+    desk.wait(0.1)
+    assert [message for _, _, message in desk.events] == ["b"]
 
 
 def test_a_policy_that_comes_again_is_told_again(desk):

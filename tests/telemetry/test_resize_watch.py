@@ -1,12 +1,10 @@
 from __future__ import annotations
 
-import json
-
 import pytest
 from prometheus_client import REGISTRY
 
 from contextpolicy.actuators.resize.contest import Contest
-from contextpolicy.cluster.pods import ORIGINALS, Cpu, view
+from contextpolicy.cluster.pods import Cpu, view
 from contextpolicy.telemetry.resize_watch import ResizeWatch
 from tests.actuators.resize.fake_cluster import refusal
 from tests.cluster.builders import a_pod
@@ -30,12 +28,9 @@ def told():
     return Told()
 
 
-NOTE = {ORIGINALS: json.dumps({"slam": {"policy": POLICY, "request": "100m", "limit": "500m"}})}
-
-
-def held_back(message="node is full", *, annotations=NOTE):
+def held_back(message="node is full"):
     condition = {"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": message}
-    return view(a_pod("slam", conditions=[condition], annotations=annotations))
+    return view(a_pod("slam", conditions=[condition]))
 
 
 def count(stage, of="count"):
@@ -89,7 +84,7 @@ def test_another_failure_of_the_same_pod_is_news(told):
 
 def test_what_the_kubelet_holds_back_is_told_to_the_policies_that_asked_for_it(told):
     for _ in range(2):
-        told.watch.observe(held_back())
+        told.watch.observe(held_back(), {POLICY})
     [(reason, message)] = told.problems
     assert reason == "ResizePending"
     assert message.startswith("slam: Deferred: node is full; its CPU request doesn't fit beside the node's other pods")
@@ -98,15 +93,15 @@ def test_what_the_kubelet_holds_back_is_told_to_the_policies_that_asked_for_it(t
 
 
 def test_what_the_kubelet_holds_back_no_more_is_told_too(told):
-    told.watch.observe(held_back())
+    told.watch.observe(held_back(), {POLICY})
     for _ in range(2):
-        told.watch.observe(view(a_pod("slam", annotations=NOTE)))
+        told.watch.observe(view(a_pod("slam")), {POLICY})
     assert told.problems[1:] == [("ResizeRecovered", "slam: no resize is held back any more")]
     assert told.watch.problems(POLICY) == {}
 
 
 def test_a_resize_of_somebody_else_that_is_held_back_is_no_news(told):
-    told.watch.observe(held_back(annotations=None))
+    told.watch.observe(held_back(), set())
     assert (told.problems, told.watch.problems(POLICY)) == ([], {})
 
 
@@ -137,7 +132,7 @@ def test_a_pod_takes_its_problems_along(told):
     told.watch.on_problem(POLICY, "slam", refusal())
     told.watch.on_problem("elsewhere/other", "slam", refusal())
     told.watch.on_contest(POLICY, "lab/slam/slam", Contest("", Cpu(100, 300), Cpu(100, 700)))
-    told.watch.observe(held_back())
+    told.watch.observe(held_back(), {POLICY})
     told.watch.lose(held_back())
     assert told.watch.problems(POLICY) == {}
     assert told.watch.problems("elsewhere/other") == {"slam": "slam: Invalid: no"}

@@ -102,10 +102,10 @@ affinity:
 - apiGroups: [contextpolicy.dev]
   resources: [contextpolicies/status]
   verbs: [patch]
-# Pods are found by label; patched for the annotation that keeps their original resources.
+# Pods are found by label. What their containers had before is kept in the policies' status.
 - apiGroups: [""]
   resources: [pods]
-  verbs: [get, list, watch, patch]
+  verbs: [get, list, watch]
 # The plan itself: CPU of running containers, nothing else can be changed through it.
 - apiGroups: [""]
   resources: [pods/resize]

@@ -13,7 +13,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What one policy wants of its containers: shares per container and N per node, in thousandths of a core."""
+    """What one policy wants of its containers, all amounts in thousandths of a core.
+
+    `claimed` are its containers, `nodes` tells where each of them is. `shares` are those of the plan, by container;
+    `capacity` is N, by node. A claimed container without a share keeps what it has.
+    """
 
     policy: str
     claimed: frozenset[str]
@@ -21,3 +25,4 @@ class Order:
     capacity: Mapping[str, int] = field(default_factory=dict)
     control: Control = Control.LIMIT
     ceilings: Mapping[str, int] = field(default_factory=dict)
+    nodes: Mapping[str, str] = field(default_factory=dict)

@@ -75,10 +75,13 @@ class ApiServer:
         """PATCH pods/resize: containers merge by name. Returns the version of the pod that has it."""
         return _version(self._send("PATCH", f"/api/v1/namespaces/{namespace}/pods/{pod}/resize", patch, STRATEGIC))
 
-    def annotate(self, namespace: str, pod: str, annotations: Mapping[str, str | None]) -> int:
-        """Set annotations of a pod; None removes one. Returns the version of the pod that has it."""
-        patch = {"metadata": {"annotations": dict(annotations)}}
-        return _version(self._send("PATCH", f"/api/v1/namespaces/{namespace}/pods/{pod}", patch, MERGE))
+    def pod(self, namespace: str, name: str) -> dict[str, Any]:
+        """One pod as it is now."""
+        return self.read(f"/api/v1/namespaces/{namespace}/pods/{name}")
+
+    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> None:
+        """Merge into what a ContextPolicy's status says about containers before it; None removes an entry."""
+        self.write_status(namespace, policy, {"originals": dict(changes)})
 
     def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
         """Replace what the status of a ContextPolicy says; fields that are absent now are removed by None."""
@@ -138,9 +141,11 @@ class ApiServer:
         try:
             self._client.update_params_for_auth(headers, [], ["BearerToken"], target, method, content)
             return self._pool.urlopen(method, self._prefix + target, body=content, headers=headers, **how)
+        except config.ConfigException as error:  # the token could not be renewed
+            raise ActuationError("NoToken", str(error), retriable=True) from error
         except (urllib3.exceptions.HTTPError, OSError) as error:
             path = target.partition("?")[0]
-            raise ActuationError("Unreachable", f"{method} {path}: {error}", retriable=True) from error
+            raise ActuationError("Unreachable", f"{method} {path}: {error}", retriable=True, in_doubt=True) from error
 
 
 def _configure() -> None:
@@ -158,7 +163,7 @@ def _version(answer: bytes) -> int:
         return version_of(json.loads(answer)["metadata"])
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         message = f"the answer is no pod: {answer[:200].decode(errors='replace')}"
-        raise ActuationError("Unreadable", message, retriable=True) from error
+        raise ActuationError("Unreadable", message, retriable=True, in_doubt=True) from error
 
 
 def _refusal(response: urllib3.BaseHTTPResponse) -> ActuationError:
@@ -170,4 +175,10 @@ def _refusal(response: urllib3.BaseHTTPResponse) -> ActuationError:
         message = answer[:200].decode(errors="replace")
     text = f"{message or 'no message'} (HTTP {status})"
     pause = response.headers.get("Retry-After", "")  # seconds: the API server writes no dates
-    return ActuationError(reason, text, retriable=retriable, retry_after=float(pause) if pause.isdecimal() else 0.0)
+    return ActuationError(
+        reason,
+        text,
+        retriable=retriable,
+        retry_after=float(pause) if pause.isdecimal() else 0.0,
+        in_doubt=status >= 500,  # a gateway may have given up on what the API server then did
+    )

@@ -9,9 +9,9 @@ from contextpolicy.planning.placement import Container, Placement
 from contextpolicy.policy.spec import Mode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from contextpolicy.cluster.pods import ContainerView, PodView
+    from contextpolicy.cluster.pods import ContainerView, Cpu, PodView
     from contextpolicy.policy.spec import Policy, Task
 
 
@@ -31,22 +31,28 @@ def container_id(pod: PodView, container: str) -> str:
     return f"{pod.namespace}/{pod.name}/{container}"
 
 
-def claim(policies: Sequence[Policy], pods: Iterable[PodView], nodes: Mapping[str, int]) -> dict[str, Claim]:
+def claim(
+    policies: Sequence[Policy],
+    pods: Iterable[PodView],
+    nodes: Mapping[str, int],
+    original: Callable[[str, str], Cpu | None] = lambda *_: None,
+) -> dict[str, Claim]:
     """What each policy gets, oldest first: an older policy keeps what it has.
 
-    `nodes` maps names to allocatable thousandths of a core. A younger policy also yields a node where the capacities
+    `nodes` maps names to allocatable thousandths of a core, `original` a pod's UID and a container's name to what the
+    container had before any policy. A younger policy also yields a node where the capacities
     together are more than the node has: the sum of limits never exceeds it. Only enforcing policies take anything.
     """
     live = sorted((pod for pod in pods if pod.node in nodes and not pod.ended), key=lambda p: (p.namespace, p.name))
-    registry = _Registry(nodes)
+    registry = _Registry(nodes, original)
     return {policy.reference: registry.admit(policy, live) for policy in policies}
 
 
 class _Registry:
     """What the older policies took already."""
 
-    def __init__(self, nodes: Mapping[str, int]) -> None:
-        self._nodes = nodes
+    def __init__(self, nodes: Mapping[str, int], original: Callable[[str, str], Cpu | None]) -> None:
+        self._nodes, self._original = nodes, original
         self._owners: dict[str, str] = {}
         self._taken: dict[str, int] = {}
 
@@ -62,7 +68,8 @@ class _Registry:
             elif obstacle is not None:
                 result.obstacles[task.name] = obstacle
             else:
-                held[identity] = Container(identity, task.name, pod.node, pod.floor(container), container.memory_limit)
+                floor = pod.floor(container, self._original(pod.uid, container.name))
+                held[identity] = Container(identity, task.name, pod.node, floor, container.memory_limit)
         return self._take(policy, list(held.values()), result)
 
     def _take(self, policy: Policy, held: list[Container], result: Claim) -> Claim:

@@ -1,24 +1,18 @@
-"""A pod as the operator sees it: what can be resized, what the kubelet reports, what was there before us."""
+"""A pod as the operator sees it: what can be resized, and what the kubelet reports."""
 
 from __future__ import annotations
 
-import json
-import re
+import math
 from dataclasses import dataclass
-from decimal import Decimal
 from typing import TYPE_CHECKING, Any
+
+from kubernetes.utils.quantity import parse_quantity
 
 from contextpolicy.cluster.writers import NOBODY, Writers, writers
 from contextpolicy.planning.placement import QUANTUM
-from contextpolicy.policy.quantities import format_cpu, parse_cpu_ceiling, parse_memory
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
-
-ORIGINALS = "contextpolicy.dev/original-resources"
-"""Annotation: the CPU resources that each container had before the first resize, as JSON, written before it."""
-
-_EXPONENT = re.compile(r"[0-9]{1,15}(\.[0-9]{1,9})?[eE]-?[0-9]{1,2}")
 
 MIRROR = "kubernetes.io/config.mirror"
 """Annotation of a static pod's image in the API; the kubelet refuses to resize it."""
@@ -61,14 +55,6 @@ class ContainerView:
 
 
 @dataclass(frozen=True, slots=True)
-class Original:
-    """What a container had before `policy` first resized it."""
-
-    policy: str
-    cpu: Cpu
-
-
-@dataclass(frozen=True, slots=True)
 class PodView:
     """One pod."""
 
@@ -80,7 +66,6 @@ class PodView:
     qos: str
     mirror: bool
     containers: tuple[ContainerView, ...]
-    originals: Mapping[str, Original]
     generation: int
     observed_generation: int | None
     pending: str
@@ -107,16 +92,15 @@ class PodView:
         """The container of this name."""
         return next((container for container in self.containers if container.name == name), None)
 
-    def floor(self, container: ContainerView) -> int:
+    def floor(self, container: ContainerView, original: Cpu | None = None) -> int:
         """The least limit that the container's request allows, where only limits move; 0 where both move together.
 
-        What counts is the request that it had before us. Where the request's equal would turn the pod Guaranteed, the
-        floor is just above it.
+        What counts is the request that it had before us, its `original`. Where a limit equal to the request would turn
+        the pod Guaranteed, the floor is just above it.
         """
         if self.qos == "Guaranteed":
             return 0
-        original = self.originals.get(container.name)
-        cpu = original.cpu if original else container.spec
+        cpu = original or container.spec
         request = cpu.request or 0
         equal_memory = container.memory_limit is not None and container.memory_request == container.memory_limit
         return request + 1 if equal_memory and cpu.request != cpu.limit else request
@@ -148,7 +132,6 @@ def view(pod: Mapping[str, Any]) -> PodView:
         qos=status.get("qosClass") or "",
         mirror=MIRROR in annotations,
         containers=tuple(_containers(metadata, spec, status)),
-        originals=read_originals(annotations.get(ORIGINALS)),
         generation=metadata.get("generation") or 0,
         observed_generation=status.get("observedGeneration"),
         pending=_pending(status),
@@ -163,31 +146,6 @@ def version_of(metadata: Mapping[str, Any]) -> int:
     """The resourceVersion of an object; 0 when it is no number, which Kubernetes has promised since 1.35."""
     version = str(metadata.get("resourceVersion", ""))
     return int(version) if version.isdecimal() else 0
-
-
-def read_originals(annotation: str | None) -> dict[str, Original]:
-    """The saved resources; a damaged annotation reads as none."""
-    try:
-        saved = json.loads(annotation or "{}")
-        return {
-            name: Original(str(entry["policy"]), Cpu(_cpu(entry.get("request")), _cpu(entry.get("limit"))))
-            for name, entry in saved.items()
-        }
-    except (ValueError, AttributeError, TypeError, KeyError):
-        return {}
-
-
-def write_originals(originals: Mapping[str, Original]) -> str | None:
-    """The annotation's text; None, which removes it, when there is nothing to remember."""
-    entries = {
-        name: {"policy": original.policy, **_quantities(original.cpu)} for name, original in sorted(originals.items())
-    }
-    return json.dumps(entries) if entries else None
-
-
-def _quantities(cpu: Cpu) -> dict[str, str]:
-    amounts = {"request": cpu.request, "limit": cpu.limit}
-    return {name: format_cpu(amount) for name, amount in amounts.items() if amount is not None}
 
 
 def _containers(
@@ -218,26 +176,24 @@ def _container(container: Mapping[str, Any], field: str, status: Mapping[str, An
         memory_request=_memory(requests.get("memory")),
         memory_limit=_memory(limits.get("memory")),
         container_id=status.get("containerID") or "",
-        allocated=_cpu((status.get("allocatedResources") or {}).get("cpu")),
+        allocated=millicores((status.get("allocatedResources") or {}).get("cpu")),
         writers=by,
     )
 
 
 def _cpu_of(resources: Mapping[str, Any]) -> Cpu:
-    return Cpu(_cpu((resources.get("requests") or {}).get("cpu")), _cpu((resources.get("limits") or {}).get("cpu")))
+    return Cpu(
+        millicores((resources.get("requests") or {}).get("cpu")), millicores((resources.get("limits") or {}).get("cpu"))
+    )
 
 
-def _cpu(raw: object) -> int | None:
-    return None if raw is None else parse_cpu_ceiling(_plain(raw))
+def millicores(raw: object) -> int | None:
+    """A quantity of CPU in thousandths of a core, rounded up as Kubernetes does; ValueError when it is none."""
+    return None if raw is None else math.ceil(parse_quantity(str(raw)) * 1000)  # type: ignore[no-untyped-call]
 
 
 def _memory(raw: object) -> int | None:
-    return None if raw is None else parse_memory(_plain(raw))
-
-
-def _plain(raw: object) -> object:
-    """A quantity without the exponent that the API server keeps where somebody wrote one: 128e6."""
-    return f"{Decimal(str(raw)):f}" if _EXPONENT.fullmatch(str(raw)) else raw
+    return None if raw is None else math.ceil(parse_quantity(str(raw)))  # type: ignore[no-untyped-call]
 
 
 def _pending(status: Mapping[str, Any]) -> str:

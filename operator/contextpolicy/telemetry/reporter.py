@@ -6,7 +6,7 @@ import logging
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Protocol
 
-from contextpolicy.errors import ActuationError
+from contextpolicy.errors import ActuationError, unexpected
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -55,11 +55,13 @@ class Reporter:
         """The policy is gone: write nothing more about it."""
         self._pending.pop(policy, None)
         self._sent.pop(policy, None)
-        self._told = {key: message for key, message in self._told.items() if key[0] != policy}
+        self._forget_events(policy)
 
     def event(self, policy: str, event: Mapping[str, Any]) -> None:
-        """Post an event unless the last one with its reason said the same."""
+        """Post an event unless the last one with its reason said the same, and nothing has recovered since."""
         key = (policy, event["reason"])
+        if event["type"] == "Normal":
+            self._forget_events(policy)
         if self._told.get(key) != event["message"]:
             self._told[key] = event["message"]
             self._worker.submit(self._post, event)
@@ -67,6 +69,9 @@ class Reporter:
     def close(self) -> None:
         """Finish what is under way."""
         self._worker.shutdown(wait=True, cancel_futures=True)
+
+    def _forget_events(self, policy: str) -> None:
+        self._told = {key: message for key, message in self._told.items() if key[0] != policy}
 
     def _write(self, policy: str) -> None:
         status = self._sent[policy] = self._pending.pop(policy)()
@@ -76,9 +81,8 @@ class Reporter:
     def _send(self, policy: str, status: dict[str, Any]) -> None:
         rest = STATUS_INTERVAL
         namespace, name = policy.split("/")
-        try:
-            self._api.write_status(namespace, name, status)
-        except ActuationError as error:
+        error = _outcome(lambda: self._api.write_status(namespace, name, status))
+        if error is not None:
             rest = STATUS_RETRY if error.retriable else STATUS_INTERVAL
             log.log(logging.INFO if error.reason == "NotFound" else logging.WARNING, "status of %s: %s", policy, error)
             if error.retriable:
@@ -96,7 +100,18 @@ class Reporter:
             self._write(policy)
 
     def _post(self, event: Mapping[str, Any]) -> None:
-        try:
-            self._api.post_event(event["metadata"]["namespace"], event)
-        except ActuationError as error:
+        error = _outcome(lambda: self._api.post_event(event["metadata"]["namespace"], event))
+        if error is not None:
             log.warning("event %s: %s", event["reason"], error)
+
+
+def _outcome(write: Callable[[], None]) -> ActuationError | None:
+    """Why it failed. Whatever goes wrong is an outcome: a worker that raised would never write this policy's again."""
+    try:
+        write()
+    except ActuationError as error:
+        return error
+    except Exception as error:
+        log.exception("internal error")
+        return unexpected(error)
+    return None

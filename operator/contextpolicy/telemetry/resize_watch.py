@@ -9,7 +9,7 @@ from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.telemetry import metrics, remedies
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Collection, Iterator
 
     from contextpolicy.actuators.resize.contest import Contest
     from contextpolicy.cluster.pods import Cpu, PodView
@@ -79,10 +79,10 @@ class ResizeWatch:
         contested[container] = _advised(message, remedies.for_writer(contest.by))
         self._on_problem(policy, "ResizedByOther", contested[container])
 
-    def observe(self, pod: PodView) -> None:
-        """Take what the kubelet says about resizes that it holds back; the pod's note says whose they are."""
+    def observe(self, pod: PodView, policies: Collection[str]) -> None:
+        """Take what the kubelet says about resizes that it holds back; `policies` are those that moved the pod."""
         identity = f"{pod.namespace}/{pod.name}"
-        asking = {original.policy for original in pod.originals.values()} if pod.pending else set()
+        asking = set(policies) if pod.pending else set()
         for policy in asking - self._held.keys():
             self._held[policy] = {}
         for policy, held in self._held.items():

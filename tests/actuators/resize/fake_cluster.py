@@ -7,15 +7,13 @@ from copy import deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.cluster.pods import ORIGINALS, read_originals
+from contextpolicy.actuators.resize.originals import Original, read
 from contextpolicy.cluster.writers import FIELD_MANAGER
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.quantities import parse_cpu
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-
-    from contextpolicy.cluster.pods import Original
 
 LISTS = ("containers", "initContainers")
 
@@ -35,7 +33,7 @@ def refusal(reason: str = "Invalid", *, retriable: bool = False) -> ActuationErr
     return ActuationError(reason, "no", retriable=retriable)
 
 
-UNREACHABLE = refusal("Unreachable", retriable=True)
+UNREACHABLE = ActuationError("Unreachable", "no", retriable=True, in_doubt=True)
 
 
 class FakeCluster:
@@ -50,9 +48,12 @@ class FakeCluster:
         self.on_call: Callable[[], None] = lambda: None
         self.pods: dict[str, dict[str, Any]] = {}
         self.feeds: dict[str, deque[dict[str, Any]]] = {}
+        self.policies: dict[str, dict[str, Any]] = {}
+        """The policies that exist, with what the status of each holds as originals."""
         self._reports_generation = observed_generation
         self._version = 100
-        self._specs: dict[str, list[tuple[int, dict[str, int]]]] = {}
+        self._specs: dict[str, list[tuple[int, dict[str, int], dict[str, dict[str, str]]]]] = {}
+        """The versions of each spec that the kubelet has yet to act on: generation, limits and requests."""
         for pod in pods:
             self.create(pod)
 
@@ -61,13 +62,23 @@ class FakeCluster:
     def resize(self, namespace: str, name: str, patch: Mapping[str, Any]) -> int:
         return self._call("resize", namespace, name, patch, lambda uid, it: self._resize(uid, it, FIELD_MANAGER))
 
-    def annotate(self, namespace: str, name: str, annotations: Mapping[str, str | None]) -> int:
-        return self._call("annotate", namespace, name, annotations, self._annotate)
+    def pod(self, namespace: str, name: str) -> dict[str, Any]:
+        self._call("get", namespace, name, {}, lambda *_: None)
+        return deepcopy(self.pods[self._uid(namespace, name)])
+
+    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> None:
+        self._enter("store", policy, changes)
+        fault = self._fault()
+        if f"{namespace}/{policy}" not in self.policies:
+            raise refusal("NotFound")
+        self.policies[f"{namespace}/{policy}"] = _merged(self.policies[f"{namespace}/{policy}"], changes)
+        if fault is not None:
+            raise fault.error
 
     def create(self, pod: dict[str, Any]) -> str:
         uid = str(pod["metadata"]["uid"])
         self.pods[uid], self.feeds[uid] = deepcopy(pod), deque()
-        self._specs[uid] = [(pod["metadata"]["generation"], self.limits(uid))]
+        self._specs[uid] = [self._version_of(uid)]
         self._commit(uid)
         return uid
 
@@ -96,12 +107,11 @@ class FakeCluster:
 
     def report(self, uid: str) -> None:
         """Write what is in force into the status."""
-        generation, limits = self._specs[uid][0]
+        generation, limits, requests = self._specs[uid][0]
         status = self.pods[uid]["status"]
         status.pop("observedGeneration", None)
         if self._reports_generation:
             status["observedGeneration"] = generation
-        requests = {c["name"]: c["resources"].get("requests", {}) for c in self._containers(uid)}
         for kind in ("containerStatuses", "initContainerStatuses"):
             for entry in status[kind]:
                 if "resources" in entry:
@@ -131,11 +141,18 @@ class FakeCluster:
         return self.limits(f"uid-{name}")[name]
 
     def originals(self, uid: str) -> dict[str, Original]:
-        return read_originals((self.pods[uid]["metadata"].get("annotations") or {}).get(ORIGINALS))
+        """What the policies' statuses hold about a pod."""
+        return {
+            name: Original(policy, cpu)
+            for policy, status in self.policies.items()
+            for found, (_, containers) in read(policy, status)
+            for name, cpu in containers.items()
+            if found == uid
+        }
 
     def highest(self, uid: str) -> dict[str, int]:
         """The highest limit that each container may have at some instant: in force, or still to be put in force."""
-        versions = [limits for _, limits in self._specs[uid]]
+        versions = [limits for _, limits, _ in self._specs[uid]]
         return {name: max(limits[name] for limits in versions) for name in versions[0]}
 
     def resizes(self) -> list[tuple[str, dict[str, str]]]:
@@ -149,20 +166,29 @@ class FakeCluster:
     def _call(
         self, call: str, namespace: str, name: str, content: Mapping[str, Any], act: Callable[[str, Any], None]
     ) -> int:
+        self._enter(call, name, content)
+        fault = self._fault()
+        uid = self._uid(namespace, name)
+        act(uid, content)
+        if fault is not None:
+            raise fault.error
+        return int(self.pods[uid]["metadata"]["resourceVersion"])
+
+    def _enter(self, call: str, name: str, content: Mapping[str, Any]) -> None:
         self.calls.append((call, name, deepcopy(dict(content))))
         self.on_call()
+
+    def _fault(self) -> Unanswered | None:
         fault = self.faults.popleft() if self.faults else None
         if isinstance(fault, BaseException):
             raise fault
-        found = [
-            u for u, p in self.pods.items() if (p["metadata"]["namespace"], p["metadata"]["name"]) == (namespace, name)
-        ]
-        if not found:
-            raise refusal("NotFound")
-        act(found[0], content)
-        if fault is not None:
-            raise fault.error
-        return int(self.pods[found[0]]["metadata"]["resourceVersion"])
+        return fault
+
+    def _uid(self, namespace: str, name: str) -> str:
+        for uid, pod in self.pods.items():
+            if (pod["metadata"]["namespace"], pod["metadata"]["name"]) == (namespace, name):
+                return uid
+        raise refusal("NotFound")
 
     def _resize(self, uid: str, patch: Mapping[str, Any], manager: str) -> None:
         pod, before = deepcopy(self.pods[uid]), deepcopy(self.pods[uid]["spec"])
@@ -180,14 +206,12 @@ class FakeCluster:
             return
         pod["metadata"]["generation"] += 1
         self.pods[uid] = pod
-        self._specs[uid].append((pod["metadata"]["generation"], self.limits(uid)))
+        self._specs[uid].append(self._version_of(uid))
         self._commit(uid)
 
-    def _annotate(self, uid: str, annotations: Mapping[str, str | None]) -> None:
-        metadata = self.pods[uid]["metadata"]
-        merged = {**(metadata.get("annotations") or {}), **annotations}
-        metadata["annotations"] = {key: value for key, value in merged.items() if value is not None}
-        self._commit(uid)
+    def _version_of(self, uid: str) -> tuple[int, dict[str, int], dict[str, dict[str, str]]]:
+        requests = {c["name"]: dict(c["resources"].get("requests", {})) for c in self._containers(uid)}
+        return self.pods[uid]["metadata"]["generation"], self.limits(uid), requests
 
     def _commit(self, uid: str) -> None:
         self._version += 1
@@ -197,6 +221,20 @@ class FakeCluster:
     def _containers(self, uid: str) -> list[dict[str, Any]]:
         spec = self.pods[uid]["spec"]
         return [*spec["containers"], *(c for c in spec["initContainers"] if c.get("restartPolicy") == "Always")]
+
+
+def _merged(kept: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """A merge patch (RFC 7386)."""
+    merged = dict(kept)
+    for key, value in changes.items():
+        if value is None:
+            merged.pop(key, None)
+        elif isinstance(value, dict):
+            before = merged.get(key)
+            merged[key] = _merged(before if isinstance(before, dict) else {}, value)
+        else:
+            merged[key] = value
+    return merged
 
 
 def _note_manager(metadata: dict[str, Any], manager: str, field: str, container: str, kind: str) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 from reactivex.testing import TestScheduler
 
 from contextpolicy.actuators.order import Order
+from contextpolicy.actuators.resize import status_record
 from contextpolicy.actuators.resize.resizer import PodResizer
 from contextpolicy.cluster.pods import view
 from contextpolicy.policy.spec import Control
@@ -26,13 +28,16 @@ MOMENT = 1e-5
 
 
 class Workers:
-    """Holds patches back until they are told to run."""
+    """Holds patches back until they are told to run; apart from them, if wanted, what writes to a policy's status."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, apart: bool) -> None:
         self.jobs: list[Callable[[], object]] = []
+        self.writes: list[Callable[[], object]] = []
+        self._apart = apart
 
-    def submit(self, act: Callable[..., object], *arguments: object) -> None:
-        self.jobs.append(lambda: act(*arguments))
+    def submit(self, act: Callable[..., object], *arguments: Any) -> None:
+        apart = self._apart and arguments[0].__module__ == status_record.__name__
+        (self.writes if apart else self.jobs).append(lambda: act(*arguments))
 
     def run(self, index: int = 0) -> None:
         self.jobs.pop(index)()
@@ -53,8 +58,8 @@ class Witness:
     def on_in_force(self, policy: str, container: str, limit: int) -> None:  # noqa: ARG002 - as above
         self.in_force.append((container, limit))
 
-    def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
-        self.problems.append((policy, pod, error.reason if error else "recovered"))
+    def on_problem(self, policy: str, subject: str, error: ActuationError | None) -> None:
+        self.problems.append((policy, subject, error.reason if error else "recovered"))
 
     def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:  # noqa: ARG002 - as above
         limits = (contest.by, contest.had.limit, contest.got.limit) if contest else "over"
@@ -62,21 +67,27 @@ class Witness:
 
 
 class Rig:
-    """One operator's resizer; `kill` ends it and starts the next one from what the API server has."""
+    """One operator's resizer; `kill` ends it and starts the next one from what the API server has.
 
-    def __init__(self, *pods: dict[str, Any], **kubelet: bool) -> None:
+    Originals are stored at once, unless `stores` says that it is work like any other.
+    """
+
+    def __init__(self, *pods: dict[str, Any], stores: bool = False, **kubelet: bool) -> None:
         self.cluster = FakeCluster(*pods, **kubelet)
+        self._apart = not stores
         self.scheduler = TestScheduler()
         self.released: list[str] = []
         self.kill()
 
     def kill(self) -> None:
         self.scheduler = TestScheduler()
-        self.workers, self.witness = Workers(), Witness()
+        self.workers, self.witness = Workers(apart=self._apart), Witness()
         self.resizer = PodResizer(self.cluster, self.scheduler, self.workers, self.witness)  # type: ignore[arg-type]
         for uid, feed in self.cluster.feeds.items():
             feed.clear()
             self.resizer.observe(view(self.cluster.pods[uid]))
+        for policy, stored in self.cluster.policies.items():
+            self.resizer.recall(policy, deepcopy(stored))
 
     def plan(self, policy: str = POLICY, *, n: int = 1000, control: Control = Control.LIMIT, **shares: int) -> None:
         """Shares by container; a container is in the pod of its name unless it is written pod__container."""
@@ -84,7 +95,7 @@ class Rig:
 
     def hold(self, policy: str, **shares: int) -> None:
         """Claim these containers and want nothing of them."""
-        self.resizer.apply(Order(policy, frozenset(by_id(shares))))
+        self.apply(Order(policy, frozenset(by_id(shares))))
 
     def order(
         self,
@@ -96,10 +107,22 @@ class Rig:
         ceiling: int = 800,
     ) -> None:
         ceilings = dict.fromkeys(shares, ceiling)
-        self.resizer.apply(Order(policy, frozenset(shares), dict(shares), {NODE: n}, control, ceilings))
+        nodes = dict.fromkeys(shares, NODE)
+        self.apply(Order(policy, frozenset(shares), dict(shares), {NODE: n}, control, ceilings, nodes))
+
+    def apply(self, order: Order) -> None:
+        """The policy exists and wants this."""
+        self.cluster.policies.setdefault(order.policy, {})
+        self.resizer.apply(order)
+        self.store()
 
     def release(self, policy: str = POLICY) -> None:
-        self.resizer.release(policy, lambda: self.released.append(policy))
+        """The policy is deleted: its object goes as soon as its containers are back."""
+        self.resizer.release(policy, lambda: self._gone(policy))
+
+    def _gone(self, policy: str) -> None:
+        self.released.append(policy)
+        self.cluster.policies.pop(policy, None)
 
     def work(self, index: int = 0) -> None:
         """Run one patch and let the loop hear of it."""
@@ -114,13 +137,22 @@ class Rig:
 
     def watch_one(self, uid: str) -> None:
         self.resizer.observe(view(self.cluster.feeds[uid].popleft()))
+        self.wait(MOMENT)
 
     def remove(self, uid: str) -> None:
         self.cluster.remove(uid)
         self.resizer.forget(uid)
+        self.wait(MOMENT)
 
     def wait(self, seconds: float) -> None:
         self.scheduler.advance_by(seconds)
+        self.store()
+
+    def store(self) -> None:
+        """Let what is to be written to statuses be written."""
+        while self.workers.writes:
+            self.workers.writes.pop(0)()
+            self.scheduler.advance_by(MOMENT)
 
     def settle(self) -> None:
         """Let everybody do all that there is to do."""

@@ -7,9 +7,10 @@ from itertools import pairwise
 
 import pytest
 
-from contextpolicy.actuators.resize.contest import QUIET, REMEMBERED, Governed
+from contextpolicy.actuators.resize.contest import QUIET, REMEMBERED, Ownership
+from contextpolicy.actuators.resize.originals import Original
 from contextpolicy.actuators.resize.pauses import CONTESTED
-from contextpolicy.cluster.pods import ORIGINALS, Cpu, Original
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered
 from tests.actuators.resize.rig import MOMENT, POLICY, Rig
@@ -37,38 +38,38 @@ def take(rig: Rig, limit: str = "700m", **more: str) -> None:
 
 
 def test_each_strike_of_an_insistent_writer_is_answered_later():
-    governed, now, pauses = Governed(POLICY, OURS), 0.0, []
+    governed, now, pauses = Ownership(POLICY, OURS), 0.0, []
     for _ in range(7):
-        assert governed.look(THEIRS, now)
+        assert governed.compare(THEIRS, now)
         pauses.append(governed.until - now)
         now = governed.until
-        assert not governed.rests(now)
+        assert governed.rests_until <= now
         governed.give(POLICY, OURS)
     assert pauses == [0, CONTESTED.first, 1, 2, 4, CONTESTED.longest, CONTESTED.longest]
 
 
 def test_what_it_makes_of_it_during_a_pause_is_the_same_strike():
-    governed = Governed(POLICY, OURS)
-    governed.look(THEIRS, 0.0)
+    governed = Ownership(POLICY, OURS)
+    governed.compare(THEIRS, 0.0)
     governed.give(POLICY, OURS)
-    assert governed.look(THEIRS, 0.1)
+    assert governed.compare(THEIRS, 0.1)
     until = governed.until
-    assert not governed.look(THEIRS, 0.2)
-    assert not governed.look(OTHERS, 0.3)
-    assert (governed.until, governed.seen, governed.rests(0.3)) == (until, 0.3, True)
+    assert not governed.compare(THEIRS, 0.2)
+    assert not governed.compare(OTHERS, 0.3)
+    assert (governed.rests_until, governed.seen) == (until, 0.3)
 
 
 def test_after_a_quiet_while_it_is_put_back_at_once_again():
-    governed = Governed(POLICY, OURS)
+    governed = Ownership(POLICY, OURS)
     for now in (0.0, 1.0, 1.0 + QUIET + 0.1):
-        governed.look(THEIRS, now)
+        governed.compare(THEIRS, now)
         pause = governed.until - now
         governed.give(POLICY, OURS)
     assert pause == 0
 
 
 def test_nothing_rests_that_nobody_took():
-    assert not Governed(POLICY, OURS).rests(-math.inf)
+    assert Ownership(POLICY, OURS).rests_until == -math.inf
 
 
 # the resizer
@@ -254,8 +255,11 @@ def test_what_others_did_while_no_operator_ran_is_told():
 
 def test_a_note_without_its_resize_accuses_nobody():
     """The operator before died between the two."""
-    note = '{"slam": {"policy": "lab/robot", "request": "100m", "limit": "500m"}}'
-    rig = Rig(a_pod("slam", annotations={ORIGINALS: note}))
+    rig = Rig(a_pod("slam"))
+    rig.cluster.policies[POLICY] = {
+        "uid-slam": {"pod": "slam", "containers": {"slam": {"request": "100m", "limit": "500m"}}}
+    }
+    rig.kill()
     rig.plan(slam=300)
     rig.wait(MOMENT)
     rig.settle()

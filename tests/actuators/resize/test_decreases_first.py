@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from contextpolicy.actuators.resize.pod_slot import SETTLING
+from contextpolicy.actuators.order import Order
+from contextpolicy.actuators.resize.pod_state import SETTLING
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.fake_cluster import refusal
-from tests.actuators.resize.rig import Rig, limits, two_pods
-from tests.cluster.builders import a_pod
+from tests.actuators.resize.rig import POLICY, Rig, limits, two_pods
+from tests.cluster.builders import NODE, a_pod
 
 
 def test_an_increase_waits_until_the_decrease_is_in_force():
@@ -89,6 +90,15 @@ def test_nothing_rises_beside_a_container_that_was_never_seen():
     assert limits(rig) == (800, 200)
 
 
+def test_a_container_that_was_never_seen_holds_back_rises_on_its_own_node_only():
+    rig = Rig(a_pod("slam"))
+    shares, far = {"lab/slam/slam": 800, "lab/speech/speech": 200}, "robot-2"
+    nodes = {"lab/slam/slam": NODE, "lab/speech/speech": far}
+    rig.apply(Order(POLICY, frozenset(shares), shares, {NODE: 1000, far: 1000}, nodes=nodes))
+    rig.work()
+    assert rig.cluster.limit("slam") == 800
+
+
 def test_a_pod_keeps_its_share_until_its_containers_have_ended():
     rig = two_pods()
     rig.plan(slam=600, speech=400)
@@ -98,6 +108,18 @@ def test_a_pod_keeps_its_share_until_its_containers_have_ended():
     rig.plan(slam=1000)
     assert rig.workers.jobs == []
     rig.remove("uid-speech")
+    rig.work()
+    assert rig.cluster.limit("slam") == 1000
+
+
+def test_a_pod_whose_containers_have_ended_takes_no_room():
+    rig = two_pods()
+    rig.plan(slam=600, speech=400)
+    rig.settle()
+    rig.cluster.pods["uid-speech"]["status"]["containerStatuses"][0]["state"] = {"terminated": {}}
+    rig.cluster.terminate("uid-speech")
+    rig.watch()
+    rig.plan(slam=1000)
     rig.work()
     assert rig.cluster.limit("slam") == 1000
 

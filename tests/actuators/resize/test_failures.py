@@ -6,11 +6,12 @@ from itertools import pairwise
 
 import pytest
 
+from contextpolicy.actuators.resize.originals import Original
 from contextpolicy.actuators.resize.pauses import FAILED, REFUSED
-from contextpolicy.cluster.pods import Cpu, Original
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.errors import ActuationError
 from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered, refusal
-from tests.actuators.resize.rig import MOMENT, POLICY, Rig, two_pods
+from tests.actuators.resize.rig import POLICY, Rig, two_pods
 from tests.cluster.builders import a_pod
 
 
@@ -27,10 +28,17 @@ def times_of_calls(rig: Rig, seconds: float, step: float = 0.01) -> list[float]:
     return times
 
 
-@pytest.mark.parametrize("reason", ["Unreachable", "Conflict", "TooManyRequests", "ServerError", "Unauthorized"])
-def test_a_failure_that_may_pass_is_tried_again_ever_more_slowly(reason):
+@pytest.mark.parametrize(
+    ("reason", "in_doubt"),
+    [
+        *((reason, False) for reason in ("Conflict", "TooManyRequests", "Unauthorized")),
+        *((reason, True) for reason in ("Unreachable", "ServerError", "Unreadable")),
+    ],
+)
+def test_a_failure_that_may_pass_is_tried_again_ever_more_slowly(reason, in_doubt):
+    """Where the answer was lost, what is tried again is the question what became of it."""
     rig = Rig(a_pod("slam"))
-    rig.cluster.faults += [refusal(reason, retriable=True)] * 8
+    rig.cluster.faults += [None, *[ActuationError(reason, "no", retriable=True, in_doubt=in_doubt)] * 8]
     rig.plan(slam=300)
     times = times_of_calls(rig, 25)
     gaps = [round(after - before, 1) for before, after in pairwise(times)]
@@ -41,14 +49,14 @@ def test_a_failure_that_may_pass_is_tried_again_ever_more_slowly(reason):
 
 def test_neither_news_nor_plans_shorten_the_pause():
     rig = Rig(a_pod("slam"))
-    rig.cluster.faults += [UNREACHABLE]
+    rig.cluster.faults += [None, refusal("Conflict", retriable=True)]
     rig.plan(slam=300)
     rig.work()
     rig.plan(slam=400)
     rig.cluster.report("uid-slam")
     rig.watch()
     assert rig.workers.jobs == []
-    rig.wait(FAILED.first + MOMENT)
+    rig.wait(FAILED.first + 0.01)
     rig.work()
     assert rig.cluster.limit("slam") == 400
 
@@ -88,9 +96,10 @@ def test_neither_news_nor_the_same_plan_repeat_a_refusal():
 
 def test_the_api_says_when_it_wants_to_be_asked_again():
     rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None]
     rig.cluster.faults.append(ActuationError("TooManyRequests", "busy", retriable=True, retry_after=7.0))
     rig.plan(slam=300)
-    assert times_of_calls(rig, 10, step=1.0) == [0.0, 7.0]
+    assert times_of_calls(rig, 10, step=1.0) == pytest.approx([0.0, 7.0], abs=1.0)
 
 
 def test_a_refusal_is_tried_again_when_the_wish_changes():
@@ -136,6 +145,96 @@ def test_a_refused_restore_is_tried_again_when_somebody_asks_again():
     rig.release()
     rig.settle()
     assert (rig.cluster.limit("slam"), rig.released) == (500, [POLICY])
+
+
+def test_what_nobody_foresaw_is_told_and_tried_again():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [RuntimeError("token file is gone"), None, RuntimeError("still gone"), OSError("and now")]
+    rig.plan(slam=300)
+    rig.settle()
+    assert rig.cluster.limit("slam") == 300
+    assert [(subject, reason) for _, subject, reason in rig.witness.problems] == [
+        *(("its status", "Unexpected"), ("its status", "recovered")),
+        *(("slam", "Unexpected"), ("slam", "Unexpected"), ("slam", "recovered")),
+    ]
+
+
+def test_the_subresource_is_missing_but_the_pod_lives():
+    """A cluster older than Kubernetes 1.33, or a proxy in between."""
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, refusal("NotFound")]
+    rig.plan(slam=300)
+    rig.work()
+    rig.work()
+    assert rig.witness.problems == [(POLICY, "slam", "NotFound")]
+    rig.wait(REFUSED.first + 0.1)
+    rig.work()
+    assert rig.cluster.limit("slam") == 300
+    assert rig.witness.problems[-1] == (POLICY, "slam", "recovered")
+
+
+def test_another_pod_that_has_taken_the_name_is_not_taken_for_this_one():
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, UNREACHABLE]
+    rig.plan(slam=300)
+    rig.work()
+    rig.cluster.remove("uid-slam")
+    rig.cluster.create(a_pod("slam", uid="uid-slam-2"))
+    rig.wait(FAILED.first + 0.01)
+    rig.work()
+    assert [call for call, *_ in rig.cluster.calls] == ["store", "resize", "get", "store"], "its original is dropped"
+    rig.settle()
+    assert rig.cluster.limits("uid-slam-2") == {"slam": 300}
+    assert rig.cluster.policies[POLICY].keys() == {"uid-slam-2"}
+
+
+@pytest.mark.parametrize("effect", [True, False])
+def test_a_lost_answer_is_settled_by_asking(effect):
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, Unanswered(UNREACHABLE) if effect else UNREACHABLE]
+    rig.plan(slam=300)
+    rig.work()
+    rig.wait(FAILED.first + 0.01)
+    rig.work()
+    again = [] if effect else ["resize"]
+    while rig.workers.jobs:
+        rig.work()
+    assert [call for call, *_ in rig.cluster.calls] == ["store", "resize", "get", *again]
+    assert (rig.cluster.limit("slam"), rig.witness.accepted) == (300, [("lab/slam/slam", 300)])
+
+
+def test_a_rise_whose_answer_was_lost_takes_its_room_until_it_is_known():
+    rig = two_pods()
+    rig.plan(slam=300, speech=300)
+    rig.settle()
+    rig.cluster.faults.append(Unanswered(UNREACHABLE))
+    rig.plan(slam=700, speech=300)
+    rig.work()
+    rig.plan(slam=300, speech=700)
+    assert rig.workers.jobs == [], "slam may have 700m already"
+    rig.wait(FAILED.first + 0.01)
+    rig.work()
+    while rig.workers.jobs:
+        rig.work()
+    assert rig.cluster.limit("speech") == 300, "slam has 700m, and the kubelet has not lowered it"
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.cluster.limit("speech")) == (300, 700)
+
+
+def test_what_a_person_does_after_a_restore_stays_although_its_last_answer_was_lost():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.cluster.faults += [None, Unanswered(UNREACHABLE)]
+    rig.hold(POLICY)
+    rig.settle()
+    rig.cluster.edit("uid-slam", "slam", cpu="700m", by="kubectl-edit")
+    rig.settle()
+    rig.plan(slam=300)
+    rig.settle()
+    rig.release()
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.released) == (700, [POLICY])
 
 
 def test_a_pod_that_is_not_found_is_forgotten_without_a_word():

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.actuators.resize.pod_slot import SETTLING
+from contextpolicy.actuators.resize.pod_state import SETTLING
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.fake_cluster import refusal
-from tests.actuators.resize.rig import POLICY, Rig, limits, one_pod_for_two, two_pods
+from tests.actuators.resize.rig import MOMENT, POLICY, Rig, limits, one_pod_for_two, two_pods
 from tests.cluster.builders import a_pod, cpu
 
 # what is sent
@@ -136,6 +136,19 @@ def test_a_kubelet_that_says_nothing_holds_the_newest_plan_up_for_a_moment_only(
     assert [limits["slam"] for _, limits in rig.cluster.resizes()] == ["300m", "450m"]
 
 
+def test_a_resize_that_the_kubelet_holds_back_does_not_hold_up_the_next():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.work()
+    deferred = {"type": "PodResizePending", "status": "True", "reason": "Deferred"}
+    rig.cluster.pods["uid-slam"]["status"]["conditions"] = [deferred]
+    rig.cluster._commit("uid-slam")
+    rig.watch()
+    rig.plan(slam=450)
+    rig.work()
+    assert rig.cluster.limit("slam") == 450
+
+
 def test_a_plan_made_while_a_patch_was_refused_is_sent_at_once():
     rig = Rig(a_pod("slam"))
     rig.plan(slam=300)
@@ -189,6 +202,41 @@ def test_accepted_and_in_force_are_told():
     rig.cluster.report("uid-slam")
     rig.watch()
     assert rig.witness.in_force == [("lab/slam/slam", 300)]
+
+
+def test_what_is_put_back_is_told_as_well():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.release()
+    rig.settle()
+    assert rig.witness.accepted == [("lab/slam/slam", 300), ("lab/slam/slam", 500)]
+
+
+def test_pods_of_nobody_cost_nothing():
+    rig = Rig(a_pod("slam"), *(a_pod(f"other-{n}") for n in range(5)))
+    rig.plan(slam=300)
+    rig.settle()
+    looks = []
+    pursuit = rig.resizer._pursuits[POLICY]
+    pursuit.advance = looks.append
+    for n in range(5):
+        rig.cluster.report(f"uid-other-{n}")
+    rig.watch()
+    assert looks == []
+
+
+def test_many_answers_at_once_cost_one_look():
+    names = [f"task-{n}" for n in range(10)]
+    rig = Rig(*(a_pod(name) for name in names))
+    rig.plan(**dict.fromkeys(names, 300))
+    looks = []
+    pursuit = rig.resizer._pursuits[POLICY]
+    advance, pursuit.advance = pursuit.advance, lambda now: looks.append(now) or advance(now)
+    for _ in names:
+        rig.workers.run()
+    rig.wait(MOMENT)
+    assert len(looks) == 1
 
 
 # restarts

@@ -34,7 +34,9 @@ class World:
     def __init__(self, seed: int, *, mood: str, observed_generation: bool) -> None:
         self.random = random.Random(seed)  # noqa: S311 - the same schedules in every run
         self.mood, self.calm, self.tells_version = mood, mood != "faulty", observed_generation
-        self.rig = Rig(*(a_pod(name, own) for name, own in PODS.items()), observed_generation=observed_generation)
+        self.rig = Rig(
+            *(a_pod(name, own) for name, own in PODS.items()), stores=True, observed_generation=observed_generation
+        )
         self.cluster = self.rig.cluster
         self.wishes: dict[str, dict[str, int]] = {}
         self.bounded: set[str] = set()
@@ -90,7 +92,7 @@ class World:
     def kubelet(self) -> None:
         """The kubelet acts on a version that it has not acted on yet, perhaps not the newest."""
         uid = self.uid()
-        generation, _ = self.random.choice(self.cluster._specs[uid])
+        generation, *_ = self.random.choice(self.cluster._specs[uid])
         self.cluster.kubelet(uid, generation)
 
     def report(self) -> None:

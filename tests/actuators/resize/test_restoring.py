@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
 from contextpolicy.actuators.order import Order
-from contextpolicy.actuators.resize.resizer import RESTORE_PATIENCE
-from contextpolicy.cluster.pods import ORIGINALS, Cpu, Original
-from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered, refusal
+from contextpolicy.actuators.resize.originals import Original
+from contextpolicy.actuators.resize.pursuit import RESTORE_PATIENCE
+from contextpolicy.cluster.pods import Cpu
+from tests.actuators.resize.fake_cluster import UNREACHABLE, Killed, Unanswered, refusal
 from tests.actuators.resize.rig import OTHER, POLICY, Rig, limits, one_pod_for_two, two_pods
 from tests.cluster.builders import NODE, a_pod, cpu
 
@@ -21,9 +20,33 @@ def test_the_originals_are_written_once_and_before_the_first_resize():
     for share in (300, 400, 450):
         rig.plan(slam=share)
         rig.settle()
-    assert [call for call, *_ in rig.cluster.calls] == ["annotate", "resize", "resize", "resize"]
-    written = json.loads(rig.cluster.calls[0][2][ORIGINALS])
-    assert written == {"slam": {"policy": POLICY, "request": "100m", "limit": "500m"}}
+    assert [call for call, *_ in rig.cluster.calls] == ["store", "resize", "resize", "resize"]
+    slam = {"slam": {"request": "100m", "limit": "500m"}}
+    assert rig.cluster.policies == {POLICY: {"uid-slam": {"pod": "slam", "containers": slam}}}
+
+
+def test_the_originals_of_all_pods_cost_one_write():
+    rig = Rig(*(a_pod(name) for name in ("slam", "speech", "nav")))
+    rig.plan(slam=300, speech=400, nav=500)
+    rig.settle()
+    rig.plan(slam=400, speech=300, nav=300)
+    rig.settle()
+    assert [(call, name) for call, name, _ in rig.cluster.calls if call != "resize"] == [("store", "robot")]
+    assert rig.cluster.originals("uid-nav") == {"nav": Original(POLICY, Cpu(100, 500))}
+
+
+def test_nothing_is_resized_before_its_original_is_stored():
+    rig = Rig(a_pod("slam"), stores=True)
+    rig.plan(slam=300)
+    assert len(rig.workers.jobs) == 1
+    rig.cluster.faults.append(UNREACHABLE)
+    rig.work()
+    rig.wait(1.0)
+    rig.work()
+    assert [call for call, *_ in rig.cluster.calls] == ["store", "store"]
+    rig.work()
+    assert rig.cluster.limit("slam") == 300
+    assert rig.witness.problems == [(POLICY, "its status", "Unreachable"), (POLICY, "its status", "recovered")]
 
 
 def test_a_release_puts_all_back_and_then_takes_the_note_away():
@@ -34,8 +57,8 @@ def test_a_release_puts_all_back_and_then_takes_the_note_away():
     rig.release()
     assert rig.released == []
     rig.settle()
-    resized, noted = ("resize", "speech"), ("annotate", "speech")
-    assert [call[:2] for call in rig.cluster.calls] == [resized, noted, ("resize", "slam"), ("annotate", "slam")]
+    speech, slam = ("resize", "speech"), ("resize", "slam")
+    assert [call[:2] for call in rig.cluster.calls] == [speech, ("store", "robot"), slam]
     assert limits(rig) == (500, 500)
     assert rig.cluster.originals("uid-slam") == rig.cluster.originals("uid-speech") == {}
     assert rig.released == [POLICY]
@@ -108,7 +131,7 @@ def test_a_plan_that_is_ordered_late_does_not_hold_what_is_claimed_no_more():
     rig.plan(slam=300, speech=300)
     rig.settle()
     shares = {"lab/slam/slam": 400, "lab/speech/speech": 300, "lab/gone/gone": 100}
-    rig.resizer.apply(Order(POLICY, frozenset({"lab/slam/slam"}), shares, {NODE: 1000}))
+    rig.apply(Order(POLICY, frozenset({"lab/slam/slam"}), shares, {NODE: 1000}))
     rig.settle()
     assert limits(rig) == (400, 500)
     assert rig.cluster.originals("uid-speech") == {}
@@ -124,39 +147,97 @@ def test_a_claimed_container_without_a_share_keeps_what_it_has():
     assert rig.cluster.limit("slam") == 300
 
 
-def test_a_policy_that_takes_a_container_over_restores_what_was_there_before_the_first():
-    rig = Rig(a_pod("slam"))
+@pytest.mark.parametrize("fault", [None, Killed(), Unanswered(Killed()), UNREACHABLE, Unanswered(UNREACHABLE)])
+@pytest.mark.parametrize(("heir_first", "at"), [*((True, at) for at in range(2)), *((False, at) for at in range(4))])
+def test_a_container_that_changes_hands_gets_back_what_was_there_before_the_first(fault, at, heir_first):
+    """Whatever happens to the writes that this takes: while it is moved, some status knows what it had."""
+    rig = Rig(a_pod("slam"), stores=True)
     rig.plan(slam=300)
     rig.settle()
-    rig.kill()  # and the first policy was removed by force meanwhile
-    rig.plan(OTHER, slam=400)
-    rig.settle()
+    rig.cluster.faults += [None] * at + [fault]
+    acts = [lambda: rig.plan(OTHER, slam=400), lambda: rig.hold(POLICY)]
+
+    def hand_over():
+        for act in acts if heir_first else reversed(acts):
+            act()
+        rig.settle()
+
+    rig.cluster.on_call = lambda: known_or_back(rig)
+    while not rig.survive(hand_over):
+        pass
+    assert not rig.cluster.faults, "it took fewer calls"
     assert rig.cluster.originals("uid-slam") == {"slam": Original(OTHER, Cpu(100, 500))}
     rig.release(OTHER)
     rig.settle()
     assert (rig.cluster.limit("slam"), rig.released) == (500, [OTHER])
 
 
-def test_a_late_view_does_not_make_a_restored_container_look_annotated():
-    """Claimed again while the watch still shows the old note: it must be written anew."""
+def known_or_back(rig):
+    known = rig.cluster.originals("uid-slam")
+    assert known["slam"].cpu == Cpu(100, 500) if known else rig.cluster.limit("slam") == 500
+
+
+def test_a_late_view_is_not_taken_for_what_was_there_before():
+    """Claimed again while the watch still shows what the container had by the policy."""
     rig = Rig(a_pod("slam"))
     rig.plan(slam=300)
     rig.settle()
     rig.release()
     rig.work()
-    assert len(rig.cluster.feeds["uid-slam"]) == 2
-    rig.watch_one("uid-slam")  # resized back, the note still there
+    assert rig.cluster.feeds["uid-slam"], "the watch has not told of the restore"
     rig.plan(slam=400)
-    rig.watch()
     rig.settle()
     assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
 
 
-def test_a_damaged_note_does_not_keep_the_pod_from_being_resized():
-    rig = Rig(a_pod("slam", annotations={ORIGINALS: "{slam"}))
+DAMAGED: list[object] = [
+    *(None, [], "{", 5, {"uid-slam": None}, {"uid-slam": {}}, {"uid-slam": {"pod": "slam", "containers": []}}),
+    {"uid-slam": {"pod": "slam", "containers": {"slam": {"limit": "lots"}}}},
+    {"uid-slam": {"pod": "slam", "containers": {"slam": 5}}},
+]
+
+
+@pytest.mark.parametrize("stored", DAMAGED, ids=str)
+def test_a_damaged_status_does_not_keep_the_pod_from_being_resized(stored):
+    rig = Rig(a_pod("slam"))
+    rig.resizer.recall(POLICY, stored)
     rig.plan(slam=300)
     rig.settle()
     assert rig.cluster.limit("slam") == 300
+    assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
+
+
+def test_a_status_is_believed_about_pods_of_its_own_namespace_only():
+    rig = Rig(a_pod("slam"))
+    stored = {"uid-slam": {"pod": "slam", "containers": {"slam": {"limit": "64"}}}}
+    rig.resizer.recall("attack/robot", stored)
+    rig.release("attack/robot")
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.released) == (500, ["attack/robot"])
+
+
+def test_whoever_annotates_a_pod_changes_nothing():
+    note = '{"slam": {"policy": "lab/robot", "request": "1", "limit": "64"}}'
+    rig = Rig(a_pod("slam", annotations={"contextpolicy.dev/original-resources": note}))
+    rig.plan(slam=300)
+    rig.settle()
+    rig.release()
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.released) == (500, [POLICY])
+
+
+def test_originals_of_pods_that_are_gone_are_taken_out_of_the_status():
+    rig = two_pods()
+    rig.plan(slam=300, speech=300)
+    rig.settle()
+    rig.remove("uid-slam")
+    rig.settle()
+    assert rig.cluster.policies[POLICY].keys() == {"uid-speech"}
+    rig.cluster.remove("uid-speech")  # while no operator runs
+    rig.kill()
+    rig.plan()
+    rig.settle()
+    assert rig.cluster.policies[POLICY] == {}
 
 
 # what is put back: decreases before increases, but not for ever
@@ -234,7 +315,7 @@ def test_a_decrease_on_another_node_is_not_waited_for():
     far["spec"]["nodeName"] = "robot-2"
     rig = Rig(a_pod("slam"), far)
     shares = {"lab/slam/slam": 300, "lab/speech/speech": 700}
-    rig.resizer.apply(Order(POLICY, frozenset(shares), shares, {NODE: 1000, "robot-2": 1000}))
+    rig.apply(Order(POLICY, frozenset(shares), shares, {NODE: 1000, "robot-2": 1000}))
     rig.settle()
     rig.release()
     assert len(rig.workers.jobs) == 2

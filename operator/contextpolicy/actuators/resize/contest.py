@@ -31,7 +31,7 @@ class Contest:
 
 
 @dataclass(slots=True)
-class Governed:
+class Ownership:
     """A container that a policy decides about: `cpu` is what it has by that, `found` what somebody else made of it."""
 
     policy: str
@@ -46,7 +46,7 @@ class Governed:
         """From now on it has this."""
         self.policy, self.cpu, self.found = policy, cpu, None
 
-    def look(self, spec: Cpu, now: float) -> bool:
+    def compare(self, spec: Cpu, now: float) -> bool:
         """Take what somebody else made of it; returns whether it has just been taken from us.
 
         What it makes of it after that, before we take it back, is one and the same strike.
@@ -60,6 +60,12 @@ class Governed:
         self.seen = now
         return struck
 
-    def rests(self, now: float) -> bool:
-        """Whether it is left for a while as somebody else has made it."""
-        return self.found is not None and now < self.until
+    @property
+    def rests_until(self) -> float:
+        """Until when it is left as somebody else has made it."""
+        return self.until if self.found is not None else -inf
+
+    @property
+    def forgotten_at(self) -> float:
+        """When a contest counts as over, unless it goes on."""
+        return self.seen + REMEMBERED

@@ -1,80 +1,43 @@
-"""Recognise that somebody else has resized a container of a policy, tell it, and remember it for a while."""
+"""Recognise that somebody else has resized a container of a policy. Pure."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from contextpolicy.actuators.resize.contest import REMEMBERED, Contest, Governed
-from contextpolicy.cluster.claims import container_id
+from contextpolicy.actuators.resize.contest import Contest, Ownership
 from contextpolicy.cluster.pods import Cpu
 from contextpolicy.cluster.writers import FIELD_MANAGER
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from reactivex.abc import SchedulerBase
-
-    from contextpolicy.actuators.resize.pod_slot import PodSlot
+    from contextpolicy.actuators.resize.originals import Original
+    from contextpolicy.actuators.resize.wishes import Wish
     from contextpolicy.cluster.pods import ContainerView
 
 
-class Guard:
-    """Looks at every container that a policy decides about.
-
-    `tell` is called with a policy, a container and what was done to it, or None when that is history; `wake` with the
-    seconds after which it may be put back.
-    """
-
-    def __init__(
-        self,
-        scheduler: SchedulerBase,
-        tell: Callable[[str, str, Contest | None], None],
-        wake: Callable[[float], None],
-    ) -> None:
-        self._scheduler, self._tell, self._wake = scheduler, tell, wake
-
-    def look(self, policy: str, slot: PodSlot, container: ContainerView, wanted: Cpu) -> None:
-        """Compare what the container has with what its policy last gave it."""
-        spec = slot.spec(container.name)
-        if slot.job is not None or spec is None:
-            return
-        governed = slot.governed.get(container.name)
-        if governed is None:
-            had = _given(slot, container)
-            if had is None and spec != wanted:
-                return
-            governed = slot.governed[container.name] = Governed(policy, had or spec)
-        if spec in (wanted, governed.cpu):
-            governed.give(policy, spec)
-        elif governed.look(spec, self._now()):
-            self._struck(container_id(slot.view, container.name), container, governed, spec)
-
-    def _struck(self, identity: str, container: ContainerView, governed: Governed, spec: Cpu) -> None:
-        by = container.writers.limit if spec.limit != governed.cpu.limit else container.writers.request
-        self._tell(governed.policy, identity, Contest(by, governed.cpu, spec))
-        self._wake(governed.until - self._now())
-        if not governed.told:
-            governed.told = True
-            self._remember(identity, governed, REMEMBERED)
-
-    def _remember(self, identity: str, governed: Governed, seconds: float) -> None:
-        self._scheduler.schedule_relative(seconds, lambda *_: self._forget(identity, governed))
-
-    def _forget(self, identity: str, governed: Governed) -> None:
-        rest = governed.seen + REMEMBERED - self._now()
-        if rest > 1.0:
-            self._remember(identity, governed, rest)
-        else:
-            governed.told = False
-            self._tell(governed.policy, identity, None)
-
-    def _now(self) -> float:
-        return self._scheduler.to_seconds(self._scheduler.now)
+def look(policy: str, wish: Wish, original: Original | None, now: float) -> Contest | None:
+    """Compare what a container has with what its policy last gave it; what somebody else has just done, if anything."""
+    pod, container = wish.pod, wish.container
+    spec = pod.state.spec(container.name)
+    # While a patch is under way, what the watch shows may be its effect already.
+    if pod.state.patch is not None or spec is None:
+        return None
+    ownership = pod.owned.get(container.name)
+    if ownership is None:
+        had = _last_given(container, original)
+        if had is None and spec != wish.cpu:
+            return None
+        ownership = pod.owned[container.name] = Ownership(policy, had or spec)
+    if spec in (wish.cpu, ownership.cpu):
+        ownership.give(policy, spec)
+    elif ownership.compare(spec, now):
+        ownership.told = True
+        by = container.writers.limit if spec.limit != ownership.cpu.limit else container.writers.request
+        return Contest(by, ownership.cpu, spec)
+    return None
 
 
-def _given(slot: PodSlot, container: ContainerView) -> Cpu | None:
+def _last_given(container: ContainerView, original: Original | None) -> Cpu | None:
     """What an operator before this one last gave it: where others wrote since, what was there before all of us."""
-    original = slot.originals.get(container.name)
     if original is None:
         return None
     ours, spec = ("", FIELD_MANAGER), container.spec

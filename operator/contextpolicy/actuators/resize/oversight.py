@@ -1,8 +1,9 @@
-"""A resize that the kubelet has overlooked, and the one beside it that makes it look again. Pure.
+"""A resize that the kubelet has overlooked, and the nudge that makes it look again. Pure.
 
-A kubelet that starts takes the pods that it finds for seen. What of their resources it has not granted yet it looks at
-after 30 s, or as soon as the resources of any pod change (kubelet/allocation/allocation_manager.go of Kubernetes 1.36,
-`initialRetryDelay`). Whenever k3s restarts, its API is back before its kubelet, and resizes get in between.
+A kubelet that starts assumes that it has already handled the pods that it finds. Resources that it has not granted yet
+it looks at after 30 s, or as soon as those of any pod change (`initialRetryDelay` in Kubernetes 1.36's
+kubelet/allocation/allocation_manager.go). Whenever k3s restarts, its API is back before its kubelet, and resizes get in
+between.
 """
 
 from __future__ import annotations
@@ -43,10 +44,10 @@ class Oversight:
         return self.since + OVERLOOKED.after(self.times)
 
 
-def beside(container: ContainerView, wanted: Cpu) -> Cpu:
-    """A thousandth off what is wanted, towards what is in force: for its sake nothing ever sums to more.
+def nudge(container: ContainerView, wanted: Cpu) -> Cpu:
+    """A thousandth off what is wanted, towards what is in force, so that the node's limits never sum to more.
 
-    Not the wish itself: what changes nothing, the API server does not tell the kubelet.
+    Asking for the same again would not do: the API server tells the kubelet only of changes.
     """
     actual = container.actual or wanted
     return Cpu(_towards(container.allocated, wanted.request), _towards(actual.limit, wanted.limit))

@@ -1,0 +1,122 @@
+"""Send patches on workers, and learn on the loop what became of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from contextpolicy.actuators.resize.pod_patch import Answer, Found, Patch, ask, send
+from contextpolicy.cluster.claims import container_id
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from contextpolicy.actuators.resize.background import Background
+    from contextpolicy.actuators.resize.contest import Contest
+    from contextpolicy.actuators.resize.originals import Originals
+    from contextpolicy.actuators.resize.pod_patch import ResizeApi
+    from contextpolicy.actuators.resize.tracked_pod import TrackedPod
+    from contextpolicy.cluster.pods import Cpu
+    from contextpolicy.errors import ActuationError
+
+
+class Observer(Protocol):
+    """Who wants to know how resizing goes; called on the loop's thread."""
+
+    def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
+        """The API has the new resources, since this monotonic time."""
+
+    def on_in_force(self, policy: str, container: str, limit: int) -> None:
+        """The kubelet reports the limit that the plan wants."""
+
+    def on_problem(self, policy: str, subject: str, error: ActuationError | None) -> None:
+        """A write about a pod, or of the policy's status, failed; after a failure it works again (None)."""
+
+    def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:
+        """Somebody else resized a container of the policy, or has not done so for a while (None)."""
+
+
+class Dispatcher:
+    """`on_end(pod)` is called whenever a patch has ended, or waits, and what that taught is in the pod's state."""
+
+    def __init__(
+        self,
+        originals: Originals,
+        api: ResizeApi,
+        background: Background,
+        observer: Observer,
+        on_end: Callable[[TrackedPod], None],
+    ) -> None:
+        self._originals, self._api, self._background = originals, api, background
+        self._observer, self._on_end = observer, on_end
+
+    def send(self, pod: TrackedPod, patch: Patch) -> None:
+        """Send a patch of an idle pod."""
+        view = pod.view
+        pod.state.send(patch)
+        self._background.run(lambda: send(self._api, view, patch), lambda answer: self._on_answer(pod, patch, answer))
+
+    def ask(self, pod: TrackedPod, cause: ActuationError | None = None) -> None:
+        """See in the API server what became of a pod's patch; `cause` is its answer, if there was one."""
+        view, patch = pod.view, pod.state.patch
+        if patch is not None:
+            self._background.run(lambda: ask(self._api, view), lambda found: self._on_found(pod, patch, found, cause))
+
+    def recovered(self, policy: str, pod: TrackedPod) -> None:
+        """Whatever failed is over."""
+        if policy in pod.troubled:
+            pod.troubled.discard(policy)
+            self._observer.on_problem(policy, pod.view.name, None)
+
+    def _on_answer(self, pod: TrackedPod, patch: Patch, answer: Answer) -> None:
+        now, error = self._background.now(), answer.error
+        if error is None:
+            pod.state.accept(answer.version, now)
+            self._take_effect(pod, patch, answer.received)
+        elif error.reason == "NotFound":
+            pod.state.miss()
+            self.ask(pod, error)
+        elif error.in_doubt:
+            pod.state.lose(error, now)
+            self._tell(patch, pod, error)
+        elif error.retriable:
+            pod.state.postpone(error, now)
+            self._tell(patch, pod, error)
+        else:
+            pod.state.refuse()
+            self._refuse(pod, patch, error)
+        self._on_end(pod)
+
+    def _on_found(
+        self, pod: TrackedPod, patch: Patch, found: Found | ActuationError, cause: ActuationError | None
+    ) -> None:
+        now = self._background.now()
+        if isinstance(found, Found):
+            if pod.find(found.view, now):
+                self._take_effect(pod, patch, found.received)
+            elif cause is not None:
+                self._refuse(pod, patch, cause)  # the pod lives, so it is the subresource that is not found
+        elif found.reason == "NotFound":
+            pod.state.miss()
+        else:
+            pod.state.fail_to_ask(found, now)
+            self._tell(patch, pod, found)
+        self._on_end(pod)
+
+    def _take_effect(self, pod: TrackedPod, patch: Patch, received: float) -> None:
+        pod.refusals.pop((patch.policy, patch.restore), None)
+        pod.oversight.nudged()
+        self.recovered(patch.policy, pod)
+        for name, cpu in patch.resources.items():
+            if patch.restore:
+                self._originals.drop(pod.view.uid, name)
+            else:
+                pod.give(patch.policy, name, cpu)
+            self._observer.on_accepted(patch.policy, container_id(pod.view, name), cpu, received)
+
+    def _refuse(self, pod: TrackedPod, patch: Patch, error: ActuationError) -> None:
+        pod.refuse(patch, self._background.now())
+        self._tell(patch, pod, error)
+
+    def _tell(self, patch: Patch, pod: TrackedPod, error: ActuationError) -> None:
+        pod.troubled.add(patch.policy)
+        self._observer.on_problem(patch.policy, pod.view.name, error)

@@ -1,0 +1,58 @@
+"""All pods that the watch has shown, by UID and by the names that planning uses for containers. Pure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators.resize.pod_state import PodState
+from contextpolicy.actuators.resize.tracked_pod import TrackedPod
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from contextpolicy.cluster.pods import ContainerView, PodView
+
+
+class PodIndex:
+    """Looking a container up costs the same with thousands of other pods on the node."""
+
+    def __init__(self) -> None:
+        self._pods: dict[str, TrackedPod] = {}
+        self._uids: dict[str, str] = {}
+
+    def get(self, view: PodView) -> TrackedPod:
+        """The pod that a view is about, from now on tracked if it was not."""
+        pod = self._pods.get(view.uid)
+        if pod is None:
+            pod = self._pods[view.uid] = TrackedPod(PodState(view))
+            self._uids[_key(view)] = view.uid
+        return pod
+
+    def pop(self, uid: str) -> TrackedPod | None:
+        """The pod, which is not tracked any more; None when it was not."""
+        pod = self._pods.pop(uid, None)
+        if pod is not None and self._uids.get(_key(pod.view)) == uid:
+            del self._uids[_key(pod.view)]
+        return pod
+
+    def belongs_to(self, uid: str, namespace: str) -> bool:
+        """Whether a pod is tracked and lives in this namespace."""
+        return uid in self._pods and self._pods[uid].view.namespace == namespace
+
+    def holds(self, pod: TrackedPod) -> bool:
+        """Whether it is tracked: the answer to a patch may come after its pod has gone."""
+        return self._pods.get(pod.view.uid) is pod
+
+    def known(self, uids: Iterable[str]) -> Iterator[TrackedPod]:
+        """Those of the pods that are tracked, always in the same order."""
+        return (self._pods[uid] for uid in sorted(uids) if uid in self._pods)
+
+    def find(self, identity: str) -> tuple[TrackedPod | None, ContainerView | None]:
+        """A container by its name of `namespace/pod/container`."""
+        key, _, name = identity.rpartition("/")
+        pod = self._pods.get(self._uids.get(key, ""))
+        return pod, pod.view.container(name) if pod else None
+
+
+def _key(view: PodView) -> str:
+    return f"{view.namespace}/{view.name}"

@@ -1,0 +1,87 @@
+"""One patch of a pod, and the question how it ended; both run on a worker's thread."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from contextpolicy.actuators.resize.patches import resize_patch
+from contextpolicy.cluster.pods import view
+from contextpolicy.errors import ActuationError, unexpected
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from contextpolicy.cluster.pods import Cpu, PodView
+
+log = logging.getLogger(__name__)
+
+
+class ResizeApi(Protocol):
+    """What the resizer needs of the API server."""
+
+    def resize(self, namespace: str, pod: str, patch: Mapping[str, object]) -> int:
+        """PATCH pods/resize; returns the version of the pod that has the change."""
+
+    def pod(self, namespace: str, name: str) -> dict[str, Any]:
+        """GET a pod."""
+
+    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, object]) -> None:
+        """Merge into `status.originals` of a policy; None removes an entry."""
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """The resources to set in one pod, all on behalf of one policy: towards its plan, or back as they were."""
+
+    policy: str
+    resources: Mapping[str, Cpu]
+    restore: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """How a patch ended: `version` is that of the pod that has it, `error` what came instead.
+
+    `received` is the monotonic time of the answer.
+    """
+
+    version: int = 0
+    received: float = 0.0
+    error: ActuationError | None = None
+
+
+def send(api: ResizeApi, pod: PodView, patch: Patch) -> Answer:
+    """Send a patch. Whatever goes wrong becomes an answer: a worker that raised would leave its pod waiting."""
+    try:
+        version = api.resize(pod.namespace, pod.name, resize_patch(pod, patch.resources))
+    except ActuationError as error:
+        return Answer(error=error)
+    except Exception as error:
+        log.exception("the resize of pod %s/%s failed", pod.namespace, pod.name)
+        return Answer(error=unexpected(error))
+    return Answer(version, time.monotonic())
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A pod as the API server had it at this monotonic time."""
+
+    view: PodView
+    received: float
+
+
+def ask(api: ResizeApi, pod: PodView) -> Found | ActuationError:
+    """The pod as the API server has it now; NotFound also when another pod has taken its name."""
+    try:
+        found = view(api.pod(pod.namespace, pod.name))
+    except ActuationError as error:
+        return error
+    except Exception as error:
+        log.exception("pod %s/%s can't be read", pod.namespace, pod.name)
+        return unexpected(error)
+    if found.uid != pod.uid:
+        return ActuationError("NotFound", f"pod {pod.name} is another one now", retriable=False)
+    return Found(found, time.monotonic())

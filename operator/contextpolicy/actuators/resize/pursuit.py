@@ -1,0 +1,215 @@
+"""One policy's pursuit of what it wants: of every difference from what is, what may be asked for now."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from math import inf
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators.resize import guard
+from contextpolicy.actuators.resize.pod_patch import Patch
+from contextpolicy.actuators.resize.pod_state import Phase
+from contextpolicy.actuators.resize.put_back import is_falling, to_put_back, without_rises
+from contextpolicy.actuators.resize.wishes import Wish, steps, wanted_cpu
+from contextpolicy.cluster.claims import container_id
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+
+    from contextpolicy.actuators.order import Order
+    from contextpolicy.actuators.resize.dispatcher import Dispatcher, Observer
+    from contextpolicy.actuators.resize.originals import Originals
+    from contextpolicy.actuators.resize.pod_index import PodIndex
+    from contextpolicy.actuators.resize.tracked_pod import TrackedPod
+    from contextpolicy.cluster.pods import Cpu
+
+RESTORE_PATIENCE = 2.0
+"""Seconds for which what is put back waits with rising until what falls has fallen: a refusal, or a kubelet that is
+gone, must not keep it."""
+
+
+class Pursuit:
+    """Level-triggered: `advance` may be called at any time and sends only what is missing.
+
+    `done` is set while the policy is being released, and called when nothing is left to put back.
+    """
+
+    def __init__(
+        self, order: Order, pods: PodIndex, originals: Originals, dispatcher: Dispatcher, observer: Observer
+    ) -> None:
+        self.order = order
+        self.done: Callable[[], None] | None = None
+        self.again = inf
+        """When to look again, if nothing happens before."""
+        self._policy = order.policy
+        self._pods, self._originals, self._dispatcher, self._observer = pods, originals, dispatcher, observer
+        self._touched: set[str] = set()
+        """The pods that the policy has, or had, to do with: no other is looked at."""
+        self._falling: dict[str, float] = {}
+
+    def concerns(self, pod: TrackedPod) -> bool:
+        """Whether what happens to a pod may matter to the policy."""
+        return pod.view.uid in self._touched or any(
+            container_id(pod.view, container.name) in self.order.claimed for container in pod.view.containers
+        )
+
+    def try_refused_again(self) -> None:
+        """Somebody asks again to put everything back: what was refused may be accepted now."""
+        for pod in self._pods.known(self._touched):
+            pod.refusals.pop((self._policy, True), None)
+
+    def advance(self, now: float) -> None:
+        """Send what may be sent now."""
+        self.again = min(self._advance(now), default=inf)
+
+    def is_released(self) -> bool:
+        """Whether nothing is left to put back, or in doubt; pods that have ended need nothing."""
+        kept = {uid for uid, _ in self._originals.of(self._policy)}
+        return all(
+            pod.view.ended or not (pod.view.uid in kept or pod.state.originator == self._policy)
+            for pod in self._pods.known(self._touched | kept)
+        )
+
+    def _advance(self, now: float) -> Iterator[float]:
+        """Yields the moments at which there may be more to do."""
+        wishes = list(self._wishes())
+        self._touched.update(wish.pod.view.uid for wish in wishes)
+        self._touched.update(uid for uid, _ in self._originals.of(self._policy))
+        pods = list(self._pods.known(self._touched))
+        for pod in pods:
+            yield self._wake(pod, now)
+            self._let_go(pod)
+        for wish in wishes:
+            yield from self._guard(wish, now)
+        forward = self._steps(wishes, now)
+        back = {pod.view.uid: self._to_put_back(pod) for pod in pods}
+        bound = self._bound(pods, back, now)
+        yield from (end for end in bound.values() if end > now)
+        for pod in pods:
+            held = bound.get(pod.view.node, -inf) > now
+            uid = pod.view.uid
+            ready = without_rises(pod.state, back[uid]) if held else back[uid]
+            if not pod.view.ended:
+                yield self._request(pod, forward.get(uid, {}), now, restore=False)
+                yield self._request(pod, ready, now, restore=True)
+            if not (forward.get(uid) or back[uid] or pod.state.patch):
+                self._dispatcher.recovered(self._policy, pod)
+        self._touched = {pod.view.uid for pod in pods if self._has_to_do_with(pod)}
+
+    def _wishes(self) -> Iterator[Wish]:
+        """What has a share; a plan that is ordered late may have shares for what the policy has lost since."""
+        for identity in self.order.shares:
+            pod, container = self._pods.find(identity)
+            if pod is not None and container is not None and identity in self.order.claimed and not pod.view.ended:
+                original = self._originals.at(pod.view.uid, container.name)
+                yield Wish(identity, pod, container, wanted_cpu(self.order, identity, pod, container, original))
+
+    def _wake(self, pod: TrackedPod, now: float) -> float:
+        """Let a pod that has rested go on; returns when it has."""
+        if pod.state.due > now:
+            return pod.state.due
+        pod.state.wake()
+        if pod.state.phase is Phase.ASKING:
+            self._dispatcher.ask(pod)
+        return inf
+
+    def _let_go(self, pod: TrackedPod) -> None:
+        """Whatever the policy decided about and claims no more is not its any more."""
+        for name, ownership in list(pod.owned.items()):
+            identity = container_id(pod.view, name)
+            if ownership.policy == self._policy and (pod.view.ended or identity not in self.order.claimed):
+                del pod.owned[name]
+                if ownership.told:
+                    self._observer.on_contest(self._policy, identity, None)
+
+    def _guard(self, wish: Wish, now: float) -> Iterator[float]:
+        """Tell when somebody else has resized a container of the policy, and when that is history."""
+        pod, name = wish.pod, wish.container.name
+        contest = guard.look(self._policy, wish, self._originals.at(pod.view.uid, name), now)
+        if contest is not None:
+            self._observer.on_contest(self._policy, wish.id, contest)
+        ownership = pod.owned.get(name)
+        if ownership is not None and ownership.told:
+            if now >= ownership.forgotten_at:
+                ownership.told = False
+                self._observer.on_contest(self._policy, wish.id, None)
+            else:
+                yield from (moment for moment in (ownership.rests_until, ownership.forgotten_at) if moment > now)
+        if pod.oversight.until > now:
+            yield pod.oversight.until
+
+    def _steps(self, wishes: Collection[Wish], now: float) -> dict[str, dict[str, Cpu]]:
+        """What may be set now, by pod UID.
+
+        Before anything is, the original of every container with a share is stored: so it costs one write for all, and
+        none when a later plan moves the next container.
+        """
+        found = steps(self.order, wishes, self._leaving(), now)
+        stored = {
+            uid: {name: cpu for name, cpu in resources.items() if self._originals.is_stored(self._policy, uid, name)}
+            for uid, resources in found.items()
+        }
+        if stored != found:
+            for wish in wishes:
+                self._note(wish)
+        return stored
+
+    def _note(self, wish: Wish) -> None:
+        """What somebody else has made of a container that is ours is not what it had before us."""
+        view, name = wish.pod.view, wish.container.name
+        ownership = wish.pod.owned.get(name)
+        before = ownership.cpu if ownership is not None else wish.pod.state.spec(name)
+        if before is not None:
+            self._originals.note(self._policy, view.uid, view.name, name, before)
+
+    def _leaving(self) -> Mapping[str, int]:
+        """What the policy gave to pods that are being deleted, by node: it is theirs until their containers end."""
+        leaving: dict[str, int] = defaultdict(int)
+        for uid, name in self._originals.of(self._policy):
+            for pod in self._pods.known([uid]):
+                if pod.view.ended and pod.view.running:
+                    leaving[pod.view.node] += pod.state.highest(name)
+        return leaving
+
+    def _to_put_back(self, pod: TrackedPod) -> dict[str, Cpu]:
+        """What the policy moved and claims no more; where all is as it was before already, only the note is dropped."""
+        uid, state = pod.view.uid, pod.state
+        back = to_put_back(state, self._originals.in_pod(uid), self._policy, self.order.claimed)
+        if state.ready and not pod.view.ended:
+            for name in [name for name, cpu in back.items() if state.spec(name) in (cpu, None)]:
+                del back[name]
+                state.expect_back(name, self._policy)
+                self._originals.drop(uid, name)
+        return back
+
+    def _bound(
+        self, pods: Iterable[TrackedPod], back: Mapping[str, Mapping[str, Cpu]], now: float
+    ) -> Mapping[str, float]:
+        """The nodes on which nothing that is put back may rise, and until when."""
+        before, restoring = self._falling, any(back.values())
+        nodes = {p.view.node for p in pods if restoring and is_falling(p.state, self._policy, back[p.view.uid])}
+        self._falling = {node: before.get(node, now) for node in nodes}
+        return {node: since + RESTORE_PATIENCE for node, since in self._falling.items()}
+
+    def _request(self, pod: TrackedPod, wanted: Mapping[str, Cpu], now: float, *, restore: bool) -> float:
+        """Ask for what one pod needs, unless it has to wait; returns until when."""
+        if not wanted:
+            pod.refusals.pop((self._policy, restore), None)
+            return inf
+        if not pod.state.ready:
+            return inf  # the end of what is under way lets us look again
+        moment = max(pod.state.settles_at, pod.refused_until(self._policy, wanted, restore=restore))
+        if moment > now:
+            return moment
+        self._dispatcher.send(pod, Patch(self._policy, wanted, restore))
+        return inf
+
+    def _has_to_do_with(self, pod: TrackedPod) -> bool:
+        mine = (
+            *(ownership.policy for ownership in pod.owned.values()),
+            *(original.policy for original in self._originals.in_pod(pod.view.uid).values()),
+            *pod.state.putting_back.values(),
+            *pod.troubled,
+            pod.state.originator,
+        )
+        return self._policy in mine

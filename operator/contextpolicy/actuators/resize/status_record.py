@@ -1,0 +1,93 @@
+"""Write the originals into the policies' status: at once, in one write per policy, and again until it is done."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from math import inf
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators.resize.pauses import FAILED, REFUSED
+from contextpolicy.errors import ActuationError, unexpected
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from contextpolicy.actuators.resize.background import Background
+    from contextpolicy.actuators.resize.dispatcher import Observer
+    from contextpolicy.actuators.resize.originals import Originals
+    from contextpolicy.actuators.resize.pod_patch import ResizeApi
+
+log = logging.getLogger(__name__)
+
+SUBJECT = "its status"
+"""What a failed write is about, where other problems name a pod."""
+
+
+@dataclass(slots=True)
+class _Retry:
+    """How often in a row a policy's write has failed, and when the next may be sent."""
+
+    times: int = 0
+    due: float = -inf
+
+
+class StatusRecord:
+    """One write per policy is under way at most; `on_end(policy)` is called on the loop's thread after each."""
+
+    def __init__(
+        self,
+        originals: Originals,
+        api: ResizeApi,
+        background: Background,
+        observer: Observer,
+        on_end: Callable[[str], None],
+    ) -> None:
+        self._originals, self._api, self._background = originals, api, background
+        self._observer, self._on_end = observer, on_end
+        self._retries: dict[str, _Retry] = {}
+
+    def pursue(self, policy: str, now: float) -> float:
+        """Send what is missing; returns when it may be sent, if it only has to wait."""
+        retry = self._retries.setdefault(policy, _Retry())
+        changes = self._originals.changes(policy)
+        if not changes:
+            return inf
+        if retry.due > now:
+            return retry.due
+        self._originals.send(policy)
+        self._background.run(lambda: self._write(policy, changes), lambda error: self._ended(policy, error))
+        return inf
+
+    def forget(self, policy: str) -> None:
+        """The policy is gone, and its status with it."""
+        self._originals.forget(policy)
+        self._retries.pop(policy, None)
+
+    def _write(self, policy: str, changes: dict[str, object]) -> ActuationError | None:
+        """On a worker's thread."""
+        namespace, _, name = policy.partition("/")
+        try:
+            self._api.write_originals(namespace, name, changes)
+        except ActuationError as error:
+            return error
+        except Exception as error:
+            log.exception("the originals of %s could not be written", policy)
+            return unexpected(error)
+        return None
+
+    def _ended(self, policy: str, error: ActuationError | None) -> None:
+        retry = self._retries.get(policy)
+        if retry is None:
+            return
+        if error is not None or retry.times:
+            self._observer.on_problem(policy, SUBJECT, error)
+        if error is None:
+            self._originals.succeed(policy)
+            self._retries[policy] = _Retry()
+        else:
+            self._originals.fail(policy)
+            retry.times += 1
+            pause = (FAILED if error.retriable else REFUSED).after(retry.times)
+            retry.due = self._background.now() + max(pause, error.retry_after)
+        self._on_end(policy)

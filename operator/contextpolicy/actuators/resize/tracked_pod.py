@@ -1,0 +1,83 @@
+"""One pod with everything that the resizer remembers of it besides the state of its patch. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators.resize.contest import Ownership
+from contextpolicy.actuators.resize.oversight import Oversight, nudge
+from contextpolicy.actuators.resize.pauses import REFUSED
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from contextpolicy.actuators.resize.pod_patch import Patch
+    from contextpolicy.actuators.resize.pod_state import PodState
+    from contextpolicy.cluster.pods import ContainerView, Cpu, PodView
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Resources that the API refused so many times in a row; they are not asked for again before `until`."""
+
+    resources: Mapping[str, Cpu]
+    times: int
+    until: float
+
+
+@dataclass(slots=True)
+class TrackedPod:
+    """`owned` are the containers that policies decide about; `troubled` the policies that were told of a problem.
+
+    `refusals` are kept for each policy, apart for its plan and for what it puts back.
+    """
+
+    state: PodState
+    owned: dict[str, Ownership] = field(default_factory=dict)
+    oversight: Oversight = field(default_factory=Oversight)
+    refusals: dict[tuple[str, bool], Refusal] = field(default_factory=dict)
+    troubled: set[str] = field(default_factory=set)
+
+    @property
+    def view(self) -> PodView:
+        """The pod as the watch shows it."""
+        return self.state.view
+
+    def observe(self, view: PodView, now: float) -> None:
+        """Take what the watch says. What was refused of an older spec may be accepted of a newer one."""
+        generation = self.view.generation
+        if self.state.observe(view):
+            self.oversight.look(view, now)
+            if view.generation != generation:
+                self.refusals.clear()
+
+    def find(self, view: PodView, now: float) -> bool:
+        """Take the pod as the API server has it; returns whether the patch in doubt took effect."""
+        self.observe(view, now)
+        return self.state.find(view, now)
+
+    def give(self, policy: str, name: str, cpu: Cpu) -> None:
+        """The API server has taken what the policy wants of a container."""
+        self.owned.setdefault(name, Ownership(policy, cpu)).give(policy, cpu)
+
+    def refuse(self, patch: Patch, now: float) -> None:
+        """The API server refused this."""
+        before = self.refusals.get((patch.policy, patch.restore))
+        times = before.times + 1 if before is not None and before.resources == patch.resources else 1
+        self.refusals[patch.policy, patch.restore] = Refusal(patch.resources, times, now + REFUSED.after(times))
+
+    def refused_until(self, policy: str, resources: Mapping[str, Cpu], *, restore: bool) -> float:
+        """Until when the same need not be asked for again; 0 when something else, or nothing, was refused."""
+        refusal = self.refusals.get((policy, restore))
+        return refusal.until if refusal is not None and refusal.resources == resources else 0.0
+
+    def step(self, container: ContainerView, wanted: Cpu, now: float) -> Cpu:
+        """What to ask for: what is wanted, or a nudge when the kubelet has overlooked that."""
+        overlooked = now >= self.oversight.until and self.state.spec(container.name) == wanted
+        return nudge(container, wanted) if overlooked else wanted
+
+    def rests_until(self, name: str) -> float:
+        """Until when a container is left as somebody else has made it."""
+        return self.owned[name].rests_until if name in self.owned else -inf
