@@ -12,7 +12,7 @@ ContextPolicyError
 ├── DocumentError       a file that is no YAML (validation.documents)
 ├── PolicyFileError     a file that holds no valid policy (validation.policy_file)
 ├── ExpectationError    expectations that make no sense (simulation.expectations)
-├── DrawingError        a picture that cannot be made (drawing)
+├── DrawingError        a picture that cannot be made
 └── NoAnswerError       nobody on the bus answers (commands.explain)
 """
 
@@ -102,6 +102,10 @@ class OrderError(ContextPolicyError):
     def __init__(self, reason: str, message: str) -> None:
         self.reason = reason
         super().__init__(message)
+
+
+class DrawingError(ContextPolicyError):
+    """A picture that cannot be made."""
 
 
 def _short(value: object) -> str:

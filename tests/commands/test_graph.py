@@ -1,18 +1,32 @@
 from __future__ import annotations
 
-from itertools import combinations
+import sys
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
 
 from contextpolicy.cli import main
-from contextpolicy.explain.graph_layout import place
-from contextpolicy.explain.task_graph import Kind, Relation, build
+from contextpolicy.explain.task_graph import Kind, build
 from contextpolicy.policy.validation.policy_file import load_policy
 
 POLICIES = Path(__file__).parents[2] / "config/policies"
 NAMES = sorted(path.stem for path in POLICIES.glob("*.yaml") if ".expect" not in path.name)
+SVG, XLINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}"
+ODD = r"""
+apiVersion: contextpolicy.dev/v1alpha1
+kind: ContextPolicy
+metadata: {name: odd}
+spec:
+  streams:
+  - {name: imu, key: "robot/a\x01b"}
+  tasks:
+  - name: slam
+    selector: {matchLabels: {app: slam}}
+    activity:
+    - when: "imu.id == \"\\\\N<b>\x02\\\\n\"\n|| imu.x > 1"
+"""
+ESCAPED = {ord(character): f"#{ord(character)};" for character in '"<>'}
 CHATBOT = str(POLICIES / "speech-chatbot.yaml")
 
 
@@ -49,23 +63,60 @@ def test_a_complex_task_goes_on_with_what_can_run() -> None:
     assert [node.id for node in graph.nodes if node.kind is Kind.CONTEXT] == ["context-driving"]
 
 
+def drawn(capsys: pytest.CaptureFixture[str], policy: Path | str) -> ET.Element:
+    assert main(["graph", str(policy), "--output", "svg"]) == 0
+    return ET.fromstring(capsys.readouterr().out.encode())  # noqa: S314 - our own output
+
+
+def texts(element: ET.Element) -> list[str]:
+    return ["".join(text.itertext()) for text in element.iter(f"{SVG}text")]
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_svg_is_xml_with_every_box(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["graph", str(POLICIES / f"{name}.yaml"), "--output", "svg"]) == 0
-    root = ET.fromstring(capsys.readouterr().out)  # noqa: S314 - our own output
-    texts = {text.text for text in root.iter("{http://www.w3.org/2000/svg}text")}
-    assert {task.name for task in load_policy(str(POLICIES / f"{name}.yaml")).tasks} <= texts
+    root = drawn(capsys, POLICIES / f"{name}.yaml")
+    assert {task.name for task in load_policy(str(POLICIES / f"{name}.yaml")).tasks} <= set(texts(root))
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_boxes_do_not_overlap_and_arrows_point_right(name: str) -> None:
-    layout = place(build(load_policy(str(POLICIES / f"{name}.yaml"))))
-    for one, other in combinations(layout.boxes.values(), 2):
-        apart = one.x + one.width <= other.x or other.x + other.width <= one.x
-        assert apart or one.y + one.height <= other.y or other.y + other.height <= one.y
-    for edge, points in layout.routes.items():
-        if edge.relation is Relation.PRODUCES:
-            assert points[0][0] < points[-1][0]
+def test_an_arrow_shows_its_condition_and_the_whole_of_a_long_one_as_its_tooltip(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    root = drawn(capsys, POLICIES / "patrol-robot.yaml")
+    arrows = [group for group in root.iter(f"{SVG}g") if group.get("class") == "edge"]
+    labels = {text: link for group in arrows for link in group.iter(f"{SVG}a") for text in texts(link)}
+    assert "mic.peak > 0.6" in labels
+    assert labels["people.count > 0 && people.nearest …"].get(f"{XLINK}title") == (
+        "people.count > 0 && people.nearest < 3.0"
+    )
+
+
+def test_two_conditions_between_the_same_boxes_are_two_arrows(capsys: pytest.CaptureFixture[str]) -> None:
+    root = drawn(capsys, POLICIES / "patrol-robot.yaml")
+    titles = [title.text for title in root.iter(f"{SVG}title")]
+    assert titles.count("stream-people->task-dialogue") == 2
+
+
+def test_without_graphviz_it_says_what_to_install(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pygraphviz", None)
+    assert main(["graph", CHATBOT, "--output", "svg"]) == 1
+    assert capsys.readouterr().err == "drawing needs Graphviz: pip install 'contextpolicy[plot]'\n"
+
+
+@pytest.mark.parametrize("output", ["svg", "mermaid"])
+def test_control_characters_and_markup_in_a_policy_leave_the_picture_whole(
+    output: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "odd.yaml"
+    file.write_text(ODD)
+    assert main(["graph", str(file), "--output", output]) == 0
+    out = capsys.readouterr().out
+    assert not {character for character in out if not character.isprintable()} - {"\n"}
+    shown = "\n".join(texts(ET.fromstring(out.encode()))) if output == "svg" else out  # noqa: S314 - our own output
+    assert "robot/a�b" in shown
+    condition = r'imu.id == "\\N<b>�\\n" || imu.x > 1'
+    assert (condition if output == "svg" else condition.translate(ESCAPED)) in shown
 
 
 def test_an_unknown_context_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:

@@ -109,7 +109,13 @@ def test_schema_and_loader_refuse_the_same(entry):
         parse(document)
 
 
-@pytest.mark.parametrize("document", [None, [], {}, "text", {"name": "a", "duration": 1, "inputs": []}])
+@pytest.mark.parametrize(
+    "document",
+    [
+        *(None, [], {}, "text", {"name": "a", "duration": 1, "inputs": []}),
+        *({**a_document(ONCE), "name": name} for name in ("", "a\x01", "a\nb")),
+    ],
+)
 def test_a_document_of_another_shape_is_refused(document):
     assert not SCHEMA.is_valid(document)
     with pytest.raises(TimelineError):

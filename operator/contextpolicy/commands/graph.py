@@ -17,14 +17,19 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         description="Draw streams, tasks with their subtasks, pre-conditions and needs, and what contexts change.",
     )
     parser.add_argument("policy", metavar="POLICY", help="a file with one ContextPolicy")
-    parser.add_argument("--output", choices=("mermaid", "svg"), default="mermaid", help="default: mermaid")
+    parser.add_argument(
+        "--output",
+        choices=("mermaid", "svg"),
+        default="mermaid",
+        help="default: mermaid; svg needs pip install 'contextpolicy[plot]'",
+    )
     parser.add_argument("--context", metavar="NAME", help="show the graph as this context modifies it")
     parser.set_defaults(main=main)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Print the picture."""
-    from contextpolicy.explain.graph_svg import svg
+    from contextpolicy.explain.graph_picture import svg
     from contextpolicy.explain.mermaid import mermaid
     from contextpolicy.explain.task_graph import build
     from contextpolicy.policy.validation.policy_file import load_policy

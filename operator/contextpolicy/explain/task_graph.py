@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -41,7 +42,10 @@ class Relation(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class GraphNode:
-    """A box: its first line is its name, the others say more. A suspended task is crossed out by a context."""
+    """A box: its first line is its name, the others say more. A suspended task is crossed out by a context.
+
+    Its lines have no control characters, nor has an edge's label: SVG can't hold them, and Mermaid reads line by line.
+    """
 
     id: str
     kind: Kind
@@ -75,7 +79,7 @@ def build(policy: Policy, *, context: str | None = None) -> Graph:
     title = policy.name if context is None else f"{policy.name} while {context} holds"
     graph = Graph(title)
     for stream in policy.streams:
-        graph.nodes.append(GraphNode(f"stream-{stream.name}", Kind.STREAM, (stream.name, stream.key)))
+        graph.nodes.append(GraphNode(f"stream-{stream.name}", Kind.STREAM, (stream.name, _line(stream.key))))
         if stream.produced_by:
             graph.edges.append(Edge(f"task-{stream.produced_by}", f"stream-{stream.name}", Relation.PRODUCES))
     for task in policy.tasks:
@@ -117,11 +121,11 @@ def _input_edges(task: Task) -> Iterator[Edge]:
     node = f"task-{task.name}"
     for activity in task.activity:
         streams = Expression(activity.when).variables | ({activity.stream} if activity.stream else set())
-        label = activity.initiative or ("" if activity.when == "true" else activity.when)
+        label = activity.initiative or ("" if activity.when == "true" else _line(activity.when))
         yield from (Edge(f"stream-{stream}", node, Relation.ACTIVITY, label) for stream in sorted(streams))
     for requirement in task.requires:
         for stream in sorted(Expression(requirement.when).variables):
-            yield Edge(f"stream-{stream}", node, Relation.CONDITION, requirement.when)
+            yield Edge(f"stream-{stream}", node, Relation.CONDITION, _line(requirement.when))
 
 
 def _merged(edges: list[Edge]) -> list[Edge]:
@@ -144,7 +148,8 @@ def _needs(task: Task) -> tuple[str, ...]:
 
 def _add_context(graph: Graph, context: Context) -> None:
     node = f"context-{context.name}"
-    graph.nodes.append(GraphNode(node, Kind.CONTEXT, (context.name, context.when or "by fallback or force")))
+    when = _line(context.when or "by fallback or force")
+    graph.nodes.append(GraphNode(node, Kind.CONTEXT, (context.name, when)))
     if context.when:
         streams = sorted(Expression(context.when).variables)
         graph.edges += [Edge(f"stream-{stream}", node, Relation.READS) for stream in streams]
@@ -152,3 +157,8 @@ def _add_context(graph: Graph, context: Context) -> None:
         Edge(node, f"task-{task}", Relation.CHANGES, change(effect).replace(" its weight", "").replace(" it", ""))
         for task, effect in context.effects.items()
     ]
+
+
+def _line(text: str) -> str:
+    """One line that every picture can hold."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in re.sub(r"\s+", " ", text))

@@ -9,7 +9,7 @@ from bisect import bisect_right
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from contextpolicy.errors import ContextPolicyError
+from contextpolicy.errors import DrawingError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,10 +21,6 @@ if TYPE_CHECKING:
 
 TASK_COLORS = ("#2a6f97", "#e07a3f", "#5b8e55", "#8d5b8c", "#c2a83e", "#4f9da6", "#b5495b", "#6c757d")
 CONTEXT_COLORS = ("#f6c453", "#9fd3c7", "#d5b6e8", "#f2a6a6", "#b8d8f0", "#d9d9a5")
-
-
-class DrawingError(ContextPolicyError):
-    """A picture that cannot be made."""
 
 
 def draw_shares(  # noqa: PLR0913 - what a picture may show, by keyword

@@ -138,7 +138,7 @@ _JSON: Check = (lambda value: value == "json", "json")
 _DATASET_ENCODING: Check = (lambda value: value in ("json", "binary"), "json or binary")
 
 _TIMELINE: Mapping[str, Check] = {
-    "name": (_is_text, "a text"),
+    "name": (_matches(r"[^\x00-\x1f\x7f-\x9f\ud800-\udfff]+"), "one line of text, without control characters"),
     "duration": _DURATION,
     "inputs": (lambda value: isinstance(value, list) and len(value) > 0, "a list of at least one input"),
 }
