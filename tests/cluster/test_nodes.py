@@ -7,14 +7,28 @@ from contextpolicy.cluster.nodes import allocatable
 
 @pytest.mark.parametrize(
     ("told", "millis"),
-    [("2", 2000), ("1930m", 1930), ("1.5", 1500), (4, 4000), ("1999600u", 1999), ("1999999999n", 1999), ("0", 0)],
+    [
+        ("2", 2000),
+        ("1930m", 1930),
+        ("1.5", 1500),
+        (4, 4000),
+        ("1999600u", 1999),
+        ("1999999999n", 1999),
+        ("0", 0),
+        ("1k", 1_000_000),
+        ("2e0", 2000),
+    ],
 )
 def test_what_a_node_has_is_rounded_down(told, millis):
     assert allocatable({"status": {"allocatable": {"cpu": told}}}) == millis
 
 
 @pytest.mark.parametrize(
-    "node", [{}, {"status": None}, {"status": {"allocatable": {}}}, {"status": {"allocatable": {"cpu": "many"}}}]
+    "node",
+    [
+        *({}, {"status": None}, {"status": {"allocatable": {}}}),
+        *({"status": {"allocatable": {"cpu": told}}} for told in ("many", "", "Infinity", "NaN", [])),
+    ],
 )
 def test_a_node_that_is_still_joining_has_no_size(node):
     assert allocatable(node) is None
