@@ -2,6 +2,8 @@
 
 Kopf tells of any object too, but compares each version with the last and copies both: milliseconds of Python per event,
 just when a resize makes pods change and its own answer waits to be read. This reads an event and hands it over.
+`kubernetes.informer` (37.0) would not do: it encodes each event anew to build a model of it (280 us for a pod where
+`json.loads` takes 20), and asks again without a pause when the server ends or refuses a watch.
 """
 
 from __future__ import annotations
