@@ -1,4 +1,4 @@
-"""What the policy decided for this task, heard on the decision bus."""
+"""What the policy decided for this task, heard on the decision bus (its fields: `planning/plan_json.py`)."""
 
 from __future__ import annotations
 

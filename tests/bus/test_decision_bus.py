@@ -62,6 +62,7 @@ def test_a_message_has_all_that_modules_agents_and_recorders_read(story):
             },
         },
         "nodes": {NODE: {"capacity": 2.0, "scheduler": "CFS", "tasks": {"slam": 1.99, "speech": 0.01}}},
+        "shortfalls": [],
         "targets": [
             {
                 "task": task,

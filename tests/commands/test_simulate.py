@@ -37,7 +37,7 @@ def test_json_has_the_names_of_the_decision_bus(capsys: pytest.CaptureFixture[st
     last = document["plans"][-1]
     assert (last["time"], last["contexts"]) == (10.1, ["moving"])
     assert last["tasks"]["slam"]["share"] == 1.69
-    assert last["nodes"]["robot"] == {"capacity": 1.7, "tasks": {"slam": 1.69, "speech": 0.01}}
+    assert last["nodes"]["robot"] == {"capacity": 1.7, "scheduler": "CFS", "tasks": {"slam": 1.69, "speech": 0.01}}
 
 
 def test_csv_has_a_row_for_each_plan_and_task(capsys: pytest.CaptureFixture[str]) -> None:

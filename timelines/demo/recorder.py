@@ -22,7 +22,7 @@ USAGE_INTERVAL = 0.5
 
 @dataclass(slots=True)
 class Recording:
-    """Times are Unix seconds."""
+    """Times are Unix seconds; plans are as the decision bus tells them (see `contextpolicy.planning.plan_json`)."""
 
     plans: list[dict[str, Any]] = field(default_factory=list)
     applied: list[dict[str, Any]] = field(default_factory=list)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import zenoh
 
 from contextpolicy.cluster.claims import container_id
+from contextpolicy.planning.plan_json import plan_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -48,47 +49,12 @@ def explain_key(namespace: str, name: str) -> str:
 def message(
     policy: Policy, run: int, plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]
 ) -> dict[str, Any]:
-    """A plan as the bus carries it; shares in cores. `run`, `sequence` and `edition` together only move forward.
-
-    The controller adds `edition`, which counts the messages about one plan: containers were restarted or moved.
-    """
-    return {
-        "policy": policy.reference,
-        "run": run,
-        "sequence": plan.sequence,
-        "time": plan.time,
-        "mode": policy.mode,
-        "scheduler": policy.scheduler,
-        "control": policy.control,
-        "cause": plan.cause,
-        "contexts": list(plan.contexts),
-        "tasks": {
-            name: {
-                "score": task.score,
-                "weight": task.weight,
-                "share": task.share / 1000,
-                "suspended": task.suspended,
-                "because": task.because,
-            }
-            for name, task in plan.tasks.items()
-        },
-        "nodes": {
-            name: {
-                "capacity": node.capacity / 1000,
-                "scheduler": node.scheduler,
-                "tasks": {task: share / 1000 for task, share in node.shares.items()},
-            }
-            for name, node in plan.nodes.items()
-        },
-        "targets": list(_targets(plan, containers, pods)),
-    }
+    """A plan as the bus carries it (see `plan_json`), but for `edition` and `trigger`, which the controller adds."""
+    return {**plan_json(policy, plan), "run": run, "targets": list(_targets(plan, containers, pods))}
 
 
 def _targets(plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]) -> Iterator[dict[str, Any]]:
-    """What each container gets, with all that an agent on its node needs to find the cgroup.
-
-    `limit` is what the kubelet reports as in force, None as long as it reports nothing.
-    """
+    """What each container gets, with all that an agent on its node needs to find the cgroup."""
     tasks = {container.id: container.task for container in containers}
     shares = {identity: share for node in plan.nodes.values() for identity, share in node.containers.items()}
     for pod in pods:

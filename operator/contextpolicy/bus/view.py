@@ -53,7 +53,7 @@ class PolicyView:
         return min(stages, key=STAGES.__getitem__, default=None)
 
     def as_json(self) -> dict[str, Any]:
-        """One line of output; shares in cores."""
+        """One line of output: fields of the plan (see `planning.plan_json`), and each task's stage."""
         return {
             "policy": self.policy,
             "run": self.order[0],

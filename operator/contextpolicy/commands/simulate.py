@@ -112,8 +112,8 @@ def _print(arguments: argparse.Namespace, policy: Policy, inputs: Timeline, run:
 
     match arguments.output:
         case "json":
-            about = {"policy": policy.reference, "timeline": inputs.name, "cores": arguments.cores, "until": run.until}
-            print(report.as_json(run.plans, **about))
+            about = {"timeline": inputs.name, "cores": arguments.cores, "until": run.until}
+            print(report.as_json(policy, run.plans, **about))
         case "csv":
             print(report.as_csv(run.plans))
         case _:

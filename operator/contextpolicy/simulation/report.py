@@ -1,4 +1,4 @@
-"""Plans as text: a table for people, JSON with the decision bus's names, CSV with a row per plan and task."""
+"""Plans as text: a table for people, JSON as the decision bus has it, CSV with a row per plan and task."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ import io
 import json
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.planning.plan_json import plan_json
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from contextpolicy.planning.plan import Plan
+    from contextpolicy.policy.spec import Policy
 
 CSV_COLUMNS = ("time", "sequence", "cause", "contexts", "task", "score", "weight", "share", "suspended")
 
@@ -39,36 +42,11 @@ def _row(plan: Plan, tasks: Sequence[str]) -> list[str]:
     return [f"{plan.time:.3f}", ", ".join(plan.contexts) or "-", *cells, plan.cause]
 
 
-def as_json(plans: Sequence[Plan], **about: Any) -> str:
-    """One document; `about` stands in front of the plans. Shares are cores, as on the decision bus."""
-    return json.dumps(about | {"plans": [_message(plan) for plan in plans]}, indent=2)
-
-
-def _message(plan: Plan) -> dict[str, Any]:
-    return {
-        "sequence": plan.sequence,
-        "time": plan.time,
-        "cause": plan.cause,
-        "contexts": list(plan.contexts),
-        "tasks": {
-            name: {
-                "score": task.score,
-                "weight": task.weight,
-                "share": task.share / 1000,
-                "suspended": task.suspended,
-                "because": task.because,
-            }
-            for name, task in plan.tasks.items()
-        },
-        "nodes": {
-            name: {
-                "capacity": node.capacity / 1000,
-                "tasks": {task: share / 1000 for task, share in node.shares.items()},
-            }
-            for name, node in plan.nodes.items()
-        },
-        "shortfalls": [{"task": shortfall.task, "message": shortfall.message} for shortfall in plan.shortfalls],
-    }
+def as_json(policy: Policy, plans: Sequence[Plan], **about: Any) -> str:
+    """One document: what `about` says, then the plans as `plan_json` tells them."""
+    return json.dumps(
+        {"policy": policy.reference, **about, "plans": [plan_json(policy, plan) for plan in plans]}, indent=2
+    )
 
 
 def as_csv(plans: Sequence[Plan]) -> str:

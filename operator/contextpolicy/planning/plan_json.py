@@ -1,0 +1,69 @@
+"""A plan as JSON: the one definition for the decision bus, `simulate --output json` and recordings. CPU is in cores.
+
+==========  ==========================================================================================================
+field       meaning
+==========  ==========================================================================================================
+policy      `namespace/name`
+mode        as in the policy: only what is decided in mode Enforce is carried out
+scheduler   as in the policy: shares are CPU time under CFS, parts of each processor's period under Realtime
+control     as in the policy
+sequence    counts the plans of a run (see below)
+time        when it was made: Unix seconds, in a simulation seconds from the start of the timeline
+cause       why it differs from the plan before
+contexts    the contexts that hold, in the order in which they apply
+tasks       by name: `score`, `weight`, `share` (the sum over the task's containers), `suspended`, `because`
+nodes       by name: `capacity` (N), `scheduler` (CFS where a node can't do Realtime), `tasks` (each one's share there)
+shortfalls  what the plan can't meet: a list of `task` and `message`
+==========  ==========================================================================================================
+
+The decision bus adds what only a running operator has:
+
+==========  ==========================================================================================================
+run         when the policy's controller was started, in milliseconds since 1970; (run, sequence, edition) only grows
+edition     counts the messages about one plan: its containers were restarted or moved
+targets     each container: `task`, `node`, `namespace`, `pod`, `uid`, `qos`, `container`, `containerId`, `cores` (what
+            it gets) and `limit` (what the kubelet reports as in force; null as long as it reports nothing)
+trigger     when the sample came that led to it, in Unix seconds; not in an answer to a query
+==========  ==========================================================================================================
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from contextpolicy.planning.plan import Plan
+    from contextpolicy.policy.spec import Policy
+
+
+def plan_json(policy: Policy, plan: Plan) -> dict[str, Any]:
+    """What a plan says, JSON-serialisable."""
+    return {
+        "policy": policy.reference,
+        "mode": policy.mode,
+        "scheduler": policy.scheduler,
+        "control": policy.control,
+        "sequence": plan.sequence,
+        "time": plan.time,
+        "cause": plan.cause,
+        "contexts": list(plan.contexts),
+        "tasks": {
+            name: {
+                "score": task.score,
+                "weight": task.weight,
+                "share": task.share / 1000,
+                "suspended": task.suspended,
+                "because": task.because,
+            }
+            for name, task in plan.tasks.items()
+        },
+        "nodes": {
+            name: {
+                "capacity": node.capacity / 1000,
+                "scheduler": node.scheduler,
+                "tasks": {task: share / 1000 for task, share in node.shares.items()},
+            }
+            for name, node in plan.nodes.items()
+        },
+        "shortfalls": [{"task": shortfall.task, "message": shortfall.message} for shortfall in plan.shortfalls],
+    }
