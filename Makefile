@@ -61,8 +61,9 @@ recordings: setup  ## make the demo's recordings: a rendered EuRoC sequence and 
 	dpkg --status $(VOICES) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(VOICES); }
 	$(PYTHON) -m timelines.datasets
 
-crds: setup  ## copy the canonical CRD into the chart
+crds:  ## copy the canonical CRD into the chart and into the package
 	cp crds/contextpolicies.contextpolicy.dev.yaml charts/contextpolicy/files/
+	cp crds/contextpolicies.contextpolicy.dev.yaml operator/contextpolicy/policy/validation/
 
 format: setup  ## format the code
 	.venv/bin/ruff format .

@@ -19,9 +19,9 @@ def policy(request):
     return yaml.safe_load(request.param.read_text(encoding="utf-8"))
 
 
-def test_the_charts_copy_is_the_canonical_one():
-    copied = ROOT / "charts" / "contextpolicy" / "files" / DEFINITION.name
-    assert copied.read_bytes() == DEFINITION.read_bytes(), "run `make crds`"
+@pytest.mark.parametrize("folder", ["charts/contextpolicy/files", "operator/contextpolicy/policy/validation"])
+def test_a_copy_is_the_canonical_one(folder):
+    assert (ROOT / folder / DEFINITION.name).read_bytes() == DEFINITION.read_bytes(), "run `make crds`"
 
 
 def test_it_is_called_as_people_call_it():

@@ -33,6 +33,15 @@ def test_sample_policy_is_accepted(path):
     run("kubectl", "apply", "--dry-run=server", "-f", "-", stdin=yaml.safe_dump(policy))
 
 
+def test_the_image_validates_files_as_the_api_server_does(operator):
+    """Its copy of the definition is inside; without it `validate` could only parse."""
+    validate = ("kubectl", "exec", "-i", "-n", operator, "deploy/e2e-contextpolicy", "--", "contextpolicy")
+    run(*validate, "validate", "-", stdin=GOOD[0].read_text())
+    bad = next(path for path in BAD if path.stem == "stale-after-nothing")
+    with pytest.raises(CommandError, match="must be longer than 0s"):
+        run(*validate, "validate", "-", stdin=bad.read_text())
+
+
 @pytest.mark.usefixtures("operator")
 def test_explain_reads_like_a_manual():
     text = run("kubectl", "explain", "ctxp.spec.tasks.activity")

@@ -20,6 +20,9 @@ Parsed = TypeVar("Parsed")
 STREAM_NAME = re.compile(r"[a-z][a-z0-9_]{0,62}")
 TASK_NAME = re.compile(r"[a-z][a-z0-9-]{0,62}")
 FEATURE_NAME = re.compile(r"[a-z][A-Za-z0-9_]{0,62}")
+STREAM_NAME_ALLOWED = "lower-case letters, digits and '_', a letter first (it is a CEL variable)"
+TASK_NAME_ALLOWED = "lower-case letters, digits and '-', a letter first"
+FEATURE_NAME_ALLOWED = "letters, digits and '_', a lower-case letter first"
 LARGEST = 1e308
 """No float is much larger; whole numbers can be."""
 

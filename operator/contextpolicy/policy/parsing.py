@@ -8,14 +8,21 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.errors import PolicyError
 from contextpolicy.policy import references
 from contextpolicy.policy import spec as policy
-from contextpolicy.policy.fields import FEATURE_NAME, KEY_EXPRESSION, STREAM_NAME, TASK_NAME, Fields
+from contextpolicy.policy.fields import (
+    FEATURE_NAME,
+    FEATURE_NAME_ALLOWED,
+    KEY_EXPRESSION,
+    STREAM_NAME,
+    STREAM_NAME_ALLOWED,
+    TASK_NAME,
+    TASK_NAME_ALLOWED,
+    Fields,
+)
 from contextpolicy.policy.selectors import OPERATORS, Selector, SelectorRequirement
 
 if TYPE_CHECKING:
     from contextpolicy.errors import Finding
 
-_STREAM_WORDS = "lower-case letters, digits and '_', a letter first (it is a CEL variable)"
-_TASK_WORDS = "lower-case letters, digits and '-', a letter first"
 _KEY_WORDS = "a Zenoh key expression such as robot/imu or robot/*/imu, without '/' at either end"
 
 
@@ -65,7 +72,7 @@ def _force(fields: Fields) -> policy.Force:
 
 def _stream(fields: Fields) -> policy.Stream:
     result = policy.Stream(
-        name=fields.text("name", pattern=STREAM_NAME, allowed=_STREAM_WORDS),
+        name=fields.text("name", pattern=STREAM_NAME, allowed=STREAM_NAME_ALLOWED),
         key=fields.text("key", pattern=KEY_EXPRESSION, allowed=_KEY_WORDS),
         encoding=fields.choice("encoding", policy.Encoding.JSON),
         type=fields.optional_text("type", pattern=r"\w+/msg/\w+", allowed="a ROS 2 type such as sensor_msgs/msg/Imu"),
@@ -88,7 +95,7 @@ def _stream(fields: Fields) -> policy.Stream:
 
 def _feature(fields: Fields) -> policy.Feature:
     result = policy.Feature(
-        name=fields.text("name", pattern=FEATURE_NAME, allowed="letters, digits and '_', a lower-case letter first"),
+        name=fields.text("name", pattern=FEATURE_NAME, allowed=FEATURE_NAME_ALLOWED),
         op=policy.FeatureOp.COUNT if "op" not in fields else fields.choice("op", policy.FeatureOp.COUNT),
         over=fields.duration("over") or 0.0,
         of=fields.cel("of"),
@@ -104,7 +111,7 @@ def _feature(fields: Fields) -> policy.Feature:
 
 
 def _task(fields: Fields) -> policy.Task:
-    name = fields.text("name", pattern=TASK_NAME, allowed=_TASK_WORDS)
+    name = fields.text("name", pattern=TASK_NAME, allowed=TASK_NAME_ALLOWED)
     activity = tuple(_activity(item) for item in fields.nested_list("activity", limit=16))
     priority, minimum = fields.number("priority"), fields.cpu("min")
     result = policy.Task(
@@ -180,7 +187,7 @@ def _requirement(fields: Fields) -> policy.Requirement:
 
 def _context(fields: Fields) -> policy.Context:
     result = policy.Context(
-        name=fields.text("name", pattern=TASK_NAME, allowed=_TASK_WORDS),
+        name=fields.text("name", pattern=TASK_NAME, allowed=TASK_NAME_ALLOWED),
         when=fields.cel("when"),
         enter_after=fields.duration("enterAfter") or 0.0,
         exit_after=fields.duration("exitAfter") or 0.0,

@@ -9,7 +9,7 @@ from contextpolicy.errors import Finding, PolicyError
 from contextpolicy.policy.key_expressions import key_findings
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.ros_types import type_findings
-from contextpolicy.policy.validation import crd_rules
+from contextpolicy.policy.validation import crd_rules, crd_schema
 from contextpolicy.policy.validation.advice import advice
 from contextpolicy.policy.validation.documents import Document, DocumentError, Position, read
 from contextpolicy.policy.validation.overlaps import Conflict, conflicts
@@ -101,8 +101,7 @@ def _check_object(source: Source, report: CheckReport) -> None:
         policy = _parse(source.body)
     except PolicyError as error:
         findings += error.findings
-    told = {finding.field for finding in findings}
-    findings += [finding for finding in crd_rules.findings(source.body) if finding.field not in told]
+    findings += _of_the_definition(source.body, {finding.field for finding in findings})
     report.problems += sorted(
         (_refusal(source, finding) for finding in findings),
         key=lambda problem: (problem.position.line, problem.position.column),
@@ -110,6 +109,14 @@ def _check_object(source: Source, report: CheckReport) -> None:
     if policy is not None and not findings:
         report.problems += [_warning(source, finding) for finding in advice(policy)]
         report.policies.append((source, policy))
+
+
+def _of_the_definition(body: dict[str, Any], told: set[str]) -> list[Finding]:
+    """What the API server refuses besides; of a field that the parser has told of, its own words are enough."""
+    schema = crd_schema.schema()
+    stored = crd_schema.as_stored(body, schema)
+    found = [finding for finding in crd_schema.findings(stored) if finding.field not in told]
+    return [*found, *crd_rules.findings(stored, schema, told | {finding.field for finding in found})]
 
 
 def _parse(body: dict[str, Any]) -> Policy:

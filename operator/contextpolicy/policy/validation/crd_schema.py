@@ -1,0 +1,131 @@
+"""What the API server refuses by the resource definition's schema: types, bounds, enumerations, patterns, names.
+
+The definition itself is read, so that nothing here has to be kept in step with it; `crd_rules` has its CEL rules.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from jsonschema import Draft202012Validator, FormatChecker, ValidationError, validators
+
+from contextpolicy.errors import Finding
+from contextpolicy.policy.validation.crd_words import allowed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+DEFINITION = "contextpolicies.contextpolicy.dev.yaml"
+"""A copy of crds/'s, made by `make crds`: an installed package has no repository around it."""
+
+_LABEL = "[a-z0-9]([a-z0-9-]*[a-z0-9])?"
+_METADATA = {
+    "type": "object",
+    "x-kubernetes-preserve-unknown-fields": True,
+    "properties": {
+        "name": {"type": "string", "maxLength": 253, "pattern": rf"^{_LABEL}(\.{_LABEL})*$"},
+        "namespace": {"type": "string", "maxLength": 63, "pattern": f"^{_LABEL}$"},
+    },
+}
+"""The API server's own rules for every object; definitions may not repeat them."""
+
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
+
+
+@cache
+def schema() -> dict[str, Any]:
+    """The openAPIV3Schema, with what holds for metadata and without the status, which is the operator's."""
+    text = resources.files(__package__).joinpath(DEFINITION).read_text(encoding="utf-8")
+    (version,) = yaml.safe_load(text)["spec"]["versions"]
+    root: dict[str, Any] = version["schema"]["openAPIV3Schema"]
+    root["properties"] |= {"metadata": _METADATA, "status": {}}
+    return root
+
+
+def findings(stored: Mapping[str, Any]) -> Iterator[Finding]:
+    """The first thing that is wrong with each field of an object, as `as_stored` gives it."""
+    told = set()
+    for error in _validator().iter_errors(stored):
+        field = _path(error.absolute_path)
+        if field not in told:
+            told.add(field)
+            yield Finding(field, error.instance, allowed(error, field))
+
+
+def as_stored(value: Any, node: Mapping[str, Any]) -> Any:
+    """As the API server would store it: what is null was not given, and defaults are filled in."""
+    if isinstance(value, list):
+        return [as_stored(item, node.get("items", {})) for item in value]
+    if not isinstance(value, dict):
+        return value
+    known, other = node.get("properties", {}), node.get("additionalProperties", {})
+    given = {name: inner for name, inner in value.items() if inner is not None}
+    defaults = {name: inner["default"] for name, inner in known.items() if "default" in inner}
+    return {name: as_stored(inner, known.get(name, other)) for name, inner in (defaults | given).items()}
+
+
+@cache
+def _validator() -> Draft202012Validator:
+    dates = FormatChecker(formats=())
+    dates.checks("date-time")(lambda value: not isinstance(value, str) or _DATE.fullmatch(value) is not None)
+    kubernetes = {
+        "items": _items,
+        "pattern": _pattern,
+        "properties": _properties,
+        "required": _required,
+        "x-kubernetes-list-type": _unique,
+    }
+    return validators.extend(Draft202012Validator, kubernetes)(schema(), format_checker=dates)
+
+
+def _items(validator: Any, item: Any, items: Any, node: Mapping[str, Any]) -> Iterator[ValidationError]:
+    """Of a list that is too long nothing else is told."""
+    if isinstance(items, list) and len(items) <= node["maxItems"]:
+        yield from Draft202012Validator.VALIDATORS["items"](validator, item, items, node)
+
+
+def _pattern(_: Any, pattern: str, value: Any, __: Any) -> Iterator[ValidationError]:
+    """Python's `$` also matches before a line break at the end, the API server's does not."""
+    if isinstance(value, str) and not re.fullmatch(pattern, value):
+        yield ValidationError("does not match")
+
+
+def _properties(
+    validator: Any, known: Mapping[str, Any], value: Any, node: Mapping[str, Any]
+) -> Iterator[ValidationError]:
+    yield from Draft202012Validator.VALIDATORS["properties"](validator, known, value, node)
+    if isinstance(value, dict) and not node.get("x-kubernetes-preserve-unknown-fields"):
+        for name in value.keys() - known.keys():
+            yield ValidationError("is unknown", path=[name], instance=value[name])
+
+
+def _required(_: Any, names: Iterable[str], value: Any, node: Mapping[str, Any]) -> Iterator[ValidationError]:
+    """At the field that is missing, where jsonschema tells of the object around it."""
+    for name in names if isinstance(value, dict) else ():
+        if name not in value:
+            yield ValidationError("is missing", path=[name], instance=None, schema=node["properties"][name])
+
+
+def _unique(_: Any, kind: str, items: Any, node: Mapping[str, Any]) -> Iterator[ValidationError]:
+    """Two items with the same key in a `map`, or the same item twice in a `set`."""
+    if kind == "atomic" or not isinstance(items, list):
+        return
+    keys = node.get("x-kubernetes-list-map-keys")
+    names = [_key(item, keys) for item in items]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            yield ValidationError("stands twice", instance=name)
+
+
+def _key(item: Any, keys: Iterable[str] | None) -> Any:
+    if keys is None or not isinstance(item, dict):
+        return item
+    return " ".join(str(item.get(key)) for key in keys)
+
+
+def _path(parts: Iterable[str | int]) -> str:
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).removeprefix(".")

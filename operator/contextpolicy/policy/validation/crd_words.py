@@ -1,0 +1,86 @@
+"""What a field of the resource definition may hold, in words for people instead of the schema's own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.policy.fields import FEATURE_NAME_ALLOWED, STREAM_NAME_ALLOWED, TASK_NAME_ALLOWED
+from contextpolicy.policy.quantities import CPU_ALLOWED, DURATION_ALLOWED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from jsonschema import ValidationError
+
+_TYPES = {
+    "string": "a text",
+    "array": "a list",
+    "object": "an object",
+    "number": "a number",
+    "integer": "a whole number",
+    "boolean": "true or false",
+}
+
+_FRACTION = 'a fraction in quotes ("0.5") or in thousandths (500m)'
+"""The API server knows whole numbers and texts where a CPU quantity stands, so a bare fraction is neither."""
+
+PATTERNS = {
+    r"^[a-z][a-z0-9_]{0,62}$": STREAM_NAME_ALLOWED,
+    r"^[a-z][a-z0-9-]{0,62}$": TASK_NAME_ALLOWED,
+    r"^[a-z][A-Za-z0-9_]*$": FEATURE_NAME_ALLOWED,
+    r"^[a-z0-9]([a-z0-9-]*[a-z0-9])?$": "lower-case letters, digits and '-', no '-' at either end",
+    r"^[a-z0-9]([a-z0-9-]*[a-z0-9])?(\.[a-z0-9]([a-z0-9-]*[a-z0-9])?)*$": (
+        "a DNS name: lower-case letters, digits, '-' and '.'"
+    ),
+    r"^([0-9]+(\.[0-9]+)?(ms|s|m|h))+$": DURATION_ALLOWED,
+    r"^[0-9]+(\.[0-9]{1,3})?$|^[0-9]+m$": CPU_ALLOWED,
+    r"^[0-9]+(\.[0-9]+)?(k|Ki|M|Mi|G|Gi|T|Ti)?$": (
+        'a memory quantity with a unit of k, M, G, T, Ki, Mi, Gi or Ti, such as "100Mi"'
+    ),
+    r"^[A-Za-z][A-Za-z0-9_]*/msg/[A-Z][A-Za-z0-9]*$": "a ROS 2 type such as sensor_msgs/msg/Imu",
+    r"^[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*$": "a field path such as header.stamp",
+    r"^[A-Za-z_][A-Za-z0-9_.-]*$": "an entry point's name: letters, digits, '_', '.' and '-'",
+}
+"""What each pattern of the definition means; a test finds those that have no words."""
+
+
+def allowed(error: ValidationError, field: str) -> str:
+    """What the field may hold instead."""
+    node, value = error.schema, error.instance
+    words: Mapping[str, Callable[[], str]] = {
+        "properties": lambda: "known fields: " + ", ".join(sorted(node["properties"])),
+        "maxLength": lambda: f"at most {node['maxLength']} characters",
+        "minLength": lambda: "a text that is not empty",
+        "maxItems": lambda: f"at most {node['maxItems']} items",
+        "maxProperties": lambda: f"at most {node['maxProperties']} entries",
+        "x-kubernetes-list-type": lambda: f"each {'name' if _is_map(node) else _singular(field)} once",
+        "anyOf": lambda: _FRACTION if isinstance(value, float) and _is_cpu(node) else kind(node, field),
+    }
+    return words.get(str(error.validator), lambda: kind(node, field))()
+
+
+def kind(node: Mapping[str, Any], field: str) -> str:
+    """What sort of value belongs there."""
+    if "enum" in node:
+        return "one of " + ", ".join(node["enum"])
+    if "pattern" in node:
+        return PATTERNS[node["pattern"]]
+    if node.get("format") == "date-time":
+        return "a date and time as in RFC 3339, such as 2026-11-21T12:00:00Z"
+    if node.get("minItems"):
+        return f"at least one {_singular(field)}"
+    if "maximum" in node:
+        return f"a number from {node['minimum']} to {node['maximum']}"
+    return _TYPES[str(node["type"])]
+
+
+def _is_map(node: Mapping[str, Any]) -> bool:
+    return bool(node["x-kubernetes-list-type"] == "map")
+
+
+def _is_cpu(node: Mapping[str, Any]) -> bool:
+    return PATTERNS.get(node["pattern"]) == CPU_ALLOWED
+
+
+def _singular(field: str) -> str:
+    return field.rpartition(".")[2].removesuffix("s")

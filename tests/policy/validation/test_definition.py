@@ -1,0 +1,112 @@
+"""The resource definition against files: its schema in words, its rules evaluated."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+
+from contextpolicy.policy.validation import crd_rules, crd_schema
+from contextpolicy.policy.validation.crd_words import PATTERNS
+from tests.crds.schema import POLICIES, REFUSED, nodes, schema
+from tests.policy.validation.test_check import changed, problems
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SPEC = [node for path, node in nodes(schema()) if path == "spec" or path.startswith("spec.")]
+RULES = [rule["rule"] for node in SPEC for rule in node.get("x-kubernetes-validations", ())]
+STREAM, TASK = ("spec", "streams", 0), ("spec", "tasks", 0)
+
+
+def violated(path: Path) -> set[str]:
+    """The rules that a policy breaks, whatever else is wrong with it."""
+    stored = crd_schema.as_stored(yaml.safe_load(path.read_text(encoding="utf-8")), crd_schema.schema())
+    broken = {finding.allowed for finding in crd_rules.findings(stored, crd_schema.schema(), ())}
+    return {rule.source for rule in crd_rules.rules(stored, crd_schema.schema()) if rule.message in broken}
+
+
+def test_every_rule_is_evaluated() -> None:
+    assert RULES
+    assert set(RULES) - set().union(*map(violated, REFUSED)) == set()
+
+
+@pytest.mark.parametrize("path", POLICIES, ids=lambda path: path.stem)
+def test_no_rule_refuses_a_sample(path: Path) -> None:
+    assert violated(path) == set()
+
+
+def test_every_pattern_has_words_and_is_anchored() -> None:
+    """The API server looks for a match anywhere; what we ask of the whole text is the same only between ^ and $."""
+    patterns = {node["pattern"] for node in SPEC if "pattern" in node}
+    assert patterns <= PATTERNS.keys()
+    alternatives = [part for pattern in patterns for part in re.split(r"\|(?=\^)", pattern)]
+    assert [part for part in alternatives if not re.fullmatch(r"\^.*\$", part)] == []
+
+
+def told(path: tuple[Any, ...], value: Any) -> list[tuple[str, object, str | None]]:
+    return [(problem.field, problem.value, problem.allowed) for problem in problems(changed(path, value))]
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "allowed"),
+    [
+        ((*TASK, "min"), 0.5, 'a fraction in quotes ("0.5") or in thousandths (500m)'),
+        ((*TASK, "container"), "slam\n", "lower-case letters, digits and '-', no '-' at either end"),
+        ((*TASK, "priority"), 1e7, "a number from 0 to 1000000"),
+        ((*STREAM, "minDwell"), "1s", "known fields: "),
+        ((*STREAM, "staleAfter"), "0s", "must be longer than 0s; leave it out to let a silent stream count forever"),
+        ((*STREAM, "debounce"), "1m" * 17, "at most 32 characters"),
+        (("spec", "force", "until"), "2027-01-01T00:00+01:00", "a date and time as in RFC 3339, such as"),
+        (("spec", "tasks", 1, "subtasks"), [], "a selector for a task in a container, subtasks for one without"),
+        (("spec", "streams"), [], "at least one stream"),
+        (("speck",), {}, "known fields: apiVersion, kind, metadata, spec, status"),
+    ],
+)
+def test_what_is_allowed_is_said_in_words(path: tuple[Any, ...], value: Any, allowed: str) -> None:
+    assert any(words is not None and words.startswith(allowed) for _, _, words in told(path, value))
+
+
+def test_a_missing_field_is_told_where_it_belongs() -> None:
+    assert told((*STREAM, "features", 0, "over"), KeyError)[0][:2] == ("spec.streams[0].features[0].over", None)
+
+
+def test_what_is_null_was_not_given() -> None:
+    assert told((*STREAM, "debounce"), None) == []
+
+
+def test_a_name_that_stands_twice_is_named() -> None:
+    feature = {"name": "mean", "op": "mean", "of": "imu.x", "over": "1s"}
+    assert told((*STREAM, "features"), [feature] * 2) == [("spec.streams[0].features", "mean", "each name once")]
+
+
+def test_of_a_list_that_is_too_long_nothing_else_is_told() -> None:
+    assert {field for field, _, _ in told(("spec", "contexts"), ["x"] * 1000)} >= {"spec.contexts"}
+    assert "spec.contexts[64]" not in {field for field, _, _ in told(("spec", "contexts"), ["x"] * 1000)}
+
+
+@pytest.mark.parametrize(
+    ("told", "findings"),
+    [
+        (set(), [("spec", {"a": 1}, "b must be larger")]),
+        ({"other"}, [("spec", {"a": 1}, "b must be larger")]),
+        ({"spec.c"}, []),
+    ],
+)
+def test_a_rule_without_a_value_is_broken_unless_its_object_is(told: set[str], findings: list[Any]) -> None:
+    rule = {"rule": "self.a < self.b", "message": "b must be larger"}
+    node = {"properties": {"spec": {"x-kubernetes-validations": [rule]}}}
+    found = crd_rules.findings({"spec": {"a": 1}}, node, told)
+    assert [(finding.field, finding.value, finding.allowed) for finding in found] == findings
+
+
+def test_a_rule_about_a_field_that_is_wrong_already_adds_nothing() -> None:
+    assert [field for field, _, _ in told((*TASK, "max"), "much")] == ["spec.tasks[0].max"]
+
+
+def test_rules_about_other_fields_are_told_at_once() -> None:
+    body = changed((*STREAM, "debounce"), "soon")
+    body["spec"]["streams"][0]["staleAfter"] = "0s"
+    assert [problem.field for problem in problems(body)] == ["spec.streams[0].debounce", "spec.streams[0].staleAfter"]
