@@ -21,8 +21,7 @@ from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.nodes import allocatable
 from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller, Surroundings
-from contextpolicy.errors import FindingsError, PolicyError
-from contextpolicy.policy.key_expressions import key_findings
+from contextpolicy.errors import FindingsError
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.ros_types import type_findings
 from contextpolicy.policy.spec import Mode
@@ -291,10 +290,7 @@ class Runtime:
 
 def _load(body: Mapping[str, Any]) -> tuple[Policy, dict[str, Instantiate]]:
     """The policy and the functions it names; PolicyError says all that is wrong with it, here and now."""
-    policy = parse(body)
-    findings = (*type_findings(policy), *key_findings(policy))
-    if findings:
-        raise PolicyError(f"ContextPolicy {policy.reference}", findings)
+    policy = parse(body, type_findings)
     return policy, plugins.load(policy)
 
 

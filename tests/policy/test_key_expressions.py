@@ -1,7 +1,9 @@
 import pytest
 
-from contextpolicy.policy.key_expressions import key_findings, selects
-from tests.planning.builders import a_policy, a_stream, a_task
+from contextpolicy.errors import PolicyError
+from contextpolicy.policy.key_expressions import refusal, selects
+from contextpolicy.policy.parsing import parse
+from tests.planning.builders import a_body, a_task
 
 
 @pytest.mark.parametrize(
@@ -23,16 +25,29 @@ def test_expression_selects_key(expression: str, key: str, selected: bool) -> No
     assert selects(expression, key) is selected
 
 
-@pytest.mark.parametrize("key", ["robot/**/**", "robot/**/*", "robot/im*u"])
-def test_what_zenoh_refuses_is_found_before_anything_is_subscribed(key):
-    policy = a_policy(streams=[a_stream("imu", key=key), a_stream("mic", liveliness=key)], tasks=[a_task("slam")])
-    found = key_findings(policy)
-    assert [finding.field for finding in found] == ["spec.streams[0].key", "spec.streams[1].liveliness"]
-    assert {finding.value for finding in found} == {key}
-    assert "a Zenoh key expression; Invalid Key Expr" in found[0].allowed
-    assert "/root" not in str(found[0])
+@pytest.mark.parametrize(
+    ("key", "reason"),
+    [
+        ("robot/**/**", "`**/**` must be replaced by `**` to reach canon-form"),
+        ("robot/**/*", "`**/*` must be replaced by `*/**` to reach canon-form"),
+        ("robot/im*u", "`*` may only be preceded by `/` or `$`"),
+        ("robot//imu", "empty chunks are forbidden, as well as leading and trailing slashes"),
+        ("robot/#", "`#` and `?` are forbidden characters"),
+        ("robot/\ud800", "it has characters that UTF-8 can't encode"),
+    ],
+)
+def test_what_zenoh_refuses_is_told_in_its_words(key: str, reason: str) -> None:
+    assert refusal(key) == reason
+    body = a_body(
+        streams=[{"name": "imu", "key": key}, {"name": "mic", "key": "mic", "liveliness": key}], tasks=[a_task("slam")]
+    )
+    with pytest.raises(PolicyError) as caught:
+        parse(body)
+    assert [finding.field for finding in caught.value.findings] == ["spec.streams[0].key", "spec.streams[1].liveliness"]
+    assert {finding.value for finding in caught.value.findings} == {key}
+    assert caught.value.findings[0].allowed.endswith(f"; {reason}")
 
 
-def test_good_key_expressions_are_no_finding():
-    streams = [a_stream("imu", key="robot/*/imu/**"), a_stream("mic", liveliness="robot/mic")]
-    assert key_findings(a_policy(streams=streams, tasks=[a_task("slam")])) == []
+@pytest.mark.parametrize("key", ["robot/*/imu/**", "robot/mic", "**"])
+def test_good_key_expressions_are_not_refused(key: str) -> None:
+    assert refusal(key) == ""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from contextpolicy.errors import Finding
 from contextpolicy.policy import quantities
 from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.key_expressions import refusal
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +27,7 @@ FEATURE_NAME_ALLOWED = "letters, digits and '_', a lower-case letter first"
 LARGEST = 1e308
 """No float is much larger; whole numbers can be."""
 
-KEY_EXPRESSION = re.compile(r"(?!/)(?!.*//)(?!.*/$)[^#?$]{1,256}")
+KEY_ALLOWED = "a Zenoh key expression of at most 256 characters, such as robot/imu or robot/*/imu"
 
 
 class Fields:
@@ -80,6 +81,14 @@ class Fields:
     ) -> str | None:
         """As `text`, None when the field is absent."""
         return self.text(name, allowed=allowed, pattern=pattern) if name in self else self.raw(name)
+
+    def key_expression(self, name: str) -> str:
+        """A required Zenoh key expression."""
+        value = self.text(name, allowed=KEY_ALLOWED, pattern=r"(?s).{1,256}")
+        reason = refusal(value) if value else ""
+        if reason:
+            self.refuse(name, value, f"{KEY_ALLOWED}; {reason}")
+        return value
 
     def choice(self, name: str, default: Choice) -> Choice:
         """One of the words of an enumeration."""

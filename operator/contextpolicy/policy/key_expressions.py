@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import zenoh
-
-from contextpolicy.errors import Finding
-
-if TYPE_CHECKING:
-    from contextpolicy.policy.spec import Policy
 
 
 def selects(expression: str, key: str) -> bool:
@@ -17,20 +10,12 @@ def selects(expression: str, key: str) -> bool:
     return zenoh.KeyExpr(expression).includes(zenoh.KeyExpr(key))
 
 
-def key_findings(policy: Policy) -> list[Finding]:
-    """The key expressions that Zenoh refuses, with its reasons."""
-    findings = []
-    for index, stream in enumerate(policy.streams):
-        for field, key in (("key", stream.key), ("liveliness", stream.liveliness)):
-            reason = "" if key is None else _refusal(key)
-            if reason:
-                findings.append(Finding(f"spec.streams[{index}].{field}", key, f"a Zenoh key expression; {reason}"))
-    return findings
-
-
-def _refusal(key: str) -> str:
+def refusal(expression: str) -> str:
+    """Why Zenoh refuses the expression; empty when it does not."""
     try:
-        zenoh.KeyExpr(key)
+        zenoh.KeyExpr(expression)
     except zenoh.ZError as error:
-        return str(error).partition(" at /")[0]
+        return str(error).removeprefix(f"Invalid Key Expr `{expression}`: ").rpartition(" at /")[0]
+    except UnicodeEncodeError:
+        return "it has characters that UTF-8 can't encode"
     return ""

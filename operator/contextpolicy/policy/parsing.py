@@ -11,7 +11,6 @@ from contextpolicy.policy import spec as policy
 from contextpolicy.policy.fields import (
     FEATURE_NAME,
     FEATURE_NAME_ALLOWED,
-    KEY_EXPRESSION,
     STREAM_NAME,
     STREAM_NAME_ALLOWED,
     TASK_NAME,
@@ -21,13 +20,13 @@ from contextpolicy.policy.fields import (
 from contextpolicy.policy.selectors import OPERATORS, Selector, SelectorRequirement
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
     from contextpolicy.errors import Finding
 
-_KEY_WORDS = "a Zenoh key expression such as robot/imu or robot/*/imu, without '/' at either end"
 
-
-def parse(body: Mapping[str, Any]) -> policy.Policy:
-    """Read a whole object; PolicyError carries every finding."""
+def parse(body: Mapping[str, Any], *checks: Callable[[policy.Policy], Iterable[Finding]]) -> policy.Policy:
+    """Read a whole object; PolicyError carries every finding, those of further checks on the values included."""
     findings: list[Finding] = []
     fields = body if isinstance(body, dict) else dict(body) if isinstance(body, Mapping) else {}
     metadata = Fields(fields.get("metadata"), "metadata", findings)
@@ -36,7 +35,8 @@ def parse(body: Mapping[str, Any]) -> policy.Policy:
         metadata.text("name", allowed="a name"),
     )
     result = _policy(namespace, name, Fields(fields.get("spec"), "spec", findings))
-    findings += references.check(result)
+    for check in (references.check, *checks):
+        findings += check(result)
     if findings:
         raise PolicyError(f"ContextPolicy {namespace}/{name}", tuple(findings))
     return result
@@ -73,11 +73,11 @@ def _force(fields: Fields) -> policy.Force:
 def _stream(fields: Fields) -> policy.Stream:
     result = policy.Stream(
         name=fields.text("name", pattern=STREAM_NAME, allowed=STREAM_NAME_ALLOWED),
-        key=fields.text("key", pattern=KEY_EXPRESSION, allowed=_KEY_WORDS),
+        key=fields.key_expression("key"),
         encoding=fields.choice("encoding", policy.Encoding.JSON),
         type=fields.optional_text("type", pattern=r"\w+/msg/\w+", allowed="a ROS 2 type such as sensor_msgs/msg/Imu"),
         stale_after=fields.duration("staleAfter"),
-        liveliness=fields.optional_text("liveliness", pattern=KEY_EXPRESSION, allowed=_KEY_WORDS),
+        liveliness=fields.key_expression("liveliness") if "liveliness" in fields else fields.raw("liveliness"),
         timestamp=fields.optional_text(
             "timestamp", pattern=r"\w+(\.\w+)*", allowed="a field path such as header.stamp"
         ),

@@ -32,5 +32,5 @@ def type_findings(policy: Policy) -> list[Finding]:
     return [
         Finding(f"spec.streams[{index}].type", stream.type, f"{stream.type} is no standard ROS 2 message type")
         for index, stream in enumerate(policy.streams)
-        if stream.encoding is Encoding.CDR and not is_known(stream.type or "")
+        if stream.encoding is Encoding.CDR and stream.type and not is_known(stream.type)
     ]

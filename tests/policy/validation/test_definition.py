@@ -106,6 +106,10 @@ def test_a_rule_about_a_field_that_is_wrong_already_adds_nothing() -> None:
     assert [field for field, _, _ in told((*TASK, "max"), "much")] == ["spec.tasks[0].max"]
 
 
+def test_a_ros_type_that_is_none_is_told_once() -> None:
+    assert [field for field, _, _ in told((*STREAM, "type"), "Imu")] == ["spec.streams[0].type"]
+
+
 def test_rules_about_other_fields_are_told_at_once() -> None:
     body = changed((*STREAM, "debounce"), "soon")
     body["spec"]["streams"][0]["staleAfter"] = "0s"

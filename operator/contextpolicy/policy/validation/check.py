@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from contextpolicy.errors import Finding, PolicyError
-from contextpolicy.policy.key_expressions import key_findings
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.ros_types import type_findings
 from contextpolicy.policy.validation import crd_rules, crd_schema
@@ -124,11 +123,7 @@ def _parse(body: dict[str, Any]) -> Policy:
     if not isinstance(body.get("metadata"), dict):
         finding = Finding("metadata", body.get("metadata"), "an object with a name")
         raise PolicyError("", (finding,))
-    policy = parse(body)
-    refused = (*type_findings(policy), *key_findings(policy))
-    if refused:
-        raise PolicyError("", refused)
-    return policy
+    return parse(body, type_findings)
 
 
 def _duplicates(source: Source) -> Iterator[Finding]:
