@@ -31,9 +31,9 @@ _METADATA = {
         "namespace": {"type": "string", "maxLength": 63, "pattern": f"^{_LABEL}$"},
     },
 }
-"""The API server's own rules for every object; definitions may not repeat them."""
+"""The API server's own rules for every object, which no definition states."""
 
-_DATE = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)", re.ASCII)
 
 
 @cache

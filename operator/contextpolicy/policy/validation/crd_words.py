@@ -8,7 +8,7 @@ from contextpolicy.policy.fields import FEATURE_NAME_ALLOWED, STREAM_NAME_ALLOWE
 from contextpolicy.policy.quantities import CPU_ALLOWED, DURATION_ALLOWED
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from jsonschema import ValidationError
 
@@ -44,19 +44,25 @@ PATTERNS = {
 """What each pattern of the definition means; a test finds those that have no words."""
 
 
-def allowed(error: ValidationError, field: str) -> str:
+def allowed(error: ValidationError, field: str) -> str:  # noqa: PLR0911 - one sentence a keyword
     """What the field may hold instead."""
-    node, value = error.schema, error.instance
-    words: Mapping[str, Callable[[], str]] = {
-        "properties": lambda: "known fields: " + ", ".join(sorted(node["properties"])),
-        "maxLength": lambda: f"at most {node['maxLength']} characters",
-        "minLength": lambda: "a text that is not empty",
-        "maxItems": lambda: f"at most {node['maxItems']} items",
-        "maxProperties": lambda: f"at most {node['maxProperties']} entries",
-        "x-kubernetes-list-type": lambda: f"each {'name' if _is_map(node) else _singular(field)} once",
-        "anyOf": lambda: _FRACTION if isinstance(value, float) and _is_cpu(node) else kind(node, field),
-    }
-    return words.get(str(error.validator), lambda: kind(node, field))()
+    node: Mapping[str, Any] = error.schema
+    match error.validator:
+        case "properties":
+            return "known fields: " + ", ".join(sorted(node["properties"]))
+        case "minLength":
+            return "a text that is not empty"
+        case "maxLength":
+            return f"at most {node['maxLength']} characters"
+        case "maxItems":
+            return f"at most {node['maxItems']} items"
+        case "maxProperties":
+            return f"at most {node['maxProperties']} entries"
+        case "x-kubernetes-list-type":
+            return f"each {_singular(field) if error.validator_value == 'set' else 'name'} once"
+        case "anyOf" if isinstance(error.instance, float) and kind(node, field) == CPU_ALLOWED:
+            return _FRACTION
+    return kind(node, field)
 
 
 def kind(node: Mapping[str, Any], field: str) -> str:
@@ -72,14 +78,6 @@ def kind(node: Mapping[str, Any], field: str) -> str:
     if "maximum" in node:
         return f"a number from {node['minimum']} to {node['maximum']}"
     return _TYPES[str(node["type"])]
-
-
-def _is_map(node: Mapping[str, Any]) -> bool:
-    return bool(node["x-kubernetes-list-type"] == "map")
-
-
-def _is_cpu(node: Mapping[str, Any]) -> bool:
-    return PATTERNS.get(node["pattern"]) == CPU_ALLOWED
 
 
 def _singular(field: str) -> str:
