@@ -142,6 +142,12 @@ def test_every_way_to_write_cpu_is_read_and_rounded_up(raw, millis):
     assert millicores(raw) == millis
 
 
+@pytest.mark.parametrize("raw", ["", "lots", "1.5.5n", "Infinity", "NaN", []])
+def test_what_is_no_quantity_is_a_value_error(raw):
+    with pytest.raises(ValueError, match=r".+"):
+        millicores(raw)
+
+
 # what can be changed, and how far
 
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contextpolicy.policy.quantities import format_cpu, parse_cpu, parse_cpu_ceiling, parse_duration, parse_memory
+from contextpolicy.policy.quantities import format_cpu, parse_cpu, parse_duration, parse_memory
 
 NONSENSE: list[object] = [
     None,
@@ -37,17 +37,6 @@ def test_cpu(raw, millis):
 def test_what_is_no_cpu(raw):
     with pytest.raises(ValueError, match="CPU quantity"):
         parse_cpu(raw)
-
-
-@pytest.mark.parametrize(("raw", "millis"), [("1n", 1), ("1500u", 2), ("100m", 100), ("2", 2000), ("1k", 1000000)])
-def test_cpu_as_the_api_server_stores_it_is_rounded_up(raw, millis):
-    assert parse_cpu_ceiling(raw) == millis
-
-
-@pytest.mark.parametrize("raw", [*NONSENSE, "n", "xu", "1.5.5n", "-5n", "infk"])
-def test_what_the_api_server_never_stores(raw):
-    with pytest.raises(ValueError, match="CPU quantity"):
-        parse_cpu_ceiling(raw)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +74,7 @@ def test_a_formatted_cpu_reads_back(millis):
 
 @given(st.one_of(st.text(max_size=20), st.integers(), st.floats(), st.none(), st.booleans()))
 def test_nothing_but_value_errors(raw):
-    for parse in (parse_cpu, parse_cpu_ceiling, parse_memory, parse_duration):
+    for parse in (parse_cpu, parse_memory, parse_duration):
         try:
             assert parse(raw) >= 0
         except ValueError:

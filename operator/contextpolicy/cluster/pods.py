@@ -13,6 +13,7 @@ from contextpolicy.planning.placement import QUANTUM
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+    from decimal import Decimal
 
 MIRROR = "kubernetes.io/config.mirror"
 """Annotation of a static pod's image in the API; the kubelet refuses to resize it."""
@@ -189,11 +190,19 @@ def _cpu_of(resources: Mapping[str, Any]) -> Cpu:
 
 def millicores(raw: object) -> int | None:
     """A quantity of CPU in thousandths of a core, rounded up as Kubernetes does; ValueError when it is none."""
-    return None if raw is None else math.ceil(parse_quantity(str(raw)) * 1000)  # type: ignore[no-untyped-call]
+    return None if raw is None else _quantity(raw, 1000)
 
 
 def _memory(raw: object) -> int | None:
-    return None if raw is None else math.ceil(parse_quantity(str(raw)))  # type: ignore[no-untyped-call]
+    return None if raw is None else _quantity(raw, 1)
+
+
+def _quantity(raw: object, scale: int) -> int:
+    try:
+        number: Decimal = parse_quantity(str(raw))  # type: ignore[no-untyped-call]
+        return math.ceil(number * scale)
+    except ArithmeticError as error:  # a number beyond all bounds
+        raise ValueError(f"{raw!r} is no quantity") from error
 
 
 def _pending(status: Mapping[str, Any]) -> str:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import re
-from decimal import ROUND_CEILING, Decimal
+from decimal import Decimal
 
 _CPU = re.compile(r"(?P<milli>[0-9]{1,9})m|(?P<cores>[0-9]{1,6}(\.[0-9]{1,3})?)")
-_STORED_CPU = re.compile(r"(?P<number>[0-9]{1,15})(?P<unit>[nuk])")
-_STORED = {"n": Decimal("1e-6"), "u": Decimal("1e-3"), "k": Decimal(10) ** 6}
 _MEMORY = re.compile(r"(?P<number>[0-9]{1,15}(\.[0-9]{1,3})?)(?P<unit>[kMGTPE]i?|Ki|m)?")
 _DURATION = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,6})?)(ms|s|m|h)")
 _SECONDS = {"ms": Decimal("0.001"), "s": Decimal(1), "m": Decimal(60), "h": Decimal(3600)}
@@ -34,14 +32,6 @@ def parse_cpu(raw: object) -> int:
     if match["milli"]:
         return int(match["milli"])
     return int((Decimal(match["cores"]) * 1000).to_integral_value())
-
-
-def parse_cpu_ceiling(raw: object) -> int:
-    """Thousandths of a core, rounded up, of any quantity the API server stores (also nano- and microcores)."""
-    match = _STORED_CPU.fullmatch(_text(raw))
-    if match is None:
-        return parse_cpu(raw)
-    return int((Decimal(match["number"]) * _STORED[match["unit"]]).to_integral_value(ROUND_CEILING))
 
 
 def parse_memory(raw: object) -> int:
