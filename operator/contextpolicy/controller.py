@@ -192,6 +192,7 @@ class Controller:
                 shares={identity: share for node in nodes.values() for identity, share in node.containers.items()},
                 capacity={name: node.capacity for name, node in nodes.items()},
                 control=self.policy.control,
+                transition=self.policy.transition,
                 ceilings={
                     c.id: ceilings[c.task] or nodes[c.node].capacity
                     for c in self.claim.placement.containers

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from contextpolicy.policy.spec import Control
+from contextpolicy.policy.spec import Control, Transition
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,3 +26,4 @@ class Order:
     control: Control = Control.LIMIT
     ceilings: Mapping[str, int] = field(default_factory=dict)
     nodes: Mapping[str, str] = field(default_factory=dict)
+    transition: Transition = Transition.STRICT

@@ -49,6 +49,7 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
         mode=spec.choice("mode", policy.Mode.ENFORCE),
         scheduler=spec.choice("scheduler", policy.Scheduler.CFS),
         control=spec.choice("control", policy.Control.LIMIT),
+        transition=spec.choice("transition", policy.Transition.STRICT),
         realtime_fallback=spec.choice("realtimeFallback", policy.RealtimeFallback.CFS),
         reserve=spec.cpu("reserve") or 0,
         min_dwell=spec.duration("minDwell") or 0.0,

@@ -38,6 +38,13 @@ class Control(StrEnum):
     BOTH = "Both"
 
 
+class Transition(StrEnum):
+    """How a node gets from one plan to the next: all limits at once, or each rise after the falls that pay for it."""
+
+    PROMPT = "Prompt"
+    STRICT = "Strict"
+
+
 class RealtimeFallback(StrEnum):
     """What a node without realtime group scheduling does with a Realtime policy."""
 
@@ -192,6 +199,7 @@ class Policy:
     mode: Mode = Mode.ENFORCE
     scheduler: Scheduler = Scheduler.CFS
     control: Control = Control.LIMIT
+    transition: Transition = Transition.STRICT
     realtime_fallback: RealtimeFallback = RealtimeFallback.CFS
     reserve: int = 0
     min_dwell: float = 0.0

@@ -178,6 +178,11 @@ class PodState:
         return self.patch.policy if self.patch else None
 
     @property
+    def keeps_failing(self) -> bool:
+        """Whether more than one patch in a row has failed."""
+        return self._failures > 1
+
+    @property
     def ready(self) -> bool:
         """Whether a patch may be sent."""
         return self.phase is Phase.IDLE

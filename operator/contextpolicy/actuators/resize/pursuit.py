@@ -37,7 +37,9 @@ class Pursuit:
     def __init__(
         self, order: Order, pods: PodIndex, originals: Originals, dispatcher: Dispatcher, observer: Observer
     ) -> None:
-        self.order = order
+        self._order = order
+        self._before: dict[str, Cpu] = {}
+        """What each container had when the plan came."""
         self.done: Callable[[], None] | None = None
         self.again = inf
         """When to look again, if nothing happens before."""
@@ -46,6 +48,17 @@ class Pursuit:
         self._touched: set[str] = set()
         """The pods that the policy has, or had, to do with: no other is looked at."""
         self._falling: dict[str, float] = {}
+
+    @property
+    def order(self) -> Order:
+        """What the policy wants."""
+        return self._order
+
+    @order.setter
+    def order(self, order: Order) -> None:
+        if order.shares != self._order.shares:
+            self._before.clear()
+        self._order = order
 
     def concerns(self, pod: TrackedPod) -> bool:
         """Whether what happens to a pod may matter to the policy."""
@@ -72,7 +85,7 @@ class Pursuit:
 
     def _advance(self, now: float) -> Iterator[float]:
         """Yields the moments at which there may be more to do."""
-        wishes = list(self._wishes())
+        wishes = list(self._wishes(now))
         self._touched.update(wish.pod.view.uid for wish in wishes)
         self._touched.update(uid for uid, _ in self._originals.of(self._policy))
         pods = list(self._pods.known(self._touched))
@@ -85,7 +98,7 @@ class Pursuit:
         back = {pod.view.uid: self._to_put_back(pod) for pod in pods}
         bound = self._bound(pods, back, now)
         yield from (end for end in bound.values() if end > now)
-        for pod in pods:
+        for pod in sorted(pods, key=lambda pod: _rises(pod, forward.get(pod.view.uid, {}))):
             held = bound.get(pod.view.node, -inf) > now
             uid = pod.view.uid
             ready = without_rises(pod.state, back[uid]) if held else back[uid]
@@ -96,13 +109,16 @@ class Pursuit:
                 self._dispatcher.recovered(self._policy, pod)
         self._touched = {pod.view.uid for pod in pods if self._has_to_do_with(pod)}
 
-    def _wishes(self) -> Iterator[Wish]:
+    def _wishes(self, now: float) -> Iterator[Wish]:
         """What has a share; a plan that is ordered late may have shares for what the policy has lost since."""
         for identity in self.order.shares:
             pod, container = self._pods.find(identity)
             if pod is not None and container is not None and identity in self.order.claimed and not pod.view.ended:
                 original = self._originals.at(pod.view.uid, container.name)
-                yield Wish(identity, pod, container, wanted_cpu(self.order, identity, pod, container, original))
+                wanted = wanted_cpu(self.order, identity, pod, container, original)
+                before = self._before.setdefault(identity, pod.state.spec(container.name) or container.spec)
+                stuck = pod.is_stuck(self._policy, now)
+                yield Wish(identity, pod, container, wanted, before, stuck)
 
     def _wake(self, pod: TrackedPod, now: float) -> float:
         """Let a pod that has rested go on; returns when it has."""
@@ -213,3 +229,8 @@ class Pursuit:
             pod.state.originator,
         )
         return self._policy in mine
+
+
+def _rises(pod: TrackedPod, step: Mapping[str, Cpu]) -> bool:
+    """Whether a step takes more than it gives: those that give are first in line."""
+    return sum((cpu.limit or 0) - pod.state.least_known(name) for name, cpu in step.items()) > 0

@@ -73,6 +73,12 @@ class TrackedPod:
         refusal = self.refusals.get((policy, restore))
         return refusal.until if refusal is not None and refusal.resources == resources else 0.0
 
+    def is_stuck(self, policy: str, now: float) -> bool:
+        """Whether the API server or the kubelet refuses, for now, what the policy wants of the pod."""
+        refusal = self.refusals.get((policy, False))
+        refused = refusal is not None and now < refusal.until
+        return refused or self.state.keeps_failing or bool(self.view.pending)
+
     def step(self, container: ContainerView, wanted: Cpu, now: float) -> Cpu:
         """What to ask for: what is wanted, or a nudge when the kubelet has overlooked that."""
         overlooked = now >= self.oversight.until and self.state.spec(container.name) == wanted

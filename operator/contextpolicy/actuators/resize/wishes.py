@@ -6,13 +6,13 @@ from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from contextpolicy.actuators.resize.headroom import Holding, allowed
+from contextpolicy.actuators.resize.headroom import Holding, prompt, strict
 from contextpolicy.actuators.resize.patches import cpu_for
 from contextpolicy.cluster.pods import Cpu
-from contextpolicy.policy.spec import Control
+from contextpolicy.policy.spec import Control, Transition
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from contextpolicy.actuators.order import Order
     from contextpolicy.actuators.resize.originals import Original
@@ -22,18 +22,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What the plan gives one container."""
+    """What the plan gives one container, and what it had `before` the plan came; `stuck` if it won't be lowered."""
 
     id: str
     pod: TrackedPod
     container: ContainerView
     cpu: Cpu
+    before: Cpu
+    stuck: bool = False
 
     @property
     def holding(self) -> Holding:
         """Its limits as the node's headroom counts them."""
-        name, state = self.container.name, self.pod.state
-        return Holding(self.id, state.least_known(name), state.highest(name), self.cpu.limit or 0)
+        name, state, wanted = self.container.name, self.pod.state, self.cpu.limit or 0
+        return Holding(
+            self.id, state.least_known(name), state.highest(name), wanted, self.before.limit or 0, stuck=self.stuck
+        )
 
 
 def wanted_cpu(
@@ -63,13 +67,21 @@ def steps(order: Order, wishes: Iterable[Wish], leaving: Mapping[str, int], now:
     for node, here in by_node.items():
         # A container that we have not seen yet may hold anything: until then nothing rises beside it.
         capacity = 0 if unseen & {node, ""} else order.capacity.get(node, 0) - leaving.get(node, 0)
-        free = {w.id for w in here} if order.control is Control.WEIGHT else allowed(capacity, [w.holding for w in here])
+        go, back = _chosen(order, capacity, here)
         for wish in here:
             name, state = wish.container.name, wish.pod.state
-            step = wish.pod.step(wish.container, wish.cpu, now)
-            if wish.id in free and step != state.spec(name) and now >= wish.pod.rests_until(name):
+            step = wish.before if wish.id in back else wish.pod.step(wish.container, wish.cpu, now)
+            if wish.id in go | back and step != state.spec(name) and now >= wish.pod.rests_until(name):
                 found[wish.pod.view.uid][name] = step
     return found
+
+
+def _chosen(order: Order, capacity: int, wishes: Sequence[Wish]) -> tuple[set[str], set[str]]:
+    """The containers of a node that may have what is wanted now, and those that go back to what they had before."""
+    if order.control is Control.WEIGHT:
+        return {wish.id for wish in wishes}, set()
+    holdings = [wish.holding for wish in wishes]
+    return (strict(capacity, holdings), set()) if order.transition is Transition.STRICT else prompt(capacity, holdings)
 
 
 def _unseen(order: Order, by_node: Mapping[str, Iterable[Wish]]) -> set[str]:

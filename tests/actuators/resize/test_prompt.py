@@ -1,0 +1,69 @@
+"""`transition: Prompt`: all limits of a plan at once, and back again where a fall is refused."""
+
+from __future__ import annotations
+
+from contextpolicy.actuators.order import Order
+from contextpolicy.actuators.resize.pauses import REFUSED
+from contextpolicy.policy.spec import Transition
+from tests.actuators.resize.fake_cluster import refusal
+from tests.actuators.resize.rig import POLICY, Rig, by_id, limits, two_pods
+from tests.cluster.builders import NODE, a_pod
+
+
+def prompt(rig: Rig, n: int = 1000, **shares: int) -> None:
+    named = by_id(shares)
+    nodes = dict.fromkeys(named, NODE)
+    rig.apply(Order(POLICY, frozenset(named), named, {NODE: n}, nodes=nodes, transition=Transition.PROMPT))
+
+
+def test_rises_do_not_wait_and_falls_are_first_in_line():
+    rig = two_pods()
+    prompt(rig, slam=800, speech=200)
+    assert len(rig.workers.jobs) == 2
+    rig.work()
+    assert limits(rig) == (500, 200)
+    rig.work()
+    assert limits(rig) == (800, 200)
+
+
+def test_a_rise_whose_fall_was_refused_is_taken_back_and_comes_again():
+    rig = two_pods()
+    prompt(rig, slam=800, speech=200)
+    rig.cluster.faults.append(refusal())
+    rig.work()
+    rig.work()
+    assert limits(rig) == (800, 500)
+    rig.cluster.confirm()
+    rig.watch()
+    rig.work()
+    assert limits(rig) == (500, 500)
+    rig.cluster.confirm()
+    rig.watch()
+    rig.wait(REFUSED.first + 0.1)
+    rig.settle()
+    assert limits(rig) == (800, 200)
+
+
+def test_a_rise_that_needs_no_refused_fall_stays():
+    rig = Rig(a_pod("slam"), a_pod("speech"), a_pod("nav"))
+    prompt(rig, n=1500, slam=700, speech=300, nav=500)
+    rig.settle()
+    prompt(rig, n=1500, slam=710, speech=490, nav=300)
+    rig.cluster.faults.append(refusal())
+    while rig.workers.jobs:
+        rig.work()
+    assert rig.cluster.limit("slam") in (700, 710)
+    rig.settle()
+    assert (rig.cluster.limit("slam"), *limits(rig)[1:], rig.cluster.limit("nav")) == (710, 490, 300)
+
+
+def test_in_the_end_both_ways_lead_to_the_same():
+    for transition in Transition:
+        rig = two_pods()
+        for slam in (800, 100, 600):
+            named = by_id({"slam": slam, "speech": 1000 - slam})
+            nodes = dict.fromkeys(named, NODE)
+            order = Order(POLICY, frozenset(named), named, {NODE: 1000}, nodes=nodes, transition=transition)
+            rig.apply(order)
+            rig.settle()
+            assert limits(rig) == (slam, 1000 - slam)
