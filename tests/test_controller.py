@@ -12,7 +12,7 @@ from contextpolicy import controller as module
 from contextpolicy.cluster.agent_reports import read_report, with_agents
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pods import view
-from contextpolicy.controller import Controller, Surroundings
+from contextpolicy.controller import Controller
 from contextpolicy.policy.spec import Control
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE, a_pod
@@ -50,8 +50,13 @@ class Robot:
             "tasks": [a_task("slam"), a_task("speech")],
             "contexts": [a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 4}})],
         }
-        surroundings = Surroundings(self.session, self.loop, self.orders, initiatives or {})
-        made = Controller(a_policy(**{**defaults, **spec}), surroundings)
+        made = Controller(
+            a_policy(**{**defaults, **spec}),
+            session=self.session,
+            scheduler=self.loop,
+            actuator=self.orders,
+            initiatives=initiatives or {},
+        )
         made.on_change = lambda: self.changes.append(made)
         return made
 
@@ -273,14 +278,25 @@ def test_health_is_told_though_no_plan_changes():
     assert robot.changes
 
 
-def test_on_plan_hears_when_the_sample_behind_it_arrived():
+def test_on_plan_hears_of_each_new_plan_and_of_no_order_of_the_same_one():
     robot = Robot().begin()
     heard = []
-    robot.controller.on_plan = lambda policy, arrived: heard.append((policy, arrived))
+    robot.controller.on_plan = lambda policy, plan: heard.append((policy, plan))
     robot.sample(speed=0.3)
-    [(policy, arrived)] = heard
+    robot.place("slam", "speech")
+    [(policy, plan)] = heard
     assert policy == "lab/robot"
-    assert 0 <= module.time.monotonic() - arrived < 60
+    assert plan is robot.controller.planner.last
+    assert plan.arrived is not None
+
+
+def test_the_bus_hears_when_what_triggered_a_plan_arrived(monkeypatch):
+    robot = Robot().begin()
+    clock = iter([10.0, 12.5])
+    monkeypatch.setattr(module.time, "monotonic", lambda: next(clock, 12.5))
+    robot.sample(speed=0.3)
+    message = robot.session.plans()[-1]
+    assert message["trigger"] == pytest.approx(robot.controller._now() - 2.5, abs=0.1)
 
 
 def test_plugged_in_functions_get_the_streams_and_give_scores():

@@ -7,7 +7,6 @@ policy moves only what the edit changes.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from reactivex import Subject
@@ -45,38 +44,36 @@ class Actuator(Protocol):
         """Let this be what the policy wants."""
 
 
-@dataclass(frozen=True, slots=True)
-class Surroundings:
-    """What a controller works with; `initiatives` are the plugged-in functions that its policy names."""
-
-    session: zenoh.Session
-    scheduler: SchedulerBase
-    actuator: Actuator
-    initiatives: Mapping[str, Instantiate]
-
-
 class Controller:
     """Samples in, orders to the actuator and messages on the bus out.
 
-    `on_change` is called when the status has something new to tell, `on_plan` with the policy and the monotonic time
-    at which the sample behind a new plan arrived.
+    `initiatives` are the plugged-in functions that the policy names. `on_change` is called when the status has
+    something new to tell, `on_plan` with the policy's reference and each new plan, once it is ordered.
     """
 
-    def __init__(self, policy: Policy, surroundings: Surroundings) -> None:
+    def __init__(
+        self,
+        policy: Policy,
+        *,
+        session: zenoh.Session,
+        scheduler: SchedulerBase,
+        actuator: Actuator,
+        initiatives: Mapping[str, Instantiate],
+    ) -> None:
         self.policy = policy
         self.planner = Planner(policy)
         self.planner.on_health = self._tell_health
         self.claim = Claim(Placement())
         self.run = int(time.time() * 1000)
         self.on_change: Callable[[], None] = lambda: None
-        self.on_plan: Callable[[str, float], None] = lambda *_: None
-        self._with = surroundings
+        self.on_plan: Callable[[str, Plan], None] = lambda *_: None
+        self._session, self._scheduler = session, scheduler
+        self._actuator, self._initiatives = actuator, initiatives
         self._inputs: Subject[Input] = Subject()
         self._subscription: DisposableBase | None = None
         self._pods: Collection[PodView] = ()
-        self._arrived: float | None = None
         self._bus: Bus | None = None
-        self._follower = Follower(surroundings.scheduler, self._order)
+        self._follower = Follower(scheduler, self._order)
         self._edition = 0
         self._held_back = 0
         self._placed = False
@@ -86,22 +83,15 @@ class Controller:
         """Begin to listen and to plan; `before` is the controller of the policy's last version, stopped already."""
         if before is not None:
             self.run = max(self.run, before.run + 1)  # the wall clock may have been set back
-        self._bus = Bus(self._with.session, self.policy, self._with.scheduler, self._message, self._explain)
+        self._bus = Bus(self._session, self.policy, self._scheduler, self._message, self._explain)
         if self.policy.mode is not Mode.ENFORCE:
             self._bus.withdraw()
         if self.policy.mode is Mode.PAUSED:
-            self._with.actuator.apply(Order(self.policy.reference, frozenset()))
+            self._actuator.apply(Order(self.policy.reference, frozenset()))
             return
-        planned = plans(
-            self.planner,
-            self._inputs,
-            self._with.scheduler,
-            self._with.initiatives,
-            before.planner if before else None,
-        )
-        samples = subscription.inputs(
-            self._with.session, self.policy.streams, self._with.scheduler, self._drop, self._note_arrival
-        )
+        former = before.planner if before else None
+        planned = plans(self.planner, self._inputs, self._scheduler, self._initiatives, former)
+        samples = subscription.inputs(self._session, self.policy.streams, self._scheduler, self._drop)
         self._subscription = CompositeDisposable(
             planned.subscribe(self._on_plan), samples.subscribe(self._inputs.on_next)
         )
@@ -147,10 +137,9 @@ class Controller:
         if not self._placed:
             return
         self._edition = 0
-        arrived = time.monotonic() if self._arrived is None else self._arrived
         self._order()
-        self.on_plan(self.policy.reference, arrived)
-        self._publish({"trigger": plan.time if self._arrived is None else self._moment(arrived)})
+        self.on_plan(self.policy.reference, plan)
+        self._publish({"trigger": plan.time if plan.arrived is None else self._moment(plan.arrived)})
         self._measure(plan)
         self.on_change()
 
@@ -185,7 +174,7 @@ class Controller:
         nodes = self._follower.choose({n: plan for n, plan in planned.items() if n not in realtime}, ahead)
         claimed = frozenset(c.id for c in self.claim.placement.containers if c.node not in realtime)
         ceilings = {task.name: task.max for task in self.policy.leaves}
-        self._with.actuator.apply(
+        self._actuator.apply(
             Order(
                 policy=self.policy.reference,
                 claimed=claimed,
@@ -222,9 +211,6 @@ class Controller:
         if self.planner.drops[stream, reason] == 1:
             self.on_change()
 
-    def _note_arrival(self, at: float | None) -> None:
-        self._arrived = at
-
     def _explain(self) -> dict[str, Any]:
         return explain(self.planner, self._now())
 
@@ -232,7 +218,7 @@ class Controller:
         return self._now() - (time.monotonic() - monotonic)
 
     def _now(self) -> float:
-        return self._with.scheduler.to_seconds(self._with.scheduler.now)
+        return self._scheduler.to_seconds(self._scheduler.now)
 
 
 def _whereabouts(content: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -20,7 +20,7 @@ from contextpolicy.cluster.agent_reports import with_agents
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.nodes import allocatable
 from contextpolicy.cluster.pods import view
-from contextpolicy.controller import Controller, Surroundings
+from contextpolicy.controller import Controller
 from contextpolicy.errors import FindingsError
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.ros_types import type_findings
@@ -177,7 +177,9 @@ class Runtime:
             return
         before = entry.controller
         actuator = self._dry_run if policy.mode is Mode.DRY_RUN else self._resizer
-        entry.controller = Controller(policy, Surroundings(self._session, self._loop, actuator, plugins))
+        entry.controller = Controller(
+            policy, session=self._session, scheduler=self._loop, actuator=actuator, initiatives=plugins
+        )
         entry.controller.on_change = lambda: self._report(reference)
         entry.controller.on_plan = self._watch.planned
         if before is not None:

@@ -10,9 +10,11 @@ from reactivex.testing import Recorded, TestScheduler
 from contextpolicy.planning.inputs import Gone
 from contextpolicy.planning.observable import plans
 from contextpolicy.planning.placement import Container, Placement
+from contextpolicy.planning.plan import NodePlan, Plan
 from contextpolicy.planning.planner import Planner
 from contextpolicy.planning.sample import Sample
 from contextpolicy.policy import parsing
+from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
 
     from contextpolicy.planning.inputs import Input
     from contextpolicy.planning.observable import Instantiate
-    from contextpolicy.planning.plan import Plan
     from contextpolicy.policy.spec import Policy
 
 START = 1000.0
@@ -66,6 +67,14 @@ def together(*placements: Placement) -> Placement:
     return Placement(allocatable, tuple(c for placement in placements for c in placement.containers))
 
 
+def a_plan(
+    sequence: int, containers: Mapping[str, int], arrived: float | None = None, scheduler: Scheduler = Scheduler.CFS
+) -> Plan:
+    """A plan as it is to its containers, on one node."""
+    node = NodePlan(1000, {}, containers, scheduler)
+    return Plan(sequence, START, "test", (), {}, {"robot": node}, (), arrived)
+
+
 class Story:
     """A planner from its start on; seconds count from there, plans collect in `plans`."""
 
@@ -76,9 +85,11 @@ class Story:
             placement = on_node(*(task.name for task in policy.leaves))
         self.place(placement, at=0.0)
 
-    def sample(self, stream: str, *, at: float, stamp: float | None = None, **fields: Any) -> None:
+    def sample(
+        self, stream: str, *, at: float, stamp: float | None = None, arrived: float | None = None, **fields: Any
+    ) -> None:
         timestamp = None if stamp is None else START + stamp
-        self.take(Sample(stream, fields, timestamp), at=at)
+        self.take(Sample(stream, fields, timestamp, arrived), at=at)
 
     def place(self, placement: Placement, *, at: float) -> None:
         self.take(placement, at=at)

@@ -64,6 +64,33 @@ def test_a_plan_equal_to_the_last_is_not_emitted():
     assert [plan.time for plan in story.plans] == [START, START, START + 1]
 
 
+def test_a_plan_tells_when_the_sample_that_made_it_arrived_and_no_other_does():
+    holding = {"tasks": [a_task("slam", activity=[{"when": "imu.speed > 0.1", "hold": "500ms"}]), a_task("rest")]}
+    story = Story(a_policy(streams=[a_stream("imu")], **holding))
+    story.sample("imu", at=1, arrived=7.0, speed=1.0)
+    story.sample("imu", at=1.1, arrived=7.1, speed=0.0)
+    story.sample("imu", at=5, arrived=11.0, speed=0.0)
+    story.place(on_node("slam", "rest", cores=2), at=6)
+    assert [(round(plan.time - START, 3), plan.arrived) for plan in story.plans] == [
+        (0, None),
+        (0, None),
+        (1, 7.0),
+        (1.5, None),
+        (6, None),
+    ]
+
+
+def test_a_plan_that_was_held_back_is_made_by_its_dwell_and_no_sample():
+    spec = {
+        "streams": [a_stream("imu")],
+        "tasks": [a_task("slam", activity=[{"scoreFrom": "imu.risk"}]), a_task("rest")],
+    }
+    story = Story(a_policy(minDwell="1s", **spec))
+    story.sample("imu", at=0.5, arrived=7.0, risk=4.0)
+    story.wait(2.0)
+    assert [(round(plan.time - START, 3), plan.arrived) for plan in story.plans[1:]] == [(0, None), (1, None)]
+
+
 def test_a_score_that_changes_no_share_makes_no_plan():
     policy = a_policy(streams=[a_stream("imu")], tasks=[a_task("slam", activity=[{"scoreFrom": "imu.risk"}])])
     story = Story(policy)

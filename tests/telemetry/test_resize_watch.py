@@ -8,6 +8,7 @@ from contextpolicy.cluster.pods import Cpu, view
 from contextpolicy.telemetry.resize_watch import ResizeWatch
 from tests.actuators.resize.fake_cluster import refusal
 from tests.cluster.builders import a_pod
+from tests.planning.builders import a_plan as plan_of
 
 POLICY = "lab/watched"
 
@@ -33,6 +34,10 @@ def held_back(message="node is full"):
     return view(a_pod("slam", conditions=[condition]))
 
 
+def a_plan(sequence, *, arrived=None, **shares):
+    return plan_of(sequence, {f"lab/{name}/{name}": share for name, share in shares.items()}, arrived)
+
+
 def count(stage, of="count"):
     labels = {"policy": POLICY, "stage": stage}
     return REGISTRY.get_sample_value(f"contextpolicy_stage_seconds_{of}", labels) or 0.0
@@ -49,12 +54,31 @@ def resizes(result):
 def test_each_stage_is_told_and_measured(told):
     before = [count(stage) for stage in ("plan", "patch", "status")]
     until_patch = count("patch", of="sum")
-    told.watch.planned(POLICY, 1.0)
+    told.watch.planned(POLICY, a_plan(1, slam=500))
+    told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300))
     told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 2.5)
     told.watch.on_in_force(POLICY, "lab/slam/slam", 300)
     assert told.stages == [("accepted", "lab/slam/slam", 0.3), ("inForce", "lab/slam/slam", 0.3)]
     assert [count(stage) for stage in ("plan", "patch", "status")] == [n + 1 for n in before]
     assert count("patch", of="sum") - until_patch == pytest.approx(1.5)
+
+
+def test_a_resize_that_no_sample_asked_for_is_told_and_not_measured(told):
+    """An hour after the sample somebody changes the limit, and it is put back."""
+    told.watch.planned(POLICY, a_plan(1, slam=500))
+    told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300))
+    told.watch.on_contest(POLICY, "lab/slam/slam", Contest("vpa-updater", Cpu(100, 300), Cpu(100, 700)))
+    before = [count(stage) for stage in ("plan", "patch", "status")]
+    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 3601.0)
+    told.watch.on_in_force(POLICY, "lab/slam/slam", 300)
+    assert [stage for stage, *_ in told.stages] == ["accepted", "inForce"]
+    assert [count(stage) for stage in ("plan", "patch", "status")] == before
+
+
+def test_a_plan_that_no_sample_made_is_not_measured(told):
+    before = count("plan")
+    told.watch.planned(POLICY, a_plan(1, slam=500))
+    assert count("plan") == before
 
 
 def test_a_patch_without_any_plan_yet_is_not_measured(told):

@@ -56,7 +56,7 @@ def message(
 def _targets(plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]) -> Iterator[dict[str, Any]]:
     """What each container gets, with all that an agent on its node needs to find the cgroup."""
     tasks = {container.id: container.task for container in containers}
-    shares = {identity: share for node in plan.nodes.values() for identity, share in node.containers.items()}
+    shares = plan.containers
     for pod in pods:
         for container in pod.containers:
             identity = container_id(pod, container.name)

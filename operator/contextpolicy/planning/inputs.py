@@ -17,11 +17,15 @@ class Gone:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """A plugged-in instantiation function produced a score for a task's n-th activity."""
+    """A plugged-in instantiation function produced a score for a task's n-th activity.
+
+    `arrived` is that of the sample that the function was given just now; None when it speaks up by itself.
+    """
 
     task: str
     activity: int
     value: float
+    arrived: float | None = None
 
 
 Input = Sample | Placement | Gone | Score

@@ -45,7 +45,11 @@ class Shortfall:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What every task gets from `time` on, and why."""
+    """What every task gets from `time` on, and why.
+
+    `arrived` is when the sample that made it reached the operator, on the monotonic clock; None when a timer, an edit
+    or a container that came or went made it.
+    """
 
     sequence: int
     time: float
@@ -54,6 +58,12 @@ class Plan:
     tasks: Mapping[str, TaskPlan]
     nodes: Mapping[str, NodePlan]
     shortfalls: tuple[Shortfall, ...]
+    arrived: float | None = None
+
+    @property
+    def containers(self) -> dict[str, int]:
+        """Each container's share, over all nodes."""
+        return {identity: share for node in self.nodes.values() for identity, share in node.containers.items()}
 
     def changes(self, last: Plan | None) -> bool:
         """Whether it differs from `last` in what it does or says; time, cause and weights alone are no difference."""

@@ -80,8 +80,10 @@ class Planner:
     def handle(self, event: Input, now: float) -> list[Plan]:
         """Take an input; timers due by now act first, each at its own instant."""
         plans = self.advance(now)
+        arrived = None
         match event:
             case Sample():
+                arrived = event.arrived
                 self._observe(event, now)
             case Placement():
                 if event != self._placement:
@@ -92,8 +94,9 @@ class Planner:
                 if event.stream in self.streams:
                     self.streams[event.stream].lose(now)
             case Score():
+                arrived = event.arrived
                 self._set_score(event, now)
-        return plans + self._conclude(now)
+        return plans + self._conclude(now, arrived)
 
     def advance(self, now: float) -> list[Plan]:
         """Let every timer due by now act."""
@@ -135,7 +138,7 @@ class Planner:
         self.drops[stream, reason] += 1
 
     def on_expression_error(self, source: str, reason: str) -> None:
-        """Count an expression without a value and keep the latest message for the status."""
+        """Count an expression, or a plugged-in function, without a value; keep the latest message for the status."""
         self.drops["", "expression"] += 1
         known = source in self.errors
         self.errors[source] = reason
@@ -221,14 +224,14 @@ class Planner:
             if former is not None and former.spec.when == context.spec.when:
                 context.adopt(former)
 
-    def _conclude(self, now: float) -> list[Plan]:
+    def _conclude(self, now: float, arrived: float | None = None) -> list[Plan]:
         """The new plan, if something happened that changes it and the last one stood long enough.
 
         The first plan waits until each stream with a watchdog is heard or silent: until then a restart keeps what is.
         """
         if not self._changed or (self.last is None and any(stream.unknown for stream in self.streams.values())):
             return []
-        plan = self._plan(now)
+        plan = self._plan(now, arrived)
         changed = plan.changes(self.last)
         # The dwell bounds flapping sensors; a container that came or went can't wait, its node must add up.
         dwells = self.last is not None and not self._urgent and now < self.last.time + self.policy.min_dwell
@@ -254,7 +257,7 @@ class Planner:
         self._causes[source] = cause
         self._changed = True
 
-    def _plan(self, now: float) -> Plan:
+    def _plan(self, now: float, arrived: float | None) -> Plan:
         active = self.active_contexts()
         self.weights = self._weigher.weigh(self._scores.of, self._scores.unmet, [context.spec for context in active])
         division = divide_nodes(self._layout, self.weights, self.last.nodes if self.last else {})
@@ -271,6 +274,7 @@ class Planner:
             },
             nodes=division.nodes,
             shortfalls=division.shortfalls + unmet,
+            arrived=arrived,
         )
 
 

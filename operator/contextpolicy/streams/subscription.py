@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections import Counter, deque
-from dataclasses import replace
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,7 @@ from reactivex.disposable import CompositeDisposable, Disposable
 
 from contextpolicy.errors import DecodeError
 from contextpolicy.planning.inputs import Gone
+from contextpolicy.planning.sample import Sample
 from contextpolicy.streams.decoding import Decoder
 
 if TYPE_CHECKING:
@@ -36,16 +36,15 @@ def inputs(
     streams: Sequence[Stream],
     scheduler: SchedulerBase,
     on_drop: Callable[[str, str], None],
-    on_arrival: Callable[[float | None], None],
 ) -> Observable[Input]:
     """Samples and lost liveliness of all streams, on the scheduler's thread.
 
-    A payload that can't be decoded goes to `on_drop(stream, reason)` and never ends the stream. `on_arrival` is told
-    the monotonic time at which Zenoh delivered a sample just before the sample itself, and None just after it.
+    A payload that can't be decoded goes to `on_drop(stream, reason)` and never ends the stream. A sample's `arrived` is
+    the moment at which Zenoh delivered it, before it waited for the loop.
     """
 
     def subscribe(observer: ObserverBase[Input], _: SchedulerBase | None = None) -> DisposableBase:
-        inbox = _Inbox(observer, scheduler, on_drop, on_arrival)
+        inbox = _Inbox(observer, scheduler, on_drop)
         declared = [_declare(session, stream, inbox) for stream in streams]
         return CompositeDisposable(*(Disposable(undeclare) for own in declared for undeclare in own))
 
@@ -74,14 +73,9 @@ class _Inbox:
     """Between Zenoh's threads, which must not be held up, and the loop: one wake-up for all that has arrived."""
 
     def __init__(
-        self,
-        observer: ObserverBase[Input],
-        scheduler: SchedulerBase,
-        on_drop: Callable[[str, str], None],
-        on_arrival: Callable[[float | None], None],
+        self, observer: ObserverBase[Input], scheduler: SchedulerBase, on_drop: Callable[[str, str], None]
     ) -> None:
-        self._observer, self._scheduler = observer, scheduler
-        self._on_drop, self._on_arrival = on_drop, on_arrival
+        self._observer, self._scheduler, self._on_drop = observer, scheduler, on_drop
         self._waiting: deque[tuple[Decoder, bytes, float] | Gone] = deque()
         self._lock = Lock()
         self._awake = False
@@ -140,13 +134,8 @@ class _Inbox:
         except DecodeError:
             self._on_drop(decoder.stream.name, "undecodable")
             return
-        if sample.timestamp is not None:
-            sample = replace(sample, timestamp=sample.timestamp + self._ahead())
-        self._on_arrival(arrived)
-        try:
-            self._observer.on_next(sample)
-        finally:
-            self._on_arrival(None)
+        taken = None if sample.timestamp is None else sample.timestamp + self._ahead()
+        self._observer.on_next(Sample(sample.stream, sample.value, taken, arrived))
 
     def _ahead(self) -> float:
         """Seconds by which the loop's time is ahead of the wall clock, which senders read: it steps, the loop never."""

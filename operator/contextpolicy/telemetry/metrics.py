@@ -8,7 +8,7 @@ _LATENCY = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 
 
 STAGE_SECONDS = Histogram(
     "contextpolicy_stage_seconds",
-    "Time from a sample's arrival until the plan is made, a patch is accepted, the kubelet reports it in force.",
+    "Time from a sample's arrival until the plan that it made is there, its patch accepted, its limit in force.",
     ["policy", "stage"],
     buckets=_LATENCY,
 )

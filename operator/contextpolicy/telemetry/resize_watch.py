@@ -5,15 +5,18 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.telemetry import metrics, remedies
+from contextpolicy.telemetry.reactions import Reactions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
 
     from contextpolicy.actuators.resize.contest import Contest
-    from contextpolicy.cluster.pods import Cpu, PodView
+    from contextpolicy.cluster.pods import PodView
     from contextpolicy.errors import ActuationError
+    from contextpolicy.planning.plan import Plan
 
 RECOVERED = "ResizeRecovered"
 """Reason of the event that a problem is over."""
@@ -31,27 +34,27 @@ class ResizeWatch:
         self, on_problem: Callable[[str, str, str], None], on_stage: Callable[[str, str, str, float, float], None]
     ) -> None:
         self._on_problem, self._on_stage = on_problem, on_stage
-        self._arrived: dict[str, float] = {}
+        self._reactions = Reactions()
         self._failed: dict[str, dict[str, str]] = {}
         self._held: dict[str, dict[str, str]] = {}
         self._contested: dict[str, dict[str, str]] = {}
 
-    def planned(self, policy: str, arrived: float) -> None:
-        """A plan was made from a sample that arrived then."""
-        self._arrived[policy] = arrived
-        self._observe(policy, "plan", time.monotonic())
+    def planned(self, policy: str, plan: Plan) -> None:
+        """A new plan was made."""
+        self._reactions.plan(policy, plan)
+        _measure(policy, "plan", plan.arrived, time.monotonic())
 
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
         """The API has the new resources."""
         self._on_stage(policy, "accepted", container, (cpu.limit or 0) / 1000, answered)
         metrics.RESIZES.labels(policy, "accepted").inc()
-        self._observe(policy, "patch", answered)
+        _measure(policy, "patch", self._reactions.reach(policy, container, "patch", cpu), answered)
 
     def on_in_force(self, policy: str, container: str, limit: int) -> None:
         """The kubelet reports the limit that the plan wants."""
         now = time.monotonic()
         self._on_stage(policy, "inForce", container, limit / 1000, now)
-        self._observe(policy, "status", now)
+        _measure(policy, "status", self._reactions.reach(policy, container, "status", Cpu(None, limit)), now)
 
     def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
         """A patch failed, or after a failure works again."""
@@ -73,6 +76,7 @@ class ResizeWatch:
             if contested.pop(container, None):
                 self._on_problem(policy, RECOVERED, f"{container}: nobody else has resized it for a while")
             return
+        self._reactions.drop(policy, container)
         metrics.CONTESTS.labels(policy).inc()
         by, changes = contest.by or "somebody", ", ".join(_changes(contest))
         message = f"{container}: {by} changed its {changes}; it gets what the plan says again"
@@ -113,13 +117,14 @@ class ResizeWatch:
 
     def forget(self, policy: str) -> None:
         """The policy is gone."""
-        for known in (self._arrived, self._failed, self._held, self._contested):
+        self._reactions.forget(policy)
+        for known in (self._failed, self._held, self._contested):
             known.pop(policy, None)
 
-    def _observe(self, policy: str, stage: str, at: float) -> None:
-        arrived = self._arrived.get(policy)
-        if arrived:
-            metrics.STAGE_SECONDS.labels(policy, stage).observe(at - arrived)
+
+def _measure(policy: str, stage: str, arrived: float | None, at: float) -> None:
+    if arrived is not None:
+        metrics.STAGE_SECONDS.labels(policy, stage).observe(at - arrived)
 
 
 def _advised(message: str, remedy: str) -> str:
