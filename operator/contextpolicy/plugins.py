@@ -1,7 +1,8 @@
 """Instantiation functions that users plug in through the Python entry point group `contextpolicy.initiatives`.
 
 A function takes `streams` (name -> observable of samples' fields), `scheduler` and the activity's `with` as keyword
-arguments, and returns an observable of scores (paper IV-D).
+arguments, and returns an observable of scores (paper IV-D). One that fails is told in the status like an expression
+without a value, and called anew.
 """
 
 from __future__ import annotations

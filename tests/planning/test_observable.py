@@ -5,6 +5,7 @@ from __future__ import annotations
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
+import pytest
 import reactivex
 from reactivex import Subject
 from reactivex import operators as ops
@@ -146,12 +147,25 @@ class TestInitiatives:
 
         assert self.scores(late, 2.0) == [(2.0, 0.0), (3.5, 2.0)]
 
+    def test_a_plan_that_its_score_makes_tells_when_the_sample_behind_it_arrived(self):
+        """Not so when it speaks up later, by itself."""
+
+        def twice(*, streams, scheduler):
+            speeds = streams["imu"].pipe(ops.map(itemgetter("speed")))
+            return reactivex.merge(speeds, speeds.pipe(ops.delay(0.5, scheduler=scheduler), ops.map(lambda v: v + 1)))
+
+        inputs: dict[float, Input] = {2.0: on_node("slam", "rest"), 3.0: Sample("imu", {"speed": 2.0}, arrived=7.0)}
+        records = record(curious_policy(), inputs, until=100, initiatives={"steadiness": twice})
+        assert [(time, plan.arrived) for time, plan in records[1:]] == [(2.0, None), (3.0, 7.0), (3.5, None)]
+
 
 class TestFailingInitiatives:
     """A failing plug-in must not end the stream of plans; its last score stands and the error is told."""
 
-    def run(self, initiative, initiatives=None):
-        planner = Planner(curious_policy())
+    SOURCE = "spec.tasks[slam].activity[0].initiative steadiness"
+
+    def run(self, initiative, initiatives=None, planner=None):
+        planner = planner or Planner(curious_policy())
         inputs = {2.0: on_node("slam", "rest")} | {3.0 + n: Sample("imu", {"speed": 1.0 + n}) for n in range(3)}
         inputs[9.0] = on_node("slam", "rest", cores=2)
         known = {"steadiness": initiative} if initiatives is None else initiatives
@@ -160,25 +174,61 @@ class TestFailingInitiatives:
         return planner
 
     def test_while_running(self):
-        def breaks(*, streams, scheduler):  # noqa: ARG001 - the contract's signature
-            first = streams["imu"].pipe(ops.take(1), ops.map(itemgetter("speed")))
-            return reactivex.merge(first, streams["imu"].pipe(ops.skip(1), ops.map(itemgetter("missing"))))
+        def breaks_from_2_on(*, streams, scheduler):  # noqa: ARG001 - the contract's signature
+            return streams["imu"].pipe(ops.map(lambda sample: {1.0: 1.0}[sample["speed"]]))
 
-        planner = self.run(breaks)
-        assert planner.errors == {"initiative steadiness": "'missing'"}
+        planner = self.run(breaks_from_2_on)
+        assert planner.errors == {self.SOURCE: "3.0"}
         assert planner.scores()["slam"] == 1.0
+
+    def test_it_is_told_when_it_fails_and_when_it_works_again(self):
+        """Rx ends what has failed once: the function is called anew."""
+
+        def breaks_at_2(*, streams, scheduler):  # noqa: ARG001 - the contract's signature
+            return streams["imu"].pipe(ops.map(lambda sample: sample["speed"] / (2.0 - sample["speed"]) ** 2))
+
+        planner, health = Planner(curious_policy()), []
+        planner.on_health = lambda: health.append(dict(planner.errors))
+        assert self.run(breaks_at_2, planner=planner).errors == {}
+        assert health == [{self.SOURCE: "float division by zero"}, {}]
+        assert planner.scores()["slam"] == 3.0
+
+    def test_one_that_fails_at_each_sample_is_called_anew_once_a_second(self):
+        calls, scheduler, inputs = [], TestScheduler(), Subject()
+
+        def unwilling(**_):
+            calls.append(scheduler.clock)
+            raise RuntimeError("no camera")
+
+        plans(Planner(curious_policy()), inputs, scheduler, {"steadiness": unwilling}).subscribe()
+        for _ in range(30):
+            scheduler.advance_by(0.1)
+            inputs.on_next(Sample("imu", {"speed": 1.0}))
+        assert calls == pytest.approx([0.0, 0.1, 1.1, 2.1])
+
+    def test_what_it_left_behind_when_it_failed_hears_nothing_more(self):
+        heard = []
+
+        def leaves_an_observer(*, streams, scheduler):  # noqa: ARG001 - the contract's signature
+            generation = len(heard)
+            heard.append([])
+            streams["imu"].subscribe(heard[generation].append)
+            return streams["imu"].pipe(ops.map(itemgetter("missing")))
+
+        self.run(leaves_an_observer)
+        assert [[sample["speed"] for sample in one] for one in heard] == [[1.0], [2.0], [3.0]]
 
     def test_when_called(self):
         def unwilling(**_):
             raise RuntimeError("no camera")
 
-        assert self.run(unwilling).errors == {"initiative steadiness": "no camera"}
+        assert self.run(unwilling).errors == {self.SOURCE: "no camera"}
 
     def test_when_it_returns_no_observable(self):
-        assert "initiative steadiness" in self.run(lambda **_: 1.0).errors
+        assert list(self.run(lambda **_: 1.0).errors) == [self.SOURCE]
 
     def test_when_it_is_not_there(self):
-        assert "initiative steadiness" in self.run(None, {}).errors
+        assert list(self.run(None, {}).errors) == [self.SOURCE]
 
     def test_when_it_emits_no_number(self):
         planner = self.run(lambda streams, **_: streams["imu"].pipe(ops.map(lambda _: "high")))
@@ -196,4 +246,4 @@ class TestFailingInitiatives:
 
             return reactivex.create(subscribe)
 
-        assert self.run(rude).errors == {"initiative steadiness": "rude"}
+        assert self.run(rude).errors == {self.SOURCE: "rude"}

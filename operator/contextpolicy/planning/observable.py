@@ -19,9 +19,14 @@ if TYPE_CHECKING:
     from contextpolicy.planning.planner import Planner
     from contextpolicy.policy.spec import Activity
 
+    Taps = Mapping[str, Subject[dict[str, Any]]]
     Instantiate = Callable[..., Observable[float]]
     """A plugged-in instantiation function (paper IV-D): called with `streams`, a map from stream names to observables
     of samples' fields, `scheduler`, and the activity's `with` as keyword arguments; returns an observable of scores."""
+
+
+RESTART = 1.0
+"""Seconds before an instantiation function that failed is called again: it may be slow, and fail at each sample."""
 
 
 def plans(
@@ -66,20 +71,20 @@ class _Run:
         for task in policy.tasks:
             for index, activity in enumerate(task.activity):
                 if activity.initiative is not None:
-                    streams = [stream.name for stream in policy.streams]
-                    plug_in = _PlugIn(activity, streams, self._on_score(task.name, index), self._planner)
-                    plug_in.start(initiatives, self._scheduler)
+                    call = _call(activity, initiatives, self._scheduler)
+                    plug_in = _PlugIn((task.name, index, activity.initiative), call, self._take, self._planner)
+                    plug_in.start()
                     self._plug_ins.append(plug_in)
         return [plug_in.subscription for plug_in in self._plug_ins]
 
-    def _on_score(self, task: str, index: int) -> Callable[[float], None]:
-        return lambda value: self._emit(self._planner.handle(Score(task, index, value), self._now()))
+    def _take(self, event: Input) -> None:
+        self._emit(self._planner.handle(event, self._now()))
 
     def _on_input(self, event: Input) -> None:
-        self._emit(self._planner.handle(event, self._now()))
+        self._take(event)
         if isinstance(event, Sample):
             for plug_in in self._plug_ins:
-                plug_in.tell(event)
+                plug_in.tell(event, self._now())
 
     def _on_wake(self, *_: object) -> None:
         """Schedulers round to microseconds: the deadline itself is never before `now`."""
@@ -98,41 +103,65 @@ class _Run:
         return self._scheduler.to_seconds(self._scheduler.now)
 
 
+def _call(
+    activity: Activity, initiatives: Mapping[str, Instantiate], scheduler: SchedulerBase
+) -> Callable[[Taps], Observable[float]]:
+    name = str(activity.initiative)
+    return lambda taps: initiatives[name](streams=dict(taps), scheduler=scheduler, **activity.arguments)
+
+
 class _PlugIn:
     """One call of an instantiation function: foreign code, whose failure must not end the stream of plans.
 
-    After a failure its last score stands and `planner.errors` tells.
+    After a failure its last score stands, and the planner is told. By then Rx has ended what the function returned, so
+    a later sample has it called anew; a score is the proof that it works again.
     """
 
     def __init__(
-        self, activity: Activity, streams: list[str], on_score: Callable[[float], None], planner: Planner
+        self,
+        place: tuple[str, int, str],
+        call: Callable[[Taps], Observable[float]],
+        take: Callable[[Score], None],
+        planner: Planner,
     ) -> None:
         self.subscription = SerialDisposable()
-        self._activity, self._on_score, self._planner = activity, on_score, planner
-        self._name = str(activity.initiative)
-        self._taps: dict[str, Subject[dict[str, Any]]] = {stream: Subject() for stream in streams}
+        self._task, self._activity, name = place
+        self._source = f"spec.tasks[{self._task}].activity[{self._activity}].initiative {name}"
+        self._call, self._take, self._planner = call, take, planner
+        self._taps: Taps = {}
+        self._failed = False
+        self._retry_at = 0.0
+        self._arrived: float | None = None
 
-    def start(self, initiatives: Mapping[str, Instantiate], scheduler: SchedulerBase) -> None:
-        """Call the function and listen to what it returns."""
+    def start(self) -> None:
+        """Call the function and listen to what it returns; what it left behind hears no sample any more."""
+        self._failed = False
+        self._taps = {stream: Subject() for stream in self._planner.streams}
+        self._guard(self._subscribe)
 
-        def subscribe() -> None:
-            instantiate = initiatives[self._name]
-            scores = instantiate(streams=dict(self._taps), scheduler=scheduler, **self._activity.arguments)
-            self.subscription.disposable = scores.subscribe(self._on_score, self._note)
-
-        self._guard(subscribe)
-
-    def tell(self, sample: Sample) -> None:
+    def tell(self, sample: Sample, now: float) -> None:
         """Hand a sample on."""
-        tap = self._taps.get(sample.stream)
-        if tap is not None:
-            self._guard(lambda: tap.on_next(sample.value))
+        if self._failed and now >= self._retry_at:
+            self._retry_at = now + RESTART
+            self.start()
+        if not self._failed and sample.stream in self._taps:
+            self._arrived = sample.arrived
+            self._guard(lambda: self._taps[sample.stream].on_next(sample.value))
+            self._arrived = None
+
+    def _subscribe(self) -> None:
+        self.subscription.disposable = self._call(self._taps).subscribe(self._on_score, self._fail)
+
+    def _on_score(self, value: float) -> None:
+        self._planner.on_expression_recovery(self._source)
+        self._take(Score(self._task, self._activity, value, self._arrived))
 
     def _guard(self, act: Callable[[], None]) -> None:
         try:
             act()
         except Exception as error:  # noqa: BLE001 - nobody knows what foreign code raises
-            self._note(error)
+            self._fail(error)
 
-    def _note(self, error: Exception) -> None:
-        self._planner.errors[f"initiative {self._name}"] = str(error)
+    def _fail(self, error: Exception) -> None:
+        self._failed = True
+        self._planner.on_expression_error(self._source, str(error) or type(error).__name__)
