@@ -60,6 +60,16 @@ def test_processes_of_another_namespace_are_noticed(tmp_path):
     assert not probe(tree.layout).sees_processes
 
 
-def test_capabilities_are_read_from_the_process():
-    assert capabilities._has_capability(0) in (True, False)
-    assert not capabilities._has_capability(63)
+@pytest.mark.parametrize(
+    ("effective", "found"), [("0000000000800000", True), ("000001ffff7fffff", False), ("0", False)]
+)
+def test_the_right_to_schedule_is_read_from_the_process(tmp_path, monkeypatch, effective, found):
+    """CAP_SYS_NICE is bit 23; what the process may ever get (permitted, bounding) does not count."""
+    status = tmp_path / "status"
+    status.write_text(f"CapPrm:\t000001ffffffffff\nCapEff:\t{effective}\nCapBnd:\t000001ffffffffff\n")
+    monkeypatch.setattr(capabilities, "STATUS", status)
+    assert probe(Tree(tmp_path).layout).may_schedule is found
+
+
+def test_the_kernel_names_capabilities_where_they_are_looked_for():
+    assert [line for line in capabilities.STATUS.read_text().splitlines() if line.startswith("CapEff:\t")]

@@ -13,7 +13,10 @@ from contextpolicy.policy.spec import Scheduler
 if TYPE_CHECKING:
     from contextpolicy.agent.cgroup_paths import CgroupPaths
 
+STATUS = Path("/proc/self/status")
+"""The kernel's words on this process."""
 _SYS_NICE = 23
+"""CAP_SYS_NICE's number (capability.h)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +76,7 @@ def probe(layout: CgroupPaths | None) -> NodeFacts:
 
 
 def _has_capability(number: int) -> bool:
-    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    lines = STATUS.read_text(encoding="ascii").splitlines()
     effective = next(line for line in lines if line.startswith("CapEff:"))
     return bool(int(effective.split()[1], 16) >> number & 1)
 
