@@ -1,4 +1,5 @@
 """The cluster as values, and the one door to its API.
 
-`pods`, `claims` and `events` are pure; `api` alone talks to the API server and turns its answers into our errors.
+`pods`, `nodes`, `claims`, `writers` and `agent_reports` are pure. `api` alone talks to the API
+server and turns its answers into our errors; `watching` follows lists through it.
 """
