@@ -125,6 +125,8 @@ class VirtualOperator:
     def turn(self, seconds: float = MOMENT) -> None:
         """Let the loop and the clerk work; patches wait."""
         self.loop.advance_by(seconds)
+        self.session.answer()
+        self.loop.advance_by(MOMENT)
         while self.clerks.jobs:
             self.clerks.run()
             self.loop.advance_by(MOMENT)

@@ -151,6 +151,30 @@ def test_an_agent_that_is_back_soon_was_not_gone(address, operator, scheduler, c
     close(watch)
 
 
+def test_an_agent_that_did_not_answer_in_time_is_asked_again(address, operator, scheduler, close, monkeypatch):
+    monkeypatch.setattr(agents, "PATIENCE", 0.05)
+    monkeypatch.setattr(agents, "PAUSE", 0.01)
+    watcher, held = Listener(), []
+    watch = AgentWatch(operator, scheduler, watcher.changed)
+    with client(address) as session:
+
+        def answer(query):
+            if not held:
+                held.append(query)
+                return
+            with query:
+                query.reply(query.key_expr, json.dumps(Listener().report()).encode())
+
+        queryable = session.declare_queryable(agent_key(NODE), answer)
+        token = session.liveliness().declare_token(agent_key(NODE))
+        watcher.expect("changed", "changed")
+        assert watch.reports == {NODE: AgentReport("", "")}
+        held.pop().drop()
+        token.undeclare()
+        queryable.undeclare()
+    close(watch)
+
+
 def test_agents_that_live_already_are_known_at_once(bus, operator, scheduler, close):  # noqa: ARG001
     assert any(list(operator.get(agent_key(NODE), timeout=PATIENCE_S)) for _ in range(1000))
     watch = AgentWatch(operator, scheduler, Listener().changed)

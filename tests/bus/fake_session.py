@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
+from contextpolicy.bus.decision_bus import agent_key
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
@@ -40,7 +42,11 @@ class Query:
 
 
 class FakeSession:
-    """`published` are the messages by key, None where one was withdrawn; `agents` answer with these reports."""
+    """`published` are the messages by key, None where one was withdrawn.
+
+    `agents` live and answer with these reports; those whose report is None are slow. Like the real session, a closed
+    one refuses everything, and a question with a callback is answered after `get` has returned: when the test says so.
+    """
 
     def __init__(self) -> None:
         self.published: list[tuple[str, Any]] = []
@@ -49,40 +55,77 @@ class FakeSession:
         self.tokens: list[_Declared] = []
         self.watchers: list[_Declared] = []
         self.publishers: list[_Declared] = []
-        self.agents: dict[str, bytes] = {}
+        self.agents: dict[str, bytes | None] = {}
+        self.questions: list[tuple[str, zenoh.handlers.Callback[Any]]] = []
         self.closed = False
 
     # what the operator calls
 
     def declare_subscriber(self, key: str, callback: Callable[[Any], None]) -> _Declared:
-        return _declare(key, callback, self.subscribers)
+        return self._declare(key, callback, self.subscribers)
 
     def declare_queryable(self, key: str, callback: Callable[[Any], None]) -> _Declared:
-        return _declare(key, callback, self.queryables)
+        return self._declare(key, callback, self.queryables)
 
     def declare_publisher(self, key: str, **_: Any) -> Any:
-        declared = _declare(key, None, self.publishers)
+        declared = self._declare(key, None, self.publishers)
         return SimpleNamespace(
-            put=lambda payload, **_: self.published.append((key, json.loads(payload))),
-            delete=lambda: self.published.append((key, None)),
+            put=lambda payload, **_: self._publish(key, json.loads(payload)),
+            delete=lambda: self._publish(key, None),
             undeclare=declared.undeclare,
         )
 
     def liveliness(self) -> Any:
         return SimpleNamespace(
-            declare_token=lambda key: _declare(key, None, self.tokens),
-            declare_subscriber=lambda key, callback, **_: _declare(key, callback, self.watchers),
+            declare_token=lambda key: self._declare(key, None, self.tokens),
+            declare_subscriber=self._watch_tokens,
         )
 
-    def get(self, _: str, **__: Any) -> Iterator[Any]:
-        for node, report in self.agents.items():
-            payload = SimpleNamespace(to_bytes=lambda report=report: report)
-            yield SimpleNamespace(ok=SimpleNamespace(key_expr=f"contextpolicy/agents/{node}", payload=payload))
+    def get(self, selector: str, handler: Any = None, *, timeout: float) -> Iterator[Any] | None:
+        """Without a handler all answers, waited for; with one, to it, and its `drop` is called when they have ended."""
+        self._require_open()
+        assert timeout > 0
+        if handler is None:
+            return iter([*self._answers(selector), *self._errors(selector)])
+        callback = handler if isinstance(handler, zenoh.handlers.Callback) else zenoh.handlers.Callback(handler)
+        self.questions.append((selector, callback))
+        return None
 
     def close(self) -> None:
+        """Closing twice is fine."""
         self.closed = True
 
     # what a test does
+
+    def answer(self) -> None:
+        """Who is not slow answers; a question that nobody hears ends at once."""
+        waiting, self.questions = self.questions, []
+        for selector, callback in waiting:
+            for answer in self._answers(selector):
+                callback(answer)
+            if self._errors(selector):
+                self.questions.append((selector, callback))
+            elif callback.drop is not None:
+                callback.drop()
+
+    def time_out(self) -> None:
+        """Whoever asked waits no longer."""
+        waiting, self.questions = self.questions, []
+        for selector, callback in waiting:
+            for error in self._errors(selector):
+                callback(error)
+            if callback.drop is not None:
+                callback.drop()
+
+    def agent(self, node: str, report: bytes | None) -> None:
+        """An agent comes up."""
+        self.agents[node] = report
+        self._tell_token(node, zenoh.SampleKind.PUT)
+
+    def agent_gone(self, node: str) -> None:
+        """An agent ends."""
+        del self.agents[node]
+        self._tell_token(node, zenoh.SampleKind.DELETE)
 
     def deliver(self, key: str, **value: Any) -> None:
         """A sample arrives."""
@@ -90,7 +133,7 @@ class FakeSession:
 
     def deliver_bytes(self, key: str, payload: bytes) -> None:
         """A sample arrives, whatever is in it."""
-        sample = SimpleNamespace(kind=zenoh.SampleKind.PUT, payload=SimpleNamespace(to_bytes=lambda: payload))
+        sample = SimpleNamespace(kind=zenoh.SampleKind.PUT, payload=_payload(payload))
         for subscriber in [one for one in self.subscribers if one.key == key]:
             if subscriber.callback is not None:
                 subscriber.callback(sample)
@@ -111,8 +154,54 @@ class FakeSession:
         lists = (self.subscribers, self.queryables, self.tokens, self.watchers, self.publishers)
         return sorted(one.key for declared in lists for one in declared)
 
+    def _watch_tokens(self, key: str, callback: Callable[[Any], None], *, history: bool = False) -> _Declared:
+        declared = self._declare(key, callback, self.watchers)
+        for node in self._asked(key) if history else ():
+            callback(_token(node, zenoh.SampleKind.PUT))
+        return declared
 
-def _declare(key: str, callback: Callable[[Any], None] | None, among: list[_Declared]) -> _Declared:
-    declared = _Declared(key, callback, among)
-    among.append(declared)
-    return declared
+    def _tell_token(self, node: str, kind: zenoh.SampleKind) -> None:
+        for watcher in [one for one in self.watchers if _meet(one.key, agent_key(node))]:
+            if watcher.callback is not None:
+                watcher.callback(_token(node, kind))
+
+    def _asked(self, selector: str) -> list[str]:
+        return [node for node in self.agents if _meet(selector, agent_key(node))]
+
+    def _answers(self, selector: str) -> list[Any]:
+        reports = {node: report for node in self._asked(selector) if (report := self.agents[node]) is not None}
+        return [
+            SimpleNamespace(ok=SimpleNamespace(key_expr=agent_key(node), payload=_payload(report)), err=None)
+            for node, report in reports.items()
+        ]
+
+    def _errors(self, selector: str) -> list[Any]:
+        """One for the whole question, as soon as one of those asked is slow."""
+        slow = any(self.agents[node] is None for node in self._asked(selector))
+        return [SimpleNamespace(ok=None, err=SimpleNamespace(payload=_payload(b"Timeout")))] if slow else []
+
+    def _publish(self, key: str, content: Any) -> None:
+        self._require_open()
+        self.published.append((key, content))
+
+    def _declare(self, key: str, callback: Callable[[Any], None] | None, among: list[_Declared]) -> _Declared:
+        self._require_open()
+        declared = _Declared(key, callback, among)
+        among.append(declared)
+        return declared
+
+    def _require_open(self) -> None:
+        if self.closed:
+            raise zenoh.ZError("session closed")
+
+
+def _meet(one: str, other: str) -> bool:
+    return zenoh.KeyExpr(one).intersects(zenoh.KeyExpr(other))
+
+
+def _token(node: str, kind: zenoh.SampleKind) -> Any:
+    return SimpleNamespace(key_expr=agent_key(node), kind=kind)
+
+
+def _payload(content: bytes) -> Any:
+    return SimpleNamespace(to_bytes=lambda: content)

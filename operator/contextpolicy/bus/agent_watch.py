@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import zenoh
 
 from contextpolicy.bus.decision_bus import agent_key
-from contextpolicy.cluster.agent_reports import AgentReport, read_report
+from contextpolicy.cluster.agent_reports import NO_ANSWER, AgentReport, read_report
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,18 +16,27 @@ if TYPE_CHECKING:
 
 PATIENCE = 1.0
 """Seconds in which the agents that live already must be known: a plan made without them would move them to and fro."""
+LONG_PATIENCE = 10.0
+"""Seconds for which an agent that did not answer at first is heard out: its node may be busy, or just booting."""
+PAUSE = 1.0
+"""Seconds until an agent that did not answer is asked again."""
 RETURN = 10.0
 """Seconds that an agent may be gone, as for an upgrade, before its node counts as without. To fall back and return at
 once would be a quick revert of every limit, which kubelets get wrong (kubernetes#125205)."""
 
 
 class AgentWatch:
-    """Follows the agents' liveliness tokens; `on_change` is called on the loop's thread."""
+    """Follows the agents' liveliness tokens; `on_change` is called on the loop's thread.
+
+    A token says that an agent lives, its answer what it can do. One that owes its answer is asked until it gives it;
+    until then its node has no agent that plans could count on.
+    """
 
     def __init__(self, session: zenoh.Session, scheduler: SchedulerBase, on_change: Callable[[], object]) -> None:
         """Waits for the agents' first answers: never call it on the loop's thread."""
         self._session, self._scheduler, self._on_change = session, scheduler, on_change
-        self.reports = dict(self._ask())
+        self.reports = dict(self._ask_all())
+        self._owing: set[str] = set()
         self._missed: dict[str, DisposableBase] = {}
         self._subscriber: Any = session.liveliness().declare_subscriber(agent_key("*"), self._on_token, history=True)
 
@@ -35,26 +44,62 @@ class AgentWatch:
         """Stop following; what was heard already may still use the session, on the loop."""
         self._subscriber.undeclare()
 
-    def _ask(self) -> list[tuple[str, AgentReport]]:
+    def _ask_all(self) -> list[tuple[str, AgentReport]]:
         replies = self._session.get(agent_key("*"), timeout=PATIENCE)
         return [(_node(reply.ok.key_expr), read_report(reply.ok.payload.to_bytes())) for reply in replies if reply.ok]
 
     def _on_token(self, token: zenoh.Sample) -> None:
         """Zenoh's callbacks must not call Zenoh."""
         node, lives = _node(token.key_expr), token.kind == zenoh.SampleKind.PUT
-        self._later(lambda: self._inquire(node) if lives else self._miss(node))
+        self._later(lambda: self._find(node) if lives else self._miss(node))
+
+    def _find(self, node: str) -> None:
+        self._owing.add(node)
+        self._ask(node, PATIENCE)
 
     def _miss(self, node: str) -> None:
-        self._missed[node] = self._scheduler.schedule_relative(RETURN, lambda *_: self._set(node, None))
+        self._owing.discard(node)
+        self._forgive(node)
+        self._missed[node] = self._scheduler.schedule_relative(RETURN, lambda *_: self._give_up(node))
 
-    def _inquire(self, node: str) -> None:
+    def _give_up(self, node: str) -> None:
+        """The agent was away for too long; the next one may live already, but what it can do is not known."""
+        del self._missed[node]
+        self._set(node, NO_ANSWER if node in self._owing else None)
+
+    def _forgive(self, node: str) -> None:
+        """An agent that was missed is back, or gone anew."""
         if node in self._missed:
             self._missed.pop(node).dispose()
-        self._session.get(agent_key(node), lambda reply: self._on_reply(node, reply), timeout=PATIENCE)
 
-    def _on_reply(self, node: str, reply: zenoh.Reply) -> None:
-        report = read_report(reply.ok.payload.to_bytes() if reply.ok else b"")
-        self._later(lambda: self._set(node, report))
+    def _ask(self, node: str, patience: float) -> None:
+        """A question that nobody answers ends with an error, one that nobody hears with nothing: both end it."""
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok:
+                report = read_report(reply.ok.payload.to_bytes())
+                self._later(lambda: self._on_answer(node, report))
+
+        ended = zenoh.handlers.Callback(on_reply, lambda: self._later(lambda: self._on_end(node)))
+        self._session.get(agent_key(node), ended, timeout=patience)
+
+    def _on_answer(self, node: str, report: AgentReport) -> None:
+        if node in self._owing:
+            self._owing.discard(node)
+            self._forgive(node)
+            self._set(node, report)
+
+    def _on_end(self, node: str) -> None:
+        """Ask again if it brought no answer; what the agent before it could do holds until that one is given up."""
+        if node not in self._owing:
+            return
+        if node not in self.reports:
+            self._set(node, NO_ANSWER)
+        self._scheduler.schedule_relative(PAUSE, lambda *_: self._ask_again(node))
+
+    def _ask_again(self, node: str) -> None:
+        if node in self._owing:
+            self._ask(node, LONG_PATIENCE)
 
     def _set(self, node: str, report: AgentReport | None) -> None:
         before = dict(self.reports)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 NO_AGENT = "no node agent runs there: install the chart with agent.enabled=true and agent.realtime=true"
 UNREADABLE = "its node agent's report can't be read: operator and agent must be of one version"
+SILENT = "its node agent did not answer yet: it is asked again until it does"
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +25,10 @@ class AgentReport:
 
     limits: str
     realtime: str
+
+
+NO_ANSWER = AgentReport(SILENT, SILENT)
+"""What stands for the report of an agent that lives and has not said what it can do."""
 
 
 def read_report(payload: bytes) -> AgentReport:
