@@ -36,8 +36,8 @@ log = logging.getLogger(__name__)
 _ATTEMPTS = 3
 
 
-class _Hands:
-    """What writes cgroups, once there are any."""
+class _CgroupWriters:
+    """What writes the pods' cgroups, once there are any: CPU limits and realtime."""
 
     def __init__(
         self, layout: CgroupPaths, ledger: Ledger, refusals: Refusals, watch: WriteWatch, manner: Manner
@@ -59,7 +59,7 @@ class Agent:
         self._ledger = Ledger(settings.state / "agent.journal")
         self._graces: dict[str, DisposableBase] = {}
         self._sources: set[str] = set()
-        self._hands: _Hands | None = None
+        self._writers: _CgroupWriters | None = None
         self._missing: dict[str, list[str]] = {}
 
     def start(self) -> None:
@@ -105,13 +105,13 @@ class Agent:
 
     def on_other_write(self, path: Path) -> None:
         """Somebody else wrote a CPU limit that we watch."""
-        hands = self._hands
-        if hands is not None:
-            self._persist(lambda: hands.limits.on_other_write(path))
+        writers = self._writers
+        if writers is not None:
+            self._persist(lambda: writers.limits.on_other_write(path))
 
     def report(self) -> dict[str, Any]:
         """What this node can do, what it lacks for the rest, and what it refused."""
-        layout = self._hands.layout if self._hands else None
+        layout = self._writers.layout if self._writers else None
         return {
             "node": self._settings.node,
             "cgroup": layout.version if layout else None,
@@ -120,38 +120,38 @@ class Agent:
             "refused": dict(self._refusals.counts),
         }
 
-    def _equip(self) -> _Hands | None:
+    def _equip(self) -> _CgroupWriters | None:
         """The kubelet may come up after the agent."""
-        if self._hands is None:
+        if self._writers is None:
             layout = find_cgroups(self._settings.cgroup_root)
             self._missing = capabilities.missing(capabilities.probe(layout))
             if layout is not None:
-                self._hands = _Hands(layout, self._ledger, self._refusals, self._watch, self._settings.manner)
-        return self._hands
+                self._writers = _CgroupWriters(layout, self._ledger, self._refusals, self._watch, self._settings.manner)
+        return self._writers
 
     def _obey(self, order: NodeOrder) -> None:
-        hands = self._equip()
+        writers = self._equip()
         lacks = self._missing.get(order.scheduler) if order.targets else None
-        if hands is None or lacks:
+        if writers is None or lacks:
             self._refusals.note("Incapable", f"{order.policy}: {order.scheduler}: {'; '.join(lacks or ())}")
             return
-        groups = self._groups(hands, order)
+        groups = self._groups(writers, order)
         if order.scheduler is Scheduler.REALTIME:
             resting = {group for group, target in groups.items() if target.suspended}
-            hands.limits.apply(order.policy, dict.fromkeys(resting, QUANTUM), held=True)
-            hands.realtime.apply(order.policy, _shares(groups), resting)
+            writers.limits.apply(order.policy, dict.fromkeys(resting, QUANTUM), held=True)
+            writers.realtime.apply(order.policy, _shares(groups), resting)
             return
         for group, target in groups.items():
             if target.limit is not None:
-                hands.limits.settle(group, target.limit)
-        hands.limits.apply(order.policy, _shares(groups))
-        hands.realtime.release(order.policy)
+                writers.limits.settle(group, target.limit)
+        writers.limits.apply(order.policy, _shares(groups))
+        writers.realtime.release(order.policy)
 
-    def _groups(self, hands: _Hands, order: NodeOrder) -> dict[Path, OrderTarget]:
+    def _groups(self, writers: _CgroupWriters, order: NodeOrder) -> dict[Path, OrderTarget]:
         """The cgroups of the targets that are here: a path made of the pod's UID and the container's id proves it."""
         groups = {}
         for target in order.targets:
-            group = hands.layout.container(target.qos, target.uid, target.container_id)
+            group = writers.layout.container(target.qos, target.uid, target.container_id)
             if target.container_id and group.is_dir():
                 groups[group] = target
             else:
@@ -162,10 +162,10 @@ class Agent:
         """Undo all of the policy."""
         self._end_grace(policy)
         self._admission.drop(policy)
-        hands = self._hands
-        if hands is not None:
-            self._persist(lambda: hands.limits.release(policy))
-            self._persist(lambda: hands.realtime.release(policy))
+        writers = self._writers
+        if writers is not None:
+            self._persist(lambda: writers.limits.release(policy))
+            self._persist(lambda: writers.realtime.release(policy))
 
     def _await_source(self, policy: str) -> None:
         self._end_grace(policy)
