@@ -6,74 +6,85 @@ import asyncio
 import json
 import threading
 from concurrent.futures import Future
+from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import SimpleNamespace
+from unittest.mock import create_autospec
 
 import kopf
 import kubernetes.config.kube_config
 import pytest
 
 from contextpolicy import handlers
+from contextpolicy.runtime import Runtime
 from contextpolicy.settings import Settings
 from tests.cluster.builders import a_pod
 
 PATIENCE = 20.0
 
 
-class FakeRuntime:
-    """Notes what it is told, in order; restores are done when the test says so."""
+METHODS = ("connected", "policy_changed", "policy_deleted", "pod_changed", "pod_gone", "node_changed", "delay", "close")
+
+
+class Told:
+    """`runtime` takes what the real one takes, and does nothing; `restored` is done when the test says so.
+
+    `calls` are in order, objects by their names.
+    """
 
     def __init__(self):
-        self.told, self.restored = [], Future()
+        self.calls, self.restored = [], Future()
         self._news = threading.Condition()
+        self.runtime = create_autospec(Runtime, instance=True, spec_set=True)
+        for name in METHODS:
+            getattr(self.runtime, name).side_effect = partial(self._note, name)
 
-    def __getattr__(self, name):
-        def note(*arguments):
-            subject = arguments[0] if isinstance(arguments[0], str) else arguments[0]["metadata"]["name"]
-            with self._news:
-                self.told.append((name, subject))
-                self._news.notify_all()
-            done = Future()
-            done.set_result(None)
-            return self.restored if name == "policy_deleted" else done
-
-        return note
-
-    def close(self):
-        pass
-
-    def wait_for(self, *told):
+    def wait_for(self, *call):
         with self._news:
-            assert self._news.wait_for(lambda: told in self.told, PATIENCE), self.told
+            assert self._news.wait_for(lambda: call in self.calls, PATIENCE), self.calls
+
+    def _note(self, name, *arguments):
+        subjects = (one["metadata"]["name"] if isinstance(one, dict) else one for one in arguments)
+        with self._news:
+            self.calls.append((name, *subjects))
+            self._news.notify_all()
+        return self.restored if name == "policy_deleted" else DONE
+
+
+DONE: Future[None] = Future()
+DONE.set_result(None)
 
 
 def run(coroutine):
     return asyncio.run(coroutine)
 
 
-def memo(runtime):
-    return SimpleNamespace(runtime=runtime)
+def memo(told):
+    return SimpleNamespace(runtime=told.runtime)
 
 
-def test_a_policy_is_handed_over_as_a_plain_object():
-    runtime = FakeRuntime()
-    run(handlers.apply(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(runtime)))
-    assert runtime.told == [("policy_changed", "robot")]
+@pytest.fixture
+def told():
+    return Told()
 
 
-def test_a_policy_goes_when_all_is_restored():
-    runtime = FakeRuntime()
-    runtime.restored.set_result(None)
-    run(handlers.release(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(runtime)))
-    assert runtime.told == [("policy_deleted", "robot")]
+def test_a_policy_is_handed_over_as_a_plain_object(told):
+    run(handlers.apply(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(told)))
+    assert told.calls == [("policy_changed", "robot")]
+    assert type(told.runtime.policy_changed.call_args.args[0]) is dict
 
 
-def test_a_restore_that_takes_long_is_asked_for_again(monkeypatch):
+def test_a_policy_goes_when_all_is_restored(told):
+    told.restored.set_result(None)
+    run(handlers.release(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(told)))
+    assert told.calls == [("policy_deleted", "robot")]
+
+
+def test_a_restore_that_takes_long_is_asked_for_again(monkeypatch, told):
     monkeypatch.setattr(handlers, "RESTORE_TIMEOUT", 0.01)
-    runtime = FakeRuntime()
     with pytest.raises(kopf.TemporaryError, match="not restored yet"):
-        run(handlers.release(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(runtime)))
-    assert runtime.restored.cancelled(), "the runtime may skip an answer that nobody awaits"
+        run(handlers.release(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(told)))
+    assert told.restored.cancelled(), "the runtime may skip an answer that nobody awaits"
 
 
 def test_without_the_custom_resource_the_operator_says_what_to_do(monkeypatch):
@@ -82,14 +93,13 @@ def test_without_the_custom_resource_the_operator_says_what_to_do(monkeypatch):
         run(handlers.start(settings=kopf.OperatorSettings(), memo=SimpleNamespace(settings=Settings())))
 
 
-def test_a_router_that_answers_is_handed_over_and_one_that_does_not_is_not(monkeypatch):
-    runtime = FakeRuntime()
+def test_a_router_that_answers_is_handed_over_and_one_that_does_not_is_not(monkeypatch, told):
     monkeypatch.setattr(handlers, "open_client", lambda *_: None)
-    handlers._connect(("tcp/router:7447",), runtime, threading.Event())
-    assert runtime.told == []
-    monkeypatch.setattr(handlers, "open_client", lambda *_: {"metadata": {"name": "session"}})
-    handlers._connect(("tcp/router:7447",), runtime, threading.Event())
-    assert runtime.told == [("connected", "session")]
+    handlers._connect(("tcp/router:7447",), told.runtime, threading.Event())
+    assert told.calls == []
+    monkeypatch.setattr(handlers, "open_client", lambda *_: "session")
+    handlers._connect(("tcp/router:7447",), told.runtime, threading.Event())
+    assert told.calls == [("connected", "session")]
 
 
 # with kopf
@@ -220,10 +230,9 @@ def server(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def runtime(server, monkeypatch):
+def running(server, monkeypatch, told):
     """What the handlers tell while kopf runs."""
-    told = FakeRuntime()
-    monkeypatch.setattr(handlers, "Runtime", lambda *_: told)
+    monkeypatch.setattr(handlers, "Runtime", create_autospec(Runtime, return_value=told.runtime))
     monkeypatch.setattr(handlers, "open_client", lambda *_: None)
     stop = threading.Event()
     operator = threading.Thread(
@@ -245,13 +254,13 @@ def runtime(server, monkeypatch):
     assert not operator.is_alive()
 
 
-def test_nothing_is_done_about_policies_before_all_pods_and_nodes_are_known(server, runtime):
+def test_nothing_is_done_about_policies_before_all_pods_and_nodes_are_known(server, running):
     """A policy whose containers are not known yet would seem restored, and be gone."""
     server.pods_allowed.set()
-    runtime.wait_for("pod_changed", "slam")
+    running.wait_for("pod_changed", "slam")
     assert not server.listed.wait(1), "kopf has heard of policies before the nodes are known"
     server.nodes_allowed.set()
-    runtime.wait_for("policy_deleted", "robot")
-    assert [name for name, _ in runtime.told] == ["pod_changed", "node_changed", "policy_deleted"]
+    running.wait_for("policy_deleted", "robot")
+    assert [name for name, *_ in running.calls] == ["pod_changed", "node_changed", "policy_deleted"]
     assert not server.by_kopf, "kopf is too slow for what changes with every resize"
-    runtime.restored.set_result(None)
+    running.restored.set_result(None)

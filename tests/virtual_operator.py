@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any
 from reactivex.disposable import Disposable
 from reactivex.testing import TestScheduler
 
-from contextpolicy import runtime as runtime_module
 from contextpolicy.runtime import Runtime
-from contextpolicy.telemetry import reporter as clerk_module
 from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.actuators.resize.rig import MOMENT, Workers
 from tests.bus.fake_session import FakeSession
@@ -19,7 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from concurrent.futures import Future
 
-    import pytest
     from reactivex.abc import DisposableBase
 
 START = 1_000_000.0
@@ -77,17 +74,14 @@ class ClusterWithPolicies(FakeCluster):
 class VirtualOperator:
     """An operator that has just started; nothing was listed yet."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *pods: dict[str, Any]) -> None:
+    def __init__(self, *pods: dict[str, Any]) -> None:
         self.cluster, self.session = ClusterWithPolicies(*pods), FakeSession()
-        self._monkeypatch = monkeypatch
         self.start()
 
     def start(self) -> None:
         """Begin anew, as after a crash."""
         self.loop, self.patches, self.clerks = VirtualLoop(), Pool(), Pool()
-        self._monkeypatch.setattr(runtime_module, "ThreadPoolExecutor", lambda *_, **__: self.patches)
-        self._monkeypatch.setattr(clerk_module, "ThreadPoolExecutor", lambda *_, **__: self.clerks)
-        self.runtime = Runtime(self.cluster, self.loop)  # type: ignore[arg-type]
+        self.runtime = Runtime(self.cluster, self.loop, patches=self.patches, reports=self.clerks)  # type: ignore[arg-type]
 
     def list_all(self, cpu: str = "1") -> None:
         """What the watches tell first: nodes and pods."""

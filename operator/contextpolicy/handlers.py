@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,8 @@ registry = kopf.get_default_registry()
 
 RECONNECT = (0.1, 0.2, 0.5, *[1.0] * 60)
 """Seconds between attempts to reach the API server: kopf's own pauses grow to 21 s, a robot reboots faster."""
+PATCH_WORKERS = 8
+"""Patches under way at once: one robot's tasks; more would only queue in the API server."""
 RESTORE_TIMEOUT = 20.0
 """Seconds to wait for a restore before kopf tries again; the finalizer keeps the object until it is done."""
 
@@ -42,7 +45,9 @@ async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     api = ApiServer()
     if not await asyncio.to_thread(api.serves_policies):
         raise kopf.PermanentError("the custom resource is not installed: kubectl apply -f crds/, then start again")
-    memo.runtime, memo.stop = Runtime(api, Loop()), Event()
+    patches = ThreadPoolExecutor(PATCH_WORKERS, thread_name_prefix="patch")
+    reports = ThreadPoolExecutor(1, thread_name_prefix="report")
+    memo.runtime, memo.stop = Runtime(api, Loop(), patches=patches, reports=reports), Event()
     memo.watches = _watches(api, own.namespaces, memo.runtime)
     for watch in memo.watches:
         watch.start()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +32,7 @@ from contextpolicy.telemetry.status import StatusFacts, status, waiting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from concurrent.futures import Executor
 
     import zenoh
 
@@ -42,10 +43,6 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy
 
 log = logging.getLogger(__name__)
-
-PATCH_WORKERS = 8
-"""Patches under way at once: one robot's tasks; more would only queue in the API server."""
-
 
 HUNG = 5.0
 """Seconds after which a loop that does not answer counts as hung."""
@@ -67,16 +64,20 @@ class _Entry:
 
 
 class Runtime:
-    """The operator without its watches."""
+    """The operator without its watches.
 
-    def __init__(self, api: ApiServer, loop: Loop) -> None:
+    `patches` carries resizes out, `reports`, of one thread so that they stay in order, writes statuses and events. Both
+    are shut down with the operator.
+    """
+
+    def __init__(self, api: ApiServer, loop: Loop, *, patches: Executor, reports: Executor) -> None:
         self._session: zenoh.Session | None = None
         self._agents: AgentWatch | None = None
         self._loop, self._api = loop, api
-        self._workers = ThreadPoolExecutor(PATCH_WORKERS, thread_name_prefix="patch")
-        self._clerk = Reporter(api, loop)
+        self._patches = patches
+        self._clerk = Reporter(api, loop, reports)
         self._watch = ResizeWatch(self._on_problem, self._on_stage)
-        self._resizer = PodResizer(api, loop, self._workers, self._watch)
+        self._resizer = PodResizer(api, loop, patches, self._watch)
         self._dry_run = DryRun()
         self._policies: dict[str, _Entry] = {}
         self._pods: dict[str, PodView] = {}
@@ -88,7 +89,7 @@ class Runtime:
             self._agents.close()
         self._call(self._stop_controllers).result(timeout=5)
         self._loop.dispose()
-        self._workers.shutdown(wait=True, cancel_futures=True)
+        self._patches.shutdown(wait=True, cancel_futures=True)
         self._clerk.close()
         if self._session is not None:
             self._session.close()

@@ -10,8 +10,8 @@ from tests.virtual_operator import VirtualOperator
 
 
 @pytest.fixture
-def operator(monkeypatch):
-    return VirtualOperator(monkeypatch, *(a_pod(name, {name: resources()}) for name in ("slam", "speech")))
+def operator():
+    return VirtualOperator(*(a_pod(name, {name: resources()}) for name in ("slam", "speech")))
 
 
 @pytest.fixture

@@ -67,9 +67,9 @@ def test_a_pod_that_makes_no_sense_is_left_alone(running, caplog):
     assert any("pod odd can't be read" in message for message in caplog.messages)
 
 
-def test_a_guaranteed_pod_grows_and_shrinks(monkeypatch):
+def test_a_guaranteed_pod_grows_and_shrinks():
     guaranteed = a_pod("slam", {"slam": cpu("400m", "400m", ("64Mi", "64Mi"))}, qos="Guaranteed")
-    operator = VirtualOperator(monkeypatch, guaranteed, a_pod("speech", {"speech": resources()}))
+    operator = VirtualOperator(guaranteed, a_pod("speech", {"speech": resources()}))
     operator.list_all()
     operator.connect()
     still = a_context("still", "imu.speed <= 0.1", {"slam": {"weight": 2}, "speech": {"weight": 8}})

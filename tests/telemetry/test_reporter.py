@@ -7,7 +7,6 @@ from itertools import pairwise
 import pytest
 from reactivex.testing import TestScheduler
 
-from contextpolicy.telemetry import reporter as module
 from contextpolicy.telemetry.reporter import STATUS_DELAY, STATUS_INTERVAL, STATUS_RETRY, Reporter
 from tests.actuators.resize.fake_cluster import UNREACHABLE, refusal
 from tests.actuators.resize.rig import MOMENT
@@ -22,7 +21,7 @@ class Desk:
     def __init__(self):
         self.scheduler, self.worker = TestScheduler(), Pool()
         self.statuses, self.events, self.faults = [], [], []
-        self.clerk = Reporter(self, self.scheduler)
+        self.clerk = Reporter(self, self.scheduler, self.worker)
 
     def write_status(self, namespace, name, status):
         self._fail()
@@ -55,12 +54,8 @@ class Desk:
 
 
 @pytest.fixture
-def desk(monkeypatch):
-    made = Pool()
-    monkeypatch.setattr(module, "ThreadPoolExecutor", lambda *_, **__: made)
-    desk = Desk()
-    desk.worker = made
-    return desk
+def desk():
+    return Desk()
 
 
 def test_a_status_lets_the_resizes_of_its_plan_go_first(desk):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.errors import ActuationError, unexpected
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from concurrent.futures import Executor
 
     from reactivex.abc import SchedulerBase
 
@@ -34,11 +34,10 @@ class ReportApi(Protocol):
 
 
 class Reporter:
-    """One worker thread; called on the loop's thread."""
+    """Called on the loop's thread; `worker` writes, and has one thread, so that the newest status is the last."""
 
-    def __init__(self, api: ReportApi, scheduler: SchedulerBase) -> None:
-        self._api, self._scheduler = api, scheduler
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="clerk")
+    def __init__(self, api: ReportApi, scheduler: SchedulerBase, worker: Executor) -> None:
+        self._api, self._scheduler, self._worker = api, scheduler, worker
         self._pending: dict[str, Callable[[], dict[str, Any]]] = {}
         self._resting: set[str] = set()
         self._sent: dict[str, dict[str, Any]] = {}
