@@ -1,7 +1,8 @@
 """Why each task has its share: everything that led to the plan in force, as plain data.
 
 The same structure answers a query on the decision bus, `explain --output json` and, through `narration`, people.
-CPU is in thousandths of a core (of the period under Realtime), times and ages in seconds.
+CPU is in thousandths of a core (of the period on nodes in realtime), times and ages in seconds. A node's `scheduler` is
+how it is divided, which is not the policy's where a node can't do realtime.
 """
 
 from __future__ import annotations
@@ -194,6 +195,7 @@ def _node(own: Terms, made: NodePlan) -> dict[str, Any]:
             "bound": _bound(share, proportional, floor, ceiling),
         }
     return {
+        "scheduler": made.scheduler,
         "capacity": made.capacity,
         "step": own.quantum,
         "weights": total,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.policy.spec import Scheduler
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
@@ -39,11 +41,10 @@ def _waiting(explanation: Mapping[str, Any]) -> str:
 
 def _headline(explanation: Mapping[str, Any], task: str, own: Mapping[str, Any]) -> Iterator[str]:
     plan = explanation["plan"]
-    nodes = [name for name, node in explanation["nodes"].items() if task in node["tasks"]]
-    where = " and ".join(f"node {name}" for name in nodes)
-    what = f"{task} gets {_cpu(explanation, own['share'])}" if nodes else f"{task} has no container of its own"
+    nodes = {name: node for name, node in explanation["nodes"].items() if task in node["tasks"]}
+    shares = " and ".join(f"{_cpu(node, node['tasks'][task]['share'])} on node {n}" for n, node in nodes.items())
     suspended = ", the least there is: it is suspended" if own["suspended"] and nodes else ""
-    yield f"{what}{' on ' + where if where else ''}{suspended}."
+    yield f"{task} gets {shares}{suspended}." if nodes else f"{task} has no container of its own."
     yield f"Plan {plan['sequence']} is in force for {plan['age']:.3g} s, caused by {plan['cause']}."
 
 
@@ -95,7 +96,6 @@ def _graph(own: Mapping[str, Any], task: str) -> Iterator[str]:
 
 
 def _division(explanation: Mapping[str, Any], task: str) -> Iterator[str]:
-    equation = "Eq. 1" if explanation["scheduler"] == "CFS" else "Eq. 2"
     for name, node in explanation["nodes"].items():
         row = node["tasks"].get(task)
         if row is None:
@@ -103,11 +103,11 @@ def _division(explanation: Mapping[str, Any], task: str) -> Iterator[str]:
         if not node["current"]:
             yield _kept(name, node)
             continue
-        capacity = _cpu(explanation, node["capacity"])
         if row["weight"] > 0:
-            part = f"{capacity} * {row['weight']:.4g} / {node['weights']:.4g} = {row['proportional']:.4g}m"
-            yield f"{equation} on node {name}: {part}."
-        yield from _bounds(explanation, node, row, task)
+            equation = "Eq. 1" if node["scheduler"] == Scheduler.CFS else "Eq. 2"
+            part = f"{_cpu(node, node['capacity'])} * {row['weight']:.4g} / {node['weights']:.4g}"
+            yield f"{equation} on node {name}: {part} = {_cpu(node, row['proportional'])}."
+        yield from _bounds(node, row, task)
 
 
 def _kept(name: str, node: Mapping[str, Any]) -> str:
@@ -116,27 +116,25 @@ def _kept(name: str, node: Mapping[str, Any]) -> str:
     return f"The plan in force on node {name} is an older one: the next waits until minDwell is over."
 
 
-def _bounds(
-    explanation: Mapping[str, Any], node: Mapping[str, Any], row: Mapping[str, Any], task: str
-) -> Iterator[str]:
+def _bounds(node: Mapping[str, Any], row: Mapping[str, Any], task: str) -> Iterator[str]:
     if node["floorsExceed"]:
         yield "The floors together exceed the node, so all are scaled down."
     elif row["bound"] and row["weight"] > 0:
         word = "raises it to" if row["bound"] == "floor" else "holds it at"
-        yield f"Its {row['bound']} {word} {_cpu(explanation, row['share'])}."
+        yield f"Its {row['bound']} {word} {_cpu(node, row['share'])}."
     elif row["weight"] > 0 and abs(row["share"] - row["proportional"]) >= node["step"]:
-        held = ", ".join(_held(explanation, node, task))
-        yield f"{held}; the rest, divided by weight, gives it {_cpu(explanation, row['share'])}."
+        held = ", ".join(_held(node, task))
+        yield f"{held}; the rest, divided by weight, gives it {_cpu(node, row['share'])}."
     elif row["weight"] > 0 and row["share"] != row["proportional"]:
-        yield f"Shares move in steps of {node['step']}m, which makes it {_cpu(explanation, row['share'])}."
+        yield f"Shares move in steps of {_cpu(node, node['step'])}, which makes it {_cpu(node, row['share'])}."
 
 
-def _held(explanation: Mapping[str, Any], node: Mapping[str, Any], task: str) -> Iterator[str]:
+def _held(node: Mapping[str, Any], task: str) -> Iterator[str]:
     """The other tasks that a bound takes out of the division."""
     for name, row in node["tasks"].items():
         if name != task and (row["bound"] or row["weight"] == 0):
             why = "suspended" if row["weight"] == 0 else f"at its {row['bound']}"
-            yield f"{name} has {_cpu(explanation, row['share'])} ({why})"
+            yield f"{name} has {_cpu(node, row['share'])} ({why})"
 
 
 def _needs(own: Mapping[str, Any]) -> Iterator[str]:
@@ -181,5 +179,7 @@ def _shown(value: object) -> str:
     return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
 
 
-def _cpu(explanation: Mapping[str, Any], millis: int) -> str:
-    return f"{millis}m" if explanation["scheduler"] == "CFS" else f"{millis} ms of each second"
+def _cpu(node: Mapping[str, Any], millis: float) -> str:
+    """Thousandths, of a core or of a processor's second: by what divides the node, not by what the policy asks for."""
+    amount = f"{round(millis, 1):g}"
+    return f"{amount}m" if node["scheduler"] == Scheduler.CFS else f"{amount} ms of each second"

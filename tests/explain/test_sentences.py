@@ -1,0 +1,43 @@
+"""What people read, of what a planner knows; tests/commands/test_explain.py has whole runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from contextpolicy.explain.explanation import explain
+from contextpolicy.explain.sentences import sentences
+from tests.planning.builders import START, Story, a_policy, a_stream, a_task, on_node, together
+
+
+def explained(task, placement):
+    tasks = [a_task("slam", priority=3), a_task("speech")]
+    policy = a_policy(streams=[a_stream("imu")], tasks=tasks, scheduler="Realtime", reserve="0")
+    return sentences(explain(Story(policy, placement).planner, START + 1), task)
+
+
+@pytest.fixture
+def two_nodes():
+    """One is in realtime, the other can't be."""
+    able, unable = on_node("slam", "speech", node="able"), on_node("slam", "speech", cores=20, node="unable")
+    return replace(together(able, unable), fair_only=frozenset({"unable"}))
+
+
+def test_a_node_in_realtime_is_divided_by_eq_2():
+    told = explained("slam", on_node("slam", "speech"))
+    assert told[0] == "slam gets 713 ms of each second on node robot."
+    equation = "950 ms of each second * 3 / 4 = 712.5 ms of each second"
+    assert told[-2:] == [
+        f"Eq. 2 on node robot: {equation}.",
+        "Shares move in steps of 1 ms of each second, which makes it 713 ms of each second.",
+    ]
+
+
+def test_a_node_that_fell_back_is_divided_by_eq_1(two_nodes):
+    told = explained("slam", two_nodes)
+    assert told[0] == "slam gets 713 ms of each second on node able and 15000m on node unable."
+    assert [one for one in told if one.startswith("Eq.")] == [
+        "Eq. 2 on node able: 950 ms of each second * 3 / 4 = 712.5 ms of each second.",
+        "Eq. 1 on node unable: 20000m * 3 / 4 = 15000m.",
+    ]
