@@ -24,10 +24,14 @@ def plan(**changes: Any) -> dict[str, Any]:
             "slam": {"score": 1.0, "weight": 10.0, "share": 0.99, "suspended": False, "because": ""},
             "speech": {"score": 1.0, "weight": 0.0, "share": 0.01, "suspended": True, "because": ""},
         },
-        "nodes": {},
+        "nodes": {"robot-1": a_node(changes.get("scheduler", "CFS"))},
         "targets": [target("slam", 0.99), target("speech", 0.01)],
         **changes,
     }
+
+
+def a_node(scheduler: str) -> dict[str, Any]:
+    return {"capacity": 1.0, "scheduler": scheduler, "tasks": {"slam": 0.99, "speech": 0.01}}
 
 
 def target(task: str, cores: float, limit: float | None = 0.5) -> dict[str, Any]:

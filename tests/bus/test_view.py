@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from contextpolicy.bus.view import BusView, live
-from tests.bus.messages import APPLIED, KEY, plan, step, target
+from tests.bus.messages import APPLIED, KEY, a_node, plan, step, target
 
 
 def heard(*messages: tuple[str, dict[str, Any]]) -> BusView:
@@ -81,6 +81,13 @@ def test_a_new_plan_keeps_what_it_does_not_change() -> None:
 @pytest.mark.parametrize("change", [{"mode": "DryRun"}, {"scheduler": "Realtime"}])
 def test_where_nothing_is_resized_there_is_no_stage(change: dict[str, str]) -> None:
     assert stages(heard((KEY, plan(**change)))) == {"slam": None, "speech": None}
+
+
+def test_a_node_that_fell_back_to_cfs_is_resized() -> None:
+    nodes = {"robot-1": a_node("CFS"), "robot-2": a_node("Realtime")}
+    targets = [target("slam", 0.99), {**target("speech", 0.01), "node": "robot-2"}]
+    message = plan(scheduler="Realtime", nodes=nodes, targets=targets)
+    assert stages(heard((KEY, message))) == {"slam": "planned", "speech": None}
 
 
 @pytest.mark.parametrize("late", [{"sequence": 4}, {"run": 0, "sequence": 9}, {"edition": 0}])

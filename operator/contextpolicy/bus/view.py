@@ -23,11 +23,12 @@ WORDS = {"planned": "planned", "accepted": "accepted", "inForce": "in force"}
 
 @dataclass(slots=True)
 class ShownTarget:
-    """One container of a task; `stage` says how far it has come with its `cores`."""
+    """One container of a task; `stage` says how far it has come with its `cores`, where it is `resized` at all."""
 
     task: str
     cores: float
     stage: str
+    resized: bool
 
 
 @dataclass(slots=True)
@@ -47,9 +48,9 @@ class PolicyView:
 
     def stage(self, task: str) -> str | None:
         """How far the task's slowest container has come; None where nothing is resized, or nothing to resize."""
-        if self.mode != Mode.ENFORCE or self.scheduler != Scheduler.CFS:
+        if self.mode != Mode.ENFORCE:
             return None
-        stages = [target.stage for target in self.targets.values() if target.task == task]
+        stages = [target.stage for target in self.targets.values() if target.task == task and target.resized]
         return min(stages, key=STAGES.__getitem__, default=None)
 
     def as_json(self) -> dict[str, Any]:
@@ -114,6 +115,7 @@ class BusView:
 def _read(policy: str, content: Mapping[str, Any]) -> PolicyView:
     fields = ("weight", "share", "suspended")
     limited = content["control"] == Control.LIMIT
+    fair = {name for name, node in content["nodes"].items() if node["scheduler"] == Scheduler.CFS}
     return PolicyView(
         policy=policy,
         order=(int(content["run"]), int(content["sequence"]), int(content.get("edition", 0))),
@@ -126,7 +128,10 @@ def _read(policy: str, content: Mapping[str, Any]) -> PolicyView:
         tasks={name: {one: task[one] for one in fields} for name, task in content["tasks"].items()},
         targets={
             f"{one['namespace']}/{one['pod']}/{one['container']}": ShownTarget(
-                one["task"], one["cores"], "inForce" if limited and one["limit"] == one["cores"] else "planned"
+                task=one["task"],
+                cores=one["cores"],
+                stage="inForce" if limited and one["limit"] == one["cores"] else "planned",
+                resized=one["node"] in fair,
             )
             for one in content["targets"]
         },
