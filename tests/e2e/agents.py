@@ -10,7 +10,9 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
-from tests.e2e.cluster import REPOSITORY, apply, run, until
+from contextpolicy.bus.decision_bus import agent_key
+from tests.e2e.cluster import PATIENCE, REPOSITORY, apply, run, until
+from tests.e2e.robot import together
 from timelines.demo.cgroup import find
 from timelines.demo.deploy import free_address
 
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
     import zenoh
 
     from tests.e2e.robot import Robot
-    from timelines.demo.cgroup import Cgroup
 
 SYSTEM, NAMESPACE, RELEASE = "e2e-agent-system", "e2e-agent", "e2e-agent"
 ADDRESS = 49
@@ -102,6 +103,14 @@ def group(robot: Robot, task: str) -> Path:
     return cgroup.quota_file.parent
 
 
+def report(session: zenoh.Session) -> dict[str, Any]:
+    """What the node's agent says of itself."""
+    [reply] = list(session.get(agent_key("*"), timeout=PATIENCE))
+    assert reply.ok is not None, reply.err
+    said: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
+    return said
+
+
 def budgets(robot: Robot, *tasks: str) -> dict[str, int]:
     """The containers' realtime budgets."""
     return {task: budget(group(robot, task)) for task in tasks}
@@ -177,16 +186,8 @@ class Trace:
             self.messages.append((time.monotonic(), json.loads(payload)))
 
     def _look(self) -> None:
-        """Files are read one by one: what was seen counts only if it is still the same at a second look."""
         while not self._stop.is_set():
-            seen = self._read()
-            if (not self.limits or seen != self.limits[-1][1]) and seen == self._read():
+            seen = together(self._cgroups)
+            if seen is not None and (not self.limits or seen != self.limits[-1][1]):
                 self.limits.append((time.monotonic(), seen))
             time.sleep(0.0002)
-
-    def _read(self) -> dict[str, int]:
-        return {task: _thousandths(cgroup) for task, cgroup in self._cgroups.items()}
-
-
-def _thousandths(cgroup: Cgroup) -> int:
-    return round((cgroup.limit() or 0) * 1000)

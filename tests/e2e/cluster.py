@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import subprocess
 import time
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PATIENCE = 30.0
-"""Seconds in which anything must come true; reaction times are for benchmarks, not for assertions."""
+PATIENCE = 60.0
+"""Seconds in which anything must come true, on a node that has half a CPU to itself too; reaction times are for
+benchmarks, not for assertions."""
+NO_RESIZES = "e2e-no-resizes"
 
 
 class CommandError(AssertionError):
@@ -42,6 +45,47 @@ def get(kind: str, name: str, namespace: str) -> dict[str, Any]:
 def delete(kind: str, name: str, namespace: str) -> None:
     """Delete and wait until it is gone; nothing to do when it is not there."""
     run("kubectl", "delete", kind, name, "-n", namespace, "--ignore-not-found", "--timeout=60s")
+
+
+@contextmanager
+def resizes_refused(namespace: str, pod: str) -> Iterator[None]:
+    """While this holds the API server refuses to resize pods of the namespace; `pod` is one to try it on."""
+    rule = {"apiGroups": [""], "apiVersions": ["v1"], "operations": ["UPDATE"], "resources": ["pods/resize"]}
+    selector = {"matchLabels": {"kubernetes.io/metadata.name": namespace}}
+    spec = {
+        "failurePolicy": "Fail",
+        "matchConstraints": {"resourceRules": [rule], "namespaceSelector": selector},
+        "validations": [{"expression": "false", "message": NO_RESIZES}],
+    }
+    kinds = {
+        "ValidatingAdmissionPolicy": spec,
+        "ValidatingAdmissionPolicyBinding": {"policyName": NO_RESIZES, "validationActions": ["Deny"]},
+    }
+    metadata = {"name": NO_RESIZES}
+    objects = [
+        {"apiVersion": "admissionregistration.k8s.io/v1", "kind": kind, "metadata": metadata, "spec": spec}
+        for kind, spec in kinds.items()
+    ]
+    apply(*objects)
+    try:
+        until("the API refuses resizes", lambda: NO_RESIZES in _tried_resize(namespace, pod))
+        yield
+    finally:
+        for kind in kinds:
+            delete(kind, NO_RESIZES, namespace)
+        until("the API takes resizes again", lambda: _tried_resize(namespace, pod) or True)
+
+
+def _tried_resize(namespace: str, pod: str) -> str:
+    """What the API server says against a resize that it is only asked about; empty when nothing."""
+    container = get("pod", pod, namespace)["spec"]["containers"][0]["name"]
+    patch = {"spec": {"containers": [{"name": container, "resources": {"limits": {"cpu": "123m"}}}]}}
+    how = ("--subresource", "resize", "--dry-run=server", "--patch", json.dumps(patch))
+    try:
+        run("kubectl", "patch", "pod", pod, "-n", namespace, *how)
+    except CommandError as error:
+        return str(error)
+    return ""
 
 
 def until(what: str, condition: Callable[[], object], patience: float = PATIENCE) -> None:

@@ -133,6 +133,16 @@ class Robot:
         until(f"the kernel enforces {limits}", enforced)
 
 
+def together(cgroups: Mapping[str, Cgroup]) -> dict[str, int] | None:
+    """The limits that the kernel enforces at one moment, in thousandths of a core; None when they changed meanwhile.
+
+    Files are read one by one, and the reader may have to wait between two: what was seen counts only if it is still the
+    same at a second look.
+    """
+    first, second = ({task: round((c.limit() or 0) * 1000) for task, c in cgroups.items()} for _ in range(2))
+    return first if first == second else None
+
+
 def pod(task: str, namespace: str, command: list[str], resources: dict[str, Any] | None) -> dict[str, Any]:
     """A pod that stands for a task."""
     limited = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"cpu": "500m", "memory": "64Mi"}}

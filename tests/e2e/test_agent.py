@@ -1,5 +1,6 @@
 """The node agent: ahead of the resize, in agreement with it, and gone without a trace."""
 
+import contextlib
 import itertools
 import json
 import signal
@@ -8,8 +9,8 @@ import time
 import pytest
 
 from contextpolicy.bus.session import open_visitor
-from tests.e2e.agents import NAMESPACE, Component, Trace, installed
-from tests.e2e.cluster import delete, get, run, until
+from tests.e2e.agents import NAMESPACE, Component, Trace, installed, report
+from tests.e2e.cluster import PATIENCE, delete, get, resizes_refused, run, until
 from tests.e2e.robot import Robot, Sensors
 
 GRACE = 10.0
@@ -76,7 +77,10 @@ def in_force(robot, limits):
 
 def test_the_agent_is_ahead_of_the_resize_which_agrees(governed, session):
     with Trace(governed, session, "slam", "speech") as trace:
-        governed.drive(0.3)
+        with resizes_refused(NAMESPACE, "slam"):
+            governed.drive(0.3)
+            in_force(governed, MOVING)
+            assert api(governed) == STANDING
         settled(governed, MOVING)
         until("the kubelet reports it", lambda: trace.told(stage="inForce", container=f"{NAMESPACE}/slam/slam") > 0)
         time.sleep(1)
@@ -88,13 +92,16 @@ def test_the_agent_is_ahead_of_the_resize_which_agrees(governed, session):
 def test_a_storm_of_contexts_ends_in_agreement_without_excess(governed, session, agent):
     restarts = agent.restarts()
     with Trace(governed, session, "slam", "speech") as trace:
-        for speed, pause in zip(itertools.cycle([0.3, 0.0]), [0.02, 0.05, 0.1, 0.3, 0.7] * 8, strict=False):
+        storm = zip(itertools.cycle([0.3, 0.0]), itertools.cycle([0.02, 0.05, 0.1, 0.3, 0.7]), strict=False)
+        for flips, (speed, pause) in enumerate(storm):
+            if flips >= 40 and len(trace.limits) > 10:
+                break
+            assert flips < 400, "the limits hardly ever change"
             governed.drive(speed)
             time.sleep(pause)
         governed.drive(0.3)
         settled(governed, MOVING)
     excess = [sum(seen.values()) for _, seen in trace.limits if sum(seen.values()) > 1000]
-    assert len(trace.limits) > 10
     assert not excess
     assert agent.restarts() == restarts
 
@@ -102,7 +109,7 @@ def test_a_storm_of_contexts_ends_in_agreement_without_excess(governed, session,
 def test_messages_of_strangers_change_nothing(governed, session, agent):
     """Everything that a forger can send short of a perfect plan; the agent lives on and does its work."""
     restarts, key = agent.restarts(), f"contextpolicy/{NAMESPACE}/robot/plan"
-    good = json.loads(next(iter(session.get(key, timeout=5))).ok.payload.to_bytes())
+    good = json.loads(next(iter(session.get(key, timeout=PATIENCE))).ok.payload.to_bytes())
     slam, speech = good["targets"]
     later = good | {"sequence": good["sequence"] + 1}
     for forged in (
@@ -117,7 +124,9 @@ def test_messages_of_strangers_change_nothing(governed, session, agent):
         session.put(key, forged)
     other = good | {"policy": f"{NAMESPACE}/other", "targets": [slam | {"cores": 0.02}]}
     session.put(f"contextpolicy/{NAMESPACE}/other/plan", json.dumps(other))
-    time.sleep(1)
+    before = report(session)["refused"].get("WrongPolicy", 0)
+    session.put(f"contextpolicy/{NAMESPACE}/last/plan", json.dumps(good))
+    until("the agent has read them all", lambda: report(session)["refused"].get("WrongPolicy", 0) > before)
     assert governed.limits("slam", "speech") == STANDING
     governed.drive(0.3)
     settled(governed, MOVING)
@@ -172,31 +181,37 @@ def test_an_agent_killed_and_its_policy_deleted_meanwhile(victim, governed):
     settled(governed, STANDING)
 
 
-def test_an_agent_that_ends_leaves_what_the_api_says(governed, agent, operator):
-    """The operator is frozen just before the resize, so nobody else can make the two agree."""
-    governed.drive(0.3)
-    in_force(governed, MOVING)
-    operator.send(signal.SIGSTOP)
+@contextlib.contextmanager
+def unconfirmed(robot, operator):
+    """The agent has set limits that the API does not know of, and the operator is frozen, not before the moment given.
+
+    A resize would follow the agent within a second: it is refused until then, however long the freezing takes.
+    """
     try:
-        assert api(governed) == STANDING
-        agent.delete()
-        settled(governed, STANDING)
+        with resizes_refused(NAMESPACE, "slam"):
+            robot.drive(0.3)
+            in_force(robot, MOVING)
+            frozen = time.monotonic()
+            operator.send(signal.SIGSTOP)
+        assert api(robot) == STANDING
+        yield frozen
     finally:
         operator.send(signal.SIGCONT)
+
+
+def test_an_agent_that_ends_leaves_what_the_api_says(governed, agent, operator):
+    with unconfirmed(governed, operator):
+        agent.delete()
+        settled(governed, STANDING)
     settled(governed, MOVING)
 
 
-def test_without_an_operator_unconfirmed_limits_are_undone(governed, operator):
-    governed.drive(0.3)
-    in_force(governed, MOVING)
-    operator.send(signal.SIGSTOP)
-    try:
-        time.sleep(GRACE / 2)
-        assert governed.limits("slam", "speech") == MOVING
+def test_without_an_operator_unconfirmed_limits_are_undone(governed, operator, session):
+    with Trace(governed, session, "slam", "speech") as trace, unconfirmed(governed, operator) as frozen:
         in_force(governed, STANDING)
         assert api(governed) == STANDING
-    finally:
-        operator.send(signal.SIGCONT)
+    undone = next(at for at, seen in trace.limits if at > frozen and seen != MOVING)
+    assert undone - frozen >= GRACE
     settled(governed, MOVING)
 
 
@@ -204,7 +219,7 @@ def test_a_container_that_is_restarted_gets_its_share(governed):
     governed.drive(0.3)
     settled(governed, MOVING)
     governed.kill("slam")
-    until("the container is back", lambda: governed.restarts("slam") > 0, patience=60)
+    until("the container is back", lambda: governed.restarts("slam") > 0)
     settled(governed, MOVING)
     governed.drive(0.0)
     settled(governed, STANDING)

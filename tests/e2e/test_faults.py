@@ -15,7 +15,7 @@ import pytest
 
 from tests.e2e.cluster import delete, run, until
 from tests.e2e.conftest import SYSTEM, router
-from tests.e2e.robot import BUSY, policy
+from tests.e2e.robot import BUSY, policy, together
 from tests.node import access, components, lifecycle
 from timelines.demo.cgroup import find
 
@@ -62,7 +62,7 @@ def await_restart(component, restarts):
         status = pods(component)[0]["status"]["containerStatuses"][0]
         return status["ready"] and status["restartCount"] > restarts
 
-    until(f"{component} is back", ready, patience=90)
+    until(f"{component} is back", ready, patience=180)
 
 
 def test_operator_killed_while_a_context_holds(governed, faults):
@@ -80,7 +80,7 @@ def test_operator_killed_while_a_context_holds(governed, faults):
 
 def test_operator_killed_in_a_storm(governed, faults):
     """Contexts flip every 20 ms while it dies: limits never sum above N, and the newest plan wins in the end."""
-    cgroups = [governed.container("slam"), governed.container("speech")]
+    cgroups = {task: governed.container(task) for task in ("slam", "speech")}
     with faults("operator killed in a storm of contexts", "limits never sum above N, the newest plan wins") as seen:
         restarts, sums = None, []
         for flip, speed in enumerate(itertools.islice(itertools.cycle([0.3, 0.0]), 100)):
@@ -88,7 +88,8 @@ def test_operator_killed_in_a_storm(governed, faults):
             if flip == 50:
                 restarts = kill("operator")
             time.sleep(0.02)
-            sums.append(round(sum(cgroup.limit() for cgroup in cgroups) * 1000))
+            if limits := together(cgroups):
+                sums.append(sum(limits.values()))
         assert max(sums) <= 1000
         governed.drive(0.3)
         await_restart("operator", restarts)
@@ -120,7 +121,7 @@ def test_part_of_the_node_gone_and_back(governed, faults, component):
         finally:
             lifecycle.start(component)
         seen.back()
-        until("the newest plan is in force", lambda: [round(c.limit() * 1000) for c in cgroups] == [500, 500], 60)
+        until("the newest plan is in force", lambda: [round(c.limit() * 1000) for c in cgroups] == [500, 500], 180)
 
 
 @own_node
@@ -140,7 +141,7 @@ def test_all_of_k3s_restarts(governed, faults):
             for part in parts:
                 lifecycle.start(part)
         seen.back()
-        until("the newest plan is in force", lambda: [round(c.limit() * 1000) for c in cgroups] == [500, 500], 60)
+        until("the newest plan is in force", lambda: [round(c.limit() * 1000) for c in cgroups] == [500, 500], 180)
 
 
 @own_node
@@ -178,13 +179,18 @@ def test_frozen_sensor(governed, faults):
 
 
 def test_slow_sensor(governed, faults):
+    """Whatever else the node does, a sample is less late than staleAfter allows for."""
     governed.sensors.read(f"{governed.namespace}/imu", None)
+    governed.policy(streams=[{"name": "imu", "key": f"{governed.namespace}/imu", "staleAfter": "20s"}])
     with (
-        sensor(governed, 0.8),
+        sensor(governed, 2.0),
         faults("sensor slow, but within staleAfter", "its context holds and the stream is healthy") as seen,
     ):
         seen.back()
         governed.expect(slam=990, speech=10)
+        until("the stream is healthy", lambda: governed.condition("StreamsHealthy")[0] == "True")
+        time.sleep(5)
+        assert governed.limits("slam", "speech") == {"slam": 990, "speech": 10}
         assert governed.condition("StreamsHealthy")[0] == "True"
 
 

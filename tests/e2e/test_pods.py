@@ -62,7 +62,7 @@ def test_burstable_pod_does_not_turn_guaranteed(robot):
     robot.policy()
     robot.drive(0.3)
     robot.expect(slam=890, speech=110)
-    assert robot.condition("Applied")[0] == "True"
+    until("the status is well", lambda: robot.condition("Applied")[0] == "True")
 
 
 def test_two_tasks_in_one_pod_and_a_sidecar(robot):

@@ -70,7 +70,7 @@ def test_after_a_reboot_the_policy_holds_and_can_still_be_undone(apply):
     apply(*(pod(name, ROBOT, IDLE, None) for name in ("slam", "speech")))
     apply(policy(ROBOT, tasks=[task("slam", priority=3), task("speech")]))
     planned = {"slam": ("750m", "750m"), "speech": ("250m", "250m")}
-    until("the policy holds", lambda: limits() == planned or limits())
+    until("the policy holds", lambda: limits() == planned or limits(), patience=120)
     lifecycle.down(keep_state=True)
     lifecycle.up()
     until("the policy holds after the reboot", lambda: limits() == planned or limits(), patience=120)
