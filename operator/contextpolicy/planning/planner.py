@@ -170,10 +170,6 @@ class Planner:
         """Each task's score now."""
         return dict(self._scores.of)
 
-    def unmet(self) -> dict[str, str]:
-        """The first unmet pre-condition of each task that has one."""
-        return dict(self._scores.unmet)
-
     def active_contexts(self) -> list[ContextState]:
         """The contexts that have effects now, in list order."""
         return [context for context in self.contexts if context.active]

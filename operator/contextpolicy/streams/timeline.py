@@ -26,15 +26,13 @@ MAX_RATE = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class TimedInput:
-    """One input at one instant; a data set is announced once and then runs until `until`."""
+    """One input at one instant; a data set is announced once, at its start."""
 
     at: float
     key: str
     encoding: str
     value: object | None
     dataset: str | None
-    truth: object | None
-    until: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +50,10 @@ class TimelineEntry:
 
     def inputs(self) -> Iterator[TimedInput]:
         """Count times from the start, so that a long entry does not drift."""
-        until = self.end if self.dataset else None
         count = math.ceil((self.end - self.start) * self.rate - 1e-9) if self.rate else 1
         for index in range(count):
             at = self.start + index / self.rate if self.rate else self.start
-            yield TimedInput(at, self.key, self.encoding, self.value, self.dataset, self.truth, until)
+            yield TimedInput(at, self.key, self.encoding, self.value, self.dataset)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +61,6 @@ class Timeline:
     """A whole file; `inputs` may be called any number of times."""
 
     name: str
-    description: str
     duration: float
     entries: tuple[TimelineEntry, ...]
 
@@ -92,7 +88,7 @@ def parse(document: object, *, subject: str = "timeline") -> Timeline:
     if findings or not isinstance(document, dict):
         raise TimelineError(subject, findings)
     entries = tuple(_entry(raw) for raw in document["inputs"])
-    return Timeline(document["name"], document.get("description", ""), float(document["duration"]), entries)
+    return Timeline(document["name"], float(document["duration"]), entries)
 
 
 def _entry(raw: Mapping[str, Any]) -> TimelineEntry:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,33 +12,12 @@ if TYPE_CHECKING:
     from modules.slam.geometry import Floats
 
 
-@dataclass(frozen=True, slots=True)
-class TrajectoryError:
-    """Metres between matched positions, under the names that the TUM tools use."""
-
-    pairs: int
-    rmse: float
-    mean: float
-    median: float
-    std: float
-    min: float
-    max: float
-
-
-def trajectory_error(estimated: Floats, truth: Floats) -> TrajectoryError:
-    """Compare N x 3 positions of the same instants after the best rigid alignment."""
+def trajectory_rmse(estimated: Floats, truth: Floats) -> float:
+    """Metres between N x 3 positions of the same instants after the best rigid alignment, root mean square."""
     truth_from_estimated = align(estimated, truth)
     moved = estimated @ truth_from_estimated[:3, :3].T + truth_from_estimated[:3, 3]
     errors = np.linalg.norm(moved - truth, axis=1)
-    return TrajectoryError(
-        pairs=len(errors),
-        rmse=float(np.sqrt(np.mean(errors**2))),
-        mean=float(errors.mean()),
-        median=float(np.median(errors)),
-        std=float(errors.std()),
-        min=float(errors.min()),
-        max=float(errors.max()),
-    )
+    return float(np.sqrt(np.mean(errors**2)))
 
 
 def align(source: Floats, target: Floats) -> Floats:
