@@ -168,8 +168,10 @@ class Runtime:
         try:
             policy, plugins = _load(body)
         except FindingsError as error:
-            entry.rejected = tuple(str(finding) for finding in error.findings)
-            self._tell(reference, "Invalid", "; ".join(entry.rejected))
+            rejected = tuple(str(finding) for finding in error.findings)
+            if rejected != entry.rejected:
+                self._tell(reference, "Invalid", "; ".join(rejected))
+            entry.rejected = rejected
             self._report(reference)
             return
         entry.rejected = ()

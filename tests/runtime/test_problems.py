@@ -5,8 +5,11 @@ from __future__ import annotations
 from concurrent.futures import CancelledError
 
 import pytest
+from reactivex import operators
 
+from contextpolicy import plugins
 from tests.actuators.resize.fake_cluster import refusal
+from tests.planning.builders import a_task
 from tests.runtime.builders import IMU, a_policy
 
 
@@ -91,6 +94,36 @@ def test_an_expression_that_fails_is_told_until_it_works_again(running):
     running.sample(IMU, speed=0.0)
     running.turn(1.0)
     assert running.condition("StreamsHealthy")[0] == "True"
+
+
+def test_a_plugged_in_function_that_fails_is_told_until_it_works_again(operator, monkeypatch):
+    class Installed:
+        name = "caution"
+
+        def load(self):
+            return lambda streams, **_: streams["imu"].pipe(operators.map(lambda sample: 1 / sample["speed"]))
+
+    monkeypatch.setattr(plugins, "entry_points", lambda **_: [Installed()])
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(tasks=[a_task("slam", activity=[{"initiative": "caution"}]), a_task("speech")]))
+    operator.sample(IMU, speed=0.0)
+    operator.turn(1.0)
+    source = "spec.tasks[slam].activity[0].initiative caution"
+    told = f"{source}: float division by zero"
+    assert operator.condition("StreamsHealthy") == ("False", "ExpressionFailed", told)
+    operator.sample(IMU, speed=0.5)
+    operator.turn(1.0)
+    assert operator.condition("StreamsHealthy")[0] == "True"
+
+
+def test_an_edit_that_is_refused_is_told_again_when_it_was_mended_in_between(running):
+    broken, mended = a_policy(tasks=[]), a_policy()
+    heard = []
+    running.runtime._clerk.event = lambda _, event: heard.append(event["reason"])
+    for body in (broken, broken, mended, broken):
+        running.apply(body)
+    assert heard == ["Invalid", "Invalid"]
 
 
 def test_an_error_inside_is_the_callers_and_the_loop_goes_on(running):

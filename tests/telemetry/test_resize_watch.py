@@ -143,6 +143,17 @@ def test_a_contest_is_told_with_who_did_what(told):
     assert contests() == before + 1
 
 
+def test_a_writer_who_does_the_same_again_is_counted_and_told_once(told):
+    before = contests()
+    for _ in range(3):
+        told.watch.on_contest(POLICY, "lab/slam/slam", Contest("", Cpu(100, 300), Cpu(100, 700)))
+    assert len(told.problems) == 1
+    assert contests() == before + 3
+    told.watch.on_contest(POLICY, "lab/slam/slam", None)
+    told.watch.on_contest(POLICY, "lab/slam/slam", Contest("", Cpu(100, 300), Cpu(100, 700)))
+    assert [reason for reason, _ in told.problems] == ["ResizedByOther", "ResizeRecovered", "ResizedByOther"]
+
+
 def test_a_contest_that_is_over_is_no_problem_any_more(told):
     told.watch.on_contest(POLICY, "lab/slam/slam", Contest("", Cpu(None, 300), Cpu(None, None)))
     for _ in range(2):

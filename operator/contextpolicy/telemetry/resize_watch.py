@@ -80,8 +80,10 @@ class ResizeWatch:
         metrics.CONTESTS.labels(policy).inc()
         by, changes = contest.by or "somebody", ", ".join(_changes(contest))
         message = f"{container}: {by} changed its {changes}; it gets what the plan says again"
-        contested[container] = _advised(message, remedies.for_writer(contest.by))
-        self._on_problem(policy, "ResizedByOther", contested[container])
+        message = _advised(message, remedies.for_writer(contest.by))
+        if contested.get(container) != message:
+            contested[container] = message
+            self._on_problem(policy, "ResizedByOther", message)
 
     def observe(self, pod: PodView, policies: Collection[str]) -> None:
         """Take what the kubelet says about resizes that it holds back; `policies` are those that moved the pod."""
