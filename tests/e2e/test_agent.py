@@ -11,7 +11,7 @@ import pytest
 from contextpolicy.bus.session import open_visitor
 from tests.e2e.agents import NAMESPACE, Component, Trace, installed, report
 from tests.e2e.cluster import PATIENCE, delete, get, resizes_refused, run, until
-from tests.e2e.robot import Robot, Sensors
+from tests.e2e.robot import Robot, Sensors, together
 
 GRACE = 10.0
 STANDING, MOVING = {"slam": 500, "speech": 500}, {"slam": 990, "speech": 10}
@@ -72,7 +72,7 @@ def settled(robot, limits):
 
 def in_force(robot, limits):
     cgroups = {task: robot.container(task) for task in limits}
-    until(f"the kernel enforces {limits}", lambda: {t: round(c.limit() * 1000) for t, c in cgroups.items()} == limits)
+    until(f"the kernel enforces {limits}", lambda: (now := together(cgroups)) == limits or now)
 
 
 def test_the_agent_is_ahead_of_the_resize_which_agrees(governed, session):
