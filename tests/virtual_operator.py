@@ -80,8 +80,8 @@ class VirtualOperator:
 
     def start(self) -> None:
         """Begin anew, as after a crash."""
-        self.loop, self.patches, self.clerks = VirtualLoop(), Pool(), Pool()
-        self.runtime = Runtime(self.cluster, self.loop, patches=self.patches, reports=self.clerks)  # type: ignore[arg-type]
+        self.loop, self.patches, self.reports = VirtualLoop(), Pool(), Pool()
+        self.runtime = Runtime(self.cluster, self.loop, patches=self.patches, reports=self.reports)  # type: ignore[arg-type]
 
     def list_all(self, cpu: str = "1") -> None:
         """What the watches tell first: nodes and pods."""
@@ -117,12 +117,12 @@ class VirtualOperator:
         self.turn()
 
     def turn(self, seconds: float = MOMENT) -> None:
-        """Let the loop and the clerk work; patches wait."""
+        """Let the loop and the reporter work; patches wait."""
         self.loop.advance_by(seconds)
         self.session.answer()
         self.loop.advance_by(MOMENT)
-        while self.clerks.jobs:
-            self.clerks.run()
+        while self.reports.jobs:
+            self.reports.run()
             self.loop.advance_by(MOMENT)
 
     def close(self) -> None:

@@ -75,7 +75,7 @@ class Runtime:
         self._agents: AgentWatch | None = None
         self._loop, self._api = loop, api
         self._patches = patches
-        self._clerk = Reporter(api, loop, reports)
+        self._reporter = Reporter(api, loop, reports)
         self._watch = ResizeWatch(self._on_problem, self._on_stage)
         self._resizer = PodResizer(api, loop, patches, self._watch)
         self._dry_run = DryRun()
@@ -90,7 +90,7 @@ class Runtime:
         self._call(self._stop_controllers).result(timeout=5)
         self._loop.dispose()
         self._patches.shutdown(wait=True, cancel_futures=True)
-        self._clerk.close()
+        self._reporter.close()
         if self._session is not None:
             self._session.close()
         self._api.close()
@@ -199,7 +199,7 @@ class Runtime:
         entry = self._policies.pop(reference, None)
         if entry is not None and entry.controller is not None:
             entry.controller.end()
-        self._clerk.forget(reference)
+        self._reporter.forget(reference)
         self._watch.forget(reference)
         self._resizer.release(reference, lambda: _fulfil(done))
         self._place()
@@ -254,7 +254,7 @@ class Runtime:
             controller.place(own, self._pods.values())
 
     def _report(self, reference: str) -> None:
-        self._clerk.status(reference, lambda: self._status(reference))
+        self._reporter.status(reference, lambda: self._status(reference))
 
     def _status(self, reference: str) -> dict[str, Any]:
         entry = self._policies[reference]
@@ -290,7 +290,7 @@ class Runtime:
         if entry is not None:
             now = self._loop.to_seconds(self._loop.now)
             warning = reason != RECOVERED
-            self._clerk.event(reference, event(entry.body, reason=reason, message=message, now=now, warning=warning))
+            self._reporter.event(event(entry.body, reason=reason, message=message, now=now, warning=warning))
 
 
 def _load(body: Mapping[str, Any]) -> tuple[Policy, dict[str, Instantiate]]:

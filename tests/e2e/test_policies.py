@@ -35,7 +35,7 @@ def test_sample_policy_is_accepted(path):
 
 def test_the_image_validates_files_as_the_api_server_does(operator):
     """Its copy of the definition is inside; without it `validate` could only parse."""
-    validate = ("kubectl", "exec", "-i", "-n", operator, "deploy/e2e-contextpolicy", "--", "contextpolicy")
+    validate = ("kubectl", "exec", "-i", "-n", operator, "deploy/e2e", "--", "contextpolicy")
     run(*validate, "validate", "-", stdin=GOOD[0].read_text())
     bad = next(path for path in BAD if path.stem == "stale-after-nothing")
     with pytest.raises(CommandError, match="must be longer than 0s"):

@@ -16,12 +16,12 @@ POLICY = "lab/robot"
 
 
 class Desk:
-    """A clerk with its worker and the API that it writes to."""
+    """A reporter with its worker and the API that it writes to."""
 
     def __init__(self):
         self.scheduler, self.worker = TestScheduler(), Pool()
         self.statuses, self.events, self.faults = [], [], []
-        self.clerk = Reporter(self, self.scheduler, self.worker)
+        self.reporter = Reporter(self, self.scheduler, self.worker)
 
     def write_status(self, namespace, name, status):
         self._fail()
@@ -39,11 +39,10 @@ class Desk:
         return round(self.scheduler.to_seconds(self.scheduler.now), 2)
 
     def status(self, n, policy=POLICY):
-        self.clerk.status(policy, lambda: {"n": n})
+        self.reporter.status(policy, lambda: {"n": n})
 
-    def event(self, message, reason="Invalid", policy=POLICY, kind="Warning"):
-        event = {"metadata": {"namespace": "lab"}, "type": kind, "reason": reason, "message": message}
-        self.clerk.event(policy, event)
+    def event(self, message):
+        self.reporter.event({"metadata": {"namespace": "lab"}, "reason": "Invalid", "message": message})
 
     def wait(self, seconds):
         """In steps of 10 ms, the worker at work."""
@@ -81,7 +80,7 @@ def test_a_status_is_made_when_it_is_written_not_when_it_is_announced(desk):
     desk.status(0)
     desk.wait(STATUS_DELAY + 0.05)
     facts = {"n": 1}
-    desk.clerk.status(POLICY, lambda: dict(facts))
+    desk.reporter.status(POLICY, lambda: dict(facts))
     facts["n"] = 2
     desk.wait(1)
     assert [n for _, _, n in desk.statuses] == [0, 2]
@@ -127,7 +126,7 @@ def test_nothing_more_is_written_about_a_policy_that_is_gone(desk):
     desk.status(1)
     desk.wait(STATUS_DELAY + 0.05)
     desk.status(2)
-    desk.clerk.forget(POLICY)
+    desk.reporter.forget(POLICY)
     desk.wait(1)
     assert [n for _, _, n in desk.statuses] == [1]
 
@@ -135,7 +134,7 @@ def test_nothing_more_is_written_about_a_policy_that_is_gone(desk):
 def test_nor_is_what_could_not_be_written_before(desk):
     desk.faults += [UNREACHABLE]
     desk.status(1)
-    desk.clerk.forget(POLICY)
+    desk.reporter.forget(POLICY)
     desk.wait(5)
     assert desk.statuses == []
 
@@ -143,7 +142,7 @@ def test_nor_is_what_could_not_be_written_before(desk):
 def test_a_policy_of_the_same_name_begins_anew(desk):
     desk.faults += [UNREACHABLE]
     desk.status(1)
-    desk.clerk.forget(POLICY)
+    desk.reporter.forget(POLICY)
     desk.status(2)
     desk.wait(5)
     assert [n for _, _, n in desk.statuses] == [2]
@@ -152,32 +151,11 @@ def test_a_policy_of_the_same_name_begins_anew(desk):
 # events
 
 
-def test_the_same_event_is_told_once(desk):
-    for _ in range(5):
-        desk.event("weights sum to 0")
+def test_who_calls_knows_what_is_news(desk):
+    for _ in range(2):
+        desk.event("no tasks")
     desk.wait(0.1)
-    assert desk.events == [("lab", "Invalid", "weights sum to 0")]
-
-
-def test_what_is_new_is_told(desk):
-    for message, reason in (("a", "Invalid"), ("b", "Invalid"), ("a", "Invalid"), ("a", "Conflicted")):
-        desk.event(message, reason)
-    desk.event("a", "Conflicted", "lab/other")
-    desk.wait(0.1)
-    assert [(reason, message) for _, reason, message in desk.events] == [
-        ("Invalid", "a"),
-        ("Invalid", "b"),
-        ("Invalid", "a"),
-        ("Conflicted", "a"),
-        ("Conflicted", "a"),
-    ]
-
-
-def test_a_problem_that_returns_after_a_recovery_is_told_again(desk):
-    for message, kind in (("no", "Warning"), ("works again", "Normal")) * 2:
-        desk.event(message, "ResizeFailed" if kind == "Warning" else "ResizeRecovered", kind=kind)
-    desk.wait(0.1)
-    assert [message for _, _, message in desk.events] == ["no", "works again"] * 2
+    assert desk.events == [("lab", "Invalid", "no tasks")] * 2
 
 
 def test_what_nobody_foresaw_is_tried_again_like_any_failure(desk):
@@ -192,14 +170,6 @@ def test_what_nobody_foresaw_is_tried_again_like_any_failure(desk):
     assert [message for _, _, message in desk.events] == ["b"]
 
 
-def test_a_policy_that_comes_again_is_told_again(desk):
-    desk.event("a")
-    desk.clerk.forget(POLICY)
-    desk.event("a")
-    desk.wait(0.1)
-    assert len(desk.events) == 2
-
-
 def test_an_event_that_is_refused_hinders_nothing(desk):
     desk.faults += [refusal("Forbidden")]
     desk.event("a")
@@ -210,6 +180,6 @@ def test_an_event_that_is_refused_hinders_nothing(desk):
 
 def test_closing_drops_what_waits(desk):
     desk.status(1)
-    desk.clerk.close()
+    desk.reporter.close()
     desk.wait(MOMENT)
     assert (desk.statuses, desk.worker.ended) == ([], True)

@@ -23,7 +23,7 @@ JSON = "application/json"
 STRATEGIC = "application/strategic-merge-patch+json"
 MERGE = "application/merge-patch+json"
 POOL = 16
-"""Connections that are kept: a new one costs a TLS handshake. Eight patches, the clerk and the watches need them."""
+"""Connections that are kept: a new one costs a TLS handshake. Eight patches, the reporter and the watches need them."""
 FINALIZER = "contextpolicy.dev/restore"
 """Holds a ContextPolicy that is being deleted until its containers are as they were."""
 TIMEOUT = urllib3.Timeout(connect=2.0, read=5.0)

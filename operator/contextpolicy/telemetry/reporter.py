@@ -1,4 +1,4 @@
-"""Writes statuses and events off the hot path: the newest status wins, the same event is told once."""
+"""Writes statuses and events off the hot path: the newest status wins."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ STATUS_RETRY = 2.0
 
 
 class ReportApi(Protocol):
-    """What the clerk needs of the API server."""
+    """What the reporter needs of the API server."""
 
     def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
         """Write a policy's status."""
@@ -41,7 +41,6 @@ class Reporter:
         self._pending: dict[str, Callable[[], dict[str, Any]]] = {}
         self._resting: set[str] = set()
         self._sent: dict[str, dict[str, Any]] = {}
-        self._told: dict[tuple[str, str], str] = {}
 
     def status(self, policy: str, make: Callable[[], dict[str, Any]]) -> None:
         """Let `make` tell the policy's status soon; only the last of several gets written."""
@@ -54,23 +53,14 @@ class Reporter:
         """The policy is gone: write nothing more about it."""
         self._pending.pop(policy, None)
         self._sent.pop(policy, None)
-        self._forget_events(policy)
 
-    def event(self, policy: str, event: Mapping[str, Any]) -> None:
-        """Post an event unless the last one with its reason said the same, and nothing has recovered since."""
-        key = (policy, event["reason"])
-        if event["type"] == "Normal":
-            self._forget_events(policy)
-        if self._told.get(key) != event["message"]:
-            self._told[key] = event["message"]
-            self._worker.submit(self._post, event)
+    def event(self, event: Mapping[str, Any]) -> None:
+        """Post an event; who calls knows that it is news."""
+        self._worker.submit(self._post, event)
 
     def close(self) -> None:
         """Finish what is under way."""
         self._worker.shutdown(wait=True, cancel_futures=True)
-
-    def _forget_events(self, policy: str) -> None:
-        self._told = {key: message for key, message in self._told.items() if key[0] != policy}
 
     def _write(self, policy: str) -> None:
         status = self._sent[policy] = self._pending.pop(policy)()
