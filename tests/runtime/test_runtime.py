@@ -104,7 +104,7 @@ def test_closing_ends_everything_and_leaves_the_limits(running):
     running.close()
     assert running.session.everything_declared() == []
     assert (running.session.closed, running.cluster.closed) == (True, True)
-    assert (running.loop.disposed, running.patches.ended, running.clerks.ended) == (True, True, True)
+    assert (running.loop.disposed, running.patches.ended, running.reports.ended) == (True, True, True)
     assert running.limits() == {"slam": 800, "speech": 200}
 
 
