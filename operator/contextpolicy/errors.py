@@ -6,6 +6,7 @@ ContextPolicyError
 ├── SettingsError       an environment variable or flag has a value that makes no sense
 ├── DecodeError         a payload is not what its stream's encoding says
 ├── ExpressionError     a CEL expression failed on this sample
+│   └── UndecidedError  it waits for a stream
 ├── ShareError          weights and bounds that no division can satisfy
 ├── ActuationError      an actuator could not make a plan real; says whether a retry helps
 ├── OrderError          a message on the decision bus that the node agent must not obey
@@ -68,6 +69,14 @@ class DecodeError(ContextPolicyError):
 
 class ExpressionError(ContextPolicyError):
     """A CEL expression that failed on this sample; it counts as false."""
+
+
+class UndecidedError(ExpressionError):
+    """A CEL expression that waits for `stream`: it was never heard, is silent, or a feature's window is empty."""
+
+    def __init__(self, source: str, stream: str, reason: str) -> None:
+        self.stream = stream
+        super().__init__(f"{source}: {reason}")
 
 
 class ShareError(ContextPolicyError):

@@ -46,11 +46,18 @@ def test_a_delay_does_not_restart_with_every_sample():
     assert story.contexts_over_time()[-1] == (2, ("moving",))
 
 
-def test_silence_ends_a_context_at_once_whatever_its_exit_delay():
-    story = story_with(a_context("moving", MOVING, exitAfter="60s"), streams=[a_stream("imu", staleAfter="1s")])
+def test_silence_ends_a_context_by_its_exit_delay():
+    story = story_with(a_context("moving", MOVING, exitAfter="5s"), streams=[a_stream("imu", staleAfter="1s")])
     speeds(story, (0.5, 1.0))
     story.wait(9)
-    assert story.contexts_over_time() == [(0.5, ("moving",)), (1.5, ())]
+    assert story.contexts_over_time() == [(0.5, ("moving",)), (6.5, ())]
+
+
+def test_a_stream_that_is_heard_again_in_time_keeps_its_context():
+    story = story_with(a_context("moving", MOVING, exitAfter="5s"), streams=[a_stream("imu", staleAfter="1s")])
+    speeds(story, (0.5, 1.0), (6.4, 1.0))
+    story.wait(7)
+    assert story.contexts_over_time() == [(0.5, ("moving",))]
 
 
 def test_silence_ends_the_wait_to_enter():

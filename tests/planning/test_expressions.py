@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from contextpolicy.errors import ExpressionError
 from contextpolicy.planning.expressions import Guarded, Scope
-from contextpolicy.policy import cel_syntax
+from contextpolicy.policy import cel_cost, cel_syntax
 from contextpolicy.policy.cel import Expression
 
 
@@ -53,7 +53,9 @@ def test_values(source, value):
         ("imu.missing > 1", "the sample has no field 'missing'"),
         ("imu.word > 1", "overload"),
         ("norm(imu.word)", "must be real number"),
-        ("1 / imu.zero", "ivi"),
+        ("1 % imu.zero", "% by zero"),
+        ("1 % 1.5", "1.5 is an operand of %, allowed: whole numbers"),
+        ("imu.word + 1", "string + float"),
         ("imu.list[9]", "9"),
         ("sqrt(-1.0)", "math domain"),
         ("mic.level > 1", "mic"),
@@ -130,7 +132,7 @@ def test_a_failing_guard_tells_each_time_and_recovery_once():
     guarded = Guarded(scope.compile("a.b ? a.c : a.d"), scope, Listener())
     for sample in ({}, {}, {"b": True, "c": True}, {"b": True, "c": True}):
         scope.bind("a", sample)
-        guarded.truth()
+        guarded.truth(0.0)
     missing = "a.b ? a.c : a.d! the sample has no field 'b'"
     assert told == [missing, missing, "a.b ? a.c : a.d again"]
 
@@ -223,4 +225,4 @@ def test_no_source_crashes(source):
 def test_the_scan_ends_on_anything(source):
     """It runs after the compiler, but must not depend on its mercy."""
     with suppress(ValueError):
-        cel_syntax.scan(source)
+        cel_cost.read(cel_syntax.parse(source))

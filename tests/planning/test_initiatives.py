@@ -70,11 +70,18 @@ def test_a_new_event_ends_the_decay():
     assert scores(story)[-1] == (2.5, 10.0)
 
 
-def test_silence_ends_hold_and_decay_at_once():
-    story = scoring({"stream": "imu", "when": "imu.hit", "hold": "60s", "decay": "60s"})
+def test_an_event_is_held_through_silence():
+    story = scoring({"stream": "imu", "when": "imu.hit", "hold": "60s"})
     story.sample("imu", at=1, hit=True)
     story.wait(100)
-    assert scores(story)[-1] == (11.0, 0.0)
+    assert scores(story) == [(1, 1.0), (61.0, 0.0)]
+
+
+def test_without_hold_silence_is_the_end_and_the_score_decays():
+    story = scoring({"stream": "imu", "when": "imu.hit", "score": 10, "decay": "10s"})
+    story.sample("imu", at=1, hit=True)
+    story.wait(100)
+    assert scores(story) == [(1, 10.0), *((12.0 + n, 9.0 - n) for n in range(10))]
 
 
 def test_an_activity_without_condition_scores_while_the_stream_speaks():

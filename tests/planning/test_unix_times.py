@@ -23,6 +23,6 @@ def test_decay_comes_to_an_end(decay, offset):
     while (due := planner.next_due()) is not None:
         planner.advance(due)
         instants += 1
-        assert instants <= 11
+        assert instants <= 10
     assert planner.scores()["speech"] == 0.0
-    assert instants == 11
+    assert instants == 10

@@ -68,7 +68,7 @@ def test_three_minutes_of_a_200_hz_imu() -> None:
 
 def test_silence_at_the_end_is_seen_within_the_duration() -> None:
     run = simulate(DELIVERY, a_timeline(imu(0, 2, 50, 0.2), duration=10), cores=2)
-    assert [plan.time for plan in run.plans if "imu: silent" in plan.cause] == [1.98 + 0.5]
+    assert [plan.time for plan in run.plans if plan.cause == "imu: context moving exited"] == [1.98 + 0.5 + 1.0]
 
 
 def test_until_is_included() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.planning import expressions
-from contextpolicy.planning.stream import all_fresh
 
 if TYPE_CHECKING:
     from contextpolicy.planning.expressions import Scope
@@ -25,7 +24,7 @@ class ContextState:
     """Whether a context holds.
 
     It holds `enterAfter` after its condition became true and stayed so, and ceases `exitAfter` after it became false
-    and stayed so. A silent stream ends it at once: a value that is not there cannot be waited for.
+    and stayed so. A condition that can't be decided, because a stream has no value, is false.
     """
 
     def __init__(
@@ -35,8 +34,10 @@ class ContextState:
         self.holds = False
         self.insisted: set[str] = set()
         self._timers, self._listener = timers, listener
-        self._when = expressions.Guarded(scope.compile(spec.when), scope, listener) if spec.when else None
-        self.streams = tuple(streams[name] for name in sorted(self._when.variables)) if self._when else ()
+        self.when = expressions.Guarded(scope.compile(spec.when), scope, listener) if spec.when else None
+        asked = self.when.expression if self.when else None
+        self.streams = tuple(streams[name] for name in sorted(asked.variables)) if asked else ()
+        self._ageing = expressions.Ageing(asked.ages, scope, timers, self) if asked and asked.ages else None
         self._turning = False
 
     @property
@@ -45,19 +46,27 @@ class ContextState:
         return self.holds or bool(self.insisted)
 
     def start(self, now: float) -> None:
-        """A condition over no stream is decided at the beginning."""
-        if self._when and not self.streams:
-            self.on_value(now)
+        """What can be decided without a sample is decided at the beginning."""
+        self.on_value(now)
 
-    def adopt(self, old: ContextState) -> None:
-        """Hold on if the same condition held in the policy's last version and still does: no second `enterAfter`."""
-        if old.holds and not self.holds and all(stream.fresh for stream in self.streams) and self._truth():
-            self._timers.clear(self)
-            self._turning, self.holds = False, True
+    def adopt(self, old: ContextState, now: float) -> None:
+        """Go on where the same condition on the same streams of the policy's last version stands.
+
+        Delays that were edited run anew; what holds need not be entered a second time.
+        """
+        self.holds = old.holds
+        if self.when and old.when:
+            self.when.adopt(old.when)
+        if (old.spec.enter_after, old.spec.exit_after) == (self.spec.enter_after, self.spec.exit_after):
+            self._turning = old._turning
+            self._timers.adopt(old._timers, old, self)
+        self.on_value(now)
 
     def on_value(self, now: float) -> None:
-        """A stream it reads has a new value."""
-        wanted = all_fresh(self.streams) and self._truth()
+        """A stream it reads has a new value, or none any more."""
+        if self.when is None:
+            return
+        wanted = self.when.truth(now)
         if wanted == self.holds:
             if self._turning:
                 self._turning = False
@@ -69,13 +78,8 @@ class ContextState:
                 self._timers.set(self, now + delay)
             else:
                 self._turn(now)
-
-    def on_silence(self, now: float) -> None:
-        """A stream it reads fell silent."""
-        self._turning = False
-        self._timers.clear(self)
-        if self.holds:
-            self._turn(now)
+        if self._ageing:
+            self._ageing.arm(now)
 
     def on_due(self, now: float) -> None:
         """The condition stayed as it is for long enough."""
@@ -101,6 +105,3 @@ class ContextState:
         self.holds = not self.holds
         if was != self.active:
             self._listener.on_context(self, now)
-
-    def _truth(self) -> bool:
-        return self._when is not None and self._when.truth()

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import cel
 
-from contextpolicy.errors import ExpressionError
-from contextpolicy.policy import cel_syntax
+from contextpolicy.errors import ExpressionError, UndecidedError
+from contextpolicy.policy import cel_cost, cel_numbers
 from contextpolicy.policy.cel import FUNCTIONS, Expression
+from contextpolicy.policy.cel_rewriting import HEARD, PASSED, REACHED, SINCE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection, Iterable
+
+    from contextpolicy.planning.timers import Timers
+    from contextpolicy.policy.cel_rewriting import Age
 
 Value = TypeVar("Value")
 
@@ -26,74 +32,178 @@ class ExpressionListener(Protocol):
         """The expression that failed has a value again."""
 
 
+class Reader(Protocol):
+    """Who asks expressions."""
+
+    def on_value(self, now: float) -> None:
+        """Ask again: what they read may have changed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """An expression can't be decided: `stream` has no value, or not all of one; `since` is when that began."""
+
+    stream: str
+    reason: str
+    since: float
+
+
 class Guarded:
-    """An expression whose failure is an answer and is told, not raised: bad samples happen."""
+    """An expression whose failure is an answer and is told, not raised: bad samples happen.
+
+    That a stream has no value is no failure: CEL decides without it where it can, and `waiting` tells where it can't.
+    """
 
     def __init__(self, expression: Expression, scope: Scope, listener: ExpressionListener) -> None:
-        self.variables = expression.variables
-        self._expression, self._scope, self._listener = expression, scope, listener
+        self.expression = expression
+        self.waiting: Waiting | None = None
+        self._scope, self._listener = scope, listener
         self._failing = False
 
-    def truth(self) -> bool:
+    def truth(self, now: float) -> bool:
         """False when the condition has no value."""
-        return self._try(self._expression.truth) or False
+        return self._try(self.expression.truth, now) or False
 
-    def number(self) -> float:
+    def number(self, now: float) -> float:
         """0 when the expression has no number."""
-        return self._try(self._expression.number) or 0.0
+        return self._try(self.expression.number, now) or 0.0
 
-    def _try(self, read: Callable[[Scope], Value]) -> Value | None:
+    def adopt(self, old: Guarded) -> None:
+        """Go on waiting where the same expression of the policy's last version does."""
+        self.waiting = old.waiting
+
+    def _try(self, read: Callable[[Scope], Value], now: float) -> Value | None:
+        self._scope.now = now
         try:
             value = read(self._scope)
+        except UndecidedError as error:
+            value = None
+            if self.waiting is None or self.waiting.stream != error.stream:
+                self.waiting = Waiting(error.stream, self._reason(error), now)
         except ExpressionError as error:
-            self._failing = True
-            source = self._expression.source
-            self._listener.on_expression_error(source, str(error).removeprefix(f"{source}: "))
+            self._failing, self.waiting = True, None
+            self._listener.on_expression_error(self.expression.source, self._reason(error))
             return None
+        else:
+            self.waiting = None
         if self._failing:
             self._failing = False
-            self._listener.on_expression_recovery(self._expression.source)
+            self._listener.on_expression_recovery(self.expression.source)
         return value
+
+    def _reason(self, error: ExpressionError) -> str:
+        return str(error).removeprefix(f"{self.expression.source}: ")
+
+
+class Ageing:
+    """Lets a reader ask again when a stream reaches an age that its expressions compare: nothing polls."""
+
+    def __init__(self, ages: Collection[Age], scope: Scope, timers: Timers, reader: Reader) -> None:
+        self._ages, self._scope, self._timers, self._reader = ages, scope, timers, reader
+
+    def arm(self, now: float) -> None:
+        """Wait for the next such moment after `now`."""
+        due = self._scope.next_age(self._ages, now)
+        if due is None:
+            self._timers.clear(self)
+        else:
+            self._timers.set(self, due)
+
+    def on_due(self, now: float) -> None:
+        """The age is reached."""
+        self._reader.on_value(now)
 
 
 class Scope:
     """The variables that expressions see: what they read of the latest sample of each stream.
 
-    Only that is handed to CEL: converting a whole ROS message costs more than all evaluations on it.
+    Only that is handed to CEL: converting a whole ROS message costs more than all evaluations on it. A stream without
+    a value is no variable: CEL's own rules then decide, so `a.x || b.y` holds when one side does.
     """
 
-    __slots__ = ("_reads", "_values", "context")
+    __slots__ = ("_aged", "_asked", "_lacking", "_reads", "_since", "_values", "context", "now", "whole")
 
     def __init__(self) -> None:
-        self.context = cel.Context(functions=FUNCTIONS)
+        self.now = -math.inf
+        self.whole: set[str] = set()
         self._reads: dict[str, dict[str, Any]] = {}
         self._values: dict[str, object] = {}
+        self._lacking: dict[str, Collection[str]] = {}
+        self._since: dict[str, float] = {}
+        self._asked: set[str] = set()
+        self._aged: set[str] = set()
+        self.context = self._context()
 
     def compile(self, source: str) -> Expression:
         """An expression to be evaluated in this scope; ValueError says what is wrong with the source."""
         expression = Expression(source)
         for path in expression.reads:
             _grow(self._reads, path)
+        self._aged |= {age.stream for age in expression.ages}
+        for stream in expression.asked - self._asked:
+            self._asked.add(stream)
+            self.context.add_variable(HEARD + stream, stream in self._values)
         return expression
 
-    def bind(self, stream: str, value: dict[str, Any]) -> None:
-        """Make `value` the stream's latest sample; ExpressionError when CEL has no such type."""
+    def bind(self, stream: str, value: dict[str, Any], now: float = 0.0, lacking: Collection[str] = ()) -> None:
+        """Make `value` the stream's latest sample, since `now`; ExpressionError when CEL has no such type.
+
+        `lacking` are its features that have no value.
+        """
         reads = self._reads.get(stream)
-        if reads is None:
-            return
-        part = _prune(value, reads)
+        normal = cel_numbers.Normal()
         try:
+            part = normal.value(_prune(value, reads)) if reads is not None else {}
             self.context.add_variable(stream, part)
         except (ValueError, TypeError, OverflowError, RecursionError) as error:
             raise ExpressionError(f"{stream}: {error}") from error
-        self._values[stream] = part
+        if stream in self._asked and stream not in self._values:
+            self.context.add_variable(HEARD + stream, True)  # noqa: FBT003 - the library's signature
+        if stream in self._aged:
+            self._since[stream] = now
+            self.context.add_variable(SINCE + stream, now)
+        self._values[stream], self._lacking[stream] = part, lacking
+        (self.whole.add if normal.whole else self.whole.discard)(stream)
+
+    def unbind(self, stream: str) -> None:
+        """The stream has no value any more."""
+        if self._values.pop(stream, None) is not None:
+            self.whole.discard(stream)
+            self.context = self._context()
 
     def size(self, stream: str) -> int:
         """How many values expressions see of the stream."""
-        return cel_syntax.size(self._values.get(stream))
+        return cel_cost.size(self._values.get(stream))
+
+    def lacks(self, stream: str, feature: str) -> bool:
+        """Whether the stream has this feature, but its window holds no sample."""
+        return feature in self._lacking.get(stream, ())
+
+    def next_age(self, ages: Iterable[Age], now: float) -> float | None:
+        """When one of these ages is reached or passed next."""
+        moments = []
+        for age in ages:
+            if age.stream in self._since:
+                reached = self._since[age.stream] + age.seconds
+                moments.append(math.nextafter(reached, math.inf) if age.passed else reached)
+        return min((moment for moment in moments if moment > now), default=None)
+
+    def _context(self) -> cel.Context:
+        """What expressions see, anew: the library forgets no variable."""
+        asking = {REACHED: self._reached, PASSED: self._passed}
+        variables = dict(self._values)
+        variables |= {HEARD + stream: stream in self._values for stream in self._asked}
+        variables |= {SINCE + stream: since for stream, since in self._since.items()}
+        return cel.Context(variables, FUNCTIONS | cel_numbers.FUNCTIONS | asking)
+
+    def _reached(self, since: float, seconds: float) -> bool:
+        return since + seconds <= self.now
+
+    def _passed(self, since: float, seconds: float) -> bool:
+        return since + seconds < self.now
 
 
-def _grow(reads: dict[str, dict[str, Any]], path: cel_syntax.Path) -> None:
+def _grow(reads: dict[str, dict[str, Any]], path: cel_cost.Path) -> None:
     """Add a path to a tree; an empty branch means all below it."""
     whole = False
     for name in path:

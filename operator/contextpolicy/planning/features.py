@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
+from contextpolicy.planning.timers import SAME_INSTANT
 from contextpolicy.policy.spec import FeatureOp
 
 if TYPE_CHECKING:
@@ -37,9 +38,13 @@ class Window:
         self._times.append(now)
         self._numbers.push(number)
 
+    def next_change(self) -> float | None:
+        """When the oldest sample leaves the window; None when it is empty."""
+        return self._times[0] + self.feature.over if self._times else None
+
     def value(self, now: float) -> float | None:
         """The feature at `now`; None when mean, min or max have no sample to tell about."""
-        while self._times and self._times[0] <= now - self.feature.over:
+        while self._times and self._times[0] + self.feature.over <= now + SAME_INSTANT:
             self._drop()
         match self.feature.op:
             case FeatureOp.COUNT:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.planning import expressions
-from contextpolicy.planning.stream import all_fresh
+from contextpolicy.planning.timers import SAME_INSTANT
 
 if TYPE_CHECKING:
     from contextpolicy.planning.expressions import Scope
@@ -15,6 +17,8 @@ if TYPE_CHECKING:
 
 DECAY_STEPS = 10
 """A decaying score falls in this many steps: a plan for each, and none in between."""
+MAX_EVENTS = 1000
+"""Events that an initiative remembers: of more, each ever weaker than the one before, the newest replace each other."""
 
 
 class ActivityListener(expressions.ExpressionListener, Protocol):
@@ -25,7 +29,10 @@ class ActivityListener(expressions.ExpressionListener, Protocol):
 
 
 class Initiative:
-    """The value of one `Activity` over time; a pre-condition is one with score 1."""
+    """The value of one `Activity` over time; a pre-condition is one with score 1.
+
+    It is that of its strongest event: each counts in full until it ends, then for what is left of it as it decays.
+    """
 
     def __init__(
         self,
@@ -37,29 +44,45 @@ class Initiative:
     ) -> None:
         self.spec = spec
         self.value = 0.0
+        self.when = expressions.Guarded(scope.compile(spec.when), scope, listener)
+        self.score = expressions.Guarded(scope.compile(spec.score_from), scope, listener) if spec.score_from else None
+        asked = [own.expression for own in (self.when, self.score) if own]
+        names = {name for own in asked for name in own.variables} | ({spec.stream} if spec.stream else set())
+        self.streams = tuple(streams[name] for name in sorted(names))
         self._timers, self._listener = timers, listener
-        self._when = expressions.Guarded(scope.compile(spec.when), scope, listener)
-        self._score = expressions.Guarded(scope.compile(spec.score_from), scope, listener) if spec.score_from else None
-        names = self._when.variables | (self._score.variables if self._score else set()) | ({spec.stream} - {None})
-        self.streams = tuple(streams[name] for name in sorted(str(name) for name in names))
-        self._peak = 0.0
-        self._falls_from: float | None = None
-        self._steps = 0
+        self._carrier = streams[spec.stream] if spec.stream else None
+        ages = [age for own in asked for age in own.ages]
+        self._ageing = expressions.Ageing(ages, scope, timers, self) if ages else None
+        self._events: deque[_Event] = deque()
+        """The strongest first, and each ends before the next: an event that a later one outdoes can't matter again."""
 
     def start(self, now: float) -> None:
-        """An activity that reads no stream is in force from the beginning."""
-        if not self.streams and self.spec.initiative is None:
-            self.on_value(now)
+        """What can be decided without a sample is in force from the beginning."""
+        self.on_value(now)
+
+    def adopt(self, old: Initiative, now: float) -> None:
+        """Go on where the same activity on the same streams of the policy's last version stands."""
+        self.value, self._events = old.value, old._events
+        self._timers.adopt(old._timers, old, self)
+        self.when.adopt(old.when)
+        if self.score and old.score:
+            self.score.adopt(old.score)
+        if self._ageing:
+            self._ageing.arm(now)
 
     def on_value(self, now: float) -> None:
-        """A stream it reads has a new value; without a value of every stream nothing is in force."""
+        """A stream it reads has a new value, or none any more."""
         if self.spec.initiative is not None:
+            if self._carrier and not self._carrier.fresh:
+                self._fall(now)
             return
-        score = self._current() if all_fresh(self.streams) else 0.0
+        score = self._current(now)
         if score > 0:
             self._rise(score, now)
         elif not self.spec.hold:
             self._fall(now)
+        if self._ageing:
+            self._ageing.arm(now)
 
     def set(self, score: float, now: float) -> None:
         """A plugged-in instantiation function produced a score."""
@@ -68,51 +91,80 @@ class Initiative:
         else:
             self._fall(now)
 
-    def on_silence(self, now: float) -> None:
-        """A stream it reads fell silent: its event is no longer fresh."""
-        self._timers.clear(self)
-        self._falls_from = None
-        self._become(0.0, now)
-
     def on_due(self, now: float) -> None:
-        """The hold is over, or the next step of the decay is due."""
-        if self._falls_from is None:
-            self._fall(now)
-        else:
-            self._step(self._falls_from, now)
+        """The strongest event ends, or falls another step: the next one may be stronger now."""
+        events = self._events
+        events[0].pass_by(now, self.spec.decay)
+        while events and events[0].value == 0:
+            events.popleft()
+        while len(events) > 1:
+            events[1].pass_by(now, self.spec.decay)
+            if events[1].value < events[0].value:
+                break
+            events.popleft()
+        self._settle(now)
 
-    def _current(self) -> float:
-        if not self._when.truth():
+    def _current(self, now: float) -> float:
+        if (self._carrier and not self._carrier.fresh) or not self.when.truth(now):
             return 0.0
-        return self._score.number() if self._score else self.spec.score
+        return self.score.number(now) if self.score else self.spec.score
 
     def _rise(self, score: float, now: float) -> None:
-        if self.spec.hold:
-            self._timers.set(self, now + self.spec.hold)
-        elif self._falls_from is not None:
-            self._timers.clear(self)
-        self._peak, self._falls_from = score, None
-        self._become(score, now)
+        until = now + self.spec.hold if self.spec.hold else math.inf
+        events = self._events
+        if events and events[-1].until == math.inf:
+            events.pop()  # without `hold` only the newest sample counts
+        while events:
+            events[-1].pass_by(now, self.spec.decay)
+            if events[-1].value > score:
+                break
+            events.pop()
+        if len(events) == MAX_EVENTS:
+            events.pop()
+        events.append(_Event(score, until))
+        self._settle(now)
 
     def _fall(self, now: float) -> None:
-        """Begin to decay, unless it does already; without a decay the score is gone at once."""
-        if not self.spec.decay or self.value == 0:
-            self._falls_from = None
-            self._become(0.0, now)
-        elif self._falls_from is None:
-            self._falls_from, self._steps = now, 0
-            self._timers.set(self, now + self.spec.decay / DECAY_STEPS)
+        """What is in force ends now; what decays already goes on."""
+        in_force = [event for event in self._events if event.until > now]
+        if not in_force:
+            return
+        self._events = deque(event for event in self._events if event.until <= now)
+        if self.spec.decay:
+            in_force[0].until = now
+            self._events.append(in_force[0])
+        self._settle(now)
 
-    def _step(self, since: float, now: float) -> None:
-        """Fall one step: counted, since a step computed from the clock can be rounded back to the one before."""
-        self._steps += 1
-        if self._steps < DECAY_STEPS:
-            self._timers.set(self, since + (self._steps + 1) * self.spec.decay / DECAY_STEPS)
+    def _settle(self, now: float) -> None:
+        """Take the strongest event's value, and wait for its next change."""
+        due = self._events[0].next_change(self.spec.decay) if self._events else math.inf
+        if due < math.inf:
+            self._timers.set(self, due)
         else:
-            self._falls_from = None
-        self._become(self._peak * (DECAY_STEPS - self._steps) / DECAY_STEPS, now)
-
-    def _become(self, value: float, now: float) -> None:
+            self._timers.clear(self)
+        value = self._events[0].value if self._events else 0.0
         if value != self.value:
             self.value = value
             self._listener.on_score(self, now)
+
+
+class _Event:
+    """A score that counts in full until a moment, then less with each step of the decay."""
+
+    __slots__ = ("score", "steps", "until")
+
+    def __init__(self, score: float, until: float) -> None:
+        self.score, self.until = score, until
+        self.steps = 0
+
+    @property
+    def value(self) -> float:
+        return self.score * (DECAY_STEPS - self.steps) / DECAY_STEPS
+
+    def next_change(self, decay: float) -> float:
+        return self.until + (self.steps + 1) * decay / DECAY_STEPS if decay else self.until
+
+    def pass_by(self, now: float, decay: float) -> None:
+        """Take all steps due by now: counted, for one computed from the clock can be rounded to the one before."""
+        while self.steps < DECAY_STEPS and self.next_change(decay) <= now + SAME_INSTANT:
+            self.steps = self.steps + 1 if decay else DECAY_STEPS

@@ -9,6 +9,7 @@ from contextpolicy.planning.context import ContextState
 from contextpolicy.planning.division import divide_nodes
 from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.feasibility import shortfalls
+from contextpolicy.planning.inheritance import Inheritance
 from contextpolicy.planning.initiative import Initiative
 from contextpolicy.planning.inputs import Gone, Input, Score
 from contextpolicy.planning.placement import Placement
@@ -17,7 +18,7 @@ from contextpolicy.planning.sample import Sample
 from contextpolicy.planning.scores import Scores
 from contextpolicy.planning.seating import Seating, seat_tasks
 from contextpolicy.planning.stream import StreamState
-from contextpolicy.planning.timers import Timers
+from contextpolicy.planning.timers import SAME_INSTANT, Timers
 from contextpolicy.planning.weights import Weigher, Weight
 from contextpolicy.policy.fields import LARGEST
 
@@ -41,6 +42,7 @@ class Planner:
         self.drops: Counter[tuple[str, str]] = Counter()
         self.errors: dict[str, str] = {}
         self.held_back = 0
+        self.started = False
         self.last: Plan | None = None
         self.on_health: Callable[[], None] = lambda: None
         """Called when a stream fell silent or is heard again, or an expression began or ceased to fail: there is news
@@ -62,24 +64,33 @@ class Planner:
     def start(self, now: float, before: Planner | None = None) -> list[Plan]:
         """Begin: watchdogs run, contexts that need no sample are decided.
 
-        `before` is the planner of the policy's last version: what its unchanged streams and contexts know is kept.
+        `before` is the planner of the policy's last version: what the edit left as it was keeps its state.
         """
+        self.started = True
+        former = Inheritance(before)
         for stream in self.streams.values():
             stream.start(now)
-        for initiative in self._scores:
-            initiative.start(now)
+            former.pass_on_stream(stream, now)
+        self._fall_back(now)
+        for initiative, task in self.owned_initiatives():
+            if former.pass_on_initiative(initiative, task, now):
+                self._scores.update(initiative)
+            else:
+                initiative.start(now)
         for context in self.contexts:
-            context.start(now)
+            if not former.pass_on_context(context, now):
+                context.start(now)
         self._force(now)
-        if before is not None:
-            self._adopt(before, now)
         self._causes = {self: "start"}
         self._changed = True
         return self._conclude(now)
 
     def handle(self, event: Input, now: float) -> list[Plan]:
-        """Take an input; timers due by now act first, each at its own instant."""
-        plans = self.advance(now)
+        """Take an input; timers due before it act first, each at its own instant.
+
+        What is due at this very instant acts after it, so that an event which comes just in time counts.
+        """
+        plans = self.advance(now - SAME_INSTANT)
         arrived = None
         match event:
             case Sample():
@@ -96,6 +107,7 @@ class Planner:
             case Score():
                 arrived = event.arrived
                 self._set_score(event, now)
+        self.timers.fire(now)
         return plans + self._conclude(now, arrived)
 
     def advance(self, now: float) -> list[Plan]:
@@ -122,7 +134,7 @@ class Planner:
     def on_silence(self, stream: StreamState, now: float) -> None:
         """A stream fell silent."""
         for reader in self._readers[stream.spec.name]:
-            reader.on_silence(now)
+            reader.on_value(now)
         self._fall_back(now)
         self._note(stream, f"{stream.spec.name}: silent")
         self.on_health()
@@ -170,6 +182,10 @@ class Planner:
         """Each task's score now."""
         return dict(self._scores.of)
 
+    def owned_initiatives(self) -> Iterable[tuple[Initiative, str]]:
+        """All activities and pre-conditions with the task that they are of."""
+        return self._scores.owned()
+
     def active_contexts(self) -> list[ContextState]:
         """The contexts that have effects now, in list order."""
         return [context for context in self.contexts if context.active]
@@ -209,17 +225,6 @@ class Planner:
                 context.insist("forced", now)
                 self.timers.set(self._release, force.until)
 
-    def _adopt(self, before: Planner, now: float) -> None:
-        contexts = {context.spec.name: context for context in before.contexts}
-        for name, stream in self.streams.items():
-            old = before.streams.get(name)
-            if old is not None and old.spec == stream.spec:
-                stream.adopt(old, now)
-        for context in self.contexts:
-            former = contexts.get(context.spec.name)
-            if former is not None and former.spec.when == context.spec.when:
-                context.adopt(former)
-
     def _conclude(self, now: float, arrived: float | None = None) -> list[Plan]:
         """The new plan, if something happened that changes it and the last one stood long enough.
 
@@ -230,7 +235,8 @@ class Planner:
         plan = self._plan(now, arrived)
         changed = plan.changes(self.last)
         # The dwell bounds flapping sensors; a container that came or went can't wait, its node must add up.
-        dwells = self.last is not None and not self._urgent and now < self.last.time + self.policy.min_dwell
+        stands_until = self.last.time + self.policy.min_dwell - SAME_INSTANT if self.last else now
+        dwells = self.last is not None and not self._urgent and now < stands_until
         self._changed = self._urgent = False
         if self.last is not None and dwells and changed:
             self._hold_back(plan, self.last.time + self.policy.min_dwell)

@@ -7,14 +7,17 @@ from typing import TYPE_CHECKING
 from contextpolicy.policy.spec import Activity
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from contextpolicy.planning.initiative import Initiative
     from contextpolicy.policy.spec import Policy
 
 
 class Scores:
-    """A score is the strongest fresh activity's, else the task's idle score; 1 for a task without either."""
+    """A score is the strongest activity's that is held or fresh, and at least the task's idle score.
+
+    It is 1 for a task without either.
+    """
 
     def __init__(self, policy: Policy, instantiate: Callable[[Activity], Initiative]) -> None:
         self.initiatives = {task.name: [instantiate(own) for own in task.activity] for task in policy.tasks}
@@ -38,13 +41,16 @@ class Scores:
         """All initiatives, the activities first."""
         return iter(self._owners)
 
+    def owned(self) -> Iterable[tuple[Initiative, str]]:
+        """All initiatives, each with its task."""
+        return self._owners.items()
+
     def update(self, initiative: Initiative) -> None:
         """Its value changed."""
         self._update(self._owners[initiative])
 
     def _update(self, task: str) -> None:
-        strongest = max((activity.value for activity in self.initiatives[task]), default=0.0)
-        self.of[task] = strongest or self._idle[task]
+        self.of[task] = max([self._idle[task], *(activity.value for activity in self.initiatives[task])])
         self.unmet.pop(task, None)
         for requirement in self.requirements[task]:
             if requirement.value == 0:

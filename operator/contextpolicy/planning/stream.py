@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Protocol
 from contextpolicy.errors import ExpressionError
 from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.features import Window
+from contextpolicy.planning.timers import SAME_INSTANT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
     from typing import Any
 
     from contextpolicy.planning.sample import Sample
@@ -46,6 +46,7 @@ class StreamState:
         self.spec = spec
         self.value: dict[str, Any] | None = None
         self.seen_at: float | None = None
+        self.absent_since: float | None = None
         self.timestamp: float | None = None
         self.fresh = False
         self.silent = False
@@ -54,10 +55,13 @@ class StreamState:
         self._filter = self._own.compile(spec.filter) if spec.filter else None
         self._windows = [Window(feature, self._own) for feature in spec.features]
         self._gate = _Gate(self, timers)
-        self._emptied = _Emptied(self)
+        self._sliding = _Sliding(self)
+        self._features: dict[str, float] = {}
+        self._valued_at = -math.inf
 
     def start(self, now: float) -> None:
         """Begin to wait for the first sample."""
+        self.absent_since = now
         if self.spec.stale_after is not None:
             self._timers.set(self, now + self.spec.stale_after)
 
@@ -67,12 +71,16 @@ class StreamState:
         return self.spec.stale_after is not None and self.seen_at is None and not self.silent
 
     def adopt(self, old: StreamState, now: float) -> None:
-        """Go on where the same stream of the policy's last version stands."""
-        if old.fresh and old.value is not None and old.seen_at is not None:
-            self.seen_at, self.timestamp = old.seen_at, old.timestamp
-            if self.spec.stale_after is not None:
-                self._timers.set(self, old.seen_at + self.spec.stale_after)
-            self.deliver(old.value, now)
+        """Go on where the same stream of the policy's last version stands: window, gate, watchdog and value."""
+        self.seen_at, self.timestamp, self.absent_since = old.seen_at, old.timestamp, old.absent_since
+        self.fresh, self.silent, self.value = old.fresh, old.silent, old.value
+        self._windows, self._own, self._filter = old._windows, old._own, old._filter
+        self._features, self._valued_at = old._features, old._valued_at
+        self._gate.adopt(old._gate)
+        for former, own in ((old, self), (old._sliding, self._sliding)):
+            self._timers.adopt(old._timers, former, own)
+        if self.value is not None:
+            self._resume(self.value, now)
 
     def observe(self, sample: Sample, now: float) -> None:
         """Take a sample as it arrives."""
@@ -105,10 +113,11 @@ class StreamState:
             return
         self._listener.on_value(self, now)
 
-    def refresh(self, now: float) -> None:
-        """Compute the features again: the last sample left their window."""
-        if self.value is not None and self.fresh:
-            self._bind(self.value, now)
+    def slide(self, now: float) -> None:
+        """The oldest sample left a window: the readers are asked when that changes a feature."""
+        before = self._features
+        if self.value is not None and self.fresh and self._measure(now) != before:
+            self._share(self.value)
             self._listener.on_value(self, now)
 
     def lose(self, now: float) -> None:
@@ -118,9 +127,13 @@ class StreamState:
 
     def on_due(self, now: float) -> None:
         """No sample for `staleAfter`."""
-        was_silent, self.silent, self.fresh = self.silent, True, False
+        was_silent, self.silent = self.silent, True
+        if self.fresh:
+            self.fresh, self.absent_since = False, now
+            self._shared.unbind(self.spec.name)
         self.timestamp = None
         self._gate.empty()
+        self._timers.clear(self._sliding)
         if not was_silent:
             self._listener.on_silence(self, now)
 
@@ -129,13 +142,41 @@ class StreamState:
         return {window.feature.name: window.value(now) for window in self._windows}
 
     def _bind(self, value: dict[str, Any], now: float) -> None:
-        features = self.features(now) if self._windows else None
-        self._shared.bind(self.spec.name, {**value, **features} if features else value)
-        self.value, self.fresh = value, True
-        if self._windows and self.seen_at is not None:
-            later = [due for w in self._windows if (due := self.seen_at + w.feature.over) > now]
-            if later:
-                self._timers.set(self._emptied, min(later))
+        if self._windows:
+            self._measure(now)
+        self._valued_at = now
+        self._share(value)
+        self.value, self.fresh, self.absent_since = value, True, None
+
+    def _share(self, value: dict[str, Any]) -> None:
+        """Let expressions see the sample with the features."""
+        if not self._windows:
+            self._shared.bind(self.spec.name, value, self._valued_at)
+            return
+        lacking = [f.name for f in self.spec.features if f.name not in self._features]
+        fields = {**value, **self._features}
+        for name in lacking:
+            fields.pop(name, None)
+        self._shared.bind(self.spec.name, fields, self._valued_at, lacking)
+
+    def _resume(self, value: dict[str, Any], now: float) -> None:
+        """Let new expressions see an old sample, of which they may read more than could be shown to CEL."""
+        try:
+            self._share(value)
+        except ExpressionError:
+            self._listener.on_drop(self.spec.name, "expression")
+            self.fresh, self.absent_since = False, now
+        if not self.fresh:
+            self._shared.unbind(self.spec.name)
+
+    def _measure(self, now: float) -> dict[str, float]:
+        """Take the windows' values of now, and wait for the next sample that leaves one."""
+        values = self.features(now)
+        self._features = {name: value for name, value in values.items() if value is not None}
+        moments = [due for window in self._windows if (due := window.next_change()) is not None]
+        if moments:
+            self._timers.set(self._sliding, min(moments))
+        return self._features
 
     def _untimely(self, sample: Sample, now: float) -> str | None:
         """Why a sample's own timestamp rules it out."""
@@ -153,14 +194,6 @@ class StreamState:
         return None
 
 
-def all_fresh(streams: Iterable[StreamState]) -> bool:
-    """Whether all of them have a value that counts."""
-    for stream in streams:  # noqa: SIM110 - asked for each reader of each sample, and twice as fast as all()
-        if not stream.fresh:
-            return False
-    return True
-
-
 class _Gate:
     """Debounce and the sampling limit: both hold the newest sample back and pass it when its time has come."""
 
@@ -174,32 +207,37 @@ class _Gate:
         if spec.debounce:
             self._held = value
             self._timers.set(self, max(now + spec.debounce, self._open_at))
-        elif now < self._open_at:
+        elif now < self._open_at - SAME_INSTANT:
             self._held = value
             self._timers.set(self, self._open_at)
         else:
             self._pass(value, now)
 
     def empty(self) -> None:
-        """Forget the sample held back: its stream fell silent."""
+        """Forget the sample held back."""
         self._held = None
         self._timers.clear(self)
 
+    def adopt(self, old: _Gate) -> None:
+        """Hold back what the same gate of the policy's last version held."""
+        self._held, self._open_at = old._held, old._open_at
+        self._timers.adopt(old._timers, old, self)
+
     def on_due(self, now: float) -> None:
-        value, self._held = self._held, None
-        if value is not None:
-            self._pass(value, now)
+        if self._held is not None:
+            self._pass(self._held, now)
 
     def _pass(self, value: dict[str, Any], now: float) -> None:
+        self.empty()
         self._open_at = now + self._stream.spec.sample_every
         self._stream.deliver(value, now)
 
 
-class _Emptied:
-    """The moment at which a stream's features have lost their last sample."""
+class _Sliding:
+    """The moment at which the oldest sample leaves a stream's windows."""
 
     def __init__(self, stream: StreamState) -> None:
         self._stream = stream
 
     def on_due(self, now: float) -> None:
-        self._stream.refresh(now)
+        self._stream.slide(now)

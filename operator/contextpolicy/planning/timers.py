@@ -5,6 +5,10 @@ from __future__ import annotations
 import heapq
 from typing import Protocol
 
+SAME_INSTANT = 1e-6
+"""Seconds: instants closer than this are one. Unix time in a float has steps of 0.24 us, and sums of such are rounded:
+a sensor whose period is just a `hold` or `staleAfter` must not flap by that."""
+
 
 class Timed(Protocol):
     """Something that acts at a moment it chose."""
@@ -37,6 +41,14 @@ class Timers:
     def clear(self, owner: Timed) -> None:
         """Forget the deadline of `owner`, if any."""
         self._due.pop(owner, None)
+
+    def adopt(self, old: Timers, former: Timed, owner: Timed) -> None:
+        """Let `owner` act when `former` would have."""
+        due = old._due.get(former)
+        if due is None:
+            self.clear(owner)
+        else:
+            self.set(owner, due)
 
     def next_due(self) -> float | None:
         """The earliest deadline, None when nothing waits."""

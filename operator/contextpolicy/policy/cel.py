@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 from typing import TYPE_CHECKING, Any, Protocol
 
 import cel
 
-from contextpolicy.errors import ExpressionError
-from contextpolicy.policy import cel_syntax
+from contextpolicy.errors import ExpressionError, UndecidedError
+from contextpolicy.policy import cel_cost, cel_syntax
+from contextpolicy.policy.cel_rewriting import SINCE, rewrite
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -42,44 +44,75 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "max": max,
     "sqrt": math.sqrt,
 }
+_UNDEFINED = re.compile(r"Undefined variable or function: '(\w+)'")
+_CALL_FAILED = re.compile(r"Function '(\w+)' error: Python function call failed: \w+: (.*)\. Check function arguments")
+
+
+def _compile(rewritten: str) -> cel.Program:
+    try:
+        return cel.compile(rewritten)
+    except ValueError as error:  # the source itself compiles: only the depth can be too much
+        raise ValueError("nests operands too deeply") from error
 
 
 class Bindings(Protocol):
     """The variables that an expression is evaluated on."""
 
     context: cel.Context
+    whole: set[str]
+    """The streams that hold a whole number which is no double."""
 
     def size(self, stream: str) -> int:
         """How many values expressions see of the stream."""
 
+    def lacks(self, stream: str, feature: str) -> bool:
+        """Whether the stream has this feature, but its window holds no sample."""
+
 
 class Expression:
-    """A compiled CEL expression with the variables it reads and the functions that nobody defines."""
+    """A compiled CEL expression with the variables it reads and the functions that nobody defines.
 
-    __slots__ = ("_max_size", "_program", "reads", "source", "unknown_functions", "variables")
+    `reads` are the paths that it reads of samples, `asked` the streams of which it asks whether they have a value, and
+    `ages` when it may change its answer with no sample.
+    """
+
+    __slots__ = (
+        *("_exact", "_fast", "_max_size"),
+        *("ages", "asked", "presence", "reads", "source", "tree", "unknown_functions", "variables"),
+    )
 
     def __init__(self, source: str) -> None:
         """Compile; ValueError says what is wrong with the source."""
         if len(source) > MAX_LENGTH:
             raise ValueError(f"has {len(source)} characters, allowed: {MAX_LENGTH}")
         self.source = source
-        self._program = cel.compile(source)
-        scanned = cel_syntax.scan(source)
-        self.reads, self.variables, self._max_size = scanned.reads, scanned.streams, scanned.max_size
-        self.unknown_functions = {name for name in self._program.functions() if name[0].isalpha()} - (
-            _BUILT_IN | FUNCTIONS.keys()
-        )
+        named = {name for name in cel.compile(source).functions() if name[0].isalpha()}
+        self.tree = cel_syntax.parse(source)
+        reading, written = cel_cost.read(self.tree), rewrite(self.tree)
+        self.reads, self.presence, self.variables = reading.reads, reading.presence, reading.streams
+        self.ages, self.asked, self._max_size = written.ages, written.asked, reading.max_size
+        self._exact = _compile(written.exact)
+        self._fast = self._exact if written.fast is None or written.fast == written.exact else _compile(written.fast)
+        self.unknown_functions = named - (_BUILT_IN | FUNCTIONS.keys() | cel_cost.PRESENCE_FUNCTIONS)
 
     def evaluate(self, scope: Bindings) -> Any:
-        """The value on the scope's latest samples; ExpressionError when it has none."""
+        """The value on the scope's latest samples; ExpressionError when it has none.
+
+        It is an UndecidedError when the reason is a stream without a value, or a feature of one.
+        """
         if self._max_size is not None:
             self._check_size(scope, self._max_size)
+        exact = scope.whole and not scope.whole.isdisjoint(self.variables)
         try:
-            return self._program.execute(scope.context)
+            return (self._exact if exact else self._fast).execute(scope.context)
         except KeyError as error:
+            name = str(error.args[0]) if error.args else ""
+            for stream in self.variables:
+                if scope.lacks(stream, name):
+                    raise UndecidedError(self.source, stream, f"{stream}.{name} has no sample in its window") from error
             raise ExpressionError(f"{self.source}: the sample has no field {error}") from error
         except (ValueError, TypeError, RuntimeError, ArithmeticError, LookupError) as error:
-            raise ExpressionError(f"{self.source}: {error}") from error
+            raise self._failure(str(error)) from error
 
     def truth(self, scope: Bindings) -> bool:
         """A condition's value; ExpressionError when it is not a boolean."""
@@ -94,6 +127,17 @@ class Expression:
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ExpressionError(f"{self.source}: is {value!r}, allowed: a finite number")
         return float(value)
+
+    def _failure(self, reason: str) -> ExpressionError:
+        undefined = _UNDEFINED.match(reason)
+        stream = undefined[1].removeprefix(SINCE) if undefined else ""
+        if stream in self.variables:
+            return UndecidedError(self.source, stream, f"{stream} has no value")
+        failed = _CALL_FAILED.match(reason)
+        if failed:
+            called = "" if failed[1].startswith("__") else f"{failed[1]}: "
+            reason = called + failed[2]
+        return ExpressionError(f"{self.source}: {reason}")
 
     def _check_size(self, scope: Bindings, allowed: int) -> None:
         size = sum(scope.size(name) for name in self.variables)

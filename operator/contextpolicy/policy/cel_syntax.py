@@ -1,218 +1,247 @@
-"""What a CEL source reads and what it may cost, told from its text: the CEL library shows no syntax tree.
+"""A CEL source as a tree: the CEL library shows none, and reading, costs, numbers and explanations need one.
 
-Cost is a power of the sample's size: `all` over a list costs n, one inside another n^2, and `map` and `filter` copy
-what they have gathered so far with each step (measured: 0.3 us a step, 35 ms for a map over 1000 numbers, half a minute
-for one that makes lists of lists). So each expression has a most that it may read, to stay within `BUDGET` steps.
+Only what the library compiles is parsed, so the grammar is CEL's without its checks; what is no expression, or nests
+too deeply to walk, is a ValueError.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from enum import Enum, auto
 
-BUDGET = 1 << 16
-"""Steps of one evaluation, about 20 ms."""
-LEAST_SIZE = 8
-"""An expression that can't read a sample of this many values within the budget is refused."""
 MAX_BRACKETS = 32
-MAX_SUMS = 16
-"""Plus signs: each copies the texts and lists on its left."""
-MAX_PATTERN = 64
-"""Characters of a regular expression, which is compiled anew at each evaluation."""
+MAX_DEPTH = 64
+"""Operands within operands: a long sum or a long row of selections nests, too. The library takes 96."""
 
 MACROS = frozenset({"all", "exists", "exists_one", "existsOne", "map", "filter"})
 _CONSTANTS = frozenset({"true", "false", "null"})
-_SCALAR_FUNCTIONS = frozenset({"norm", "abs", "sqrt", "size", "int", "uint", "double", "has", "contains", "matches"})
-_SCALAR_OPERATORS = frozenset({"-", "*", "/", "%", "<", ">", "<=", ">=", "==", "!=", "&&", "||", "!", "in"})
-_WALKING_OPERATORS = frozenset({"==", "!=", "in", "+"})
 _CLOSES = {"(": ")", "[": "]", "{": "}"}
+_LEVELS = (
+    ("||",),
+    ("&&",),
+    ("<", "<=", ">=", ">", "==", "!=", "in"),
+    ("+", "-"),
+    ("*", "/", "%"),
+)
+"""Binary operators, the loosest first; all group to the left."""
 
 _TOKEN = re.compile(
     r"""\s+|//[^\n]*
     |(?P<text>(?:[rR][bB]?|[bB][rR])(?:\"{3}(?s:.*?)\"{3}|'{3}(?s:.*?)'{3}|"[^"\n]*"|'[^'\n]*')
       |[bB]?(?:\"{3}(?s:.*?)\"{3}|'{3}(?s:.*?)'{3}|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'))
     |(?P<name>[A-Za-z_]\w*)
-    |(?P<number>\d[\w.]*)
+    |(?P<number>0[xX][0-9a-fA-F]+[uU]?|(?:\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?[uU]?)
     |(?P<operator>==|!=|<=|>=|&&|\|\||.)""",
     re.VERBOSE,
 )
 
-Path = tuple[str, ...]
+
+class Construct(Enum):
+    """What a node is, and what its `text` and `parts` are."""
+
+    NUMBER = auto()
+    TEXT = auto()
+    """A text or bytes, quotes included."""
+    CONSTANT = auto()
+    NAME = auto()
+    SELECT = auto()
+    """`text` is the field, the part what it is selected from."""
+    INDEX = auto()
+    """The parts are what is indexed and the index."""
+    CALL = auto()
+    METHOD = auto()
+    """A call whose first part is the receiver."""
+    LIST = auto()
+    MAP = auto()
+    """The parts are keys and values in turn."""
+    UNARY = auto()
+    BINARY = auto()
+    """Two parts; for `&&` and `||` as many as stand in a row."""
+    CHOICE = auto()
+    """Condition, value if true, value if false."""
+
+
+_COLLECTIONS = {"[": Construct.LIST, "{": Construct.MAP}
+_LITERALS = {"number": Construct.NUMBER, "text": Construct.TEXT}
 
 
 @dataclass(frozen=True, slots=True)
-class Syntax:
-    """`reads` are paths such as (imu, gyro): what the expression can see of each stream."""
+class Node:
+    """One operand with all below it."""
 
-    reads: frozenset[Path]
-    max_size: int | None
-    """The most values its samples may have together; None where it costs the same whatever it reads."""
+    kind: Construct
+    text: str
+    parts: tuple[Node, ...] = ()
+    span: tuple[int, int] = field(default=(0, 0), compare=False)
+    """Where it stands in the source, brackets around it excluded."""
+    depth: int = field(default=0, compare=False)
 
-    @property
-    def streams(self) -> frozenset[str]:
-        """The variables."""
-        return frozenset(path[0] for path in self.reads)
+    def path(self) -> tuple[str, ...] | None:
+        """`("imu", "gyro")` for imu.gyro; None for what is no row of selections from a name."""
+        names, node = [], self
+        while node.kind is Construct.SELECT:
+            names.append(node.text)
+            node = node.parts[0]
+        return (node.text, *reversed(names)) if node.kind is Construct.NAME else None
 
 
-def scan(source: str) -> Syntax:
-    """Read a source that compiles; ValueError when it may run away."""
-    tokens = [match[0] for match in _TOKEN.finditer(source) if match.lastgroup]
+def parse(source: str) -> Node:
+    """The tree of a source that compiles; ValueError for what is no expression or nests too deeply."""
+    tokens = [Token(m[0], m.lastgroup or "", m.start(), m.end()) for m in _TOKEN.finditer(source) if m.lastgroup]
     brackets = 0
     for token in tokens:
-        brackets += (token in _CLOSES) - (token in _CLOSES.values())
+        brackets += (token.text in _CLOSES) - (token.text in _CLOSES.values())
         if brackets > MAX_BRACKETS:
             raise ValueError(f"nests brackets deeper than {MAX_BRACKETS}")
-    if tokens.count("+") > MAX_SUMS:
-        raise ValueError(f"adds more than {MAX_SUMS} times")
-    scanner = _Scanner(tokens)
-    cost = scanner.sequence()
-    return Syntax(frozenset(scanner.reads), _max_size(cost, scanner.macros, 1 + tokens.count(",") - scanner.macros))
+    if sum(token.text == "?" for token in tokens) > MAX_BRACKETS:
+        raise ValueError(f"chooses with ? more than {MAX_BRACKETS} times")
+    parser = _Parser(tokens)
+    tree = parser.expression()
+    parser.end()
+    return tree
 
 
-def size(value: object) -> int:
-    """How many values a sample has, as costs count them: a long text counts as several."""
-    if isinstance(value, dict):
-        return len(value) + sum(map(size, value.values()))
-    if isinstance(value, list):
-        return 1 + sum(map(size, value))
-    return 1 + len(value) // 32 if isinstance(value, str | bytes) else 1
-
-
-def _max_size(cost: _Cost, macros: int, literals: int) -> int | None:
-    if not macros:
-        return None
-    most = int((BUDGET / macros) ** (1 / max(1, cost.work))) - literals
-    if most < LEAST_SIZE:
-        raise ValueError("nests comprehensions so deeply that it may run away")
-    return most
+def number(literal: str) -> int | float:
+    """The value of a number as it stands in a source; ValueError for what is none."""
+    digits = literal.rstrip("uU").lower()
+    if digits.startswith("0x"):
+        return int(digits, 16)
+    return int(digits) if digits.isdigit() else float(digits)
 
 
 @dataclass(frozen=True, slots=True)
-class _Cost:
-    """Powers of the sample's size: of the result and of the work; `reads` says that it is a stream's, no element."""
+class Token:
+    """A word of the source; `kind` is the group of `_TOKEN` that it matched."""
 
-    size: int = 0
-    work: int = 0
-    reads: bool = False
+    text: str
+    kind: str
+    start: int
+    end: int
 
-    def __or__(self, other: _Cost) -> _Cost:
-        return _Cost(max(self.size, other.size), max(self.work, other.work), self.reads or other.reads)
 
-    def walked(self) -> _Cost:
-        """After an operation that looks at all of it."""
-        return _Cost(self.size, max(self.work, int(self.reads)), self.reads)
+_NOTHING = Token("", "", 0, 0)
 
 
 @dataclass
-class _Scanner:
-    """Recursive descent over the tokens, as far as costs need it."""
+class _Parser:
+    """Recursive descent; brackets bound its depth."""
 
-    tokens: list[str]
+    tokens: list[Token]
     at: int = 0
-    macros: int = 0
-    reads: set[Path] = field(default_factory=set)
-    bound: list[str] = field(default_factory=list)
 
-    def sequence(self) -> _Cost:
-        """Operands and operators up to the closing bracket, which is left standing."""
-        cost, operators = _Cost(), set[str]()
-        while self.at < len(self.tokens) and self.tokens[self.at] not in _CLOSES.values():
-            token = self.tokens[self.at]
-            if _is_operand(token):
-                cost |= self._operand()
-            else:
-                operators.add(token)
-                self.at += 1
-        if operators & _WALKING_OPERATORS:
-            cost = cost.walked()
-        if operators & _SCALAR_OPERATORS and not operators & {"?", ","}:
-            cost = _Cost(0, cost.work, cost.reads)
-        return cost
+    def expression(self) -> Node:
+        condition = self._binary(0)
+        if not self._skip("?"):
+            return condition
+        yes = self.expression()
+        self._expect(":")
+        return _node(Construct.CHOICE, "?", condition, yes, self.expression())
 
-    def _operand(self) -> _Cost:
-        token = self._take()
-        grouped = token == "("  # noqa: S105 - a bracket
-        if token in _CLOSES:
-            cost = self._closed(self.sequence())
-            if not grouped:
-                cost |= _Cost(size=1)
-        elif not _is_name(token) or token in _CONSTANTS:
-            cost = _Cost()
-        elif self._next() == "(":
-            cost = self._call(token, _Cost())
-        elif token in self.bound:
-            cost = _Cost(size=1)
-        else:
-            cost = self._variable(token)
-        return self._tail(cost)
+    def end(self) -> None:
+        if self.at < len(self.tokens):
+            raise self._unexpected()
 
-    def _variable(self, name: str) -> _Cost:
-        path = [name]
-        while self._next() == "." and _is_name(self._next(1)) and self._next(2) != "(":
-            path.append(self.tokens[self.at + 1])
-            self.at += 2
-        self.reads.add(tuple(path))
-        return _Cost(size=1, reads=True)
+    def _binary(self, level: int) -> Node:
+        if level == len(_LEVELS):
+            return self._unary()
+        left = self._binary(level + 1)
+        while (operator := self._next().text) in _LEVELS[level]:
+            self.at += 1
+            right = self._binary(level + 1)
+            row = left.parts if level < 2 and left.kind is Construct.BINARY and left.text == operator else (left,)
+            left = _node(Construct.BINARY, operator, *row, right)
+        return left
 
-    def _tail(self, cost: _Cost) -> _Cost:
-        """The selections, calls and indices that follow an operand."""
-        while self._next() in {".", "["}:
-            if self._take() == "[":
-                cost |= self._closed(self.sequence())
+    def _unary(self) -> Node:
+        signs = []
+        while self._next().text in {"!", "-"}:
+            signs.append(self._take())
+        operand = self._member()
+        for sign in reversed(signs):
+            operand = _node(Construct.UNARY, sign.text, operand, span=(sign.start, operand.span[1]))
+        return operand
+
+    def _member(self) -> Node:
+        operand = self._primary()
+        start = operand.span[0]
+        while self._next().text in {".", "["}:
+            if self._take().text == "[":
+                index = self.expression()
+                operand = _node(Construct.INDEX, "[", operand, index, span=(start, self._expect("]").end))
                 continue
-            name = self._take()
-            if self._next() == "(":
-                cost = self._macro(name, cost) if name in MACROS else self._call(name, cost)
-        return cost
+            name = self._name()
+            if self._next().text == "(":
+                arguments, end = self._arguments("(")
+                operand = _node(Construct.METHOD, name.text, operand, *arguments, span=(start, end))
+            else:
+                operand = _node(Construct.SELECT, name.text, operand, span=(start, name.end))
+        return operand
 
-    def _call(self, name: str, receiver: _Cost) -> _Cost:
-        opening = self.at
-        self._take()
-        cost = self._closed(receiver | self.sequence()).walked()
-        if name == "matches":
-            _check_pattern(self.tokens[opening : self.at])
-        return _Cost(0 if name in _SCALAR_FUNCTIONS else cost.size, cost.work, cost.reads)
-
-    def _macro(self, name: str, over: _Cost) -> _Cost:
-        self.macros += 1
-        self._take()
-        self.bound.append(self._take())
-        self._take()
-        body = self._closed(self.sequence())
-        self.bound.pop()
-        work = max(over.work, over.size + body.work)
-        match name:
-            case "map":
-                return _Cost(over.size + body.size, max(work, 2 * over.size + body.size), over.reads or body.reads)
-            case "filter":
-                return _Cost(over.size, max(work, 2 * over.size), over.reads)
-            case _:
-                return _Cost(0, work, over.reads)
-
-    def _closed(self, cost: _Cost) -> _Cost:
-        self._take()
-        return cost
-
-    def _next(self, ahead: int = 0) -> str:
-        return self.tokens[self.at + ahead] if self.at + ahead < len(self.tokens) else ""
-
-    def _take(self) -> str:
+    def _primary(self) -> Node:
         token = self._next()
+        span = (token.start, token.end)
+        if token.text == "(":
+            self.at += 1
+            inner = self.expression()
+            self._expect(")")
+            return inner
+        if token.text in _COLLECTIONS:
+            items, end = self._arguments(token.text)
+            return _node(_COLLECTIONS[token.text], token.text, *items, span=(token.start, end))
+        if token.kind in _LITERALS:
+            return _node(_LITERALS[token.kind], self._take().text, span=span)
+        return self._named(self._name())
+
+    def _named(self, name: Token) -> Node:
+        if self._next().text == "(" and name.text not in _CONSTANTS:
+            arguments, end = self._arguments("(")
+            return _node(Construct.CALL, name.text, *arguments, span=(name.start, end))
+        construct = Construct.CONSTANT if name.text in _CONSTANTS else Construct.NAME
+        return _node(construct, name.text, span=(name.start, name.end))
+
+    def _arguments(self, opening: str) -> tuple[list[Node], int]:
+        """What stands between brackets, and where they end."""
+        self._expect(opening)
+        items = []
+        while self._next().text != _CLOSES[opening]:
+            items.append(self.expression())
+            if opening == "{":
+                self._expect(":")
+                items.append(self.expression())
+            if not self._skip(","):
+                break
+        return items, self._expect(_CLOSES[opening]).end
+
+    def _name(self) -> Token:
+        if self._next().kind != "name" or self._next().text == "in":
+            raise self._unexpected()
+        return self._take()
+
+    def _next(self) -> Token:
+        return self.tokens[self.at] if self.at < len(self.tokens) else _NOTHING
+
+    def _take(self) -> Token:
         self.at += 1
-        return token
+        return self.tokens[self.at - 1]
+
+    def _skip(self, text: str) -> bool:
+        found = self._next().text == text
+        self.at += found
+        return found
+
+    def _expect(self, text: str) -> Token:
+        if self._next().text != text:
+            raise self._unexpected()
+        return self._take()
+
+    def _unexpected(self) -> ValueError:
+        token = self._next()
+        return ValueError(f"has {token.text} at character {token.start + 1}" if token.text else "ends too early")
 
 
-def _is_name(token: str) -> bool:
-    return token.isidentifier()
-
-
-def _is_operand(token: str) -> bool:
-    return token in _CLOSES or (token not in _SCALAR_OPERATORS and (token[0].isalnum() or token[0] in "_'\""))
-
-
-def _check_pattern(call: list[str]) -> None:
-    pattern = call[-2] if len(call) >= 3 else ""
-    if not pattern.endswith(("'", '"')) or call[-3] not in {"(", ","}:
-        raise ValueError("matches a pattern that is no text in quotes")
-    if len(pattern) > MAX_PATTERN or "{" in pattern:
-        raise ValueError(f"matches a pattern of more than {MAX_PATTERN} characters or with counted repetitions")
+def _node(kind: Construct, text: str, *parts: Node, span: tuple[int, int] | None = None) -> Node:
+    depth = 1 + max((part.depth for part in parts), default=0)
+    if depth > MAX_DEPTH:
+        raise ValueError(f"nests operands deeper than {MAX_DEPTH}")
+    return Node(kind, text, parts, span or (parts[0].span[0], parts[-1].span[1]), depth)

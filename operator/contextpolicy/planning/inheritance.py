@@ -1,0 +1,52 @@
+"""An edit keeps what it did not change: what a planner takes over from that of the policy's last version.
+
+The same is what has an equal spec and reads only streams that are the same. It keeps its state, timers included.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from contextpolicy.planning.context import ContextState
+    from contextpolicy.planning.initiative import Initiative
+    from contextpolicy.planning.planner import Planner
+    from contextpolicy.planning.stream import StreamState
+
+
+class Inheritance:
+    """What the last version left; nothing where there was none, or where it never began."""
+
+    def __init__(self, before: Planner | None) -> None:
+        before = before if before and before.started else None
+        self._streams = dict(before.streams) if before else {}
+        self._contexts = {context.spec.name: context for context in before.contexts} if before else {}
+        self._initiatives = list(before.owned_initiatives()) if before else []
+        self._same: set[str] = set()
+
+    def pass_on_stream(self, stream: StreamState, now: float) -> None:
+        """Streams come first: the others ask if theirs are the same."""
+        old = self._streams.get(stream.spec.name)
+        if old is not None and old.spec == stream.spec:
+            self._same.add(stream.spec.name)
+            stream.adopt(old, now)
+
+    def pass_on_initiative(self, initiative: Initiative, task: str, now: float) -> bool:
+        """Whether the task had it; of several that are equal each passes on its state once."""
+        for index, (old, owner) in enumerate(self._initiatives):
+            if owner == task and old.spec == initiative.spec and self._are_same(old.streams):
+                del self._initiatives[index]
+                initiative.adopt(old, now)
+                return True
+        return False
+
+    def pass_on_context(self, context: ContextState, now: float) -> bool:
+        """Whether there was a context of this name with the same condition."""
+        old = self._contexts.get(context.spec.name)
+        if old is None or old.spec.when != context.spec.when or not self._are_same(old.streams):
+            return False
+        context.adopt(old, now)
+        return True
+
+    def _are_same(self, streams: tuple[StreamState, ...]) -> bool:
+        return all(stream.spec.name in self._same for stream in streams)

@@ -1,0 +1,187 @@
+"""What an expression reads and what it may cost, told from its tree.
+
+Cost is a power of the sample's size: `all` over a list costs n, one inside another n^2, and `map` and `filter` copy
+what they have gathered so far with each step (measured: 0.3 us a step, 35 ms for a map over 1000 numbers, half a minute
+for one that makes lists of lists). So each expression has a most that it may read, to stay within `BUDGET` steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from contextpolicy.policy.cel_syntax import MACROS, Construct, Node
+
+BUDGET = 1 << 16
+"""Steps of one evaluation, about 20 ms."""
+LEAST_SIZE = 8
+"""An expression that can't read a sample of this many values within the budget is refused."""
+MAX_SUMS = 16
+"""Plus signs: each copies the texts and lists on its left."""
+MAX_PATTERN = 64
+"""Characters of a regular expression, which is compiled anew at each evaluation."""
+PRESENCE_FUNCTIONS = frozenset({"heard", "age"})
+"""They tell about a stream, and read nothing of its samples."""
+
+_SCALAR_FUNCTIONS = frozenset({"norm", "abs", "sqrt", "size", "int", "uint", "double", "has", "contains", "matches"})
+_WALKING_OPERATORS = frozenset({"==", "!=", "in", "+"})
+
+Path = tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """`reads` are paths such as (imu, gyro): what the expression can see of each stream."""
+
+    reads: frozenset[Path]
+    presence: frozenset[str]
+    """The streams that `heard` and `age` ask about."""
+    max_size: int | None
+    """The most values its samples may have together; None where it costs the same whatever it reads."""
+
+    @property
+    def streams(self) -> frozenset[str]:
+        """The variables."""
+        return self.presence | {path[0] for path in self.reads}
+
+
+def read(tree: Node) -> Reading:
+    """Walk a tree; ValueError when it may run away."""
+    walk = _Walk()
+    cost = walk.cost(tree)
+    if walk.sums > MAX_SUMS:
+        raise ValueError(f"adds more than {MAX_SUMS} times")
+    most = _max_size(cost, walk.macros, 1 + walk.literals)
+    return Reading(frozenset(walk.reads), frozenset(walk.presence), most)
+
+
+def size(value: object) -> int:
+    """How many values a sample has, as costs count them: a long text counts as several."""
+    if isinstance(value, dict):
+        return len(value) + sum(map(size, value.values()))
+    if isinstance(value, list):
+        return 1 + sum(map(size, value))
+    return 1 + len(value) // 32 if isinstance(value, str | bytes) else 1
+
+
+def _max_size(cost: _Cost, macros: int, literals: int) -> int | None:
+    if not macros:
+        return None
+    most = int((BUDGET / macros) ** (1 / max(1, cost.work))) - literals
+    if most < LEAST_SIZE:
+        raise ValueError("nests comprehensions so deeply that it may run away")
+    return most
+
+
+@dataclass(frozen=True, slots=True)
+class _Cost:
+    """Powers of the sample's size: of the result and of the work; `reads` says that it is a stream's, no element."""
+
+    size: int = 0
+    work: int = 0
+    reads: bool = False
+
+    def __or__(self, other: _Cost) -> _Cost:
+        return _Cost(max(self.size, other.size), max(self.work, other.work), self.reads or other.reads)
+
+    def walked(self) -> _Cost:
+        """After an operation that looks at all of it."""
+        return _Cost(self.size, max(self.work, int(self.reads)), self.reads)
+
+    def scalar(self) -> _Cost:
+        """After an operation whose result is a number, a text or a truth value."""
+        return _Cost(0, self.work, self.reads)
+
+
+@dataclass
+class _Walk:
+    """One visit of each node."""
+
+    macros: int = 0
+    sums: int = 0
+    literals: int = 0
+    """Elements that stand in the source, beyond the first of each list."""
+    reads: set[Path] = field(default_factory=set)
+    presence: set[str] = field(default_factory=set)
+    bound: list[str] = field(default_factory=list)
+
+    def cost(self, node: Node) -> _Cost:
+        path = node.path()
+        if path is not None:
+            return self._variable(path)
+        match node.kind:
+            case Construct.CALL | Construct.METHOD:
+                return self._call(node)
+            case Construct.LIST | Construct.MAP:
+                self.literals += max(0, len(node.parts) - 1)
+                return self._all(node) | _Cost(size=1)
+            case Construct.UNARY:
+                return self._all(node).scalar()
+            case Construct.BINARY:
+                return self._binary(node)
+            case _:
+                return self._all(node)
+
+    def _all(self, node: Node) -> _Cost:
+        total = _Cost()
+        for part in node.parts:
+            total |= self.cost(part)
+        return total
+
+    def _variable(self, path: Path) -> _Cost:
+        if path[0] in self.bound:
+            return _Cost(size=1)
+        self.reads.add(path)
+        return _Cost(size=1, reads=True)
+
+    def _binary(self, node: Node) -> _Cost:
+        cost = self._all(node)
+        self.sums += node.text == "+"
+        if node.text in _WALKING_OPERATORS:
+            cost = cost.walked()
+        return cost if node.text == "+" else cost.scalar()
+
+    def _call(self, node: Node) -> _Cost:
+        if node.kind is Construct.METHOD and node.text in MACROS:
+            return self._macro(node)
+        if node.kind is Construct.CALL and node.text in PRESENCE_FUNCTIONS:
+            self.presence.add(asked_stream(node))
+            return _Cost()
+        self.literals += max(0, len(node.parts) - 1)
+        cost = self._all(node).walked()
+        if node.text == "matches":
+            _check_pattern(node.parts[-1] if len(node.parts) == 2 else node)
+        return cost.scalar() if node.text in _SCALAR_FUNCTIONS else cost
+
+    def _macro(self, node: Node) -> _Cost:
+        self.macros += 1
+        if len(node.parts) < 3:
+            raise ValueError(f"gives {node.text} less than a name and an expression")
+        over, variable, *bodies = node.parts
+        of = self.cost(over)
+        self.bound.append(variable.text)
+        body = _Cost()
+        for part in bodies:
+            body |= self.cost(part)
+        self.bound.pop()
+        work = max(of.work, of.size + body.work)
+        match node.text:
+            case "map":
+                return _Cost(of.size + body.size, max(work, 2 * of.size + body.size), of.reads or body.reads)
+            case "filter":
+                return _Cost(of.size, max(work, 2 * of.size), of.reads)
+            case _:
+                return _Cost(0, work, of.reads)
+
+
+def asked_stream(call: Node) -> str:
+    """The stream that `heard` or `age` asks about; ValueError when it names none."""
+    if len(call.parts) != 1 or call.parts[0].kind is not Construct.NAME:
+        raise ValueError(f"asks {call.text}() of something else than one stream, such as {call.text}(imu)")
+    return call.parts[0].text
+
+
+def _check_pattern(pattern: Node) -> None:
+    if pattern.kind is not Construct.TEXT:
+        raise ValueError("matches a pattern that is no text in quotes")
+    if len(pattern.text) > MAX_PATTERN or "{" in pattern.text:
+        raise ValueError(f"matches a pattern of more than {MAX_PATTERN} characters or with counted repetitions")

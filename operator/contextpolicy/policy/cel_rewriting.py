@@ -1,0 +1,198 @@
+"""A tree as the text that the CEL library is given, so that policies mean what they read like.
+
+- Numbers get their one form (see `cel_numbers`); indices, keys and `%` want whole numbers, and get them.
+- Arithmetic stays the library's own on doubles, which is what nearly all samples have. `exact` text calls our
+  functions instead, five times as slow: for samples and sources with whole numbers that are no doubles.
+- `has(imu.gyro)` is false for a stream without a value, and `heard` and `age` ask what the scope knows about it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from contextpolicy.policy import cel_numbers
+from contextpolicy.policy.cel_cost import asked_stream
+from contextpolicy.policy.cel_syntax import MACROS, Construct, Node, number
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+HEARD, SINCE = "__heard_", "__since_"
+"""Variables that say of a stream whether it has a value, and when it got its last one. No stream is called so."""
+REACHED, PASSED = "__reached", "__passed"
+"""Functions of such a moment and a number of seconds: whether that age is reached, and whether it is passed."""
+
+_ARITHMETIC = {"+": "__add", "-": "__subtract", "*": "__multiply", "/": "__divide"}
+_WHOLE_FUNCTIONS = frozenset(
+    {
+        *("size", "int", "uint", "getFullYear", "getMonth", "getDate", "getDayOfMonth", "getDayOfWeek"),
+        *("getDayOfYear", "getHours", "getMinutes", "getSeconds", "getMilliseconds"),
+    }
+)
+"""Of the library: they give whole numbers, which it does not add to doubles."""
+_MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
+_AGES = {">": ("", PASSED), ">=": ("", REACHED), "<": ("!", REACHED), "<=": ("!", PASSED)}
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Age:
+    """A stream's age that an expression asks for: it changes its answer there, with no sample."""
+
+    stream: str
+    seconds: float
+    passed: bool
+    """Whether it asks for more than these seconds, or already for as many."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rewriting:
+    """`fast` is None where only `exact` is right on every sample."""
+
+    fast: str | None
+    exact: str
+    ages: frozenset[Age]
+    asked: frozenset[str]
+    """The streams of which it asks whether they have a value."""
+
+
+def rewrite(tree: Node) -> Rewriting:
+    """What the library is to evaluate; ValueError for an age that is not compared with a number."""
+    exact, fast = _Writer(exact=True), _Writer(exact=False)
+    text, fast_text = exact.text(tree), fast.text(tree)
+    return Rewriting(None if fast.whole else fast_text, text, frozenset(exact.ages), frozenset(exact.asked))
+
+
+class _Writer:
+    """Writes every operand; `whole` says that there is arithmetic and that a source of whole numbers was met."""
+
+    def __init__(self, *, exact: bool) -> None:
+        self.ages: set[Age] = set()
+        self.asked: set[str] = set()
+        self._exact = exact
+        self._bound: frozenset[str] = frozenset()
+        self._calculates = self._has_whole = False
+        self._writers: dict[Construct, Callable[[Node], str]] = {
+            Construct.NUMBER: self._number,
+            Construct.SELECT: self._select,
+            Construct.INDEX: self._index,
+            Construct.CALL: self._call,
+            Construct.METHOD: self._method,
+            Construct.LIST: self._list,
+            Construct.MAP: self._map,
+            Construct.UNARY: self._unary,
+            Construct.BINARY: self._binary,
+            Construct.CHOICE: self._choice,
+        }
+
+    @property
+    def whole(self) -> bool:
+        return self._calculates and self._has_whole
+
+    def text(self, node: Node) -> str:
+        """The node as CEL, in brackets where it is no single operand."""
+        write = self._writers.get(node.kind)
+        return node.text if write is None else write(node)
+
+    def _select(self, node: Node) -> str:
+        return f"{self.text(node.parts[0])}.{node.text}"
+
+    def _index(self, node: Node) -> str:
+        return f"{self.text(node.parts[0])}[{self._key(node.parts[1])}]"
+
+    def _list(self, node: Node) -> str:
+        return f"[{self._row(node.parts)}]"
+
+    def _map(self, node: Node) -> str:
+        pairs = zip(node.parts[::2], node.parts[1::2], strict=True)
+        return "{" + ", ".join(f"{self._key(name)}: {self.text(value)}" for name, value in pairs) + "}"
+
+    def _choice(self, node: Node) -> str:
+        condition, yes, no = map(self.text, node.parts)
+        return f"({condition} ? {yes} : {no})"
+
+    def _row(self, nodes: Sequence[Node]) -> str:
+        return ", ".join(map(self.text, nodes))
+
+    def _number(self, node: Node) -> str:
+        text = cel_numbers.literal(number(node.text))
+        self._has_whole = self._has_whole or text.rstrip("u").isdigit()
+        return text
+
+    def _key(self, node: Node) -> str:
+        if node.kind is Construct.TEXT:
+            return node.text
+        if node.kind is Construct.NUMBER:
+            return str(cel_numbers.key(number(node.text)))
+        return f"__key({self.text(node)})"
+
+    def _method(self, node: Node) -> str:
+        self._has_whole = self._has_whole or node.text in _WHOLE_FUNCTIONS
+        receiver, *arguments = node.parts
+        of, bound = self.text(receiver), self._bound
+        if node.text in MACROS:
+            self._bound |= {arguments[0].text}
+        call = f"{of}.{node.text}({self._row(arguments)})"
+        self._bound = bound
+        return call
+
+    def _call(self, node: Node) -> str:
+        self._has_whole = self._has_whole or node.text in _WHOLE_FUNCTIONS
+        if node.text == "heard":
+            self.asked.add(asked_stream(node))
+            return HEARD + asked_stream(node)
+        if node.text == "age":
+            raise ValueError("uses age() for something else than a comparison with a number, such as age(imu) > 2")
+        call = f"{node.text}({self._row(node.parts)})"
+        stream = _root(node.parts[0]) if node.text == "has" and node.parts else None
+        if stream is None or stream in self._bound:
+            return call
+        self.asked.add(stream)
+        return f"({HEARD}{stream} && {call})"
+
+    def _unary(self, node: Node) -> str:
+        operand = self.text(node.parts[0])
+        self._calculates = self._calculates or node.text == "-"
+        return f"__negate({operand})" if node.text == "-" and self._exact else f"({node.text}{operand})"
+
+    def _binary(self, node: Node) -> str:
+        if any(_is_age(part) for part in node.parts):
+            return self._age(node)
+        if node.text == "%":
+            return f"__remainder({self._row(node.parts)})"
+        if node.text in _ARITHMETIC:
+            self._calculates = True
+            if self._exact:
+                return f"{_ARITHMETIC[node.text]}({self._row(node.parts)})"
+        if node.text == "in":
+            return f"({self._sought(*node.parts)} in {self.text(node.parts[1])})"
+        return "(" + f" {node.text} ".join(map(self.text, node.parts)) + ")"
+
+    def _sought(self, node: Node, among: Node) -> str:
+        """A list compares numbers by value; only keys must be whole, and samples' keys are texts."""
+        return self.text(node) if among.kind is Construct.LIST or among.path() is not None else self._key(node)
+
+    def _age(self, node: Node) -> str:
+        left, right = node.parts[:2]
+        operator, call, limit = node.text, left, right
+        if not _is_age(left):
+            operator, call, limit = _MIRRORED.get(node.text, ""), right, left
+        if operator not in _AGES or limit.kind is not Construct.NUMBER:
+            raise ValueError(
+                "compares age() with something else than a number, or not by <, <=, > or >=, such as age(imu) > 2"
+            )
+        no, function = _AGES[operator]
+        stream, seconds = asked_stream(call), float(number(limit.text))
+        self.ages.add(Age(stream, seconds, passed=function == PASSED))
+        return f"({no}{function}({SINCE}{stream}, {seconds!r}))"
+
+
+def _root(node: Node) -> str | None:
+    """The variable that a row of selections and indices begins with."""
+    while node.kind in {Construct.SELECT, Construct.INDEX}:
+        node = node.parts[0]
+    return node.text if node.kind is Construct.NAME else None
+
+
+def _is_age(node: Node) -> bool:
+    return node.kind is Construct.CALL and node.text == "age"
