@@ -70,6 +70,57 @@ def test_a_new_event_ends_the_decay():
     assert scores(story)[-1] == (2.5, 10.0)
 
 
+@pytest.mark.parametrize("hold", [{}, {"hold": "1s"}])
+def test_a_decaying_score_stops_at_idle(hold):
+    story = scoring({"stream": "imu", "when": "imu.hit", "decay": "1s", **hold}, idle=0.45)
+    story.sample("imu", at=1, hit=True)
+    story.sample("imu", at=1.1, hit=False)
+    story.wait(9)
+    values = [value for _, value in scores(story)]
+    assert values == [1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.45]
+
+
+def test_an_activity_weaker_than_idle_takes_nothing_away():
+    story = scoring({"when": "imu.hit", "score": 0.1}, idle=0.2)
+    story.sample("imu", at=1, hit=True)
+    assert story.planner.scores()["slam"] == 0.2
+
+
+def test_the_strongest_held_event_counts_until_it_ends_then_the_next():
+    story = scoring({"scoreFrom": "imu.risk", "hold": "10s"})
+    for at, risk in ((1, 5.0), (2, 1.0), (3, 3.0), (4, 2.0)):
+        story.sample("imu", at=at, risk=risk)
+    story.sample("imu", at=9, risk=0.0)
+    story.wait(30)
+    assert scores(story) == [(1, 5.0), (11, 3.0), (13, 2.0), (14, 0.0)]
+
+
+def test_an_event_decays_no_lower_than_the_next_one_that_is_held():
+    story = scoring({"scoreFrom": "imu.risk", "hold": "2s", "decay": "10s"})
+    story.sample("imu", at=1, risk=10.0)
+    story.sample("imu", at=2.5, risk=8.5)
+    story.wait(30)
+    assert scores(story)[:5] == [(1, 10.0), (4, 9.0), (5, 8.5), (5.5, 7.65), (6.5, 6.8)]
+    assert scores(story)[-1] == (14.5, 0.0)
+
+
+def test_an_event_weaker_than_what_is_left_of_a_stronger_one_takes_nothing_away():
+    story = scoring({"scoreFrom": "imu.risk", "decay": "10s"})
+    for at, risk in ((1, 10.0), (2, 0.0), (4.5, 4.0), (6.5, 7.0), (6.6, 6.5), (8.5, 0.0)):
+        story.sample("imu", at=at, risk=risk)
+    assert scores(story) == [(1, 10.0), (3, 9.0), (4, 8.0), (5, 7.0), (6, 6.0), (6.5, 7.0), (6.6, 6.5)]
+
+
+def test_events_without_end_stay_few():
+    story = scoring({"scoreFrom": "imu.risk", "hold": "60s"})
+    for tick in range(3000):
+        story.sample("imu", at=1 + tick / 1000, risk=3001.0 - tick)
+    assert len(story.planner.initiatives["slam"][0]._events) == 1000
+    assert story.planner.scores()["slam"] == 3001.0
+    story.wait(70)
+    assert story.planner.scores()["slam"] == 0.0
+
+
 def test_an_event_is_held_through_silence():
     story = scoring({"stream": "imu", "when": "imu.hit", "hold": "60s"})
     story.sample("imu", at=1, hit=True)

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from contextpolicy.policy import parsing
-from tests.planning.builders import Story, a_context, a_policy, a_stream, a_task
+from tests.planning.builders import START, Story, a_context, a_policy, a_stream, a_task
 
 LISTING_1 = Path(__file__).parents[2] / "config/policies/paper-listing1.yaml"
 
@@ -229,6 +229,71 @@ def test_a_feature_is_told_when_its_last_sample_left_the_window():
     story.sample("imu", at=1, speed=1.0)
     story.wait(5)
     assert story.contexts_over_time() == [(0, ()), (1, ("on",)), (2, ())]
+
+
+def test_a_window_slides_with_time():
+    feature = {"name": "bumps", "op": "count", "over": "1s"}
+    story = Story(
+        a_policy(
+            streams=[a_stream("imu", features=[feature])],
+            tasks=[a_task("slam", activity=[{"scoreFrom": "imu.bumps"}], idle=0)],
+        )
+    )
+    for at in (0.1, 0.2, 0.9):
+        story.sample("imu", at=at, speed=1.0)
+    seen = {}
+    while (due := story.planner.next_due()) is not None:
+        story.wait(due - START)
+        seen[round(due - START, 6)] = story.planner.scores()["slam"]
+    assert seen == {1.1: 2.0, 1.2: 1.0, 1.9: 0.0}
+
+
+def test_readers_are_asked_only_when_a_feature_changes():
+    feature = {"name": "top", "op": "max", "of": "imu.speed", "over": "1s"}
+    story = watching(a_stream("imu", features=[feature]), "imu.top > 0.5")
+    asked = []
+    story.planner.contexts[0].on_value = lambda now: asked.append(round(now - START, 6))
+    for at, speed in ((0.1, 0.0), (0.2, 0.0), (0.4, 1.0), (0.5, 0.0)):
+        story.sample("imu", at=at, speed=speed)
+    asked.clear()
+    story.wait(9)
+    assert asked == [1.4, 1.5]
+
+
+@pytest.mark.parametrize(
+    ("op", "when"),
+    [
+        *((op, f"imu.f == 0 && {when}") for op in ("count", "rate") for when in ("has(imu.f)", "imu.speed == 1")),
+        *((op, "!has(imu.f) && imu.speed == 1") for op in ("mean", "min", "max")),
+    ],
+)
+def test_an_empty_window_has_count_and_rate_and_nothing_else(op, when):
+    story = watching(a_stream("imu", features=[{"name": "f", "op": op, "of": "imu.speed", "over": "1s"}]), when)
+    story.sample("imu", at=1, speed=1.0)
+    story.wait(5)
+    assert story.contexts_over_time() == [(0, ()), (2, ("on",))]
+
+
+def test_an_empty_window_is_waited_for_and_is_no_error():
+    story = watching(
+        a_stream("imu", features=[{"name": "f", "op": "max", "of": "imu.speed", "over": "1s"}]), "imu.f > 0"
+    )
+    story.sample("imu", at=1, speed=1.0)
+    story.wait(5)
+    waiting = story.planner.contexts[0].when.waiting
+    assert (waiting.stream, waiting.reason, waiting.since) == ("imu", "imu.f has no sample in its window", START + 2)
+    assert not story.planner.errors
+    assert not story.drops()
+
+
+def test_a_silent_streams_window_waits_for_nothing():
+    stream = a_stream("imu", staleAfter="1s", features=[{"name": "f", "op": "count", "over": "1m"}])
+    story = watching(stream, "imu.f > 1")
+    story.sample("imu", at=1, speed=1.0)
+    story.wait(3)
+    assert story.planner.next_due() is None
+    story.sample("imu", at=30, speed=1.0)
+    assert story.last.contexts == ("on",)
 
 
 def test_a_window_outlives_a_flood_and_huge_numbers():

@@ -56,34 +56,36 @@ def normal(number: Number) -> Number:
 
 
 def literal(number: Number) -> str:
-    """A number above or equal to 0 in its one form, as CEL writes it."""
-    form = normal(number)
-    return f"{form}u" if isinstance(form, int) and form >= 1 << 63 else repr(form)
+    """A number above or equal to 0 as CEL writes it."""
+    return f"{number}u" if isinstance(number, int) and number >= 1 << 63 else repr(number)
 
 
 def key(value: Any) -> Any:
     """An index or a map's key: a whole number as CEL wants it there, anything else as it is."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
+    return int(value) if isinstance(value, float) and value.is_integer() and _LEAST <= value <= _MOST else value
 
 
 def add(left: Any, right: Any) -> Any:
     """Numbers, or what CEL joins with `+`."""
     if _are_numbers(left, right):
-        return normal(left + right)
+        first, second = _exact(left, right)
+        return normal(first + second)
     return _joined(left, right, "+", lambda: left + right)
 
 
 def subtract(left: Any, right: Any) -> Any:
     """Numbers, or times and durations."""
     if _are_numbers(left, right):
-        return normal(left - right)
+        first, second = _exact(left, right)
+        return normal(first - second)
     return _joined(left, right, "-", lambda: left - right)
 
 
 def multiply(left: Any, right: Any) -> Any:
     """Numbers only."""
     _check(left, right, "*")
-    return normal(left * right)
+    first, second = _exact(left, right)
+    return normal(first * second)
 
 
 def divide(left: Any, right: Any) -> Any:
@@ -91,9 +93,9 @@ def divide(left: Any, right: Any) -> Any:
     _check(left, right, "/")
     if right == 0:
         return left * math.copysign(math.inf, right)
-    if isinstance(left, int) and isinstance(right, int) and left % right == 0:
-        return normal(left // right)
-    return normal(left / right)
+    first, second = _exact(left, right)
+    whole = isinstance(first, int) and isinstance(second, int) and first % second == 0
+    return normal(first // second if whole else first / second)
 
 
 def remainder(left: Any, right: Any) -> Number:
@@ -121,6 +123,11 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "__negate": negate,
 }
 """What `cel_rewriting` writes in the place of operators."""
+
+
+def _exact(left: Number, right: Number) -> tuple[Number, Number]:
+    """Two doubles stay doubles; beside a whole number that is none, a double joins in as a whole number if it can."""
+    return (left, right) if type(left) is type(right) else (key(left), key(right))
 
 
 def _are_numbers(left: Any, right: Any) -> bool:

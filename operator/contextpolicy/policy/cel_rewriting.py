@@ -115,7 +115,7 @@ class _Writer:
         return ", ".join(map(self.text, nodes))
 
     def _number(self, node: Node) -> str:
-        text = cel_numbers.literal(number(node.text))
+        text = cel_numbers.literal(cel_numbers.normal(number(node.text)))
         self._has_whole = self._has_whole or text.rstrip("u").isdigit()
         return text
 
@@ -123,7 +123,7 @@ class _Writer:
         if node.kind is Construct.TEXT:
             return node.text
         if node.kind is Construct.NUMBER:
-            return str(cel_numbers.key(number(node.text)))
+            return cel_numbers.literal(cel_numbers.key(number(node.text)))
         return f"__key({self.text(node)})"
 
     def _method(self, node: Node) -> str:

@@ -1,0 +1,154 @@
+"""An edit keeps what it did not change, timers included; what it did change begins anew."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from contextpolicy.planning.planner import Planner
+from contextpolicy.policy import parsing
+from tests.planning.builders import START, Story, a_body, a_context, a_policy, a_stream, a_task
+
+SPEC: dict[str, Any] = {
+    "streams": [
+        a_stream("imu", staleAfter="20s", features=[{"name": "bumps", "op": "count", "over": "30s"}]),
+        a_stream("mic", debounce="10s"),
+    ],
+    "tasks": [
+        a_task("slam", activity=[{"when": "imu.speed > 0", "hold": "15s", "score": 5, "decay": "10s"}], idle=1),
+        a_task("speech", requires=[{"when": "imu.speed > 0", "hold": "12s"}]),
+    ],
+    "contexts": [
+        a_context("moving", "imu.speed > 0", {"slam": {"scale": 2}}, exitAfter="8s"),
+        a_context("soon", "imu.speed == 0", enterAfter="9s"),
+        a_context("shaken", "imu.bumps > 1"),
+        a_context("loud", "mic.level > 0"),
+        a_context("late", "age(imu) > 10"),
+    ],
+}
+
+
+def edited(**changes):
+    """A story in which the policy is edited 3 s after its last sample, and the same without the edit."""
+    stories = []
+    for edit in (changes, None):
+        story = Story(a_policy(**SPEC))
+        for at, speed in ((1, 1.0), (2, 1.0), (5, 0.0)):
+            story.sample("imu", at=at, speed=speed)
+        story.sample("mic", at=6, level=1.0)
+        if edit is not None:
+            story.wait(8)
+            placement, before = story.planner.placement, story.planner
+            story.planner = Planner(a_policy(**{**SPEC, **edit}))
+            story.plans = story.planner.start(START + 8, before)
+            story.place(placement, at=8)
+        stories.append(story)
+    return stories
+
+
+def course(story):
+    """Contexts, scores and pre-conditions at each later instant at which something happens."""
+    seen = {}
+    while (due := story.planner.next_due()) is not None:
+        story.wait(due - START)
+        contexts = [context.spec.name for context in story.planner.active_contexts()]
+        seen[round(due - START, 6)] = (contexts, story.planner.scores(), story.planner.unmet())
+    return seen
+
+
+UNRELATED = [
+    pytest.param({"reserve": "10m"}, id="reserve"),
+    pytest.param({"mode": "DryRun"}, id="mode"),
+    pytest.param({"streams": [*SPEC["streams"], a_stream("lidar")]}, id="another stream"),
+    pytest.param({"contexts": [*SPEC["contexts"], a_context("more", "mic.level > 9")]}, id="another context"),
+    pytest.param({"tasks": [*SPEC["tasks"], a_task("rest")]}, id="another task"),
+    pytest.param({"contexts": SPEC["contexts"][::-1]}, id="order"),
+]
+
+
+@pytest.mark.parametrize("changes", UNRELATED)
+def test_what_did_not_change_goes_on_as_if_nothing_had_happened(changes):
+    story, unedited = edited(**changes)
+    unedited.wait(8)
+    assert story.planner.active_contexts() != []
+    expected = course(unedited)
+    assert len(expected) > 10
+    seen = course(story)
+    for _, scores, _ in seen.values():
+        scores.pop("rest", None)
+    assert {at: (set(contexts), *rest) for at, (contexts, *rest) in seen.items()} == {
+        at: (set(contexts), *rest) for at, (contexts, *rest) in expected.items()
+    }
+
+
+def test_the_first_plan_after_an_edit_stands_where_the_last_stood():
+    story, _ = edited(reserve="10m")
+    assert story.last.contexts == ("moving", "shaken")
+    assert story.last.tasks["slam"].weight == 10.0
+    assert not story.last.tasks["speech"].suspended
+
+
+def test_a_stream_that_was_edited_begins_anew_with_all_that_reads_it():
+    streams = [a_stream("imu", key="robot/other", staleAfter="20s"), SPEC["streams"][1]]
+    contexts = [context for context in SPEC["contexts"] if context["name"] != "shaken"]
+    story, _ = edited(streams=streams, contexts=contexts)
+    assert story.planner.streams["imu"].value is None
+    assert story.planner.active_contexts() == []
+    assert story.planner.scores()["slam"] == 1.0
+    story.wait(16)
+    assert [context.spec.name for context in story.planner.active_contexts()] == ["loud"]
+
+
+def test_an_activity_that_was_edited_is_decided_anew():
+    tasks = [a_task("slam", activity=[{"when": "imu.speed >= 0", "score": 7}]), SPEC["tasks"][1]]
+    story, _ = edited(tasks=tasks)
+    assert story.planner.scores()["slam"] == 7.0
+
+
+def test_a_task_that_was_edited_elsewhere_keeps_its_events():
+    tasks = [{**SPEC["tasks"][0], "priority": 3}, SPEC["tasks"][1]]
+    story, _ = edited(tasks=tasks)
+    assert story.planner.scores()["slam"] == 5.0
+    story.wait(18)
+    assert story.planner.scores()["slam"] == 4.5
+
+
+def test_a_context_whose_effects_were_edited_holds_on():
+    contexts = [a_context("moving", "imu.speed > 0", {"slam": {"scale": 3}}, exitAfter="8s"), *SPEC["contexts"][1:]]
+    story, _ = edited(contexts=contexts)
+    assert story.last.tasks["slam"].weight == 15.0
+    story.wait(13)
+    assert "moving" not in story.last.contexts
+
+
+def test_a_context_whose_delay_was_edited_holds_on_and_waits_anew():
+    contexts = [a_context("moving", "imu.speed > 0", exitAfter="30s"), *SPEC["contexts"][1:]]
+    story, _ = edited(contexts=contexts)
+    story.wait(60)
+    ends = [plan.time - START for plan in story.plans if "moving" not in plan.contexts]
+    assert ends[0] == 38
+
+
+def test_silence_and_the_fallback_last_through_an_edit():
+    spec = {**SPEC, "contexts": [*SPEC["contexts"], a_context("blind")], "fallback": "blind"}
+    story = Story(a_policy(**spec))
+    story.wait(30)
+    assert story.last.contexts == ("blind",)
+    planner = Planner(a_policy(**spec, reserve="10m"))
+    plans = planner.start(START + 40, story.planner)
+    assert plans[-1].contexts == ("blind",)
+    assert planner.next_due() is None
+
+
+def test_what_new_expressions_read_of_an_old_sample_they_see_at_once():
+    contexts = [*SPEC["contexts"], a_context("slow", "imu.speed < 1 && heard(imu)")]
+    story, _ = edited(contexts=contexts)
+    assert "slow" in story.last.contexts
+
+
+def test_a_version_that_never_began_leaves_nothing():
+    policy = parsing.parse(a_body(**SPEC))
+    planner = Planner(policy)
+    planner.start(START, Planner(policy))
+    assert planner.next_due() == START + 20
