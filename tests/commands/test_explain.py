@@ -26,7 +26,7 @@ def test_a_task_that_a_context_suspends(capsys: pytest.CaptureFixture[str]) -> N
     assert explain(capsys, "delivery-robot", "speech", "--at", "12").splitlines()[:7] == [
         "speech gets 10m on node robot, the least there is: it is suspended.",
         "  Plan 4 is in force for 1.9 s, caused by imu: context moving entered.",
-        "  Activity `mic.level > 0.1` on mic is not in force.",
+        "  Activity `mic.level > 0.1` on mic is not in force: it is false, for `mic.level` is 0.006.",
         "  Its score is its idle score, 0.1.",
         "  Priority 10 times score 0.1 is 1.",
         "  Context moving suspends it.",
@@ -56,7 +56,16 @@ def test_graph_needs_and_preconditions(capsys: pytest.CaptureFixture[str]) -> No
     assert "  It is a subtask of speech-recognition, whose weight is split over the subtasks that can run.\n" in text
     assert "  It needs 1000m of CPU, it gets 600m: not met.\n" in text
     assert "  It needs 2000m of CPU, it gets 60m: not met.\n" in text
-    assert "does not hold, so it waits with weight 0.\n" in text
+    assert "does not hold, so it waits with weight 0: " in text
+
+
+def test_contexts_that_do_not_hold_are_told_with_their_reason(capsys: pytest.CaptureFixture[str]) -> None:
+    text = explain(capsys, "delivery-robot", "--at", "6")
+    assert "  Context moving does not hold: `imu.speed > 0.05` is false, for `imu.speed` is 0.\n" in text
+    assert text.endswith("\nContext moving does not hold: `imu.speed > 0.05` is false, for `imu.speed` is 0.\n")
+    assert "\nContext alarm does not hold: `mic.peak > 0.8` waits for stream mic, never heard in 3 s" in explain(
+        capsys, "patrol-robot", "--at", "3"
+    )
 
 
 def test_no_plan_yet_says_what_it_waits_for(capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,7 +30,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "explain",
         help="tell why a task has its share",
         description="Tell in sentences why each task has its share: samples, score, pre-conditions, contexts, task "
-        "graph, Eq. 1 or 2, bounds and needs. Either live from the operator, or at a moment of a simulation.",
+        "graph, Eq. 1 or 2, bounds and needs. Of activities and contexts that do not hold it tells the part of the "
+        "condition that decides and the stream that it waits for. Either live from the operator, or at a moment of a "
+        "simulation.",
     )
     parser.add_argument("policy", metavar="POLICY", help="a policy file; with --connect NAMESPACE/NAME")
     parser.add_argument("task", metavar="TASK", nargs="?", help="one task (default: all)")
@@ -45,7 +47,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(arguments: argparse.Namespace) -> int:
     """Get the explanation and print it."""
-    from contextpolicy.explain.sentences import sentences
+    from contextpolicy.explain.sentences import context_sentences, sentences
 
     explanation = _ask(arguments) if arguments.connect else _simulate(arguments)
     known = list(explanation["tasks"])
@@ -58,6 +60,8 @@ def main(arguments: argparse.Namespace) -> int:
     for task in [arguments.task] if arguments.task else known or [""]:
         first, *others = sentences(explanation, task)
         print(first, *(f"  {sentence}" for sentence in others), sep="\n")
+    if not arguments.task:
+        print(*context_sentences(explanation), sep="\n")
     return 0
 
 

@@ -11,6 +11,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import ShareError
+from contextpolicy.explain.deciding import absence, deciding_parts
 from contextpolicy.planning.division import terms
 from contextpolicy.planning.shares import divide, floors_exceed
 from contextpolicy.policy.bandwidth import throttle_gap
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from contextpolicy.planning.context import ContextState
     from contextpolicy.planning.division import Terms
+    from contextpolicy.planning.expressions import Guarded
     from contextpolicy.planning.initiative import Initiative
     from contextpolicy.planning.plan import NodePlan, Plan
     from contextpolicy.planning.planner import Planner
@@ -45,9 +47,9 @@ def explain(planner: Planner, now: float) -> dict[str, Any]:
         "minDwell": policy.min_dwell,
         "heldBack": planner.held_back,
         "streams": {name: _stream(stream, now) for name, stream in planner.streams.items()},
-        "contexts": {context.spec.name: _context(context) for context in planner.contexts},
+        "contexts": {context.spec.name: _context(planner, context, now) for context in planner.contexts},
         "nodes": _nodes(planner, plan) if plan else {},
-        "tasks": {task.name: _task(planner, plan, task) for task in policy.tasks} if plan else {},
+        "tasks": {task.name: _task(planner, plan, task, now) for task in policy.tasks} if plan else {},
         "errors": dict(planner.errors),
         "drops": [{"stream": s, "reason": r, "count": count} for (s, r), count in sorted(planner.drops.items())],
     }
@@ -90,21 +92,32 @@ def _plain(value: Any) -> Any:
             return [_plain(inner) for inner in value]
         case bytes():
             return f"{len(value)} bytes"
-        case float() if not math.isfinite(value):
-            return str(value)
-    return value
+    readable = (
+        value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value))
+    )
+    return value if readable else str(value)
 
 
-def _context(context: ContextState) -> dict[str, Any]:
+def _context(planner: Planner, context: ContextState, now: float) -> dict[str, Any]:
+    """`decidedBy` are the parts of its condition that make it what it is; it turns in `turnsIn` seconds if it stays."""
+    turns_at = context.turns_at
     return {
         "active": context.active,
+        "holds": context.holds,
         "when": context.spec.when,
         "streams": [stream.spec.name for stream in context.streams],
         "insisted": sorted(context.insisted),
+        "decidedBy": _decided_by(planner, context.when, now),
+        "turnsIn": None if turns_at is None else round(turns_at - now, 6),
     }
 
 
-def _task(planner: Planner, plan: Plan, task: Task) -> dict[str, Any]:
+def _decided_by(planner: Planner, condition: Guarded | None, now: float) -> list[dict[str, Any]]:
+    parts = deciding_parts(condition, planner.streams, now) if condition else []
+    return [part | {"value": _plain(part["value"]), "operands": _plain(part["operands"])} for part in parts]
+
+
+def _task(planner: Planner, plan: Plan, task: Task, now: float) -> dict[str, Any]:
     weight = planner.weights[task.name]
     parent = next((other.name for other in planner.policy.tasks if task.name in other.subtasks), None)
     names = {context.spec.name for context in planner.active_contexts()}
@@ -117,8 +130,11 @@ def _task(planner: Planner, plan: Plan, task: Task) -> dict[str, Any]:
         "because": weight.because,
         "priority": task.priority,
         "idle": task.idle,
-        "activity": [_initiative(own) | {"score": own.spec.score} for own in planner.initiatives[task.name]],
-        "requires": [_initiative(own) | {"met": own.value > 0} for own in planner.requirements[task.name]],
+        "activity": [_activity(planner, own, now) for own in planner.initiatives[task.name]],
+        "requires": [
+            _initiative(planner, own, now) | {"met": own.value > 0} for own in planner.requirements[task.name]
+        ],
+        "contexts": [context.name for context in planner.policy.contexts if task.name in context.effects],
         "effects": _effects(active, task.name),
         "parent": parent,
         "subtasks": list(task.subtasks),
@@ -128,13 +144,26 @@ def _task(planner: Planner, plan: Plan, task: Task) -> dict[str, Any]:
     }
 
 
-def _initiative(initiative: Initiative) -> dict[str, Any]:
+def _activity(planner: Planner, initiative: Initiative, now: float) -> dict[str, Any]:
+    spec, carrier = initiative.spec, initiative.carrier
+    return _initiative(planner, initiative, now) | {
+        "score": spec.score,
+        "scoreFrom": spec.score_from,
+        "matches": initiative.matches,
+        "scoreDecidedBy": _decided_by(planner, initiative.score, now),
+        "absent": absence(carrier, now) if carrier and not carrier.fresh else None,
+    }
+
+
+def _initiative(planner: Planner, initiative: Initiative, now: float) -> dict[str, Any]:
+    own = initiative if initiative.spec.initiative is None else None
     return {
         "when": initiative.spec.when,
         "initiative": initiative.spec.initiative,
         "streams": [stream.spec.name for stream in initiative.streams],
         "hold": initiative.spec.hold,
         "value": initiative.value,
+        "decidedBy": _decided_by(planner, own.when, now) if own else [],
     }
 
 

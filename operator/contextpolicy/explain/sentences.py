@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
 LONGEST_VALUE = 120
 
@@ -23,11 +23,62 @@ def sentences(explanation: Mapping[str, Any], task: str) -> list[str]:
         *_score(own),
         *_preconditions(own),
         *_weight(own),
+        *_idle_contexts(explanation, own),
         *_graph(own, task),
         *_division(explanation, task),
         *_needs(own),
         *_readings(explanation, own),
     ]
+
+
+def context_sentences(explanation: Mapping[str, Any]) -> list[str]:
+    """Of each context whether it holds, and why."""
+    return [_context(name, context) for name, context in explanation["contexts"].items()]
+
+
+def _context(name: str, context: Mapping[str, Any]) -> str:
+    if context["insisted"]:
+        return f"Context {name} holds: {' and '.join(context['insisted'])}."
+    if context["when"] is None:
+        return f"Context {name} does not hold: it has no condition, and is neither forced nor needed as the fallback."
+    parts = _parts(context["decidedBy"])
+    if context["turnsIn"] is None:
+        return f"Context {name} {'holds' if context['holds'] else 'does not hold'}: {parts}."
+    if context["holds"]:
+        return f"Context {name} still holds, for {context['turnsIn']:.3g} s more (exitAfter): {parts}."
+    return f"Context {name} does not hold yet, but in {context['turnsIn']:.3g} s (enterAfter): {parts}."
+
+
+def _idle_contexts(explanation: Mapping[str, Any], own: Mapping[str, Any]) -> Iterator[str]:
+    """The contexts that would change the task, but do not hold."""
+    for name in own["contexts"]:
+        context = explanation["contexts"][name]
+        if not context["active"]:
+            yield _context(name, context)
+
+
+def _parts(parts: Sequence[Mapping[str, Any]], told: str | None = None) -> str:
+    """The parts of an expression that decide; `told` is what the sentence has named already."""
+    return " and ".join(
+        _part(part, "it" if part["expression"] == told else f"`{part['expression']}`") for part in parts
+    )
+
+
+def _part(part: Mapping[str, Any], name: str) -> str:
+    """What a part of an expression is, and from what values."""
+    if part.get("waitsFor"):
+        return f"{name} waits for {_absent(part['waitsFor'])}"
+    if part["value"] is None:
+        return f"{name} has no value: {part['error']}" if "error" in part else f"{name} is null"
+    where = " and ".join(f"`{operand}` is {_shown(value)}" for operand, value in part["operands"].items())
+    return f"{name} is {_shown(part['value'])}{', for ' if where else ''}{where}"
+
+
+def _absent(absence: Mapping[str, Any]) -> str:
+    if "reason" in absence:
+        return f"stream {absence['stream']}: for {absence['for']:.3g} s {absence['reason']}"
+    state = "silent for" if absence["heard"] else "never heard in"
+    return f"stream {absence['stream']}, {state} {absence['for']:.3g} s"
 
 
 def _waiting(explanation: Mapping[str, Any]) -> str:
@@ -53,14 +104,26 @@ def _score(own: Mapping[str, Any]) -> Iterator[str]:
     for activity in fresh:
         strongest = " (the strongest)" if len(fresh) > 1 and activity["value"] == own["score"] else ""
         yield f"Activity {_named(activity)} is in force with score {activity['value']:g}{strongest}."
+    if fresh and own["score"] > max(activity["value"] for activity in fresh):
+        yield f"Its idle score, {own['idle']:g}, is higher."
     if fresh:
         return
     for activity in own["activity"]:
-        yield f"Activity {_named(activity)} is not in force."
+        yield f"Activity {_named(activity)} is not in force{_because(activity)}."
     if own["idle"] is not None:
         yield f"Its score is its idle score, {own['idle']:g}."
     else:
         yield f"Its score is {own['score']:g}{'' if own['activity'] else ', as for every task without activity'}."
+
+
+def _because(activity: Mapping[str, Any]) -> str:
+    if activity["initiative"]:
+        return ""
+    if activity["absent"]:
+        return f": it waits for {_absent(activity['absent'])}"
+    if activity["scoreFrom"] and activity["matches"]:
+        return f": {_parts(activity['scoreDecidedBy'])}"
+    return f": {_parts(activity['decidedBy'], activity['when'])}"
 
 
 def _named(activity: Mapping[str, Any]) -> str:
@@ -73,7 +136,8 @@ def _named(activity: Mapping[str, Any]) -> str:
 def _preconditions(own: Mapping[str, Any]) -> Iterator[str]:
     for requirement in own["requires"]:
         state = "holds" if requirement["met"] else "does not hold, so it waits with weight 0"
-        yield f"Its pre-condition `{requirement['when']}` {state}."
+        why = "" if requirement["met"] else f": {_parts(requirement['decidedBy'], requirement['when'])}"
+        yield f"Its pre-condition `{requirement['when']}` {state}{why}."
 
 
 def _weight(own: Mapping[str, Any]) -> Iterator[str]:
@@ -175,7 +239,7 @@ def _readings(explanation: Mapping[str, Any], own: Mapping[str, Any]) -> Iterato
 
 
 def _shown(value: object) -> str:
-    text = json.dumps(value, default=str)
+    text = f"{value:.6g}" if isinstance(value, float) else json.dumps(value, default=str)
     return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
 
 

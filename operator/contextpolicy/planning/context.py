@@ -45,6 +45,11 @@ class ContextState:
         """Whether the context has effects: its condition holds, or it is the fallback or forced."""
         return self.holds or bool(self.insisted)
 
+    @property
+    def turns_at(self) -> float | None:
+        """When it begins or ceases to hold if its condition stays as it is."""
+        return self._timers.due(self)
+
     def start(self, now: float) -> None:
         """What can be decided without a sample is decided at the beginning."""
         self.on_value(now)

@@ -68,6 +68,11 @@ class Guarded:
         """0 when the expression has no number."""
         return self._try(self.expression.number, now) or 0.0
 
+    def probe(self, part: str, now: float) -> Any:
+        """The value of a part of the source, for people to read; ExpressionError when it has none."""
+        self._scope.now = now
+        return Expression(part).evaluate(self._scope)
+
     def adopt(self, old: Guarded) -> None:
         """Go on waiting where the same expression of the policy's last version does."""
         self.waiting = old.waiting

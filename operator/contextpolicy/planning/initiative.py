@@ -50,9 +50,11 @@ class Initiative:
         names = {name for own in asked for name in own.variables} | ({spec.stream} if spec.stream else set())
         self.streams = tuple(streams[name] for name in sorted(names))
         self._timers, self._listener = timers, listener
-        self._carrier = streams[spec.stream] if spec.stream else None
+        self.carrier = streams[spec.stream] if spec.stream else None
         ages = [age for own in asked for age in own.ages]
         self._ageing = expressions.Ageing(ages, scope, timers, self) if ages else None
+        self.matches = False
+        """Whether the condition was true when it was last asked."""
         self._events: deque[_Event] = deque()
         """The strongest first, and each ends before the next: an event that a later one outdoes can't matter again."""
 
@@ -62,7 +64,7 @@ class Initiative:
 
     def adopt(self, old: Initiative, now: float) -> None:
         """Go on where the same activity on the same streams of the policy's last version stands."""
-        self.value, self._events = old.value, old._events
+        self.value, self._events, self.matches = old.value, old._events, old.matches
         self._timers.adopt(old._timers, old, self)
         self.when.adopt(old.when)
         if self.score and old.score:
@@ -73,7 +75,7 @@ class Initiative:
     def on_value(self, now: float) -> None:
         """A stream it reads has a new value, or none any more."""
         if self.spec.initiative is not None:
-            if self._carrier and not self._carrier.fresh:
+            if self.carrier and not self.carrier.fresh:
                 self._fall(now)
             return
         score = self._current(now)
@@ -105,7 +107,8 @@ class Initiative:
         self._settle(now)
 
     def _current(self, now: float) -> float:
-        if (self._carrier and not self._carrier.fresh) or not self.when.truth(now):
+        self.matches = (self.carrier is None or self.carrier.fresh) and self.when.truth(now)
+        if not self.matches:
             return 0.0
         return self.score.number(now) if self.score else self.spec.score
 

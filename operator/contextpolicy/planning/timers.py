@@ -42,9 +42,13 @@ class Timers:
         """Forget the deadline of `owner`, if any."""
         self._due.pop(owner, None)
 
+    def due(self, owner: Timed) -> float | None:
+        """When `owner` acts next; None when it waits for nothing."""
+        return self._due.get(owner)
+
     def adopt(self, old: Timers, former: Timed, owner: Timed) -> None:
         """Let `owner` act when `former` would have."""
-        due = old._due.get(former)
+        due = old.due(former)
         if due is None:
             self.clear(owner)
         else:

@@ -74,7 +74,7 @@ class Node:
     text: str
     parts: tuple[Node, ...] = ()
     span: tuple[int, int] = field(default=(0, 0), compare=False)
-    """Where it stands in the source, brackets around it excluded."""
+    """Where it stands in the source, without brackets around all of it."""
     depth: int = field(default=0, compare=False)
 
     def path(self) -> tuple[str, ...] | None:
@@ -131,12 +131,14 @@ class _Parser:
     at: int = 0
 
     def expression(self) -> Node:
+        start = self._next().start
         condition = self._binary(0)
         if not self._skip("?"):
             return condition
         yes = self.expression()
         self._expect(":")
-        return _node(Construct.CHOICE, "?", condition, yes, self.expression())
+        no = self.expression()
+        return self._node(Construct.CHOICE, "?", condition, yes, no, start=start)
 
     def end(self) -> None:
         if self.at < len(self.tokens):
@@ -145,12 +147,13 @@ class _Parser:
     def _binary(self, level: int) -> Node:
         if level == len(_LEVELS):
             return self._unary()
+        start = self._next().start
         left = self._binary(level + 1)
         while (operator := self._next().text) in _LEVELS[level]:
             self.at += 1
             right = self._binary(level + 1)
             row = left.parts if level < 2 and left.kind is Construct.BINARY and left.text == operator else (left,)
-            left = _node(Construct.BINARY, operator, *row, right)
+            left = self._node(Construct.BINARY, operator, *row, right, start=start)
         return left
 
     def _unary(self) -> Node:
@@ -159,49 +162,46 @@ class _Parser:
             signs.append(self._take())
         operand = self._member()
         for sign in reversed(signs):
-            operand = _node(Construct.UNARY, sign.text, operand, span=(sign.start, operand.span[1]))
+            operand = self._node(Construct.UNARY, sign.text, operand, start=sign.start)
         return operand
 
     def _member(self) -> Node:
+        start = self._next().start
         operand = self._primary()
-        start = operand.span[0]
         while self._next().text in {".", "["}:
             if self._take().text == "[":
                 index = self.expression()
-                operand = _node(Construct.INDEX, "[", operand, index, span=(start, self._expect("]").end))
+                self._expect("]")
+                operand = self._node(Construct.INDEX, "[", operand, index, start=start)
                 continue
             name = self._name()
             if self._next().text == "(":
-                arguments, end = self._arguments("(")
-                operand = _node(Construct.METHOD, name.text, operand, *arguments, span=(start, end))
+                operand = self._node(Construct.METHOD, name.text, operand, *self._arguments("("), start=start)
             else:
-                operand = _node(Construct.SELECT, name.text, operand, span=(start, name.end))
+                operand = self._node(Construct.SELECT, name.text, operand, start=start)
         return operand
 
     def _primary(self) -> Node:
         token = self._next()
-        span = (token.start, token.end)
         if token.text == "(":
             self.at += 1
             inner = self.expression()
             self._expect(")")
             return inner
         if token.text in _COLLECTIONS:
-            items, end = self._arguments(token.text)
-            return _node(_COLLECTIONS[token.text], token.text, *items, span=(token.start, end))
+            return self._node(_COLLECTIONS[token.text], token.text, *self._arguments(token.text), start=token.start)
         if token.kind in _LITERALS:
-            return _node(_LITERALS[token.kind], self._take().text, span=span)
+            return self._node(_LITERALS[token.kind], self._take().text, start=token.start)
         return self._named(self._name())
 
     def _named(self, name: Token) -> Node:
         if self._next().text == "(" and name.text not in _CONSTANTS:
-            arguments, end = self._arguments("(")
-            return _node(Construct.CALL, name.text, *arguments, span=(name.start, end))
+            return self._node(Construct.CALL, name.text, *self._arguments("("), start=name.start)
         construct = Construct.CONSTANT if name.text in _CONSTANTS else Construct.NAME
-        return _node(construct, name.text, span=(name.start, name.end))
+        return self._node(construct, name.text, start=name.start)
 
-    def _arguments(self, opening: str) -> tuple[list[Node], int]:
-        """What stands between brackets, and where they end."""
+    def _arguments(self, opening: str) -> list[Node]:
+        """What stands between brackets."""
         self._expect(opening)
         items = []
         while self._next().text != _CLOSES[opening]:
@@ -211,7 +211,8 @@ class _Parser:
                 items.append(self.expression())
             if not self._skip(","):
                 break
-        return items, self._expect(_CLOSES[opening]).end
+        self._expect(_CLOSES[opening])
+        return items
 
     def _name(self) -> Token:
         if self._next().kind != "name" or self._next().text == "in":
@@ -230,18 +231,17 @@ class _Parser:
         self.at += found
         return found
 
-    def _expect(self, text: str) -> Token:
-        if self._next().text != text:
+    def _expect(self, text: str) -> None:
+        if not self._skip(text):
             raise self._unexpected()
-        return self._take()
 
     def _unexpected(self) -> ValueError:
         token = self._next()
         return ValueError(f"has {token.text} at character {token.start + 1}" if token.text else "ends too early")
 
-
-def _node(kind: Construct, text: str, *parts: Node, span: tuple[int, int] | None = None) -> Node:
-    depth = 1 + max((part.depth for part in parts), default=0)
-    if depth > MAX_DEPTH:
-        raise ValueError(f"nests operands deeper than {MAX_DEPTH}")
-    return Node(kind, text, parts, span or (parts[0].span[0], parts[-1].span[1]), depth)
+    def _node(self, kind: Construct, text: str, *parts: Node, start: int) -> Node:
+        """A node that ends with the last token taken."""
+        depth = 1 + max((part.depth for part in parts), default=0)
+        if depth > MAX_DEPTH:
+            raise ValueError(f"nests operands deeper than {MAX_DEPTH}")
+        return Node(kind, text, parts, (start, self.tokens[self.at - 1].end), depth)
