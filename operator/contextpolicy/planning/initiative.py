@@ -115,17 +115,24 @@ class Initiative:
     def _rise(self, score: float, now: float) -> None:
         until = now + self.spec.hold if self.spec.hold else math.inf
         events = self._events
+        if len(events) == 1 and events[0].gives_way_to(score):  # nearly every sample
+            events[0].score, events[0].until = score, until
+        else:
+            self._add(_Event(score, until), now)
+        self._settle(now)
+
+    def _add(self, event: _Event, now: float) -> None:
+        events = self._events
         if events and events[-1].until == math.inf:
             events.pop()  # without `hold` only the newest sample counts
         while events:
             events[-1].pass_by(now, self.spec.decay)
-            if events[-1].value > score:
+            if events[-1].value > event.score:
                 break
             events.pop()
         if len(events) == MAX_EVENTS:
             events.pop()
-        events.append(_Event(score, until))
-        self._settle(now)
+        events.append(event)
 
     def _fall(self, now: float) -> None:
         """What is in force ends now; what decays already goes on."""
@@ -162,7 +169,11 @@ class _Event:
 
     @property
     def value(self) -> float:
-        return self.score * (DECAY_STEPS - self.steps) / DECAY_STEPS
+        return self.score * (DECAY_STEPS - self.steps) / DECAY_STEPS if self.steps else self.score
+
+    def gives_way_to(self, score: float) -> bool:
+        """Whether a new event of this score leaves nothing of this one."""
+        return self.until == math.inf or (self.score <= score and not self.steps)
 
     def next_change(self, decay: float) -> float:
         return self.until + (self.steps + 1) * decay / DECAY_STEPS if decay else self.until

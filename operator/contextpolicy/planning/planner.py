@@ -90,7 +90,8 @@ class Planner:
 
         What is due at this very instant acts after it, so that an event which comes just in time counts.
         """
-        plans = self.advance(now - SAME_INSTANT)
+        plans: list[Plan] = []
+        next_due = self._let_act(now - SAME_INSTANT, plans)
         arrived = None
         match event:
             case Sample():
@@ -107,15 +108,14 @@ class Planner:
             case Score():
                 arrived = event.arrived
                 self._set_score(event, now)
-        self.timers.fire(now)
+        if next_due is not None and next_due <= now:
+            self.timers.fire(now)
         return plans + self._conclude(now, arrived)
 
     def advance(self, now: float) -> list[Plan]:
         """Let every timer due by now act."""
         plans: list[Plan] = []
-        while (due := self.timers.next_due()) is not None and due <= now:
-            self.timers.fire(due)
-            plans += self._conclude(due)
+        self._let_act(now, plans)
         return plans
 
     def reconsider(self) -> None:
@@ -189,6 +189,13 @@ class Planner:
     def active_contexts(self) -> list[ContextState]:
         """The contexts that have effects now, in list order."""
         return [context for context in self.contexts if context.active]
+
+    def _let_act(self, now: float, plans: list[Plan]) -> float | None:
+        """Let every timer due by now act, collecting the plans; returns when the next one is due."""
+        while (due := self.timers.next_due()) is not None and due <= now:
+            self.timers.fire(due)
+            plans += self._conclude(due)
+        return due
 
     def _index(self) -> dict[str, list[Initiative | ContextState]]:
         readers: dict[str, list[Initiative | ContextState]] = defaultdict(list)

@@ -38,10 +38,10 @@ class Normal:
             number = normal(value)
             self.whole = self.whole or type(number) is int
             return number
+        # Nearly all that a sample holds are plain doubles: they are passed without a call.
         if kind is dict:
-            return {name: self.value(inner) for name, inner in value.items()}
+            return {n: v if type(v) is float and -EXACT < v < EXACT else self.value(v) for n, v in value.items()}
         if kind is list:
-            # A laser scan is a list of plain doubles: they are passed without a call.
             return [v if type(v) is float and -EXACT < v < EXACT else self.value(v) for v in value]
         return value
 

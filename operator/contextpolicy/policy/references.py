@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 CEL_WORDS = {
     *("true", "false", "null", "in", "as", "break", "const", "continue", "else", "for", "function", "if", "import"),
     *("let", "loop", "package", "namespace", "return", "var", "void", "while"),
-    *("min", "max", "abs", "norm", "sqrt", "size", "has"),
+    *("min", "max", "abs", "norm", "sqrt", "size", "has", "heard", "age"),
 }
 
 
@@ -56,9 +56,15 @@ def _expressions(policy: Policy) -> Iterator[Finding]:
             ("filter", stream.filter),
             *((f"features[{i}].of", f.of) for i, f in enumerate(stream.features)),
         ):
-            others = Expression(own_source).variables - {stream.name} if own_source else frozenset()
-            for unknown in sorted(others):
+            if own_source is None:
+                continue
+            expression = Expression(own_source)
+            for unknown in sorted(expression.variables - {stream.name}):
                 yield Finding(f"spec.streams[{index}].{field}", unknown, f"its own stream only: {stream.name}")
+            if expression.presence:
+                yield Finding(
+                    f"spec.streams[{index}].{field}", own_source, "what a sample says, without heard() and age()"
+                )
 
 
 def _sources(policy: Policy) -> Iterator[tuple[str, str]]:
