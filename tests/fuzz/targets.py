@@ -66,9 +66,10 @@ DOCUMENT: dict[str, Any] = {
         ],
         "contexts": [
             {"name": "blind", "tasks": {"slam": {"suspend": True}}},
+            {"name": "old", "when": "!heard(x) || age(x) > 1.5 || age(x) <= 0.25", "tasks": {"rest": {"weight": 2}}},
             {
                 "name": "moving",
-                "when": "x.l.exists(v, v > 1.0) || x.shaking > 0.5",
+                "when": "x.l.exists(v, v > 1.0) || x.shaking > 0.5 || x.a % 2 == x.l[x.b]",
                 "enterAfter": "50ms",
                 "exitAfter": "50ms",
                 "tasks": {"rest": {"scale": 3}},
@@ -77,6 +78,7 @@ DOCUMENT: dict[str, Any] = {
     },
 }
 POLICY = parsing.parse(DOCUMENT)
+EDITED = parsing.parse({**DOCUMENT, "spec": {**DOCUMENT["spec"], "reserve": "200m"}})
 JUNK: tuple[Any, ...] = (
     *(None, True, 0, -1, 10**400, 1e308, float("nan"), "", "x", "5s", "1", "2h", "x.a > 1.0", "slam", "blind", "cdr"),
     *(
@@ -110,6 +112,23 @@ class Robot:
         self.taken += 1
         self.planner.handle(event, self.now)
         self.check()
+
+    def edit(self, after: float) -> None:
+        """Another field of the policy changes; what the planner knew must be what the next one knows."""
+        self.now += after
+        self.planner.advance(self.now)
+        known = self._known()
+        before, placement = self.planner, self.planner.placement
+        self.planner = Planner(EDITED if before.policy is POLICY else POLICY)
+        self.planner.start(self.now, before)
+        assert self._known() == known
+        self.planner.handle(placement, self.now)
+        self.check()
+
+    def _known(self) -> object:
+        contexts = [(context.spec.name, context.active) for context in self.planner.contexts]
+        features = [stream.features(self.now) for stream in self.planner.streams.values()]
+        return contexts, self.planner.scores(), self.planner.unmet(), features, self.planner.next_due()
 
     def check(self) -> None:
         """The last good plan stands."""
@@ -184,7 +203,13 @@ def expression(data: bytes) -> None:
         compiled = scope.compile(data.decode(errors="replace"))
     except ValueError:
         return
-    scope.bind("x", {"a": 1.5, "l": [1.0, 2.0], "s": "text", "m": {"k": None, "n": float("nan")}})
+    for sample in ({"a": 1.5, "l": [1.0, 2.0], "s": "text", "m": {"k": None, "n": float("nan")}}, {"a": 2**60}):
+        with suppress(ExpressionError):
+            compiled.evaluate(scope)
+        scope.bind("x", sample)
+        with suppress(ExpressionError):
+            compiled.evaluate(scope)
+    scope.unbind("x")
     with suppress(ExpressionError):
         compiled.evaluate(scope)
 

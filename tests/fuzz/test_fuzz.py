@@ -73,6 +73,17 @@ def test_any_story_leaves_a_good_plan(story):
         robot.take(event, after)
 
 
+@given(st.lists(st.tuples(st.one_of(events, samples, st.none()), st.floats(0, 3)), max_size=12))
+@settings(max_examples=150)
+def test_an_edit_in_any_story_changes_nothing_else(story):
+    robot = targets.Robot()
+    for event, after in story:
+        if event is None:
+            robot.edit(after)
+        else:
+            robot.take(event, after)
+
+
 @given(st.dictionaries(names, values, max_size=6))
 def test_a_dropped_sample_is_counted_by_reason(fields):
     robot = targets.Robot()
@@ -139,9 +150,17 @@ def test_any_expression(data):
 
 
 @given(
-    st.sampled_from(["x.a > 1.0 && norm(x.l) < 2.0", "x.l.exists(v, v > 1.0)", "x.m['k'] == null ? x.s : 's'"]),
+    st.sampled_from(
+        [
+            "x.a > 1.0 && norm(x.l) < 2.0",
+            "x.l.exists(v, v > 1.0)",
+            "x.m['k'] == null ? x.s : 's'",
+            "has(x.a) && x.l[x.a - 1.5] % 2 == -x.a / 4",
+            "!heard(x) || age(x) > 1.5",
+        ]
+    ),
     st.data(),
 )
 def test_a_damaged_expression(source, data):
     at = data.draw(st.integers(0, len(source)))
-    targets.expression((source[:at] + data.draw(st.text("xal.()[]+'\"", max_size=4)) + source[at:]).encode())
+    targets.expression((source[:at] + data.draw(st.text("xal.()[]+-%/1'\"", max_size=4)) + source[at:]).encode())

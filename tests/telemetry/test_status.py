@@ -232,3 +232,18 @@ def test_a_policy_that_waits_for_the_router():
     jsonschema.validate(content, SCHEMA)
     assert condition(content, "StreamsHealthy") == ("False", "NoRouter", "no Zenoh router answers yet")
     assert condition(content, "Ready")[:2] == ("False", "Degraded")
+
+
+def test_it_is_told_which_stream_a_condition_waits_for_and_since_when():
+    story = moving(
+        streams=[a_stream("imu", staleAfter="1s"), a_stream("button")],
+        contexts=[a_context("alarm", "imu.speed > 9 || button.pressed", {"speech": {"suspend": True}})],
+    )
+    health = []
+    story.planner.on_health = lambda: health.append(made(story)["streams"])
+    told = f"context alarm waits since {timestamp(START)}: button has no value"
+    assert [stream["message"] for stream in made(story)["streams"]] == ["", told]
+    assert condition(made(story), "StreamsHealthy")[0] == "True"
+    story.sample("button", at=1.5, pressed=False)
+    assert len(health) == 1
+    assert [stream["message"] for stream in made(story)["streams"]] == ["", ""]

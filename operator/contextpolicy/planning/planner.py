@@ -23,8 +23,9 @@ from contextpolicy.planning.weights import Weigher, Weight
 from contextpolicy.policy.fields import LARGEST
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
+    from contextpolicy.planning.expressions import Waiting
     from contextpolicy.planning.plan import NodePlan
     from contextpolicy.policy.spec import Policy
 
@@ -145,6 +146,10 @@ class Planner:
         self._note(stream, f"{stream.spec.name}: heard again")
         self.on_health()
 
+    def on_first_value(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature
+        """A stream without a value has one: nothing waits for it any more."""
+        self.on_health()
+
     def on_drop(self, stream: str, reason: str) -> None:
         """Count a sample that was not used."""
         self.drops[stream, reason] += 1
@@ -185,6 +190,16 @@ class Planner:
     def owned_initiatives(self) -> Iterable[tuple[Initiative, str]]:
         """All activities and pre-conditions with the task that they are of."""
         return self._scores.owned()
+
+    def waits(self) -> Iterator[tuple[str, Waiting]]:
+        """What can't be decided now, by the name of its task or context, and what for."""
+        for initiative, task in self.owned_initiatives():
+            for own in (initiative.when, initiative.score):
+                if own and own.waiting:
+                    yield f"task {task}", own.waiting
+        for context in self.contexts:
+            if context.when and context.when.waiting:
+                yield f"context {context.spec.name}", context.when.waiting
 
     def active_contexts(self) -> list[ContextState]:
         """The contexts that have effects now, in list order."""

@@ -35,6 +35,9 @@ class StreamListener(Protocol):
     def on_recovery(self, stream: StreamState, now: float) -> None:
         """A silent stream is heard again."""
 
+    def on_first_value(self, stream: StreamState) -> None:
+        """A stream without a value has one."""
+
     def on_drop(self, stream: str, reason: str) -> None:
         """A sample was not used, or not all of it."""
 
@@ -146,7 +149,10 @@ class StreamState:
             self._measure(now)
         self._valued_at = now
         self._share(value)
-        self.value, self.fresh, self.absent_since = value, True, None
+        self.value = value
+        if not self.fresh:
+            self.fresh, self.absent_since = True, None
+            self._listener.on_first_value(self)
 
     def _share(self, value: dict[str, Any]) -> None:
         """Let expressions see the sample with the features."""

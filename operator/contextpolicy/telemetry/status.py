@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.policy.spec import Mode, Scheduler
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from contextpolicy.cluster.claims import Claim
     from contextpolicy.planning.planner import Planner
@@ -52,7 +53,7 @@ def status(planner: Planner, facts: StatusFacts, previous: Sequence[Mapping[str,
         "plan": _plan(planner, facts.run),
         "nodes": _nodes(planner, facts.claim),
         "tasks": [_task(planner, facts, task.name) for task in policy.tasks],
-        "streams": [_stream(planner, name) for name in planner.streams],
+        "streams": _streams(planner),
         "conditions": conditions(_findings(planner, facts), facts.generation, previous, now),
     }
 
@@ -162,8 +163,17 @@ def _task(planner: Planner, facts: StatusFacts, name: str) -> dict[str, Any]:
     }
 
 
-def _stream(planner: Planner, name: str) -> dict[str, Any]:
-    stream = planner.streams[name]
+def _streams(planner: Planner) -> list[dict[str, Any]]:
+    """Each stream's health, what waits for it, and what of it was dropped."""
+    waits: dict[str, dict[str, str]] = defaultdict(dict)
+    for who, waiting_for in planner.waits():
+        told = f"{who} waits since {timestamp(waiting_for.since)}: {waiting_for.reason}"
+        waits[waiting_for.stream].setdefault(who, told)
+    return [_stream(planner, name, waits[name].values()) for name in planner.streams]
+
+
+def _stream(planner: Planner, name: str, waits: Iterable[str]) -> dict[str, Any]:
+    silent = planner.streams[name].silent
     dropped = [f"{reason}: {count}" for (of, reason), count in sorted(planner.drops.items()) if of == name]
-    message = _silence(planner, name) if stream.silent else ""
-    return {"name": name, "healthy": not stream.silent, "message": "; ".join([*filter(None, [message]), *dropped])}
+    message = "; ".join([*([_silence(planner, name)] if silent else []), *waits, *dropped])
+    return {"name": name, "healthy": not silent, "message": message[:MAX_MESSAGE]}
