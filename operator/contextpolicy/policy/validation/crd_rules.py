@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import cel
 
 from contextpolicy.errors import Finding
-from contextpolicy.policy import cel_syntax
+from contextpolicy.policy import cel_cost, cel_syntax
 from contextpolicy.policy.quantities import parse_cpu
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def _compiled(source: str) -> cel.Program:
 
 @cache
 def _reads(source: str) -> frozenset[str]:
-    return frozenset(path[1] for path in cel_syntax.scan(source).reads if path[0] == "self")
+    return frozenset(path[1] for path in cel_cost.read(cel_syntax.parse(source)).reads if path[0] == "self")
 
 
 def _holds(source: str, value: Any) -> bool:
