@@ -169,6 +169,28 @@ def test_silent_stream_falls_back(governed):
     governed.expect(slam=990, speech=10)
 
 
+def test_an_edit_keeps_the_context_that_holds(governed):
+    contexts = [{**policy("")["spec"]["contexts"][0], "exitAfter": "1h"}]
+    governed.policy(contexts=contexts)
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    governed.drive(0.0)
+    governed.policy(contexts=contexts, reserve="1100m")
+    governed.expect(slam=890, speech=10)
+
+
+def test_a_loud_stream_decides_without_the_one_that_was_never_heard(governed):
+    streams = [*policy("")["spec"]["streams"], {"name": "button", "key": f"{governed.namespace}/button"}]
+    alarm = {"name": "alarm", "when": "imu.speed > 0.05 || button.pressed", "tasks": {"speech": {"suspend": True}}}
+    governed.policy(streams=streams, contexts=[alarm])
+    governed.drive(0.0)
+    until(
+        "the status tells what is waited for", lambda: "context alarm waits since" in str(governed.status()["streams"])
+    )
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+
+
 @pytest.mark.parametrize("payload", [b"not json", b"", b"\xff\xfe", b"[" * 100_000, b'{"speed": "fast"}', b"{}"])
 def test_sample_that_makes_no_sense_changes_nothing(governed, payload):
     governed.sensors.read(f"{governed.namespace}/imu-noise", payload)

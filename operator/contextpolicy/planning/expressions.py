@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import cel
@@ -71,7 +72,7 @@ class Guarded:
     def probe(self, part: str, now: float) -> Any:
         """The value of a part of the source, for people to read; ExpressionError when it has none."""
         self._scope.now = now
-        return Expression(part).evaluate(self._scope)
+        return _part(part).evaluate(self._scope)
 
     def adopt(self, old: Guarded) -> None:
         """Go on waiting where the same expression of the policy's last version does."""
@@ -158,8 +159,9 @@ class Scope:
         reads = self._reads.get(stream)
         normal = cel_numbers.Normal()
         try:
-            part = normal.value(_prune(value, reads)) if reads is not None else {}
-            self.context.add_variable(stream, part)
+            part = {} if reads is None else normal.value(_prune(value, reads))
+            if reads is not None:
+                self.context.add_variable(stream, part)
         except (ValueError, TypeError, OverflowError, RecursionError) as error:
             raise ExpressionError(f"{stream}: {error}") from error
         if stream in self._asked and stream not in self._values:
@@ -206,6 +208,12 @@ class Scope:
 
     def _passed(self, since: float, seconds: float) -> bool:
         return since + seconds < self.now
+
+
+@lru_cache(maxsize=1024)
+def _part(source: str) -> Expression:
+    """Compiled once: an explanation must not keep the samples waiting."""
+    return Expression(source)
 
 
 def _grow(reads: dict[str, dict[str, Any]], path: cel_cost.Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 from typing import TYPE_CHECKING, Protocol
@@ -96,15 +97,16 @@ class Initiative:
     def on_due(self, now: float) -> None:
         """The strongest event ends, or falls another step: the next one may be stronger now."""
         events = self._events
-        events[0].pass_by(now, self.spec.decay)
-        while events and events[0].value == 0:
-            events.popleft()
-        while len(events) > 1:
-            events[1].pass_by(now, self.spec.decay)
-            if events[1].value < events[0].value:
-                break
+        while events and self._is_outdone(now):
             events.popleft()
         self._settle(now)
+
+    def _is_outdone(self, now: float) -> bool:
+        """Whether nothing is left of the first event, or no more than of the second."""
+        for event in itertools.islice(self._events, 2):
+            event.pass_by(now, self.spec.decay)
+        second = self._events[1].value if len(self._events) > 1 else 0.0
+        return self._events[0].value <= second
 
     def _current(self, now: float) -> float:
         self.matches = (self.carrier is None or self.carrier.fresh) and self.when.truth(now)
