@@ -128,7 +128,7 @@ class Robot:
     def _known(self) -> object:
         contexts = [(context.spec.name, context.active) for context in self.planner.contexts]
         features = [stream.features(self.now) for stream in self.planner.streams.values()]
-        return contexts, self.planner.scores(), self.planner.unmet(), features, self.planner.next_due()
+        return contexts, self.planner.scores(), dict(self.planner._scores.unmet), features, self.planner.next_due()
 
     def check(self) -> None:
         """The last good plan stands."""

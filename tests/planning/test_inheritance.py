@@ -53,7 +53,7 @@ def course(story):
     while (due := story.planner.next_due()) is not None:
         story.wait(due - START)
         contexts = [context.spec.name for context in story.planner.active_contexts()]
-        seen[round(due - START, 6)] = (contexts, story.planner.scores(), story.planner.unmet())
+        seen[round(due - START, 6)] = (contexts, story.planner.scores(), dict(story.planner._scores.unmet))
     return seen
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
@@ -190,7 +191,11 @@ class TestFailingInitiatives:
         planner, health = Planner(curious_policy()), []
         planner.on_health = lambda: health.append(dict(planner.errors))
         assert self.run(breaks_at_2, planner=planner).errors == {}
-        assert health == [{self.SOURCE: "float division by zero"}, {}]
+        told = [errors for errors, _ in groupby(health)]
+        assert told[told.index({self.SOURCE: "float division by zero"}) :] == [
+            {self.SOURCE: "float division by zero"},
+            {},
+        ]
         assert planner.scores()["slam"] == 3.0
 
     def test_one_that_fails_at_each_sample_is_called_anew_once_a_second(self):
