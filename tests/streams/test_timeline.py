@@ -10,7 +10,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from contextpolicy.errors import TimelineError
-from contextpolicy.streams.timeline import TimedInput, load, parse
+from contextpolicy.streams.timeline import TimedInput, _runs, load, parse
 
 TIMELINES = Path(__file__).parents[2] / "timelines"
 SCHEMA = Draft202012Validator(json.loads((TIMELINES / "schema.json").read_text(encoding="utf-8")))
@@ -66,6 +66,27 @@ def test_inputs_are_lazy():
 def test_a_rate_that_does_not_divide_the_interval_stays_inside_it():
     timeline = parse(a_document({**REPEATED, "from": 0, "to": 1, "rate": 3}))
     assert [round(timed.at, 3) for timed in timeline.inputs()] == [0.0, 0.333, 0.667]
+
+
+def at(time, key="a"):
+    return {**ONCE, "key": key, "at": time}
+
+
+@pytest.mark.parametrize(
+    ("inputs", "count"),
+    [
+        ([at(0.0), at(0.5), at(0.5), at(2.0)], 1),
+        ([at(0.5), at(0.0), at(2.0)], 2),
+        ([at(0.0), REPEATED, at(0.5), at(1.0)], 3),
+    ],
+)
+def test_a_recording_in_time_order_is_one_run_that_needs_no_merging(inputs, count):
+    assert len(list(_runs(parse(a_document(*inputs)).entries))) == count
+
+
+def test_inputs_of_one_instant_come_in_the_order_of_the_file():
+    timeline = parse(a_document(at(1.0, "a"), REPEATED, at(1.0, "b"), at(0.0, "c"), at(1.0, "d")))
+    assert [timed.key for timed in timeline.inputs() if timed.at == 1.0] == ["a", REPEATED["key"], "b", "d"]
 
 
 def test_all_mistakes_are_reported_at_once():

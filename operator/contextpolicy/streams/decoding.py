@@ -43,13 +43,16 @@ class Decoder:
         try:
             if len(payload) > MAX_PAYLOAD:
                 raise DecodeError(f"has {len(payload)} bytes, allowed: {MAX_PAYLOAD}")  # noqa: TRY301 - named below
-            fields = as_fields(self._read(payload))
-            timestamp = _timestamp(fields, self._path) if self._path else None
+            return self.sample(self._read(payload))
         except (DecodeError, ValueError, RecursionError, MemoryError) as error:
             raise DecodeError(
                 f"stream {self.stream.name}: the {self.stream.encoding} payload {_reason(error)}"
             ) from error
-        return Sample(self.stream.name, fields, timestamp)
+
+    def sample(self, decoded: object) -> Sample:
+        """The reading that a payload holds; DecodeError when its timestamp is none."""
+        fields = as_fields(decoded)
+        return Sample(self.stream.name, fields, _timestamp(fields, self._path) if self._path else None)
 
 
 def seconds(stamp: object) -> float:
@@ -82,11 +85,19 @@ def _reader(stream: Stream) -> Callable[[bytes], object]:
 
 
 def _read_json(payload: bytes) -> object:
-    # Each level costs a bracket and each further value a comma: counting bytes is a bound without a walk.
     decoded = _JSON.decode(payload.decode())
-    if payload.count(b"[") + payload.count(b"{") > MAX_DEPTH or payload.count(b",") > MAX_VALUES // 3:
+    if not is_small(payload):
         _check(decoded)
     return decoded
+
+
+def is_small(payload: bytes) -> bool:
+    """Whether a JSON payload is within all bounds, told without a walk; False where only a walk can tell.
+
+    Each level costs a bracket and each further value a comma, so counting bytes is a bound.
+    """
+    levels, commas = payload.count(b"[") + payload.count(b"{"), payload.count(b",")
+    return levels < MAX_DEPTH and commas < MAX_VALUES // 3 and len(payload) < MAX_PAYLOAD // 2
 
 
 def _refuse_constant(name: str) -> object:

@@ -5,11 +5,15 @@ The simulation reads in virtual time the very inputs that the player publishes i
 
 from __future__ import annotations
 
+import gc
 import heapq
 import json
 import math
 import re
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
+from itertools import chain
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -17,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from contextpolicy.errors import Finding, TimelineError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     Check: TypeAlias = tuple[Callable[[Any], bool], str]
 
@@ -66,11 +70,47 @@ class Timeline:
 
     def inputs(self) -> Iterator[TimedInput]:
         """All inputs in time order; those of one instant in the order of the file."""
-        return heapq.merge(*(entry.inputs() for entry in self.entries), key=attrgetter("at"))
+        return heapq.merge(*map(_in_turn, _runs(self.entries)), key=attrgetter("at"))
+
+
+def _runs(entries: Iterable[TimelineEntry]) -> Iterator[list[TimelineEntry]]:
+    """Neighbours that need no merging, each at an instant and not before the last: a recording is one run."""
+    run: list[TimelineEntry] = []
+    for entry in entries:
+        if run and (entry.rate or run[-1].rate or entry.start < run[-1].start):
+            yield run
+            run = []
+        run.append(entry)
+    if run:
+        yield run
+
+
+def _in_turn(run: Iterable[TimelineEntry]) -> Iterator[TimedInput]:
+    return chain.from_iterable(entry.inputs() for entry in run)
 
 
 def load(path: Path | str) -> Timeline:
     """Read a timeline file, or raise TimelineError with everything that is wrong with it."""
+    with _uncollected():
+        return _load(path)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Load without the garbage collector.
+
+    A recording becomes millions of objects and no cycle, and walking them again and again takes a third of the time.
+    """
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+def _load(path: Path | str) -> Timeline:
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
     except OSError as error:
@@ -121,11 +161,17 @@ def _matches(pattern: str) -> Callable[[object], bool]:
     return lambda value: isinstance(value, str) and re.fullmatch(pattern, value) is not None
 
 
+@cache
+def _is_key(text: str) -> bool:
+    """Remembered: a recording names a few keys a million times."""
+    return len(text) <= 256 and re.fullmatch(r"[^/*$?#]+(/[^/*$?#]+)*", text) is not None
+
+
 _SECONDS: Check = (lambda value: _is_number(value) and value >= 0, "a number of seconds, 0 or more")
 _DURATION: Check = (lambda value: _is_number(value) and value > 0, "a number of seconds above 0")
 _ANY: Check = (lambda _: True, "any JSON value")
 _KEY: Check = (
-    lambda value: _matches(r"[^/*$?#]+(/[^/*$?#]+)*")(value) and len(value) <= 256,
+    lambda value: isinstance(value, str) and _is_key(value),
     "a Zenoh key of at most 256 characters without wildcards, such as robot/imu",
 )
 _DATASET: Check = (_matches(r"[a-z0-9-]+/[a-z0-9-]+"), "a data set, such as euroc/stereo")
@@ -185,21 +231,24 @@ def _shape(raw: Mapping[str, Any]) -> Mapping[str, Check]:
 def _field_findings(
     path: str, raw: Mapping[str, Any], required: Mapping[str, Check], options: Mapping[str, Check]
 ) -> Iterator[Finding]:
-    known = {**required, **options}
-    for name in sorted(required.keys() - raw.keys()):
-        yield Finding(f"{path}{name}", None, f"required: {known[name][1]}")
+    for name, (_, allowed) in required.items():
+        if name not in raw:
+            yield Finding(f"{path}{name}", None, f"required: {allowed}")
     for name, value in raw.items():
-        if name not in known:
-            yield Finding(f"{path}{name}", value, f"one of the fields {', '.join(known)}")
-        elif not known[name][0](value):
-            yield Finding(f"{path}{name}", value, known[name][1])
+        check = required.get(name) or options.get(name)
+        if check is None:
+            yield Finding(f"{path}{name}", value, f"one of the fields {', '.join((*required, *options))}")
+        elif not check[0](value):
+            yield Finding(f"{path}{name}", value, check[1])
 
 
 def _order_findings(path: str, raw: Mapping[str, Any], duration: object) -> Iterator[Finding]:
-    times = {name: raw[name] for name in ("at", "from", "to") if _is_number(raw.get(name))}
-    if isinstance(duration, (int, float)) and _is_number(duration):
-        for name, time in times.items():
-            if time > duration:
-                yield Finding(f"{path}.{name}", time, f"at most the duration, {duration:g}")
-    if "from" in times and "to" in times and times["to"] <= times["from"]:
-        yield Finding(f"{path}.to", times["to"], f"after from, {times['from']:g}")
+    for name in ("at", "from", "to"):
+        if _is_number(raw.get(name)) and _is_above(raw[name], duration):
+            yield Finding(f"{path}.{name}", raw[name], f"at most the duration, {duration:g}")
+    if _is_number(raw.get("from")) and _is_number(raw.get("to")) and raw["to"] <= raw["from"]:
+        yield Finding(f"{path}.to", raw["to"], f"after from, {raw['from']:g}")
+
+
+def _is_above(time: float, duration: object) -> bool:
+    return isinstance(duration, int | float) and _is_number(duration) and time > duration
