@@ -23,8 +23,8 @@ from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller
 from contextpolicy.errors import FindingsError
 from contextpolicy.policy.parsing import parse
-from contextpolicy.policy.ros_types import type_findings
 from contextpolicy.policy.spec import Mode
+from contextpolicy.policy.validation.mistakes import mistakes_in
 from contextpolicy.telemetry.events import event
 from contextpolicy.telemetry.reporter import Reporter
 from contextpolicy.telemetry.resize_watch import RECOVERED, ResizeWatch
@@ -295,7 +295,7 @@ class Runtime:
 
 def _load(body: Mapping[str, Any]) -> tuple[Policy, dict[str, Instantiate]]:
     """The policy and the functions it names; PolicyError says all that is wrong with it, here and now."""
-    policy = parse(body, type_findings)
+    policy = parse(body, mistakes_in)
     return policy, plugins.load(policy)
 
 

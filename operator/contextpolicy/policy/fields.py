@@ -7,9 +7,10 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from contextpolicy.errors import Finding
-from contextpolicy.policy import quantities
+from contextpolicy.policy import cel_mistakes, quantities
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.key_expressions import refusal
+from contextpolicy.policy.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,9 +22,9 @@ Parsed = TypeVar("Parsed")
 STREAM_NAME = re.compile(r"[a-z][a-z0-9_]{0,62}")
 TASK_NAME = re.compile(r"[a-z][a-z0-9-]{0,62}")
 FEATURE_NAME = re.compile(r"[a-z][A-Za-z0-9_]{0,62}")
-STREAM_NAME_ALLOWED = "lower-case letters, digits and '_', a letter first (it is a CEL variable)"
-TASK_NAME_ALLOWED = "lower-case letters, digits and '-', a letter first"
-FEATURE_NAME_ALLOWED = "letters, digits and '_', a lower-case letter first"
+STREAM_NAME_ALLOWED = "at most 63 lower-case letters, digits and '_', a letter first (it is a CEL variable)"
+TASK_NAME_ALLOWED = "at most 63 lower-case letters, digits and '-', a letter first"
+FEATURE_NAME_ALLOWED = "at most 63 letters, digits and '_', a lower-case letter first"
 LARGEST = 1e308
 """No float is much larger; whole numbers can be."""
 
@@ -143,7 +144,7 @@ class Fields:
         try:
             unknown = Expression(value).unknown_functions if isinstance(value, str) else None
         except ValueError as error:
-            self.refuse(name, value, f"a CEL expression ({_first_line(error)})")
+            self.refuse(name, value, f"a CEL expression; {cel_mistakes.explain(str(value), error)}")
             return default
         if unknown is None or unknown:
             known = "a CEL expression" if unknown is None else f"known functions only, not {', '.join(sorted(unknown))}"
@@ -193,7 +194,8 @@ class Fields:
     def close(self) -> None:
         """Refuse the fields that nobody asked for: a misspelt name must not be ignored."""
         for name in [name for name in self._raw if name not in self._known]:
-            self.refuse(str(name), self._raw[name], "known fields: " + ", ".join(sorted(self._known)))
+            allowed = "known fields: " + ", ".join(sorted(self._known)) + did_you_mean(name, self._known)
+            self.refuse(str(name), self._raw[name], allowed)
 
     def _entries(self, name: str) -> dict[Any, Any]:
         value = self.raw(name)
@@ -222,7 +224,3 @@ class Fields:
         except ValueError:
             self.refuse(name, value, allowed)
             return None
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0]

@@ -17,7 +17,15 @@ from contextpolicy.policy.fields import (
     TASK_NAME_ALLOWED,
     Fields,
 )
-from contextpolicy.policy.selectors import OPERATORS, Selector, SelectorRequirement
+from contextpolicy.policy.selectors import (
+    LABEL_KEY_ALLOWED,
+    LABEL_VALUE_ALLOWED,
+    OPERATORS,
+    Selector,
+    SelectorRequirement,
+    is_label_key,
+    is_label_value,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -86,6 +94,7 @@ def _stream(fields: Fields) -> policy.Stream:
         debounce=fields.duration("debounce") or 0.0,
         sample_every=fields.duration("sampleEvery") or 0.0,
         produced_by=fields.optional_text("producedBy"),
+        example=fields.raw("example"),
         features=tuple(_feature(item) for item in fields.nested_list("features", limit=16)),
     )
     if (result.encoding is policy.Encoding.CDR) != (result.type is not None):
@@ -135,6 +144,10 @@ def _task(fields: Fields) -> policy.Task:
             fields.raw("selector"),
             "a selector for a task in a container, subtasks for one without",
         )
+    if result.subtasks:
+        for group_less in ("min", "max", "needs", "container"):
+            if group_less in fields:
+                fields.refuse(group_less, fields.raw(group_less), "only on a task in a container: a group has subtasks")
     if result.max is not None and not result.min <= result.max:
         fields.refuse("max", fields.raw("max"), f"at least min ({minimum or 10}m) and at least 10m")
     fields.close()
@@ -143,15 +156,27 @@ def _task(fields: Fields) -> policy.Task:
 
 def _selector(fields: Fields) -> Selector:
     labels = [SelectorRequirement(key, "In", (value,)) for key, value in fields.string_map("matchLabels").items()]
+    for label in labels:
+        _check_label(fields, f"matchLabels.{label.key}", label)
     expressions = []
     for item in fields.nested_list("matchExpressions", limit=16):
         operator = item.text("operator", pattern="|".join(OPERATORS), allowed="one of " + ", ".join(OPERATORS))
         expressions.append(SelectorRequirement(item.text("key"), operator, item.texts("values", limit=64)))
+        _check_label(item, "key", expressions[-1])
         item.close()
     fields.close()
     if not labels and not expressions:
         fields.refuse("", {}, "at least one label: an empty selector would claim every pod")
     return Selector((*labels, *expressions))
+
+
+def _check_label(fields: Fields, name: str, label: SelectorRequirement) -> None:
+    """Labels that no pod can have; Kubernetes' own rules."""
+    if label.key and not is_label_key(label.key):
+        fields.refuse(name, label.key, LABEL_KEY_ALLOWED)
+    for value in label.values:
+        if not is_label_value(value):
+            fields.refuse(name, value, LABEL_VALUE_ALLOWED)
 
 
 def _needs(fields: Fields) -> policy.Needs:

@@ -19,7 +19,7 @@ _BYTES = (
     | {"Ki": Decimal(1024)}
 )
 
-CPU_ALLOWED = 'a CPU quantity such as "300m", "2" or 0.5'
+CPU_ALLOWED = 'a CPU quantity such as "300m", "2" or "0.5"'
 MEMORY_ALLOWED = 'a memory quantity such as "100Mi" or "1Gi"'
 DURATION_ALLOWED = 'a duration such as "500ms", "1.5s" or "1m30s"'
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
 from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -50,7 +51,7 @@ def _expressions(policy: Policy) -> Iterator[Finding]:
     names = {stream.name for stream in policy.streams}
     for field, source in _sources(policy):
         for unknown in sorted(Expression(source).variables - names):
-            yield Finding(field, unknown, f"a stream of this policy: {_list(names)}")
+            yield Finding(field, unknown, f"a stream of this policy: {_list(names)}{did_you_mean(unknown, names)}")
     for index, stream in enumerate(policy.streams):
         for field, own_source in (
             ("filter", stream.filter),
@@ -109,7 +110,7 @@ def _contexts(policy: Policy) -> Iterator[Finding]:
 
 def _known(field: str, name: str, names: Iterable[str]) -> Iterator[Finding]:
     if name not in names:
-        yield Finding(field, name, _list(names))
+        yield Finding(field, name, _list(names) + did_you_mean(name, names))
 
 
 def _list(names: Iterable[str]) -> str:

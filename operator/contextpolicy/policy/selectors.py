@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+LABEL_KEY_ALLOWED = "a label key: letters, digits, '-', '_' and '.', at most 63, after a DNS name and '/' if need be"
+LABEL_VALUE_ALLOWED = "a label value: letters, digits, '-', '_' and '.', at most 63, a letter or digit at either end"
+_WORD = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]{0,61}[A-Za-z0-9])?")
+_PREFIX = re.compile(r"(?=.{1,253}$)[a-z0-9]([a-z0-9-]*[a-z0-9])?(\.[a-z0-9]([a-z0-9-]*[a-z0-9])?)*")
 
 OPERATORS = ("In", "NotIn", "Exists", "DoesNotExist")
 
@@ -41,3 +47,14 @@ class Selector:
     def matches(self, labels: Mapping[str, str]) -> bool:
         """Whether a pod with these labels is selected."""
         return all(requirement.matches(labels) for requirement in self.requirements)
+
+
+def is_label_key(key: str) -> bool:
+    """Whether Kubernetes takes it as the key of a label."""
+    prefix, slash, word = key.rpartition("/")
+    return _WORD.fullmatch(word) is not None and (not slash or _PREFIX.fullmatch(prefix) is not None)
+
+
+def is_label_value(value: str) -> bool:
+    """Whether Kubernetes takes it as the value of a label; an empty one is allowed."""
+    return value == "" or _WORD.fullmatch(value) is not None

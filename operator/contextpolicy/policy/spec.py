@@ -103,6 +103,8 @@ class Stream:
     debounce: float = 0.0
     sample_every: float = 0.0
     produced_by: str | None = None
+    example: object = None
+    """A sample as the stream's sender writes it, decoded: what expressions are checked against. None where unknown."""
     features: tuple[Feature, ...] = ()
 
 

@@ -45,11 +45,12 @@ FULL = {
                 "staleAfter": "1s",
                 "liveliness": "robot/imu",
                 "timestamp": "header.stamp",
-                "filter": "imu.x > 1",
+                "filter": "imu.orientation.x > 1",
                 "debounce": "10ms",
                 "sampleEvery": "10ms",
                 "producedBy": "slam",
-                "features": [{"name": "mean", "op": "mean", "of": "imu.x", "over": "1s"}],
+                "example": {"orientation": {"x": 0.5}},
+                "features": [{"name": "mean", "op": "mean", "of": "imu.orientation.x", "over": "1s"}],
             }
         ],
         "tasks": [
@@ -66,17 +67,17 @@ FULL = {
                 },
                 "needs": {"cores": 1, "memory": "100Mi", "deadline": "50ms"},
                 "activity": [
-                    {"stream": "imu", "when": "imu.x > 1", "score": 1, "hold": "1s", "decay": "1s"},
-                    {"stream": "imu", "scoreFrom": "imu.x", "initiative": "mine", "with": {"a": "b"}},
+                    {"stream": "imu", "when": "imu.orientation.x > 1", "score": 1, "hold": "1s", "decay": "1s"},
+                    {"stream": "imu", "scoreFrom": "imu.orientation.x", "initiative": "mine", "with": {"a": "b"}},
                 ],
-                "requires": [{"when": "imu.x > 1", "hold": "1s"}],
+                "requires": [{"when": "imu.orientation.x > 1", "hold": "1s"}],
             },
             {"name": "group", "subtasks": ["slam"], "satisfiedBy": "All"},
         ],
         "contexts": [
             {
                 "name": "moving",
-                "when": "imu.x > 1",
+                "when": "imu.orientation.x > 1",
                 "enterAfter": "1s",
                 "exitAfter": "1s",
                 "tasks": {"slam": {"weight": 1}, "group": {"suspend": True}},

@@ -47,8 +47,8 @@ def test_a_key_that_stands_twice_is_noted() -> None:
 
 
 def test_merge_keys_and_aliases_are_expanded() -> None:
-    (document,) = read("base: &b {x: 1, y: 2}\nown:\n  <<: *b\n  y: 3\n")
-    assert document.body["own"] == {"x": 1, "y": 3}
+    (document,) = read("base: &b {x: 1, z: 2}\nown:\n  <<: *b\n  z: 3\n")
+    assert document.body["own"] == {"x": 1, "z": 3}
 
 
 @pytest.mark.parametrize(

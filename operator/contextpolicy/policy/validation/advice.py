@@ -72,6 +72,10 @@ def _contexts(policy: Policy) -> Iterator[Finding]:
         yield Finding("spec.fallback", policy.fallback, "never holds: no stream has staleAfter or liveliness")
     for index, context in enumerate(policy.contexts):
         field = f"spec.contexts[{index}]"
+        forced = policy.force is not None and policy.force.context == context.name
+        if (context.when or "false").strip() == "false" and not forced and policy.fallback != context.name:
+            told = "can't hold: it has no condition, and is neither the fallback nor forced"
+            yield Finding(field, context.name, f"context {context.name} {told}")
         if not context.effects:
             yield Finding(field, context.name, f"context {context.name} changes no task")
         if context.when and not (context.enter_after or context.exit_after or policy.min_dwell):

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from contextpolicy.errors import Finding, PolicyError
 from contextpolicy.policy.parsing import parse
-from contextpolicy.policy.ros_types import type_findings
 from contextpolicy.policy.validation import crd_rules, crd_schema
 from contextpolicy.policy.validation.advice import advice
 from contextpolicy.policy.validation.documents import Document, DocumentError, Position, read
+from contextpolicy.policy.validation.mistakes import mistakes_in
 from contextpolicy.policy.validation.overlaps import Conflict, conflicts
 from contextpolicy.policy.validation.problem import Problem, Severity, short
 
@@ -66,6 +66,7 @@ def check(files: Iterable[tuple[str, str]]) -> CheckReport:
                 _check_document(file, document, report)
         except DocumentError as error:
             report.problems.append(Problem(file, error.position, str(error)))
+    report.problems += _repeated(report)
     report.problems += [_claimed(report, conflict) for conflict in conflicts(_latest(report))]
     return report
 
@@ -123,13 +124,27 @@ def _parse(body: dict[str, Any]) -> Policy:
     if not isinstance(body.get("metadata"), dict):
         finding = Finding("metadata", body.get("metadata"), "an object with a name")
         raise PolicyError("", (finding,))
-    return parse(body, type_findings)
+    return parse(body, mistakes_in)
 
 
 def _duplicates(source: Source) -> Iterator[Finding]:
     for path in source.document.duplicates:
         if path.startswith(source.prefix):
             yield Finding(path.removeprefix(source.prefix), path.rpartition(".")[2], "each key once in an object")
+
+
+def _repeated(report: CheckReport) -> Iterator[Problem]:
+    """Policies of one name: applied together, the last one wins; two files may be editions, of which one is applied."""
+    first: dict[str, Source] = {}
+    for source, policy in report.policies:
+        other = first.setdefault(policy.reference, source)
+        if other is source:
+            continue
+        line = other.position("metadata.name").line
+        message = f"{policy.reference} stands at {other.file}:{line} too: of policies of one name the last one wins"
+        severity = Severity.ERROR if other.file == source.file else Severity.WARNING
+        place = source.position("metadata.name")
+        yield Problem(source.file, place, message, policy.name, "metadata.name", policy.name, severity=severity)
 
 
 def _latest(report: CheckReport) -> list[Policy]:
@@ -156,8 +171,14 @@ def _refusal(source: Source, finding: Finding) -> Problem:
     name = str(metadata.get("name", "")) if isinstance(metadata, dict) else ""
     what = "is missing" if finding.value is None else f"{short(finding.value)} is not allowed"
     place = source.position(finding.field, finding.value)
-    message = f"{what}: {finding.allowed}"
+    message = f"{what}: {finding.allowed}{_yes_or_no(source, finding)}"
     return Problem(source.file, place, message, name, finding.field, finding.value, finding.allowed)
+
+
+def _yes_or_no(source: Source, finding: Finding) -> str:
+    """Who writes `name: y` sees True refused, and must be told why."""
+    word = source.document.yes_and_no.get(source.prefix + finding.field)
+    return f"; YAML reads {word} as {str(finding.value).lower()}: put it in quotes" if word else ""
 
 
 def _warning(source: Source, finding: Finding) -> Problem:

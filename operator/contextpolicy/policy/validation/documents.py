@@ -20,7 +20,7 @@ MAX_BYTES = 2**20
 MAX_DEPTH = 64
 MAX_VALUES = 100_000
 _MERGE = "tag:yaml.org,2002:merge"
-_OWN = (":timestamp", ":float", ":int", ":value")
+_OWN = (":timestamp", ":float", ":int", ":value", ":bool")
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +46,8 @@ class Document:
     body: Any
     positions: dict[str, Position] = field(default_factory=dict)
     duplicates: tuple[str, ...] = ()
+    yes_and_no: dict[str, str] = field(default_factory=dict)
+    """Words that YAML takes for true and false and that people mean as texts, by their paths: y, no, on."""
 
     def position(self, path: str) -> Position:
         """Where the field stands; for one that is missing, where the nearest object around it does."""
@@ -91,12 +93,16 @@ class _Loader(yaml.SafeLoader):
         return node
 
 
-_NUMBERS = (
+_PLAIN_SCALARS = (
+    ("bool", r"(y|Y|yes|Yes|YES|n|N|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF)$"),
     ("int", r"[-+]?(0b[01_]+|0o?[0-7_]+|0x[0-9a-fA-F_]+|0|[1-9][0-9_]*)$"),
     ("float", r"[-+]?([0-9][0-9_]*\.?[0-9_]*|\.[0-9]+)([eE][-+]?[0-9]+)?$|[-+]?\.(inf|Inf|INF)$|\.(nan|NaN|NAN)$"),
 )
-for _tag, _pattern in _NUMBERS:
-    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(_pattern), list("-+0123456789."))
+for _tag, _pattern in _PLAIN_SCALARS:
+    _first = "yYnNtTfFoO" if _tag == "bool" else "-+0123456789."
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(_pattern), list(_first))
+_TRUE = frozenset({"y", "yes", "true", "on"})
+_BOOL = "tag:yaml.org,2002:bool"
 
 
 class _Builder:
@@ -106,11 +112,12 @@ class _Builder:
         self._loader = loader
         self._positions: dict[str, Position] = {}
         self._duplicates: list[str] = []
+        self._yes_and_no: dict[str, str] = {}
         self._values = 0
 
     def document(self, node: yaml.Node) -> Document:
         body = self._value(node, "", ())
-        return Document(body, self._positions, tuple(self._duplicates))
+        return Document(body, self._positions, tuple(self._duplicates), self._yes_and_no)
 
     def _value(self, node: yaml.Node, path: str, inside: tuple[int, ...]) -> Any:
         self._values += 1
@@ -125,6 +132,10 @@ class _Builder:
             return self._mapping(node, path, inside)
         if isinstance(node, yaml.SequenceNode):
             return [self._value(item, f"{path}[{index}]", inside) for index, item in enumerate(node.value)]
+        if node.tag == _BOOL:
+            if node.value.lower() not in ("true", "false"):
+                self._yes_and_no[path] = node.value
+            return node.value.lower() in _TRUE
         try:
             return self._loader.construct_object(node)
         except ValueError as error:
@@ -137,7 +148,7 @@ class _Builder:
             if key_node.tag == _MERGE:
                 merged |= self._merged(value_node, path, inside)
                 continue
-            key = str(key_node.value) if isinstance(key_node, yaml.ScalarNode) else ""
+            key = _key(key_node)
             if not key:
                 raise DocumentError("has a key that is no text", _position(key_node.start_mark))
             inner = f"{path}.{key}" if path else key
@@ -151,6 +162,13 @@ class _Builder:
         sources = node.value if isinstance(node, yaml.SequenceNode) else [node]
         values = [self._value(source, path, inside) for source in reversed(sources)]
         return {key: value for source in values if isinstance(source, dict) for key, value in source.items()}
+
+
+def _key(node: yaml.Node) -> str:
+    """JSON has text keys only, so Kubernetes makes `y:` the key "true"."""
+    if not isinstance(node, yaml.ScalarNode):
+        return ""
+    return str(node.value.lower() in _TRUE).lower() if node.tag == _BOOL else str(node.value)
 
 
 def _position(mark: Any) -> Position:

@@ -1,0 +1,38 @@
+"""What is wrong with a CEL source that does not compile, in words for somebody who does not know CEL."""
+
+from __future__ import annotations
+
+import re
+
+from contextpolicy.policy import cel_tree
+
+_TEXTS = re.compile(r"""\"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'""")
+_OTHER_LANGUAGES = (
+    (re.compile(r"\band\b|(?<!&)&(?!&)", re.IGNORECASE), "and is written &&"),
+    (re.compile(r"\bor\b|(?<!\|)\|(?!\|)", re.IGNORECASE), "or is written ||"),
+    (re.compile(r"\bnot\b", re.IGNORECASE), "not is written !"),
+    (re.compile(r"(?<![=!<>])=(?![=~])"), "equality is written =="),
+    (re.compile(r"=~"), "a pattern is matched by .matches(...)"),
+    (re.compile(r"===|!=="), "equality is written == and !="),
+    (re.compile(r"<>"), "inequality is written !="),
+    (re.compile(r"\b(True|False)\b"), "truth is written true and false"),
+    (re.compile(r"\bNone\b|\bnil\b"), "nothing is written null"),
+    (re.compile(r"\*\*|\^"), "there is no power: multiply"),
+)
+_PLACE = re.compile(r"<input>:\d+:(?P<column>\d+): ")
+
+
+def explain(source: str, error: ValueError) -> str:
+    """A sentence: what to write instead where another language's word stands, else where the parser gave up."""
+    bare = _TEXTS.sub('""', source)
+    hints = [hint for pattern, hint in _OTHER_LANGUAGES if pattern.search(bare)]
+    place = _PLACE.search(str(error))
+    if place is None:
+        return "it " + str(error).splitlines()[0]
+    if hints:
+        return "in CEL " + ", ".join(dict.fromkeys(hints))
+    try:
+        cel_tree.parse(source)
+    except ValueError as own:
+        return f"it {own}"
+    return f"it cannot be read from character {int(place['column'])} on"

@@ -1,0 +1,247 @@
+"""A CEL source as a tree: the CEL library shows none, and reading, costs, numbers and explanations need one.
+
+Only what the library compiles is parsed, so the grammar is CEL's without its checks; what is no expression, or nests
+too deeply to walk, is a ValueError.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from enum import Enum, auto
+
+MAX_BRACKETS = 32
+MAX_DEPTH = 64
+"""Operands within operands: a long sum or a long row of selections nests, too. The library takes 96."""
+
+MACROS = frozenset({"all", "exists", "exists_one", "existsOne", "map", "filter"})
+_CONSTANTS = frozenset({"true", "false", "null"})
+_CLOSES = {"(": ")", "[": "]", "{": "}"}
+_LEVELS = (
+    ("||",),
+    ("&&",),
+    ("<", "<=", ">=", ">", "==", "!=", "in"),
+    ("+", "-"),
+    ("*", "/", "%"),
+)
+"""Binary operators, the loosest first; all group to the left."""
+
+_TOKEN = re.compile(
+    r"""\s+|//[^\n]*
+    |(?P<text>(?:[rR][bB]?|[bB][rR])(?:\"{3}(?s:.*?)\"{3}|'{3}(?s:.*?)'{3}|"[^"\n]*"|'[^'\n]*')
+      |[bB]?(?:\"{3}(?s:.*?)\"{3}|'{3}(?s:.*?)'{3}|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'))
+    |(?P<name>[A-Za-z_]\w*)
+    |(?P<number>0[xX][0-9a-fA-F]+[uU]?|(?:\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?[uU]?)
+    |(?P<operator>==|!=|<=|>=|&&|\|\||.)""",
+    re.VERBOSE,
+)
+
+
+class Construct(Enum):
+    """What a node is, and what its `text` and `parts` are."""
+
+    NUMBER = auto()
+    TEXT = auto()
+    """A text or bytes, quotes included."""
+    CONSTANT = auto()
+    NAME = auto()
+    SELECT = auto()
+    """`text` is the field, the part what it is selected from."""
+    INDEX = auto()
+    """The parts are what is indexed and the index."""
+    CALL = auto()
+    METHOD = auto()
+    """A call whose first part is the receiver."""
+    LIST = auto()
+    MAP = auto()
+    """The parts are keys and values in turn."""
+    UNARY = auto()
+    BINARY = auto()
+    """Two parts; for `&&` and `||` as many as stand in a row."""
+    CHOICE = auto()
+    """Condition, value if true, value if false."""
+
+
+_COLLECTIONS = {"[": Construct.LIST, "{": Construct.MAP}
+_LITERALS = {"number": Construct.NUMBER, "text": Construct.TEXT}
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """One operand with all below it."""
+
+    kind: Construct
+    text: str
+    parts: tuple[Node, ...] = ()
+    span: tuple[int, int] = field(default=(0, 0), compare=False)
+    """Where it stands in the source, brackets around it excluded."""
+    depth: int = field(default=0, compare=False)
+
+    def path(self) -> tuple[str, ...] | None:
+        """`("imu", "gyro")` for imu.gyro; None for what is no row of selections from a name."""
+        names, node = [], self
+        while node.kind is Construct.SELECT:
+            names.append(node.text)
+            node = node.parts[0]
+        return (node.text, *reversed(names)) if node.kind is Construct.NAME else None
+
+
+def parse(source: str) -> Node:
+    """The tree of a source that compiles; ValueError for what is no expression or nests too deeply."""
+    tokens = [Token(m[0], m.lastgroup or "", m.start(), m.end()) for m in _TOKEN.finditer(source) if m.lastgroup]
+    brackets = 0
+    for token in tokens:
+        brackets += (token.text in _CLOSES) - (token.text in _CLOSES.values())
+        if brackets > MAX_BRACKETS:
+            raise ValueError(f"nests brackets deeper than {MAX_BRACKETS}")
+    if sum(token.text == "?" for token in tokens) > MAX_BRACKETS:
+        raise ValueError(f"chooses with ? more than {MAX_BRACKETS} times")
+    parser = _Parser(tokens)
+    tree = parser.expression()
+    parser.end()
+    return tree
+
+
+def number(literal: str) -> int | float:
+    """The value of a number as it stands in a source; ValueError for what is none."""
+    digits = literal.rstrip("uU").lower()
+    if digits.startswith("0x"):
+        return int(digits, 16)
+    return int(digits) if digits.isdigit() else float(digits)
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """A word of the source; `kind` is the group of `_TOKEN` that it matched."""
+
+    text: str
+    kind: str
+    start: int
+    end: int
+
+
+_NOTHING = Token("", "", 0, 0)
+
+
+@dataclass
+class _Parser:
+    """Recursive descent; brackets bound its depth."""
+
+    tokens: list[Token]
+    at: int = 0
+
+    def expression(self) -> Node:
+        condition = self._binary(0)
+        if not self._skip("?"):
+            return condition
+        yes = self.expression()
+        self._expect(":")
+        return _node(Construct.CHOICE, "?", condition, yes, self.expression())
+
+    def end(self) -> None:
+        if self.at < len(self.tokens):
+            raise self._unexpected()
+
+    def _binary(self, level: int) -> Node:
+        if level == len(_LEVELS):
+            return self._unary()
+        left = self._binary(level + 1)
+        while (operator := self._next().text) in _LEVELS[level]:
+            self.at += 1
+            right = self._binary(level + 1)
+            row = left.parts if level < 2 and left.kind is Construct.BINARY and left.text == operator else (left,)
+            left = _node(Construct.BINARY, operator, *row, right)
+        return left
+
+    def _unary(self) -> Node:
+        signs = []
+        while self._next().text in {"!", "-"}:
+            signs.append(self._take())
+        operand = self._member()
+        for sign in reversed(signs):
+            operand = _node(Construct.UNARY, sign.text, operand, span=(sign.start, operand.span[1]))
+        return operand
+
+    def _member(self) -> Node:
+        operand = self._primary()
+        start = operand.span[0]
+        while self._next().text in {".", "["}:
+            if self._take().text == "[":
+                index = self.expression()
+                operand = _node(Construct.INDEX, "[", operand, index, span=(start, self._expect("]").end))
+                continue
+            name = self._name()
+            if self._next().text == "(":
+                arguments, end = self._arguments("(")
+                operand = _node(Construct.METHOD, name.text, operand, *arguments, span=(start, end))
+            else:
+                operand = _node(Construct.SELECT, name.text, operand, span=(start, name.end))
+        return operand
+
+    def _primary(self) -> Node:
+        token = self._next()
+        span = (token.start, token.end)
+        if token.text == "(":
+            self.at += 1
+            inner = self.expression()
+            self._expect(")")
+            return inner
+        if token.text in _COLLECTIONS:
+            items, end = self._arguments(token.text)
+            return _node(_COLLECTIONS[token.text], token.text, *items, span=(token.start, end))
+        if token.kind in _LITERALS:
+            return _node(_LITERALS[token.kind], self._take().text, span=span)
+        return self._named(self._name())
+
+    def _named(self, name: Token) -> Node:
+        if self._next().text == "(" and name.text not in _CONSTANTS:
+            arguments, end = self._arguments("(")
+            return _node(Construct.CALL, name.text, *arguments, span=(name.start, end))
+        construct = Construct.CONSTANT if name.text in _CONSTANTS else Construct.NAME
+        return _node(construct, name.text, span=(name.start, name.end))
+
+    def _arguments(self, opening: str) -> tuple[list[Node], int]:
+        """What stands between brackets, and where they end."""
+        self._expect(opening)
+        items = []
+        while self._next().text != _CLOSES[opening]:
+            items.append(self.expression())
+            if opening == "{":
+                self._expect(":")
+                items.append(self.expression())
+            if not self._skip(","):
+                break
+        return items, self._expect(_CLOSES[opening]).end
+
+    def _name(self) -> Token:
+        if self._next().kind != "name" or self._next().text == "in":
+            raise self._unexpected()
+        return self._take()
+
+    def _next(self) -> Token:
+        return self.tokens[self.at] if self.at < len(self.tokens) else _NOTHING
+
+    def _take(self) -> Token:
+        self.at += 1
+        return self.tokens[self.at - 1]
+
+    def _skip(self, text: str) -> bool:
+        found = self._next().text == text
+        self.at += found
+        return found
+
+    def _expect(self, text: str) -> Token:
+        if self._next().text != text:
+            raise self._unexpected()
+        return self._take()
+
+    def _unexpected(self) -> ValueError:
+        token = self._next()
+        return ValueError(f"has {token.text} at character {token.start + 1}" if token.text else "ends too early")
+
+
+def _node(kind: Construct, text: str, *parts: Node, span: tuple[int, int] | None = None) -> Node:
+    depth = 1 + max((part.depth for part in parts), default=0)
+    if depth > MAX_DEPTH:
+        raise ValueError(f"nests operands deeper than {MAX_DEPTH}")
+    return Node(kind, text, parts, span or (parts[0].span[0], parts[-1].span[1]), depth)

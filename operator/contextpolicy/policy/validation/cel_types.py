@@ -1,0 +1,212 @@
+"""The kinds of an expression's operands, as far as its source and the shapes of its streams tell.
+
+Only what fails, or never holds, on every sample of these shapes is told: what is not known may be anything.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cel
+
+from contextpolicy.policy.cel_tree import Construct, Node, parse
+from contextpolicy.policy.validation.shapes import (
+    ANY,
+    BOOL,
+    BYTES,
+    DURATION,
+    LIST,
+    MAP,
+    NULL,
+    NUMBER,
+    TEXT,
+    TIME,
+    Shape,
+    known_fields,
+    list_of,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+_RESULTS = {
+    **dict.fromkeys(("has", "heard", "contains", "startsWith", "endsWith", "matches"), BOOL),
+    **dict.fromkeys(("size", "norm", "abs", "min", "max", "sqrt", "int", "uint", "double", "age"), NUMBER),
+    "string": TEXT,
+    "bytes": BYTES,
+    "timestamp": TIME,
+    "duration": DURATION,
+}
+_ARGUMENTS = {
+    **dict.fromkeys(("abs", "sqrt"), (NUMBER,)),
+    **dict.fromkeys(("min", "max"), (NUMBER, LIST)),
+    "norm": (LIST, MAP),
+    "size": (TEXT, BYTES, LIST, MAP),
+    **dict.fromkeys(("startsWith", "endsWith", "matches"), (TEXT,)),
+}
+_ADDED = (NUMBER, TEXT, BYTES, LIST)
+_ORDERED = (NUMBER, TEXT, BYTES, BOOL, TIME, DURATION)
+_CALENDAR = (TIME, DURATION)
+
+
+def mistakes(source: str, wanted: Shape, shapes: Mapping[str, Shape]) -> list[str]:
+    """What is wrong with an expression that is to be `wanted`, in words."""
+    try:
+        tree = parse(source)
+    except ValueError as error:
+        return [f"a CEL expression; it {error}"]
+    checker = _Checker(source, shapes)
+    found = checker.shape(tree)
+    if not checker.found and ANY.kind not in (found.kind, wanted.kind) and found.kind != wanted.kind:
+        checker.found.append(f"{wanted.kind}; this is {found.kind}")
+    return list(dict.fromkeys(checker.found))
+
+
+class _Checker:
+    """Walks one tree; what is wrong is noted once, and its result may then be anything."""
+
+    def __init__(self, source: str, shapes: Mapping[str, Shape]) -> None:
+        self.found: list[str] = []
+        self._source = source
+        self._known = dict(shapes)
+        self._rules: dict[Construct, Callable[[Node], Shape]] = {
+            Construct.SELECT: self._select,
+            Construct.INDEX: self._index,
+            Construct.CALL: self._call,
+            Construct.METHOD: self._method,
+            Construct.LIST: self._list,
+            Construct.UNARY: self._unary,
+            Construct.BINARY: self._binary,
+            Construct.CHOICE: self._choice,
+        }
+
+    def shape(self, node: Node) -> Shape:
+        if node.kind in self._rules:
+            return self._rules[node.kind](node)
+        match node.kind:
+            case Construct.NUMBER:
+                return NUMBER
+            case Construct.TEXT:
+                return BYTES if "b" in node.text.lower().partition(node.text[-1])[0] else TEXT
+            case Construct.CONSTANT:
+                return NULL if node.text == "null" else BOOL
+            case Construct.NAME:
+                return self._known.get(node.text, ANY)
+            case _:
+                for part in node.parts:
+                    self.shape(part)
+                return MAP
+
+    def _text(self, node: Node) -> str:
+        return self._source[slice(*node.span)]
+
+    def _want(self, node: Node, *wanted: Shape) -> Shape:
+        """The node's shape; noted when it is none of those wanted."""
+        shape = self.shape(node)
+        if shape.kind in (ANY.kind, *(one.kind for one in wanted)):
+            return shape
+        allowed = " or ".join(one.kind for one in wanted)
+        self.found.append(f"{self._text(node)} is {shape.kind}, allowed there: {allowed}")
+        return ANY
+
+    def _select(self, node: Node) -> Shape:
+        return self._field(node, self.shape(node.parts[0]), node.text)
+
+    def _field(self, node: Node, owner: Shape, name: str) -> Shape:
+        if owner.kind not in (ANY.kind, MAP.kind):
+            self.found.append(f"{self._text(node.parts[0])} is {owner.kind}, which has no field {name}")
+            return ANY
+        if owner.fields is None:
+            return ANY
+        if name not in owner.fields:
+            self.found.append(f"{self._text(node.parts[0])} has no field {name}: {known_fields(owner, name)}")
+        return owner.fields.get(name, ANY)
+
+    def _index(self, node: Node) -> Shape:
+        owner, index = self._want(node.parts[0], LIST, MAP), node.parts[1]
+        self.shape(index)
+        if owner.kind == MAP.kind and index.kind is Construct.TEXT:
+            return self._field(node, owner, index.text[1:-1])
+        return owner.item or ANY
+
+    def _call(self, node: Node) -> Shape:
+        for part in node.parts:
+            self._want(part, *_ARGUMENTS[node.text]) if node.text in _ARGUMENTS else self.shape(part)
+        return _RESULTS.get(node.text, ANY)
+
+    def _method(self, node: Node) -> Shape:
+        receiver, *arguments = node.parts
+        if node.text in ("all", "exists", "exists_one", "existsOne", "filter", "map") and len(arguments) > 1:
+            return self._macro(node.text, self._want(receiver, LIST, MAP), arguments)
+        if node.text.startswith("get"):
+            self._want(receiver, *_CALENDAR)
+            return NUMBER
+        shape = self._call(Node(Construct.CALL, node.text, node.parts, node.span))
+        if node.text == "matches" and arguments[0].kind is Construct.TEXT:
+            self._check_pattern(arguments[0])
+        return shape
+
+    def _macro(self, name: str, over: Shape, arguments: list[Node]) -> Shape:
+        variable, body = arguments[0].text, arguments[-1]
+        before = self._known.get(variable)
+        self._known[variable] = over.item if over.kind == LIST.kind and over.item else ANY
+        for condition in arguments[1:-1]:
+            self._want(condition, BOOL)
+        result = self.shape(body) if name == "map" else self._want(body, BOOL)
+        self._known.pop(variable)
+        if before is not None:
+            self._known[variable] = before
+        if name == "map":
+            return list_of(result)
+        return (over if over.kind == LIST.kind else LIST) if name == "filter" else BOOL
+
+    def _check_pattern(self, pattern: Node) -> None:
+        try:
+            cel.compile(f'"".matches({pattern.text})').execute(cel.Context())
+        except (ValueError, RuntimeError):
+            self.found.append(f"{pattern.text} is no regular expression")
+
+    def _list(self, node: Node) -> Shape:
+        shapes = [self.shape(part) for part in node.parts]
+        return list_of(shapes[0] if shapes and all(shape == shapes[0] for shape in shapes) else ANY)
+
+    def _unary(self, node: Node) -> Shape:
+        if node.text == "-":
+            return self._want(node.parts[0], NUMBER, DURATION)
+        self._want(node.parts[0], BOOL)
+        return BOOL
+
+    def _binary(self, node: Node) -> Shape:
+        match node.text:
+            case "&&" | "||":
+                for part in node.parts:
+                    self._want(part, BOOL)
+            case "<" | "<=" | ">" | ">=":
+                self._alike(node, _ORDERED)
+            case "==" | "!=":
+                self._alike(node, ())
+            case "in":
+                self.shape(node.parts[0])
+                self._want(node.parts[1], LIST, MAP)
+            case "+":
+                return self._alike(node, (*_ADDED, *_CALENDAR))
+            case _:
+                return self._alike(node, (NUMBER, *_CALENDAR))
+        return BOOL
+
+    def _alike(self, node: Node, wanted: tuple[Shape, ...]) -> Shape:
+        """The common shape of both sides."""
+        one, other = (self._want(part, *wanted) if wanted else self.shape(part) for part in node.parts)
+        free = {ANY.kind, NULL.kind}
+        calendar = {shape.kind for shape in _CALENDAR}
+        if one.kind != other.kind and not {one.kind, other.kind} & free and not {one.kind, other.kind} <= calendar:
+            verb = "never equal" if node.text in ("==", "!=") else f"{node.text} takes two of a kind"
+            self.found.append(f"{self._text(node)} has {one.kind} and {other.kind}: {verb}")
+            return ANY
+        known = other if one.kind in free else one
+        return ANY if known.kind in calendar else known
+
+    def _choice(self, node: Node) -> Shape:
+        self._want(node.parts[0], BOOL)
+        yes, no = map(self.shape, node.parts[1:])
+        return yes if yes == no else ANY

@@ -1,0 +1,48 @@
+"""What the API server cannot tell and what is never meant: refused by `validate` and by the operator alike."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from contextpolicy.errors import Finding
+from contextpolicy.policy.quantities import format_cpu
+from contextpolicy.policy.ros_types import type_findings
+from contextpolicy.policy.spec import Scheduler
+from contextpolicy.policy.validation.ros_keys import ros_key_findings
+from contextpolicy.policy.validation.type_check import expression_findings
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from contextpolicy.policy.spec import Policy
+
+STEP = 10
+"""Thousandths of a core: CPU limits move in steps of 10m, the kubelet's smallest quota."""
+
+
+def mistakes_in(policy: Policy) -> tuple[Finding, ...]:
+    """Everything for which a policy that has a meaning is refused nevertheless."""
+    return (
+        *type_findings(policy),
+        *ros_key_findings(policy),
+        *expression_findings(policy),
+        *_debounce(policy),
+        *_steps(policy),
+    )
+
+
+def _debounce(policy: Policy) -> Iterator[Finding]:
+    for index, stream in enumerate(policy.streams):
+        if stream.stale_after is not None and stream.debounce >= stream.stale_after > 0:
+            allowed = f"below staleAfter, {stream.stale_after:g} s: else it is silent before a sample has passed"
+            yield Finding(f"spec.streams[{index}].debounce", f"{stream.debounce:g} s", allowed)
+
+
+def _steps(policy: Policy) -> Iterator[Finding]:
+    """Realtime periods are divided finer."""
+    if policy.scheduler is Scheduler.REALTIME:
+        return
+    for index, task in enumerate(policy.tasks):
+        if task.max is not None and task.max // STEP * STEP < task.min:
+            allowed = f"a bound with a multiple of {STEP}m between min, {format_cpu(task.min)}, and it"
+            yield Finding(f"spec.tasks[{index}].max", format_cpu(task.max), allowed)

@@ -1,0 +1,84 @@
+"""What is known of a value before there is one: its kind, and the fields of messages and examples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.policy.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rosbags.typesys.store import Typestore
+
+
+MAX_FIELDS = 12
+"""Fields that a message lists."""
+MAX_DEPTH = 32
+"""Levels of an example: no payload may have more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """A kind in words; `fields` and `item` are None where nothing is known of them."""
+
+    kind: str
+    fields: Mapping[str, Shape] | None = None
+    item: Shape | None = None
+    owner: str = ""
+    """Who says which fields there are: a ROS type, or an example."""
+
+
+ANY = Shape("anything")
+BOOL = Shape("true or false")
+NUMBER = Shape("a number")
+TEXT = Shape("a text")
+BYTES = Shape("bytes")
+NULL = Shape("null")
+TIME = Shape("a time")
+DURATION = Shape("a duration")
+LIST = Shape("a list")
+MAP = Shape("a map")
+
+_SCALARS: dict[type, Shape] = {bool: BOOL, int: NUMBER, float: NUMBER, str: TEXT, bytes: BYTES}
+
+
+def list_of(item: Shape) -> Shape:
+    """A list whose items are alike."""
+    return Shape(LIST.kind, item=item)
+
+
+def known_fields(shape: Shape, missed: str) -> str:
+    """The fields that there are instead of one that is not."""
+    names = list(shape.fields or ())
+    listed = ", ".join(names[:MAX_FIELDS]) + (", ..." if len(names) > MAX_FIELDS else "")
+    return f"{shape.owner} has {listed}{did_you_mean(missed, names)}"
+
+
+def of_message(store: Typestore, type_name: str) -> Shape:
+    """The fields of a ROS 2 message, with those of the messages in it."""
+    fields = {name: _of_field(store, description) for name, description in store.fielddefs[type_name][1]}
+    return Shape(MAP.kind, fields, owner=type_name)
+
+
+def _of_field(store: Typestore, description: Any) -> Shape:
+    from rosbags.interfaces import Nodetype  # noqa: PLC0415 - loaded with the store
+
+    kind, detail = description
+    if kind is Nodetype.BASE:
+        return {"bool": BOOL, "string": TEXT, "wstring": TEXT}.get(detail[0], NUMBER)
+    return of_message(store, detail) if kind is Nodetype.NAME else list_of(_of_field(store, detail[0]))
+
+
+def of_example(value: object, owner: str, depth: int = 0) -> Shape:
+    """What a sample shows: every sample is taken to look like it."""
+    if depth > MAX_DEPTH:
+        return ANY
+    if isinstance(value, dict):
+        fields = {str(name): of_example(inner, owner, depth + 1) for name, inner in value.items()}
+        return Shape(MAP.kind, fields, owner=owner)
+    if isinstance(value, list):
+        shapes = [of_example(item, owner, depth + 1) for item in value]
+        return list_of(shapes[0] if shapes and all(shape == shapes[0] for shape in shapes) else ANY)
+    return _SCALARS.get(type(value), ANY)

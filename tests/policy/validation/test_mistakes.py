@@ -1,0 +1,170 @@
+"""Policies that a newcomer writes, and what `validate` says to each."""
+
+from __future__ import annotations
+
+import copy
+
+import pytest
+import yaml
+
+from contextpolicy.policy.validation.check import check
+from contextpolicy.policy.validation.problem import Severity
+
+BASE = {
+    "apiVersion": "contextpolicy.dev/v1alpha1",
+    "kind": "ContextPolicy",
+    "metadata": {"name": "p", "namespace": "robot"},
+    "spec": {
+        "streams": [
+            {"name": "imu", "key": "robot/imu", "encoding": "cdr", "type": "sensor_msgs/msg/Imu", "staleAfter": "1s"},
+            {"name": "mic", "key": "robot/mic"},
+        ],
+        "tasks": [
+            {
+                "name": "slam",
+                "selector": {"matchLabels": {"app": "slam"}},
+                "activity": [{"stream": "mic", "when": "imu.angular_velocity.x > 1"}],
+            },
+            {"name": "speech", "selector": {"matchLabels": {"app": "speech"}}},
+            {"name": "group", "subtasks": ["speech"]},
+        ],
+        "contexts": [{"name": "moving", "when": "mic.level > 1", "enterAfter": "1s", "tasks": {"slam": {"weight": 1}}}],
+    },
+}
+STREAM, TASK, CONTEXT = ("spec", "streams", 0), ("spec", "tasks", 0), ("spec", "contexts", 0)
+WHEN = (*CONTEXT, "when")
+
+
+def changed(*changes):
+    body = copy.deepcopy(BASE)
+    for path, value in changes:
+        inner = body
+        for key in path[:-1]:
+            inner = inner[key]
+        inner[path[-1]] = value
+    return body
+
+
+def told(*changes):
+    """Field and message of each problem of the changed policy."""
+    report = check([("p.yaml", yaml.safe_dump(changed(*changes)))])
+    return [(problem.severity, problem.field, problem.message) for problem in report.problems]
+
+
+def test_the_base_is_sound():
+    assert told() == []
+
+
+RMW = "0/imu/data/sensor_msgs::msg::dds_::Imu_"
+REFUSED = [
+    pytest.param([((*TASK, "activity", 0, "when"), "imu.gyro > 1")], "imu has no field gyro", id="no such field"),
+    pytest.param([((*STREAM, "timestamp"), "header.stampp")], "did you mean stamp?", id="timestamp misspelt"),
+    pytest.param([((*STREAM, "filter"), "imu.header.seq > 1")], "imu.header has no field seq", id="inner field"),
+    pytest.param([((*STREAM, "key"), f"{RMW}/*".replace("Imu", "Image"))], "sensor_msgs/msg/Image, the", id="key type"),
+    pytest.param([((*STREAM, "key"), RMW)], f"{RMW}/*: rmw_zenoh ends a key with the type's hash", id="no hash"),
+    pytest.param(
+        [(("spec", "streams", 1, "key"), f"{RMW}/*")],
+        "cdr, with type sensor_msgs/msg/Imu: the key is one of rmw_zenoh",
+        id="no encoding",
+    ),
+    pytest.param([(WHEN, "1")], "true or false; this is a number", id="a number"),
+    pytest.param([(WHEN, '"abc"')], "true or false; this is a text", id="a text"),
+    pytest.param([(WHEN, 'mic.level > 1 + "a"')], '1 + "a" has a number and a text', id="a sum of two kinds"),
+    pytest.param([(WHEN, 'mic.word.matches("(")')], '"(" is no regular expression', id="no pattern"),
+    pytest.param([(WHEN, "!mic.level > 1")], "> takes two of a kind", id="not without brackets"),
+    pytest.param([((*TASK, "activity", 0, "scoreFrom"), "mic.level > 1")], "a number; this is true or", id="score"),
+    pytest.param([(("spec", "tasks", 2, "min"), "100m")], "a group has subtasks", id="min of a group"),
+    pytest.param([(("spec", "tasks", 2, "max"), 1)], "a group has subtasks", id="max of a group"),
+    pytest.param([(("spec", "tasks", 2, "needs"), {"cores": 1})], "a group has subtasks", id="needs of a group"),
+    pytest.param([(("spec", "tasks", 2, "container"), "x")], "a group has subtasks", id="container of a group"),
+    pytest.param([((*STREAM, "debounce"), "1s")], "below staleAfter, 1 s", id="debounce"),
+    pytest.param([((*TASK, "min"), "11m"), ((*TASK, "max"), "19m")], "a multiple of 10m between", id="bounds"),
+    pytest.param([((*TASK, "selector", "matchLabels"), {"a b": "x"})], "a label key: letters", id="label key"),
+    pytest.param([((*TASK, "selector", "matchLabels"), {"app": "x/y"})], "a label value: letters", id="label value"),
+    pytest.param([((*TASK, "piority"), 1)], "did you mean priority?", id="misspelt field"),
+    pytest.param([(WHEN, "mik.level > 1")], "did you mean mic?", id="misspelt stream"),
+    pytest.param([((*CONTEXT, "tasks"), {"slamm": {"weight": 1}})], "did you mean slam?", id="misspelt task"),
+    pytest.param([((*TASK, "activity", 0, "stream"), "mick")], "did you mean mic?", id="misspelt stream name"),
+    pytest.param([((*TASK, "min"), 0.5)], '"0.5"', id="a fraction without quotes"),
+    pytest.param([((*TASK, "name"), "x" * 64)], "at most 63 lower-case letters", id="a long name"),
+    pytest.param([(WHEN, "mic.level > 1 and mic.ok")], "in CEL and is written &&", id="and"),
+    pytest.param([(WHEN, "mic.level = 1")], "in CEL equality is written ==", id="one equals sign"),
+    pytest.param([(WHEN, "mic.level >")], "a CEL expression; it ends too early", id="half an expression"),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), REFUSED)
+def test_what_is_never_meant_is_refused_with_what_to_write_instead(changes, message):
+    problems = told(*changes)
+    assert any(severity is Severity.ERROR and message in words for severity, _, words in problems), problems
+    assert all("expecting" not in words for _, _, words in problems), "no words of the parser's"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        [((*TASK, "min"), "11m"), ((*TASK, "max"), "20m")],
+        [((*TASK, "min"), "11m"), ((*TASK, "max"), "19m"), (("spec", "scheduler"), "Realtime")],
+        [((*STREAM, "debounce"), "999ms")],
+        [((*STREAM, "key"), f"{RMW}/*")],
+        [((*STREAM, "key"), f"{RMW}/RIHS01_7d9a00ff")],
+        [((*TASK, "selector", "matchLabels"), {"robot.example.com/app": "", "a": "A_b.c-d"})],
+        [(WHEN, "mic.a == null || mic.b in [1, 2.0] && mic.c.exists(x, x.y > 1) ? true : size(mic.d) > 1")],
+    ],
+)
+def test_what_may_be_meant_is_not_refused(changes):
+    assert told(*changes) == []
+
+
+def test_yaml_reads_y_as_true():
+    text = yaml.safe_dump(BASE).replace("name: slam", "name: y").replace("slam: {weight", "x: {weight")
+    (problem,) = [p for p in check([("p.yaml", text)]).errors if p.field == "spec.tasks[0].name"]
+    assert problem.message.endswith("YAML reads y as true: put it in quotes")
+
+
+def test_a_context_that_nothing_makes_hold_is_told():
+    assert [(severity, field) for severity, field, _ in told((WHEN, "false"))] == [
+        (Severity.WARNING, "spec.contexts[0]")
+    ]
+    assert told((WHEN, "false"), (("spec", "fallback"), "moving")) == []
+
+
+def test_two_policies_of_one_name():
+    text, other = yaml.safe_dump(BASE), yaml.safe_dump(changed(((*TASK, "container"), "other")))
+    together = check([("a.yaml", f"{text}---\n{other}")]).errors
+    assert [(p.field, p.position.line > 20) for p in together] == [("metadata.name", True)]
+    apart = [p for p in check([("a.yaml", text), ("b.yaml", other)]).problems if p.field == "metadata.name"]
+    assert [(p.file, p.severity) for p in apart] == [("b.yaml", Severity.WARNING)]
+    assert "robot/p stands at a.yaml:" in apart[0].message
+
+
+EXAMPLE = ("spec", "streams", 1, "example")
+
+
+@pytest.mark.parametrize(
+    ("example", "when", "message"),
+    [
+        ({"level": 0.2}, "mic.levle > 1", "mic has no field levle: its example has level; did you mean level?"),
+        ({"level": "loud"}, "mic.level > 1", "mic.level > 1 has a text and a number: > takes two of a kind"),
+        ({"ok": True}, "mic.ok == 1", "mic.ok == 1 has true or false and a number: never equal"),
+        ({"boxes": [{"x": 1}]}, "mic.boxes.exists(b, b.y > 1)", "b has no field y: its example has x"),
+        (0.5, "mic.level > 1", "mic has no field level: its example has value"),
+    ],
+)
+def test_an_example_lets_every_expression_be_checked(example, when, message):
+    problems = told((EXAMPLE, example), (WHEN, when))
+    assert any(message in words for _, _, words in problems), problems
+
+
+@pytest.mark.parametrize("example", [{"level": 1}, {"level": 0.2, "more": None}, {"level": None}])
+def test_an_example_that_fits_refuses_nothing(example):
+    assert told((EXAMPLE, example)) == []
+
+
+def test_features_are_fields_too_but_not_for_the_stream_itself():
+    feature = {"name": "peak", "op": "max", "of": "mic.level", "over": "1s"}
+    features = (("spec", "streams", 1, "features"), [feature])
+    assert told((EXAMPLE, {"level": 1}), features, (WHEN, "mic.peak > 1")) == []
+    filtered = (("spec", "streams", 1, "filter"), "mic.peak > 1")
+    problems = told((EXAMPLE, {"level": 1}), features, filtered, (WHEN, "mic.peak > 1"))
+    assert [field for _, field, _ in problems] == ["spec.streams[1].filter"]
