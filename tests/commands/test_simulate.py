@@ -104,7 +104,7 @@ def test_assert_as_expected(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_assert_prints_each_difference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     expected = tmp_path / "expect.yaml"
-    expected.write_text("- {at: 12, shares: {slam: 1}}\n- {at: 99}\n")
+    expected.write_text("- {at: 12, shares: {slam: 1}}\n- {at: 99, contexts: []}\n")
     assert main([*TWO_CORES, "--assert", str(expected)]) == 1
     assert [line for line in capsys.readouterr().err.splitlines() if not line.startswith("note:")] == [
         f"{expected}: line 2: expects something at 99 s, after the end at 30 s",

@@ -41,6 +41,7 @@ def test_as_expected(text: str) -> None:
         ("- {at: 12, shares: {slam: {max: 1}}}", ["share of slam: expected at most 1000m, but 1690m"]),
         ("- {at: 12, shares: {slam: 1700m}}", ["share of slam: expected 1700m, but 1690m"]),
         ("- {at: 12, weights: {slam: {min: 11, max: 12}}}", ["weight of slam: expected 11 to 12, but 10"]),
+        ("- {at: 12, weights: {slam: 10.0000001}}", ["weight of slam: expected 10.0000001, but 10"]),
         ("- {at: 12, feasible: false}", ["feasible: expected false, but nothing falls short"]),
         ("- {from: 12, to: 22, contexts: [moving]}", ["contexts: expected moving, but none"]),
         ("- {from: 11, to: 20, plans: 1}", ["expected 1 plans, 0 began"]),
@@ -62,11 +63,11 @@ def test_a_difference_names_line_time_and_the_plan_in_force() -> None:
     ("text", "field"),
     [
         ("- {contexts: []}", "[0]"),
-        ("- {at: 1, from: 2, to: 3}", "[0]"),
-        ("- {from: 3, to: 2}", "[0].to"),
-        ("- {at: -1}", "[0]"),
-        ("- {at: .inf}", "[0]"),
-        ("- {at: 1, context: [moving]}", "[0].context"),
+        ("- {at: 1, from: 2, to: 3, contexts: []}", "[0]"),
+        ("- {from: 3, to: 2, contexts: []}", "[0].to"),
+        ("- {at: -1, contexts: []}", "[0]"),
+        ("- {at: .inf, contexts: []}", "[0]"),
+        ("- {at: 1, contexts: [], context: [moving]}", "[0].context"),
         ("- {at: 1, contexts: [driving]}", "[0].contexts"),
         ("- {at: 1, contexts: moving}", "[0].contexts"),
         ("- {at: 1, shares: {slamm: 1}}", "[0].shares"),
@@ -75,6 +76,18 @@ def test_a_difference_names_line_time_and_the_plan_in_force() -> None:
         ("- {at: 1, feasible: 3}", "[0].feasible"),
         ("- 12", "[0]"),
         ("expect: []", "expect"),
+        ("- {at: 1}", "[0]"),
+        ("- {at: 1, contexts: }", "[0].contexts"),
+        ("- {from: 1, to: 2, plans: }", "[0].plans"),
+        ("- {at: 1, plans: 1}", "[0].plans"),
+        ("- {at: 1, shares: {}}", "[0].shares"),
+        ("- {at: 1, weights: {}}", "[0].weights"),
+        ("- {at: 1, shares: {slam: {min: 2, max: 1}}}", "[0].shares.slam"),
+        ("- {from: 1, to: 2, plans: {min: 2, max: 1}}", "[0].plans"),
+        ("- {at: 1, contexts: [], contexts: [moving]}", "[0].contexts"),
+        ("- {at: 1, shares: {slam: 1, slam: 2}}", "[0].shares.slam"),
+        ("- {at: 1, contexts: []}\n---\n- {at: 2, contexts: [moving]}", "line 3"),
+        ("expect: [{at: 1, contexts: []}]\nexpected: []", "expected"),
         ("", "file"),
         ("[", "line 1"),
     ],
@@ -83,3 +96,16 @@ def test_a_file_that_makes_no_sense_is_refused_with_the_field(text: str, field: 
     with pytest.raises(ExpectationError) as caught:
         parse(text, POLICY, subject="test")
     assert [finding.field for finding in caught.value.findings] == [field]
+
+
+def test_a_misspelt_name_is_answered_with_the_one_that_is_meant() -> None:
+    with pytest.raises(ExpectationError, match="did you mean suspended") as caught:
+        parse("- {at: 1, suspendet: [], shares: {slamm: 1}}", POLICY, subject="test")
+    assert "did you mean slam?" in str(caught.value)
+
+
+def test_a_group_has_no_share_to_expect() -> None:
+    patrol = load_policy(str(ROOT / "config/policies/patrol-robot.yaml"))
+    with pytest.raises(ExpectationError) as caught:
+        parse("- {at: 1, shares: {dialogue: 0}, weights: {dialogue: 0}}", patrol, subject="test")
+    assert [finding.field for finding in caught.value.findings] == ["[0].shares"]

@@ -24,7 +24,11 @@ class Difference:
     def __str__(self) -> str:
         """Two lines: what differs, and the plan that it is about."""
         own = self.expectation
-        when = f"at {own.start:g} s" if own.start == own.end else f"from {own.start:g} s to {own.end:g} s"
+        when = (
+            f"at {_exact(own.start)} s"
+            if own.start == own.end
+            else f"from {_exact(own.start)} s to {_exact(own.end)} s"
+        )
         if self.plan is None:
             return f"line {own.line}, {when}: {self.message}"
         return (
@@ -65,9 +69,9 @@ def _messages(plan: Plan, expected: Expectation) -> Iterator[str]:
         told = "; ".join(f"{s.task} {s.message}".strip() for s in plan.shortfalls) or "nothing falls short"
         yield f"feasible: expected {str(expected.feasible).lower()}, but {told}"
     shares = {name: float(task.share) for name, task in plan.tasks.items()}
-    yield from _outside("share", shares, expected.shares or {}, lambda value: f"{value:g}m")
+    yield from _outside("share", shares, expected.shares or {}, lambda value: f"{_exact(value)}m")
     weights = {name: task.weight for name, task in plan.tasks.items()}
-    yield from _outside("weight", weights, expected.weights or {}, lambda value: f"{value:g}")
+    yield from _outside("weight", weights, expected.weights or {}, _exact)
 
 
 def _outside(
@@ -78,7 +82,13 @@ def _outside(
             yield f"{what} of {task}: expected {_words(allowed, show)}, but {show(actual[task])}"
 
 
-def _words(allowed: Range, show: Callable[[float], str] = lambda value: f"{value:g}") -> str:
+def _exact(value: float) -> str:
+    """As short as it may be while it still is this number: two that differ never look the same."""
+    short = f"{value:g}"
+    return short if float(short) == value else repr(value)
+
+
+def _words(allowed: Range, show: Callable[[float], str] = _exact) -> str:
     if allowed.low == allowed.high:
         return show(allowed.low)
     if allowed.high == float("inf"):

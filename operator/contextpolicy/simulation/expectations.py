@@ -19,14 +19,17 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import Finding, FindingsError
 from contextpolicy.policy.quantities import CPU_ALLOWED, parse_cpu
+from contextpolicy.policy.suggestions import did_you_mean
 from contextpolicy.policy.validation.documents import DocumentError, read
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.validation.documents import Document
 
-FIELDS = ("at", "from", "to", "contexts", "suspended", "shares", "weights", "feasible", "plans")
+CHECKS = ("contexts", "suspended", "shares", "weights", "feasible", "plans")
+FIELDS = ("at", "from", "to", *CHECKS)
 
 
 class ExpectationError(FindingsError):
@@ -66,12 +69,12 @@ def parse(text: str, policy: Policy, *, subject: str) -> list[Expectation]:
     except DocumentError as error:
         finding = Finding(f"line {error.position.line}", None, str(error))
         raise ExpectationError(subject, (finding,)) from error
-    findings: list[Finding] = []
+    findings = list(_surplus(documents))
     body = documents[0].body if documents else None
     path = "expect" if isinstance(body, dict) else ""
     items = body.get("expect") if isinstance(body, dict) else body
     if not isinstance(items, list) or not items:
-        raise ExpectationError(subject, (Finding(path or "file", items, "a list of expectations"),))
+        raise ExpectationError(subject, (*findings, Finding(path or "file", items, "a list of expectations")))
     reader = _Reader(policy, findings)
     expectations = [
         reader.expectation(f"{path}[{index}]", item, documents[0].position(f"{path}[{index}]").line)
@@ -82,12 +85,25 @@ def parse(text: str, policy: Policy, *, subject: str) -> list[Expectation]:
     return expectations
 
 
+def _surplus(documents: Sequence[Document]) -> Iterator[Finding]:
+    """What would be ignored: an expectation that nobody checks looks like one that holds."""
+    for document in documents[1:]:
+        yield Finding(f"line {document.position('').line}", "---", "one document: append to the list instead")
+    for document in documents[:1]:
+        for path in document.duplicates:
+            yield Finding(path, path.rpartition(".")[2], "each key once in an object")
+        if isinstance(document.body, dict):
+            for name in document.body.keys() - {"expect"}:
+                yield Finding(name, document.body[name], "expect alone")
+
+
 class _Reader:
     """One file's entries; findings are collected so that all are told at once."""
 
     def __init__(self, policy: Policy, findings: list[Finding]) -> None:
         self._findings = findings
         self._tasks = [task.name for task in policy.tasks]
+        self._leaves = [task.name for task in policy.leaves]
         self._contexts = [context.name for context in policy.contexts]
 
     def expectation(self, path: str, raw: Any, line: int) -> Expectation:
@@ -95,7 +111,8 @@ class _Reader:
             self._refuse(path, raw, "an object")
             return Expectation(line, 0.0, 0.0)
         for name in raw.keys() - set(FIELDS):
-            self._refuse(f"{path}.{name}", raw[name], "one of " + ", ".join(FIELDS))
+            self._refuse(f"{path}.{name}", raw[name], "one of " + ", ".join(FIELDS) + did_you_mean(name, FIELDS))
+        self._check_asks(path, raw)
         start, end = self._interval(path, raw)
         return Expectation(
             line=line,
@@ -104,10 +121,23 @@ class _Reader:
             contexts=self._names(f"{path}.contexts", raw.get("contexts"), self._contexts),
             suspended=self._names(f"{path}.suspended", raw.get("suspended"), self._tasks),
             feasible=self._flag(f"{path}.feasible", raw.get("feasible")),
-            shares=self._ranges(f"{path}.shares", raw.get("shares"), parse_cpu, CPU_ALLOWED),
-            weights=self._ranges(f"{path}.weights", raw.get("weights"), _number, "a number"),
-            plans=self._range(f"{path}.plans", raw["plans"], _number, "a number") if "plans" in raw else None,
+            shares=self._ranges(f"{path}.shares", raw.get("shares"), self._leaves, parse_cpu, CPU_ALLOWED),
+            weights=self._ranges(f"{path}.weights", raw.get("weights"), self._tasks, _number, "a number"),
+            plans=self._range(f"{path}.plans", raw["plans"], _number, "a number")
+            if raw.get("plans") is not None
+            else None,
         )
+
+    def _check_asks(self, path: str, raw: dict[str, Any]) -> None:
+        """It must ask something, and mean every field that it has."""
+        asked = [name for name in CHECKS if name in raw]
+        if not asked:
+            self._refuse(path, raw, "at least one of " + ", ".join(CHECKS))
+        for name in asked:
+            if raw[name] is None:
+                self._refuse(f"{path}.{name}", None, "a value, or the field left out")
+        if "plans" in raw and "at" in raw:
+            self._refuse(f"{path}.plans", raw["plans"], "plans with from and to: at one instant none begins")
 
     def _interval(self, path: str, raw: dict[str, Any]) -> tuple[float, float]:
         given = {name: raw[name] for name in ("at", "from", "to") if name in raw}
@@ -127,7 +157,7 @@ class _Reader:
             return None
         for name in raw:
             if name not in known:
-                self._refuse(path, name, "one of " + ", ".join(known))
+                self._refuse(path, name, "one of " + ", ".join(known) + did_you_mean(name, known))
         return frozenset(map(str, raw))
 
     def _flag(self, path: str, raw: Any) -> bool | None:
@@ -135,14 +165,19 @@ class _Reader:
             self._refuse(path, raw, "true or false")
         return raw if isinstance(raw, bool) else None
 
-    def _ranges(self, path: str, raw: Any, number: Callable[[object], float], allowed: str) -> dict[str, Range] | None:
+    def _ranges(
+        self, path: str, raw: Any, tasks: Sequence[str], number: Callable[[object], float], allowed: str
+    ) -> dict[str, Range] | None:
         if raw is None:
             return None
-        if not isinstance(raw, dict):
+        if not isinstance(raw, dict) or not raw:
             self._refuse(path, raw, "a map of tasks")
             return None
-        self._names(path, list(raw), self._tasks)
+        self._names(path, list(raw), tasks)
         return {str(task): self._range(f"{path}.{task}", value, number, allowed) for task, value in raw.items()}
+
+    def _plans(self, path: str, raw: Any) -> Range | None:
+        return None if raw is None else self._range(path, raw, _number, "a number")
 
     def _range(self, path: str, raw: Any, number: Callable[[object], float], allowed: str) -> Range:
         """A number, exactly, or a least and a most."""
@@ -151,10 +186,13 @@ class _Reader:
             self._refuse(path, raw, f"{allowed}, or min and max")
             return Range(0, 0)
         try:
-            return Range(number(bounds.get("min", 0)), number(bounds["max"]) if "max" in bounds else math.inf)
+            found = Range(number(bounds.get("min", 0)), number(bounds["max"]) if "max" in bounds else math.inf)
         except ValueError:
             self._refuse(path, raw, allowed)
             return Range(0, 0)
+        if found.low > found.high:
+            self._refuse(path, raw, "min at most max: nothing is in this range")
+        return found
 
     def _refuse(self, path: str, value: object, allowed: str) -> None:
         self._findings.append(Finding(path, value, allowed))
