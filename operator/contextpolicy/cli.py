@@ -1,11 +1,14 @@
 """The command line: `contextpolicy COMMAND`.
 
-Exit codes: 0 success, 1 the answer is no (an invalid policy, a failed assertion), 2 wrong usage.
+Exit codes: 0 success, 1 the answer is no (a refused policy, an expectation that does not hold), 2 it could not run (a
+file that cannot be read or used, wrong usage, nobody answers), 141 the reader of the output has gone.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import sys
 
 from contextpolicy.commands import agent, explain, graph, restore, router, run, simulate, top, validate
@@ -20,7 +23,13 @@ def main(argv: list[str] | None = None) -> int:
         command.add(subparsers)
     arguments = parser.parse_args(argv)
     try:
-        return int(arguments.main(arguments))
+        code = int(arguments.main(arguments))
+        sys.stdout.flush()
     except ContextPolicyError as error:
         print(error, file=sys.stderr)
-        return 1
+        return 2
+    except BrokenPipeError:
+        # Python would flush once more at its end, and complain.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
+    return code

@@ -113,11 +113,11 @@ def test_live(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_nobody_explains_it(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["explain", "robot/other", "--connect", endpoint]) == 1
+    assert main(["explain", "robot/other", "--connect", endpoint]) == 2
     assert "nobody at" in capsys.readouterr().err
 
 
 def test_no_router(free_endpoint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr("contextpolicy.commands.explain.PATIENCE", 0.2)
-    assert main(["explain", "robot/delivery-robot", "--connect", free_endpoint]) == 1
+    assert main(["explain", "robot/delivery-robot", "--connect", free_endpoint]) == 2
     assert "Unable to connect" in capsys.readouterr().err

@@ -230,5 +230,5 @@ def test_json(restore: Any) -> None:
 def test_no_cluster(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Any) -> None:
     monkeypatch.setattr("kubernetes.config.kube_config.KUBE_CONFIG_DEFAULT_LOCATION", str(tmp_path / "none"))
     monkeypatch.delenv("KUBERNETES_SERVICE_HOST", raising=False)
-    assert main(["restore"]) == 1
+    assert main(["restore"]) == 2
     assert "set KUBECONFIG" in capsys.readouterr().err

@@ -85,13 +85,13 @@ def test_every_message_becomes_a_line(operator: Operator, monkeypatch: pytest.Mo
 
 def test_nobody_makes_plans(free_endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
     with open_router([free_endpoint]):
-        assert main(["top", "--connect", free_endpoint, "--once"]) == 1
+        assert main(["top", "--connect", free_endpoint, "--once"]) == 2
     assert "makes plans: is the operator running" in capsys.readouterr().err
 
 
 def test_no_router_is_told_within_seconds(free_endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
     asked = time.monotonic()
-    assert main(["top", "--connect", free_endpoint]) == 1
+    assert main(["top", "--connect", free_endpoint]) == 2
     assert time.monotonic() - asked < 4
     assert "Unable to connect" in capsys.readouterr().err
 

@@ -13,8 +13,9 @@ from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.validation.policy_file import load_policy
+from contextpolicy.simulation.epoch import EPOCH
 from contextpolicy.simulation.run import simulate
-from contextpolicy.simulation.samples import EPOCH, Skipped, samples
+from contextpolicy.simulation.samples import Skipped, samples
 from contextpolicy.streams import timeline
 
 ROOT = Path(__file__).parents[2]
@@ -94,7 +95,7 @@ def test_inputs_that_nobody_can_read_are_told() -> None:
         duration=1,
     )
     run = simulate(DELIVERY, line, cores=1)
-    assert run.skipped == Skipped({"other"}, {"robot/imu"})
+    assert (run.skipped.unread, run.skipped.without_value) == ({"other"}, {"robot/imu"})
 
 
 def test_a_sample_that_cannot_be_decoded_is_counted_as_on_the_robot() -> None:

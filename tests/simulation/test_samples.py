@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from contextpolicy.errors import DecodeError
 from contextpolicy.policy.spec import Stream
-from contextpolicy.simulation.samples import EPOCH_NS, Skipped, samples
+from contextpolicy.simulation.epoch import EPOCH
+from contextpolicy.simulation.samples import Skipped, samples
 from contextpolicy.streams import timeline
 from contextpolicy.streams.decoding import Decoder
 
@@ -41,7 +42,7 @@ def repeated(value, *, rate=100, end=1):
 
 def decoded(value, at):
     """As the robot does it: a payload, then a decoder."""
-    stamped = {"stamp": EPOCH_NS + round(at * 1e9), **value} if isinstance(value, dict) else value
+    stamped = {"stamp": EPOCH * 10**9 + round(at * 1e9), **value} if isinstance(value, dict) else value
     try:
         return Decoder(STREAM).decode(json.dumps(stamped).encode())
     except DecodeError:

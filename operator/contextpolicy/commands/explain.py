@@ -7,7 +7,9 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.commands.simulate import add_run_arguments, run_policy, seconds
+from contextpolicy.commands import robot_arguments
+from contextpolicy.commands.robot_arguments import seconds
+from contextpolicy.commands.simulate import run_policy
 from contextpolicy.errors import ContextPolicyError
 
 if TYPE_CHECKING:
@@ -40,7 +42,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     source.add_argument("--timeline", metavar="FILE", help="simulate this timeline")
     source.add_argument("--connect", metavar="ENDPOINTS", help="ask the operator, through the router at tcp/HOST:7447")
     parser.add_argument("--at", type=seconds, metavar="S", help="with --timeline: when (default: at its end)")
-    add_run_arguments(parser)
+    robot_arguments.add(parser)
     parser.add_argument("--output", choices=("text", "json"), default="text", help="default: text")
     parser.set_defaults(main=main)
 
@@ -68,12 +70,12 @@ def main(arguments: argparse.Namespace) -> int:
 def _simulate(arguments: argparse.Namespace) -> dict[str, Any]:
     from contextpolicy.explain.explanation import explain
     from contextpolicy.policy.validation.policy_file import load_policy
-    from contextpolicy.simulation.samples import EPOCH
     from contextpolicy.streams import timeline
 
     policy, inputs = load_policy(arguments.policy), timeline.load(arguments.timeline)
-    run = run_policy(policy, inputs, cores=arguments.cores, until=arguments.at)
-    return explain(run.planner, EPOCH + run.until)
+    robot = robot_arguments.robot_of(arguments, policy)
+    run = run_policy(policy, inputs, robot=robot, until=arguments.at)
+    return explain(run.planner, run.epoch + run.until)
 
 
 def _ask(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -4,20 +4,40 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.commands import robot_arguments
+from contextpolicy.commands.robot_arguments import robot_of, seconds
+
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from contextpolicy.policy.spec import Policy
+    from contextpolicy.simulation.robot import Robot
     from contextpolicy.simulation.run import Simulation
     from contextpolicy.streams.timeline import Timeline
 
 DESCRIPTION = """\
 Run a policy against a timeline in virtual time, with the very planning code that runs on the robot, and print each plan
-with its cause. Each task runs once, on one node. Inputs whose key a stream selects become its samples, whatever the
-stream's encoding; recordings (inputs without a value) are skipped."""
+with its cause. Inputs whose key a stream selects become its samples, whatever the stream's encoding; recordings (inputs
+without a value) are skipped. What the plans do not show (inputs that nobody reads, streams that get none, samples and
+expressions that failed, needs that are not met) is noted on standard error, and in JSON.
 
-EXPECTATIONS = """\
+Virtual time begins at 2000-01-01 00:00 UTC, so that a context forced until some day is in force. Where a stream's
+timestamps are a real clock's (2000 to 2100), it begins so that the first of them is of its own moment."""
+
+DETAILS = """\
+output (--output): a table; or the fields
+
+  json   policy, timeline, cores (of all nodes), until (s), notes (sentences), plans: a list with sequence, time (s from
+         the timeline's begin), cause, contexts (that hold), shortfalls (task, message: what is not feasible),
+         tasks by name: score, weight, share (cores; under Realtime the part of each processor's period), suspended,
+         because; nodes by name: capacity and tasks' shares, in the same unit
+  csv    a row for each plan and task: time, sequence, cause, contexts (joined by ;), task, score, weight, share,
+         suspended, as in json
+
 expectations (--assert FILE): a YAML or JSON list; exit code 1 and a line for each difference if one does not hold
 
   - at: 12.0                       # at one instant, or throughout an interval: from: 13, to: 20
@@ -30,7 +50,8 @@ expectations (--assert FILE): a YAML or JSON list; exit code 1 and a line for ea
     feasible: true                 # every need and floor is met
   - {from: 0, to: 30, plans: {max: 8}}     # at most 8 plans begin: a bound on flapping
 
-exit codes: 0 as expected, 1 a difference or an invalid file, 2 wrong usage"""
+exit codes: 0 it ran and is as expected, 1 an expectation does not hold, 2 it could not run (wrong usage, a file that
+cannot be read or is refused, a picture that cannot be drawn)"""
 
 
 def add(subparsers: Any) -> None:
@@ -39,65 +60,80 @@ def add(subparsers: Any) -> None:
         "simulate",
         help="run a policy against a timeline in virtual time",
         description=DESCRIPTION,
-        epilog=EXPECTATIONS,
+        epilog=DETAILS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("policy", metavar="POLICY", help="a file with one ContextPolicy")
-    parser.add_argument("timeline", metavar="TIMELINE", help="a timeline file")
-    add_run_arguments(parser)
+    parser.add_argument("policy", metavar="POLICY", type=_file, help="a file with one ContextPolicy, - for stdin")
+    parser.add_argument("timeline", metavar="TIMELINE", type=_file, help="a timeline file, - for stdin")
+    robot_arguments.add(parser)
     parser.add_argument("--until", type=seconds, metavar="S", help="stop after S seconds (default: the whole timeline)")
     parser.add_argument("--output", choices=("table", "json", "csv"), default="table", help="default: table")
     parser.add_argument(
         "--plot", metavar="FILE", type=_picture, help="draw weights, contexts and shares (.svg or .png)"
     )
-    parser.add_argument("--assert", dest="expected", metavar="FILE", help="compare with expected plans, see below")
-    parser.set_defaults(main=main)
-
-
-def add_run_arguments(parser: argparse.ArgumentParser) -> None:
-    """What a simulated robot is, for every command that simulates."""
     parser.add_argument(
-        "--cores", type=_cores, default=4.0, metavar="N", help="CPUs of the robot (default: 4, a Raspberry Pi)"
+        "--assert", dest="expected", metavar="FILE", type=_file, help="compare with expected plans, - for stdin"
     )
+    parser.set_defaults(main=main)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Simulate, print, draw and compare."""
     from contextpolicy.policy.validation.policy_file import load_policy
+    from contextpolicy.simulation.notes import notes
     from contextpolicy.streams import timeline
 
+    _refuse_two_readers(arguments)
     policy, inputs = load_policy(arguments.policy), timeline.load(arguments.timeline)
     expected = _expected(arguments.expected, policy) if arguments.expected else None
-    run = run_policy(policy, inputs, cores=arguments.cores, until=arguments.until)
+    robot = robot_of(arguments, policy)
+    run = run_policy(policy, inputs, robot=robot, until=arguments.until)
+    told = notes(policy, robot, run)
     if expected is None or arguments.output != "table":
-        _print(arguments, policy, inputs, run)
+        _print(arguments.output, policy, inputs, run, about={"cores": sum(robot.nodes.values()) / 1000, "notes": told})
     if arguments.plot:
         _draw(arguments.plot, policy, inputs, run)
-    _print_notes(run)
+    for note in told:
+        print(f"note: {note}", file=sys.stderr)
     return 0 if expected is None else _compare(arguments, run, expected)
 
 
-def run_policy(policy: Policy, inputs: Timeline, *, cores: float, until: float | None) -> Simulation:
-    """Simulate with the installed initiatives."""
+def run_policy(policy: Policy, inputs: Timeline, *, robot: Robot, until: float | None) -> Simulation:
+    """Simulate with the installed initiatives, and show how far it is to people who wait."""
     from contextpolicy import plugins
     from contextpolicy.simulation.run import simulate
 
-    return simulate(policy, inputs, cores=cores, until=until, initiatives=plugins.load(policy))
+    with _progress(inputs.duration if until is None else until) as tell:
+        return simulate(policy, inputs, robot=robot, until=until, initiatives=plugins.load(policy), on_progress=tell)
 
 
-def seconds(text: str) -> float:
-    """A point in time on the command line."""
-    value = float(text)
-    if not 0 < value < 10**7:
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: seconds above 0")
-    return value
+@contextmanager
+def _progress(until: float) -> Iterator[Callable[[float], None] | None]:
+    """A bar on a terminal, from the first word on: a run that is over at once has none."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("simulating", total=until)
+        yield lambda at: bar.update(task, completed=at)
 
 
-def _cores(text: str) -> float:
-    value = float(text)
-    if not 0 < value <= 1024:
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: above 0 to 1024")
-    return value
+def _file(text: str) -> str:
+    return STANDARD_INPUT if text == "-" else text
+
+
+STANDARD_INPUT = "/dev/stdin"
+
+
+def _refuse_two_readers(arguments: argparse.Namespace) -> None:
+    from contextpolicy.errors import Finding, SettingsError
+
+    names = [name for name in ("policy", "timeline", "expected") if getattr(arguments, name) == STANDARD_INPUT]
+    if len(names) > 1:
+        raise SettingsError("arguments", tuple(Finding(name, "-", "a file: - stands once") for name in names[1:]))
 
 
 def _picture(text: str) -> Path:
@@ -107,13 +143,12 @@ def _picture(text: str) -> Path:
     return path
 
 
-def _print(arguments: argparse.Namespace, policy: Policy, inputs: Timeline, run: Simulation) -> None:
+def _print(output: str, policy: Policy, inputs: Timeline, run: Simulation, *, about: dict[str, Any]) -> None:
     from contextpolicy.simulation import report
 
-    match arguments.output:
+    match output:
         case "json":
-            about = {"timeline": inputs.name, "cores": arguments.cores, "until": run.until}
-            print(report.as_json(policy, run.plans, **about))
+            print(report.as_json(policy, run.plans, timeline=inputs.name, until=run.until, **about))
         case "csv":
             print(report.as_csv(run.plans))
         case _:
@@ -132,21 +167,6 @@ def _draw(path: Path, policy: Policy, inputs: Timeline, run: Simulation) -> None
         weights=series.normalised_weights(run.plans),
         title=f"{policy.name} on {inputs.name} ({policy.scheduler})",
     )
-
-
-def _print_notes(run: Simulation) -> None:
-    """What a reader of the plans would not see: inputs that nobody read, samples that were not used, CEL errors."""
-    notes = [
-        *(f"no stream reads {key}" for key in sorted(run.skipped.unread)),
-        *(f"{key} is a recording, without values" for key in sorted(run.skipped.without_value)),
-        *(f"{stream or 'policy'}: {reason}, {count} times" for (stream, reason), count in run.planner.drops.items()),
-        *(f"{source}: {error}" for source, error in run.planner.errors.items()),
-    ]
-    if not run.plans:
-        waiting = [name for name, stream in run.planner.streams.items() if stream.unknown]
-        notes.append(f"there is no plan: it waits until each stream is heard or silent: {', '.join(waiting)}")
-    for note in notes:
-        print(f"note: {note}", file=sys.stderr)
 
 
 def _expected(path: str, policy: Policy) -> Any:

@@ -150,7 +150,7 @@ class Planner:
         """A stream without a value has one: nothing waits for it any more."""
         self.on_health()
 
-    def on_drop(self, stream: str, reason: str) -> None:
+    def on_drop(self, stream: str, reason: str, detail: str = "") -> None:  # noqa: ARG002 - the listener's signature
         """Count a sample that was not used."""
         self.drops[stream, reason] += 1
 

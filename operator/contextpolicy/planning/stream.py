@@ -38,8 +38,8 @@ class StreamListener(Protocol):
     def on_first_value(self, stream: StreamState) -> None:
         """A stream without a value has one."""
 
-    def on_drop(self, stream: str, reason: str) -> None:
-        """A sample was not used, or not all of it."""
+    def on_drop(self, stream: str, reason: str, detail: str = "") -> None:
+        """A sample was not used, or not all of it; `detail` is the sample's own story, `reason` one of few words."""
 
 
 class StreamState:
@@ -111,8 +111,8 @@ class StreamState:
             for window, number in zip(self._windows, numbers, strict=True):
                 window.add(number, now)
             self._bind(value, now)
-        except ExpressionError:
-            self._listener.on_drop(self.spec.name, "expression")
+        except ExpressionError as error:
+            self._listener.on_drop(self.spec.name, "expression", str(error))
             return
         self._listener.on_value(self, now)
 

@@ -10,12 +10,13 @@ from reactivex import Subject
 from reactivex.scheduler import HistoricalScheduler
 
 from contextpolicy.planning.observable import plans
-from contextpolicy.planning.placement import on_one_node
-from contextpolicy.planning.planner import Planner
-from contextpolicy.simulation.samples import EPOCH, Skipped, samples
+from contextpolicy.simulation.epoch import epoch_of
+from contextpolicy.simulation.notes import NotingPlanner
+from contextpolicy.simulation.robot import CORES, NODE, Robot
+from contextpolicy.simulation.samples import Skipped, samples
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from contextpolicy.planning.inputs import Input
     from contextpolicy.planning.observable import Instantiate
@@ -26,40 +27,53 @@ if TYPE_CHECKING:
 
 MICROSECOND = timedelta(microseconds=1)
 """The step of Rx's clocks."""
+PROGRESS = 4096
+"""Samples between two words about it: a tenth of a second."""
 
 
 @dataclass(slots=True)
 class Simulation:
     """What a run left behind. Plans have times from the start of the timeline, the planner has Unix times."""
 
-    planner: Planner
+    planner: NotingPlanner
     until: float
+    epoch: float
     plans: list[Plan] = field(default_factory=list)
     skipped: Skipped = field(default_factory=Skipped)
 
 
-def simulate(
+def simulate(  # noqa: PLR0913 - what a run may be given, by keyword
     policy: Policy,
     timeline: Timeline,
     *,
-    cores: float,
+    cores: float | None = None,
+    robot: Robot | None = None,
     until: float | None = None,
     initiatives: Mapping[str, Instantiate] | None = None,
+    on_progress: Callable[[float], None] | None = None,
 ) -> Simulation:
-    """Run the timeline to its end, or up to and including `until` seconds. A forced context holds throughout."""
-    run = Simulation(Planner(policy), timeline.duration if until is None else until)
-    clock = _Clock(EPOCH)
+    """Run the timeline to its end, or up to and including `until` seconds.
+
+    `robot` is one node with `cores` if none is given. `on_progress` gets the virtual time now and then.
+    """
+    epoch = epoch_of(policy, timeline)
+    run = Simulation(NotingPlanner(policy), timeline.duration if until is None else until, epoch)
+    robot = robot or Robot({NODE: CORES if cores is None else round(cores * 1000)})
+    clock = _Clock(epoch)
     inputs: Subject[Input] = Subject()
     plans(run.planner, inputs, clock, initiatives).subscribe(run.plans.append)
-    inputs.on_next(on_one_node(tuple(task.name for task in policy.leaves), cores))
-    for at, sample in samples(policy, timeline.inputs(), run.skipped, run.planner.drops):
+    inputs.on_next(robot.placement(policy))
+    timed = samples(policy, timeline.inputs(), run.skipped, run.planner.drops, epoch)
+    for count, (at, sample) in enumerate(timed):
         if at > run.until:
             break
+        if on_progress is not None and count % PROGRESS == 0:
+            on_progress(at)
         clock.advance_before(at)
         inputs.on_next(sample)
     clock.finish(run.until)
     # A policy without watchdogs plans before it is told of its containers, for nobody.
-    run.plans = [replace(plan, time=round(plan.time - EPOCH, 6)) for plan in run.plans if plan.nodes]
+    run.plans = [replace(plan, time=round(plan.time - epoch, 6)) for plan in run.plans if plan.nodes]
     return run
 
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from contextpolicy.errors import DecodeError
 from contextpolicy.policy.key_expressions import selects
 from contextpolicy.policy.spec import Encoding
-from contextpolicy.streams.decoding import Decoder, is_small
+from contextpolicy.simulation.epoch import EPOCH
+from contextpolicy.streams.decoding import MAX_DEPTH, Decoder, is_small
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -20,26 +21,27 @@ if TYPE_CHECKING:
     from contextpolicy.streams.timeline import TimedInput
 
 
-EPOCH = 946_684_800
-"""When timelines begin in virtual time, in Unix seconds: 2000-01-01. Fixed, so that a run can be repeated; early, so
-that a context forced by hand until some day of the policy's life is in force."""
-EPOCH_NS = EPOCH * 10**9
-
-
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """Inputs that became no sample: keys that no stream selects, keys without values, and what the decoder refused."""
+    """Inputs that became no sample: keys that no stream selects, keys without values, what the decoder refused."""
 
     unread: set[str] = field(default_factory=set)
     without_value: set[str] = field(default_factory=set)
     undecodable: Counter[str] = field(default_factory=Counter)
     """How often, by the decoder's message."""
+    fed: set[str] = field(default_factory=set)
+    """The streams that got anything at all."""
 
 
 def samples(
-    policy: Policy, inputs: Iterable[TimedInput], skipped: Skipped, drops: Counter[tuple[str, str]]
+    policy: Policy,
+    inputs: Iterable[TimedInput],
+    skipped: Skipped,
+    drops: Counter[tuple[str, str]],
+    epoch: float = EPOCH,
 ) -> Iterator[tuple[float, Sample]]:
     """Each sample with its time in seconds from the start of the timeline; one per stream that selects the key."""
+    epoch_ns = round(epoch * 1e9)
     readers: dict[str, list[_Reader]] = {}
     for timed in inputs:
         selecting = readers.get(timed.key)
@@ -50,8 +52,9 @@ def samples(
         elif timed.value is None:
             skipped.without_value.add(timed.key)
         else:
-            value = _stamped(timed.value, timed.at)
+            value = _stamped(timed.value, epoch_ns + round(timed.at * 1e9))
             for reader in selecting:
+                skipped.fed.add(reader.stream.name)
                 taken = reader.take(timed.value, value)
                 if isinstance(taken, str):
                     skipped.undecodable[taken] += 1
@@ -86,14 +89,19 @@ class _Reader:
             return self._decoder.decode(json.dumps(stamped).encode())
         except DecodeError as error:
             return str(error)
+        except RecursionError:
+            return f"stream {self.stream.name}: the json payload nests deeper than {MAX_DEPTH} levels"
 
 
 def _is_plain(value: object) -> bool:
     """Whether a payload with this value is certainly none that decoders refuse: too large, or no JSON number in it."""
-    payload = json.dumps(value).encode()
+    try:
+        payload = json.dumps(value).encode()
+    except RecursionError:
+        return False
     return is_small(payload) and not any(word in payload for word in (b"NaN", b"Infinity"))
 
 
-def _stamped(value: object, at: float) -> object:
+def _stamped(value: object, now_ns: int) -> object:
     """As the player publishes it: an object that has no `stamp` gets that of the moment."""
-    return {"stamp": EPOCH_NS + round(at * 1e9), **value} if isinstance(value, dict) else value
+    return {"stamp": now_ns, **value} if isinstance(value, dict) else value

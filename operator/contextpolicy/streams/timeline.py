@@ -115,6 +115,8 @@ def _load(path: Path | str) -> Timeline:
         document = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
     except OSError as error:
         finding = Finding("file", str(path), f"a readable file ({error.strerror})")
+    except RecursionError:
+        finding = Finding("file", str(path), "JSON that nests less deeply")
     except ValueError as error:  # also broken UTF-8 and NaN
         finding = Finding("file", str(path), f"JSON ({error})")
     else:

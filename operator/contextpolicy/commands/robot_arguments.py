@@ -1,0 +1,126 @@
+"""What a simulated robot is, on the command line of every command that simulates."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from contextpolicy.errors import Finding, SettingsError
+from contextpolicy.policy.quantities import CPU_ALLOWED, parse_cpu
+from contextpolicy.policy.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable
+
+    from contextpolicy.policy.spec import Policy
+    from contextpolicy.simulation.robot import Robot
+
+MAX_CORES = 1024
+MAX_REPLICAS = 100
+MAX_SECONDS = 10**7
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare them."""
+    own = parser.add_argument_group(
+        "robot", "Each task runs once, on the first node, with no CPU request, unless said otherwise."
+    )
+    own.add_argument("--cores", type=_cpu, metavar="CPU", help="of one node: 4 or 500m (default: 4, a Raspberry Pi)")
+    own.add_argument(
+        "--node", type=_named_cpu, action="append", metavar="NAME=CPU", help="a node; again for each further one"
+    )
+    own.add_argument(
+        "--place", type=_named, action="append", metavar="TASK=NODE", help="where a task runs; again: on several nodes"
+    )
+    own.add_argument(
+        "--replicas", type=_named_count, action="append", metavar="TASK=COUNT", help="pods of a task, over its nodes"
+    )
+    own.add_argument(
+        "--request", type=_named_cpu, action="append", metavar="TASK=CPU", help="the CPU request of a task's container"
+    )
+    own.add_argument(
+        "--no-realtime",
+        action="append",
+        nargs="?",
+        const="",
+        metavar="NODE",
+        help="this node, or every node, can't do realtime: the policy's realtimeFallback decides",
+    )
+
+
+def robot_of(arguments: argparse.Namespace, policy: Policy) -> Robot:
+    """The robot; SettingsError for tasks and nodes that there are not, all at once."""
+    from contextpolicy.simulation.robot import CORES, NODE, Robot
+
+    nodes = dict(arguments.node or [(NODE, arguments.cores or CORES)])
+    places: dict[str, tuple[str, ...]] = {}
+    for task, node in arguments.place or ():
+        places[task] = (*places.get(task, ()), node)
+    unable = arguments.no_realtime or []
+    findings = [
+        *_unknown("--place", places, [task.name for task in policy.leaves]),
+        *_unknown("--place", [node for on in places.values() for node in on], nodes),
+        *_unknown("--replicas", dict(arguments.replicas or ()), [task.name for task in policy.leaves]),
+        *_unknown("--request", dict(arguments.request or ()), [task.name for task in policy.leaves]),
+        *_unknown("--no-realtime", filter(None, unable), nodes),
+    ]
+    if arguments.node and arguments.cores:
+        findings.append(Finding("--cores", arguments.cores, "--cores or --node, not both"))
+    if findings:
+        raise SettingsError("arguments", tuple(findings))
+    return Robot(
+        nodes=nodes,
+        places=places,
+        replicas=dict(arguments.replicas or ()),
+        requests=dict(arguments.request or ()),
+        fair_only=frozenset(nodes if "" in unable else unable),
+    )
+
+
+def seconds(text: str) -> float:
+    """A point in time on the command line."""
+    value = _number(text)
+    if not 0 <= value <= MAX_SECONDS:
+        raise argparse.ArgumentTypeError(f"{text} is not allowed: seconds, 0 to {MAX_SECONDS}")
+    return value
+
+
+def _unknown(option: str, names: Iterable[str], known: Collection[str]) -> list[Finding]:
+    allowed = "one of " + ", ".join(known)
+    return [Finding(option, name, allowed + did_you_mean(name, known)) for name in names if name not in known]
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return -1.0
+
+
+def _cpu(text: str) -> int:
+    try:
+        value = parse_cpu(text)
+    except ValueError:
+        value = 0
+    if not 0 < value <= MAX_CORES * 1000:
+        raise argparse.ArgumentTypeError(f"{text} is not allowed: {CPU_ALLOWED}, above 0 to {MAX_CORES}")
+    return value
+
+
+def _named(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise argparse.ArgumentTypeError(f"{text} is not allowed: NAME=VALUE")
+    return name, value
+
+
+def _named_cpu(text: str) -> tuple[str, int]:
+    name, value = _named(text)
+    return name, _cpu(value)
+
+
+def _named_count(text: str) -> tuple[str, int]:
+    name, value = _named(text)
+    if not value.isdecimal() or not 0 < int(value) <= MAX_REPLICAS:
+        raise argparse.ArgumentTypeError(f"{text} is not allowed: a whole number from 1 to {MAX_REPLICAS}")
+    return name, int(value)

@@ -1,0 +1,125 @@
+"""What a reader of the plans would not see: what nobody read or fed, what could not be used and why."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.planning.planner import Planner
+from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.validation.shapes import of_example
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from contextpolicy.policy.spec import Policy
+    from contextpolicy.simulation.robot import Robot
+    from contextpolicy.simulation.run import Simulation
+
+LONGEST_VALUE = 60
+MOST_SHORTFALLS = 20
+
+
+@dataclass(slots=True)
+class Failure:
+    """An expression without a value: the first reason, with what it read then."""
+
+    reason: str
+    values: str
+    count: int = 0
+
+
+class NotingPlanner(Planner):
+    """A planner that remembers each failure: one that recovers forgets, and one on a robot tells no values."""
+
+    def __init__(self, policy: Policy) -> None:
+        self.failures: dict[str, Failure] = {}
+        super().__init__(policy)
+
+    def on_expression_error(self, source: str, reason: str) -> None:
+        """Note the first with the values that the expression reads, and count."""
+        super().on_expression_error(source, reason)
+        if source not in self.failures:
+            self.failures[source] = Failure(reason.partition("\n")[0], "; ".join(self._values(source)))
+        self.failures[source].count += 1
+
+    def on_drop(self, stream: str, reason: str, detail: str = "") -> None:
+        """Note the first that the stream's own expressions fail on, and count."""
+        super().on_drop(stream, reason, detail)
+        if detail:
+            own = f"stream {stream}, samples not used"
+            self.failures.setdefault(own, Failure(detail.partition("\n")[0], "")).count += 1
+
+    def _values(self, source: str) -> Iterator[str]:
+        for path in sorted(Expression(source).reads):
+            value: Any = self.streams[path[0]].value
+            for name in path[1:]:
+                value = value.get(name) if isinstance(value, dict) else None
+            if value is not None:
+                yield f"{'.'.join(path)} is {_shown(value)}, {of_example(value, '').kind}"
+
+
+def notes(policy: Policy, robot: Robot, run: Simulation) -> list[str]:
+    """Each a sentence."""
+    return [
+        *(f"no stream reads {key}" for key in sorted(run.skipped.unread)),
+        *(f"{key} is a recording, without values" for key in sorted(run.skipped.without_value)),
+        *_unfed(policy, run),
+        *(f"{reason}, {_times(count)}" for reason, count in run.skipped.undecodable.items()),
+        *_drops(run.planner),
+        *_failures(run.planner),
+        *(f"node {node} can't do realtime and is left alone" for node in robot.left_alone(policy)),
+        *(_no_plan(run) if not run.plans else _shortfalls(run)),
+    ]
+
+
+def _unfed(policy: Policy, run: Simulation) -> Iterator[str]:
+    for stream in policy.streams:
+        if stream.name not in run.skipped.fed:
+            yield f"the timeline never feeds stream {stream.name} ({stream.key})"
+
+
+def _drops(planner: NotingPlanner) -> Iterator[str]:
+    """Those that are told in full elsewhere left out."""
+    for (stream, reason), count in planner.drops.items():
+        if stream and reason not in ("undecodable", "expression"):
+            yield f"stream {stream}: {reason}, {_times(count)}"
+
+
+def _failures(planner: NotingPlanner) -> Iterator[str]:
+    for source, failure in planner.failures.items():
+        yield "; ".join(filter(None, (f"{source}: {failure.reason}", failure.values, _times(failure.count))))
+    for source, reason in planner.errors.items():
+        if source not in planner.failures:
+            yield f"{source}: {reason}"
+
+
+def _shortfalls(run: Simulation) -> Iterator[str]:
+    first: dict[str, float] = {}
+    for plan in run.plans:
+        for shortfall in plan.shortfalls:
+            first.setdefault(f"{shortfall.task} {shortfall.message}".strip(), plan.time)
+    for message, time in list(first.items())[:MOST_SHORTFALLS]:
+        yield f"not feasible from {time:g} s on: {message}"
+    if len(first) > MOST_SHORTFALLS:
+        yield f"not feasible in {len(first) - MOST_SHORTFALLS} more ways"
+
+
+def _no_plan(run: Simulation) -> Iterator[str]:
+    waiting = [name for name, stream in run.planner.streams.items() if stream.unknown]
+    if waiting:
+        yield f"there is no plan: it waits until each stream is heard or silent: {', '.join(waiting)}"
+    else:
+        shortfalls = run.planner.last.shortfalls if run.planner.last else ()
+        reasons = [f"{shortfall.task} {shortfall.message}".strip() for shortfall in shortfalls]
+        yield f"there is no plan: {'; '.join(reasons) or 'the policy has no container on these nodes'}"
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
