@@ -3,6 +3,9 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
+import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -134,3 +137,160 @@ def test_wrong_usage(wrong: tuple[str, str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main([*TWO_CORES, *wrong])
     assert caught.value.code == 2
+
+
+def run(*arguments: str, stdin: str = "") -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "contextpolicy", *arguments]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "operator")}
+    return subprocess.run(command, input=stdin, capture_output=True, text=True, env=environment, check=False)
+
+
+def test_each_file_may_come_from_standard_input() -> None:
+    assert run("simulate", "-", DEMO, "--until", "5", stdin=Path(POLICY).read_text()).stdout.lstrip().startswith("TIME")
+    assert run("simulate", POLICY, "-", "--until", "5", stdin=Path(DEMO).read_text()).stdout.lstrip().startswith("TIME")
+    assert run(*TWO_CORES, "--assert", "-", stdin=Path(EXPECTED).read_text()).returncode == 0
+
+
+def test_standard_input_is_read_once(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "-", "-"]) == 2
+    assert "timeline: '-' is not allowed: a file: - stands once" in capsys.readouterr().err
+
+
+def test_a_reader_that_has_gone_is_no_traceback() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [sys.executable, "-m", "contextpolicy", *TWO_CORES]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "operator")}
+    done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, env=environment, check=False)
+    os.close(writing)
+    assert done.returncode == 128 + 13, "as shells tell SIGPIPE"
+    assert b"BrokenPipe" not in done.stderr
+
+
+@pytest.mark.parametrize("cores", ["2", "2000m", "2.0"])
+def test_cores_are_a_quantity(cores: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", POLICY, DEMO, "--cores", cores, "--until", "15"]) == 0
+    assert capsys.readouterr().out == TABLE
+
+
+def test_the_beginning_is_a_moment_too(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*TWO_CORES, "--until", "0"]) == 0
+    (row,) = capsys.readouterr().out.splitlines()[1:]
+    assert row.split() == TABLE.splitlines()[1].split()
+
+
+def test_several_nodes_replicas_and_requests(capsys: pytest.CaptureFixture[str]) -> None:
+    robot = ("--node", "head=2", "--node", "arm=500m", "--place", "speech=arm", "--place", "speech=head")
+    assert main(["simulate", POLICY, DEMO, *robot, "--request", "speech=100m", "--output", "json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["cores"] == 2.5
+    moving = next(plan for plan in document["plans"] if plan["contexts"] == ["moving"])
+    assert {name: node["tasks"] for name, node in moving["nodes"].items() if name == "head"} == {
+        "head": {"slam": 1.6, "speech": 0.1}
+    }
+
+
+def test_notes_are_in_the_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*TWO_CORES, "--output", "json"]) == 0
+    assert "no stream reads robot/camera/stereo" in json.loads(capsys.readouterr().out)["notes"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--place", "slamm=robot"), "--place: 'slamm' is not allowed: one of slam, speech; did you mean slam?"),
+        (("--place", "slam=arm"), "--place: 'arm' is not allowed: one of robot"),
+        (("--replicas", "imu=2"), "--replicas: 'imu' is not allowed: one of slam, speech"),
+        (("--request", "imu=2"), "--request: 'imu' is not allowed: one of slam, speech"),
+        (("--no-realtime", "arm"), "--no-realtime: 'arm' is not allowed: one of robot"),
+        (("--node", "arm=1"), "--cores: 2000 is not allowed: --cores or --node, not both"),
+    ],
+)
+def test_a_robot_that_makes_no_sense(
+    options: tuple[str, str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*TWO_CORES, *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "allowed"),
+    [
+        (("--until", "1e9"), "seconds, 0 to 10000000"),
+        (("--until", "soon"), "seconds, 0 to 10000000"),
+        (("--cores", "2000"), "above 0 to 1024"),
+        (("--cores", "0.0001"), "a CPU quantity"),
+        (("--node", "arm"), "NAME=VALUE"),
+        (("--replicas", "slam=0"), "a whole number from 1 to 100"),
+    ],
+)
+def test_wrong_usage_says_what_is_allowed(
+    option: tuple[str, str], allowed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([*TWO_CORES, *option])
+    assert allowed in capsys.readouterr().err
+
+
+def realtime(tmp_path: Path, fallback: str = "CFS") -> str:
+    text = Path(POLICY).read_text().replace("scheduler: CFS", f"scheduler: Realtime\n  realtimeFallback: {fallback}")
+    path = tmp_path / "realtime.yaml"
+    path.write_text(text.replace("reserve: 300m", "reserve: 0"))
+    return str(path)
+
+
+def test_realtime_shares_are_milliseconds_of_each_period(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", realtime(tmp_path), DEMO, "--until", "1"]) == 0
+    assert "  47.5/100 ms (1)  47.5/100 ms (1)  " in capsys.readouterr().out
+
+
+def test_a_robot_without_realtime_falls_back_as_the_policy_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["simulate", realtime(tmp_path), DEMO, "--until", "1", "--no-realtime"]) == 0
+    assert "  2000m (1)      2000m (1)" in capsys.readouterr().out
+    assert main(["simulate", realtime(tmp_path, "None"), DEMO, "--until", "1", "--no-realtime", "robot"]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines() == ["TIME  CONTEXTS  CAUSE"]
+    assert "note: node robot can't do realtime and is left alone" in err
+
+
+@pytest.mark.parametrize("nested", ['{"name": ' * 2000, "[" * 100_000])
+def test_a_timeline_that_nests_deeply_is_refused(
+    nested: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "deep.json"
+    path.write_text(nested)
+    assert main(["simulate", POLICY, str(path)]) == 2
+    assert "JSON that nests less deeply" in capsys.readouterr().err
+
+
+def test_a_plot_without_plan(tmp_path: Path) -> None:
+    picture = tmp_path / "none.svg"
+    assert main(["simulate", POLICY, DEMO, "--cores", "10m", "--plot", str(picture)]) == 0
+    assert b"no plan" in picture.read_bytes()
+
+
+def test_the_help_names_every_field_of_the_output(capsys: pytest.CaptureFixture[str]) -> None:
+    main([*TWO_CORES, "--output", "json"])
+    document = json.loads(capsys.readouterr().out)
+    main([*TWO_CORES, "--output", "csv"])
+    columns = capsys.readouterr().out.splitlines()[0].split(",")
+    with pytest.raises(SystemExit):
+        main(["simulate", "--help"])
+    text = capsys.readouterr().out
+    (plan, *_), names = document["plans"], {*document, *columns}
+    names |= {*plan, *plan["tasks"]["slam"], *plan["nodes"]["robot"], "message"}
+    assert [name for name in names if not re.search(rf"\b{name}\b", text)] == []
+    assert "2000-01-01 00:00 UTC" in text
+
+
+@pytest.mark.parametrize("tty", [True, False])
+def test_a_long_run_says_how_far_it_is_on_a_terminal_only(
+    tty, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: tty)
+    main(list(TWO_CORES))
+    out, err = capsys.readouterr()
+    assert ("simulating" in err) is tty
+    assert "simulating" not in out

@@ -166,6 +166,7 @@ def _draw(path: Path, policy: Policy, inputs: Timeline, run: Simulation) -> None
         until=run.until,
         weights=series.normalised_weights(run.plans),
         title=f"{policy.name} on {inputs.name} ({policy.scheduler})",
+        unit=series.unit(run.plans),
     )
 
 

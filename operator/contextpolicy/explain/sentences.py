@@ -95,8 +95,15 @@ def _headline(explanation: Mapping[str, Any], task: str, own: Mapping[str, Any])
     nodes = {name: node for name, node in explanation["nodes"].items() if task in node["tasks"]}
     shares = " and ".join(f"{_cpu(node, node['tasks'][task]['share'])} on node {n}" for n, node in nodes.items())
     suspended = ", the least there is: it is suspended" if own["suspended"] and nodes else ""
-    yield f"{task} gets {shares}{suspended}." if nodes else f"{task} has no container of its own."
+    yield f"{task} gets {shares}{suspended}." if nodes else f"{_shareless(explanation, task, own)}."
     yield f"Plan {plan['sequence']} is in force for {plan['age']:.3g} s, caused by {plan['cause']}."
+
+
+def _shareless(explanation: Mapping[str, Any], task: str, own: Mapping[str, Any]) -> str:
+    if own["subtasks"]:
+        return f"{task} has no container of its own"
+    kept = [shortfall["message"] for shortfall in explanation["plan"]["shortfalls"] if not shortfall["task"]]
+    return f"{task} has no share: {'; '.join(kept) or 'no container of it runs on a node that is divided'}"
 
 
 def _score(own: Mapping[str, Any]) -> Iterator[str]:

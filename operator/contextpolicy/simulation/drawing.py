@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from contextpolicy.errors import DrawingError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     Steps: TypeAlias = Sequence[tuple[float, float]]
@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 
 TASK_COLORS = ("#2a6f97", "#e07a3f", "#5b8e55", "#8d5b8c", "#c2a83e", "#4f9da6", "#b5495b", "#6c757d")
 CONTEXT_COLORS = ("#f6c453", "#9fd3c7", "#d5b6e8", "#f2a6a6", "#b8d8f0", "#d9d9a5")
+
+WIDTH, SHORT, TALL, MARGIN = 9.0, 2.0, 2.4, 1.0
+"""Inches: a picture, the panel of weights, that of shares, and what is around them."""
+LANE, LINE = 0.24, 0.2
+"""Inches that a context's lane and a line of the legend take."""
 
 
 def draw_shares(  # noqa: PLR0913 - what a picture may show, by keyword
@@ -32,8 +37,9 @@ def draw_shares(  # noqa: PLR0913 - what a picture may show, by keyword
     weights: Series | None = None,
     measured: Series | None = None,
     title: str = "",
+    unit: str = "cores",
 ) -> None:
-    """Write an SVG or PNG: shares in cores stacked, contexts (name, start, end) as coloured bands.
+    """Write an SVG or PNG: shares stacked, contexts (name, start, end) as coloured bands.
 
     `weights` adds a panel of normalised weights above; `measured` lays the limits that were read back over the stack.
     """
@@ -43,12 +49,17 @@ def draw_shares(  # noqa: PLR0913 - what a picture may show, by keyword
     except ImportError as error:
         raise DrawingError("drawing needs matplotlib: pip install 'contextpolicy[plot]'") from error
     with mpl.rc_context({"svg.hashsalt": "contextpolicy", "font.size": 9, "svg.fonttype": "none"}):
-        figure = Figure(figsize=(9, 5.4 if weights else 3.4), layout="constrained")
-        panels = list(figure.subplots(2 if weights else 1, 1, sharex=True, squeeze=False)[:, 0])
-        _bands(panels, contexts)
+        lanes = list(dict.fromkeys(name for name, _, _ in contexts))
+        heights = [LANE * len(lanes)] * bool(lanes) + [SHORT] * bool(weights) + [max(TALL, LINE * len(series))]
+        figure = Figure(figsize=(WIDTH, sum(heights) + MARGIN), layout="constrained")
+        panels = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
+        if lanes:
+            _lanes(panels[0], lanes, contexts)
         if weights:
-            _lines(panels[0], weights, until)
-        _stack(panels[-1], series, until)
+            _bands(panels[-2], lanes, contexts)
+            _lines(panels[-2], weights, until)
+        _stack(panels[-1], series, until, [time for _, *span in contexts for time in span])
+        panels[-1].set_ylabel(f"share ({unit})")
         if measured:
             _outline(panels[-1], list(series), measured, until)
         _finish(figure, panels, title, until)
@@ -58,36 +69,43 @@ def draw_shares(  # noqa: PLR0913 - what a picture may show, by keyword
             raise DrawingError(f"{path}: {error}") from error
 
 
-def _bands(panels: Sequence[Any], contexts: Sequence[Span]) -> None:
-    names = list(dict.fromkeys(name for name, _, _ in contexts))
+def _lanes(panel: Any, names: Sequence[str], contexts: Sequence[Span]) -> None:
+    """When each context held, one lane for each, the first on top."""
+    for name, start, end in contexts:
+        lane, color = names.index(name), CONTEXT_COLORS[names.index(name) % len(CONTEXT_COLORS)]
+        panel.broken_barh([(start, end - start)], (lane - 0.35, 0.7), facecolor=color)
+    panel.set_yticks(range(len(names)), names)
+    panel.tick_params(axis="both", length=0)
+    panel.set_ylim(len(names) - 0.5, -0.5)
+
+
+def _bands(panel: Any, names: Sequence[str], contexts: Sequence[Span]) -> None:
     for name, start, end in contexts:
         color = CONTEXT_COLORS[names.index(name) % len(CONTEXT_COLORS)]
-        for panel in panels[:-1]:
-            panel.axvspan(start, end, color=color, alpha=0.35, linewidth=0)
-        for time in (start, end):
-            panels[-1].axvline(time, color="#333333", linewidth=0.8, linestyle=(0, (4, 3)))
-        lane = 1.02 + 0.1 * names.index(name)
-        strip = {"transform": panels[0].get_xaxis_transform(), "clip_on": False}
-        panels[0].plot([start, end], [lane + 0.02] * 2, color=color, linewidth=5, solid_capstyle="butt", **strip)
-        panels[0].text((start + end) / 2, lane + 0.035, name, ha="center", va="bottom", fontsize=8, **strip)
+        panel.axvspan(start, end, color=color, alpha=0.35 / max(1, len(names) / 3), linewidth=0)
 
 
 def _lines(panel: Any, weights: Series, until: float) -> None:
     for index, (task, steps) in enumerate(weights.items()):
         times, values = _closed(steps, until)
-        color = TASK_COLORS[index % len(TASK_COLORS)]
+        color = _color(index)
         # Lines that lie on each other stay visible: the first is the widest.
         panel.step(times, values, where="post", label=task, color=color, linewidth=max(1.4, 3.4 - 0.8 * index))
     panel.set_ylabel("weight / sum of weights")
     panel.set_ylim(-0.03, 1.05)
 
 
-def _stack(panel: Any, series: Series, until: float) -> None:
+def _stack(panel: Any, series: Series, until: float, turns: Iterable[float]) -> None:
+    """`turns` are the moments at which contexts begin and end."""
     times = _instants(series, until)
     rows = [[_at(steps, time) for time in times] for steps in series.values()]
-    colors = [TASK_COLORS[index % len(TASK_COLORS)] for index in range(len(rows))]
-    panel.stackplot(times, rows, labels=list(series), colors=colors, step="post", alpha=0.9, linewidth=0)
-    panel.set_ylabel("share (cores)")
+    if not rows:
+        panel.text(until / 2, 0.5, "no plan", ha="center", va="center")
+    else:
+        colors = [_color(index) for index in range(len(rows))]
+        panel.stackplot(times, rows, labels=list(series), colors=colors, step="post", alpha=0.9, linewidth=0)
+    for time in set(turns):
+        panel.axvline(time, color="#333333", linewidth=0.6, alpha=0.7, linestyle=(0, (4, 3)))
     panel.set_ylim(bottom=0)
 
 
@@ -105,11 +123,25 @@ def _finish(figure: Any, panels: Sequence[Any], title: str, until: float) -> Non
         panel.spines[["top", "right"]].set_visible(False)
         panel.set_axisbelow(True)
         panel.grid(axis="y", color="black", alpha=0.12, linewidth=0.6)
-        panel.legend(loc="center left", bbox_to_anchor=(1.005, 0.5), frameon=False)
-        panel.set_xlim(0, until)
+        panel.set_xlim(0, until or 1)
+    # The tasks' colours are the same in all panels, and the stack's order is the one to read them in.
+    handles, labels = panels[-1].get_legend_handles_labels()
+    if handles:
+        upwards = {"reverse": True, "loc": "center left", "bbox_to_anchor": (1.005, 0.5)}
+        panels[-1].legend(handles, labels, frameon=False, fontsize=8, labelspacing=0.3, **upwards)
     panels[-1].set_xlabel("time (s)")
     if title:
-        figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
+        text = "".join(letter if letter.isprintable() else " " for letter in title)
+        figure.suptitle(text, x=0.01, ha="left", fontsize=11, fontweight="bold")
+
+
+def _color(index: int) -> tuple[float, float, float]:
+    """The first eight tasks' colours; then the same ones lighter, and darker."""
+    turn, place = divmod(index, len(TASK_COLORS))
+    towards, part = ((0.0, 0.0), (1.0, 0.5), (0.0, 0.45))[turn % 3]
+    digits = TASK_COLORS[place][1:]
+    red, green, blue = (int(digits[at : at + 2], 16) / 255 for at in (0, 2, 4))
+    return red + (towards - red) * part, green + (towards - green) * part, blue + (towards - blue) * part
 
 
 def _instants(series: Series, until: float) -> list[float]:

@@ -41,7 +41,7 @@ class NotingPlanner(Planner):
         """Note the first with the values that the expression reads, and count."""
         super().on_expression_error(source, reason)
         if source not in self.failures:
-            self.failures[source] = Failure(reason.partition("\n")[0], "; ".join(self._values(source)))
+            self.failures[source] = Failure(_first_sentence(reason), "; ".join(self._values(source)))
         self.failures[source].count += 1
 
     def on_drop(self, stream: str, reason: str, detail: str = "") -> None:
@@ -49,7 +49,7 @@ class NotingPlanner(Planner):
         super().on_drop(stream, reason, detail)
         if detail:
             own = f"stream {stream}, samples not used"
-            self.failures.setdefault(own, Failure(detail.partition("\n")[0], "")).count += 1
+            self.failures.setdefault(own, Failure(_first_sentence(detail), "")).count += 1
 
     def _values(self, source: str) -> Iterator[str]:
         for path in sorted(Expression(source).reads):
@@ -118,6 +118,11 @@ def _no_plan(run: Simulation) -> Iterator[str]:
 
 def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
+
+
+def _first_sentence(text: str) -> str:
+    """What the CEL library says after it is a lecture."""
+    return text.partition("\n")[0].partition(". ")[0]
 
 
 def _shown(value: object) -> str:

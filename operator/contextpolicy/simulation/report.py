@@ -8,6 +8,8 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.planning.plan_json import plan_json
+from contextpolicy.policy.bandwidth import PERIOD
+from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,11 +20,11 @@ if TYPE_CHECKING:
 CSV_COLUMNS = ("time", "sequence", "cause", "contexts", "task", "score", "weight", "share", "suspended")
 
 
-def table(plans: Sequence[Plan]) -> str:
-    """Time, contexts, share and weight of each task, and the cause."""
+def table(plans: Sequence[Plan], *, period: float = PERIOD) -> str:
+    """Time, contexts, share and weight of each task, and the cause; `period` is that of realtime, in seconds."""
     tasks = list(plans[0].tasks) if plans else []
     header = ["TIME", "CONTEXTS", *(f"{name.upper()} (WEIGHT)" for name in tasks), "CAUSE"]
-    rows = [header, *(_row(plan, tasks) for plan in plans)]
+    rows = [header, *(_row(plan, tasks, period) for plan in plans)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(header) - 1)]
     return "\n".join(
         "  ".join([row[0].rjust(widths[0]), *(c.ljust(w) for c, w in zip(row[1:-1], widths[1:], strict=True)), row[-1]])
@@ -30,16 +32,18 @@ def table(plans: Sequence[Plan]) -> str:
     )
 
 
-def _row(plan: Plan, tasks: Sequence[str]) -> list[str]:
-    """A task without a container of its own has a weight but no share."""
-    leaves = {name for node in plan.nodes.values() for name in node.shares}
-    cells = [
-        f"{plan.tasks[name].share}m ({plan.tasks[name].weight:.4g})"
-        if name in leaves
-        else f"({plan.tasks[name].weight:.4g})"
-        for name in tasks
-    ]
+def _row(plan: Plan, tasks: Sequence[str], period: float) -> list[str]:
+    cells = [f"{_share(plan, name, period)}({plan.tasks[name].weight:.4g})" for name in tasks]
     return [f"{plan.time:.3f}", ", ".join(plan.contexts) or "-", *cells, plan.cause]
+
+
+def _share(plan: Plan, task: str, period: float) -> str:
+    """In thousandths of a core, or in milliseconds of each period; a task without a container of its own has none."""
+    schedulers = {node.scheduler for node in plan.nodes.values() if task in node.shares}
+    share = plan.tasks[task].share
+    if schedulers == {Scheduler.REALTIME}:
+        return f"{share * period:g}/{1000 * period:g} ms "
+    return f"{share}m " if schedulers else ""
 
 
 def as_json(policy: Policy, plans: Sequence[Plan], **about: Any) -> str:

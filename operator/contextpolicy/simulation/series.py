@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from contextpolicy.policy.spec import Scheduler
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from contextpolicy.planning.plan import Plan
 
 
+def unit(plans: Sequence[Plan]) -> str:
+    """What shares are counted in."""
+    realtime = {node.scheduler for plan in plans for node in plan.nodes.values()} == {Scheduler.REALTIME}
+    return "part of each period" if realtime else "cores"
+
+
 def shares(plans: Sequence[Plan]) -> dict[str, list[tuple[float, float]]]:
-    """Each task's share in cores; tasks without a container of their own have none."""
+    """Each task's share in cores, or as part of each realtime period; tasks without a container have none."""
     names = [
         name for name in _names(plans) if any(name in node.shares for plan in plans for node in plan.nodes.values())
     ]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from contextpolicy.errors import Finding, PolicyError
 from contextpolicy.policy.parsing import parse
+from contextpolicy.policy.suggestions import did_you_mean
 from contextpolicy.policy.validation import crd_rules, crd_schema
 from contextpolicy.policy.validation.advice import advice
 from contextpolicy.policy.validation.documents import Document, DocumentError, Position, read
@@ -73,11 +74,27 @@ def check(files: Iterable[tuple[str, str]]) -> CheckReport:
 
 def _check_document(file: str, document: Document, report: CheckReport) -> None:
     sources = list(_objects(file, document))
-    if not sources:
+    if not sources and _means_policy(document.body):
+        report.problems.append(Problem(file, document.position("kind"), _wrong_kind(document.body), field="kind"))
+    elif not sources:
         report.skipped.append(f"{file}:{document.position('').line}: no {KIND}: {_kind(document.body)}")
     for source in sources:
         report.seen += 1
         _check_object(source, report)
+
+
+def _means_policy(body: object) -> bool:
+    """Whether an object of another kind is likely a policy misspelt: skipped, it would pass as checked."""
+    if not isinstance(body, dict):
+        return False
+    group = str(body.get("apiVersion", "")).partition("/")[0]
+    return group == API_VERSION.partition("/")[0] or bool(did_you_mean(body.get("kind"), [KIND]))
+
+
+def _wrong_kind(body: dict[str, Any]) -> str:
+    kind = body.get("kind")
+    what = "is missing" if kind is None else f"{short(kind)} is not allowed"
+    return f"{what}: {KIND}"
 
 
 def _objects(file: str, document: Document) -> Iterator[Source]:
