@@ -81,10 +81,23 @@ def test_json_is_the_structure_of_the_bus(capsys: pytest.CaptureFixture[str]) ->
     assert document["streams"]["imu"]["value"]["speed"] == 0.3
 
 
+def test_the_beginning_is_a_moment_too(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "is in force for 0 s" in explain(capsys, "speech-chatbot", "--at", "0")
+
+
+def test_a_task_on_a_node_that_cannot_be_divided_has_no_share(capsys: pytest.CaptureFixture[str]) -> None:
+    """It does have a container of its own: to say that it has none sends people to their selectors."""
+    policy = str(ROOT / "config/policies/delivery-robot.yaml")
+    assert main(["explain", policy, "--timeline", DEMO, "--at", "12", "--cores", "310m"]) == 0
+    text = capsys.readouterr().out
+    assert "no container of its own" not in text
+    assert text.startswith("slam has no share: node robot ")
+
+
 def test_an_unknown_task_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
     policy = str(ROOT / "config/policies/delivery-robot.yaml")
     assert main(["explain", policy, "spech", "--timeline", DEMO]) == 2
-    assert capsys.readouterr().err == "task spech is not allowed: one of slam, speech\n"
+    assert capsys.readouterr().err == "task spech is not allowed: one of slam, speech; did you mean speech?\n"
 
 
 def test_neither_timeline_nor_endpoint_is_wrong_usage() -> None:

@@ -3,12 +3,10 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import pytest
 
 from contextpolicy.cli import main
-
-if TYPE_CHECKING:
-    import pytest
 
 ROOT = Path(__file__).parents[2]
 POLICIES = ROOT / "config/policies"
@@ -30,6 +28,26 @@ def test_an_error_has_file_line_column_field_value_and_what_is_allowed(capsys: p
     allowed = "one of Enforce, DryRun, Paused"
     assert out == f"{path}:{line}:3: error: spec.mode: 'Dryrun' is not allowed: {allowed}\n"
     assert err == "1 policy, 1 error, 0 warnings\n"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("kind: ContextPolcy", "kind: 'ContextPolcy' is not allowed: ContextPolicy"),
+        ("kind: contextpolicies", "kind: 'contextpolicies' is not allowed: ContextPolicy"),
+        ("kind: Deployment", "kind: 'Deployment' is not allowed: ContextPolicy"),
+        ("", "kind: is missing: ContextPolicy"),
+    ],
+)
+def test_a_misspelt_kind_is_an_error(
+    wrong: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Skipped, the policy would pass as checked beside another one."""
+    path = tmp_path / "policies.yaml"
+    text = (POLICIES / "delivery-robot.yaml").read_text()
+    path.write_text(f"{text}\n---\n{text.replace('kind: ContextPolicy', wrong)}")
+    assert main(["validate", str(path)]) == 1
+    assert message in capsys.readouterr().out
 
 
 def test_a_directory_and_what_is_skipped_in_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -49,7 +49,7 @@ def strict(node):
 def with_defaults(node, value):
     """The value as the API server stores it."""
     if isinstance(value, list):
-        return [with_defaults(node["items"], item) for item in value]
+        return [with_defaults(node.get("items", {}), item) for item in value]
     if not isinstance(value, dict):
         return value
     known = node.get("properties", {})

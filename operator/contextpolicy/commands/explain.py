@@ -50,11 +50,13 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def main(arguments: argparse.Namespace) -> int:
     """Get the explanation and print it."""
     from contextpolicy.explain.sentences import context_sentences, sentences
+    from contextpolicy.policy.suggestions import did_you_mean
 
     explanation = _ask(arguments) if arguments.connect else _simulate(arguments)
     known = list(explanation["tasks"])
     if arguments.task and known and arguments.task not in known:
-        print(f"task {arguments.task} is not allowed: one of {', '.join(known)}", file=sys.stderr)
+        allowed = "one of " + ", ".join(known) + did_you_mean(arguments.task, known)
+        print(f"task {arguments.task} is not allowed: {allowed}", file=sys.stderr)
         return 2
     if arguments.output == "json":
         print(json.dumps(explanation, indent=2))
