@@ -156,6 +156,14 @@ def test_an_example_lets_every_expression_be_checked(example, when, message):
     assert any(message in words for _, _, words in problems), problems
 
 
+def test_has_says_that_not_every_sample_has_the_field():
+    guarded = (WHEN, "has(mic.word) && mic.word == 'go' || mic.level > 1")
+    assert told((EXAMPLE, {"level": 1}), guarded) == []
+    assert told((EXAMPLE, {"level": 1}), (WHEN, "mic.word == 'go' || mic.level > 1")) != []
+    imu = ((*TASK, "activity", 0, "when"), "has(imu.gyro) && imu.gyro > 1")
+    assert any("imu has no field gyro" in words for _, _, words in told(imu)), "a ROS type has its fields always"
+
+
 @pytest.mark.parametrize("example", [{"level": 1}, {"level": 0.2, "more": None}, {"level": None}])
 def test_an_example_that_fits_refuses_nothing(example):
     assert told((EXAMPLE, example)) == []

@@ -5,6 +5,7 @@ Only what fails, or never holds, on every sample of these shapes is told: what i
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import cel
@@ -27,7 +28,7 @@ from contextpolicy.policy.validation.shapes import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
 _RESULTS = {
     **dict.fromkeys(("has", "heard", "contains", "startsWith", "endsWith", "matches"), BOOL),
@@ -44,6 +45,7 @@ _ARGUMENTS = {
     "size": (TEXT, BYTES, LIST, MAP),
     **dict.fromkeys(("startsWith", "endsWith", "matches"), (TEXT,)),
 }
+_PLAIN_TEXT = re.compile(r""""[^"\\]*"|'[^'\\]*'""")
 _ADDED = (NUMBER, TEXT, BYTES, LIST)
 _ORDERED = (NUMBER, TEXT, BYTES, BOOL, TIME, DURATION)
 _CALENDAR = (TIME, DURATION)
@@ -55,19 +57,27 @@ def mistakes(source: str, wanted: Shape, shapes: Mapping[str, Shape]) -> list[st
         tree = parse(source)
     except ValueError as error:
         return [f"a CEL expression; it {error}"]
-    checker = _Checker(source, shapes)
+    checker = _Checker(source, shapes, frozenset(_asked(tree)))
     found = checker.shape(tree)
     if not checker.found and ANY.kind not in (found.kind, wanted.kind) and found.kind != wanted.kind:
         checker.found.append(f"{wanted.kind}; this is {found.kind}")
     return list(dict.fromkeys(checker.found))
 
 
+def _asked(tree: Node) -> Iterator[tuple[str, ...] | None]:
+    """The fields that an expression asks for with `has`: it knows that not every sample has them."""
+    if tree.kind is Construct.CALL and tree.text == "has":
+        yield from (part.path() for part in tree.parts)
+    for part in tree.parts:
+        yield from _asked(part)
+
+
 class _Checker:
     """Walks one tree; what is wrong is noted once, and its result may then be anything."""
 
-    def __init__(self, source: str, shapes: Mapping[str, Shape]) -> None:
+    def __init__(self, source: str, shapes: Mapping[str, Shape], asked: frozenset[tuple[str, ...] | None]) -> None:
         self.found: list[str] = []
-        self._source = source
+        self._source, self._asked = source, asked
         self._known = dict(shapes)
         self._rules: dict[Construct, Callable[[Node], Shape]] = {
             Construct.SELECT: self._select,
@@ -118,14 +128,15 @@ class _Checker:
             return ANY
         if owner.fields is None:
             return ANY
-        if name not in owner.fields:
+        optional = not owner.complete and node.path() in self._asked
+        if name not in owner.fields and not optional:
             self.found.append(f"{self._text(node.parts[0])} has no field {name}: {known_fields(owner, name)}")
         return owner.fields.get(name, ANY)
 
     def _index(self, node: Node) -> Shape:
         owner, index = self._want(node.parts[0], LIST, MAP), node.parts[1]
         self.shape(index)
-        if owner.kind == MAP.kind and index.kind is Construct.TEXT:
+        if owner.kind == MAP.kind and _PLAIN_TEXT.fullmatch(index.text):
             return self._field(node, owner, index.text[1:-1])
         return owner.item or ANY
 
@@ -142,7 +153,7 @@ class _Checker:
             self._want(receiver, *_CALENDAR)
             return NUMBER
         shape = self._call(Node(Construct.CALL, node.text, node.parts, node.span))
-        if node.text == "matches" and arguments[0].kind is Construct.TEXT:
+        if node.text == "matches" and arguments and arguments[0].kind is Construct.TEXT:
             self._check_pattern(arguments[0])
         return shape
 

@@ -28,6 +28,8 @@ class Shape:
     item: Shape | None = None
     owner: str = ""
     """Who says which fields there are: a ROS type, or an example."""
+    complete: bool = True
+    """Whether there are no other fields: a ROS type knows, an example is one sample of many."""
 
 
 ANY = Shape("anything")
@@ -77,7 +79,7 @@ def of_example(value: object, owner: str, depth: int = 0) -> Shape:
         return ANY
     if isinstance(value, dict):
         fields = {str(name): of_example(inner, owner, depth + 1) for name, inner in value.items()}
-        return Shape(MAP.kind, fields, owner=owner)
+        return Shape(MAP.kind, fields, owner=owner, complete=False)
     if isinstance(value, list):
         shapes = [of_example(item, owner, depth + 1) for item in value]
         return list_of(shapes[0] if shapes and all(shape == shapes[0] for shape in shapes) else ANY)
