@@ -23,7 +23,7 @@ def fits(template, *parts):
     return st.tuples(*parts).map(lambda found: template.format(*found))
 
 
-numbers = st.one_of(
+numbers: st.SearchStrategy[str] = st.one_of(
     st.sampled_from(["1", "2.5", "s.n", "s.x", "s.m.n", "s.l[0]", "s.any", "s.m['n']", "imu.angular_velocity.z"]),
     fits("({} + {})", NUMBERS, NUMBERS),
     fits("({} * {} - {})", NUMBERS, NUMBERS, NUMBERS),
@@ -33,12 +33,12 @@ numbers = st.one_of(
     fits("({} ? {} : {})", BOOLS, NUMBERS, NUMBERS),
     st.sampled_from(["norm(s.l)", "norm(imu.linear_acceleration)", "size(s.l)", "s.m.boxes.map(i, i.w)[0]"]),
 )
-texts = st.one_of(
+texts: st.SearchStrategy[str] = st.one_of(
     st.sampled_from(["'a'", "s.t", "s.any", "imu.header.frame_id"]),
     fits("({} + {})", TEXTS, TEXTS),
     fits("string({})", NUMBERS),
 )
-bools = st.one_of(
+bools: st.SearchStrategy[str] = st.one_of(
     st.sampled_from(["true", "s.b", "s.any", "has(s.n)", "s.m.boxes.exists(i, i.w > 0)", "2 in s.l", "s.any == 1"]),
     fits("({} < {})", NUMBERS, NUMBERS),
     fits("({} == {})", TEXTS, TEXTS),
