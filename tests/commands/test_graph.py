@@ -100,7 +100,7 @@ def test_without_graphviz_it_says_what_to_install(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pygraphviz", None)
-    assert main(["graph", CHATBOT, "--output", "svg"]) == 1
+    assert main(["graph", CHATBOT, "--output", "svg"]) == 2
     assert capsys.readouterr().err == "drawing needs Graphviz: pip install 'contextpolicy[plot]'\n"
 
 

@@ -31,10 +31,10 @@ timestamps are a real clock's (2000 to 2100), it begins so that the first of the
 DETAILS = """\
 output (--output): a table; or the fields
 
-  json   policy, timeline, cores (of all nodes), until (s), notes (sentences), plans: a list with sequence, time (s from
-         the timeline's begin), cause, contexts (that hold), shortfalls (task, message: what is not feasible),
-         tasks by name: score, weight, share (cores; under Realtime the part of each processor's period), suspended,
-         because; nodes by name: capacity and tasks' shares, in the same unit
+  json   policy, timeline, cores (of all nodes), until (s), notes (sentences), plans: a list, as on the decision bus:
+         policy, mode, scheduler, control; sequence, time (s from the timeline's begin), cause, contexts (that hold);
+         shortfalls (task, message: what is not feasible); tasks by name: score, weight, share (cores; under Realtime
+         the part of each processor's period), suspended, because; nodes by name: capacity, tasks and their shares
   csv    a row for each plan and task: time, sequence, cause, contexts (joined by ;), task, score, weight, share,
          suspended, as in json
 

@@ -78,7 +78,7 @@ def test_what_is_null_was_not_given() -> None:
 
 
 def test_a_name_that_stands_twice_is_named() -> None:
-    feature = {"name": "mean", "op": "mean", "of": "imu.x", "over": "1s"}
+    feature = {"name": "mean", "op": "mean", "of": "imu.orientation.x", "over": "1s"}
     assert told((*STREAM, "features"), [feature] * 2) == [("spec.streams[0].features", "mean", "each name once")]
 
 

@@ -34,8 +34,8 @@ def mistakes_in(policy: Policy) -> tuple[Finding, ...]:
 def _debounce(policy: Policy) -> Iterator[Finding]:
     for index, stream in enumerate(policy.streams):
         if stream.stale_after is not None and stream.debounce >= stream.stale_after > 0:
-            allowed = f"below staleAfter, {stream.stale_after:g} s: else it is silent before a sample has passed"
-            yield Finding(f"spec.streams[{index}].debounce", f"{stream.debounce:g} s", allowed)
+            allowed = f"a debounce below staleAfter, {stream.stale_after:g} s: else it is silent before a sample passes"
+            yield Finding(f"spec.streams[{index}]", stream.name, allowed)
 
 
 def _steps(policy: Policy) -> Iterator[Finding]:
@@ -43,6 +43,6 @@ def _steps(policy: Policy) -> Iterator[Finding]:
     if policy.scheduler is Scheduler.REALTIME:
         return
     for index, task in enumerate(policy.tasks):
-        if task.max is not None and task.max // STEP * STEP < task.min:
+        if task.max is not None and task.max // STEP * STEP < task.min <= task.max:
             allowed = f"a bound with a multiple of {STEP}m between min, {format_cpu(task.min)}, and it"
             yield Finding(f"spec.tasks[{index}].max", format_cpu(task.max), allowed)

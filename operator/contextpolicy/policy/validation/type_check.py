@@ -66,8 +66,8 @@ def _own(stream: Stream) -> Iterator[tuple[str, str, Shape]]:
 
 
 def _shape(stream: Stream) -> Shape:
-    if stream.encoding is Encoding.CDR and is_known(stream.type or ""):
-        return of_message(type_store(), stream.type or "")
+    if stream.encoding is Encoding.CDR:
+        return of_message(type_store(), stream.type or "") if is_known(stream.type or "") else ANY
     if stream.example is None:
         return ANY
     sample = stream.example if isinstance(stream.example, dict) else {"value": stream.example}
