@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from contextpolicy.policy import cel_tree
+from contextpolicy.policy import cel_syntax
 
 _TEXTS = re.compile(r"""\"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'""")
 _OTHER_LANGUAGES = (
@@ -32,7 +32,7 @@ def explain(source: str, error: ValueError) -> str:
     if hints:
         return "in CEL " + ", ".join(dict.fromkeys(hints))
     try:
-        cel_tree.parse(source)
+        cel_syntax.parse(source)
     except ValueError as own:
         return f"it {own}"
     return f"it cannot be read from character {int(place['column'])} on"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import cel
 
-from contextpolicy.policy.cel_tree import Construct, Node, parse
+from contextpolicy.policy.cel_syntax import Construct, Node, parse
 from contextpolicy.policy.validation.shapes import (
     ANY,
     BOOL,
