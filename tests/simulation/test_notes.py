@@ -51,6 +51,12 @@ def test_an_expression_that_fails_has_the_value_and_its_kind_also_if_it_recovers
     assert "CEL does not coerce" not in note
 
 
+def test_a_condition_that_still_waits_says_for_which_stream():
+    policy = a_policy(S, {"name": "u", "key": "u"}, contexts=[a_context("s.value > 1.0 && u.x > 1", **DOUBLES)])
+    (_, note) = told(policy, at(2, 3.0))
+    assert note.startswith("context c waits for stream u at the end, since 0 s: ")
+
+
 def test_a_stream_whose_own_expression_fails_says_how():
     feature = {"name": "top", "op": "max", "of": "s.x", "over": "1s"}
     (note,) = told(a_policy({**S, "features": [feature]}), at(0, {"y": 1}), at(1, {"y": 1}))

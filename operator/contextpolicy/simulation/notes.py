@@ -69,6 +69,7 @@ def notes(policy: Policy, robot: Robot, run: Simulation) -> list[str]:
         *(f"{reason}, {_times(count)}" for reason, count in run.skipped.undecodable.items()),
         *_drops(run.planner),
         *_failures(run.planner),
+        *_waits(run),
         *(f"node {node} can't do realtime and is left alone" for node in robot.left_alone(policy)),
         *(_no_plan(run) if not run.plans else _shortfalls(run)),
     ]
@@ -93,6 +94,12 @@ def _failures(planner: NotingPlanner) -> Iterator[str]:
     for source, reason in planner.errors.items():
         if source not in planner.failures:
             yield f"{source}: {reason}"
+
+
+def _waits(run: Simulation) -> Iterator[str]:
+    for owner, waiting in run.planner.waits():
+        since = round(waiting.since - run.epoch, 6)
+        yield f"{owner} waits for stream {waiting.stream} at the end, since {since:g} s: {waiting.reason}"
 
 
 def _shortfalls(run: Simulation) -> Iterator[str]:
