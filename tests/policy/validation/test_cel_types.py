@@ -39,7 +39,7 @@ texts: st.SearchStrategy[str] = st.one_of(
     fits("string({})", NUMBERS),
 )
 bools: st.SearchStrategy[str] = st.one_of(
-    st.sampled_from(["true", "s.b", "s.any", "has(s.n)", "s.m.boxes.exists(i, i.w > 0)", "2 in s.l", "s.any == 1"]),
+    st.sampled_from(["true", "s.b", "s.any", "has(s.n)", "s.m.boxes.exists(i, i.w > 0)", "(2 in s.l)", "(s.any == 1)"]),
     fits("({} < {})", NUMBERS, NUMBERS),
     fits("({} == {})", TEXTS, TEXTS),
     fits("({} && {} || !{})", BOOLS, BOOLS, BOOLS),
