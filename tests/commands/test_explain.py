@@ -76,7 +76,9 @@ def test_no_plan_yet_says_what_it_waits_for(capsys: pytest.CaptureFixture[str]) 
 def test_json_is_the_structure_of_the_bus(capsys: pytest.CaptureFixture[str]) -> None:
     document = json.loads(explain(capsys, "delivery-robot", "--at", "12", "--output", "json"))
     assert document["plan"]["contexts"] == ["moving"]
-    assert document["tasks"]["speech"]["effects"] == [{"context": "moving", "change": "suspends it", "decides": True}]
+    assert document["tasks"]["speech"]["effects"] == [
+        {"context": "moving", "change": "suspends it", "decides": True, "ruledOut": False}
+    ]
     assert document["nodes"]["robot"]["tasks"]["speech"]["share"] == 10
     assert document["streams"]["imu"]["value"]["speed"] == 0.3
 

@@ -34,17 +34,23 @@ def test_json_has_the_names_of_the_decision_bus(capsys: pytest.CaptureFixture[st
     assert main([*TWO_CORES, "--until", "15", "--output", "json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["policy"] == "robot/delivery-robot"
-    last = document["plans"][-1]
+    (last, *followed) = [plan for plan in document["plans"] if plan["sequence"] == 4]
     assert (last["time"], last["contexts"]) == (10.1, ["moving"])
+    assert [(plan["time"], plan["tasks"]["speech"]["score"]) for plan in followed] == [(10.9, 0.1), (14.0, 1.0)]
     assert last["tasks"]["slam"]["share"] == 1.69
-    assert last["nodes"]["robot"] == {"capacity": 1.7, "scheduler": "CFS", "tasks": {"slam": 1.69, "speech": 0.01}}
+    assert last["nodes"]["robot"] == {
+        "capacity": 1.7,
+        "scheduler": "CFS",
+        "dividedBy": "Weight",
+        "tasks": {"slam": 1.69, "speech": 0.01},
+    }
 
 
 def test_csv_has_a_row_for_each_plan_and_task(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*TWO_CORES, "--until", "15", "--output", "csv"]) == 0
     rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
-    assert len(rows) == 8
-    assert rows[-1] | {"cause": ""} == {
+    assert len(rows) == 12
+    assert rows[7] | {"cause": ""} == {
         "time": "10.1",
         "sequence": "4",
         "cause": "",

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import PolicyError
-from contextpolicy.policy import references
+from contextpolicy.policy import bandwidth, references
 from contextpolicy.policy import spec as policy
 from contextpolicy.policy.fields import (
     FEATURE_NAME,
@@ -51,6 +51,8 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
         control=spec.choice("control", policy.Control.LIMIT),
         transition=spec.choice("transition", policy.Transition.STRICT),
         realtime_fallback=spec.choice("realtimeFallback", policy.RealtimeFallback.CFS),
+        realtime_policy=spec.choice("realtimePolicy", policy.RealtimePolicy.RR),
+        period=_period(spec),
         reserve=spec.cpu("reserve") or 0,
         min_dwell=spec.duration("minDwell") or 0.0,
         fallback=spec.optional_text("fallback"),
@@ -63,6 +65,15 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
         spec.refuse("tasks", spec.raw("tasks"), "at least one task")
     spec.close()
     return result
+
+
+def _period(spec: Fields) -> float:
+    period = spec.duration("period")
+    if period is None:
+        return bandwidth.PERIOD
+    if not bandwidth.SHORTEST <= period <= bandwidth.LONGEST:
+        spec.refuse("period", spec.raw("period"), "10ms to 1s, what the kernel can measure")
+    return period
 
 
 def _force(fields: Fields) -> policy.Force:
@@ -128,6 +139,7 @@ def _task(fields: Fields) -> policy.Task:
         requires=tuple(_requirement(item) for item in fields.nested_list("requires", limit=16)),
         subtasks=fields.texts("subtasks", limit=16),
         satisfied_by=fields.choice("satisfiedBy", policy.SatisfiedBy.ALL),
+        protected=fields.flag("protected"),
     )
     if (result.selector is None) == (not result.subtasks):
         fields.refuse(
@@ -137,6 +149,11 @@ def _task(fields: Fields) -> policy.Task:
         )
     if result.max is not None and not result.min <= result.max:
         fields.refuse("max", fields.raw("max"), f"at least min ({minimum or 10}m) and at least 10m")
+    if result.protected and result.subtasks:
+        allowed = "true on a task in a container: protect the subtasks that need it"
+        fields.refuse("protected", fields.raw("protected"), allowed)
+    if result.protected and result.needs.enforce is policy.Enforce.SUSPEND:
+        fields.refuse("needs.enforce", result.needs.enforce, "Report: a protected task is never suspended")
     fields.close()
     return result
 
@@ -155,7 +172,12 @@ def _selector(fields: Fields) -> Selector:
 
 
 def _needs(fields: Fields) -> policy.Needs:
-    result = policy.Needs(fields.cpu("cores"), fields.memory("memory"), fields.duration("deadline"))
+    result = policy.Needs(
+        fields.cpu("cores"),
+        fields.memory("memory"),
+        fields.duration("deadline"),
+        fields.choice("enforce", policy.Enforce.REPORT),
+    )
     fields.close()
     return result
 
@@ -179,9 +201,13 @@ def _activity(fields: Fields) -> policy.Activity:
 
 
 def _requirement(fields: Fields) -> policy.Requirement:
-    if "when" not in fields:
-        fields.refuse("when", None, "a CEL condition")
-    result = policy.Requirement(fields.cel("when", "true") or "true", fields.duration("hold") or 0.0)
+    if ("when" in fields) == ("task" in fields):
+        fields.refuse("when", fields.raw("when"), "either when, a CEL condition, or task, the name of another task")
+    result = policy.Requirement(
+        fields.cel("when", "true") or "true", fields.duration("hold") or 0.0, fields.optional_text("task")
+    )
+    if result.task is not None and "hold" in fields:
+        fields.refuse("hold", fields.raw("hold"), "hold only beside when: a task is able to run or not")
     fields.close()
     return result
 

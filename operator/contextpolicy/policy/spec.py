@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from contextpolicy.policy.bandwidth import PERIOD
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -52,6 +54,13 @@ class RealtimeFallback(StrEnum):
     NONE = "None"
 
 
+class RealtimePolicy(StrEnum):
+    """How realtime threads of one priority share a processor: in turns, or each until it waits (sched(7))."""
+
+    RR = "RR"
+    FIFO = "FIFO"
+
+
 class Encoding(StrEnum):
     """How a stream's payloads are written."""
 
@@ -76,6 +85,13 @@ class SatisfiedBy(StrEnum):
 
     ALL = "All"
     ANY = "Any"
+
+
+class Enforce(StrEnum):
+    """What happens to a task whose needs can't be met: it is kept and reported, or suspended (paper III)."""
+
+    REPORT = "Report"
+    SUSPEND = "Suspend"
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,10 +142,14 @@ class Activity:
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """A pre-condition: without it the task's weight is 0. A matching sample counts for `hold`."""
+    """A pre-condition: without it the task's weight is 0. A matching sample counts for `hold`.
 
-    when: str
+    With `task` it is an edge of the task graph instead: that task must be able to run.
+    """
+
+    when: str = "true"
     hold: float = 0.0
+    task: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,11 +159,15 @@ class Needs:
     cores: int | None = None
     memory: int | None = None
     deadline: float | None = None
+    enforce: Enforce = Enforce.REPORT
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A robot function; `idle` is its score while no activity is fresh, None where it has no activity at all."""
+    """A robot function; `idle` is its score while no activity is fresh, None where it has no activity at all.
+
+    A `protected` one is weighted by contexts, but nobody can suspend it or put it below its `min`.
+    """
 
     name: str
     selector: Selector | None = None
@@ -157,6 +181,17 @@ class Task:
     requires: tuple[Requirement, ...] = ()
     subtasks: tuple[str, ...] = ()
     satisfied_by: SatisfiedBy = SatisfiedBy.ALL
+    protected: bool = False
+
+    @property
+    def preconditions(self) -> tuple[Requirement, ...]:
+        """The requirements that samples decide about."""
+        return tuple(own for own in self.requires if own.task is None)
+
+    @property
+    def required_tasks(self) -> tuple[str, ...]:
+        """The tasks without which this one can't run."""
+        return tuple(own.task for own in self.requires if own.task is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +201,11 @@ class Effect:
     weight: float | None = None
     scale: float | None = None
     suspend: bool = False
+
+    @property
+    def suspends(self) -> bool:
+        """Whether it leaves the task without weight, in whatever words."""
+        return self.suspend or self.weight == 0 or self.scale == 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,6 +241,8 @@ class Policy:
     control: Control = Control.LIMIT
     transition: Transition = Transition.STRICT
     realtime_fallback: RealtimeFallback = RealtimeFallback.CFS
+    realtime_policy: RealtimePolicy = RealtimePolicy.RR
+    period: float = PERIOD
     reserve: int = 0
     min_dwell: float = 0.0
     fallback: str | None = None

@@ -130,7 +130,7 @@ def _silence(planner: Planner, name: str) -> str:
 
 
 def _plan(planner: Planner, run: int) -> dict[str, Any] | None:
-    plan = planner.last
+    plan = planner.decided
     if plan is None:
         return None
     return {"run": run, "sequence": plan.sequence, "time": timestamp(plan.time), "cause": plan.cause[:MAX_MESSAGE]}
@@ -143,6 +143,7 @@ def _nodes(planner: Planner, claim: Claim) -> list[dict[str, Any]]:
             "name": name,
             "capacity": format_cpu(node.capacity),
             "allocatable": format_cpu(claim.placement.allocatable.get(name, 0)),
+            "dividedBy": node.basis,
         }
         for name, node in sorted(nodes.items())
     ]

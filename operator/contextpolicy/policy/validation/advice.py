@@ -44,7 +44,7 @@ def _streams(policy: Policy) -> Iterator[Finding]:
 
 def _sources(policy: Policy) -> Iterator[str]:
     for task in policy.tasks:
-        yield from (requirement.when for requirement in task.requires)
+        yield from (requirement.when for requirement in task.preconditions)
         for activity in task.activity:
             yield from filter(None, (activity.when, activity.score_from))
     yield from (context.when for context in policy.contexts if context.when)
