@@ -61,7 +61,14 @@ def test_a_message_has_all_that_modules_agents_and_recorders_read(story):
                 "because": made_because(story, "speech"),
             },
         },
-        "nodes": {NODE: {"capacity": 2.0, "scheduler": "CFS", "tasks": {"slam": 1.99, "speech": 0.01}}},
+        "nodes": {
+            NODE: {
+                "capacity": 2.0,
+                "scheduler": "CFS",
+                "dividedBy": "Weight",
+                "tasks": {"slam": 1.99, "speech": 0.01},
+            }
+        },
         "shortfalls": [],
         "targets": [
             {

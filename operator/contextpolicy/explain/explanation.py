@@ -172,7 +172,7 @@ def _initiative(planner: Planner, initiative: Initiative, now: float) -> dict[st
 
 
 def _effects(active: Sequence[Context], task: Task) -> list[dict[str, Any]]:
-    """What the contexts in force do to a task; of several the last one decides that does not suspend a protected one."""
+    """What the contexts in force do to a task; of several the last decides, but none suspends a protected one."""
     effects = {context.name: context.effects[task.name] for context in active if task.name in context.effects}
     ruled_out = {name for name, effect in effects.items() if task.protected and effect.suspends}
     last = next((name for name in reversed(effects) if name not in ruled_out), None)
