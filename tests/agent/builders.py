@@ -114,6 +114,8 @@ def a_message(*targets, sequence: int = 1, capacity: float = 1.0, suspended: tup
         "mode": "Enforce",
         "scheduler": "CFS",
         "control": "Limit",
+        "realtimePolicy": "RR",
+        "period": 0.1,
         "tasks": tasks,
         "nodes": {NODE: {"capacity": capacity, "scheduler": more.get("scheduler", "CFS"), "tasks": {}}},
         "targets": list(targets),

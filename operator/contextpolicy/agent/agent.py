@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from contextpolicy.agent.cgroup_paths import CgroupPaths
     from contextpolicy.agent.inotify import WriteWatch
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
-    from contextpolicy.agent.realtime import Manner
 
 log = logging.getLogger(__name__)
 
@@ -40,13 +39,13 @@ class _CgroupWriters:
     """What writes the pods' cgroups, once there are any: CPU limits and realtime."""
 
     def __init__(
-        self, layout: CgroupPaths, ledger: Ledger, refusals: Refusals, watch: WriteWatch, manner: Manner
+        self, layout: CgroupPaths, ledger: Ledger, refusals: Refusals, watch: WriteWatch, priority: int
     ) -> None:
         limits = ControlFiles(CFS[layout.version], watch.add, watch.remove)
         budgets = ControlFiles(REALTIME[layout.version])
         self.layout = layout
         self.limits = Limits(limits, ledger, refusals)
-        self.realtime = Realtime(layout, budgets, ledger, refusals, manner)
+        self.realtime = Realtime(layout, budgets, ledger, refusals, priority)
 
 
 class Agent:
@@ -126,7 +125,9 @@ class Agent:
             layout = find_cgroups(self._settings.cgroup_root)
             self._missing = capabilities.missing(capabilities.probe(layout))
             if layout is not None:
-                self._writers = _CgroupWriters(layout, self._ledger, self._refusals, self._watch, self._settings.manner)
+                self._writers = _CgroupWriters(
+                    layout, self._ledger, self._refusals, self._watch, self._settings.priority
+                )
         return self._writers
 
     def _obey(self, order: NodeOrder) -> None:
@@ -139,7 +140,7 @@ class Agent:
         if order.scheduler is Scheduler.REALTIME:
             resting = {group for group, target in groups.items() if target.suspended}
             writers.limits.apply(order.policy, dict.fromkeys(resting, QUANTUM), held=True)
-            writers.realtime.apply(order.policy, _shares(groups), resting)
+            writers.realtime.apply(order.policy, _shares(groups), order.manner, resting)
             return
         for group, target in groups.items():
             if target.limit is not None:
