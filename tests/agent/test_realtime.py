@@ -113,25 +113,29 @@ def test_the_period_can_be_the_papers(tree, realtime, slam):
     assert (tree.budget(slam), period(tree, slam)) == (0, 1_000_000)
 
 
-@pytest.mark.parametrize("share", [600, 300, 900])
-@pytest.mark.parametrize(("before", "after"), [(MANNER, SECOND), (SECOND, MANNER)])
-def test_another_period_keeps_the_part_and_never_gives_more_on_the_way(
-    tree, realtime, slam, monkeypatch, before, after, share
-):
-    realtime.apply(POLICY, {slam: 600}, before)
-    seen = [tree.budget(slam)]
+@pytest.fixture
+def seen(tree, slam, monkeypatch):
+    """The container's budget after each write."""
+    budgets = []
     for name in ("write", "set_period"):
         original = getattr(ControlFile, name)
 
         def noting(file, value, original=original):
             original(file, value)
-            seen.append(tree.budget(slam))
+            budgets.append(tree.budget(slam))
 
         monkeypatch.setattr(ControlFile, name, noting)
-    realtime.apply(POLICY, {slam: share}, after)
-    assert (tree.budget(slam), period(tree, slam)) == (share, after.period)
+    return budgets
+
+
+@pytest.mark.parametrize("share", [600, 300, 900])
+@pytest.mark.parametrize("change", [(MANNER, SECOND), (SECOND, MANNER)])
+def test_another_period_never_gives_more_on_the_way(tree, realtime, seen, share, change):
+    slam = tree.layout.container("Burstable", "uid-a", f"containerd://{SLAM}")
+    realtime.apply(POLICY, {slam: 600}, change[0])
+    realtime.apply(POLICY, {slam: share}, change[1])
+    assert (tree.budget(slam), period(tree, slam)) == (share, change[1].period)
     assert max(seen) <= max(600, share)
-    monkeypatch.undo()
     realtime.release(POLICY)
     assert (tree.budget(slam), period(tree, slam)) == (0, 1_000_000)
     assert realtime._ledger.entries == {}

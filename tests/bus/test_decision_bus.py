@@ -42,6 +42,8 @@ def test_a_message_has_all_that_modules_agents_and_recorders_read(story):
         "time": START + 1,
         "mode": "Enforce",
         "scheduler": "CFS",
+        "realtimePolicy": "RR",
+        "period": 0.1,
         "control": "Limit",
         "cause": "imu: context moving entered",
         "contexts": ["moving"],

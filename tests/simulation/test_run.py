@@ -128,7 +128,8 @@ def test_weights_and_scores_are_true_at_every_instant_also_when_no_share_moved()
     run = simulate(policy, a_timeline(*inputs, duration=10), cores=1)
     expected = parse_expectations(
         "- {at: 0.5, weights: {a: 1}}\n- {from: 1, to: 1.9, weights: {a: 4}}\n- {at: 2, weights: {a: 6}}\n"
-        "- {at: 3.55, weights: {a: {min: 2.9, max: 3.1}}}\n- {at: 9, weights: {a: 1}}\n- {from: 0, to: 10, plans: {max: 3}}\n",
+        "- {at: 3.55, weights: {a: {min: 2.9, max: 3.1}}}\n- {at: 9, weights: {a: 1}}\n"
+        "- {from: 0, to: 10, plans: {max: 3}}\n",
         policy,
         subject="test",
     )

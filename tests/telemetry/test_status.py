@@ -63,7 +63,7 @@ def test_a_robot_at_work():
     assert (content["activeContexts"], content["contexts"], content["boundTasks"]) == (["moving"], "moving", "2/2")
     assert content["plan"]["run"] == 17
     assert content["plan"]["time"] == timestamp(START + 1)
-    assert content["nodes"] == [{"name": "robot", "capacity": "1", "allocatable": "1"}]
+    assert content["nodes"] == [{"name": "robot", "capacity": "1", "allocatable": "1", "dividedBy": "Weight"}]
     slam, speech = content["tasks"]
     assert (slam["weight"], slam["share"], slam["suspended"], slam["pods"]) == (1, "990m", False, 1)
     assert (speech["weight"], speech["share"], speech["suspended"], speech["pods"]) == (0, "10m", True, 1)

@@ -60,6 +60,7 @@ class Agent:
         self._sources: set[str] = set()
         self._writers: _CgroupWriters | None = None
         self._missing: dict[str, list[str]] = {}
+        self._unlimited = ""
 
     def start(self) -> None:
         """Look around, and give the sources of what a former life left behind the grace period to speak up."""
@@ -115,7 +116,10 @@ class Agent:
             "node": self._settings.node,
             "cgroup": layout.version if layout else None,
             "driver": layout.driver if layout else None,
+            "processors": os.cpu_count(),
+            "quotaPeriod": capabilities.quota_period(layout),
             "missing": self._missing,
+            "unlimited": self._unlimited,
             "refused": dict(self._refusals.counts),
         }
 
@@ -123,7 +127,8 @@ class Agent:
         """The kubelet may come up after the agent."""
         if self._writers is None:
             layout = find_cgroups(self._settings.cgroup_root)
-            self._missing = capabilities.missing(capabilities.probe(layout))
+            facts = capabilities.probe(layout)
+            self._missing, self._unlimited = capabilities.missing(facts), capabilities.unlimited(facts)
             if layout is not None:
                 self._writers = _CgroupWriters(
                     layout, self._ledger, self._refusals, self._watch, self._settings.priority

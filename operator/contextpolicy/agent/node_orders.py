@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from contextpolicy.agent.cgroup_paths import is_container_id, is_uid
 from contextpolicy.errors import OrderError
@@ -34,7 +34,8 @@ class OrderTarget:
     suspended: bool
 
 
-class Manner(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Manner:
     """How a policy's tasks run in realtime: the microseconds after which budgets begin anew, and who runs next.
 
     The kernel's period is a second, in which a task with a tenth stands still for 0.9 s on end, and everything else may
@@ -56,7 +57,7 @@ class NodeOrder:
     control: Control
     capacity: int
     targets: tuple[OrderTarget, ...]
-    manner: Manner = Manner()
+    manner: Manner = field(default_factory=Manner)
 
 
 def read(payload: bytes, policy: str, node: str) -> NodeOrder:

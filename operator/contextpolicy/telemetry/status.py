@@ -108,7 +108,7 @@ def _findings(planner: Planner, facts: StatusFacts) -> list[ConditionFinding]:
     shortfalls = (
         [f"{s.task}: {s.message}" if s.task else s.message for s in planner.last.shortfalls] if planner.last else []
     )
-    unapplied = [*facts.claim.obstacles.values(), *facts.unmet_actuation.values()]
+    unapplied = [*facts.claim.unlimited, *facts.claim.obstacles.values(), *facts.unmet_actuation.values()]
     realtime = [ConditionFinding("Realtime", "Scheduled", "Unavailable", facts.claim.realtime)]
     applied = {Mode.ENFORCE: "InForce", Mode.DRY_RUN: "DryRun", Mode.PAUSED: "Paused"}[policy.mode]
     return [

@@ -276,6 +276,39 @@ def test_what_cannot_be_meant_is_a_warning(path: tuple[Any, ...], value: Any, fi
     assert field in [problem.field for problem in report.problems]
 
 
+def test_contexts_that_try_to_suspend_a_protected_task_are_named():
+    text = """
+apiVersion: contextpolicy.dev/v1alpha1
+kind: ContextPolicy
+metadata: {name: robot, namespace: lab}
+spec:
+  streams: [{name: imu, key: robot/imu}]
+  tasks:
+  - {name: drive, subtasks: [brake, slam]}
+  - {name: brake, selector: {matchLabels: {app: brake}}, protected: true}
+  - {name: slam, selector: {matchLabels: {app: slam}}}
+  contexts:
+  - {name: light, when: imu.light, exitAfter: 1s, tasks: {brake: {scale: 0.5}, slam: {suspend: true}}}
+  - {name: own, when: imu.own, exitAfter: 1s, tasks: {brake: {weight: 0}}}
+  - {name: above, when: imu.above, exitAfter: 1s, tasks: {drive: {suspend: true}}}
+"""
+    report = check([("policy.yaml", text)])
+    assert [(p.severity, p.position.line, p.field, p.message) for p in report.problems] == [
+        (
+            Severity.WARNING,
+            13,
+            "spec.contexts[1].tasks.brake",
+            "context own suspends brake: it has no effect on brake, which is protected",
+        ),
+        (
+            Severity.WARNING,
+            14,
+            "spec.contexts[2].tasks.drive",
+            "context above suspends drive, of which brake is a part: it has no effect on brake, which is protected",
+        ),
+    ]
+
+
 def test_what_only_zenoh_and_rosbags_refuse_is_refused_too():
     text = """
 apiVersion: contextpolicy.dev/v1alpha1
