@@ -137,7 +137,7 @@ def test_weights_and_scores_are_true_at_every_instant_also_when_no_share_moved()
     lines = table(run.plans).splitlines()
     assert any(line.split()[:4] == ["1.000", "-", "1000m", "(4)"] for line in lines)
     assert any(line.split()[:4] == ["2.000", "-", "1000m", "(6)"] for line in lines)
-    assert '"weight": 6.0' in as_json(run.plans)
+    assert '"weight": 6.0' in as_json(policy, run.plans)
     assert ",a,6.0,6.0,1.0,False" in as_csv(run.plans)
 
 

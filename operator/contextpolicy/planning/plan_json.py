@@ -24,8 +24,8 @@ The decision bus adds what only a running operator has:
 
 ==========  ==========================================================================================================
 run         when the policy's controller was started, in milliseconds since 1970; (run, sequence, edition) only grows
-edition     counts the messages of one sequence number: weights, scores or contexts went on, or containers were restarted
-            or moved
+edition     counts the messages of one sequence number: weights, scores or contexts went on, or containers were
+            restarted or moved
 targets     each container: `task`, `node`, `namespace`, `pod`, `uid`, `qos`, `container`, `containerId`, `cores` (what
             it gets) and `limit` (what the kubelet reports as in force; null as long as it reports nothing)
 trigger     when the sample came that led to it, in Unix seconds; not in an answer to a query
