@@ -38,14 +38,14 @@ def test_an_order_has_what_this_node_must_do():
 
 
 def test_the_manner_of_realtime_is_the_policys():
-    order = read(a_message(a_target(), period=1, realtimePolicy="FIFO"), POLICY, NODE)
+    order = read(a_message(a_target(), realtime={"period": 1, "policy": "FIFO"}), POLICY, NODE)
     assert order.manner == Manner(1_000_000, RealtimePolicy.FIFO)
 
 
-@pytest.mark.parametrize("wrong", [{"period": 1.5}, {"period": 0.001}, {"period": "1s"}, {"realtimePolicy": "IDLE"}])
+@pytest.mark.parametrize("wrong", [{"period": 1.5}, {"period": 0.001}, {"period": "1s"}, {"policy": "IDLE"}])
 def test_a_manner_that_the_kernel_does_not_know_is_refused(wrong):
     with pytest.raises(OrderError):
-        read(a_message(a_target(), **wrong), POLICY, NODE)
+        read(a_message(a_target(), realtime={"period": 0.1, "policy": "RR"} | wrong), POLICY, NODE)
 
 
 def test_the_nodes_own_scheduler_counts():

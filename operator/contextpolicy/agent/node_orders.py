@@ -82,7 +82,7 @@ def _order(document: Mapping[str, Any], node: str) -> NodeOrder:
         control=Control(document["control"]),
         capacity=_thousandths(own["capacity"]) if own else 0,
         targets=tuple(_target(t, tasks[t["task"]]) for t in document["targets"] if t["node"] == node),
-        manner=Manner(_period(document["period"]), RealtimePolicy(document["realtimePolicy"])),
+        manner=_manner(document["realtime"]),
     )
 
 
@@ -99,6 +99,10 @@ def _target(target: Mapping[str, Any], task: Mapping[str, Any]) -> OrderTarget:
         limit=None if target.get("limit") is None else _thousandths(target["limit"]),
         suspended=task["suspended"] is True,
     )
+
+
+def _manner(realtime: Mapping[str, Any]) -> Manner:
+    return Manner(_period(realtime["period"]), RealtimePolicy(realtime["policy"]))
 
 
 def _period(seconds: object) -> int:

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Context, Policy
 
 
+AT_REST = "nothing is active, so priorities divide the node"
+
+
 class Situation(NamedTuple):
     """What a decision is made from: scores, unmet pre-conditions, active contexts, and where the containers run."""
 
@@ -46,7 +49,8 @@ class Decider:
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
         self._weigher = Weigher(policy)
-        self._may_yield = {task.name for task in policy.leaves if task.needs.enforce is Enforce.SUSPEND}
+        self._leaves = policy.leaves
+        self._may_yield = {task.name for task in self._leaves if task.needs.enforce is Enforce.SUSPEND}
         self._places = {task.name: place for place, task in enumerate(policy.tasks)}
         tree = TaskTree(policy)
         self._groups = sorted(
@@ -83,9 +87,12 @@ class Decider:
         suspended = self._suspended(weights, division)
         unmet = shortfalls(self._policy, weights, suspended, situation.layout, division.nodes)
         yielded = (Shortfall(name, f"is suspended: it {need}") for name, need in yielding.items())
+        share = division.shares.get
         tasks = {
-            name: _task_plan(name, weight, division, suspended=name in suspended) for name, weight in weights.items()
+            name: TaskPlan(score, weight, share(name, 0), because, name in suspended)
+            for name, (score, weight, because, _) in weights.items()
         }
+        tasks |= {name: tasks[name]._replace(because=AT_REST) for name in division.resting}
         return Decision(weights, tasks, division, (*division.shortfalls, *yielded, *unmet))
 
     def _lightest_unmet(self, decision: Decision) -> tuple[str, str] | None:
@@ -103,7 +110,7 @@ class Decider:
         """The tasks that are to do nothing; a parent is suspended with the last of its subtasks."""
         found = {
             task.name
-            for task in self._policy.leaves
+            for task in self._leaves
             if weights[task.name].value == 0
             and task.name not in division.resting
             and not (task.protected and weights[task.name].able)
@@ -111,8 +118,3 @@ class Decider:
         if found:
             found.update(g.name for g in self._groups if weights[g.name].value == 0 and found.issuperset(g.subtasks))
         return found
-
-
-def _task_plan(name: str, weight: Weight, division: Division, *, suspended: bool) -> TaskPlan:
-    because = "nothing is active, so priorities divide the node" if name in division.resting else weight.because
-    return TaskPlan(weight.score, weight.value, division.shares.get(name, 0), because, suspended)

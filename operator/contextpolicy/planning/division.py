@@ -87,8 +87,7 @@ def _terms(node: SeatedNode, weights: Mapping[str, Weight], at_rest: AtRest) -> 
         weights = at_rest()
         basis = Basis.PRIORITY if any(weights[seat.task].value > 0 for seat in node.seats) else Basis.NOTHING
     claims = [seat.claim(weights[seat.task].value) for seat in node.seats]
-    too_much = sum(claim.least for claim in claims) > node.capacity // node.quantum
-    unprotected = too_much and any(seat.protected for seat in node.seats)
+    unprotected = node.protects and sum(claim.least for claim in claims) > node.capacity // node.quantum
     if unprotected:
         claims = [seat.claim(weights[seat.task].value, protect=False) for seat in node.seats]
     return Terms(node.capacity, node.quantum, tuple(claims), node.period, basis, unprotected)

@@ -6,8 +6,7 @@ field       meaning
 policy      `namespace/name`
 mode        as in the policy: only what is decided in mode Enforce is carried out
 scheduler   as in the policy: shares are CPU time under CFS, parts of each processor's period under Realtime
-realtimePolicy, period
-            as in the policy; the period in seconds
+realtime    how budgets work under Realtime: `policy` (RR, FIFO) and `period` in seconds
 control     as in the policy
 sequence    counts the plans of a run (see below); the first plan of a number is carried out, those that follow it only
             say how weights, scores and contexts went on while the shares stayed
@@ -47,8 +46,7 @@ def plan_json(policy: Policy, plan: Plan) -> dict[str, Any]:
         "policy": policy.reference,
         "mode": policy.mode,
         "scheduler": policy.scheduler,
-        "realtimePolicy": policy.realtime_policy,
-        "period": policy.period,
+        "realtime": {"policy": policy.realtime_policy, "period": policy.period},
         "control": policy.control,
         "sequence": plan.sequence,
         "time": plan.time,

@@ -57,6 +57,8 @@ class SeatedNode:
     scheduler: Scheduler = Scheduler.CFS
     processors: int = 1
     period: float = PERIOD
+    protects: bool = False
+    """Whether any of its tasks is protected."""
 
     def cores(self, share: int) -> int:
         """What a share comes to in thousandths of a core."""
@@ -105,7 +107,8 @@ def _node(
         policy.period if policy.scheduler is Scheduler.REALTIME else placement.quota_periods.get(name, policy.period)
     )
     seats = tuple(_seat(policy, *seat, capacity // quantum, step) for seat in seated)
-    return SeatedNode(name, capacity, quantum, seats, policy.scheduler, processors, period)
+    protects = any(seat.protected for seat in seats)
+    return SeatedNode(name, capacity, quantum, seats, policy.scheduler, processors, period, protects)
 
 
 def _seat(policy: Policy, task: Task, containers: Sequence[Container], most: int, step: int) -> Seat:
