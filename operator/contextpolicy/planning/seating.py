@@ -34,11 +34,13 @@ class Seat:
     protected: bool = False
 
     def claim(self, weight: float, *, protect: bool = True) -> Demand:
-        """A suspended task claims the least possible, not its min; a protected one never less than its min."""
-        protected = self.protected and protect
-        least = self.floor if protected else len(self.floors)
+        """A suspended task claims the least possible, not its min; a protected one never less than its min.
+
+        Without `protect` its min is scaled down with the other floors: there is not enough for all protected ones.
+        """
+        least = self.floor if self.protected and protect else len(self.floors)
         if weight == 0:
-            floor = self.floor if protected else sum(self.floors)
+            floor = self.floor if self.protected else sum(self.floors)
             return Demand(self.task, 0.0, floor, floor, least)
         return Demand(self.task, weight, self.floor, self.ceiling, least)
 
