@@ -70,6 +70,24 @@ class Encoding(StrEnum):
     CDR = "cdr"
 
 
+class Clock(StrEnum):
+    """Which time of a sample counts: its own stamp, that of its arrival, or the stamp as long as it is of our clock."""
+
+    AUTO = "Auto"
+    SOURCE = "Source"
+    ARRIVAL = "Arrival"
+
+
+class RosRelease(StrEnum):
+    """Whose definitions of the standard ROS 2 messages are meant; `latest` is the newest of each message."""
+
+    HUMBLE = "humble"
+    JAZZY = "jazzy"
+    KILTED = "kilted"
+    LYRICAL = "lyrical"
+    LATEST = "latest"
+
+
 class FeatureOp(StrEnum):
     """What a feature computes over its window."""
 
@@ -106,15 +124,22 @@ class Feature:
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """A Zenoh key expression whose samples the policy reads."""
+    """A Zenoh key expression whose samples the policy reads.
+
+    `types` names the ConfigMap of further message definitions; `definitions` are its files as (name, text), once read.
+    """
 
     name: str
     key: str
     encoding: Encoding = Encoding.JSON
     type: str | None = None
+    ros: RosRelease = RosRelease.LATEST
+    types: str | None = None
+    definitions: tuple[tuple[str, str], ...] = ()
     stale_after: float | None = None
     liveliness: str | None = None
     timestamp: str | None = None
+    clock: Clock = Clock.AUTO
     filter: str | None = None
     debounce: float = 0.0
     sample_every: float = 0.0
