@@ -10,7 +10,7 @@ import yaml
 
 from contextpolicy.errors import PolicyError
 from contextpolicy.policy import parsing
-from contextpolicy.policy.spec import Control, Encoding, Force, Mode, SatisfiedBy, Scheduler
+from contextpolicy.policy.spec import Clock, Control, Encoding, Force, Mode, RosRelease, SatisfiedBy, Scheduler
 from tests.planning.builders import a_body, a_context, a_parent, a_policy, a_stream, a_task
 
 SAMPLES = sorted(p for p in (Path(__file__).parents[2] / "config/policies").glob("*.yaml") if ".expect" not in p.name)
@@ -57,6 +57,25 @@ def test_fields_are_read_in_planning_units():
     assert (policy.streams[0].stale_after, policy.streams[0].encoding) == (0.5, Encoding.CBOR)
     assert (task.min, task.max) == (100, 2000)
     assert (task.needs.cores, task.needs.memory, task.needs.deadline) == (1000, 1024, 0.05)
+
+
+def test_a_ros_stream_says_whose_messages_and_which_clock():
+    cdr = {"encoding": "cdr", "type": "sensor_msgs/msg/Range"}
+    said, unsaid = a_policy(
+        streams=[a_stream("range", ros="humble", types="robot-types", clock="Arrival", **cdr), a_stream("near", **cdr)],
+        tasks=[a_task("slam")],
+    ).streams
+    assert (said.ros, said.types, said.clock) == (RosRelease.HUMBLE, "robot-types", Clock.ARRIVAL)
+    assert (unsaid.ros, unsaid.types, unsaid.clock) == (RosRelease.LATEST, None, Clock.AUTO)
+
+
+def test_what_only_ros_streams_have_is_refused_elsewhere():
+    findings = refused(
+        streams=[a_stream("imu", ros="foxy", types="Robot Types", clock="sim"), a_stream("mic", ros="jazzy")]
+    )
+    assert findings["spec.streams[0].clock"] == ("sim", "one of Auto, Source, Arrival")
+    assert findings["spec.streams[0].types"][0] == "Robot Types"
+    assert findings["spec.streams[1].ros"] == ("jazzy", "encoding cdr with it: other encodings have no message types")
 
 
 def test_a_selector_reads_labels_and_expressions():

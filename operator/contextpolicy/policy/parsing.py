@@ -9,6 +9,7 @@ from contextpolicy.errors import PolicyError
 from contextpolicy.policy import bandwidth, references
 from contextpolicy.policy import spec as policy
 from contextpolicy.policy.fields import (
+    CONFIG_MAP_NAME,
     FEATURE_NAME,
     FEATURE_NAME_ALLOWED,
     STREAM_NAME,
@@ -88,11 +89,14 @@ def _stream(fields: Fields) -> policy.Stream:
         key=fields.key_expression("key"),
         encoding=fields.choice("encoding", policy.Encoding.JSON),
         type=fields.optional_text("type", pattern=r"\w+/msg/\w+", allowed="a ROS 2 type such as sensor_msgs/msg/Imu"),
+        ros=fields.choice("ros", policy.RosRelease.LATEST),
+        types=fields.optional_text("types", pattern=CONFIG_MAP_NAME, allowed="the name of a ConfigMap"),
         stale_after=fields.duration("staleAfter"),
         liveliness=fields.key_expression("liveliness") if "liveliness" in fields else fields.raw("liveliness"),
         timestamp=fields.optional_text(
             "timestamp", pattern=r"\w+(\.\w+)*", allowed="a field path such as header.stamp"
         ),
+        clock=fields.choice("clock", policy.Clock.AUTO),
         filter=fields.cel("filter"),
         debounce=fields.duration("debounce") or 0.0,
         sample_every=fields.duration("sampleEvery") or 0.0,
@@ -101,6 +105,9 @@ def _stream(fields: Fields) -> policy.Stream:
     )
     if (result.encoding is policy.Encoding.CDR) != (result.type is not None):
         fields.refuse("type", result.type, "a ROS 2 type with encoding cdr, and none with another encoding")
+    for name in ("ros", "types"):
+        if name in fields and result.encoding is not policy.Encoding.CDR:
+            fields.refuse(name, fields.raw(name), "encoding cdr with it: other encodings have no message types")
     fields.close()
     return result
 
