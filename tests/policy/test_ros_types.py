@@ -3,7 +3,8 @@ import sys
 import pytest
 
 from contextpolicy.errors import DefinitionError
-from contextpolicy.policy.message_definitions import MAX_DEPTH, MAX_ITEMS, of_config_map, of_folder
+from contextpolicy.policy.definition_files import of_config_map, of_folder
+from contextpolicy.policy.message_definitions import MAX_DEPTH, MAX_ITEMS
 from contextpolicy.policy.ros_types import fields_of, is_known, type_findings, type_store
 from contextpolicy.policy.spec import Encoding, Policy, RosRelease, Stream
 

@@ -1,6 +1,6 @@
-"""ROS 2 messages that no release ships: `.msg` and `.idl` files, from a ConfigMap or a folder.
+"""ROS 2 messages that no release ships, from their definitions.
 
-They are a stranger's input from which the library makes code, so nothing but plain names and sizes gets that far.
+These are a stranger's input from which the library makes code, so nothing but plain names and sizes gets that far.
 """
 
 from __future__ import annotations
@@ -16,10 +16,9 @@ from contextpolicy.errors import DefinitionError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
-    from pathlib import Path
 
-Definitions: TypeAlias = tuple[tuple[str, str], ...]
-"""Files as (name, text). A `.msg` is named after its type, `my_msgs.msg.Mood.msg`; an `.idl` says its types itself."""
+    from contextpolicy.policy.definition_files import Definitions
+
 Types: TypeAlias = dict[str, tuple[list[Any], list[Any]]]
 """Constants and fields of each message type, as rosbags describes them."""
 
@@ -34,17 +33,6 @@ _FIELD = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _PLAIN = frozenset(("bool", "byte", "char", "string", "float32", "float64")) | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
-
-
-def of_config_map(data: Mapping[str, str]) -> Definitions:
-    """The definitions among a ConfigMap's keys."""
-    return tuple(sorted((name, text) for name, text in data.items() if name.endswith((".msg", ".idl"))))
-
-
-def of_folder(folder: Path) -> Definitions:
-    """The definitions in and below a folder, such as a package's `share`; OSError when one can't be read."""
-    files = sorted(path for path in folder.rglob("*") if path.suffix in (".msg", ".idl") and path.is_file())
-    return tuple((path.relative_to(folder.parent).as_posix(), path.read_text(encoding="utf-8")) for path in files)
 
 
 def parse(definitions: Definitions) -> Types:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
-    from contextpolicy.policy.message_definitions import Definitions
+    from contextpolicy.policy.definition_files import Definitions
     from contextpolicy.policy.spec import Policy, Stream
 
 _LOADING = RLock()
@@ -32,7 +32,7 @@ def type_store(release: RosRelease = RosRelease.LATEST, definitions: Definitions
 
 def store_of(stream: Stream) -> Typestore:
     """The messages that a stream can be of."""
-    return type_store(stream.ros, stream.definitions)
+    return type_store(stream.ros, stream.definitions or ())
 
 
 def fields_of(type_name: str, store: Typestore | None = None) -> Mapping[str, str | None]:
@@ -68,6 +68,8 @@ def _finding(path: str, stream: Stream) -> Finding | None:
     except DefinitionError as error:
         return Finding(f"{path}.types", stream.types, f"message definitions without mistakes; {error}")
     if not is_known(stream.type, store):
+        if stream.types and stream.definitions is None:
+            return None  # it may be among those that nobody has read
         own = f", nor in {stream.types}" if stream.types else "; types names a ConfigMap with further ones"
         return Finding(f"{path}.type", stream.type, f"a message of ROS 2 {stream.ros}{own}")
     with _LOADING:

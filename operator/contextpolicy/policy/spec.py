@@ -126,7 +126,8 @@ class Feature:
 class Stream:
     """A Zenoh key expression whose samples the policy reads.
 
-    `types` names the ConfigMap of further message definitions; `definitions` are its files as (name, text), once read.
+    `types` names the ConfigMap of further message definitions; `definitions` are its files as (name, text), None as
+    long as nobody has read them.
     """
 
     name: str
@@ -135,7 +136,7 @@ class Stream:
     type: str | None = None
     ros: RosRelease = RosRelease.LATEST
     types: str | None = None
-    definitions: tuple[tuple[str, str], ...] = ()
+    definitions: tuple[tuple[str, str], ...] | None = None
     stale_after: float | None = None
     liveliness: str | None = None
     timestamp: str | None = None
