@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
+    from contextpolicy.policy.definition_files import Definitions
     from contextpolicy.policy.validation.check import CheckReport
 
 SUFFIXES = (".yaml", ".yml", ".json")
@@ -26,6 +27,13 @@ def add(subparsers: Any) -> None:
         "that cannot be read.",
     )
     parser.add_argument("files", nargs="+", metavar="POLICY", help="a YAML file, a directory of them, or - for stdin")
+    parser.add_argument(
+        "--types",
+        metavar="DIR",
+        type=Path,
+        help="a folder with .msg and .idl files, such as an installed package's share: what the ConfigMaps of ROS 2 "
+        "messages hold that are in none of the files",
+    )
     parser.add_argument("--output", choices=("text", "json"), default="text", help="default: text, one line a problem")
     parser.set_defaults(main=main)
 
@@ -36,10 +44,11 @@ def main(arguments: argparse.Namespace) -> int:
 
     try:
         texts = list(_texts(arguments.files))
+        types = None if arguments.types is None else _definitions(arguments.types)
     except (OSError, UnicodeDecodeError) as error:
         print(f"contextpolicy validate: {error}", file=sys.stderr)
         return 2
-    report = check(texts)
+    report = check(texts, types)
     (_print_json if arguments.output == "json" else _print_text)(report)
     return 0 if _is_valid(report) else 1
 
@@ -53,6 +62,15 @@ def _texts(names: list[str]) -> Iterator[tuple[str, str]]:
         inside = sorted(p for p in path.rglob("*") if p.suffix in SUFFIXES and p.is_file())
         for file in inside if path.is_dir() else [path]:
             yield str(file), file.read_text(encoding="utf-8")
+
+
+def _definitions(folder: Path) -> Definitions:
+    from contextpolicy.policy.definition_files import of_folder
+
+    found = of_folder(folder)
+    if not found:
+        raise FileNotFoundError(f"{folder} holds no .msg and no .idl files")
+    return found
 
 
 def _is_valid(report: CheckReport) -> bool:

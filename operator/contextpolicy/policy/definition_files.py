@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, TypeGuard
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -22,10 +22,27 @@ def of_config_map(data: Mapping[str, str]) -> Definitions:
     return tuple(sorted((name, text) for name, text in data.items() if name.endswith(SUFFIXES)))
 
 
+def config_maps(body: object) -> dict[tuple[str, str], Definitions]:
+    """The definitions of a ConfigMap in YAML, or of all in a List, by namespace and name."""
+    if not isinstance(body, dict):
+        return {}
+    found: dict[tuple[str, str], Definitions] = {}
+    for item in body.get("items") or [] if body.get("kind") == "List" else [body]:
+        metadata, data = (item.get("metadata"), item.get("data")) if _is_config_map(item) else (None, None)
+        if isinstance(metadata, dict) and isinstance(data, dict):
+            texts = {str(name): str(text) for name, text in data.items()}
+            found[str(metadata.get("namespace", "default")), str(metadata.get("name"))] = of_config_map(texts)
+    return found
+
+
 def of_folder(folder: Path) -> Definitions:
     """The definitions in and below a folder, such as a package's `share`; OSError when one can't be read."""
     files = sorted(path for path in folder.resolve().rglob("*") if path.suffix in SUFFIXES and path.is_file())
     return tuple((path.as_posix(), path.read_text(encoding="utf-8")) for path in files)
+
+
+def _is_config_map(body: object) -> TypeGuard[dict[str, object]]:
+    return isinstance(body, dict) and body.get("kind") == "ConfigMap"
 
 
 def with_definitions(policy: Policy, read: Callable[[str], Definitions | None]) -> Policy:

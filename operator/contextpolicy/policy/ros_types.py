@@ -70,7 +70,7 @@ def _finding(path: str, stream: Stream) -> Finding | None:
     if not is_known(stream.type, store):
         if stream.types and stream.definitions is None:
             return None  # it may be among those that nobody has read
-        own = f", nor in {stream.types}" if stream.types else "; types names a ConfigMap with further ones"
+        own = f" or {stream.types}" if stream.types else "; types names a ConfigMap with further ones"
         return Finding(f"{path}.type", stream.type, f"a message of ROS 2 {stream.ros}{own}")
     with _LOADING:
         store.get_msgdef(stream.type)

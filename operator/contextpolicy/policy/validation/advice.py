@@ -35,6 +35,9 @@ def _streams(policy: Policy) -> Iterator[Finding]:
         watched = policy.fallback is not None and (stream.stale_after or stream.liveliness)
         if stream.name not in read and not plugged_in and not watched:
             yield Finding(f"spec.streams[{index}]", stream.name, f"nothing reads stream {stream.name}")
+        if stream.types and stream.definitions is None:
+            told = f"ConfigMap {stream.types} is in none of the files, its messages are unchecked (--types DIR)"
+            yield Finding(f"spec.streams[{index}].types", stream.types, told)
         for number, feature in enumerate(stream.features):
             pattern = re.compile(rf"\b{stream.name}\.{feature.name}\b")
             if not plugged_in and not any(pattern.search(source) for source in sources):
