@@ -5,6 +5,7 @@ import io
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -61,6 +62,31 @@ def test_csv_has_a_row_for_each_plan_and_task(capsys: pytest.CaptureFixture[str]
         "share": "0.01",
         "suspended": "True",
     }
+
+
+ROS2 = (str(ROOT / "config/policies/ros2.yaml"), str(ROOT / "timelines/ros2.json"))
+
+
+def strictly(text: str) -> Any:
+    """JSON as everybody reads it: without NaN and Infinity."""
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def test_a_ros_2_robot_whose_lidar_sees_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    picture = tmp_path / "plan.svg"
+    assert main(["simulate", *ROS2, "--output", "json", "--plot", str(picture)]) == 0
+    out, err = capsys.readouterr()
+    contexts = [tuple(plan["contexts"]) for plan in strictly(out)["plans"]]
+    assert list(dict.fromkeys(contexts)) == [(), ("driving",), ("driving", "company"), ("company",)]
+    assert err == ""
+    assert "nan" not in picture.read_text(encoding="utf-8").lower()
+    assert main(["explain", ROS2[0], "--timeline", ROS2[1], "--at", "5", "--output", "json"]) == 0
+    explained = strictly(capsys.readouterr().out)
+    assert explained["streams"]["scan"]["value"]["ranges"] == ["Infinity", "Infinity", "NaN", "Infinity"]
 
 
 def test_notes_tell_what_nobody_read(capsys: pytest.CaptureFixture[str]) -> None:

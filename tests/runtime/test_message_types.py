@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import builtins
+import json
 
 import pytest
 import zenoh.ext
 
 from contextpolicy.policy.ros_types import type_store
+from contextpolicy.streams.ros_message import RosMessage
 from tests.planning.builders import a_context, a_stream
 from tests.runtime.builders import a_policy
 
@@ -81,6 +83,34 @@ def test_a_changed_definition_counts_from_the_next_change_of_the_policy(operator
     operator.apply(moody())
     hear(operator, b"\0\1\0\0" + bytes([9, 9, 9, 1]))
     assert operator.limits() == {"slam": 800, "speech": 200}
+
+
+def test_what_is_not_finite_harms_nobody_outside(operator):
+    """JSON has no NaN and no Infinity: the API server and the bus would refuse all that stands around one."""
+    scan = "sensor_msgs/msg/LaserScan"
+    near = {"name": "near", "op": "min", "of": "min(mood.ranges)", "over": "1s"}
+    contexts = [
+        a_context("crowded", "mood.near < 1.0", {"slam": {"weight": 8}}),
+        a_context("alone", "mood.ranges.all(r, r > 10.0)", {"slam": {"weight": 2}, "speech": {"weight": 8}}),
+    ]
+    stream = a_stream("mood", encoding="cdr", type=scan, staleAfter="1s", features=[near])
+    operator.apply(a_policy(streams=[stream], contexts=contexts))
+    for ranges in (["Infinity", "Infinity"], ["NaN", 0.5], ["NaN"], ["-Infinity"], ["Infinity", "Infinity"]):
+        hear(operator, RosMessage(scan, type_store(), {"ranges": ranges}).payload(0))
+        operator.turn(0.3)
+        json.dumps([operator.cluster.statuses, operator.session.published], allow_nan=False)
+    assert operator.condition("Ready")[0] == "True"
+    operator.turn(0.8)
+    assert operator.limits() == {"slam": 200, "speech": 800}
+    [explanation] = operator_answer(operator)
+    json.dumps(explanation, allow_nan=False)
+    assert explanation["streams"]["mood"]["value"]["ranges"] == ["Infinity", "Infinity"]
+
+
+def operator_answer(operator):
+    query = operator.session.ask("contextpolicy/lab/robot/explain")
+    operator.turn()
+    return query.answers
 
 
 def test_everything_is_loaded_before_the_loop_is_asked_for_anything(operator, monkeypatch):

@@ -7,7 +7,7 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.commands.simulate import add_run_arguments, run_policy, seconds
+from contextpolicy.commands.simulate import add_run_arguments, read_files, run_policy, seconds
 from contextpolicy.errors import ContextPolicyError
 
 if TYPE_CHECKING:
@@ -67,11 +67,9 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _simulate(arguments: argparse.Namespace) -> dict[str, Any]:
     from contextpolicy.explain.explanation import explain
-    from contextpolicy.policy.validation.policy_file import load_policy
     from contextpolicy.simulation.samples import EPOCH
-    from contextpolicy.streams import timeline
 
-    policy, inputs = load_policy(arguments.policy), timeline.load(arguments.timeline)
+    policy, inputs = read_files(arguments)
     run = run_policy(policy, inputs, cores=arguments.cores, until=arguments.at)
     return explain(run.planner, EPOCH + run.until)
 

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.commands.validate import add_types_argument
+
 if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy
     from contextpolicy.simulation.run import Simulation
@@ -59,14 +61,12 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cores", type=_cores, default=4.0, metavar="N", help="CPUs of the robot (default: 4, a Raspberry Pi)"
     )
+    add_types_argument(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Simulate, print, draw and compare."""
-    from contextpolicy.policy.validation.policy_file import load_policy
-    from contextpolicy.streams import timeline
-
-    policy, inputs = load_policy(arguments.policy), timeline.load(arguments.timeline)
+    policy, inputs = read_files(arguments)
     expected = _expected(arguments.expected, policy) if arguments.expected else None
     run = run_policy(policy, inputs, cores=arguments.cores, until=arguments.until)
     if expected is None or arguments.output != "table":
@@ -75,6 +75,16 @@ def main(arguments: argparse.Namespace) -> int:
         _draw(arguments.plot, policy, inputs, run)
     _print_notes(run)
     return 0 if expected is None else _compare(arguments, run, expected)
+
+
+def read_files(arguments: argparse.Namespace) -> tuple[Policy, Timeline]:
+    """The policy and the timeline that the command line names."""
+    from contextpolicy.policy.definition_files import of_folder
+    from contextpolicy.policy.validation.policy_file import load_policy
+    from contextpolicy.streams import timeline
+
+    types = of_folder(arguments.types) if arguments.types else None
+    return load_policy(arguments.policy, types), timeline.load(arguments.timeline, types or ())
 
 
 def run_policy(policy: Policy, inputs: Timeline, *, cores: float, until: float | None) -> Simulation:

@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
-    from contextpolicy.policy.definition_files import Definitions
     from contextpolicy.policy.validation.check import CheckReport
 
 SUFFIXES = (".yaml", ".yml", ".json")
@@ -27,25 +26,32 @@ def add(subparsers: Any) -> None:
         "that cannot be read.",
     )
     parser.add_argument("files", nargs="+", metavar="POLICY", help="a YAML file, a directory of them, or - for stdin")
-    parser.add_argument(
-        "--types",
-        metavar="DIR",
-        type=Path,
-        help="a folder with .msg and .idl files, such as an installed package's share: what the ConfigMaps of ROS 2 "
-        "messages hold that are in none of the files",
-    )
+    add_types_argument(parser)
     parser.add_argument("--output", choices=("text", "json"), default="text", help="default: text, one line a problem")
     parser.set_defaults(main=main)
 
 
+def add_types_argument(parser: argparse.ArgumentParser) -> None:
+    """Where a robot's own ROS 2 messages are defined, for every command that meets them."""
+    parser.add_argument(
+        "--types",
+        metavar="DIR",
+        type=Path,
+        help="a folder with .msg and .idl files, such as an installed package's share: messages of ConfigMaps "
+        "that are in none of the files",
+    )
+
+
 def main(arguments: argparse.Namespace) -> int:
     """Check and print; the exit code is for CI."""
+    from contextpolicy.errors import DefinitionError
+    from contextpolicy.policy.definition_files import of_folder
     from contextpolicy.policy.validation.check import check
 
     try:
         texts = list(_texts(arguments.files))
-        types = None if arguments.types is None else _definitions(arguments.types)
-    except (OSError, UnicodeDecodeError) as error:
+        types = None if arguments.types is None else of_folder(arguments.types)
+    except (OSError, UnicodeDecodeError, DefinitionError) as error:
         print(f"contextpolicy validate: {error}", file=sys.stderr)
         return 2
     report = check(texts, types)
@@ -62,15 +68,6 @@ def _texts(names: list[str]) -> Iterator[tuple[str, str]]:
         inside = sorted(p for p in path.rglob("*") if p.suffix in SUFFIXES and p.is_file())
         for file in inside if path.is_dir() else [path]:
             yield str(file), file.read_text(encoding="utf-8")
-
-
-def _definitions(folder: Path) -> Definitions:
-    from contextpolicy.policy.definition_files import of_folder
-
-    found = of_folder(folder)
-    if not found:
-        raise FileNotFoundError(f"{folder} holds no .msg and no .idl files")
-    return found
 
 
 def _is_valid(report: CheckReport) -> bool:

@@ -94,10 +94,11 @@ def _plain(value: Any) -> Any:
             return [_plain(inner) for inner in value]
         case bytes():
             return f"{len(value)} bytes"
-    readable = (
-        value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value))
-    )
-    return value if readable else str(value)
+        case float() if not math.isfinite(value):
+            return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+        case None | bool() | int() | float() | str():
+            return value
+    return str(value)
 
 
 def _context(planner: Planner, context: ContextState, now: float) -> dict[str, Any]:

@@ -139,6 +139,13 @@ class Expression:
             reason = called + failed[2]
         return ExpressionError(f"{self.source}: {reason}")
 
+    def reading(self, scope: Bindings) -> float:
+        """Any number, as sensors have them: infinities and NaN too; ExpressionError for what is none."""
+        value = self.evaluate(scope)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ExpressionError(f"{self.source}: is {value!r}, allowed: a number")
+        return float(value)
+
     def _check_size(self, scope: Bindings, allowed: int) -> None:
         size = sum(scope.size(name) for name in self.variables)
         if size > allowed:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias, TypeGuard
 
+from contextpolicy.errors import DefinitionError
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
@@ -36,9 +38,14 @@ def config_maps(body: object) -> dict[tuple[str, str], Definitions]:
 
 
 def of_folder(folder: Path) -> Definitions:
-    """The definitions in and below a folder, such as a package's `share`; OSError when one can't be read."""
+    """The definitions in and below a folder, such as a package's `share`; DefinitionError when there are none."""
     files = sorted(path for path in folder.resolve().rglob("*") if path.suffix in SUFFIXES and path.is_file())
-    return tuple((path.as_posix(), path.read_text(encoding="utf-8")) for path in files)
+    if not files:
+        raise DefinitionError(f"{folder}: holds no .msg and no .idl files")
+    try:
+        return tuple((path.as_posix(), path.read_text(encoding="utf-8")) for path in files)
+    except (OSError, UnicodeDecodeError) as error:
+        raise DefinitionError(f"{folder}: can't be read: {error}") from error
 
 
 def _is_config_map(body: object) -> TypeGuard[dict[str, object]]:

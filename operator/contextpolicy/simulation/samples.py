@@ -40,19 +40,27 @@ def samples(
     """Each sample with its time in seconds from the start of the timeline; one per stream that selects the key."""
     readers: dict[str, list[tuple[Stream, Decoder]]] = {}
     for timed in inputs:
-        if timed.key not in readers:
-            readers[timed.key] = [(s, _decoder(s)) for s in policy.streams if selects(s.key, timed.key)]
-        if not readers[timed.key]:
+        source = f"{timed.encoding} {timed.key}"
+        if source not in readers:
+            selecting = [stream for stream in policy.streams if selects(stream.key, timed.key)]
+            readers[source] = [(stream, _decoder(stream, timed.encoding)) for stream in selecting]
+        if not readers[source]:
             skipped.unread.add(timed.key)
         elif timed.value is None:
             skipped.without_value.add(timed.key)
         else:
-            payload = json.dumps(_stamped(timed.value, timed.at)).encode()
-            for stream, decoder in readers[timed.key]:
+            payload = _payload(timed)
+            for stream, decoder in readers[source]:
                 try:
                     yield timed.at, decoder.decode(payload)
                 except DecodeError:
                     drops[stream.name, "undecodable"] += 1
+
+
+def _payload(timed: TimedInput) -> bytes:
+    if timed.message is not None:
+        return timed.message.payload(EPOCH_NS + round(timed.at * 1e9))
+    return json.dumps(_stamped(timed.value, timed.at)).encode()
 
 
 def _stamped(value: object, at: float) -> object:
@@ -60,6 +68,6 @@ def _stamped(value: object, at: float) -> object:
     return {"stamp": EPOCH_NS + round(at * 1e9), **value} if isinstance(value, dict) else value
 
 
-def _decoder(stream: Stream) -> Decoder:
-    """A timeline's value is the decoded message, so it is JSON also where the robot's payload is CBOR or CDR."""
-    return Decoder(replace(stream, encoding=Encoding.JSON, type=None))
+def _decoder(stream: Stream, encoding: str) -> Decoder:
+    """A JSON value is the decoded message, also where the robot's payload is CBOR or CDR; a ROS 2 message is itself."""
+    return Decoder(stream if encoding == "cdr" else replace(stream, encoding=Encoding.JSON, type=None))
