@@ -99,7 +99,7 @@ def test_a_folder_as_ros_installs_it_says_the_same_as_a_config_map(tmp_path):
         ("my_msgs.msg.Mood.msg", "string[1000000000] s", "has arrays of 1000000000 items, allowed: 10000"),
         ("Mood.idl", "module a { module msg { struct M { wstring w; }; }; };", "w is of type wstring; allowed: bool"),
         ("Mood.idl", "module a { const long long N = 1 << 99999999999; };", "shifts a constant; write the number"),
-        ("geometry_msgs.msg.Vector3.msg", "float32 x", "ros: latest has another one: "),
+        ("geometry_msgs.msg.Vector3.msg", "float32 x", "ros: latest: Type 'geometry_msgs/msg/Vector3' is already"),
     ],
 )
 def test_definitions_that_make_no_sense_are_told(name, text, told):

@@ -91,7 +91,7 @@ def _type_store(release: RosRelease, definitions: Definitions) -> Typestore:
     try:
         store.register(types)
     except TypesysError as error:
-        raise DefinitionError(f"ros: {release} has another one: {error}") from error
+        raise DefinitionError(f"ros: {release}: {error}") from error
     return store
 
 
