@@ -13,8 +13,10 @@ NOTE = ("my_msgs.msg.Note.msg", "uint8 SAD=0\nuint8 kind\nstring<=20 text")
 IDL = (
     "Mood.idl",
     """
+// how it feels << how it looks
 #include "std_msgs/msg/Header.idl"
 module my_msgs { module msg {
+  @verbatim (language="comment", text="a << b")
   struct Mood { std_msgs::msg::Header header; double joy; sequence<float, 8> history; };
 }; };
 """,
@@ -95,8 +97,8 @@ def test_a_folder_as_ros_installs_it_says_the_same_as_a_config_map(tmp_path):
         ("Mood.idl", "module a {\n  struct\n\n", "Mood.idl: can't be read from line 4 on"),
         ("my_msgs.msg.Mood.msg", "Note note", "my_msgs/msg/Mood contains my_msgs/msg/Note, which nobody defines"),
         ("my_msgs.msg.Mood.msg", "Mood[] moods", "my_msgs/msg/Mood contains itself"),
-        ("my_msgs.msg.Mood.msg", f"string[{MAX_ITEMS + 1}] s", "has arrays of 10001 items, allowed: 10000"),
-        ("my_msgs.msg.Mood.msg", "string[1000000000] s", "has arrays of 1000000000 items, allowed: 10000"),
+        ("my_msgs.msg.Mood.msg", f"string[{MAX_ITEMS + 1}] s", "has 10001 fields and items of arrays, allowed: 10000"),
+        ("my_msgs.msg.Mood.msg", "string[1000000000] s", "has 1000000000 fields and items of arrays, allowed: 10000"),
         ("Mood.idl", "module a { module msg { struct M { wstring w; }; }; };", "w is of type wstring; allowed: bool"),
         ("Mood.idl", "module a { const long long N = 1 << 99999999999; };", "shifts a constant; write the number"),
         ("geometry_msgs.msg.Vector3.msg", "float32 x", "ros: latest: Type 'geometry_msgs/msg/Vector3' is already"),

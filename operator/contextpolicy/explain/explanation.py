@@ -88,17 +88,14 @@ def _plain(value: Any) -> Any:
     match value:
         case dict():
             return {str(name): _plain(inner) for name, inner in value.items()}
-        case list() if len(value) > LONGEST_LIST:
-            return [*map(_plain, value[:LONGEST_LIST]), f"and {len(value) - LONGEST_LIST} more"]
         case list():
-            return [_plain(inner) for inner in value]
+            more = [f"and {len(value) - LONGEST_LIST} more"] if len(value) > LONGEST_LIST else []
+            return [*map(_plain, value[:LONGEST_LIST]), *more]
         case bytes():
             return f"{len(value)} bytes"
         case float() if not math.isfinite(value):
             return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
-        case None | bool() | int() | float() | str():
-            return value
-    return str(value)
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
 
 
 def _context(planner: Planner, context: ContextState, now: float) -> dict[str, Any]:

@@ -23,13 +23,16 @@ Types: TypeAlias = dict[str, tuple[list[Any], list[Any]]]
 """Constants and fields of each message type, as rosbags describes them."""
 
 MAX_ITEMS = 10_000
-"""Items of a message's arrays of fixed length: no sample may hold more values, and code is made for each."""
+"""Fields of a message, and items of its arrays of fixed length: no sample may hold more values, and code is made for
+each."""
 MAX_DEPTH = 32
 """Messages inside each other; no sample may nest deeper."""
 
 _MSG_NAME = re.compile(r"(?:.*[./])?([a-z][a-z0-9_]*)[./]msg[./]([A-Z][A-Za-z0-9]*)\.msg")
 _TYPE = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)+", re.ASCII)
 _FIELD = re.compile(r"[A-Za-z]\w*", re.ASCII)
+_IDL_PROSE = re.compile(r'(?s)"(?:\\.|[^"\\])*"|/\*.*?\*/|//[^\n]*')
+"""Texts and comments."""
 _PLAIN = frozenset(("bool", "byte", "char", "string", "float32", "float64")) | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
@@ -102,7 +105,7 @@ def _from_msg(name: str, text: str) -> Types:
 
 
 def _from_idl(text: str) -> Types:
-    if "<<" in text:
+    if "<<" in _IDL_PROSE.sub("", text):
         raise DefinitionError("shifts a constant; write the number")  # a number of any size would be computed
     text = re.sub(r"(?m)^[ \t]*#.*$", "", text)  # includes: all definitions come together anyway
     try:
@@ -129,7 +132,7 @@ def _check(type_name: str, fields: list[Any]) -> None:
         kind, size = _element(description)
         if not isinstance(size, int) or not size >= 0:
             raise DefinitionError(f"{field} has the size {size!r:.80}")
-        items += size if description[0] is Nodetype.ARRAY else 0
+        items += size if description[0] is Nodetype.ARRAY else 1
         if kind[0] is Nodetype.BASE and kind[1][0] not in _PLAIN:
             raise DefinitionError(
                 f"{field} is of type {kind[1][0]}; allowed: {', '.join(sorted(_PLAIN))}, and messages"
@@ -137,7 +140,7 @@ def _check(type_name: str, fields: list[Any]) -> None:
         if kind[0] is Nodetype.NAME and not _TYPE.fullmatch(kind[1]):
             raise DefinitionError(f"{field} is of type {kind[1]!r:.80}, which is no type's name")
     if items > MAX_ITEMS:
-        raise DefinitionError(f"{type_name} has arrays of {items} items, allowed: {MAX_ITEMS}")
+        raise DefinitionError(f"{type_name} has {items} fields and items of arrays, allowed: {MAX_ITEMS}")
 
 
 def _element(description: Any) -> tuple[Any, int]:
