@@ -227,7 +227,9 @@ def test_a_latched_topic_reaches_whoever_listens_whenever(listen, robot_and_oper
 
 def test_a_type_without_a_header_has_the_time_of_its_publication(listen, robot_and_operator, mission):
     heard = listen(mission)
-    publisher = latched(robot_and_operator[0], mission)
+    key = mission.key.replace("*", "hash")
+    publisher = robot_and_operator[0].declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
+    wait_for_match(publisher)
     publisher.put(int32(1), attachment=attach(1, 1_763_712_350_250_000_000, b"g" * 16))
     publisher.put(int32(2), attachment=b"somebody else's")
     publisher.put(int32(3))
