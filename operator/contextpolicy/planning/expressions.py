@@ -142,11 +142,12 @@ class Scope:
     a value is no variable: CEL's own rules then decide, so `a.x || b.y` holds when one side does.
     """
 
-    __slots__ = ("_aged", "_asked", "_lacking", "_reads", "_since", "_values", "context", "now", "whole")
+    __slots__ = ("_aged", "_asked", "_lacking", "_normal", "_reads", "_since", "_values", "context", "now", "whole")
 
     def __init__(self) -> None:
         self.now = -math.inf
         self.whole: set[str] = set()
+        self._normal = cel_numbers.Normal()
         self._reads: dict[str, dict[str, Any]] = {}
         self._values: dict[str, object] = {}
         self._lacking: dict[str, Collection[str]] = {}
@@ -172,7 +173,10 @@ class Scope:
         `lacking` are its features that have no value.
         """
         reads = self._reads.get(stream)
-        normal = cel_numbers.Normal()
+        if reads is None and stream not in self._asked and stream not in self._aged:
+            return
+        normal = self._normal
+        normal.whole = False
         try:
             part = {} if reads is None else normal.value(_prune(value, reads))
             if reads is not None:
@@ -185,7 +189,10 @@ class Scope:
             self._since[stream] = now
             self.context.add_variable(SINCE + stream, now)
         self._values[stream], self._lacking[stream] = part, lacking
-        (self.whole.add if normal.whole else self.whole.discard)(stream)
+        if normal.whole:
+            self.whole.add(stream)
+        elif self.whole:
+            self.whole.discard(stream)
 
     def unbind(self, stream: str) -> None:
         """The stream has no value any more."""

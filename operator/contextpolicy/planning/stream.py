@@ -229,7 +229,8 @@ class _Gate:
             self._pass(self._held, now)
 
     def _pass(self, value: dict[str, Any], now: float) -> None:
-        self.empty()
+        if self._held is not None:
+            self.empty()
         self._open_at = now + self._stream.spec.sample_every
         self._stream.deliver(value, now)
 
