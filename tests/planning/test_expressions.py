@@ -161,7 +161,7 @@ def test_numbers_that_are_not_finite_compare_as_such_and_are_no_failure(source, 
     scope = Scope()
     guarded, unknown = Guarded(scope.compile(source), scope, listener), scope.compile("scan.near != scan.near")
     scope.bind("scan", {"near": math.nan, "far": math.inf, "ranges": [math.nan, math.inf, 0.5]})
-    assert (guarded.truth(), told) == (truth, [])
+    assert (guarded.truth(0.0), told) == (truth, [])
     assert unknown.truth(scope), "the sample itself is as it was"
 
 
@@ -173,7 +173,7 @@ def test_a_real_mistake_is_told_beside_a_number_that_is_unknown():
     scope = Scope()
     guarded = Guarded(scope.compile("scan.nearest < 1.0"), scope, listener)
     scope.bind("scan", {"near": math.nan})
-    assert not guarded.truth()
+    assert not guarded.truth(0.0)
     assert told == ["the sample has no field 'nearest'"]
 
 

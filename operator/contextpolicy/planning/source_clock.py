@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from contextpolicy.planning.timers import SAME_INSTANT
 from contextpolicy.policy.spec import Clock
 
 FUTURE_TOLERANCE = 1.0
@@ -74,7 +75,7 @@ class SourceClock:
 
     def _is_overtaken(self, stamp: float, now: float) -> bool:
         """Whether a newer sample was there before; a clock that goes on from further back was set back."""
-        if self._newest is not None and self._newest - REORDERING < stamp < self._newest:
+        if self._newest is not None and self._newest - REORDERING < stamp < self._newest - SAME_INSTANT:
             if stamp < self._late:
                 self._set_back.end()
             self._late = stamp
