@@ -17,7 +17,7 @@ LAYERS = (
     ("policy", "settings", "loop"),
     ("planning",),
     ("plugins", "cluster", "streams", "explain"),
-    ("actuators", "bus", "simulation"),
+    ("actuators", "bus", "simulation", "loading"),
     ("telemetry", "agent"),
     ("controller",),
     ("runtime",),

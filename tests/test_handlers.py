@@ -33,7 +33,7 @@ class Told:
     """
 
     def __init__(self):
-        self.calls, self.restored = [], Future()
+        self.calls, self.restored, self.readable = [], Future(), True
         self._news = threading.Condition()
         self.runtime = create_autospec(Runtime, instance=True, spec_set=True)
         for name in METHODS:
@@ -48,11 +48,9 @@ class Told:
         with self._news:
             self.calls.append((name, *subjects))
             self._news.notify_all()
-        return self.restored if name == "policy_deleted" else DONE
-
-
-DONE: Future[None] = Future()
-DONE.set_result(None)
+        done = Future()
+        done.set_result(self.readable)
+        return self.restored if name == "policy_deleted" else done
 
 
 def run(coroutine):
@@ -72,6 +70,13 @@ def test_a_policy_is_handed_over_as_a_plain_object(told):
     run(handlers.apply(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(told)))
     assert told.calls == [("policy_changed", "robot")]
     assert type(told.runtime.policy_changed.call_args.args[0]) is dict
+
+
+def test_a_policy_that_names_what_is_not_there_yet_comes_again(told):
+    told.readable = False
+    with pytest.raises(kopf.TemporaryError) as caught:
+        run(handlers.apply(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(told)))
+    assert caught.value.delay == handlers.REREAD
 
 
 def test_a_policy_goes_when_all_is_restored(told):

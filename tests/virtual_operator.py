@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from reactivex.disposable import Disposable
 from reactivex.testing import TestScheduler
 
+from contextpolicy.errors import ActuationError
 from contextpolicy.runtime import Runtime
 from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.actuators.resize.rig import MOMENT, Workers
@@ -59,7 +60,14 @@ class ClusterWithPolicies(FakeCluster):
         super().__init__(*pods)
         self.statuses: dict[str, dict[str, Any]] = {}
         self.events: list[dict[str, Any]] = []
+        self.config_maps: dict[str, dict[str, str]] = {}
         self.closed = False
+
+    def config_map(self, namespace: str, name: str) -> dict[str, str]:
+        try:
+            return self.config_maps[f"{namespace}/{name}"]
+        except KeyError:
+            raise ActuationError("NotFound", f'configmaps "{name}" not found (HTTP 404)', retriable=False) from None
 
     def write_status(self, namespace: str, name: str, status: dict[str, Any]) -> None:
         self.statuses[f"{namespace}/{name}"] = status
@@ -99,7 +107,7 @@ class VirtualOperator:
         self.runtime.connected(self.session)  # type: ignore[arg-type]
         self.turn()
 
-    def apply(self, body: dict[str, Any]) -> Future[None]:
+    def apply(self, body: dict[str, Any]) -> Future[bool]:
         self.cluster.policies.setdefault(f"{body['metadata']['namespace']}/{body['metadata']['name']}", {})
         done = self.runtime.policy_changed(body)
         self.turn()

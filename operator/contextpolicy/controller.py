@@ -15,6 +15,7 @@ from reactivex.disposable import CompositeDisposable
 from contextpolicy.actuators.following import Follower
 from contextpolicy.actuators.order import Order
 from contextpolicy.bus.decision_bus import Bus, message
+from contextpolicy.bus.pacing import Pacing
 from contextpolicy.cluster.claims import Claim
 from contextpolicy.explain.explanation import explain
 from contextpolicy.planning.observable import plans
@@ -35,6 +36,11 @@ if TYPE_CHECKING:
     from contextpolicy.planning.observable import Instantiate
     from contextpolicy.planning.plan import Plan
     from contextpolicy.policy.spec import Policy
+
+
+FIGURES_INTERVAL = 0.5
+"""Seconds between two messages that only say how weights and scores went on: a score that follows a sensor changes with
+every sample, and every message also costs a write of the status."""
 
 
 class Actuator(Protocol):
@@ -74,6 +80,8 @@ class Controller:
         self._pods: Collection[PodView] = ()
         self._bus: Bus | None = None
         self._follower = Follower(scheduler, self._order)
+        self._figures = Pacing(scheduler, FIGURES_INTERVAL, self._tell_figures)
+        self._ordered = 0
         self._edition = 0
         self._held_back = 0
         self._placed = False
@@ -99,6 +107,7 @@ class Controller:
     def stop(self) -> None:
         """Stop listening; what was ordered stays in force."""
         self._follower.stop()
+        self._figures.stop()
         if self._subscription is not None:
             self._subscription.dispose()
         if self._bus is not None:
@@ -136,12 +145,24 @@ class Controller:
         """
         if not self._placed:
             return
-        self._edition = 0
+        if plan.sequence == self._ordered:
+            self._figures.ask()
+            return
+        self._ordered, self._edition = plan.sequence, 0
         self._order()
         self.on_plan(self.policy.reference, plan)
         self._publish({"trigger": plan.time if plan.arrived is None else self._moment(plan.arrived)})
+        self._count()
         self._measure(plan)
         self.on_change()
+
+    def _tell_figures(self) -> None:
+        """The shares stay; weights, scores or contexts went on."""
+        if self.planner.last is not None:
+            self._edition += 1
+            self._publish({"trigger": self.planner.last.time})
+            self._measure(self.planner.last)
+            self.on_change()
 
     def _message(self) -> dict[str, Any] | None:
         """What the bus says about the plan in force, with the containers as they are now."""
@@ -154,6 +175,7 @@ class Controller:
         content = self._message()
         if self._bus is not None and content is not None:
             self._told = _whereabouts(content)
+            self._figures.rest()
             self._bus.publish({**content, **more})
 
     def _republish(self) -> None:
@@ -191,11 +213,13 @@ class Controller:
             )
         )
 
+    def _count(self) -> None:
+        metrics.PLANS.labels(self.policy.reference).inc()
+        metrics.HELD_BACK.labels(self.policy.reference).inc(self.planner.held_back - self._held_back)
+        self._held_back = self.planner.held_back
+
     def _measure(self, plan: Plan) -> None:
         reference = self.policy.reference
-        metrics.PLANS.labels(reference).inc()
-        metrics.HELD_BACK.labels(reference).inc(self.planner.held_back - self._held_back)
-        self._held_back = self.planner.held_back
         for context in self.policy.contexts:
             metrics.CONTEXT_ACTIVE.labels(reference, context.name).set(context.name in plan.contexts)
         for name, task in plan.tasks.items():

@@ -5,6 +5,7 @@ ContextPolicyError
 ├── TimelineError       a timeline file breaks rules; carries every finding at once
 ├── SettingsError       an environment variable or flag has a value that makes no sense
 ├── DecodeError         a payload is not what its stream's encoding says
+├── DefinitionError     message definitions (.msg, .idl) that can't be used
 ├── ExpressionError     a CEL expression failed on this sample
 │   └── UndecidedError  it waits for a stream
 ├── ShareError          weights and bounds that no division can satisfy
@@ -65,6 +66,10 @@ class SettingsError(FindingsError):
 
 class DecodeError(ContextPolicyError):
     """A payload that is not what its stream's encoding says; the sample is dropped and counted."""
+
+
+class DefinitionError(ContextPolicyError):
+    """Definitions of ROS 2 messages that can't be used; the message tells all that is wrong with them."""
 
 
 class ExpressionError(ContextPolicyError):

@@ -31,6 +31,9 @@ PATCH_WORKERS = 8
 RESTORE_TIMEOUT = 20.0
 """Seconds to wait for a restore before kopf tries again; the finalizer keeps the object until it is done."""
 
+REREAD = 10.0
+"""Seconds until kopf brings a policy again whose ConfigMap can't be read: GitOps may bring that later."""
+
 
 @kopf.on.startup()
 async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
@@ -89,7 +92,9 @@ def _close(watches: Sequence[ObjectWatch], runtime: Runtime) -> None:
 @kopf.on.update(GROUP, PLURAL)
 async def apply(body: kopf.Body, memo: Any, **_: Any) -> None:
     """A policy exists, is new or was edited."""
-    await asyncio.wrap_future(memo.runtime.policy_changed(dict(body)))
+    adopted = await asyncio.to_thread(memo.runtime.policy_changed, dict(body))
+    if not await asyncio.wrap_future(adopted):
+        raise kopf.TemporaryError("not all that the policy names can be read", delay=REREAD)
 
 
 @kopf.on.delete(GROUP, PLURAL)

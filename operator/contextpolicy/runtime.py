@@ -1,6 +1,7 @@
 """Everything alive in one operator: policies, pods and nodes come in from the watches, controllers and patches go out.
 
-The watches call from their own thread; each public method hands over to the loop and returns at once.
+The watches call from their own thread; each public method hands over to the loop and returns at once, but for
+`policy_changed`, which reads first.
 """
 
 from __future__ import annotations
@@ -9,9 +10,8 @@ import logging
 import time
 from concurrent.futures import Future
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from contextpolicy import plugins
 from contextpolicy.actuators.dry_run import DryRun
 from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.resizer import PodResizer
@@ -21,10 +21,8 @@ from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.nodes import allocatable
 from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller
-from contextpolicy.errors import FindingsError
-from contextpolicy.policy.parsing import parse
+from contextpolicy.loading import Loaded, load
 from contextpolicy.policy.spec import Mode
-from contextpolicy.policy.validation.mistakes import mistakes_in
 from contextpolicy.telemetry.events import event
 from contextpolicy.telemetry.reporter import Reporter
 from contextpolicy.telemetry.resize_watch import RECOVERED, ResizeWatch
@@ -39,8 +37,9 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.api import ApiServer
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.loop import Loop
-    from contextpolicy.planning.observable import Instantiate
     from contextpolicy.policy.spec import Policy
+
+Answer = TypeVar("Answer")
 
 log = logging.getLogger(__name__)
 
@@ -53,8 +52,8 @@ class _Entry:
     """One ContextPolicy object, with its controller once a version of it was valid."""
 
     body: Mapping[str, Any]
+    loaded: Loaded
     controller: Controller | None = None
-    rejected: tuple[str, ...] = ()
     conditions: list[dict[str, Any]] = field(default_factory=list)
 
     @property
@@ -100,9 +99,13 @@ class Runtime:
         agents = AgentWatch(session, self._loop, lambda: self._call(self._place))
         self._call(lambda: self._begin(session, agents))
 
-    def policy_changed(self, body: Mapping[str, Any]) -> Future[None]:
-        """A ContextPolicy exists, as new or edited."""
-        return self._call(lambda: self._adopt(body))
+    def policy_changed(self, body: Mapping[str, Any]) -> Future[bool]:
+        """A ContextPolicy exists, as new or edited. Whether all that it names could be read.
+
+        Reads that on the caller's thread, which may take a second.
+        """
+        loaded = load(body, self._api)
+        return self._call(lambda: self._adopt(body, loaded))
 
     def policy_deleted(self, body: Mapping[str, Any]) -> Future[None]:
         """A ContextPolicy is being deleted; done when every container is as it was."""
@@ -135,20 +138,20 @@ class Runtime:
         self._call(lambda: None).result(timeout=HUNG)
         return time.monotonic() - asked
 
-    def _call(self, action: Callable[[], object]) -> Future[None]:
+    def _call(self, action: Callable[[], Answer]) -> Future[Answer]:
         """Run `action` on the loop."""
-        future: Future[None] = Future()
+        future: Future[Answer] = Future()
 
         def run(*_: object) -> None:
             awaited = future.set_running_or_notify_cancel()
             try:
-                action()
+                answer = action()
             except Exception as error:
                 if awaited:
                     future.set_exception(error)
                 raise  # the loop logs it and goes on
             if awaited:
-                future.set_result(None)
+                future.set_result(answer)
 
         self._loop.schedule(run)
         return future
@@ -156,32 +159,31 @@ class Runtime:
     def _begin(self, session: zenoh.Session, agents: AgentWatch) -> None:
         self._session, self._agents = session, agents
         for entry in list(self._policies.values()):
-            self._adopt(entry.body)
+            self._adopt(entry.body, entry.loaded)
 
-    def _adopt(self, body: Mapping[str, Any]) -> None:
+    def _adopt(self, body: Mapping[str, Any], loaded: Loaded) -> bool:
         """Swap a valid version in; an invalid one leaves the last good one in force and says why."""
         reference = _reference(body)
         self._resizer.recall(reference, (body.get("status") or {}).get("originals"))
-        entry = self._policies.setdefault(reference, _Entry(body))
-        entry.body = body
+        entry = self._policies.setdefault(reference, _Entry(body, Loaded()))
+        known = loaded.rejected == entry.loaded.rejected
+        entry.body, entry.loaded = body, loaded
         entry.conditions = entry.conditions or list((body.get("status") or {}).get("conditions") or [])
-        try:
-            policy, plugins = _load(body)
-        except FindingsError as error:
-            rejected = tuple(str(finding) for finding in error.findings)
-            if rejected != entry.rejected:
-                self._tell(reference, "Invalid", "; ".join(rejected))
-            entry.rejected = rejected
+        if loaded.policy is None:
+            if not known:
+                self._tell(reference, "Invalid", "; ".join(loaded.rejected))
             self._report(reference)
-            return
-        entry.rejected = ()
-        if self._session is None:
+        elif self._session is None:
             self._report(reference)
-            return
+        else:
+            self._swap(reference, entry, loaded.policy, self._session)
+        return not loaded.unread
+
+    def _swap(self, reference: str, entry: _Entry, policy: Policy, session: zenoh.Session) -> None:
         before = entry.controller
         actuator = self._dry_run if policy.mode is Mode.DRY_RUN else self._resizer
         entry.controller = Controller(
-            policy, session=self._session, scheduler=self._loop, actuator=actuator, initiatives=plugins
+            policy, session=session, scheduler=self._loop, actuator=actuator, initiatives=entry.loaded.initiatives
         )
         entry.controller.on_change = lambda: self._report(reference)
         entry.controller.on_plan = self._watch.planned
@@ -261,13 +263,13 @@ class Runtime:
         generation = entry.body["metadata"].get("generation", 0)
         now = self._loop.to_seconds(self._loop.now)
         if entry.controller is None:
-            made = waiting(entry.rejected, generation, entry.conditions, now)
+            made = waiting(entry.loaded.rejected, generation, entry.conditions, now)
         else:
             facts = StatusFacts(
                 generation,
                 entry.controller.run,
                 entry.controller.claim,
-                entry.rejected,
+                entry.loaded.rejected,
                 self._watch.problems(reference),
             )
             made = status(entry.controller.planner, facts, entry.conditions, now)
@@ -291,12 +293,6 @@ class Runtime:
             now = self._loop.to_seconds(self._loop.now)
             warning = reason != RECOVERED
             self._reporter.event(event(entry.body, reason=reason, message=message, now=now, warning=warning))
-
-
-def _load(body: Mapping[str, Any]) -> tuple[Policy, dict[str, Instantiate]]:
-    """The policy and the functions it names; PolicyError says all that is wrong with it, here and now."""
-    policy = parse(body, mistakes_in)
-    return policy, plugins.load(policy)
 
 
 def _fulfil(done: Future[None]) -> None:

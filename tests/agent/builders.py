@@ -114,6 +114,7 @@ def a_message(*targets, sequence: int = 1, capacity: float = 1.0, suspended: tup
         "mode": "Enforce",
         "scheduler": "CFS",
         "control": "Limit",
+        "realtime": {"policy": "RR", "period": 0.1},
         "tasks": tasks,
         "nodes": {NODE: {"capacity": capacity, "scheduler": more.get("scheduler", "CFS"), "tasks": {}}},
         "targets": list(targets),

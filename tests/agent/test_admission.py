@@ -27,7 +27,7 @@ def refusal(admission, order):
     return caught.value.reason
 
 
-@pytest.mark.parametrize("later", [{"sequence": 3}, {"sequence": 2, "edition": 1}, {"sequence": 1, "run": 2}])
+@pytest.mark.parametrize("later", [{"sequence": 3}, {"sequence": 1, "run": 2}])
 def test_orders_move_forward(admission, later):
     assert admission.admit(an_order(sequence=2))
     assert admission.admit(an_order(**later))
@@ -37,6 +37,19 @@ def test_orders_move_forward(admission, later):
 def test_the_same_order_again_is_nothing_new(admission):
     assert admission.admit(an_order(sequence=2))
     assert admission.admit(an_order(sequence=2)) is None
+
+
+def test_an_edition_counts_when_it_wants_something_else(admission):
+    assert admission.admit(an_order(a_target(), sequence=2))
+    assert admission.admit(an_order(a_target(limit=0.5), sequence=2, edition=1)) is None
+    assert admission.admit(an_order(a_target(SPEECH), sequence=2, edition=2))
+    assert refusal(admission, an_order(a_target(), sequence=2, edition=1)) == "Outdated"
+
+
+def test_an_edition_after_a_policy_was_dropped_is_obeyed(admission):
+    assert admission.admit(an_order(a_target(), sequence=2))
+    admission.drop(POLICY)
+    assert admission.admit(an_order(a_target(), sequence=2, edition=1))
 
 
 def test_each_policy_counts_for_itself(admission):

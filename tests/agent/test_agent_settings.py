@@ -7,16 +7,13 @@ from pathlib import Path
 import pytest
 
 from contextpolicy.agent.agent_settings import read
-from contextpolicy.agent.realtime import Manner
 from contextpolicy.errors import SettingsError
 
 
 def test_settings_come_from_the_environment(tmp_path):
-    own = read(
-        {"NODE_NAME": "node-1", "CGROUP_ROOT": str(tmp_path), "ZENOH_CONNECT": "tcp/r:1"}, manner=Manner(), grace=2
-    )
+    own = read({"NODE_NAME": "node-1", "CGROUP_ROOT": str(tmp_path), "ZENOH_CONNECT": "tcp/r:1"}, priority=10, grace=2)
     assert (own.node, own.cgroup_root, own.common.connect) == ("node-1", tmp_path, ("tcp/r:1",))
-    assert (own.grace, own.state) == (2, Path("/run/contextpolicy"))
+    assert (own.grace, own.priority, own.state) == (2, 10, Path("/run/contextpolicy"))
 
 
 @pytest.mark.parametrize(
@@ -30,4 +27,4 @@ def test_settings_come_from_the_environment(tmp_path):
 )
 def test_a_setting_that_makes_no_sense_is_named(environment, name):
     with pytest.raises(SettingsError, match=name):
-        read(environment, manner=Manner(), grace=10)
+        read(environment, priority=10, grace=10)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from contextpolicy.agent import capabilities
-from contextpolicy.agent.capabilities import NodeFacts, missing, probe
-from tests.agent.builders import SLAM, Tree
+from contextpolicy.agent.capabilities import NodeFacts, missing, probe, quota_period, unlimited
+from tests.agent.builders import CHAT, SLAM, Tree
 
 ALL = NodeFacts(1, limits=True, writable=True, budgets=True, may_schedule=True, sees_processes=True)
 
@@ -73,3 +73,22 @@ def test_the_right_to_schedule_is_read_from_the_process(tmp_path, monkeypatch, e
 
 def test_the_kernel_names_capabilities_where_they_are_looked_for():
     assert [line for line in capabilities.STATUS.read_text().splitlines() if line.startswith("CapEff:\t")]
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_the_kubelets_period_is_found_in_the_first_limit(tmp_path, version):
+    tree = Tree(tmp_path, version)
+    assert quota_period(tree.layout) is None
+    tree.container(CHAT, limit=None)
+    assert quota_period(tree.layout) is None
+    tree.container(SLAM)
+    assert quota_period(tree.layout) == 0.1
+    assert quota_period(None) is None
+
+
+@pytest.mark.parametrize(("version", "file"), [(1, "cpu.cfs_quota_us"), (2, "cpu.max")])
+def test_a_kernel_without_bandwidth_control_is_told_for_everybody(version, file):
+    without = replace(ALL, version=version, limits=False)
+    assert unlimited(without).startswith(f"the kernel has no {file} for pods: build it with CONFIG_CFS_BANDWIDTH=y")
+    assert unlimited(replace(without, limits=True)) == unlimited(NodeFacts(None)) == ""
+    assert unlimited(replace(ALL, writable=False)) == ""

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contextpolicy.agent.node_orders import MAX_BYTES, NodeOrder, OrderTarget, read
+from contextpolicy.agent.node_orders import MAX_BYTES, Manner, NodeOrder, OrderTarget, read
 from contextpolicy.errors import OrderError
-from contextpolicy.policy.spec import Control, Mode, Scheduler
+from contextpolicy.policy.spec import Control, Mode, RealtimePolicy, Scheduler
 from tests.agent.builders import JSON, NODE, POLICY, SLAM, SPEECH, a_message, a_target
 
 
@@ -35,6 +35,17 @@ def test_an_order_has_what_this_node_must_do():
             OrderTarget("uid-b", "Burstable", f"containerd://{SPEECH}", 10, None, suspended=True),
         ),
     )
+
+
+def test_the_manner_of_realtime_is_the_policys():
+    order = read(a_message(a_target(), realtime={"period": 1, "policy": "FIFO"}), POLICY, NODE)
+    assert order.manner == Manner(1_000_000, RealtimePolicy.FIFO)
+
+
+@pytest.mark.parametrize("wrong", [{"period": 1.5}, {"period": 0.001}, {"period": "1s"}, {"policy": "IDLE"}])
+def test_a_manner_that_the_kernel_does_not_know_is_refused(wrong):
+    with pytest.raises(OrderError):
+        read(a_message(a_target(), realtime={"period": 0.1, "policy": "RR"} | wrong), POLICY, NODE)
 
 
 def test_the_nodes_own_scheduler_counts():

@@ -6,12 +6,13 @@ import json
 
 import pytest
 
-from contextpolicy.agent.capabilities import NodeFacts, missing
+from contextpolicy.agent.capabilities import NodeFacts, missing, quota_period
+from contextpolicy.agent.cgroup_paths import Driver
 from contextpolicy.cluster.agent_reports import NO_AGENT, UNREADABLE, AgentReport, read_report, with_agents
 from contextpolicy.cluster.claims import Claim
 from contextpolicy.planning.placement import Container, Placement
 from contextpolicy.policy.parsing import parse
-from tests.agent.builders import NODE
+from tests.agent.builders import NODE, SLAM, Tree
 
 PLACEMENT = Placement({NODE: 2000, "node-2": 2000}, (Container("a", "slam", NODE), Container("b", "slam", "node-2")))
 
@@ -36,6 +37,30 @@ def test_an_agents_own_report_is_understood():
 )
 def test_a_report_that_cannot_be_read_lacks_everything(report):
     assert read_report(report) == AgentReport(UNREADABLE, UNREADABLE)
+
+
+def test_what_an_agent_found_is_understood(tmp_path):
+    tree = Tree(tmp_path / "cgroup", 2, Driver.SYSTEMD)
+    group = tree.container(SLAM)
+    for one in (group, group.parent):
+        tree.limit_file(one).write_text("25000 50000\n")
+    found = {"processors": 6, "quotaPeriod": quota_period(tree.layout), "unlimited": "no cpu.max"}
+    report = read_report(json.dumps({"missing": missing(NodeFacts(2)), **found}).encode())
+    assert (report.processors, report.quota_period, report.unlimited) == (6, 0.05, "no cpu.max")
+
+
+def test_a_node_that_can_not_limit_is_told():
+    useless = AgentReport("no cpu.max", "no cpu.max", "no cpu.max")
+    claim = with_agents(a_policy(), Claim(PLACEMENT), {NODE: useless, "node-2": ABLE})
+    assert claim.unlimited == [f"node {NODE} can't limit CPU time: no cpu.max"]
+    assert claim.agents == {"node-2"}
+
+
+def test_predictions_use_what_the_agents_found():
+    report = AgentReport("", "", processors=6, quota_period=0.05)
+    placement = with_agents(a_policy(), Claim(PLACEMENT), {NODE: report}).placement
+    assert (placement.processors_of(NODE), placement.processors_of("node-2")) == (6, 2)
+    assert placement.quota_periods == {NODE: 0.05}
 
 
 def test_agents_that_can_write_limits_are_ahead_of_resizes():

@@ -26,7 +26,7 @@ class Processes:
         return self.policies[thread]
 
     def setscheduler(self, thread, policy, parameters):
-        assert (parameters.sched_priority > 0) == (policy == os.SCHED_RR)
+        assert (parameters.sched_priority > 0) == (policy != os.SCHED_OTHER)
         parent, self.policies[thread] = self.policies[thread], policy
         if self.births:
             self.start(self.births.pop(), parent)
@@ -72,6 +72,12 @@ def test_a_thread_that_ends_meanwhile_is_no_trouble(tmp_path, version, processes
 def test_a_task_that_chose_realtime_itself_keeps_its_choice(tmp_path, version, processes):
     processes.start(11, os.SCHED_FIFO)
     make_realtime(tmp_path, version, 10)
+    assert processes.policies == {11: os.SCHED_FIFO}
+
+
+def test_threads_can_queue(tmp_path, version, processes):
+    processes.start(11)
+    make_realtime(tmp_path, version, 10, os.SCHED_FIFO)
     assert processes.policies == {11: os.SCHED_FIFO}
 
 

@@ -133,7 +133,7 @@ class FakeSession:
 
     def deliver_bytes(self, key: str, payload: bytes) -> None:
         """A sample arrives, whatever is in it."""
-        sample = SimpleNamespace(kind=zenoh.SampleKind.PUT, payload=_payload(payload))
+        sample = SimpleNamespace(kind=zenoh.SampleKind.PUT, payload=_payload(payload), attachment=None)
         for subscriber in [one for one in self.subscribers if one.key == key]:
             if subscriber.callback is not None:
                 subscriber.callback(sample)

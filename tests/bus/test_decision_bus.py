@@ -42,6 +42,7 @@ def test_a_message_has_all_that_modules_agents_and_recorders_read(story):
         "time": START + 1,
         "mode": "Enforce",
         "scheduler": "CFS",
+        "realtime": {"policy": "RR", "period": 0.1},
         "control": "Limit",
         "cause": "imu: context moving entered",
         "contexts": ["moving"],
@@ -61,7 +62,14 @@ def test_a_message_has_all_that_modules_agents_and_recorders_read(story):
                 "because": made_because(story, "speech"),
             },
         },
-        "nodes": {NODE: {"capacity": 2.0, "scheduler": "CFS", "tasks": {"slam": 1.99, "speech": 0.01}}},
+        "nodes": {
+            NODE: {
+                "capacity": 2.0,
+                "scheduler": "CFS",
+                "dividedBy": "Weight",
+                "tasks": {"slam": 1.99, "speech": 0.01},
+            }
+        },
         "shortfalls": [],
         "targets": [
             {

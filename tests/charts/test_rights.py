@@ -49,6 +49,19 @@ def test_with_namespaces_it_may_do_it_there_only(render):
         assert binding["subjects"] == [{"kind": "ServiceAccount", "name": account, "namespace": "contextpolicy-system"}]
 
 
+@pytest.mark.parametrize("settings", [(), ("watchNamespaces={robot}",)])
+def test_it_may_read_the_message_definitions_that_are_named_and_nothing_else(render, settings):
+    rendered = render("rosTypes={robot-types,vision}", *settings)
+    role = rendered["Role" if settings else "ClusterRole", "contextpolicy"]
+    [rule] = [rule for rule in role["rules"] if "configmaps" in rule["resources"]]
+    assert rule == {
+        "apiGroups": [""],
+        "resources": ["configmaps"],
+        "resourceNames": ["robot-types", "vision"],
+        "verbs": ["get"],
+    }
+
+
 def test_users_get_policies_and_nothing_else(render):
     rendered = render()
     for name in ("viewer", "editor"):

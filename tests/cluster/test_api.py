@@ -105,6 +105,13 @@ def test_a_cluster_may_be_served_below_a_path(open_api, server, path):
     assert asked.startswith("/k8s/clusters/c-1/api/v1/namespaces/lab/events?")
 
 
+@pytest.mark.parametrize(("held", "read"), [({"data": {"a.msg": "bool b"}}, {"a.msg": "bool b"}), ({}, {})])
+def test_a_config_map_is_read_by_its_name(api, server, held, read):
+    server.answer = (200, json.dumps({"kind": "ConfigMap", **held}).encode())
+    assert api.config_map("lab", "robot-types") == read
+    assert [request[:2] for request in server.requests] == [("GET", "/api/v1/namespaces/lab/configmaps/robot-types")]
+
+
 def test_originals_are_merged_into_the_status(api, server):
     api.write_originals("lab", "robot", {"uid-1": None})
     [(method, path, headers, body)] = server.requests

@@ -150,3 +150,16 @@ def test_the_order_of_pods_decides_nothing():
 
 def test_a_container_has_one_name():
     assert container_id(view(a_pod("slam")), "slam") == "lab/slam/slam"
+
+
+def test_tasks_that_run_nowhere_are_absent():
+    policy = policy_of("robot", "slam", "speech", a_task("arm"))
+    pods = [*views("slam"), view(a_pod("speech", deletionTimestamp="2026-01-01T00:00:00Z"))]
+    assert claim([policy], pods, NODES)["lab/robot"].placement.absent == {"speech", "arm"}
+
+
+def test_a_container_that_another_policy_has_still_runs():
+    policies = [policy_of("one", "slam"), policy_of("two", "slam")]
+    claims = claim(policies, views("slam"), NODES)
+    assert claims["lab/two"].placement.containers == ()
+    assert claims["lab/two"].placement.absent == frozenset()

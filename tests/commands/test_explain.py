@@ -68,6 +68,46 @@ def test_contexts_that_do_not_hold_are_told_with_their_reason(capsys: pytest.Cap
     )
 
 
+PATROL = """
+apiVersion: contextpolicy.dev/v1alpha1
+kind: ContextPolicy
+metadata: {name: patrol, namespace: lab}
+spec:
+  streams:
+  - {name: imu, key: robot/imu}
+  - {name: mic, key: robot/microphone/level}
+  tasks:
+  - {name: brake, selector: {matchLabels: {app: brake}}, protected: true, activity: [{when: imu.speed > 99.0}]}
+  - {name: map, selector: {matchLabels: {app: map}}, priority: 3, activity: [{when: imu.speed > 99.0}]}
+  - {name: arm, selector: {matchLabels: {app: arm}}, requires: [{task: hand}], activity: [{when: imu.speed > 99.0}]}
+  - {name: hand, selector: {matchLabels: {app: hand}}, activity: [{when: imu.speed > 99.0}]}
+  contexts:
+  - {name: moving, when: imu.speed > 0.05, exitAfter: 1s, tasks: {hand: {suspend: true}, brake: {weight: 0}}}
+  - {name: halt, exitAfter: 1s, tasks: {hand: {suspend: true}, brake: {suspend: true}, map: {suspend: true}}}
+  force: {context: FORCED, until: "2100-01-01T00:00:00Z"}
+"""
+
+
+@pytest.mark.parametrize(
+    ("task", "forced", "expected"),
+    [
+        ("brake", "moving", "  Context moving sets its weight to 0, which has no effect: it is protected."),
+        ("map", "moving", "  Nothing on node robot is active: the tasks that can run divide it by priority."),
+        ("map", "moving", "  Eq. 1 on node robot: 2000m * 3 / 4 = 1500m."),
+        ("arm", "moving", "  It requires task hand, which can not run, so it waits with weight 0."),
+        ("arm", "halt", "arm gets 10m on node robot, the least there is: it is suspended."),
+        ("brake", "halt", "  Eq. 1 on node robot: 2000m * 1 / 1 = 2000m."),
+    ],
+)
+def test_rest_protection_and_edges(
+    task: str, forced: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    policy = tmp_path / "policy.yaml"
+    policy.write_text(PATROL.replace("FORCED", forced))
+    assert main(["explain", str(policy), task, "--timeline", DEMO, "--cores", "2"]) == 0
+    assert expected in capsys.readouterr().out.splitlines()
+
+
 def test_no_plan_yet_says_what_it_waits_for(capsys: pytest.CaptureFixture[str]) -> None:
     text = explain(capsys, "patrol-robot", "--at", "0.1")
     assert text.startswith("There is no plan yet: it waits until each stream is heard or silent, and ")
@@ -76,7 +116,9 @@ def test_no_plan_yet_says_what_it_waits_for(capsys: pytest.CaptureFixture[str]) 
 def test_json_is_the_structure_of_the_bus(capsys: pytest.CaptureFixture[str]) -> None:
     document = json.loads(explain(capsys, "delivery-robot", "--at", "12", "--output", "json"))
     assert document["plan"]["contexts"] == ["moving"]
-    assert document["tasks"]["speech"]["effects"] == [{"context": "moving", "change": "suspends it", "decides": True}]
+    assert document["tasks"]["speech"]["effects"] == [
+        {"context": "moving", "change": "suspends it", "decides": True, "ruledOut": False}
+    ]
     assert document["nodes"]["robot"]["tasks"]["speech"]["share"] == 10
     assert document["streams"]["imu"]["value"]["speed"] == 0.3
 

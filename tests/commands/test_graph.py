@@ -72,6 +72,47 @@ def texts(element: ET.Element) -> list[str]:
     return ["".join(text.itertext()) for text in element.iter(f"{SVG}text")]
 
 
+DEEP = """
+apiVersion: contextpolicy.dev/v1alpha1
+kind: ContextPolicy
+metadata: {name: deep, namespace: lab}
+spec:
+  streams: [{name: imu, key: robot/imu}]
+  tasks:
+  - {name: top, subtasks: [middle]}
+  - {name: middle, subtasks: [low, brake]}
+  - {name: low, subtasks: [leaf]}
+  - {name: leaf, selector: {matchLabels: {app: leaf}}, needs: {cores: 1, enforce: Suspend}}
+  - {name: brake, selector: {matchLabels: {app: brake}}, protected: true, min: 200m}
+  - {name: follower, selector: {matchLabels: {app: follower}}, requires: [{task: leaf}]}
+  contexts:
+  - {name: still, when: imu.still, enterAfter: 1s, tasks: {middle: {scale: 0}, brake: {suspend: true}}}
+"""
+
+
+@pytest.fixture
+def deep(tmp_path: Path) -> str:
+    path = tmp_path / "deep.yaml"
+    path.write_text(DEEP)
+    return str(path)
+
+
+def test_a_deep_graph_with_edges_between_tasks(deep: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["graph", deep]) == 0
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    assert "task-middle --- task-low" in lines
+    assert "task-leaf ==> task-follower" in lines
+    assert 'need-leaf[/"1 core<br/>or suspended"/]:::need' in lines
+    assert 'task-brake["brake<br/>priority 1, protected"]:::task' in lines
+    assert main(["graph", deep, "--output", "svg"]) == 0
+
+
+def test_what_a_context_suspends_is_what_the_weights_say(deep: str) -> None:
+    graph = build(load_policy(deep), context="still")
+    names = [node.id for node in graph.nodes if node.suspended and node.kind in (Kind.TASK, Kind.GROUP)]
+    assert names == ["task-top", "task-middle", "task-low", "task-leaf", "task-follower"]
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_svg_is_xml_with_every_box(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     root = drawn(capsys, POLICIES / f"{name}.yaml")

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -37,17 +38,23 @@ def test_json_has_the_names_of_the_decision_bus(capsys: pytest.CaptureFixture[st
     assert main([*TWO_CORES, "--until", "15", "--output", "json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["policy"] == "robot/delivery-robot"
-    last = document["plans"][-1]
+    (last, *followed) = [plan for plan in document["plans"] if plan["sequence"] == 4]
     assert (last["time"], last["contexts"]) == (10.1, ["moving"])
+    assert [(plan["time"], plan["tasks"]["speech"]["score"]) for plan in followed] == [(10.9, 0.1), (14.0, 1.0)]
     assert last["tasks"]["slam"]["share"] == 1.69
-    assert last["nodes"]["robot"] == {"capacity": 1.7, "scheduler": "CFS", "tasks": {"slam": 1.69, "speech": 0.01}}
+    assert last["nodes"]["robot"] == {
+        "capacity": 1.7,
+        "scheduler": "CFS",
+        "dividedBy": "Weight",
+        "tasks": {"slam": 1.69, "speech": 0.01},
+    }
 
 
 def test_csv_has_a_row_for_each_plan_and_task(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*TWO_CORES, "--until", "15", "--output", "csv"]) == 0
     rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
-    assert len(rows) == 8
-    assert rows[-1] | {"cause": ""} == {
+    assert len(rows) == 12
+    assert rows[7] | {"cause": ""} == {
         "time": "10.1",
         "sequence": "4",
         "cause": "",
@@ -58,6 +65,31 @@ def test_csv_has_a_row_for_each_plan_and_task(capsys: pytest.CaptureFixture[str]
         "share": "0.01",
         "suspended": "True",
     }
+
+
+ROS2 = (str(ROOT / "config/policies/ros2.yaml"), str(ROOT / "timelines/ros2.json"))
+
+
+def strictly(text: str) -> Any:
+    """JSON as everybody reads it: without NaN and Infinity."""
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    return json.loads(text, parse_constant=refuse)
+
+
+def test_a_ros_2_robot_whose_lidar_sees_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    picture = tmp_path / "plan.svg"
+    assert main(["simulate", *ROS2, "--output", "json", "--plot", str(picture)]) == 0
+    out, err = capsys.readouterr()
+    contexts = [tuple(plan["contexts"]) for plan in strictly(out)["plans"]]
+    assert list(dict.fromkeys(contexts)) == [(), ("driving",), ("driving", "company"), ("company",)]
+    assert err == ""
+    assert "nan" not in picture.read_text(encoding="utf-8").lower()
+    assert main(["explain", ROS2[0], "--timeline", ROS2[1], "--at", "5", "--output", "json"]) == 0
+    explained = strictly(capsys.readouterr().out)
+    assert explained["streams"]["scan"]["value"]["ranges"] == ["Infinity", "Infinity", "NaN", "Infinity"]
 
 
 def test_notes_tell_what_nobody_read(capsys: pytest.CaptureFixture[str]) -> None:

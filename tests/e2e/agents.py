@@ -131,6 +131,12 @@ def budget(of: Path) -> int:
     return -1
 
 
+def period(of: Path) -> int:
+    """The microseconds in which a group's realtime budget is counted."""
+    own = of / "cpu.rt_period_us"
+    return int((own if own.exists() else of / "cpu.rt.max").read_text().split()[-1])
+
+
 def policies(robot: Robot, task: str) -> set[tuple[int, int]]:
     """Scheduling policy and priority of each thread of the task's container."""
     own = group(robot, task)

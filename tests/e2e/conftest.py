@@ -65,6 +65,7 @@ def operator():
         "image.tag": "dev",
         "router.service.clusterIP": free_address(48),
         "watchNamespaces": "{" + ",".join(ROBOTS) + "}",
+        "rosTypes": "{robot-types}",
     }
     settings = [part for name, value in values.items() for part in ("--set", f"{name}={value}")]
     run(

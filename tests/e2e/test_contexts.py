@@ -207,3 +207,51 @@ def test_sample_that_makes_no_sense_changes_nothing(governed, payload):
     governed.expect(slam=990, speech=10)
     governed.sensors.read(f"{governed.namespace}/imu-noise", None)
     until("the status tells", lambda: governed.status()["activeContexts"] == ["moving"])
+
+
+def test_suspending_every_task_gives_each_the_least(governed):
+    every = {"slam": {"suspend": True}, "speech": {"weight": 0}}
+    governed.policy(contexts=[{"name": "moving", "when": "imu.speed > 0.05", "tasks": every}])
+    governed.drive(0.3)
+    governed.expect(slam=10, speech=10)
+    until("the status says so", lambda: governed.status()["nodes"][0]["dividedBy"] == "Nothing")
+    governed.drive(0.0)
+    governed.expect(slam=500, speech=500)
+
+
+def test_while_nothing_is_active_priorities_divide_the_node(governed):
+    active = [{"when": "imu.speed > 0.05"}]
+    governed.policy(tasks=[task("slam", priority=3, activity=active), task("speech", activity=active)], contexts=[])
+    governed.expect(slam=750, speech=250)
+    until("the status says so", lambda: governed.status()["nodes"][0]["dividedBy"] == "Priority")
+    assert [entry["suspended"] for entry in governed.status()["tasks"]] == [False, False]
+
+
+def test_a_protected_task_keeps_its_min_whatever_the_context(governed):
+    governed.policy(tasks=[task("slam"), task("speech", protected=True, min="300m", priority=0.1)])
+    governed.drive(0.3)
+    governed.expect(slam=700, speech=300)
+
+
+def test_weights_in_the_status_follow_the_sensors_although_no_share_moves(governed):
+    fixed = {"min": "500m", "max": "500m"}
+    governed.policy(tasks=[task("slam", activity=[{"scoreFrom": "imu.speed"}], **fixed), task("speech")], contexts=[])
+    for speed in (0.25, 0.75):
+        governed.drive(speed)
+        until("the weight is the speed", lambda speed=speed: governed.status()["tasks"][0]["weight"] == speed)
+    governed.expect(slam=500, speech=500)
+
+
+def test_a_compound_waits_for_a_subtask_without_a_pod(governed):
+    tasks = [{"name": "talk", "subtasks": ["speech", "nobody"]}, task("speech"), task("nobody"), task("slam")]
+    governed.policy(tasks=tasks, contexts=[])
+    governed.expect(slam=990, speech=10)
+    governed.policy(tasks=[tasks[0] | {"satisfiedBy": "Any"}, *tasks[1:]], contexts=[])
+    governed.expect(slam=500, speech=500)
+
+
+def test_a_task_whose_needs_are_unmet_yields(governed):
+    governed.policy(tasks=[task("slam"), task("speech", needs={"cores": "600m", "enforce": "Suspend"})], contexts=[])
+    governed.expect(slam=990, speech=10)
+    governed.policy(tasks=[task("slam"), task("speech", needs={"cores": "500m", "enforce": "Suspend"})], contexts=[])
+    governed.expect(slam=500, speech=500)

@@ -71,7 +71,7 @@ def test_live_and_simulated_plans_are_identical(robot, session, story):
     robot.sensors.read(f"{robot.namespace}/imu", None)
     with session.declare_subscriber(
         f"contextpolicy/{robot.namespace}/robot/plan",
-        lambda sample: heard.append(json.loads(sample.payload.to_bytes())),
+        lambda sample: _note(heard, json.loads(sample.payload.to_bytes())),
     ):
         robot.policy(**spec["spec"])
         until("the first plan is made", lambda: bool(heard) and bool(heard[-1]["nodes"]))
@@ -82,6 +82,12 @@ def test_live_and_simulated_plans_are_identical(robot, session, story):
             until("all plans are made", lambda: len(heard) - before >= len(expected))
     assert [decided(plan) for plan in heard[before:]] == expected
     delete("ctxp", "robot", robot.namespace)
+
+
+def _note(heard, plan):
+    """New plans only: editions that tell how weights went on come at a bounded rate."""
+    if plan["edition"] == 0:
+        heard.append(plan)
 
 
 def simulated(folder):
@@ -99,5 +105,5 @@ def simulated(folder):
             {name: entry.share for name, entry in plan.tasks.items()},
             {name: entry.suspended for name, entry in plan.tasks.items()},
         )
-        for plan in run.plans
+        for plan in reversed({plan.sequence: plan for plan in reversed(run.plans)}.values())
     ]

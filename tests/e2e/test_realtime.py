@@ -17,6 +17,7 @@ from tests.e2e.agents import (
     budgets_above,
     group,
     installed,
+    period,
     policies,
     usage,
 )
@@ -154,6 +155,19 @@ def test_every_thread_takes_turns_at_realtime_priority_also_those_born_later(gov
     for _ in range(30):
         assert policies(governed, "spare") == REALTIME
         time.sleep(0.1)
+
+
+def test_period_and_turns_are_the_policys(governed):
+    """The paper's period, and threads that queue; a min of 1 of 2 cores is half of each processor's period."""
+    tasks = [task("slam", idle=1, min=1), task("speech", idle=200), task("spare", idle=700)]
+    governed.policy(**SPEC | {"period": "1s", "realtimePolicy": "FIFO", "tasks": tasks})
+    expect(governed, {"slam": 500})
+    until("the period is a second", lambda: period(group(governed, "slam")) == 1_000_000)
+    until("threads queue", lambda: policies(governed, "slam") == {(os.SCHED_FIFO, PRIORITY)})
+    governed.policy(**SPEC)
+    expect(governed, STANDING)
+    assert period(group(governed, "slam")) == 100_000
+    until("threads take turns", lambda: policies(governed, "slam") == REALTIME)
 
 
 def test_a_suspended_task_leaves_realtime_but_is_not_frozen(governed):

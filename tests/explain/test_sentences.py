@@ -26,18 +26,18 @@ def two_nodes():
 
 def test_a_node_in_realtime_is_divided_by_eq_2():
     told = explained("slam", on_node("slam", "speech"))
-    assert told[0] == "slam gets 713 ms of each second on node robot."
-    equation = "950 ms of each second * 3 / 4 = 712.5 ms of each second"
+    assert told[0] == "slam gets 71.3 ms of each 100 ms on node robot."
+    equation = "95 ms of each 100 ms * 3 / 4 = 71.25 ms of each 100 ms"
     assert told[-2:] == [
         f"Eq. 2 on node robot: {equation}.",
-        "Shares move in steps of 1 ms of each second, which makes it 713 ms of each second.",
+        "Shares move in steps of 0.1 ms of each 100 ms, which makes it 71.3 ms of each 100 ms.",
     ]
 
 
 def test_a_node_that_fell_back_is_divided_by_eq_1(two_nodes):
     told = explained("slam", two_nodes)
-    assert told[0] == "slam gets 713 ms of each second on node able and 15000m on node unable."
+    assert told[0] == "slam gets 71.3 ms of each 100 ms on node able and 15000m on node unable."
     assert [one for one in told if one.startswith("Eq.")] == [
-        "Eq. 2 on node able: 950 ms of each second * 3 / 4 = 712.5 ms of each second.",
+        "Eq. 2 on node able: 95 ms of each 100 ms * 3 / 4 = 71.25 ms of each 100 ms.",
         "Eq. 1 on node unable: 20000m * 3 / 4 = 15000m.",
     ]

@@ -10,12 +10,13 @@ import math
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.errors import DecodeError, ExpressionError, PolicyError
+from contextpolicy.errors import DecodeError, DefinitionError, ExpressionError, PolicyError
 from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy import parsing
-from contextpolicy.policy.spec import Encoding, Stream
+from contextpolicy.policy.ros_types import type_store
+from contextpolicy.policy.spec import Encoding, RosRelease, Stream
 from contextpolicy.streams.decoding import Decoder, seconds
 
 if TYPE_CHECKING:
@@ -189,6 +190,18 @@ def body(document: Any) -> None:
     planner = Planner(parsed)
     planner.start(START)
     planner.handle(on_one_node(tuple(task.name for task in parsed.leaves), 2), START)
+
+
+def definitions(name: str, text: str) -> None:
+    """Any message definition: refused with a reason, or types of which each can be compiled and decodes anything."""
+    try:
+        store = type_store(RosRelease.LATEST, ((name, text),))
+    except DefinitionError:
+        return
+    for type_name in store.fielddefs.keys() - type_store().fielddefs.keys():
+        own = Stream("x", "robot/x", Encoding.CDR, type=type_name, types="own", definitions=((name, text),))
+        with suppress(DecodeError):
+            Decoder(own).decode(b"\0\1\0\0" + bytes(range(64)))
 
 
 def _check_findings(error: PolicyError) -> None:

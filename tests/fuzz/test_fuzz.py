@@ -164,3 +164,45 @@ def test_any_expression(data):
 def test_a_damaged_expression(source, data):
     at = data.draw(st.integers(0, len(source)))
     targets.expression((source[:at] + data.draw(st.text("xal.()[]+-%/1'\"", max_size=4)) + source[at:]).encode())
+
+
+MSG = """uint8 SAD=0
+string<=8 NAME='x'
+float64[3] a
+Inner[<=2] parts
+int32 n 5 # why
+byte[] rest
+================================================================================
+MSG: a/Inner
+bool b
+"""
+IDL = """#include "x.idl"
+module a { module msg {
+  const short N = 2 + 3; typedef double three[3];
+  module M_Constants { const octet SAD = 0; };
+  @verbatim (language="comment", text="why") struct Inner { boolean b; };
+  struct M { @default (value=5) long n; three t; sequence<a::msg::Inner, 2> parts; string<8> s; };
+}; };
+"""
+WORDS = (
+    *("[", "]", "<=", "<<", "*", "'", '"', "//", "/*", "=", ";", "{", "__", "\n"),
+    *("string[9999999]", "M", "a/M m\n", "None", "9" * 20),
+)
+
+
+@given(st.sampled_from([("a.msg.M.msg", MSG), ("M.idl", IDL)]), st.data())
+@settings(max_examples=150)
+def test_a_damaged_message_definition(definition, data):
+    name, text = definition
+    for _ in range(data.draw(st.integers(0, 3))):
+        start = data.draw(st.integers(0, len(text)))
+        end = data.draw(st.integers(start, min(start + 12, len(text))))
+        text = text[:start] + data.draw(st.one_of(st.sampled_from(WORDS), st.text(max_size=4))) + text[end:]
+    targets.definitions(name, text)
+
+
+@given(st.text(max_size=12), st.text(max_size=60))
+def test_any_message_definition(name, text):
+    targets.definitions(name, text)
+    targets.definitions(f"{name}.idl", text)
+    targets.definitions("a.msg.M.msg", text)

@@ -16,7 +16,7 @@ from tests.planning.builders import a_policy, a_task, on_node, together
 
 def divided(policy, placement, last=None, **weights):
     given = {task.name: Weight(1.0, float(weights.get(task.name, 1.0)), "test") for task in policy.tasks}
-    return divide_nodes(seat_tasks(policy, placement), given, last or {})
+    return divide_nodes(seat_tasks(policy, placement), given, last or {}, lambda: given)
 
 
 def two_tasks(**spec):
@@ -121,12 +121,28 @@ def test_a_node_that_cannot_do_realtime_divides_its_cores():
     assert (node.capacity, node.scheduler) == (4000, Scheduler.CFS)
 
 
-def test_a_node_whose_weights_are_all_zero_keeps_its_last_plan_and_says_why():
+def test_a_node_on_which_nothing_is_active_is_divided_by_priority():
     policy, placement = two_tasks(), on_node("slam", "speech")
-    before = divided(policy, placement, slam=4)
-    after = divided(policy, placement, before.nodes, slam=0, speech=0)
-    assert after.nodes == before.nodes
-    assert "weights of all its tasks sum to 0" in after.shortfalls[0].message
+    seating = seat_tasks(policy, placement)
+    zero, priorities = ({"slam": Weight(0, one, ""), "speech": Weight(0, other, "")} for one, other in ((0, 0), (3, 1)))
+    division = divide_nodes(seating, zero, {}, lambda: priorities)
+    assert division.nodes["robot"].shares == {"slam": 750, "speech": 250}
+    assert division.nodes["robot"].basis == "Priority"
+    assert division.resting == {"slam", "speech"}
+
+
+def test_a_node_on_which_all_is_suspended_gives_each_the_least():
+    placement = together(on_node("slam", cores=2, request=30), on_node("slam", "speech", cores=2, node="rear"))
+    division = divided(two_tasks(), placement, slam=0, speech=0)
+    assert division.shares == {"slam": 40, "speech": 10}
+    assert {node.basis for node in division.nodes.values()} == {"Nothing"}
+    assert division.shortfalls == ()
+
+
+def test_other_nodes_are_divided_by_weight_all_the_same():
+    placement = together(on_node("slam", node="front"), on_node("speech", node="rear"))
+    division = divided(two_tasks(), placement, slam=0)
+    assert (division.shares["slam"], division.shares["speech"]) == (10, 1000)
 
 
 def test_a_node_too_small_for_its_tasks_says_so_and_others_are_divided():

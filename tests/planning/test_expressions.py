@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from contextlib import suppress
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -135,6 +137,44 @@ def test_a_failing_guard_tells_each_time_and_recovery_once():
         guarded.truth(0.0)
     missing = "a.b ? a.c : a.d! the sample has no field 'b'"
     assert told == [missing, missing, "a.b ? a.c : a.d again"]
+
+
+@pytest.mark.parametrize(
+    ("source", "truth"),
+    [
+        ("scan.near < 1.0", False),
+        ("scan.near > 1.0", False),
+        ("abs(scan.near) >= 0.0", True),
+        ("!(scan.near < 1.0)", False),
+        ("scan.near < 1.0 || scan.far > 1.0", True),
+        ("scan.ranges.exists(r, r < 1.0)", True),
+        ("scan.ranges.all(r, r > 0.1)", False),
+        ("scan.far > 100.0 && !(scan.far < 100.0)", True),
+        ("-scan.far < 0.0 && max(scan.far, 1.0) > 1.0", True),
+    ],
+)
+def test_numbers_that_are_not_finite_compare_as_such_and_are_no_failure(source, truth):
+    told: list[str] = []
+    listener = SimpleNamespace(
+        on_expression_error=lambda _, reason: told.append(reason), on_expression_recovery=told.append
+    )
+    scope = Scope()
+    guarded, unknown = Guarded(scope.compile(source), scope, listener), scope.compile("scan.near != scan.near")
+    scope.bind("scan", {"near": math.nan, "far": math.inf, "ranges": [math.nan, math.inf, 0.5]})
+    assert (guarded.truth(0.0), told) == (truth, [])
+    assert unknown.truth(scope), "the sample itself is as it was"
+
+
+def test_a_real_mistake_is_told_beside_a_number_that_is_unknown():
+    told: list[str] = []
+    listener = SimpleNamespace(
+        on_expression_error=lambda _, reason: told.append(reason), on_expression_recovery=told.append
+    )
+    scope = Scope()
+    guarded = Guarded(scope.compile("scan.nearest < 1.0"), scope, listener)
+    scope.bind("scan", {"near": math.nan})
+    assert not guarded.truth(0.0)
+    assert told == ["the sample has no field 'nearest'"]
 
 
 RUNAWAYS = [

@@ -89,15 +89,19 @@ def test_a_plan_that_was_held_back_is_made_by_its_dwell_and_no_sample():
     story = Story(a_policy(minDwell="1s", **spec))
     story.sample("imu", at=0.5, arrived=7.0, risk=4.0)
     story.wait(2.0)
-    assert [(round(plan.time - START, 3), plan.arrived) for plan in story.plans[1:]] == [(0, None), (1, None)]
+    made = {plan.sequence: plan for plan in reversed(story.plans)}
+    assert [(round(made[n].time - START, 3), made[n].arrived) for n in (1, 2, 3)] == [(0, None), (0, None), (1, None)]
 
 
-def test_a_score_that_changes_no_share_makes_no_plan():
+def test_a_score_that_changes_no_share_is_told_and_not_carried_out():
     policy = a_policy(streams=[a_stream("imu")], tasks=[a_task("slam", activity=[{"scoreFrom": "imu.risk"}])])
     story = Story(policy)
-    for tick in range(1, 9):
-        story.sample("imu", at=tick, risk=float(tick))
-    assert [plan.cause for plan in story.plans] == ["start", "containers changed", "imu: true is 1"]
+    for tick in range(1, 5):
+        story.sample("imu", at=tick, risk=float(max(2, tick)))
+    told = [(plan.sequence, plan.time - START, plan.tasks["slam"].weight, plan.cause) for plan in story.plans[2:]]
+    assert told == [(3, 1, 2.0, "imu: true is 2"), (3, 3, 3.0, "imu: true is 3"), (3, 4, 4.0, "imu: true is 4")]
+    assert story.planner.decided == story.plans[2]
+    assert story.planner.last == story.plans[-1]
 
 
 def test_equal_placements_change_nothing_and_new_ones_do():
@@ -133,19 +137,59 @@ def test_a_late_call_makes_one_plan_for_each_instant():
     ]
 
 
-def test_zero_weights_keep_the_last_plan_in_force_and_are_told():
+def test_suspending_every_task_gives_each_the_least():
     policy = a_policy(
         streams=[a_stream("imu")],
         tasks=[a_task("slam"), a_task("rest")],
         contexts=[a_context("off", "imu.off", tasks={"slam": {"suspend": True}, "rest": {"weight": 0}})],
     )
     story = Story(policy)
-    before = story.shares()
     story.sample("imu", at=1, off=True)
-    assert story.shares() == before
-    assert "keeps its last plan" in story.last.shortfalls[0].message
-    story.sample("imu", at=2, off=False)
+    assert story.shares() == {"slam": 10, "rest": 10}
+    assert all(task.suspended for task in story.last.tasks.values())
     assert story.last.shortfalls == ()
+    story.sample("imu", at=2, off=False)
+    assert story.shares() == {"slam": 500, "rest": 500}
+
+
+class TestNothingActive:
+    def story(self, **task):
+        policy = a_policy(
+            streams=[a_stream("imu"), a_stream("mic")],
+            tasks=[
+                a_task("slam", priority=3, activity=[{"when": "imu.moves"}]),
+                a_task("speech", activity=[{"when": "mic.loud"}]),
+                a_task("arm", priority=5, activity=[{"when": "imu.moves"}]) | task,
+            ],
+            contexts=[a_context("quiet", "mic.quiet", tasks={"arm": {"suspend": True}})],
+        )
+        story = Story(policy)
+        story.sample("mic", at=1, loud=False, quiet=True)
+        return story
+
+    def test_those_that_are_not_suspended_divide_the_node_by_priority(self):
+        story = self.story()
+        assert story.shares() == {"slam": 740, "speech": 250, "arm": 10}
+
+    def test_the_plan_says_who_is_suspended_and_who_rests(self):
+        story = self.story()
+        assert {name: task.suspended for name, task in story.last.tasks.items()} == {
+            "slam": False,
+            "speech": False,
+            "arm": True,
+        }
+        assert story.last.tasks["slam"].because == "nothing is active, so priorities divide the node"
+        assert story.last.tasks["arm"].because == "context quiet suspends it"
+        assert story.last.nodes["robot"].basis == "Priority"
+
+    def test_the_first_activity_ends_it(self):
+        story = self.story()
+        story.sample("imu", at=2, moves=True)
+        assert story.shares() == {"slam": 980, "speech": 10, "arm": 10}
+        assert story.last.tasks["speech"].suspended
+
+    def test_a_task_of_priority_zero_still_gets_the_least(self):
+        assert self.story(priority=0).shares()["arm"] == 10
 
 
 class TestFirstPlan:
@@ -179,10 +223,22 @@ class TestMinDwell:
         story = self.story()
         story.sample("imu", at=2, speed=1.0)
         story.sample("imu", at=2.2, speed=0.0)
-        assert story.last.time == START + 2
+        assert story.planner.decided.time == START + 2
         story.wait(9)
-        assert story.last.time == START + 3
+        assert story.planner.decided.time == START + 3
         assert story.planner.held_back == 1
+
+    def test_until_then_weights_and_contexts_are_shown_as_they_are(self):
+        story = self.story()
+        story.sample("imu", at=2, speed=1.0)
+        before = story.last
+        story.sample("imu", at=2.2, speed=0.0)
+        shown = story.last
+        assert (shown.sequence, shown.time, shown.contexts) == (before.sequence, START + 2.2, ())
+        assert shown.tasks["slam"].weight == 0
+        assert not shown.tasks["slam"].suspended
+        assert shown.nodes == before.nodes
+        assert story.shares() == {name: task.share for name, task in before.tasks.items()}
 
     def test_flapping_back_in_time_makes_no_plan_but_is_counted(self):
         story = self.story()
@@ -190,7 +246,7 @@ class TestMinDwell:
         story.sample("imu", at=2.2, speed=0.0)
         story.sample("imu", at=2.4, speed=1.0)
         story.wait(9)
-        assert story.last.time == START + 2
+        assert story.planner.decided.time == START + 2
         assert story.planner.held_back == 1
 
     def test_each_flap_counts_once_however_many_samples_it_has(self):

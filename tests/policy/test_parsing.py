@@ -10,7 +10,7 @@ import yaml
 
 from contextpolicy.errors import PolicyError
 from contextpolicy.policy import parsing
-from contextpolicy.policy.spec import Control, Encoding, Force, Mode, SatisfiedBy, Scheduler
+from contextpolicy.policy.spec import Clock, Control, Encoding, Force, Mode, RosRelease, SatisfiedBy, Scheduler
 from tests.planning.builders import a_body, a_context, a_parent, a_policy, a_stream, a_task
 
 SAMPLES = sorted(p for p in (Path(__file__).parents[2] / "config/policies").glob("*.yaml") if ".expect" not in p.name)
@@ -57,6 +57,25 @@ def test_fields_are_read_in_planning_units():
     assert (policy.streams[0].stale_after, policy.streams[0].encoding) == (0.5, Encoding.CBOR)
     assert (task.min, task.max) == (100, 2000)
     assert (task.needs.cores, task.needs.memory, task.needs.deadline) == (1000, 1024, 0.05)
+
+
+def test_a_ros_stream_says_whose_messages_and_which_clock():
+    cdr = {"encoding": "cdr", "type": "sensor_msgs/msg/Range"}
+    said, unsaid = a_policy(
+        streams=[a_stream("range", ros="humble", types="robot-types", clock="Arrival", **cdr), a_stream("near", **cdr)],
+        tasks=[a_task("slam")],
+    ).streams
+    assert (said.ros, said.types, said.clock) == (RosRelease.HUMBLE, "robot-types", Clock.ARRIVAL)
+    assert (unsaid.ros, unsaid.types, unsaid.clock) == (RosRelease.LATEST, None, Clock.AUTO)
+
+
+def test_what_only_ros_streams_have_is_refused_elsewhere():
+    findings = refused(
+        streams=[a_stream("imu", ros="foxy", types="Robot Types", clock="sim"), a_stream("mic", ros="jazzy")]
+    )
+    assert findings["spec.streams[0].clock"] == ("sim", "one of Auto, Source, Arrival")
+    assert findings["spec.streams[0].types"][0] == "Robot Types"
+    assert findings["spec.streams[1].ros"] == ("jazzy", "encoding cdr with it: other encodings have no message types")
 
 
 def test_a_selector_reads_labels_and_expressions():
@@ -233,11 +252,20 @@ def test_a_bad_field_of_a_context_is_named(context, field):
     assert f"spec.contexts[0].{field}" in refused(streams=[a_stream("imu")], contexts=[a_context("moving") | context])
 
 
+def a_chain(levels):
+    """t1 is the parent of t2, and so on."""
+    return [*(a_parent(f"t{at}", f"t{at + 1}") for at in range(1, levels)), a_task(f"t{levels}")]
+
+
+def test_a_graph_of_eight_levels_is_accepted():
+    assert len(a_policy(tasks=a_chain(8)).tasks) == 8
+
+
 GRAPHS = [
     pytest.param([a_parent("p", "nobody")], "spec.tasks[0].subtasks[0]", id="unknown"),
-    pytest.param([a_parent("p", "p")], "spec.tasks[0].subtasks[0]", id="itself"),
-    pytest.param([a_parent("p", "q"), a_parent("q", "p")], "spec.tasks[0].subtasks[0]", id="cycle"),
-    pytest.param([a_parent("p", "q"), a_parent("q", "a"), a_task("a")], "spec.tasks[0].subtasks[0]", id="too deep"),
+    pytest.param([a_parent("p", "p")], "spec.tasks[0]", id="itself"),
+    pytest.param([a_parent("p", "q"), a_parent("q", "p")], "spec.tasks[0]", id="cycle"),
+    pytest.param(a_chain(9), "spec.tasks[8]", id="too deep"),
     pytest.param([a_parent("p", "a"), a_parent("q", "a"), a_task("a")], "spec.tasks[0].subtasks[0]", id="two parents"),
     pytest.param([a_parent("p", "a", "a"), a_task("a")], "spec.tasks[0].subtasks[1]", id="the same twice"),
     pytest.param([a_parent("p", *"abcdefghijklmnopq")], "spec.tasks[0].subtasks", id="too many"),
@@ -246,8 +274,54 @@ GRAPHS = [
 
 
 @pytest.mark.parametrize(("tasks", "field"), GRAPHS)
-def test_a_graph_that_is_no_forest_of_depth_two_is_refused(tasks, field):
+def test_a_graph_that_is_no_forest_is_refused(tasks, field):
     assert field in refused(tasks=tasks)
+
+
+def needing(name, *required, **fields):
+    return a_task(name, requires=[{"task": other} for other in required], **fields)
+
+
+def reading(name, stream):
+    return a_task(name, requires=[{"when": f"{stream}.done"}])
+
+
+CYCLES = [
+    pytest.param([needing("a", "b"), needing("b", "c"), needing("c", "a")], {}, "a -> b -> c -> a", id="tasks"),
+    pytest.param([reading("a", "x"), reading("b", "y")], {"x": "b", "y": "a"}, "a -> b -> a", id="streams"),
+    pytest.param([reading("a", "x")], {"x": "a"}, "a -> a", id="its own stream"),
+    pytest.param([a_parent("p", "a"), needing("a", "p")], {}, "p -> a -> p", id="its parent"),
+    pytest.param([a_parent("p", "a", "b"), a_task("a"), reading("b", "x")], {"x": "a"}, "p -> b -> p", id="compound"),
+    pytest.param(
+        [a_parent("p", "a"), a_task("a"), a_parent("q", "b"), needing("b", "a"), needing("c", "b")],
+        {},
+        None,
+        id="none",
+    ),
+    pytest.param(
+        [a_parent("p", "a", "b", satisfiedBy="Any"), a_task("a"), reading("b", "x")], {"x": "a"}, None, id="complex"
+    ),
+    pytest.param([a_parent("p", "a", "b"), a_task("a"), needing("b", "a")], {}, None, id="siblings"),
+]
+
+
+@pytest.mark.parametrize(("tasks", "producers", "cycle"), CYCLES)
+def test_tasks_that_wait_for_each_other_are_refused_and_named(tasks, producers, cycle):
+    streams = [a_stream(name, producedBy=task) for name, task in producers.items()]
+    try:
+        a_policy(streams=streams, tasks=tasks)
+        found = []
+    except PolicyError as error:
+        found = [finding.value for finding in error.findings]
+    assert (cycle in found) if cycle else not found
+
+
+def test_a_cycle_says_why_each_task_waits():
+    with pytest.raises(PolicyError) as caught:
+        a_policy(streams=[a_stream("x", producedBy="b")], tasks=[reading("a", "x"), needing("b", "a")])
+    assert str(caught.value.findings[0]).endswith(
+        "no cycle in the task graph: a waits for b (it requires stream x of b), b waits for a (it requires task a)"
+    )
 
 
 def test_all_findings_come_at_once_in_one_readable_message():

@@ -13,7 +13,11 @@ from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.validation.policy_file import load_policy
+from contextpolicy.simulation import series
+from contextpolicy.simulation.comparison import differences
 from contextpolicy.simulation.epoch import EPOCH
+from contextpolicy.simulation.expectations import parse as parse_expectations
+from contextpolicy.simulation.report import as_csv, as_json, table
 from contextpolicy.simulation.run import simulate
 from contextpolicy.simulation.samples import Skipped, samples
 from contextpolicy.streams import timeline
@@ -115,3 +119,38 @@ def test_a_forced_context_holds_throughout() -> None:
     )
     run = simulate(policy, a_timeline({"key": "x", "encoding": "json", "at": 0, "value": 1}, duration=9), cores=1)
     assert [plan.contexts for plan in run.plans] == [("careful",)]
+
+
+def test_weights_and_scores_are_true_at_every_instant_also_when_no_share_moved() -> None:
+    """One task has the whole node whatever it weighs; its score follows the sensor and then decays."""
+    activity = [{"stream": "s", "scoreFrom": "s.x", "hold": "1s", "decay": "1s"}]
+    policy = a_policy([{"name": "s", "key": "k"}], activity=activity)
+    inputs = [{"key": "k", "encoding": "json", "at": at, "value": {"x": x}} for at, x in ((1, 4.0), (2, 6.0))]
+    run = simulate(policy, a_timeline(*inputs, duration=10), cores=1)
+    expected = parse_expectations(
+        "- {at: 0.5, weights: {a: 1}}\n- {from: 1, to: 1.9, weights: {a: 4}}\n- {at: 2, weights: {a: 6}}\n"
+        "- {at: 3.55, weights: {a: {min: 2.9, max: 3.1}}}\n- {at: 9, weights: {a: 1}}\n"
+        "- {from: 0, to: 10, plans: {max: 3}}\n",
+        policy,
+        subject="test",
+    )
+    assert [str(difference) for difference in differences(run.plans, expected)] == []
+    lines = table(run.plans).splitlines()
+    assert any(line.split()[:4] == ["1.000", "-", "1000m", "(4)"] for line in lines)
+    assert any(line.split()[:4] == ["2.000", "-", "1000m", "(6)"] for line in lines)
+    assert '"weight": 6.0' in as_json(policy, run.plans)
+    assert ",a,6.0,6.0,1.0,False" in as_csv(run.plans)
+
+
+def test_the_panel_of_weights_moves_although_the_shares_do_not() -> None:
+    """Figure 5: both tasks are held by their bounds, and their weights still change places."""
+    tasks = [
+        {"name": name, "selector": {"matchLabels": {"app": name}}, "min": 1, "max": 1, "idle": 1, "activity": activity}
+        for name, activity in (("a", [{"stream": "s", "scoreFrom": "s.x"}]), ("b", []))
+    ]
+    spec = {"streams": [{"name": "s", "key": "k"}], "tasks": tasks}
+    policy = parse({"metadata": {"name": "p", "namespace": "n"}, "spec": spec})
+    inputs = [{"key": "k", "encoding": "json", "at": 1, "value": {"x": 3.0}}]
+    run = simulate(policy, a_timeline(*inputs, duration=2), cores=2)
+    assert series.shares(run.plans)["a"][-1][1] == series.shares(run.plans)["a"][0][1] == 1.0
+    assert series.normalised_weights(run.plans)["a"] == [(0.0, 0.5), (1.0, 0.75)]

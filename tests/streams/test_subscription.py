@@ -9,6 +9,7 @@ from threading import Condition, Event, Thread, current_thread
 
 import pytest
 import zenoh
+import zenoh.ext
 from reactivex.testing import TestScheduler
 
 from contextpolicy.loop import Loop
@@ -16,11 +17,14 @@ from contextpolicy.planning.inputs import Gone
 from contextpolicy.planning.sample import Sample
 from contextpolicy.policy.spec import Encoding, Stream
 from contextpolicy.streams import subscription
+from contextpolicy.streams.attachment import attach
 from contextpolicy.streams.decoding import Decoder
 from contextpolicy.streams.subscription import BATCH, _Inbox, inputs
 
 PATIENCE = 10.0
 IMU = Stream("imu", "robot/imu")
+TIMESTAMPING = {"timestamping/enabled": True}
+"""As rmw_zenoh has it: what a publisher keeps for late listeners is in order by these."""
 MIC = Stream("mic", "robot/microphone")
 
 
@@ -42,7 +46,9 @@ def robot_and_operator():
     endpoint = free_endpoint()
     with (
         open_session(**{"listen/endpoints": [endpoint]}) as operator,
-        open_session(**{"connect/endpoints": [endpoint], "listen/endpoints": []}) as robot,
+        open_session(
+            **{"connect/endpoints": [endpoint], "listen/endpoints": [], "timestamping/enabled": True}
+        ) as robot,
     ):
         yield robot, operator
 
@@ -188,6 +194,49 @@ def test_a_sender_that_dies_is_gone(listen, robot_and_operator, mic):
     watcher.undeclare()
     assert heard.inputs == [Gone("mic")]
     assert heard.threads == {"loop"}
+
+
+@pytest.fixture
+def mission(request):
+    return Stream("mission", f"{abs(hash(request.node.name))}/mission/*", Encoding.CDR, type="std_msgs/msg/Int32")
+
+
+def latched(robot, mission):
+    """A publisher as rmw_zenoh makes one for a transient_local topic."""
+    key, cache = mission.key.replace("*", "hash"), zenoh.ext.CacheConfig(max_samples=1)
+    return zenoh.ext.declare_advanced_publisher(robot, key, cache=cache, publisher_detection=True)
+
+
+def int32(number):
+    return b"\0\1\0\0" + number.to_bytes(4, "little")
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_a_latched_topic_reaches_whoever_listens_whenever(listen, robot_and_operator, mission, late):
+    heard = None if late else listen(mission)
+    publisher = latched(robot_and_operator[0], mission)
+    publisher.put(int32(1))
+    publisher.put(int32(7))
+    heard = heard or listen(mission)
+    heard.wait_for(lambda h: {"data": 7} in h.values("mission"))
+    publisher.put(int32(8))
+    heard.wait_for(lambda h: h.values("mission")[-1:] == [{"data": 8}])
+    publisher.undeclare()
+    assert heard.values("mission")[-2:] == [{"data": 7}, {"data": 8}]
+
+
+def test_a_type_without_a_header_has_the_time_of_its_publication(listen, robot_and_operator, mission):
+    heard = listen(mission)
+    key = mission.key.replace("*", "hash")
+    publisher = robot_and_operator[0].declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
+    wait_for_match(publisher)
+    publisher.put(int32(1), attachment=attach(1, 1_763_712_350_250_000_000, b"g" * 16))
+    publisher.put(int32(2), attachment=b"somebody else's")
+    publisher.put(int32(3))
+    heard.wait_for(lambda h: len(h.inputs) == 3)
+    publisher.undeclare()
+    stamps = [sample.timestamp for sample in heard.inputs]
+    assert stamps == [pytest.approx(1763712350.25, abs=1.0), None, None]
 
 
 def test_after_the_end_of_the_subscription_nothing_arrives(robot_and_operator, loop, publish, imu, mic):

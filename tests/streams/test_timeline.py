@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from pathlib import Path
 
 import pytest
 from jsonschema import Draft202012Validator
 
 from contextpolicy.errors import TimelineError
+from contextpolicy.policy.ros_types import type_store
+from contextpolicy.policy.spec import RosRelease
+from contextpolicy.streams import cdr
+from contextpolicy.streams.ros_message import RosMessage
 from contextpolicy.streams.timeline import TimedInput, _runs, load, parse
 
 TIMELINES = Path(__file__).parents[2] / "timelines"
@@ -19,6 +24,15 @@ FILES = sorted(set(TIMELINES.glob("*.json")) - {TIMELINES / "schema.json"})
 ONCE = {"key": "robot/battery", "encoding": "json", "at": 1.5, "value": {"charge": 0.4}}
 REPEATED = {"key": "robot/imu", "encoding": "json", "from": 1, "to": 2, "rate": 4, "value": {"speed": 0.3}}
 RECORDED = {"key": "robot/microphone", "encoding": "binary", "from": 0, "to": 2, "dataset": "speech/demo"}
+SCAN = {
+    "key": "0/scan/LaserScan/hash",
+    "encoding": "cdr",
+    "type": "sensor_msgs/msg/LaserScan",
+    "from": 0,
+    "to": 2,
+    "rate": 10,
+    "value": {"ranges": [1, "Infinity", "-Infinity", "NaN"]},
+}
 
 
 def a_document(*inputs):
@@ -90,7 +104,7 @@ def test_inputs_of_one_instant_come_in_the_order_of_the_file():
 
 
 def test_all_mistakes_are_reported_at_once():
-    broken = {"key": "/robot//imu", "encoding": "cdr", "from": 5, "to": 1, "rate": 0, "valeu": 1}
+    broken = {"key": "/robot//imu", "encoding": "xml", "from": 5, "to": 1, "rate": 0, "valeu": 1}
     with pytest.raises(TimelineError) as caught:
         parse({"name": "", "duration": 2, "inputs": [broken, 7]}, subject="exp.json")
     fields = {finding.field for finding in caught.value.findings}
@@ -118,6 +132,12 @@ def test_all_mistakes_are_reported_at_once():
         {**RECORDED, "dataset": "../secrets"},
         {**RECORDED, "encoding": "cdr"},
         {**RECORDED, "rate": 10},
+        {**ONCE, "encoding": "cdr"},
+        {**ONCE, "type": "sensor_msgs/msg/Imu"},
+        {**REPEATED, "ros": "jazzy"},
+        {**SCAN, "type": "LaserScan"},
+        {**SCAN, "ros": "melodic"},
+        {**SCAN, "value": 7},
         {"at": 1},
         {},
         None,
@@ -154,3 +174,71 @@ def test_a_file_that_is_not_json_is_refused_by_name(tmp_path, content):
 def test_a_missing_file_is_refused_by_name(tmp_path):
     with pytest.raises(TimelineError, match=r"missing\.json"):
         load(tmp_path / "missing.json")
+
+
+def read(message, at, type_name):
+    return cdr.reader(type_name, type_store(), max_values=100)(message.payload(at))
+
+
+def test_a_ros_message_has_what_is_written_and_defaults_for_the_rest():
+    first = next(parse(a_document(SCAN)).inputs())
+    assert SCHEMA.is_valid(a_document(SCAN))
+    scan = read(first.message, 0, SCAN["type"])
+    assert scan["ranges"][:3] == [1.0, math.inf, -math.inf]
+    assert math.isnan(scan["ranges"][3])
+    assert (scan["range_max"], scan["intensities"]) == (0.0, [])
+
+
+def test_the_stamps_of_headers_move_unless_they_are_given():
+    header = {"frame_id": "map", "stamp": {"sec": 7}}
+    value = {"transforms": [{"child_frame_id": "base"}, {"header": header}]}
+    tf = {**ONCE, "encoding": "cdr", "type": "tf2_msgs/msg/TFMessage", "value": value}
+    [timed] = parse(a_document(tf)).inputs()
+    for at in (1_700_000_000_250_000_000, 1_700_000_001_000_000_000):
+        moving, given = (one["header"]["stamp"] for one in read(timed.message, at, tf["type"])["transforms"])
+        assert given == {"sec": 7, "nanosec": 0}
+        assert moving == {"sec": at // 10**9, "nanosec": at % 10**9}
+
+
+def test_what_does_not_fit_a_message_is_told_by_its_path():
+    value = {"gyro": 1, "orientation_covariance": [1], "angular_velocity": {"x": "fast", "y": True}, "header": 5}
+    entries = [
+        {**ONCE, "encoding": "cdr", "type": "sensor_msgs/msg/Imu", "value": value},
+        {**ONCE, "encoding": "cdr", "type": "std_msgs/msg/Int8", "value": {"data": 128}},
+        {**ONCE, "encoding": "cdr", "type": "std_msgs/msg/Float32", "value": {"data": 1e39}},
+        {**ONCE, "encoding": "cdr", "type": "my_msgs/msg/Mood"},
+    ]
+    with pytest.raises(TimelineError) as caught:
+        parse(a_document(*entries))
+    numbers = 'a number, "NaN", "Infinity" or "-Infinity"'
+    told = {finding.field: finding.allowed for finding in caught.value.findings}
+    assert told.pop("inputs[0].value.gyro").startswith("one of the fields header, orientation, ")
+    assert told == {
+        "inputs[0].value.header": "an object with fields of std_msgs/msg/Header",
+        "inputs[0].value.orientation_covariance": "a list of 9",
+        "inputs[0].value.angular_velocity.x": numbers,
+        "inputs[0].value.angular_velocity.y": numbers,
+        "inputs[1].value.data": "a whole number from -128 to 127",
+        "inputs[2].value.data": numbers,
+        "inputs[3].type": "a message of ROS 2 latest, or of --types DIR",
+    }
+
+
+def test_a_timeline_may_speak_in_ones_own_messages_and_those_of_a_release():
+    mood = {**ONCE, "encoding": "cdr", "type": "my_msgs/msg/Mood", "value": {"glad": True}}
+    assert parse(a_document(mood), (("my_msgs.msg.Mood.msg", "bool glad"),)).entries[0].message
+    with pytest.raises(TimelineError, match=r"inputs\[0\]\.type.*my_msgs\.msg\.Mood\.msg: can't be read"):
+        parse(a_document(mood), (("my_msgs.msg.Mood.msg", "bool"),))
+    distance = {**ONCE, "encoding": "cdr", "type": "sensor_msgs/msg/Range", "value": {"variance": 0.1}}
+    assert parse(a_document({**distance, "ros": "jazzy"})).entries[0].message
+    with pytest.raises(TimelineError, match="variance"):
+        parse(a_document({**distance, "ros": "humble"}))
+
+
+@pytest.mark.parametrize("release", RosRelease)
+def test_every_standard_message_can_be_written_and_read_back(release):
+    store = type_store(release)
+    for type_name in store.fielddefs:
+        message = RosMessage(type_name, store, {})
+        assert message.findings == []
+        cdr.reader(type_name, store, max_values=100)(message.payload(0))

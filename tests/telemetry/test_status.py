@@ -63,7 +63,7 @@ def test_a_robot_at_work():
     assert (content["activeContexts"], content["contexts"], content["boundTasks"]) == (["moving"], "moving", "2/2")
     assert content["plan"]["run"] == 17
     assert content["plan"]["time"] == timestamp(START + 1)
-    assert content["nodes"] == [{"name": "robot", "capacity": "1", "allocatable": "1"}]
+    assert content["nodes"] == [{"name": "robot", "capacity": "1", "allocatable": "1", "dividedBy": "Weight"}]
     slam, speech = content["tasks"]
     assert (slam["weight"], slam["share"], slam["suspended"], slam["pods"]) == (1, "990m", False, 1)
     assert (speech["weight"], speech["share"], speech["suspended"], speech["pods"]) == (0, "10m", True, 1)
@@ -247,3 +247,23 @@ def test_it_is_told_which_stream_a_condition_waits_for_and_since_when():
     story.sample("button", at=1.5, pressed=False)
     assert len(health) == 1
     assert [stream["message"] for stream in made(story)["streams"]] == ["", ""]
+
+
+@pytest.mark.parametrize(
+    ("offset", "off"),
+    [
+        (-20.0, "20 s behind"),
+        (-7200.0, "2 h behind"),
+        (-3 * 86400.0, "3 days behind"),
+        (-1.8e9, "57 years behind"),
+        (7200.0, "2 h ahead of"),
+    ],
+)
+def test_a_stream_says_when_its_timestamps_are_of_another_clock(offset, off):
+    story = Story(a_robot())
+    for tick in range(20):
+        story.sample("imu", at=tick / 10, stamp=tick / 10 + offset, speed=0.3)
+    [stream] = made(story)["streams"]
+    told = f"its timestamps are of another clock, {off} ours (simulated time, a replay?): the time of arrival counts"
+    assert stream["message"].partition("; ")[0] == told
+    assert stream["healthy"]

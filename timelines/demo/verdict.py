@@ -106,7 +106,8 @@ def _reached(recording: Recording, task: str, share: float, since: float, until:
 
 
 def _spans(plans: Sequence[dict[str, Any]]) -> Iterator[tuple[dict[str, Any], float]]:
-    """Each plan with the moment at which the next one came."""
+    """Each plan with the moment at which the next one came; editions of a plan move nothing."""
+    plans = [plan for plan in plans if plan.get("edition", 0) == 0]
     for index, plan in enumerate(plans):
         yield plan, plans[index + 1]["trigger"] if index + 1 < len(plans) else plan["trigger"] + 3600
 

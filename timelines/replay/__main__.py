@@ -10,7 +10,8 @@ import sys
 import threading
 from pathlib import Path
 
-from contextpolicy.errors import TimelineError
+from contextpolicy.errors import DefinitionError, TimelineError
+from contextpolicy.policy.definition_files import of_folder
 from contextpolicy.streams.timeline import Timeline, load
 from modules.robotkit.session import SessionError, endpoints, open_session
 from timelines.datasets.readers import DatasetError
@@ -25,8 +26,9 @@ def main(arguments: list[str] | None = None) -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     try:
-        report = _play(load(options.timeline), options, stop)
-    except (TimelineError, DatasetError, SessionError) as error:
+        definitions = of_folder(options.types) if options.types else ()
+        report = _play(load(options.timeline, definitions), options, stop)
+    except (DefinitionError, TimelineError, DatasetError, SessionError) as error:
         sys.stderr.write(f"{error}\n")
         return 1
     if report is not None:
@@ -59,6 +61,7 @@ def _parser() -> argparse.ArgumentParser:
         "--connect", default=os.environ.get("ZENOH_CONNECT", ""), help="router addresses ($ZENOH_CONNECT)"
     )
     parser.add_argument("--datasets", type=Path, default=ROOT, help="folder of the recordings (%(default)s)")
+    parser.add_argument("--types", type=Path, metavar="DIR", help="folder with .msg and .idl files of ROS 2 messages")
     parser.add_argument("--rate", type=_positive, default=1.0, help="2 plays twice as fast")
     parser.add_argument("--start-offset", type=_seconds, default=0.0, help="seconds to skip")
     parser.add_argument("--playback-duration", type=_positive, help="seconds of the timeline to play")

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import zenoh
 
+from contextpolicy.streams.attachment import attach
+from contextpolicy.streams.ros_message import RosMessage
 from modules.robotkit.inputs import stamp_attachment
 from timelines.datasets.readers import read
 from timelines.datasets.recordings import ROOT
@@ -27,8 +29,17 @@ if TYPE_CHECKING:
 
     from contextpolicy.streams.timeline import Timeline, TimelineEntry
 
-    Payload: TypeAlias = bytes | object
+    Payload: TypeAlias = bytes | RosMessage | object
     Timed: TypeAlias = tuple[float, str, Payload]
+
+
+_ENCODINGS = {
+    "json": zenoh.Encoding.APPLICATION_JSON,
+    "binary": zenoh.Encoding.ZENOH_BYTES,
+    "cdr": zenoh.Encoding.ZENOH_BYTES,  # as rmw_zenoh leaves it
+}
+_GID = b"timeline player."
+"""Who publishes, in 16 bytes, where rmw_zenoh has an id."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +93,8 @@ def play(
             if stop.wait(max(due - time.monotonic(), 0)):
                 break
             report.lateness.append(time.monotonic() - due)
-            _publish(publishers[key], payload)
             report.published[key] += 1
+            _publish(publishers[key], payload, report.published[key])
         start += length / options.rate
         if stop.wait(max(start - time.monotonic(), 0)) or not options.loop:
             break
@@ -108,7 +119,7 @@ def _window(timeline: Timeline, datasets: Path, options: Options) -> Iterator[Ti
 
 def _samples(entry: TimelineEntry, datasets: Path) -> Iterator[Timed]:
     if entry.dataset is None:
-        return ((timed.at, entry.key, timed.value) for timed in entry.inputs())
+        return ((timed.at, entry.key, timed.message or timed.value) for timed in entry.inputs())
     recorded = ((entry.start + at, entry.key, payload) for at, payload in read(datasets, entry.dataset))
     return (timed for timed in recorded if timed[0] < entry.end)
 
@@ -118,7 +129,7 @@ def _publishers(timeline: Timeline, session: zenoh.Session) -> Mapping[str, zeno
     return {
         key: session.declare_publisher(
             key,
-            encoding=zenoh.Encoding.APPLICATION_JSON if encoding == "json" else zenoh.Encoding.ZENOH_BYTES,
+            encoding=_ENCODINGS[encoding],
             congestion_control=zenoh.CongestionControl.DROP,
             express=True,
         )
@@ -126,9 +137,12 @@ def _publishers(timeline: Timeline, session: zenoh.Session) -> Mapping[str, zeno
     }
 
 
-def _publish(publisher: zenoh.Publisher, payload: Payload) -> None:
-    """Send bytes as they are and JSON objects with the `stamp` of this moment."""
+def _publish(publisher: zenoh.Publisher, payload: Payload, sequence: int) -> None:
+    """Send bytes as they are, JSON objects with the `stamp` of this moment, ROS 2 messages as rmw_zenoh sends them."""
     stamp = time.time_ns()
+    if isinstance(payload, RosMessage):
+        publisher.put(payload.payload(stamp), attachment=attach(sequence, stamp, _GID))
+        return
     if isinstance(payload, dict):
         payload = {"stamp": stamp, **payload}
     encoded = payload if isinstance(payload, bytes) else json.dumps(payload).encode()

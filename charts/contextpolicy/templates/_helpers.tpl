@@ -113,6 +113,13 @@ affinity:
 - apiGroups: [""]
   resources: [events]
   verbs: [create]
+{{- with .Values.rosTypes }}
+# Definitions of the robot's own ROS 2 messages, which policies name; no other ConfigMap can be read.
+- apiGroups: [""]
+  resources: [configmaps]
+  resourceNames: {{ toJson . }}
+  verbs: [get]
+{{- end }}
 {{- end -}}
 
 {{/* Whether uninstalling puts containers back; without rights the Job could do nothing. */}}

@@ -25,13 +25,19 @@ class Admission:
         self._stamps: dict[str, tuple[int, int, int]] = {}
         self._sourceless: set[str] = set()
         self._admitted: dict[str, NodeOrder] = {}
+        self._wishes: dict[str, NodeOrder] = {}
 
     def admit(self, order: NodeOrder) -> NodeOrder | None:
         """The part of the order to obey: no targets when the policy wants nothing of the agent; None for a repetition.
 
+        A message that only tells how weights went on is one: what an owner wrote since then stays until the next plan.
         OrderError when it comes out of turn, or asks for more than the node has or for what another policy has.
         """
         if not self._is_news(order):
+            return None
+        wishes = _wishes(order)
+        if self._wishes.get(order.policy) == wishes:
+            self._stamps[order.policy] = order.stamp
             return None
         if order.mode is not Mode.ENFORCE or (order.scheduler, order.control) == (Scheduler.CFS, Control.WEIGHT):
             order = replace(order, targets=())
@@ -39,7 +45,7 @@ class Admission:
         self._check_owners(order)
         self._sourceless.discard(order.policy)
         self._stamps[order.policy] = order.stamp
-        self._admitted[order.policy] = order
+        self._admitted[order.policy], self._wishes[order.policy] = order, wishes
         return order
 
     def lose_source(self, policy: str) -> None:
@@ -49,6 +55,7 @@ class Admission:
     def drop(self, policy: str) -> None:
         """The policy has nothing here any more. What it ordered before is still out of turn, if it comes now."""
         self._admitted.pop(policy, None)
+        self._wishes.pop(policy, None)
 
     def forget(self, policy: str) -> None:
         """Nobody was heard for long: whatever comes next is news."""
@@ -84,6 +91,13 @@ class Admission:
         taken = next((identity for identity in wanted if identity in owners), None)
         if taken is not None:
             raise OrderError("Owned", f"{order.policy}: {taken} belongs to {owners[taken]}")
+
+
+def _wishes(order: NodeOrder) -> NodeOrder:
+    """The order without its edition and without what it found in force."""
+    return replace(
+        order, stamp=(*order.stamp[:2], 0), targets=tuple(replace(target, limit=None) for target in order.targets)
+    )
 
 
 def _named(order: NodeOrder) -> list[OrderTarget]:

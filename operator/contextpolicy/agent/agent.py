@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from contextpolicy.agent.cgroup_paths import CgroupPaths
     from contextpolicy.agent.inotify import WriteWatch
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
-    from contextpolicy.agent.realtime import Manner
 
 log = logging.getLogger(__name__)
 
@@ -40,13 +39,13 @@ class _CgroupWriters:
     """What writes the pods' cgroups, once there are any: CPU limits and realtime."""
 
     def __init__(
-        self, layout: CgroupPaths, ledger: Ledger, refusals: Refusals, watch: WriteWatch, manner: Manner
+        self, layout: CgroupPaths, ledger: Ledger, refusals: Refusals, watch: WriteWatch, priority: int
     ) -> None:
         limits = ControlFiles(CFS[layout.version], watch.add, watch.remove)
         budgets = ControlFiles(REALTIME[layout.version])
         self.layout = layout
         self.limits = Limits(limits, ledger, refusals)
-        self.realtime = Realtime(layout, budgets, ledger, refusals, manner)
+        self.realtime = Realtime(layout, budgets, ledger, refusals, priority)
 
 
 class Agent:
@@ -61,6 +60,7 @@ class Agent:
         self._sources: set[str] = set()
         self._writers: _CgroupWriters | None = None
         self._missing: dict[str, list[str]] = {}
+        self._unlimited = ""
 
     def start(self) -> None:
         """Look around, and give the sources of what a former life left behind the grace period to speak up."""
@@ -116,7 +116,10 @@ class Agent:
             "node": self._settings.node,
             "cgroup": layout.version if layout else None,
             "driver": layout.driver if layout else None,
+            "processors": os.cpu_count(),
+            "quotaPeriod": capabilities.quota_period(layout),
             "missing": self._missing,
+            "unlimited": self._unlimited,
             "refused": dict(self._refusals.counts),
         }
 
@@ -124,9 +127,12 @@ class Agent:
         """The kubelet may come up after the agent."""
         if self._writers is None:
             layout = find_cgroups(self._settings.cgroup_root)
-            self._missing = capabilities.missing(capabilities.probe(layout))
+            facts = capabilities.probe(layout)
+            self._missing, self._unlimited = capabilities.missing(facts), capabilities.unlimited(facts)
             if layout is not None:
-                self._writers = _CgroupWriters(layout, self._ledger, self._refusals, self._watch, self._settings.manner)
+                self._writers = _CgroupWriters(
+                    layout, self._ledger, self._refusals, self._watch, self._settings.priority
+                )
         return self._writers
 
     def _obey(self, order: NodeOrder) -> None:
@@ -139,7 +145,7 @@ class Agent:
         if order.scheduler is Scheduler.REALTIME:
             resting = {group for group, target in groups.items() if target.suspended}
             writers.limits.apply(order.policy, dict.fromkeys(resting, QUANTUM), held=True)
-            writers.realtime.apply(order.policy, _shares(groups), resting)
+            writers.realtime.apply(order.policy, _shares(groups), order.manner, resting)
             return
         for group, target in groups.items():
             if target.limit is not None:

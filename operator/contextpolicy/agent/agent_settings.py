@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from contextpolicy import settings
-from contextpolicy.agent.realtime import Manner
 from contextpolicy.errors import Finding, SettingsError
 
 if TYPE_CHECKING:
@@ -16,17 +15,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class AgentSettings:
-    """What an agent is told from outside; `grace` is in seconds."""
+    """What an agent is told from outside: `priority` is that of realtime threads, `grace` is in seconds."""
 
     node: str
     common: settings.Settings
     cgroup_root: Path = Path("/sys/fs/cgroup")
     state: Path = Path("/run/contextpolicy")
-    manner: Manner = field(default_factory=Manner)
+    priority: int = 10
     grace: float = 10.0
 
 
-def read(environment: Mapping[str, str], *, manner: Manner, grace: float) -> AgentSettings:
+def read(environment: Mapping[str, str], *, priority: int, grace: float) -> AgentSettings:
     """Read the settings; SettingsError names every variable that makes no sense."""
     common = settings.read(environment)
     node = environment.get("NODE_NAME", "")
@@ -39,4 +38,4 @@ def read(environment: Mapping[str, str], *, manner: Manner, grace: float) -> Age
     if findings:
         raise SettingsError("environment", tuple(findings))
     state = Path(environment.get("STATE_DIRECTORY", "") or "/run/contextpolicy")
-    return AgentSettings(node, common, root, state, manner, grace)
+    return AgentSettings(node, common, root, state, priority, grace)

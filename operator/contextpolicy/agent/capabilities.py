@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from contextpolicy.agent.control_files import CFS, REALTIME
+from contextpolicy.agent.control_files import CFS, REALTIME, Format
 from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
@@ -37,8 +38,40 @@ def missing(facts: NodeFacts) -> dict[str, list[str]]:
         nothing = ["there is no cgroup of pods (kubepods): is the kubelet running, and CGROUP_ROOT its cgroup mount?"]
         return {Scheduler.CFS: nothing, Scheduler.REALTIME: nothing}
     both = [] if facts.writable else ["cgroup files can't be written: mount the node's cgroups read-write, as root"]
-    limits = [] if facts.limits else ["the kernel's CPU controller is off for pods (CONFIG_CFS_BANDWIDTH)"]
+    limits = [unlimited(facts)] if unlimited(facts) else []
     return {Scheduler.CFS: [*limits, *both], Scheduler.REALTIME: [*_realtime(facts, facts.version), *both]}
+
+
+def unlimited(facts: NodeFacts) -> str:
+    """Why nobody can limit CPU time on the node, not even the kubelet; empty where that works."""
+    if facts.version is None or facts.limits:
+        return ""
+    return (
+        f"the kernel has no {CFS[facts.version].file} for pods: build it with CONFIG_CFS_BANDWIDTH=y, and let cgroups "
+        "use the CPU controller"
+    )
+
+
+def quota_period(layout: CgroupPaths | None) -> float | None:
+    """The kubelet's period of CPU limits in seconds (cpuCFSQuotaPeriod), as it stands in the first limit there is."""
+    if layout is None:
+        return None
+    form = CFS[layout.version]
+    for folder, _, files in os.walk(layout.top):
+        if form.file in files:
+            period = _period_of(Path(folder), form)
+            if period is not None:
+                return period
+    return None
+
+
+def _period_of(group: Path, form: Format) -> float | None:
+    """A pod may end while we look."""
+    with suppress(OSError):
+        quota, *rest = (group / form.file).read_text().split()
+        if quota != form.unlimited:
+            return int(rest[0] if rest else (group / form.period_file).read_text()) / 1e6
+    return None
 
 
 def _realtime(facts: NodeFacts, version: int) -> list[str]:

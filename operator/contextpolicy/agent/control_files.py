@@ -82,6 +82,12 @@ class ControlFile:
         time = max(self._form.least, amount * self.period // 1000)
         return str(time) if self._form.period_file else f"{time} {self.period}"
 
+    def scaled(self, text: str, period: int) -> str:
+        """The same part of another period, never more."""
+        time, _, _ = text.partition(" ")
+        fewer = str(int(time) * period // self.period)
+        return fewer if self._form.period_file else f"{fewer} {period}"
+
     @property
     def period_path(self) -> Path | None:
         """The file of the period alone, where there is one."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.agent.cgroup_paths import is_container_id, is_uid
 from contextpolicy.errors import OrderError
-from contextpolicy.policy.spec import Control, Mode, Scheduler
+from contextpolicy.policy.bandwidth import LONGEST, PERIOD, SHORTEST
+from contextpolicy.policy.spec import Control, Mode, RealtimePolicy, Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,6 +35,18 @@ class OrderTarget:
 
 
 @dataclass(frozen=True, slots=True)
+class Manner:
+    """How a policy's tasks run in realtime: the microseconds after which budgets begin anew, and who runs next.
+
+    The kernel's period is a second, in which a task with a tenth stands still for 0.9 s on end, and everything else may
+    have to wait for 0.95 s: both are enough to lose a Zenoh session.
+    """
+
+    period: int = round(PERIOD * 1e6)
+    policy: RealtimePolicy = RealtimePolicy.RR
+
+
+@dataclass(frozen=True, slots=True)
 class NodeOrder:
     """What one policy wants of one node; `stamp` only moves forward while its source lives."""
 
@@ -44,6 +57,7 @@ class NodeOrder:
     control: Control
     capacity: int
     targets: tuple[OrderTarget, ...]
+    manner: Manner = field(default_factory=Manner)
 
 
 def read(payload: bytes, policy: str, node: str) -> NodeOrder:
@@ -68,6 +82,7 @@ def _order(document: Mapping[str, Any], node: str) -> NodeOrder:
         control=Control(document["control"]),
         capacity=_thousandths(own["capacity"]) if own else 0,
         targets=tuple(_target(t, tasks[t["task"]]) for t in document["targets"] if t["node"] == node),
+        manner=_manner(document["realtime"]),
     )
 
 
@@ -84,6 +99,16 @@ def _target(target: Mapping[str, Any], task: Mapping[str, Any]) -> OrderTarget:
         limit=None if target.get("limit") is None else _thousandths(target["limit"]),
         suspended=task["suspended"] is True,
     )
+
+
+def _manner(realtime: Mapping[str, Any]) -> Manner:
+    return Manner(_period(realtime["period"]), RealtimePolicy(realtime["policy"]))
+
+
+def _period(seconds: object) -> int:
+    if not isinstance(seconds, int | float) or not SHORTEST <= seconds <= LONGEST:
+        raise ValueError(f"{seconds!r:.80} is no period from {SHORTEST} to {LONGEST} s")
+    return round(seconds * 1e6)
 
 
 def _count(number: object) -> int:

@@ -10,15 +10,17 @@ seconds. It keeps its budget meanwhile: a group in which a realtime thread is ju
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
 from contextpolicy.agent import threads
 from contextpolicy.agent.control_files import children
+from contextpolicy.agent.node_orders import Manner
 from contextpolicy.agent.steps import Step, budget_steps, budgets
 from contextpolicy.errors import ActuationError
+from contextpolicy.policy.spec import RealtimePolicy
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterable, Mapping
@@ -29,49 +31,45 @@ if TYPE_CHECKING:
     from contextpolicy.agent.ledger import Entry, Ledger
     from contextpolicy.agent.refusals import Refusals
 
+_CLASSES = {RealtimePolicy.RR: os.SCHED_RR, RealtimePolicy.FIFO: os.SCHED_FIFO}
 _ATTEMPTS = 5
 """A thread may be born at realtime priority between its group's last look and the end of the group's budget."""
-
-
-@dataclass(frozen=True, slots=True)
-class Manner:
-    """How tasks run in realtime: their threads' priority, and the microseconds after which budgets begin anew.
-
-    The kernel's period is a second, in which a task with a tenth stands still for 0.9 s on end, and everything else may
-    have to wait for 0.95 s: both are enough to lose a Zenoh session.
-    """
-
-    priority: int = 10
-    period: int = 100_000
 
 
 class Realtime:
     """The realtime budgets of one node's containers; groups are the containers' own."""
 
     def __init__(
-        self, layout: CgroupPaths, files: ControlFiles, ledger: Ledger, refusals: Refusals, manner: Manner
+        self, layout: CgroupPaths, files: ControlFiles, ledger: Ledger, refusals: Refusals, priority: int
     ) -> None:
         self._layout, self._files, self._ledger, self._refusals = layout, files, ledger, refusals
-        self._manner = manner
+        self._priority = priority
+        self._manners: dict[str, Manner] = {}
         self._wanted: dict[str, dict[Path, int]] = {}
         self._others: dict[Path, dict[Path, int]] = {}
 
-    def apply(self, policy: str, shares: Mapping[Path, int], suspended: Iterable[Path] = ()) -> None:
+    def apply(self, policy: str, shares: Mapping[Path, int], manner: Manner, suspended: Iterable[Path] = ()) -> None:
         """Let these be the policy's budgets, whole: containers that it no longer names leave realtime."""
         self._wanted[policy] = {group: share for group, share in shares.items() if self._exists(group)}
         resting = set(suspended)
         released, inherited = self._unclaimed(policy)
-        for group in {*released, *resting}:
+        before = self._manners.get(policy, manner)
+        turned = self._wanted[policy] if before.policy is not manner.policy else ()
+        self._manners[policy] = manner
+        for group in {*released, *resting, *turned}:
             self._try(partial(threads.make_ordinary, group, self._layout.version))
         self._divide(policy, inherited | self._merged() | released)
         for group in self._wanted[policy].keys() - resting:
-            self._try(partial(threads.make_realtime, group, self._layout.version, self._manner.priority))
+            self._try(
+                partial(threads.make_realtime, group, self._layout.version, self._priority, _CLASSES[manner.policy])
+            )
         self._close_settled()
 
     def release(self, policy: str) -> None:
         """Undo all of the policy."""
-        self.apply(policy, {})
+        self.apply(policy, {}, self._manners.get(policy, Manner()))
         self._wanted.pop(policy, None)
+        self._manners.pop(policy, None)
 
     def _unclaimed(self, policy: str) -> tuple[dict[Path, int], dict[Path, int]]:
         """Containers in the ledger that no plan names: the policy's, with what they had before, and the others.
@@ -89,9 +87,8 @@ class Realtime:
         parents = {g for leaf in leaves for g in leaf.parents if g.is_relative_to(self._layout.top)}
         least = {parent: self._theirs(parent) for parent in parents}
         groups = budgets(leaves, self._layout.top, self._others_of(parents, {*parents, *leaves}), least)
-        for leaf in leaves:
-            if self._now(leaf) == 0 < leaves[leaf]:
-                self._set_period(policy, leaf)
+        for leaf in self._wanted[policy]:
+            self._try(partial(self._set_period, policy, leaf, self._manners[policy].period))
         steps = budget_steps({group: self._now(group) for group in groups}, groups)
         for step in steps:
             file = self._files[step.group]
@@ -100,13 +97,26 @@ class Realtime:
         for step in steps:
             self._try(partial(self._write, step))
 
-    def _set_period(self, policy: str, group: Path) -> None:
-        """Only while there is no budget: in another period it would be another one."""
+    def _set_period(self, policy: str, group: Path, period: int) -> None:
+        """Never more than the same part of the processor on the way: the budget falls ahead of a shorter period."""
         file = self._files[group]
-        if file.period_path is not None:
-            self._ledger.intend(file.period_path, policy, now=str(file.period), ours=str(self._manner.period))
-            self._ledger.save()
-        file.set_period(self._manner.period)
+        if file.period == period:
+            return
+        now, shorter = self._now(group), file.scaled(file.read(), period)
+        if file.period_path is None:
+            file.set_period(period)
+            if now:
+                self._write_ahead(file.path, policy, file.read(), shorter, lambda: file.write(shorter))
+            return
+        if now and period < file.period:
+            self._write_ahead(file.path, policy, file.read(), shorter, lambda: file.write(shorter))
+        self._write_ahead(file.period_path, policy, str(file.period), str(period), lambda: file.set_period(period))
+
+    def _write_ahead(self, path: Path, policy: str, now: str, ours: str, write: Callable[[], None]) -> None:
+        """The ledger is on disk ahead of the write."""
+        self._ledger.intend(path, policy, now=now, ours=ours)
+        self._ledger.save()
+        write()
 
     def _text(self, step: Step) -> str:
         """What was there before comes back to the letter."""

@@ -19,10 +19,10 @@ _ROUNDS = 10
 """A thread may be born while its siblings are changed; each round catches what the one before missed."""
 
 
-def make_realtime(group: Path, version: int, priority: int) -> None:
-    """Let all threads of the group take turns at realtime priority; threads and processes born later inherit it."""
+def make_realtime(group: Path, version: int, priority: int, policy: int = os.SCHED_RR) -> None:
+    """Let all threads of the group run at realtime priority; threads and processes born later inherit it."""
     parameters = os.sched_param(priority)
-    _change(group, version, lambda now: None if now in _REALTIME else (os.SCHED_RR, parameters))
+    _change(group, version, lambda now: None if now in _REALTIME else (policy, parameters))
 
 
 def make_ordinary(group: Path, version: int) -> None:

@@ -21,10 +21,16 @@ SILENT = "its node agent did not answer yet: it is asked again until it does"
 
 @dataclass(frozen=True, slots=True)
 class AgentReport:
-    """What a node's agent lacks for CPU limits and for realtime; empty when nothing."""
+    """What a node's agent lacks for CPU limits and for realtime, empty when nothing, and what it found.
+
+    `unlimited` says why the kernel itself can't limit CPU time; `quota_period` is the kubelet's, in seconds.
+    """
 
     limits: str
     realtime: str
+    unlimited: str = ""
+    processors: int | None = None
+    quota_period: float | None = None
 
 
 NO_ANSWER = AgentReport(SILENT, SILENT)
@@ -34,9 +40,16 @@ NO_ANSWER = AgentReport(SILENT, SILENT)
 def read_report(payload: bytes) -> AgentReport:
     """An agent's report; one that can't be read lacks everything."""
     try:
-        missing = json.loads(payload)["missing"]
-        return AgentReport("; ".join(missing[Scheduler.CFS]), "; ".join(missing[Scheduler.REALTIME]))
-    except (ValueError, TypeError, KeyError):
+        report = json.loads(payload)
+        missing, processors, period = report["missing"], report.get("processors"), report.get("quotaPeriod")
+        return AgentReport(
+            "; ".join(missing[Scheduler.CFS]),
+            "; ".join(missing[Scheduler.REALTIME]),
+            str(report.get("unlimited", "")),
+            int(processors) if processors else None,
+            float(period) if period else None,
+        )
+    except (ValueError, TypeError, KeyError, AttributeError):
         return AgentReport(UNREADABLE, UNREADABLE)
 
 
@@ -45,8 +58,19 @@ def with_agents(policy: Policy, claim: Claim, reports: Mapping[str, AgentReport]
 
     A node that can't do realtime divides as CFS does, or is left out when the policy rules that out.
     """
-    able = frozenset(node for node in claim.placement.allocatable if node in reports and not reports[node].limits)
-    claim = replace(claim, agents=able)
+    own = {node: reports[node] for node in claim.placement.allocatable if node in reports}
+    placement = replace(
+        claim.placement,
+        processors={node: report.processors for node, report in own.items() if report.processors},
+        quota_periods={node: report.quota_period for node, report in own.items() if report.quota_period},
+    )
+    useless = {node: report.unlimited for node, report in own.items() if report.unlimited}
+    claim = replace(
+        claim,
+        agents=frozenset(node for node, report in own.items() if not report.limits),
+        placement=placement,
+        unlimited=[f"node {node} can't limit CPU time: {why}" for node, why in sorted(useless.items())],
+    )
     return _with_realtime(policy, claim, reports) if policy.scheduler is Scheduler.REALTIME else claim
 
 

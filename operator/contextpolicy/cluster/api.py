@@ -114,6 +114,11 @@ class ApiServer:
                 return []
             raise
 
+    def config_map(self, namespace: str, name: str) -> dict[str, str]:
+        """The texts of a ConfigMap."""
+        data: dict[str, str] = self.read(f"/api/v1/namespaces/{namespace}/configmaps/{name}").get("data") or {}
+        return data
+
     def set_finalizers(self, namespace: str, name: str, finalizers: Sequence[str], version: str) -> None:
         """Replace the finalizers of a ContextPolicy; Conflict when it has changed since `version`."""
         path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}"

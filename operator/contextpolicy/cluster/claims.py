@@ -23,6 +23,8 @@ class Claim:
     conflicts: list[str] = field(default_factory=list)
     obstacles: dict[str, str] = field(default_factory=dict)
     realtime: list[str] = field(default_factory=list)
+    unlimited: list[str] = field(default_factory=list)
+    """Nodes whose kernel can't limit CPU time: nothing that is ordered there has an effect."""
     agents: frozenset[str] = frozenset()
 
 
@@ -59,7 +61,9 @@ class _Registry:
     def admit(self, policy: Policy, pods: Sequence[PodView]) -> Claim:
         result = Claim(Placement())
         held: dict[str, Container] = {}
+        absent = {task.name for task in policy.leaves}
         for task, pod, container in _matches(policy, pods):
+            absent.discard(task.name)
             identity = container_id(pod, container.name)
             obstacle = pod.obstacle(container)
             owner = held[identity].task if identity in held else self._owners.get(identity)
@@ -70,9 +74,9 @@ class _Registry:
             else:
                 floor = pod.floor(container, self._original(pod.uid, container.name))
                 held[identity] = Container(identity, task.name, pod.node, floor, container.memory_limit)
-        return self._take(policy, list(held.values()), result)
+        return self._take(policy, list(held.values()), frozenset(absent), result)
 
-    def _take(self, policy: Policy, held: list[Container], result: Claim) -> Claim:
+    def _take(self, policy: Policy, held: list[Container], absent: frozenset[str], result: Claim) -> Claim:
         granted = []
         for node in sorted({container.node for container in held}):
             wanted, free = self._nodes[node] - policy.reserve, self._nodes[node] - self._taken.get(node, 0)
@@ -85,7 +89,7 @@ class _Registry:
         containers = tuple(container for container in held if container.node in granted)
         if policy.mode is Mode.ENFORCE:
             self._owners |= {c.id: f"task {c.task} of {policy.reference}" for c in containers}
-        result.placement = Placement({node: self._nodes[node] for node in granted}, containers)
+        result.placement = Placement({node: self._nodes[node] for node in granted}, containers, absent=absent)
         return result
 
 

@@ -34,14 +34,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="realtime priority of the tasks' threads (default: %(default)s)",
     )
     parser.add_argument(
-        "--period",
-        type=int,
-        choices=range(10, 1001),
-        metavar="10..1000",
-        default=100,
-        help="milliseconds after which realtime budgets begin anew (default: %(default)s; the kernel's own: 1000)",
-    )
-    parser.add_argument(
         "--grace",
         type=float,
         default=10.0,
@@ -54,11 +46,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def main(arguments: argparse.Namespace) -> int:
     """Run until told to stop, or until a thread fails: the kubelet then starts us anew."""
     from contextpolicy.agent import agent_settings as settings
-    from contextpolicy.agent.realtime import Manner
     from contextpolicy.telemetry import logs
 
-    manner = Manner(arguments.priority, arguments.period * 1000)
-    own = settings.read(os.environ, manner=manner, grace=arguments.grace)
+    own = settings.read(os.environ, priority=arguments.priority, grace=arguments.grace)
     logs.configure(own.common.log_format, own.common.log_level)
     stop, failed = threading.Event(), threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.commands import robot_arguments
 from contextpolicy.commands.robot_arguments import seconds
-from contextpolicy.commands.simulate import run_policy
+from contextpolicy.commands.simulate import read_files, run_policy
 from contextpolicy.errors import ContextPolicyError
 
 if TYPE_CHECKING:
@@ -71,10 +71,8 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _simulate(arguments: argparse.Namespace) -> dict[str, Any]:
     from contextpolicy.explain.explanation import explain
-    from contextpolicy.policy.validation.policy_file import load_policy
-    from contextpolicy.streams import timeline
 
-    policy, inputs = load_policy(arguments.policy), timeline.load(arguments.timeline)
+    policy, inputs = read_files(arguments)
     robot = robot_arguments.robot_of(arguments, policy)
     run = run_policy(policy, inputs, robot=robot, until=arguments.at)
     return explain(run.planner, run.epoch + run.until)

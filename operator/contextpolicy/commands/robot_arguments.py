@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from contextpolicy.commands.validate import add_types_argument
 from contextpolicy.errors import Finding, SettingsError
 from contextpolicy.policy.quantities import CPU_ALLOWED, parse_cpu
 from contextpolicy.policy.suggestions import did_you_mean
@@ -22,6 +23,7 @@ MAX_SECONDS = 10**7
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare them."""
+    add_types_argument(parser)
     own = parser.add_argument_group(
         "robot", "Each task runs once, on the first node, with no CPU request, unless said otherwise."
     )

@@ -34,7 +34,8 @@ output (--output): a table; or the fields
   json   policy, timeline, cores (of all nodes), until (s), notes (sentences), plans: a list, as on the decision bus:
          policy, mode, scheduler, control; sequence, time (s from the timeline's begin), cause, contexts (that hold);
          shortfalls (task, message: what is not feasible); tasks by name: score, weight, share (cores; under Realtime
-         the part of each processor's period), suspended, because; nodes by name: capacity, tasks and their shares
+         the part of each processor's period), suspended, because; nodes by name: capacity, scheduler,
+         dividedBy (Weight; Priority while all are at rest; Nothing while all are suspended), tasks and their shares
   csv    a row for each plan and task: time, sequence, cause, contexts (joined by ;), task, score, weight, share,
          suspended, as in json
 
@@ -79,12 +80,10 @@ def add(subparsers: Any) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Simulate, print, draw and compare."""
-    from contextpolicy.policy.validation.policy_file import load_policy
     from contextpolicy.simulation.notes import notes
-    from contextpolicy.streams import timeline
 
     _refuse_two_readers(arguments)
-    policy, inputs = load_policy(arguments.policy), timeline.load(arguments.timeline)
+    policy, inputs = read_files(arguments)
     expected = _expected(arguments.expected, policy) if arguments.expected else None
     robot = robot_of(arguments, policy)
     run = run_policy(policy, inputs, robot=robot, until=arguments.until)
@@ -96,6 +95,16 @@ def main(arguments: argparse.Namespace) -> int:
     for note in told:
         print(f"note: {note}", file=sys.stderr)
     return 0 if expected is None else _compare(arguments, run, expected)
+
+
+def read_files(arguments: argparse.Namespace) -> tuple[Policy, Timeline]:
+    """The policy and the timeline that the command line names."""
+    from contextpolicy.policy.definition_files import of_folder
+    from contextpolicy.policy.validation.policy_file import load_policy
+    from contextpolicy.streams import timeline
+
+    types = of_folder(arguments.types) if arguments.types else None
+    return load_policy(arguments.policy, types), timeline.load(arguments.timeline, types or ())
 
 
 def run_policy(policy: Policy, inputs: Timeline, *, robot: Robot, until: float | None) -> Simulation:

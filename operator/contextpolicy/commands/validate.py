@@ -26,20 +26,35 @@ def add(subparsers: Any) -> None:
         "that cannot be read.",
     )
     parser.add_argument("files", nargs="+", metavar="POLICY", help="a YAML file, a directory of them, or - for stdin")
+    add_types_argument(parser)
     parser.add_argument("--output", choices=("text", "json"), default="text", help="default: text, one line a problem")
     parser.set_defaults(main=main)
 
 
+def add_types_argument(parser: argparse.ArgumentParser) -> None:
+    """Where a robot's own ROS 2 messages are defined, for every command that meets them."""
+    parser.add_argument(
+        "--types",
+        metavar="DIR",
+        type=Path,
+        help="a folder with .msg and .idl files, such as an installed package's share: messages of ConfigMaps "
+        "that are in none of the files",
+    )
+
+
 def main(arguments: argparse.Namespace) -> int:
     """Check and print; the exit code is for CI."""
+    from contextpolicy.errors import DefinitionError
+    from contextpolicy.policy.definition_files import of_folder
     from contextpolicy.policy.validation.check import check
 
     try:
         texts = list(_texts(arguments.files))
-    except (OSError, UnicodeDecodeError) as error:
+        types = None if arguments.types is None else of_folder(arguments.types)
+    except (OSError, UnicodeDecodeError, DefinitionError) as error:
         print(f"contextpolicy validate: {error}", file=sys.stderr)
         return 2
-    report = check(texts)
+    report = check(texts, types)
     (_print_json if arguments.output == "json" else _print_text)(report)
     return 0 if _is_valid(report) else 1
 

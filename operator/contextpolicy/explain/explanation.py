@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.errors import ShareError
 from contextpolicy.explain.deciding import absence, deciding_parts
 from contextpolicy.planning.division import terms
+from contextpolicy.planning.seating import seat_tasks
 from contextpolicy.planning.shares import divide, floors_exceed
 from contextpolicy.policy.bandwidth import throttle_gap
 
@@ -35,7 +36,7 @@ LONGEST_LIST = 16
 def explain(planner: Planner, now: float) -> dict[str, Any]:
     """The plan in force and its reasons, JSON-serialisable; before the first plan `plan` is None and tasks are empty.
 
-    Scores, weights and contexts are those of `now`: a change that moves no share makes no new plan.
+    Scores, weights and contexts are those of `now`, also when they moved no share since the plan was made.
     """
     plan, policy = planner.last, planner.policy
     return {
@@ -43,7 +44,7 @@ def explain(planner: Planner, now: float) -> dict[str, Any]:
         "mode": policy.mode,
         "scheduler": policy.scheduler,
         "time": now,
-        "plan": _plan(plan, now),
+        "plan": _plan(planner, now),
         "minDwell": policy.min_dwell,
         "heldBack": planner.held_back,
         "streams": {name: _stream(stream, now) for name, stream in planner.streams.items()},
@@ -55,14 +56,15 @@ def explain(planner: Planner, now: float) -> dict[str, Any]:
     }
 
 
-def _plan(plan: Plan | None, now: float) -> dict[str, Any] | None:
-    if plan is None:
+def _plan(planner: Planner, now: float) -> dict[str, Any] | None:
+    plan, decided = planner.last, planner.decided
+    if plan is None or decided is None:
         return None
     return {
-        "sequence": plan.sequence,
-        "time": plan.time,
-        "age": round(now - plan.time, 6),
-        "cause": plan.cause,
+        "sequence": decided.sequence,
+        "time": decided.time,
+        "age": round(now - decided.time, 6),
+        "cause": decided.cause,
         "contexts": list(plan.contexts),
         "shortfalls": [{"task": shortfall.task, "message": shortfall.message} for shortfall in plan.shortfalls],
     }
@@ -86,16 +88,14 @@ def _plain(value: Any) -> Any:
     match value:
         case dict():
             return {str(name): _plain(inner) for name, inner in value.items()}
-        case list() if len(value) > LONGEST_LIST:
-            return [*map(_plain, value[:LONGEST_LIST]), f"and {len(value) - LONGEST_LIST} more"]
         case list():
-            return [_plain(inner) for inner in value]
+            more = [f"and {len(value) - LONGEST_LIST} more"] if len(value) > LONGEST_LIST else []
+            return [*map(_plain, value[:LONGEST_LIST]), *more]
         case bytes():
             return f"{len(value)} bytes"
-    readable = (
-        value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value))
-    )
-    return value if readable else str(value)
+        case float() if not math.isfinite(value):
+            return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
 
 
 def _context(planner: Planner, context: ContextState, now: float) -> dict[str, Any]:
@@ -118,24 +118,26 @@ def _decided_by(planner: Planner, condition: Guarded | None, now: float) -> list
 
 
 def _task(planner: Planner, plan: Plan, task: Task, now: float) -> dict[str, Any]:
-    weight = planner.weights[task.name]
+    own = plan.tasks[task.name]
     parent = next((other.name for other in planner.policy.tasks if task.name in other.subtasks), None)
     names = {context.spec.name for context in planner.active_contexts()}
     active = [context for context in planner.policy.contexts if context.name in names]
     return {
-        "score": planner.scores()[task.name],
-        "weight": weight.value,
-        "share": plan.tasks[task.name].share,
-        "suspended": weight.value == 0,
-        "because": weight.because,
+        "score": own.score,
+        "weight": own.weight,
+        "share": own.share,
+        "suspended": own.suspended,
+        "because": own.because,
+        "protected": task.protected,
         "priority": task.priority,
         "idle": task.idle,
         "activity": [_activity(planner, own, now) for own in planner.initiatives[task.name]],
         "requires": [
             _initiative(planner, own, now) | {"met": own.value > 0} for own in planner.requirements[task.name]
         ],
+        "requiredTasks": {name: planner.weights[name].able for name in task.required_tasks},
         "contexts": [context.name for context in planner.policy.contexts if task.name in context.effects],
-        "effects": _effects(active, task.name),
+        "effects": _effects(active, task),
         "parent": parent,
         "subtasks": list(task.subtasks),
         "satisfiedBy": task.satisfied_by if task.subtasks else None,
@@ -167,12 +169,14 @@ def _initiative(planner: Planner, initiative: Initiative, now: float) -> dict[st
     }
 
 
-def _effects(active: Sequence[Context], task: str) -> list[dict[str, Any]]:
-    """What the contexts in force do to a task; of several the last one decides."""
-    effects = [(context.name, context.effects[task]) for context in active if task in context.effects]
+def _effects(active: Sequence[Context], task: Task) -> list[dict[str, Any]]:
+    """What the contexts in force do to a task; of several the last decides, but none suspends a protected one."""
+    effects = {context.name: context.effects[task.name] for context in active if task.name in context.effects}
+    ruled_out = {name for name, effect in effects.items() if task.protected and effect.suspends}
+    last = next((name for name in reversed(effects) if name not in ruled_out), None)
     return [
-        {"context": name, "change": change(effect), "decides": index == len(effects) - 1}
-        for index, (name, effect) in enumerate(effects)
+        {"context": name, "change": change(effect), "decides": name == last, "ruledOut": name in ruled_out}
+        for name, effect in effects.items()
     ]
 
 
@@ -187,17 +191,19 @@ def change(effect: Effect) -> str:
 
 def _needs(planner: Planner, plan: Plan, task: Task) -> list[dict[str, Any]]:
     """Each capability constraint with what the least well served container gets."""
+    nodes = {node.name: node for node in seat_tasks(planner.policy, planner.placement).nodes if node.name in plan.nodes}
     shares = [
-        plan.nodes[container.node].containers[container.id]
+        (nodes[container.node], plan.nodes[container.node].containers[container.id])
         for container in planner.placement.containers
-        if container.task == task.name and container.node in plan.nodes
+        if container.task == task.name and container.node in nodes
     ]
     if not shares:
         return []
-    gap = throttle_gap(min(shares))
+    cores = min(node.cores(share) for node, share in shares)
+    gap = max(throttle_gap(share, node.period) for node, share in shares)
     memory = [c.memory for c in planner.placement.containers if c.task == task.name and c.memory is not None]
     rows = [
-        ("cores", task.needs.cores, min(shares), task.needs.cores is not None and min(shares) >= task.needs.cores),
+        ("cores", task.needs.cores, cores, task.needs.cores is not None and cores >= task.needs.cores),
         ("memory", task.needs.memory, min(memory, default=None), not memory or min(memory) >= (task.needs.memory or 0)),
         ("deadline", task.needs.deadline, gap, task.needs.deadline is not None and gap <= task.needs.deadline),
     ]
@@ -205,7 +211,7 @@ def _needs(planner: Planner, plan: Plan, task: Task) -> list[dict[str, Any]]:
 
 
 def _nodes(planner: Planner, plan: Plan) -> dict[str, Any]:
-    divided = terms(planner.policy, planner.weights, planner.placement)
+    divided = terms(planner.policy, planner.weights, planner.placement, planner.at_rest)
     return {node: _node(divided[node], made) for node, made in plan.nodes.items() if node in divided}
 
 
@@ -225,7 +231,9 @@ def _node(own: Terms, made: NodePlan) -> dict[str, Any]:
         }
     return {
         "scheduler": made.scheduler,
+        "period": own.period,
         "capacity": made.capacity,
+        "dividedBy": made.basis,
         "step": own.quantum,
         "weights": total,
         "floorsExceed": floors_exceed(own.capacity // own.quantum, own.claims),
@@ -235,9 +243,7 @@ def _node(own: Terms, made: NodePlan) -> dict[str, Any]:
 
 
 def _divides_so(own: Terms, made: NodePlan) -> bool:
-    """Whether the weights of now give the shares in force; not so while minDwell or weights of 0 keep the last plan."""
-    if not any(claim.weight for claim in own.claims):
-        return False
+    """Whether the weights of now give the shares in force; not so while minDwell keeps the last plan."""
     try:
         units = divide(own.capacity // own.quantum, own.claims)
     except ShareError:

@@ -145,6 +145,8 @@ def _preconditions(own: Mapping[str, Any]) -> Iterator[str]:
         state = "holds" if requirement["met"] else "does not hold, so it waits with weight 0"
         why = "" if requirement["met"] else f": {_parts(requirement['decidedBy'], requirement['when'])}"
         yield f"Its pre-condition `{requirement['when']}` {state}{why}."
+    for required, able in own["requiredTasks"].items():
+        yield f"It requires task {required}, which {'can run' if able else 'can not run, so it waits with weight 0'}."
 
 
 def _weight(own: Mapping[str, Any]) -> Iterator[str]:
@@ -152,7 +154,8 @@ def _weight(own: Mapping[str, Any]) -> Iterator[str]:
     yield f"Priority {own['priority']:g} times score {own['score']:g} is {product:g}."
     for effect in own["effects"]:
         overruled = "" if effect["decides"] else ", but a later context decides"
-        yield f"Context {effect['context']} {effect['change']}{overruled}."
+        ruled_out = ", which has no effect: it is protected" if effect["ruledOut"] else overruled
+        yield f"Context {effect['context']} {effect['change']}{ruled_out}."
     if own["weight"] != product:
         because = "" if own["effects"] else f": {own['because']}"
         yield f"So its weight is {own['weight']:.4g}{because}."
@@ -172,19 +175,17 @@ def _division(explanation: Mapping[str, Any], task: str) -> Iterator[str]:
         if row is None:
             continue
         if not node["current"]:
-            yield _kept(name, node)
+            yield f"The plan in force on node {name} is an older one: the next waits until minDwell is over."
             continue
+        if node["dividedBy"] == "Priority":
+            yield f"Nothing on node {name} is active: the tasks that can run divide it by priority."
+        if node["dividedBy"] == "Nothing":
+            yield f"No task on node {name} can run: each has the least."
         if row["weight"] > 0:
             equation = "Eq. 1" if node["scheduler"] == Scheduler.CFS else "Eq. 2"
             part = f"{_cpu(node, node['capacity'])} * {row['weight']:.4g} / {node['weights']:.4g}"
             yield f"{equation} on node {name}: {part} = {_cpu(node, row['proportional'])}."
         yield from _bounds(node, row, task)
-
-
-def _kept(name: str, node: Mapping[str, Any]) -> str:
-    if node["weights"] == 0:
-        return f"All weights on node {name} are 0, so it keeps its last plan."
-    return f"The plan in force on node {name} is an older one: the next waits until minDwell is over."
 
 
 def _bounds(node: Mapping[str, Any], row: Mapping[str, Any], task: str) -> Iterator[str]:
@@ -251,6 +252,8 @@ def _shown(value: object) -> str:
 
 
 def _cpu(node: Mapping[str, Any], millis: float) -> str:
-    """Thousandths, of a core or of a processor's second: by what divides the node, not by what the policy asks for."""
-    amount = f"{round(millis, 1):g}"
-    return f"{amount}m" if node["scheduler"] == Scheduler.CFS else f"{amount} ms of each second"
+    """Thousandths, of a core or of a processor's period: by what divides the node, not by what the policy asks for."""
+    if node["scheduler"] == Scheduler.CFS:
+        return f"{round(millis, 1):g}m"
+    period = node["period"]
+    return f"{round(millis * period, 2):g} ms of each {period * 1000:g} ms"

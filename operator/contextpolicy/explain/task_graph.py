@@ -8,9 +8,10 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from contextpolicy.explain.explanation import change
+from contextpolicy.planning.weights import Obstacles, Weigher
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.quantities import format_cpu
-from contextpolicy.policy.spec import SatisfiedBy
+from contextpolicy.policy.spec import Enforce, SatisfiedBy
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -90,15 +91,10 @@ def build(policy: Policy, *, context: str | None = None) -> Graph:
 
 
 def _suspended(policy: Policy, context: Context) -> set[str]:
-    """The tasks that cannot run in this context: what it suspends, and what belongs to it in the graph."""
-    names = {name for name, effect in context.effects.items() if effect.suspend or effect.weight == 0}
-    for task in policy.tasks:
-        blocked = set(task.subtasks) & names
-        if task.subtasks and blocked and (task.satisfied_by is SatisfiedBy.ALL or blocked == set(task.subtasks)):
-            names.add(task.name)
-        if task.name in names:
-            names |= set(task.subtasks)
-    return names
+    """The tasks that cannot run in this context, when all else is well: what it suspends, and what depends on that."""
+    scores = {task.name: 1.0 for task in policy.tasks}
+    weights = Weigher(policy).weigh(scores, Obstacles({}), [context])
+    return {name for name, weight in weights.items() if not weight.able}
 
 
 def _add_task(graph: Graph, task: Task, *, suspended: bool) -> None:
@@ -114,7 +110,8 @@ def _add_task(graph: Graph, task: Task, *, suspended: bool) -> None:
 
 def _task_lines(task: Task) -> tuple[str, ...]:
     kind = {SatisfiedBy.ALL: "compound: all of", SatisfiedBy.ANY: "complex: any of"}[task.satisfied_by]
-    return (task.name, kind if task.subtasks else f"priority {task.priority:g}")
+    own = f"priority {task.priority:g}{', protected' if task.protected else ''}"
+    return (task.name, kind if task.subtasks else own)
 
 
 def _input_edges(task: Task) -> Iterator[Edge]:
@@ -123,7 +120,8 @@ def _input_edges(task: Task) -> Iterator[Edge]:
         streams = Expression(activity.when).variables | ({activity.stream} if activity.stream else set())
         label = activity.initiative or ("" if activity.when == "true" else _line(activity.when))
         yield from (Edge(f"stream-{stream}", node, Relation.ACTIVITY, label) for stream in sorted(streams))
-    for requirement in task.requires:
+    yield from (Edge(f"task-{name}", node, Relation.CONDITION) for name in task.required_tasks)
+    for requirement in task.preconditions:
         for stream in sorted(Expression(requirement.when).variables):
             yield Edge(f"stream-{stream}", node, Relation.CONDITION, _line(requirement.when))
 
@@ -143,7 +141,8 @@ def _needs(task: Task) -> tuple[str, ...]:
     cores = f"{format_cpu(needs.cores)} {'core' if needs.cores == 1000 else 'cores'}" if needs.cores else ""
     memory = f"{needs.memory / 2**20:.4g} MiB" if needs.memory else ""
     deadline = f"within {needs.deadline:g} s" if needs.deadline else ""
-    return tuple(filter(None, (cores, memory, deadline)))
+    enforced = "or suspended" if needs.enforce is Enforce.SUSPEND else ""
+    return tuple(filter(None, (cores, memory, deadline, enforced)))
 
 
 def _add_context(graph: Graph, context: Context) -> None:

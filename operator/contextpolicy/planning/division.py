@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import ShareError
-from contextpolicy.planning.plan import NodePlan, Shortfall
+from contextpolicy.planning.plan import Basis, NodePlan, Shortfall
 from contextpolicy.planning.seating import seat_tasks
 from contextpolicy.planning.shares import Demand, divide, floors_exceed
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping
+    from collections.abc import Set as AbstractSet
 
     from contextpolicy.planning.placement import Placement
     from contextpolicy.planning.seating import Seat, SeatedNode, Seating
     from contextpolicy.planning.weights import Weight
     from contextpolicy.policy.spec import Policy
 
+    AtRest = Callable[[], Mapping[str, Weight]]
+
 
 @dataclass(frozen=True, slots=True)
 class Division:
-    """All nodes' plans and what could not be met on them."""
+    """All nodes' plans, each task's share over all of them, and what could not be met.
+
+    `resting` are the tasks that have a share by their priority, while nothing is active on their node.
+    """
 
     nodes: Mapping[str, NodePlan]
+    shares: Mapping[str, int]
     shortfalls: tuple[Shortfall, ...]
+    resting: AbstractSet[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,40 +43,58 @@ class Terms:
     capacity: int
     quantum: int
     claims: tuple[Demand, ...]
+    period: float
+    basis: Basis = Basis.WEIGHT
+    unprotected: bool = False
+    """Whether the protected tasks' floors are more than there is, so that not even they can be kept."""
 
 
-def divide_nodes(layout: Seating, weights: Mapping[str, Weight], last: Mapping[str, NodePlan]) -> Division:
-    """Divide each node; a node that can't be divided keeps its last plan and says why."""
+def divide_nodes(
+    layout: Seating, weights: Mapping[str, Weight], last: Mapping[str, NodePlan], at_rest: AtRest
+) -> Division:
+    """Divide each node; a node that can't be divided keeps its last plan and says why.
+
+    `at_rest` says what the tasks would weigh if all were active; asked only for a node on which nothing is.
+    """
     nodes: dict[str, NodePlan] = {}
     shortfalls: list[Shortfall] = []
+    resting: set[str] = set()
     for node in layout.nodes:
-        claims = _claims(node, weights)
+        own = _terms(node, weights, at_rest)
         try:
-            nodes[node.name] = _divide(node, claims)
-            shortfalls += _floor_shortfall(node, claims)
+            nodes[node.name] = _divide(node, own)
+            shortfalls += _floor_shortfalls(own)
+            if own.basis is Basis.PRIORITY:
+                resting.update(claim.name for claim in own.claims if claim.weight > 0)
         except ShareError as error:
             shortfalls.append(Shortfall("", f"node {node.name} keeps its last plan: {error}"))
             if node.name in last:
                 nodes[node.name] = last[node.name]
-    return Division(nodes, tuple(shortfalls))
+    shares: Counter[str] = Counter()
+    for made in nodes.values():
+        shares.update(made.shares)
+    return Division(nodes, shares, tuple(shortfalls), resting)
 
 
-def terms(policy: Policy, weights: Mapping[str, Weight], placement: Placement) -> dict[str, Terms]:
+def terms(policy: Policy, weights: Mapping[str, Weight], placement: Placement, at_rest: AtRest) -> dict[str, Terms]:
     """Each node's terms, for explanations."""
-    return {
-        node.name: Terms(node.capacity, node.quantum, tuple(_claims(node, weights)))
-        for node in seat_tasks(policy, placement).nodes
-    }
+    return {node.name: _terms(node, weights, at_rest) for node in seat_tasks(policy, placement).nodes}
 
 
-def _claims(node: SeatedNode, weights: Mapping[str, Weight]) -> list[Demand]:
-    return [seat.claim(weights[seat.task].value) for seat in node.seats]
+def _terms(node: SeatedNode, weights: Mapping[str, Weight], at_rest: AtRest) -> Terms:
+    basis = Basis.WEIGHT
+    if not any(weights[seat.task].value > 0 for seat in node.seats):
+        weights = at_rest()
+        basis = Basis.PRIORITY if any(weights[seat.task].value > 0 for seat in node.seats) else Basis.NOTHING
+    claims = [seat.claim(weights[seat.task].value) for seat in node.seats]
+    unprotected = node.protects and sum(claim.least for claim in claims) > node.capacity // node.quantum
+    if unprotected:
+        claims = [seat.claim(weights[seat.task].value, protect=False) for seat in node.seats]
+    return Terms(node.capacity, node.quantum, tuple(claims), node.period, basis, unprotected)
 
 
-def _divide(node: SeatedNode, claims: Sequence[Demand]) -> NodePlan:
-    if not any(claim.weight > 0 for claim in claims):
-        raise ShareError("the weights of all its tasks sum to 0, allowed: at least one above 0")
-    units = divide(node.capacity // node.quantum, claims)
+def _divide(node: SeatedNode, own: Terms) -> NodePlan:
+    units = divide(own.capacity // own.quantum, own.claims)
     shares = {name: units[name] * node.quantum for name in sorted(units)}
     containers: dict[str, int] = {}
     for seat in node.seats:
@@ -76,7 +103,7 @@ def _divide(node: SeatedNode, claims: Sequence[Demand]) -> NodePlan:
         else:
             parts = _parts(seat, units[seat.task])
             containers |= {container: part * node.quantum for container, part in parts.items()}
-    return NodePlan(node.capacity, shares, containers, node.scheduler)
+    return NodePlan(node.capacity, shares, containers, node.scheduler, own.basis)
 
 
 def _parts(seat: Seat, units: int) -> dict[str, int]:
@@ -88,8 +115,9 @@ def _parts(seat: Seat, units: int) -> dict[str, int]:
     return divide(units, claims)
 
 
-def _floor_shortfall(node: SeatedNode, claims: Sequence[Demand]) -> list[Shortfall]:
-    if not floors_exceed(node.capacity // node.quantum, claims):
+def _floor_shortfalls(own: Terms) -> list[Shortfall]:
+    if not floors_exceed(own.capacity // own.quantum, own.claims):
         return []
-    total = sum(claim.floor for claim in claims) * node.quantum
-    return [Shortfall("", f"the floors sum to {total}m, allowed: {node.capacity}m; all are scaled down")]
+    total = sum(claim.floor for claim in own.claims) * own.quantum
+    scaled = "all are scaled down, also those of protected tasks" if own.unprotected else "all are scaled down"
+    return [Shortfall("", f"the floors sum to {total}m, allowed: {own.capacity}m; {scaled}")]

@@ -15,7 +15,7 @@ from contextpolicy.policy.cel import FUNCTIONS, Expression
 from contextpolicy.policy.cel_rewriting import HEARD, PASSED, REACHED, SINCE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
     from contextpolicy.planning.timers import Timers
     from contextpolicy.policy.cel_rewriting import Age
@@ -63,7 +63,7 @@ class Guarded:
 
     def truth(self, now: float) -> bool:
         """False when the condition has no value."""
-        return self._try(self.expression.truth, now) or False
+        return self._try(self._truth_despite_nan, now) or False
 
     def number(self, now: float) -> float:
         """0 when the expression has no number."""
@@ -77,6 +77,21 @@ class Guarded:
     def adopt(self, old: Guarded) -> None:
         """Go on waiting where the same expression of the policy's last version does."""
         self.waiting = old.waiting
+
+    def _truth_despite_nan(self, scope: Scope) -> bool:
+        """Whether the condition holds, whatever the numbers are that the sensors do not know.
+
+        To the CEL library NaN is not comparable, and one beam of a laser scanner would fail all that is asked of it.
+        """
+        streams = self.expression.variables
+        try:
+            return self.expression.truth(scope)
+        except UndecidedError:
+            raise
+        except ExpressionError:
+            if not scope.holds_nan(streams):
+                raise
+        return all(scope.at_extremes(streams, self.expression.truth))
 
     def _try(self, read: Callable[[Scope], Value], now: float) -> Value | None:
         self._scope.now = now
@@ -127,11 +142,12 @@ class Scope:
     a value is no variable: CEL's own rules then decide, so `a.x || b.y` holds when one side does.
     """
 
-    __slots__ = ("_aged", "_asked", "_lacking", "_reads", "_since", "_values", "context", "now", "whole")
+    __slots__ = ("_aged", "_asked", "_lacking", "_normal", "_reads", "_since", "_values", "context", "now", "whole")
 
     def __init__(self) -> None:
         self.now = -math.inf
         self.whole: set[str] = set()
+        self._normal = cel_numbers.Normal()
         self._reads: dict[str, dict[str, Any]] = {}
         self._values: dict[str, object] = {}
         self._lacking: dict[str, Collection[str]] = {}
@@ -157,7 +173,10 @@ class Scope:
         `lacking` are its features that have no value.
         """
         reads = self._reads.get(stream)
-        normal = cel_numbers.Normal()
+        if reads is None and stream not in self._asked and stream not in self._aged:
+            return
+        normal = self._normal
+        normal.whole = False
         try:
             part = {} if reads is None else normal.value(_prune(value, reads))
             if reads is not None:
@@ -170,7 +189,10 @@ class Scope:
             self._since[stream] = now
             self.context.add_variable(SINCE + stream, now)
         self._values[stream], self._lacking[stream] = part, lacking
-        (self.whole.add if normal.whole else self.whole.discard)(stream)
+        if normal.whole:
+            self.whole.add(stream)
+        elif self.whole:
+            self.whole.discard(stream)
 
     def unbind(self, stream: str) -> None:
         """The stream has no value any more."""
@@ -208,6 +230,46 @@ class Scope:
 
     def _passed(self, since: float, seconds: float) -> bool:
         return since + seconds < self.now
+
+    def holds_nan(self, streams: Iterable[str]) -> bool:
+        """Whether expressions see a number of these streams that its sensor does not know."""
+        return any(_holds_nan(self._values.get(stream)) for stream in streams)
+
+    def at_extremes(self, streams: Iterable[str], read: Callable[[Scope], Value]) -> list[Value]:
+        """What `read` gives with the smallest and with the largest number in the place of those that are not known."""
+        values = {stream: self._values[stream] for stream in streams if stream in self._values}
+        try:
+            return [read(self._with(values, number)) for number in (-math.inf, math.inf)]
+        finally:
+            for stream, value in values.items():
+                self.context.add_variable(stream, value)
+
+    def _with(self, values: Mapping[str, object], number: float) -> Scope:
+        for stream, value in values.items():
+            self.context.add_variable(stream, _without_nan(value, number))
+        return self
+
+
+def _holds_nan(value: object) -> bool:
+    match value:
+        case float():
+            return math.isnan(value)
+        case dict():
+            return any(map(_holds_nan, value.values()))
+        case list():
+            return any(map(_holds_nan, value))
+    return False
+
+
+def _without_nan(value: Any, number: float) -> Any:
+    match value:
+        case float():
+            return number if math.isnan(value) else value
+        case dict():
+            return {name: _without_nan(inner, number) for name, inner in value.items()}
+        case list():
+            return [_without_nan(inner, number) for inner in value]
+    return value
 
 
 @lru_cache(maxsize=1024)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import TYPE_CHECKING
 
@@ -28,11 +29,18 @@ class Window:
         self._numbers = _Queue(_OPERATIONS[feature.op])
 
     def read(self, scope: Scope) -> float:
-        """What the sample that `scope` holds adds; ExpressionError when `of` has no number on it."""
-        return self._of.number(scope) if self._of else 1.0
+        """What the sample that `scope` holds adds; ExpressionError when `of` has no number on it.
+
+        An infinity is a number here (a laser scanner's "nothing in range"), and NaN one that the sensor does not know.
+        """
+        return self._of.reading(scope) if self._of else 1.0
 
     def add(self, number: float, now: float) -> None:
-        """Take the newest sample's number."""
+        """Take the newest sample's number; one that the sensor does not know changes no mean and no bound."""
+        if math.isnan(number):
+            if self.feature.op not in (FeatureOp.COUNT, FeatureOp.RATE):
+                return
+            number = 1.0
         if len(self._times) == MAX_SAMPLES:
             self._drop()
         self._times.append(now)
@@ -43,7 +51,7 @@ class Window:
         return self._times[0] + self.feature.over if self._times else None
 
     def value(self, now: float) -> float | None:
-        """The feature at `now`; None when mean, min or max have no sample to tell about."""
+        """The feature at `now`; None when mean, min or max have no number to tell about."""
         while self._times and self._times[0] + self.feature.over <= now + SAME_INSTANT:
             self._drop()
         match self.feature.op:
@@ -53,7 +61,7 @@ class Window:
                 return len(self._times) / self.feature.over
             case FeatureOp.MEAN:
                 total = self._numbers.total()
-                return None if total is None else total / len(self._times)
+                return None if total is None or math.isnan(total) else total / len(self._times)
             case _:
                 return self._numbers.total()
 

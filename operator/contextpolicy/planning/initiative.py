@@ -117,11 +117,14 @@ class Initiative:
     def _rise(self, score: float, now: float) -> None:
         until = now + self.spec.hold if self.spec.hold else math.inf
         events = self._events
-        if len(events) == 1 and events[0].gives_way_to(score):  # nearly every sample
+        if len(events) == 1 and events[0].gives_way_to(score):  # nearly every sample, so without a new event
             events[0].score, events[0].until = score, until
+            if self.spec.hold or self.spec.decay:
+                self._wait()
+            self._become(score, now)
         else:
             self._add(_Event(score, until), now)
-        self._settle(now)
+            self._settle(now)
 
     def _add(self, event: _Event, now: float) -> None:
         events = self._events
@@ -149,12 +152,17 @@ class Initiative:
 
     def _settle(self, now: float) -> None:
         """Take the strongest event's value, and wait for its next change."""
+        self._wait()
+        self._become(self._events[0].value if self._events else 0.0, now)
+
+    def _wait(self) -> None:
         due = self._events[0].next_change(self.spec.decay) if self._events else math.inf
         if due < math.inf:
             self._timers.set(self, due)
         else:
             self._timers.clear(self)
-        value = self._events[0].value if self._events else 0.0
+
+    def _become(self, value: float, now: float) -> None:
         if value != self.value:
             self.value = value
             self._listener.on_score(self, now)

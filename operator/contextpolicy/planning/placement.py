@@ -33,12 +33,22 @@ class Container:
 class Placement:
     """Allocatable CPU of each node in thousandths of a core, and the containers on them.
 
-    Nodes in `fair_only` divide as CFS does whatever the policy's scheduler: they can't do realtime.
+    Nodes in `fair_only` divide as CFS does whatever the policy's scheduler: they can't do realtime. `absent` are the
+    tasks that run nowhere: an ungoverned container is not in `containers`, but it runs.
     """
 
     allocatable: Mapping[str, int] = field(default_factory=dict)
     containers: tuple[Container, ...] = ()
     fair_only: frozenset[str] = frozenset()
+    absent: frozenset[str] = frozenset()
+    processors: Mapping[str, int] = field(default_factory=dict)
+    """As the nodes' agents counted them; where there is none, as many as the allocatable CPU needs."""
+    quota_periods: Mapping[str, float] = field(default_factory=dict)
+    """The kubelets' CFS periods in seconds, as the nodes' agents found them."""
+
+    def processors_of(self, node: str) -> int:
+        """Over how many processors a realtime budget is spread."""
+        return self.processors.get(node) or max(1, -(-self.allocatable[node] // 1000))
 
     def by_node(self) -> dict[str, dict[str, list[Container]]]:
         """Node -> task -> containers, in a stable order; only nodes whose size is known."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
 from contextpolicy.policy.spec import Scheduler
@@ -12,17 +13,25 @@ if TYPE_CHECKING:
 
 
 class TaskPlan(NamedTuple):
-    """One task: `share` is the sum over its containers in thousandths of a core (or of the realtime period)."""
+    """One task: `share` is the sum over its containers in thousandths of a core (or of the realtime period).
+
+    A suspended task has the least share the kernel allows, not none. One that weighs 0 because nothing is active is
+    not suspended while its node is divided by priority.
+    """
 
     score: float
     weight: float
     share: int
     because: str
+    suspended: bool = False
 
-    @property
-    def suspended(self) -> bool:
-        """Whether the task's weight is 0; it then has the least share the kernel allows, not none."""
-        return self.weight == 0
+
+class Basis(StrEnum):
+    """By what a node is divided: by weight (Eq. 1, 2); by priority while nothing is active; or all is suspended."""
+
+    WEIGHT = "Weight"
+    PRIORITY = "Priority"
+    NOTHING = "Nothing"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +42,7 @@ class NodePlan:
     shares: Mapping[str, int]
     containers: Mapping[str, int]
     scheduler: Scheduler = Scheduler.CFS
+    basis: Basis = Basis.WEIGHT
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +56,9 @@ class Shortfall:
 @dataclass(frozen=True, slots=True)
 class Plan:
     """What every task gets from `time` on, and why.
+
+    Plans of one sequence number have the same shares: the first one is carried out, those that follow only say how
+    weights, scores and contexts went on, with the cause of that.
 
     `arrived` is when the sample that made it reached the operator, on the monotonic clock; None when a timer, an edit
     or a container that came or went made it.
@@ -66,8 +79,12 @@ class Plan:
         return {identity: share for node in self.nodes.values() for identity, share in node.containers.items()}
 
     def changes(self, last: Plan | None) -> bool:
-        """Whether it differs from `last` in what it does or says; time, cause and weights alone are no difference."""
+        """Whether it is to be carried out after `last`: time, cause and weights alone are no difference."""
         return last is None or _substance(self) != _substance(last)
+
+    def tells(self, last: Plan | None) -> bool:
+        """Whether it shows anything else than `last`."""
+        return last is None or (self.contexts, self.tasks) != (last.contexts, last.tasks)
 
 
 def _substance(plan: Plan) -> tuple[object, ...]:

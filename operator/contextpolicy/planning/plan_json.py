@@ -6,13 +6,16 @@ field       meaning
 policy      `namespace/name`
 mode        as in the policy: only what is decided in mode Enforce is carried out
 scheduler   as in the policy: shares are CPU time under CFS, parts of each processor's period under Realtime
+realtime    how budgets work under Realtime: `policy` (RR, FIFO) and `period` in seconds
 control     as in the policy
-sequence    counts the plans of a run (see below)
-time        when it was made: Unix seconds, in a simulation seconds from the start of the timeline
+sequence    counts the plans of a run (see below); the first plan of a number is carried out, those that follow it only
+            say how weights, scores and contexts went on while the shares stayed
+time        from when on it is so: Unix seconds, in a simulation seconds from the start of the timeline
 cause       why it differs from the plan before
 contexts    the contexts that hold, in the order in which they apply
 tasks       by name: `score`, `weight`, `share` (the sum over the task's containers), `suspended`, `because`
-nodes       by name: `capacity` (N), `scheduler` (CFS where a node can't do Realtime), `tasks` (each one's share there)
+nodes       by name: `capacity` (N), `scheduler` (CFS where a node can't do Realtime), `dividedBy` (Weight; Priority
+            where nothing is active; Nothing where all is suspended), `tasks` (each one's share there)
 shortfalls  what the plan can't meet: a list of `task` and `message`
 ==========  ==========================================================================================================
 
@@ -20,7 +23,8 @@ The decision bus adds what only a running operator has:
 
 ==========  ==========================================================================================================
 run         when the policy's controller was started, in milliseconds since 1970; (run, sequence, edition) only grows
-edition     counts the messages about one plan: its containers were restarted or moved
+edition     counts the messages of one sequence number: weights, scores or contexts went on, or containers were
+            restarted or moved
 targets     each container: `task`, `node`, `namespace`, `pod`, `uid`, `qos`, `container`, `containerId`, `cores` (what
             it gets) and `limit` (what the kubelet reports as in force; null as long as it reports nothing)
 trigger     when the sample came that led to it, in Unix seconds; not in an answer to a query
@@ -42,6 +46,7 @@ def plan_json(policy: Policy, plan: Plan) -> dict[str, Any]:
         "policy": policy.reference,
         "mode": policy.mode,
         "scheduler": policy.scheduler,
+        "realtime": {"policy": policy.realtime_policy, "period": policy.period},
         "control": policy.control,
         "sequence": plan.sequence,
         "time": plan.time,
@@ -61,6 +66,7 @@ def plan_json(policy: Policy, plan: Plan) -> dict[str, Any]:
             name: {
                 "capacity": node.capacity / 1000,
                 "scheduler": node.scheduler,
+                "dividedBy": node.basis,
                 "tasks": {task: share / 1000 for task, share in node.shares.items()},
             }
             for name, node in plan.nodes.items()

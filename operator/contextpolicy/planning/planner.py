@@ -3,30 +3,29 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from contextpolicy.planning.context import ContextState
-from contextpolicy.planning.division import divide_nodes
+from contextpolicy.planning.decision import Decider, Situation
 from contextpolicy.planning.expressions import Scope
-from contextpolicy.planning.feasibility import shortfalls
 from contextpolicy.planning.inheritance import Inheritance
 from contextpolicy.planning.initiative import Initiative
 from contextpolicy.planning.inputs import Gone, Input, Score
 from contextpolicy.planning.placement import Placement
-from contextpolicy.planning.plan import Plan, TaskPlan
+from contextpolicy.planning.plan import Plan
 from contextpolicy.planning.sample import Sample
 from contextpolicy.planning.scores import Scores
 from contextpolicy.planning.seating import Seating, seat_tasks
 from contextpolicy.planning.stream import StreamState
 from contextpolicy.planning.timers import SAME_INSTANT, Timers
-from contextpolicy.planning.weights import Weigher, Weight
 from contextpolicy.policy.fields import LARGEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from contextpolicy.planning.expressions import Waiting
-    from contextpolicy.planning.plan import NodePlan
+    from contextpolicy.planning.weights import Weight
     from contextpolicy.policy.spec import Policy
 
 
@@ -34,7 +33,8 @@ class Planner:
     """All state of one policy that depends on what happened; a sample touches only what reads its stream.
 
     Every method that can lead to plans takes `now` and returns the new plans, oldest first: one for each instant at
-    which a due timer or the input changed something. Unchanged plans are not returned.
+    which a due timer or the input changed something. A plan with a new sequence number is to be carried out; one with
+    that of the last only shows how scores, weights and contexts went on. Unchanged plans are not returned.
     """
 
     def __init__(self, policy: Policy) -> None:
@@ -45,17 +45,20 @@ class Planner:
         self.held_back = 0
         self.started = False
         self.last: Plan | None = None
+        """What is true now: the shares in force, the weights and contexts of this moment."""
+        self.decided: Plan | None = None
+        """The plan with which the shares in force began."""
         self.on_health: Callable[[], None] = lambda: None
-        """Called when a stream fell silent or is heard again, or an expression began or ceased to fail: there is news
-        to tell, even when no plan changes."""
-        self.weights: dict[str, Weight] = {}
+        """Called when a stream fell silent, is heard again or changed its clock, or an expression began or ceased to
+        fail: there is news to tell, even when no plan changes."""
+        self.weights: Mapping[str, Weight] = {}
         scope = Scope()
         self.streams = {s.name: StreamState(s, scope, self.timers, self) for s in policy.streams}
         self._scores = Scores(policy, lambda spec: Initiative(spec, self.streams, scope, self.timers, self))
         self.initiatives, self.requirements = self._scores.initiatives, self._scores.requirements
         self.contexts = [ContextState(c, self.streams, scope, self.timers, self) for c in policy.contexts]
         self._readers = self._index()
-        self._weigher = Weigher(policy)
+        self._decider = Decider(policy)
         self._placement, self._layout = Placement(), Seating()
         self._causes: dict[object, str] = {}
         self._changed = self._urgent = False
@@ -150,6 +153,10 @@ class Planner:
         """A stream without a value has one: nothing waits for it any more."""
         self.on_health()
 
+    def on_clock(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature
+        """A stream's timestamps count no more, or again."""
+        self.on_health()
+
     def on_drop(self, stream: str, reason: str, detail: str = "") -> None:  # noqa: ARG002 - the listener's signature
         """Count a sample that was not used."""
         self.drops[stream, reason] += 1
@@ -177,6 +184,10 @@ class Planner:
         """A context began or ceased to hold."""
         source = ", ".join(stream.spec.name for stream in context.streams) or "policy"
         self._note(context, f"{source}: context {context.spec.name} {'entered' if context.active else 'exited'}")
+
+    def at_rest(self) -> Mapping[str, Weight]:
+        """What the tasks would weigh now if all were active."""
+        return self._decider.at_rest()
 
     @property
     def placement(self) -> Placement:
@@ -254,18 +265,21 @@ class Planner:
         """
         if not self._changed or (self.last is None and any(stream.unknown for stream in self.streams.values())):
             return []
-        plan = self._plan(now, arrived)
-        changed = plan.changes(self.last)
+        plan, decided = self._plan(now, arrived), self.decided
         # The dwell bounds flapping sensors; a container that came or went can't wait, its node must add up.
-        stands_until = self.last.time + self.policy.min_dwell - SAME_INSTANT if self.last else now
-        dwells = self.last is not None and not self._urgent and now < stands_until
+        stands_until = decided.time + self.policy.min_dwell - SAME_INSTANT if decided else now
+        dwells = decided is not None and not self._urgent and now < stands_until
         self._changed = self._urgent = False
-        if self.last is not None and dwells and changed:
-            self._hold_back(plan, self.last.time + self.policy.min_dwell)
-            return []
-        self._causes.clear()
-        self._held = None
-        if not changed:
+        if decided is not None and dwells and plan.changes(decided):
+            self._hold_back(plan, decided.time + self.policy.min_dwell)
+            plan = _with_shares_of(decided, plan)
+        else:
+            self._causes.clear()
+            self._held = None
+            if plan.changes(decided):
+                plan = replace(plan, sequence=plan.sequence + 1)
+                self.decided = plan
+        if plan.sequence == (decided.sequence if decided else 0) and not plan.tells(self.last):
             return []
         self.last = plan
         return [plan]
@@ -282,32 +296,36 @@ class Planner:
         self._changed = True
 
     def _plan(self, now: float, arrived: float | None) -> Plan:
-        active = self.active_contexts()
-        self.weights = self._weigher.weigh(self._scores.of, self._scores.unmet, [context.spec for context in active])
-        division = divide_nodes(self._layout, self.weights, self.last.nodes if self.last else {})
-        unmet = tuple(shortfalls(self.policy, self.weights, self._layout.demanding, division.nodes))
-        shares = _total_shares(division.nodes.values())
+        active, decided = self.active_contexts(), self.decided
+        decision = self._decider.decide(
+            Situation(
+                self._scores.of,
+                self._scores.unmet,
+                [context.spec for context in active],
+                self._layout,
+                decided.nodes if decided else {},
+            )
+        )
+        self.weights = decision.weights
         return Plan(
-            sequence=self.last.sequence + 1 if self.last else 1,
+            sequence=decided.sequence if decided else 0,
             time=now,
             cause="; ".join(dict.fromkeys(self._causes.values())),
             contexts=tuple(context.spec.name for context in active),
-            tasks={
-                name: TaskPlan(score, weight, shares.get(name, 0), because)
-                for name, (score, weight, because) in self.weights.items()
-            },
-            nodes=division.nodes,
-            shortfalls=division.shortfalls + unmet,
+            tasks=decision.tasks,
+            nodes=decision.division.nodes,
+            shortfalls=decision.shortfalls,
             arrived=arrived,
         )
 
 
-def _total_shares(nodes: Iterable[NodePlan]) -> Mapping[str, int]:
-    """Each task's share, over all nodes."""
-    total: Counter[str] = Counter()
-    for node in nodes:
-        total.update(node.shares)
-    return total
+def _with_shares_of(decided: Plan, plan: Plan) -> Plan:
+    """What is true while minDwell holds a plan back: its weights and contexts, and the shares that stay in force."""
+    tasks = {
+        name: task._replace(share=decided.tasks[name].share, suspended=decided.tasks[name].suspended)
+        for name, task in plan.tasks.items()
+    }
+    return replace(plan, tasks=tasks, nodes=decided.nodes, shortfalls=decided.shortfalls)
 
 
 class _Dwell:

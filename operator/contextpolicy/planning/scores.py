@@ -22,7 +22,7 @@ class Scores:
     def __init__(self, policy: Policy, instantiate: Callable[[Activity], Initiative]) -> None:
         self.initiatives = {task.name: [instantiate(own) for own in task.activity] for task in policy.tasks}
         self.requirements = {
-            task.name: [instantiate(Activity(when=own.when, hold=own.hold)) for own in task.requires]
+            task.name: [instantiate(Activity(when=own.when, hold=own.hold)) for own in task.preconditions]
             for task in policy.tasks
         }
         self.unmet: dict[str, str] = {}

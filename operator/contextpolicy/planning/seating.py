@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.planning.placement import QUANTUM
 from contextpolicy.planning.shares import Demand
+from contextpolicy.policy.bandwidth import PERIOD
 from contextpolicy.policy.spec import Control, Needs, Scheduler
 
 if TYPE_CHECKING:
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy, Task
 
 REALTIME_BUDGET = 950
-"""Thousandths of the period for realtime tasks: the default of sched_rt_runtime_us / sched_rt_period_us. A reserve
-leaves less: the same part of each processor as of the node's CPU."""
+"""Thousandths of each processor's period for realtime tasks: the default of sched_rt_runtime_us / sched_rt_period_us. N
+may be less, spread over all processors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,47 +31,67 @@ class Seat:
     """What each container can't go below."""
     floor: int
     ceiling: int
+    protected: bool = False
 
-    def claim(self, weight: float) -> Demand:
-        """A suspended task claims the least possible, not its min."""
+    def claim(self, weight: float, *, protect: bool = True) -> Demand:
+        """A suspended task claims the least possible, not its min; a protected one never less than its min.
+
+        Without `protect` its min is scaled down with the other floors: there is not enough for all protected ones.
+        """
+        least = self.floor if self.protected and protect else len(self.floors)
         if weight == 0:
-            least = sum(self.floors)
-            return Demand(self.task, 0.0, least, least, len(self.floors))
-        return Demand(self.task, weight, self.floor, self.ceiling, len(self.floors))
+            floor = self.floor if self.protected else sum(self.floors)
+            return Demand(self.task, 0.0, floor, floor, least)
+        return Demand(self.task, weight, self.floor, self.ceiling, least)
 
 
 @dataclass(frozen=True, slots=True)
 class SeatedNode:
-    """One node: N (or the realtime budget) in thousandths of a core, and the step that shares move in."""
+    """One node: N in thousandths of a core (or of the realtime period), and the step that shares move in.
+
+    A realtime share is a part of each processor's period; `period` is in seconds.
+    """
 
     name: str
     capacity: int
     quantum: int
     seats: tuple[Seat, ...]
     scheduler: Scheduler = Scheduler.CFS
+    processors: int = 1
+    period: float = PERIOD
+    protects: bool = False
+    """Whether any of its tasks is protected."""
+
+    def cores(self, share: int) -> int:
+        """What a share comes to in thousandths of a core."""
+        return share * self.processors if self.scheduler is Scheduler.REALTIME else share
 
 
 @dataclass(frozen=True, slots=True)
 class Seating:
-    """All nodes whose size is known, and the containers that may turn out short of something."""
+    """All nodes whose size is known, the containers that may turn out short of something, and tasks without a pod."""
 
     nodes: tuple[SeatedNode, ...] = ()
     demanding: tuple[Container, ...] = ()
+    absent: frozenset[str] = frozenset()
 
 
 def seat_tasks(policy: Policy, placement: Placement) -> Seating:
     """Place the policy's tasks; containers of tasks that it does not have are none of its business."""
     tasks = {task.name: task for task in policy.leaves}
-    nodes = tuple(
-        _node(_on(name, policy, placement), name, placement, [(tasks[t], c) for t, c in seated.items() if t in tasks])
+    seats = {
+        name: [(tasks[task], containers) for task, containers in seated.items() if task in tasks]
         for name, seated in placement.by_node().items()
+    }
+    nodes = tuple(
+        _node(_on(name, policy, placement), name, placement, seated) for name, seated in seats.items() if seated
     )
     demanding = tuple(
         container
         for container in placement.containers
         if container.task in tasks and (tasks[container.task].needs != Needs() or container.floor > QUANTUM)
     )
-    return Seating(nodes, demanding)
+    return Seating(nodes, demanding, placement.absent)
 
 
 def _on(node: str, policy: Policy, placement: Placement) -> Policy:
@@ -81,21 +102,26 @@ def _on(node: str, policy: Policy, placement: Placement) -> Policy:
 def _node(
     policy: Policy, name: str, placement: Placement, seated: Sequence[tuple[Task, Sequence[Container]]]
 ) -> SeatedNode:
-    allocatable = placement.allocatable[name]
-    divisible = max(0, allocatable - policy.reserve)
+    divisible = max(0, placement.allocatable[name] - policy.reserve)
+    processors = placement.processors_of(name)
     if policy.scheduler is Scheduler.REALTIME:
-        capacity, quantum = min(REALTIME_BUDGET, divisible * 1000 // max(1, allocatable)), 1
+        capacity, quantum, step = min(REALTIME_BUDGET, divisible // processors), 1, processors
     else:
-        capacity, quantum = divisible // QUANTUM * QUANTUM, QUANTUM
-    seats = tuple(_seat(policy, *seat, capacity, quantum) for seat in seated)
-    return SeatedNode(name, capacity, quantum, seats, policy.scheduler)
+        capacity, quantum, step = divisible // QUANTUM * QUANTUM, QUANTUM, QUANTUM
+    period = (
+        policy.period if policy.scheduler is Scheduler.REALTIME else placement.quota_periods.get(name, policy.period)
+    )
+    seats = tuple(_seat(policy, *seat, capacity // quantum, step) for seat in seated)
+    protects = any(seat.protected for seat in seats)
+    return SeatedNode(name, capacity, quantum, seats, policy.scheduler, processors, period, protects)
 
 
-def _seat(policy: Policy, task: Task, containers: Sequence[Container], capacity: int, quantum: int) -> Seat:
+def _seat(policy: Policy, task: Task, containers: Sequence[Container], most: int, step: int) -> Seat:
+    """`step` is a unit in thousandths of a core; under realtime a unit is a thousandth of each processor."""
     floors = tuple(_floor(policy, container) for container in containers)
-    floor = max(sum(floors), -(-task.min // quantum))
-    ceiling = (capacity if task.max is None else task.max) // quantum
-    return Seat(task.name, tuple(containers), floors, floor, max(floor, ceiling))
+    floor = max(sum(floors), -(-task.min // step))
+    ceiling = most if task.max is None else task.max // step
+    return Seat(task.name, tuple(containers), floors, floor, max(floor, ceiling), task.protected)
 
 
 def _floor(policy: Policy, container: Container) -> int:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 from contextpolicy.errors import ExpressionError
 from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.features import Window
+from contextpolicy.planning.source_clock import IGNORED, SourceClock
 from contextpolicy.planning.timers import SAME_INSTANT
 
 if TYPE_CHECKING:
@@ -16,11 +17,6 @@ if TYPE_CHECKING:
     from contextpolicy.planning.sample import Sample
     from contextpolicy.planning.timers import Timers
     from contextpolicy.policy.spec import Stream
-
-FUTURE_TOLERANCE = 1.0
-"""Seconds that a sender's clock may be ahead; a timestamp beyond it is ignored, its sample still counts."""
-REORDERING = 10.0
-"""Seconds by which samples can overtake each other; a timestamp older than that means that its clock was set."""
 
 
 class StreamListener(Protocol):
@@ -38,6 +34,9 @@ class StreamListener(Protocol):
     def on_first_value(self, stream: StreamState) -> None:
         """A stream without a value has one."""
 
+    def on_clock(self, stream: StreamState) -> None:
+        """The stream's timestamps turned out to be of another clock, or of ours again."""
+
     def on_drop(self, stream: str, reason: str, detail: str = "") -> None:
         """A sample was not used, or not all of it; `detail` is the sample's own story, `reason` one of few words."""
 
@@ -50,7 +49,7 @@ class StreamState:
         self.value: dict[str, Any] | None = None
         self.seen_at: float | None = None
         self.absent_since: float | None = None
-        self.timestamp: float | None = None
+        self.clock = SourceClock(spec.clock, spec.stale_after)
         self.fresh = False
         self.silent = False
         self._shared, self._own = scope, Scope()
@@ -74,8 +73,8 @@ class StreamState:
         return self.spec.stale_after is not None and self.seen_at is None and not self.silent
 
     def adopt(self, old: StreamState, now: float) -> None:
-        """Go on where the same stream of the policy's last version stands: window, gate, watchdog and value."""
-        self.seen_at, self.timestamp, self.absent_since = old.seen_at, old.timestamp, old.absent_since
+        """Go on where the same stream of the policy's last version stands: window, gate, watchdog, clock and value."""
+        self.seen_at, self.clock, self.absent_since = old.seen_at, old.clock, old.absent_since
         self.fresh, self.silent, self.value = old.fresh, old.silent, old.value
         self._windows, self._own, self._filter = old._windows, old._own, old._filter
         self._features, self._valued_at = old._features, old._valued_at
@@ -134,7 +133,7 @@ class StreamState:
         if self.fresh:
             self.fresh, self.absent_since = False, now
             self._shared.unbind(self.spec.name)
-        self.timestamp = None
+        self.clock.forget_order()
         self._gate.empty()
         self._timers.clear(self._sliding)
         if not was_silent:
@@ -186,18 +185,14 @@ class StreamState:
 
     def _untimely(self, sample: Sample, now: float) -> str | None:
         """Why a sample's own timestamp rules it out."""
-        stamp = sample.timestamp
-        if stamp is None:
+        was_ours = self.clock.behind is None
+        reason = self.clock.judge(sample.timestamp, now)
+        if (self.clock.behind is None) is not was_ours:
+            self._listener.on_clock(self)
+        if reason == IGNORED:
+            self._listener.on_drop(self.spec.name, reason)
             return None
-        if not math.isfinite(stamp) or stamp > now + FUTURE_TOLERANCE:
-            self._listener.on_drop(self.spec.name, "timestamp ignored")
-            return None
-        if self.timestamp is not None and self.timestamp - REORDERING < stamp < self.timestamp:
-            return "out of order"
-        self.timestamp = stamp
-        if self.spec.stale_after is not None and now - stamp > self.spec.stale_after:
-            return "too old"
-        return None
+        return reason
 
 
 class _Gate:
@@ -234,7 +229,8 @@ class _Gate:
             self._pass(self._held, now)
 
     def _pass(self, value: dict[str, Any], now: float) -> None:
-        self.empty()
+        if self._held is not None:
+            self.empty()
         self._open_at = now + self._stream.spec.sample_every
         self._stream.deliver(value, now)
 

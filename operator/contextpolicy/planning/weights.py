@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from contextpolicy.policy.dependencies import TaskTree
 from contextpolicy.policy.spec import SatisfiedBy
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from collections.abc import Set as AbstractSet
 
     from contextpolicy.policy.spec import Context, Policy, Task
 
@@ -17,95 +19,174 @@ HEAVIEST = 1e100
 
 
 class Weight(NamedTuple):
-    """What a task's score became, and the last thing that changed it, for people to read."""
+    """What a task's score became, and the last thing that changed it, for people to read.
+
+    A task that is not `able` can't run now, whatever its score: a pre-condition, a context, its pod or its place in the
+    task graph keeps it from running. One that is able and weighs 0 is at rest.
+    """
 
     score: float
     value: float
     because: str
+    able: bool = True
+
+
+class Obstacles(NamedTuple):
+    """What keeps tasks from running, by task, besides contexts: an unmet pre-condition, no running pod, unmet needs."""
+
+    waiting: Mapping[str, str]
+    absent: AbstractSet[str] = frozenset()
+    yielding: Mapping[str, str] = {}
 
 
 class Weigher:
     """Weighs the tasks of one policy, and what did not change since the last time not again."""
 
     def __init__(self, policy: Policy) -> None:
-        self._policy = policy
+        self._policy, self._tree = policy, TaskTree(policy)
+        self._order = self._tree.order()
+        groups = [task for task in policy.tasks if task.subtasks]
+        self._groups = sorted(groups, key=lambda task: len(self._tree.ancestors(task.name)))
         self._contexts: Sequence[Context] = ()
-        self._known: dict[str, tuple[float, str | None, Weight]] = {}
+        self._own: dict[str, tuple[float, Weight]] = {}
+        self._seen: tuple[object, ...] | None = None
+        self._blocked: dict[str, str] = {}
 
     def weigh(
-        self, scores: Mapping[str, float], waiting: Mapping[str, str], contexts: Sequence[Context]
+        self, scores: Mapping[str, float], obstacles: Obstacles, contexts: Sequence[Context]
     ) -> dict[str, Weight]:
         """The weight of every task.
 
-        `scores` has every task; `waiting` names the unmet pre-condition of each task that has one; `contexts` are the
-        active ones in list order: the last one that names a task decides.
+        `scores` has every task; `contexts` are the active ones in list order: the last one that names a task decides.
         """
+        self._look_at(obstacles, contexts)
+        return self._spread({task.name: self._own_weight(task, scores[task.name]) for task in self._policy.tasks})
+
+    def weigh_at_rest(self) -> dict[str, Weight]:
+        """What the tasks weighed last would weigh if all were equally active: their priorities, so to speak."""
+        return self._spread({task.name: _own_weight(task, 1.0, self._contexts) for task in self._policy.tasks})
+
+    def _look_at(self, obstacles: Obstacles, contexts: Sequence[Context]) -> None:
+        """Who can run changes rarely, scores with every sample."""
         if contexts != self._contexts:
             self._contexts = contexts
-            self._known.clear()
-        own = {t.name: self._own(t, scores[t.name], waiting.get(t.name)) for t in self._policy.tasks}
-        for parent in self._policy.tasks:
-            if parent.subtasks:
-                own |= _split(parent, own, contexts)
-        return own
+            self._own.clear()
+        seen = (contexts, dict(obstacles.waiting), obstacles.absent, obstacles.yielding)
+        if seen != self._seen:
+            self._seen = seen
+            self._blocked = self._find_blocked(obstacles)
 
-    def _own(self, task: Task, score: float, unmet: str | None) -> Weight:
-        known = self._known.get(task.name)
-        if known is not None and known[0] == score and known[1] == unmet:
-            return known[2]
-        weight = _own_weight(task, score, unmet, self._contexts)
-        self._known[task.name] = score, unmet, weight
+    def _find_blocked(self, obstacles: Obstacles) -> dict[str, str]:
+        """Each task that can't run, with the reason; one that others depend on comes ahead of them."""
+        blocked: dict[str, str] = {}
+        for name in self._order:
+            task = self._tree.tasks[name]
+            reason = _obstacle(task, obstacles, self._contexts) or self._missing_task(task, blocked)
+            if reason is None and task.subtasks:
+                reason = _missing_part(task, blocked)
+            if reason is not None:
+                blocked[name] = reason
+        return blocked
+
+    def _missing_task(self, task: Task, blocked: Mapping[str, str]) -> str | None:
+        for required in task.required_tasks:
+            for one in (required, *self._tree.outside(task.name, required)):
+                if one in blocked:
+                    return f"waits for task {required}; {one}: {blocked[one]}"
+        return None
+
+    def _own_weight(self, task: Task, score: float) -> Weight:
+        known = self._own.get(task.name)
+        if known is not None and known[0] == score:
+            return known[1]
+        weight = _own_weight(task, score, self._contexts)
+        self._own[task.name] = score, weight
         return weight
 
+    def _spread(self, own: dict[str, Weight]) -> dict[str, Weight]:
+        """Let nothing go to tasks that can't run, and each parent's weight to its subtasks."""
+        for name, reason in self._blocked.items():
+            own[name] = Weight(own[name].score, 0.0, reason, able=False)
+        for parent in reversed(self._groups):
+            if own[parent.name].value > 0 and not any(own[name].value for name in parent.subtasks):
+                own[parent.name] = own[parent.name]._replace(value=0.0, because=_idle_reason(parent, own))
+        for parent in self._groups:
+            own |= _split(parent, own, self._tree.tasks)
+        return own
 
-def _own_weight(task: Task, score: float, unmet: str | None, contexts: Sequence[Context]) -> Weight:
-    base = min(task.priority * score, HEAVIEST)
-    if unmet is not None:
-        return Weight(score, 0.0, f"waits for {unmet}")
+
+def _obstacle(task: Task, obstacles: Obstacles, contexts: Sequence[Context]) -> str | None:
+    """What keeps this one task from running, whatever becomes of the others."""
+    if task.name in obstacles.waiting:
+        return f"waits for {obstacles.waiting[task.name]}"
+    context = _deciding(task, contexts)
+    if context is not None and context.effects[task.name].suspends:
+        return f"context {context.name} suspends it"
+    if task.name in obstacles.yielding:
+        return f"yields to the others: it {obstacles.yielding[task.name]}"
+    return "has no running pod" if task.name in obstacles.absent else None
+
+
+def _missing_part(task: Task, blocked: Mapping[str, str]) -> str | None:
+    """Why a task can't run for want of its subtasks (paper III: compound and complex tasks)."""
+    missing = [name for name in task.subtasks if name in blocked]
+    if missing and task.satisfied_by is SatisfiedBy.ALL:
+        return f"needs all its subtasks; {missing[0]}: {blocked[missing[0]]}"
+    if len(missing) == len(task.subtasks):
+        return f"no subtask can run; {missing[0]}: {blocked[missing[0]]}"
+    return None
+
+
+def _deciding(task: Task, contexts: Sequence[Context]) -> Context | None:
+    """The last active context that changes the task; none can suspend a protected one."""
     for context in reversed(contexts):
         effect = context.effects.get(task.name)
-        if effect is None:
-            continue
-        if effect.suspend:
-            return Weight(score, 0.0, f"context {context.name} suspends it")
-        if effect.weight is not None:
-            return Weight(
-                score, min(effect.weight, HEAVIEST), f"context {context.name} sets its weight to {effect.weight:g}"
-            )
-        scale = effect.scale if effect.scale is not None else 1.0
-        return Weight(score, min(base * scale, HEAVIEST), f"context {context.name} scales its weight by {scale:g}")
-    return Weight(score, base, f"priority {task.priority:g} times score {score:g}")
+        if effect is not None and not (task.protected and effect.suspends):
+            return context
+    return None
 
 
-def _split(parent: Task, own: Mapping[str, Weight], contexts: Sequence[Context]) -> dict[str, Weight]:
-    """The subtasks' weights: the parent's, split over the runnable ones in proportion to their own weights."""
-    total = own[parent.name].value
-    blocked = [name for name in parent.subtasks if _suspended(name, contexts)]
-    if blocked and parent.satisfied_by is SatisfiedBy.ALL:
-        reason = f"{parent.name} needs all its subtasks and {blocked[0]} is suspended"
-        return {name: Weight(own[name].score, 0.0, reason) for name in (parent.name, *parent.subtasks)}
-    runnable = sum(own[name].value for name in parent.subtasks)
-    if total == 0 or runnable == 0:
-        return {n: Weight(own[n].score, 0.0, _idle_reason(parent, own, n)) for n in (parent.name, *parent.subtasks)}
-    return {
-        name: Weight(
-            own[name].score,
-            total * own[name].value / runnable,
-            f"part of {parent.name}'s {total:g}; {own[name].because}",
-        )
-        for name in parent.subtasks
-    }
+def _own_weight(task: Task, score: float, contexts: Sequence[Context]) -> Weight:
+    base = min(task.priority * score, HEAVIEST)
+    context = _deciding(task, contexts)
+    if context is None:
+        return Weight(score, base, f"priority {task.priority:g} times score {score:g}")
+    effect = context.effects[task.name]
+    if effect.suspend:
+        return Weight(score, 0.0, f"context {context.name} suspends it")
+    if effect.weight is not None:
+        value = min(effect.weight, HEAVIEST)
+        return Weight(score, value, f"context {context.name} sets its weight to {effect.weight:g}")
+    scale = effect.scale if effect.scale is not None else 1.0
+    return Weight(score, min(base * scale, HEAVIEST), f"context {context.name} scales its weight by {scale:g}")
 
 
-def _suspended(name: str, contexts: Sequence[Context]) -> bool:
-    effects = [context.effects[name] for context in contexts if name in context.effects]
-    return bool(effects) and (effects[-1].suspend or effects[-1].weight == 0)
+def _split(parent: Task, own: Mapping[str, Weight], tasks: Mapping[str, Task]) -> dict[str, Weight]:
+    """The subtasks' weights: the parent's, split over those that can run in proportion to their own weights."""
+    above = own[parent.name]
+    active = sum(own[name].value for name in parent.subtasks)
+    if above.value == 0 or active == 0:
+        return {name: _without(parent, above, own[name], tasks[name]) for name in parent.subtasks}
+    return {name: _part(parent, above, own[name], active) for name in parent.subtasks}
 
 
-def _idle_reason(parent: Task, own: Mapping[str, Weight], name: str) -> str:
-    if own[parent.name].value == 0:
-        return own[parent.name].because if name == parent.name else f"{parent.name}: {own[parent.name].because}"
-    if name != parent.name:
-        return own[name].because
+def _part(parent: Task, above: Weight, own: Weight, active: float) -> Weight:
+    if not own.able:
+        return own
+    because = f"part of {parent.name}'s {above.value:g}; {own.because}"
+    return own._replace(value=above.value * own.value / active, because=because)
+
+
+def _without(parent: Task, above: Weight, own: Weight, task: Task) -> Weight:
+    """A subtask whose parent has nothing to give: a protected one goes on by itself when the parent can't run."""
+    if not own.able:
+        return own
+    if not above.able and task.protected:
+        return own._replace(because=f"protected, it goes on without {parent.name}; {own.because}")
+    because = own.because if above.able and own.value == 0 else f"{parent.name}: {above.because}"
+    return Weight(own.score, 0.0, because, above.able)
+
+
+def _idle_reason(parent: Task, own: Mapping[str, Weight]) -> str:
     first = parent.subtasks[0]
-    return f"no subtask can run; {first}: {own[first].because}"
+    return f"no subtask is active; {first}: {own[first].because}"

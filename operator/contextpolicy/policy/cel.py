@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 MAX_LENGTH = 1024
+EXACT_COST = 4
+"""How much less an expression may read that calls our arithmetic for each step: lists are converted for it."""
 
 # The library logs each failing function besides raising it: one line per bad sample, at the sensor's rate.
 logging.getLogger("cel").setLevel(logging.CRITICAL)
@@ -91,8 +93,10 @@ class Expression:
         reading, written = cel_cost.read(self.tree), rewrite(self.tree)
         self.reads, self.presence, self.variables = reading.reads, reading.presence, reading.streams
         self.ages, self.asked, self._max_size = written.ages, written.asked, reading.max_size
+        if self._max_size is not None and "__add(" in written.fast:
+            self._max_size //= EXACT_COST
         self._exact = _compile(written.exact)
-        self._fast = self._exact if written.fast is None or written.fast == written.exact else _compile(written.fast)
+        self._fast = self._exact if written.fast == written.exact else _compile(written.fast)
         self.unknown_functions = named - (_BUILT_IN | FUNCTIONS.keys() | cel_cost.PRESENCE_FUNCTIONS)
 
     def evaluate(self, scope: Bindings) -> Any:
@@ -100,9 +104,9 @@ class Expression:
 
         It is an UndecidedError when the reason is a stream without a value, or a feature of one.
         """
-        if self._max_size is not None:
-            self._check_size(scope, self._max_size)
         exact = scope.whole and not scope.whole.isdisjoint(self.variables)
+        if self._max_size is not None:
+            self._check_size(scope, self._max_size // EXACT_COST if exact else self._max_size)
         try:
             return (self._exact if exact else self._fast).execute(scope.context)
         except KeyError as error:
@@ -138,6 +142,13 @@ class Expression:
             called = "" if failed[1].startswith("__") else f"{failed[1]}: "
             reason = called + failed[2]
         return ExpressionError(f"{self.source}: {reason}")
+
+    def reading(self, scope: Bindings) -> float:
+        """Any number, as sensors have them: infinities and NaN too; ExpressionError for what is none."""
+        value = self.evaluate(scope)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ExpressionError(f"{self.source}: is {value!r}, allowed: a number")
+        return float(value)
 
     def _check_size(self, scope: Bindings, allowed: int) -> None:
         size = sum(scope.size(name) for name in self.variables)

@@ -1,8 +1,9 @@
 """A tree as the text that the CEL library is given, so that policies mean what they read like.
 
 - Numbers get their one form (see `cel_numbers`); indices, keys and `%` want whole numbers, and get them.
-- Arithmetic stays the library's own on doubles, which is what nearly all samples have. `exact` text calls our
-  functions instead, five times as slow: for samples and sources with whole numbers that are no doubles.
+- Arithmetic stays the library's own on doubles, which is what nearly all samples have. Where an operand may be a whole
+  number that is no double, our functions are called instead, five times as slow: `exact` text does so everywhere, for
+  samples with such numbers.
 - `has(imu.gyro)` is false for a stream without a value, and `heard` and `age` ask what the scope knows about it.
 """
 
@@ -31,6 +32,7 @@ _WHOLE_FUNCTIONS = frozenset(
     }
 )
 """Of the library: they give whole numbers, which it does not add to doubles."""
+_DOUBLE_FUNCTIONS = frozenset({"double", "norm", "sqrt", "string", "has"})
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 _AGES = {">": ("", PASSED), ">=": ("", REACHED), "<": ("!", REACHED), "<=": ("!", PASSED)}
 
@@ -47,9 +49,9 @@ class Age:
 
 @dataclass(frozen=True, slots=True)
 class Rewriting:
-    """`fast` is None where only `exact` is right on every sample."""
+    """`fast` is right on samples without whole numbers that are no doubles, `exact` on all."""
 
-    fast: str | None
+    fast: str
     exact: str
     ages: frozenset[Age]
     asked: frozenset[str]
@@ -58,20 +60,18 @@ class Rewriting:
 
 def rewrite(tree: Node) -> Rewriting:
     """What the library is to evaluate; ValueError for an age that is not compared with a number."""
-    exact, fast = _Writer(exact=True), _Writer(exact=False)
-    text, fast_text = exact.text(tree), fast.text(tree)
-    return Rewriting(None if fast.whole else fast_text, text, frozenset(exact.ages), frozenset(exact.asked))
+    exact, fast = _Writer(exact=True), _Writer(exact=_walks_whole(tree))
+    return Rewriting(fast.text(tree), exact.text(tree), frozenset(exact.ages), frozenset(exact.asked))
 
 
 class _Writer:
-    """Writes every operand; `whole` says that there is arithmetic and that a source of whole numbers was met."""
+    """Writes every operand."""
 
     def __init__(self, *, exact: bool) -> None:
         self.ages: set[Age] = set()
         self.asked: set[str] = set()
         self._exact = exact
         self._bound: frozenset[str] = frozenset()
-        self._calculates = self._has_whole = False
         self._writers: dict[Construct, Callable[[Node], str]] = {
             Construct.NUMBER: self._number,
             Construct.SELECT: self._select,
@@ -84,10 +84,6 @@ class _Writer:
             Construct.BINARY: self._binary,
             Construct.CHOICE: self._choice,
         }
-
-    @property
-    def whole(self) -> bool:
-        return self._calculates and self._has_whole
 
     def text(self, node: Node) -> str:
         """The node as CEL, in brackets where it is no single operand."""
@@ -115,9 +111,7 @@ class _Writer:
         return ", ".join(map(self.text, nodes))
 
     def _number(self, node: Node) -> str:
-        text = cel_numbers.literal(cel_numbers.normal(number(node.text)))
-        self._has_whole = self._has_whole or text.rstrip("u").isdigit()
-        return text
+        return cel_numbers.literal(cel_numbers.normal(number(node.text)))
 
     def _key(self, node: Node) -> str:
         if node.kind is Construct.TEXT:
@@ -127,7 +121,6 @@ class _Writer:
         return f"__key({self.text(node)})"
 
     def _method(self, node: Node) -> str:
-        self._has_whole = self._has_whole or node.text in _WHOLE_FUNCTIONS
         receiver, *arguments = node.parts
         of, bound = self.text(receiver), self._bound
         if node.text in MACROS:
@@ -137,7 +130,6 @@ class _Writer:
         return call
 
     def _call(self, node: Node) -> str:
-        self._has_whole = self._has_whole or node.text in _WHOLE_FUNCTIONS
         if node.text == "heard":
             self.asked.add(asked_stream(node))
             return HEARD + asked_stream(node)
@@ -152,18 +144,16 @@ class _Writer:
 
     def _unary(self, node: Node) -> str:
         operand = self.text(node.parts[0])
-        self._calculates = self._calculates or node.text == "-"
-        return f"__negate({operand})" if node.text == "-" and self._exact else f"({node.text}{operand})"
+        exact = node.text == "-" and (self._exact or _may_be_whole(node))
+        return f"__negate({operand})" if exact else f"({node.text}{operand})"
 
     def _binary(self, node: Node) -> str:
         if any(_is_age(part) for part in node.parts):
             return self._age(node)
         if node.text == "%":
             return f"__remainder({self._row(node.parts)})"
-        if node.text in _ARITHMETIC:
-            self._calculates = True
-            if self._exact:
-                return f"{_ARITHMETIC[node.text]}({self._row(node.parts)})"
+        if node.text in _ARITHMETIC and (self._exact or _may_be_whole(node)):
+            return f"{_ARITHMETIC[node.text]}({self._row(node.parts)})"
         if node.text == "in":
             return f"({self._sought(*node.parts)} in {self.text(node.parts[1])})"
         return "(" + f" {node.text} ".join(map(self.text, node.parts)) + ")"
@@ -185,6 +175,23 @@ class _Writer:
         stream, seconds = asked_stream(call), float(number(limit.text))
         self.ages.add(Age(stream, seconds, passed=function == PASSED))
         return f"({no}{function}({SINCE}{stream}, {seconds!r}))"
+
+
+def _may_be_whole(node: Node) -> bool:
+    """Whether its value, or one in it, may be a whole number for the library though no sample holds one."""
+    if node.kind is Construct.NUMBER:
+        return isinstance(cel_numbers.normal(number(node.text)), int)
+    if node.kind in {Construct.CALL, Construct.METHOD} and node.text in _WHOLE_FUNCTIONS | _DOUBLE_FUNCTIONS:
+        return node.text in _WHOLE_FUNCTIONS
+    if node.kind is Construct.BINARY and node.text not in _ARITHMETIC:
+        return False  # truth values, and `%`, which is ours
+    return any(map(_may_be_whole, node.parts))
+
+
+def _walks_whole(node: Node) -> bool:
+    """Whether a macro's variable may be such a number."""
+    walks = node.kind is Construct.METHOD and node.text in MACROS
+    return (walks and _may_be_whole(node.parts[0])) or any(map(_walks_whole, node.parts))
 
 
 def _root(node: Node) -> str | None:

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import PolicyError
-from contextpolicy.policy import references
+from contextpolicy.policy import bandwidth, references
 from contextpolicy.policy import spec as policy
 from contextpolicy.policy.fields import (
+    CONFIG_MAP_NAME,
     FEATURE_NAME,
     FEATURE_NAME_ALLOWED,
     STREAM_NAME,
@@ -59,6 +60,8 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
         control=spec.choice("control", policy.Control.LIMIT),
         transition=spec.choice("transition", policy.Transition.STRICT),
         realtime_fallback=spec.choice("realtimeFallback", policy.RealtimeFallback.CFS),
+        realtime_policy=spec.choice("realtimePolicy", policy.RealtimePolicy.RR),
+        period=_period(spec),
         reserve=spec.cpu("reserve") or 0,
         min_dwell=spec.duration("minDwell") or 0.0,
         fallback=spec.optional_text("fallback"),
@@ -73,6 +76,15 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
     return result
 
 
+def _period(spec: Fields) -> float:
+    period = spec.duration("period")
+    if period is None:
+        return bandwidth.PERIOD
+    if not bandwidth.SHORTEST <= period <= bandwidth.LONGEST:
+        spec.refuse("period", spec.raw("period"), "10ms to 1s, what the kernel can measure")
+    return period
+
+
 def _force(fields: Fields) -> policy.Force:
     result = policy.Force(fields.text("context"), fields.moment("until"))
     fields.close()
@@ -85,11 +97,14 @@ def _stream(fields: Fields) -> policy.Stream:
         key=fields.key_expression("key"),
         encoding=fields.choice("encoding", policy.Encoding.JSON),
         type=fields.optional_text("type", pattern=r"\w+/msg/\w+", allowed="a ROS 2 type such as sensor_msgs/msg/Imu"),
+        ros=fields.choice("ros", policy.RosRelease.LATEST),
+        types=fields.optional_text("types", pattern=CONFIG_MAP_NAME, allowed="the name of a ConfigMap"),
         stale_after=fields.duration("staleAfter"),
         liveliness=fields.key_expression("liveliness") if "liveliness" in fields else fields.raw("liveliness"),
         timestamp=fields.optional_text(
             "timestamp", pattern=r"\w+(\.\w+)*", allowed="a field path such as header.stamp"
         ),
+        clock=fields.choice("clock", policy.Clock.AUTO),
         filter=fields.cel("filter"),
         debounce=fields.duration("debounce") or 0.0,
         sample_every=fields.duration("sampleEvery") or 0.0,
@@ -99,6 +114,9 @@ def _stream(fields: Fields) -> policy.Stream:
     )
     if (result.encoding is policy.Encoding.CDR) != (result.type is not None):
         fields.refuse("type", result.type, "a ROS 2 type with encoding cdr, and none with another encoding")
+    for name in ("ros", "types"):
+        if name in fields and result.encoding is not policy.Encoding.CDR:
+            fields.refuse(name, fields.raw(name), "encoding cdr with it: other encodings have no message types")
     fields.close()
     return result
 
@@ -137,6 +155,7 @@ def _task(fields: Fields) -> policy.Task:
         requires=tuple(_requirement(item) for item in fields.nested_list("requires", limit=16)),
         subtasks=fields.texts("subtasks", limit=16),
         satisfied_by=fields.choice("satisfiedBy", policy.SatisfiedBy.ALL),
+        protected=fields.flag("protected"),
     )
     if (result.selector is None) == (not result.subtasks):
         fields.refuse(
@@ -150,6 +169,11 @@ def _task(fields: Fields) -> policy.Task:
                 fields.refuse(group_less, fields.raw(group_less), "only on a task in a container: a group has subtasks")
     if result.max is not None and not result.min <= result.max:
         fields.refuse("max", fields.raw("max"), f"at least min ({minimum or 10}m) and at least 10m")
+    if result.protected and result.subtasks:
+        allowed = "true on a task in a container: protect the subtasks that need it"
+        fields.refuse("protected", fields.raw("protected"), allowed)
+    if result.protected and result.needs.enforce is policy.Enforce.SUSPEND:
+        fields.refuse("needs.enforce", result.needs.enforce, "Report: a protected task is never suspended")
     fields.close()
     return result
 
@@ -180,7 +204,12 @@ def _check_label(fields: Fields, name: str, label: SelectorRequirement) -> None:
 
 
 def _needs(fields: Fields) -> policy.Needs:
-    result = policy.Needs(fields.cpu("cores"), fields.memory("memory"), fields.duration("deadline"))
+    result = policy.Needs(
+        fields.cpu("cores"),
+        fields.memory("memory"),
+        fields.duration("deadline"),
+        fields.choice("enforce", policy.Enforce.REPORT),
+    )
     fields.close()
     return result
 
@@ -204,9 +233,13 @@ def _activity(fields: Fields) -> policy.Activity:
 
 
 def _requirement(fields: Fields) -> policy.Requirement:
-    if "when" not in fields:
-        fields.refuse("when", None, "a CEL condition")
-    result = policy.Requirement(fields.cel("when", "true") or "true", fields.duration("hold") or 0.0)
+    if ("when" in fields) == ("task" in fields):
+        fields.refuse("when", fields.raw("when"), "either when, a CEL condition, or task, the name of another task")
+    result = policy.Requirement(
+        fields.cel("when", "true") or "true", fields.duration("hold") or 0.0, fields.optional_text("task")
+    )
+    if result.task is not None and "hold" in fields:
+        fields.refuse("hold", fields.raw("hold"), "hold only beside when: a task is able to run or not")
     fields.close()
     return result
 

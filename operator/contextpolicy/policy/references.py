@@ -1,18 +1,20 @@
-"""What only the whole policy can tell: names are unique, references exist, the task graph is a forest of depth two."""
+"""What only the whole policy can tell: names are unique, references exist, the task graph has no cycles."""
 
 from __future__ import annotations
 
 from collections import Counter
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
 from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.dependencies import LEVELS, TaskTree
 from contextpolicy.policy.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from contextpolicy.policy.spec import Policy, Task
+    from contextpolicy.policy.spec import Policy
 
 CEL_WORDS = {
     *("true", "false", "null", "in", "as", "break", "const", "continue", "else", "for", "function", "if", "import"),
@@ -75,26 +77,36 @@ def _sources(policy: Policy) -> Iterator[tuple[str, str]]:
             if activity.score_from is not None:
                 yield f"spec.tasks[{index}].activity[{number}].scoreFrom", activity.score_from
         for number, requirement in enumerate(task.requires):
-            yield f"spec.tasks[{index}].requires[{number}].when", requirement.when
+            if requirement.task is None:
+                yield f"spec.tasks[{index}].requires[{number}].when", requirement.when
     for index, context in enumerate(policy.contexts):
         if context.when is not None:
             yield f"spec.contexts[{index}].when", context.when
 
 
 def _graph(policy: Policy) -> Iterator[Finding]:
-    tasks = {task.name: task for task in policy.tasks}
+    names = [task.name for task in policy.tasks]
     parents = Counter(name for task in policy.tasks for name in task.subtasks)
+    tree = TaskTree(policy)
     for index, task in enumerate(policy.tasks):
+        field = f"spec.tasks[{index}]"
         for number, name in enumerate(task.subtasks):
-            yield from _subtask(f"spec.tasks[{index}].subtasks[{number}]", name, tasks, parents)
+            yield from _known(f"{field}.subtasks[{number}]", name, names)
+            if parents[name] > 1:
+                yield Finding(f"{field}.subtasks[{number}]", name, "a subtask of one task only, named once")
+        for number, requirement in enumerate(task.requires):
+            if requirement.task is not None:
+                yield from _known(f"{field}.requires[{number}].task", requirement.task, names)
+        if len(tree.ancestors(task.name)) == LEVELS:
+            yield Finding(field, task.name, f"a task graph of at most {LEVELS} levels")
+    yield from _cycles(tree, names)
 
 
-def _subtask(field: str, name: str, tasks: dict[str, Task], parents: Counter[str]) -> Iterator[Finding]:
-    yield from _known(field, name, tasks)
-    if parents[name] > 1:
-        yield Finding(field, name, "a subtask of one task only, named once")
-    if name in tasks and tasks[name].subtasks:
-        yield Finding(field, name, "a task without subtasks of its own")
+def _cycles(tree: TaskTree, names: list[str]) -> Iterator[Finding]:
+    for cycle in tree.cycles():
+        steps = [f"{one} waits for {other} ({tree.dependencies(one)[other]})" for one, other in pairwise(cycle)]
+        allowed = f"no cycle in the task graph: {', '.join(steps)}"
+        yield Finding(f"spec.tasks[{names.index(cycle[0])}]", " -> ".join(cycle), allowed)
 
 
 def _contexts(policy: Policy) -> Iterator[Finding]:

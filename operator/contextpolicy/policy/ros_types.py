@@ -2,35 +2,106 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
+from threading import RLock
 from typing import TYPE_CHECKING
 
-from contextpolicy.errors import Finding
-from contextpolicy.policy.spec import Encoding
+from contextpolicy.errors import DefinitionError, Finding
+from contextpolicy.policy.spec import Encoding, RosRelease
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rosbags.typesys.store import Typestore
 
-    from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.definition_files import Definitions
+    from contextpolicy.policy.spec import Policy, Stream
+
+_LOADING = RLock()
+"""Policies are loaded on several threads; the library makes its code in one place."""
 
 
-@cache
-def type_store() -> Typestore:
-    """All standard message definitions. Loaded by the first stream that needs them: they take megabytes."""
-    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+def type_store(release: RosRelease = RosRelease.LATEST, definitions: Definitions = ()) -> Typestore:
+    """A release's messages and one's own. Loaded by the first stream that needs them: they take megabytes.
 
-    return get_typestore(Stores.LATEST)
+    DefinitionError says what is wrong with one's own.
+    """
+    with _LOADING:
+        return _type_store(release, definitions)
 
 
-def is_known(type_name: str) -> bool:
-    """Whether there is a standard message of this type."""
-    return type_name in type_store().fielddefs
+def store_of(stream: Stream) -> Typestore:
+    """The messages that a stream can be of."""
+    return type_store(stream.ros, stream.definitions or ())
+
+
+def fields_of(type_name: str, store: Typestore | None = None) -> Mapping[str, str | None]:
+    """The fields of a message: each name with the type of the message in it; None for values and lists of any kind.
+
+    KeyError for a type that the store (default: the latest standard messages) does not have.
+    """
+    from rosbags.interfaces import Nodetype  # noqa: PLC0415 - loaded with the store
+
+    fields = (store or type_store()).fielddefs[type_name][1]
+    return {name: str(detail) if kind is Nodetype.NAME else None for name, (kind, detail) in fields}
+
+
+def is_known(type_name: str, store: Typestore | None = None) -> bool:
+    """Whether there is a message of this type."""
+    return type_name in (store or type_store()).fielddefs
 
 
 def type_findings(policy: Policy) -> list[Finding]:
-    """The streams whose ROS type nobody here can decode; parsing can't tell, it knows no message definitions."""
-    return [
-        Finding(f"spec.streams[{index}].type", stream.type, f"{stream.type} is no standard ROS 2 message type")
-        for index, stream in enumerate(policy.streams)
-        if stream.encoding is Encoding.CDR and stream.type and not is_known(stream.type)
-    ]
+    """The streams whose ROS type nobody here can decode; parsing can't tell, it knows no message definitions.
+
+    Also makes their converters, which takes a tenth of a second: no sample shall wait for that.
+    """
+    found = (_finding(f"spec.streams[{index}]", stream) for index, stream in enumerate(policy.streams))
+    return [finding for finding in found if finding is not None]
+
+
+def _finding(path: str, stream: Stream) -> Finding | None:
+    if stream.encoding is not Encoding.CDR or not stream.type:
+        return None
+    try:
+        store = store_of(stream)
+    except DefinitionError as error:
+        return Finding(f"{path}.types", stream.types, f"message definitions without mistakes; {error}")
+    if not is_known(stream.type, store):
+        if stream.types and stream.definitions is None:
+            return None  # it may be among those that nobody has read
+        own = f" or {stream.types}" if stream.types else "; types names a ConfigMap with further ones"
+        return Finding(f"{path}.type", stream.type, f"a message of ROS 2 {stream.ros}{own}")
+    with _LOADING:
+        store.get_msgdef(stream.type)
+    return None
+
+
+@lru_cache(maxsize=16)
+def _type_store(release: RosRelease, definitions: Definitions) -> Typestore:
+    from rosbags.typesys import TypesysError  # noqa: PLC0415
+
+    from contextpolicy.policy.message_definitions import check_references, parse  # noqa: PLC0415
+
+    store = _standard(release)
+    if not definitions:
+        return store
+    types = parse(definitions)
+    check_references(types, store.fielddefs)
+    try:
+        store.register(types)
+    except TypesysError as error:
+        raise DefinitionError(f"ros: {release}: {error}") from error
+    return store
+
+
+def _standard(release: RosRelease) -> Typestore:
+    """A store of its own: what is registered in it is nobody else's."""
+    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+
+    if release is not RosRelease.LATEST:
+        return get_typestore(Stores[f"ROS2_{release.name}"])
+    store, older = get_typestore(Stores.ROS2_LYRICAL), get_typestore(Stores.ROS2_KILTED)
+    for name in older.fielddefs.keys() - store.fielddefs.keys():  # removed from Lyrical, still used by robots
+        store.fielddefs[name], store.types[name] = older.fielddefs[name], older.types[name]
+    return store

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from contextpolicy.policy.bandwidth import PERIOD
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -52,6 +54,13 @@ class RealtimeFallback(StrEnum):
     NONE = "None"
 
 
+class RealtimePolicy(StrEnum):
+    """How realtime threads of one priority share a processor: in turns, or each until it waits (sched(7))."""
+
+    RR = "RR"
+    FIFO = "FIFO"
+
+
 class Encoding(StrEnum):
     """How a stream's payloads are written."""
 
@@ -59,6 +68,24 @@ class Encoding(StrEnum):
     CBOR = "cbor"
     MSGPACK = "msgpack"
     CDR = "cdr"
+
+
+class Clock(StrEnum):
+    """Which time of a sample counts: its own stamp, that of its arrival, or the stamp as long as it is of our clock."""
+
+    AUTO = "Auto"
+    SOURCE = "Source"
+    ARRIVAL = "Arrival"
+
+
+class RosRelease(StrEnum):
+    """Whose definitions of the standard ROS 2 messages are meant; `latest` is the newest of each message."""
+
+    HUMBLE = "humble"
+    JAZZY = "jazzy"
+    KILTED = "kilted"
+    LYRICAL = "lyrical"
+    LATEST = "latest"
 
 
 class FeatureOp(StrEnum):
@@ -78,6 +105,13 @@ class SatisfiedBy(StrEnum):
     ANY = "Any"
 
 
+class Enforce(StrEnum):
+    """What happens to a task whose needs can't be met: it is kept and reported, or suspended (paper III)."""
+
+    REPORT = "Report"
+    SUSPEND = "Suspend"
+
+
 @dataclass(frozen=True, slots=True)
 class Feature:
     """A number over the samples of the last `over` seconds, read as `stream.name`."""
@@ -90,15 +124,23 @@ class Feature:
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """A Zenoh key expression whose samples the policy reads."""
+    """A Zenoh key expression whose samples the policy reads.
+
+    `types` names the ConfigMap of further message definitions; `definitions` are its files as (name, text), None as
+    long as nobody has read them.
+    """
 
     name: str
     key: str
     encoding: Encoding = Encoding.JSON
     type: str | None = None
+    ros: RosRelease = RosRelease.LATEST
+    types: str | None = None
+    definitions: tuple[tuple[str, str], ...] | None = None
     stale_after: float | None = None
     liveliness: str | None = None
     timestamp: str | None = None
+    clock: Clock = Clock.AUTO
     filter: str | None = None
     debounce: float = 0.0
     sample_every: float = 0.0
@@ -128,10 +170,14 @@ class Activity:
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """A pre-condition: without it the task's weight is 0. A matching sample counts for `hold`."""
+    """A pre-condition: without it the task's weight is 0. A matching sample counts for `hold`.
 
-    when: str
+    With `task` it is an edge of the task graph instead: that task must be able to run.
+    """
+
+    when: str = "true"
     hold: float = 0.0
+    task: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,11 +187,15 @@ class Needs:
     cores: int | None = None
     memory: int | None = None
     deadline: float | None = None
+    enforce: Enforce = Enforce.REPORT
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A robot function; `idle` is its score while no activity is fresh, None where it has no activity at all."""
+    """A robot function; `idle` is its score while no activity is fresh, None where it has no activity at all.
+
+    A `protected` one is weighted by contexts, but nobody can suspend it or put it below its `min`.
+    """
 
     name: str
     selector: Selector | None = None
@@ -159,6 +209,17 @@ class Task:
     requires: tuple[Requirement, ...] = ()
     subtasks: tuple[str, ...] = ()
     satisfied_by: SatisfiedBy = SatisfiedBy.ALL
+    protected: bool = False
+
+    @property
+    def preconditions(self) -> tuple[Requirement, ...]:
+        """The requirements that samples decide about."""
+        return tuple(own for own in self.requires if own.task is None)
+
+    @property
+    def required_tasks(self) -> tuple[str, ...]:
+        """The tasks without which this one can't run."""
+        return tuple(own.task for own in self.requires if own.task is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +229,11 @@ class Effect:
     weight: float | None = None
     scale: float | None = None
     suspend: bool = False
+
+    @property
+    def suspends(self) -> bool:
+        """Whether it leaves the task without weight, in whatever words."""
+        return self.suspend or self.weight == 0 or self.scale == 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,6 +269,8 @@ class Policy:
     control: Control = Control.LIMIT
     transition: Transition = Transition.STRICT
     realtime_fallback: RealtimeFallback = RealtimeFallback.CFS
+    realtime_policy: RealtimePolicy = RealtimePolicy.RR
+    period: float = PERIOD
     reserve: int = 0
     min_dwell: float = 0.0
     fallback: str | None = None

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One thing that is not as expected; `plan` is the plan in force then, None before the first one."""
+    """One thing that is not as expected; `plan` is the one whose shares are in force then, None before the first."""
 
     expectation: Expectation
     message: str
@@ -39,8 +39,9 @@ class Difference:
 
 def differences(plans: Sequence[Plan], expectations: Sequence[Expectation]) -> Iterator[Difference]:
     """Everything that is not as expected, in the order of the expectations."""
+    decided = {plan.sequence: plan for plan in reversed(plans)}
     for expectation in expectations:
-        begun = [plan for plan in plans if expectation.start <= plan.time <= expectation.end]
+        begun = [plan for plan in decided.values() if expectation.start <= plan.time <= expectation.end]
         if expectation.plans is not None and len(begun) not in expectation.plans:
             message = f"expected {_words(expectation.plans)} plans, {len(begun)} began"
             yield Difference(expectation, message, begun[-1] if begun else None)
@@ -48,7 +49,9 @@ def differences(plans: Sequence[Plan], expectations: Sequence[Expectation]) -> I
         if not in_force:
             yield Difference(expectation, "there is no plan yet", None)
         for plan in in_force:
-            yield from (Difference(expectation, message, plan) for message in _messages(plan, expectation))
+            yield from (
+                Difference(expectation, message, decided[plan.sequence]) for message in _messages(plan, expectation)
+            )
 
 
 def _in_force(plans: Sequence[Plan], expectation: Expectation) -> list[Plan]:

@@ -21,10 +21,17 @@ CSV_COLUMNS = ("time", "sequence", "cause", "contexts", "task", "score", "weight
 
 
 def table(plans: Sequence[Plan], *, period: float = PERIOD) -> str:
-    """Time, contexts, share and weight of each task, and the cause; `period` is that of realtime, in seconds."""
+    """Time, contexts, share and weight of each task, and the cause; a row for each change of what stands in it.
+
+    `period` is that of realtime, in seconds.
+    """
     tasks = list(plans[0].tasks) if plans else []
     header = ["TIME", "CONTEXTS", *(f"{name.upper()} (WEIGHT)" for name in tasks), "CAUSE"]
-    rows = [header, *(_row(plan, tasks, period) for plan in plans)]
+    rows = [header]
+    for before, plan in zip([None, *plans], plans, strict=False):
+        row = _row(plan, tasks, period)
+        if before is None or before.sequence != plan.sequence or row[1:-1] != rows[-1][1:-1]:
+            rows.append(row)
     widths = [max(len(row[column]) for row in rows) for column in range(len(header) - 1)]
     return "\n".join(
         "  ".join([row[0].rjust(widths[0]), *(c.ljust(w) for c, w in zip(row[1:-1], widths[1:], strict=True)), row[-1]])

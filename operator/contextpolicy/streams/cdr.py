@@ -9,7 +9,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys.base import normalize_fieldname
 
 from contextpolicy.errors import DecodeError
-from contextpolicy.policy.ros_types import is_known, type_store
+from contextpolicy.policy.ros_types import is_known
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,11 +19,14 @@ if TYPE_CHECKING:
     Convert = Callable[[Any], Any]
 
 
-def reader(type_name: str, *, max_values: int) -> Callable[[bytes], dict[str, Any]]:
-    """A function from a payload, its 4-byte encapsulation header included, to the message's fields."""
-    store = type_store()
-    if not is_known(type_name):
-        raise DecodeError(f"{type_name} is no standard ROS 2 message type")
+def reader(type_name: str, store: Typestore, *, max_values: int) -> Callable[[bytes], dict[str, Any]]:
+    """A function from a payload, its 4-byte encapsulation header included, to the message's fields.
+
+    All code that it needs is made here: the first sample must not wait for it.
+    """
+    if not is_known(type_name, store):
+        raise DecodeError(f"{type_name} is no known ROS 2 message type")
+    store.get_msgdef(type_name)
     convert = _message(store, type_name, max_values)
 
     def read(payload: bytes) -> dict[str, Any]:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import DecodeError
 from contextpolicy.planning.sample import Sample, as_fields
-from contextpolicy.policy.spec import Encoding, Stream
+from contextpolicy.policy.spec import Clock, Encoding, Stream
+from contextpolicy.streams.attachment import source_timestamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,22 +38,25 @@ class Decoder:
         self.stream = stream
         self._read = _reader(stream)
         self._path = tuple(stream.timestamp.split(".")) if stream.timestamp else ()
+        self.reads_attachment = stream.encoding is Encoding.CDR and not self._path and stream.clock is not Clock.ARRIVAL
+        """Whether a sample's attachment says when it was published: many ROS 2 types have no header."""
 
-    def decode(self, payload: bytes) -> Sample:
+    def decode(self, payload: bytes, attachment: bytes = b"") -> Sample:
         """One reading; DecodeError names the stream, the encoding and what is wrong."""
         try:
             if len(payload) > MAX_PAYLOAD:
                 raise DecodeError(f"has {len(payload)} bytes, allowed: {MAX_PAYLOAD}")  # noqa: TRY301 - named below
-            return self.sample(self._read(payload))
+            return self.sample(self._read(payload), attachment)
         except (DecodeError, ValueError, RecursionError, MemoryError) as error:
             raise DecodeError(
                 f"stream {self.stream.name}: the {self.stream.encoding} payload {_reason(error)}"
             ) from error
 
-    def sample(self, decoded: object) -> Sample:
+    def sample(self, decoded: object, attachment: bytes = b"") -> Sample:
         """The reading that a payload holds; DecodeError when its timestamp is none."""
         fields = as_fields(decoded)
-        return Sample(self.stream.name, fields, _timestamp(fields, self._path) if self._path else None)
+        timestamp = _timestamp(fields, self._path) if self._path else source_timestamp(attachment)
+        return Sample(self.stream.name, fields, timestamp)
 
 
 def seconds(stamp: object) -> float:
@@ -81,7 +85,7 @@ def _reader(stream: Stream) -> Callable[[bytes], object]:
         case Encoding.MSGPACK:
             return _msgpack_reader()
         case Encoding.CDR:
-            return _cdr_reader(stream.type or "")
+            return _cdr_reader(stream)
 
 
 def _read_json(payload: bytes) -> object:
@@ -133,10 +137,11 @@ def _msgpack_reader() -> Callable[[bytes], object]:
     return read
 
 
-def _cdr_reader(type_name: str) -> Callable[[bytes], object]:
+def _cdr_reader(stream: Stream) -> Callable[[bytes], object]:
+    from contextpolicy.policy.ros_types import store_of  # noqa: PLC0415
     from contextpolicy.streams import cdr  # noqa: PLC0415
 
-    read_message = cdr.reader(type_name, max_values=MAX_VALUES)
+    read_message = cdr.reader(stream.type or "", store_of(stream), max_values=MAX_VALUES)
 
     def read(payload: bytes) -> object:
         decoded = read_message(payload)

@@ -5,15 +5,17 @@ from __future__ import annotations
 import time
 from collections import Counter, deque
 from threading import Lock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import zenoh
+import zenoh.ext
 from reactivex import Observable
 from reactivex.disposable import CompositeDisposable, Disposable
 
 from contextpolicy.errors import DecodeError
 from contextpolicy.planning.inputs import Gone
 from contextpolicy.planning.sample import Sample
+from contextpolicy.policy.spec import Encoding
 from contextpolicy.streams.decoding import Decoder
 
 if TYPE_CHECKING:
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
 
     from contextpolicy.planning.inputs import Input
     from contextpolicy.policy.spec import Stream
+
+_Arrived: TypeAlias = tuple[Decoder, bytes, bytes, float]
+"""A payload with its attachment, and the monotonic time at which it came."""
 
 BACKLOG = 10_000
 """Samples that may wait for the loop; beyond it the oldest are dropped, a newer reading is worth more."""
@@ -56,17 +61,30 @@ def _declare(session: zenoh.Session, stream: Stream, inbox: _Inbox) -> list[Call
 
     def on_sample(sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
-            inbox.put(decoder, sample.payload.to_bytes())
+            attached = sample.attachment if decoder.reads_attachment else None
+            inbox.put(decoder, sample.payload.to_bytes(), b"" if attached is None else attached.to_bytes())
 
     def on_token(sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
             inbox.put_gone(stream.name)
 
-    declared: list[Callable[[], None]] = [session.declare_subscriber(stream.key, on_sample).undeclare]
+    declared: list[Callable[[], None]] = [_subscribe(session, stream, on_sample)]
     if stream.liveliness is not None:
         token = session.liveliness().declare_subscriber(stream.liveliness, on_token, history=True)
         declared.append(token.undeclare)
     return declared
+
+
+def _subscribe(session: zenoh.Session, stream: Stream, on_sample: Callable[[zenoh.Sample], None]) -> Callable[[], None]:
+    """Begin to listen; what is returned ends it.
+
+    ROS 2 publishers of latched topics (transient_local) keep their last sample for those who come late, and say nothing
+    more: rmw_zenoh serves it to Zenoh's advanced subscribers. Live samples do not wait for it.
+    """
+    if stream.encoding is not Encoding.CDR:
+        return session.declare_subscriber(stream.key, on_sample).undeclare
+    last = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
+    return zenoh.ext.declare_advanced_subscriber(session, stream.key, on_sample, history=last).undeclare
 
 
 class _Inbox:
@@ -76,20 +94,20 @@ class _Inbox:
         self, observer: ObserverBase[Input], scheduler: SchedulerBase, on_drop: Callable[[str, str], None]
     ) -> None:
         self._observer, self._scheduler, self._on_drop = observer, scheduler, on_drop
-        self._waiting: deque[tuple[Decoder, bytes, float] | Gone] = deque()
+        self._waiting: deque[_Arrived | Gone] = deque()
         self._lock = Lock()
         self._awake = False
         self._overrun: Counter[str] = Counter()
 
-    def put(self, decoder: Decoder, payload: bytes) -> None:
+    def put(self, decoder: Decoder, payload: bytes, attachment: bytes = b"") -> None:
         """Take a sample; called on a Zenoh thread."""
-        self._append((decoder, payload, time.monotonic()))
+        self._append((decoder, payload, attachment, time.monotonic()))
 
     def put_gone(self, stream: str) -> None:
         """Take the end of a liveliness token; called on a Zenoh thread."""
         self._append(Gone(stream))
 
-    def _append(self, item: tuple[Decoder, bytes, float] | Gone) -> None:
+    def _append(self, item: _Arrived | Gone) -> None:
         """The loop is woken only when it is not awake already: it empties the whole inbox."""
         with self._lock:
             if len(self._waiting) >= BACKLOG:
@@ -116,7 +134,7 @@ class _Inbox:
         if awake:
             self._scheduler.schedule(self._drain)
 
-    def _next(self) -> tuple[Decoder, bytes, float] | Gone | None:
+    def _next(self) -> _Arrived | Gone | None:
         with self._lock:
             overrun, self._overrun = self._overrun, Counter()
             item = self._waiting.popleft() if self._waiting else None
@@ -124,13 +142,13 @@ class _Inbox:
             self._on_drop(stream, "overrun")
         return item
 
-    def _deliver(self, item: tuple[Decoder, bytes, float] | Gone) -> None:
+    def _deliver(self, item: _Arrived | Gone) -> None:
         if isinstance(item, Gone):
             self._observer.on_next(item)
             return
-        decoder, payload, arrived = item
+        decoder, payload, attachment, arrived = item
         try:
-            sample = decoder.decode(payload)
+            sample = decoder.decode(payload, attachment)
         except DecodeError:
             self._on_drop(decoder.stream.name, "undecodable")
             return
@@ -142,5 +160,5 @@ class _Inbox:
         return self._scheduler.to_seconds(self._scheduler.now) - time.time()
 
 
-def _stream(item: tuple[Decoder, bytes, float] | Gone) -> str:
+def _stream(item: _Arrived | Gone) -> str:
     return item.stream if isinstance(item, Gone) else item[0].stream.name

@@ -1,6 +1,7 @@
 """Timelines: timed inputs with ground truth, one JSON file per experiment (paper VI-A).
 
-The simulation reads in virtual time the very inputs that the player publishes in real time.
+The simulation reads in virtual time the very inputs that the player publishes in real time. Values are JSON; with the
+encoding cdr they are ROS 2 messages of the entry's type.
 """
 
 from __future__ import annotations
@@ -11,17 +12,21 @@ import json
 import math
 import re
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import chain
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from contextpolicy.errors import Finding, TimelineError
+from contextpolicy.errors import DefinitionError, Finding, TimelineError
+from contextpolicy.policy.spec import RosRelease
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
+
+    from contextpolicy.policy.definition_files import Definitions
+    from contextpolicy.streams.ros_message import RosMessage
 
     Check: TypeAlias = tuple[Callable[[Any], bool], str]
 
@@ -37,6 +42,7 @@ class TimedInput:
     encoding: str
     value: object | None
     dataset: str | None
+    message: RosMessage | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +57,14 @@ class TimelineEntry:
     value: object | None
     dataset: str | None
     truth: object | None
+    message: RosMessage | None = None
 
     def inputs(self) -> Iterator[TimedInput]:
         """Count times from the start, so that a long entry does not drift."""
         count = math.ceil((self.end - self.start) * self.rate - 1e-9) if self.rate else 1
         for index in range(count):
             at = self.start + index / self.rate if self.rate else self.start
-            yield TimedInput(at, self.key, self.encoding, self.value, self.dataset)
+            yield TimedInput(at, self.key, self.encoding, self.value, self.dataset, self.message)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +96,13 @@ def _in_turn(run: Iterable[TimelineEntry]) -> Iterator[TimedInput]:
     return chain.from_iterable(entry.inputs() for entry in run)
 
 
-def load(path: Path | str) -> Timeline:
-    """Read a timeline file, or raise TimelineError with everything that is wrong with it."""
+def load(path: Path | str, definitions: Definitions = ()) -> Timeline:
+    """Read a timeline file, or raise TimelineError with everything that is wrong with it.
+
+    `definitions` are of the ROS 2 messages that are not standard.
+    """
     with _uncollected():
-        return _load(path)
+        return _load(path, definitions)
 
 
 @contextmanager
@@ -110,7 +120,7 @@ def _uncollected() -> Iterator[None]:
             gc.enable()
 
 
-def _load(path: Path | str) -> Timeline:
+def _load(path: Path | str, definitions: Definitions) -> Timeline:
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
     except OSError as error:
@@ -120,20 +130,22 @@ def _load(path: Path | str) -> Timeline:
     except ValueError as error:  # also broken UTF-8 and NaN
         finding = Finding("file", str(path), f"JSON ({error})")
     else:
-        return parse(document, subject=str(path))
+        return parse(document, definitions, subject=str(path))
     raise TimelineError(str(path), (finding,))
 
 
-def parse(document: object, *, subject: str = "timeline") -> Timeline:
+def parse(document: object, definitions: Definitions = (), *, subject: str = "timeline") -> Timeline:
     """Turn decoded JSON into a timeline, or raise TimelineError with everything that is wrong."""
-    findings = tuple(_findings(document))
+    findings = list(_findings(document))
     if findings or not isinstance(document, dict):
-        raise TimelineError(subject, findings)
-    entries = tuple(_entry(raw) for raw in document["inputs"])
+        raise TimelineError(subject, tuple(findings))
+    entries = tuple(_entry(raw, definitions, f"inputs[{i}]", findings) for i, raw in enumerate(document["inputs"]))
+    if findings:
+        raise TimelineError(subject, tuple(findings))
     return Timeline(document["name"], float(document["duration"]), entries)
 
 
-def _entry(raw: Mapping[str, Any]) -> TimelineEntry:
+def _entry(raw: Mapping[str, Any], definitions: Definitions, path: str, findings: list[Finding]) -> TimelineEntry:
     start = float(raw["at"] if "at" in raw else raw["from"])
     return TimelineEntry(
         start=start,
@@ -144,7 +156,26 @@ def _entry(raw: Mapping[str, Any]) -> TimelineEntry:
         value=raw.get("value"),
         dataset=raw.get("dataset"),
         truth=raw.get("truth"),
+        message=_message(raw, definitions, path, findings) if raw["encoding"] == "cdr" else None,
     )
+
+
+def _message(raw: Mapping[str, Any], definitions: Definitions, path: str, findings: list[Finding]) -> RosMessage | None:
+    from contextpolicy.policy.ros_types import is_known, type_store  # noqa: PLC0415 - megabytes, for ROS 2 only
+    from contextpolicy.streams.ros_message import RosMessage  # noqa: PLC0415
+
+    release = RosRelease(raw.get("ros", RosRelease.LATEST))
+    try:
+        store = type_store(release, definitions)
+    except DefinitionError as error:
+        findings.append(Finding(f"{path}.type", raw["type"], f"message definitions without mistakes; {error}"))
+        return None
+    if not is_known(raw["type"], store):
+        findings.append(Finding(f"{path}.type", raw["type"], f"a message of ROS 2 {release}, or of --types DIR"))
+        return None
+    message = RosMessage(raw["type"], store, raw["value"])
+    findings += [replace(finding, field=f"{path}.{finding.field}") for finding in message.findings]
+    return message
 
 
 def _refuse_constant(name: str) -> object:
@@ -178,7 +209,7 @@ _KEY: Check = (
 )
 _DATASET: Check = (_matches(r"[a-z0-9-]+/[a-z0-9-]+"), "a data set, such as euroc/stereo")
 _RATE: Check = (lambda value: _is_number(value) and 0 < value <= MAX_RATE, f"Hz, above 0 to {MAX_RATE:g}")
-_JSON: Check = (lambda value: value == "json", "json")
+_VALUE_ENCODING: Check = (lambda value: value in ("json", "cdr"), "json or cdr")
 _DATASET_ENCODING: Check = (lambda value: value in ("json", "binary"), "json or binary")
 
 _TIMELINE: Mapping[str, Check] = {
@@ -191,10 +222,14 @@ _TIMELINE_OPTIONS: Mapping[str, Check] = {
     "description": (_is_text, "a text"),
 }
 _INPUT_OPTIONS: Mapping[str, Check] = {"truth": _ANY}
-_VALUE_ONCE: Mapping[str, Check] = {"key": _KEY, "encoding": _JSON, "at": _SECONDS, "value": _ANY}
+_ROS_MESSAGE: Mapping[str, Check] = {
+    "type": (_matches(r"[A-Za-z]\w*/msg/[A-Z][A-Za-z0-9]*"), "a ROS 2 type such as sensor_msgs/msg/Imu")
+}
+_ROS_OPTIONS: Mapping[str, Check] = {"ros": (lambda value: value in list(RosRelease), ", ".join(RosRelease))}
+_VALUE_ONCE: Mapping[str, Check] = {"key": _KEY, "encoding": _VALUE_ENCODING, "at": _SECONDS, "value": _ANY}
 _VALUE_AT_RATE: Mapping[str, Check] = {
     "key": _KEY,
-    "encoding": _JSON,
+    "encoding": _VALUE_ENCODING,
     "from": _SECONDS,
     "to": _SECONDS,
     "rate": _RATE,
@@ -218,16 +253,20 @@ def _findings(document: object) -> Iterator[Finding]:
     for index, raw in enumerate(inputs if isinstance(inputs, list) else ()):
         path = f"inputs[{index}]"
         if isinstance(raw, dict):
-            yield from _field_findings(f"{path}.", raw, _shape(raw), _INPUT_OPTIONS)
+            yield from _field_findings(f"{path}.", raw, *_shape(raw))
             yield from _order_findings(path, raw, document.get("duration"))
         else:
             yield Finding(path, raw, "a JSON object")
 
 
-def _shape(raw: Mapping[str, Any]) -> Mapping[str, Check]:
+def _shape(raw: Mapping[str, Any]) -> tuple[Mapping[str, Check], Mapping[str, Check]]:
+    """The fields that an input must and may have."""
     if "dataset" in raw:
-        return _RECORDED
-    return _VALUE_ONCE if "at" in raw else _VALUE_AT_RATE
+        return _RECORDED, _INPUT_OPTIONS
+    shape = _VALUE_ONCE if "at" in raw else _VALUE_AT_RATE
+    if raw.get("encoding") == "cdr":
+        return {**shape, **_ROS_MESSAGE}, {**_INPUT_OPTIONS, **_ROS_OPTIONS}
+    return shape, _INPUT_OPTIONS
 
 
 def _field_findings(

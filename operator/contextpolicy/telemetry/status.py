@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.planner import Planner
 
 MAX_MESSAGE = 1024
+_UNITS = (("years", 365.25 * 86400), ("days", 86400.0), ("h", 3600.0), ("s", 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +109,7 @@ def _findings(planner: Planner, facts: StatusFacts) -> list[ConditionFinding]:
     shortfalls = (
         [f"{s.task}: {s.message}" if s.task else s.message for s in planner.last.shortfalls] if planner.last else []
     )
-    unapplied = [*facts.claim.obstacles.values(), *facts.unmet_actuation.values()]
+    unapplied = [*facts.claim.unlimited, *facts.claim.obstacles.values(), *facts.unmet_actuation.values()]
     realtime = [ConditionFinding("Realtime", "Scheduled", "Unavailable", facts.claim.realtime)]
     applied = {Mode.ENFORCE: "InForce", Mode.DRY_RUN: "DryRun", Mode.PAUSED: "Paused"}[policy.mode]
     return [
@@ -130,7 +131,7 @@ def _silence(planner: Planner, name: str) -> str:
 
 
 def _plan(planner: Planner, run: int) -> dict[str, Any] | None:
-    plan = planner.last
+    plan = planner.decided
     if plan is None:
         return None
     return {"run": run, "sequence": plan.sequence, "time": timestamp(plan.time), "cause": plan.cause[:MAX_MESSAGE]}
@@ -143,6 +144,7 @@ def _nodes(planner: Planner, claim: Claim) -> list[dict[str, Any]]:
             "name": name,
             "capacity": format_cpu(node.capacity),
             "allocatable": format_cpu(claim.placement.allocatable.get(name, 0)),
+            "dividedBy": node.basis,
         }
         for name, node in sorted(nodes.items())
     ]
@@ -173,7 +175,15 @@ def _streams(planner: Planner) -> list[dict[str, Any]]:
 
 
 def _stream(planner: Planner, name: str, waits: Iterable[str]) -> dict[str, Any]:
-    silent = planner.streams[name].silent
+    stream = planner.streams[name]
     dropped = [f"{reason}: {count}" for (of, reason), count in sorted(planner.drops.items()) if of == name]
-    message = "; ".join([*([_silence(planner, name)] if silent else []), *waits, *dropped])
-    return {"name": name, "healthy": not silent, "message": message[:MAX_MESSAGE]}
+    told = [_silence(planner, name)] if stream.silent else []
+    told += [] if stream.clock.behind is None else [_other_clock(stream.clock.behind)]
+    message = "; ".join([*told, *waits, *dropped])
+    return {"name": name, "healthy": not stream.silent, "message": message[:MAX_MESSAGE]}
+
+
+def _other_clock(behind: float) -> str:
+    unit, size = next((unit, size) for unit, size in _UNITS if abs(behind) >= size)
+    off = f"{abs(behind) / (size or 1):.0f} {unit} {'behind' if behind > 0 else 'ahead of'} ours"
+    return f"its timestamps are of another clock, {off} (simulated time, a replay?): the time of arrival counts"

@@ -32,6 +32,8 @@ FULL = {
         "scheduler": "CFS",
         "control": "Limit",
         "realtimeFallback": "CFS",
+        "realtimePolicy": "FIFO",
+        "period": "1s",
         "reserve": "300m",
         "minDwell": "1s",
         "fallback": "moving",
@@ -48,7 +50,7 @@ FULL = {
                 "filter": "imu.orientation.x > 1",
                 "debounce": "10ms",
                 "sampleEvery": "10ms",
-                "producedBy": "slam",
+                "producedBy": "camera",
                 "example": {"orientation": {"x": 0.5}},
                 "features": [{"name": "mean", "op": "mean", "of": "imu.orientation.x", "over": "1s"}],
             }
@@ -65,13 +67,14 @@ FULL = {
                     "matchLabels": {"app": "slam"},
                     "matchExpressions": [{"key": "tier", "operator": "In", "values": ["a"]}],
                 },
-                "needs": {"cores": 1, "memory": "100Mi", "deadline": "50ms"},
+                "needs": {"cores": 1, "memory": "100Mi", "deadline": "50ms", "enforce": "Suspend"},
                 "activity": [
                     {"stream": "imu", "when": "imu.orientation.x > 1", "score": 1, "hold": "1s", "decay": "1s"},
                     {"stream": "imu", "scoreFrom": "imu.orientation.x", "initiative": "mine", "with": {"a": "b"}},
                 ],
-                "requires": [{"when": "imu.orientation.x > 1", "hold": "1s"}],
+                "requires": [{"when": "imu.orientation.x > 1", "hold": "1s"}, {"task": "camera"}],
             },
+            {"name": "camera", "selector": {"matchLabels": {"app": "camera"}}, "protected": True},
             {"name": "group", "subtasks": ["slam"], "satisfiedBy": "All"},
         ],
         "contexts": [
@@ -272,6 +275,39 @@ def test_what_cannot_be_meant_is_a_warning(path: tuple[Any, ...], value: Any, fi
     report = check([("policy.yaml", yaml.safe_dump(changed(path, value)))])
     assert not report.errors
     assert field in [problem.field for problem in report.problems]
+
+
+def test_contexts_that_try_to_suspend_a_protected_task_are_named():
+    text = """
+apiVersion: contextpolicy.dev/v1alpha1
+kind: ContextPolicy
+metadata: {name: robot, namespace: lab}
+spec:
+  streams: [{name: imu, key: robot/imu}]
+  tasks:
+  - {name: drive, subtasks: [brake, slam]}
+  - {name: brake, selector: {matchLabels: {app: brake}}, protected: true}
+  - {name: slam, selector: {matchLabels: {app: slam}}}
+  contexts:
+  - {name: light, when: imu.light, exitAfter: 1s, tasks: {brake: {scale: 0.5}, slam: {suspend: true}}}
+  - {name: own, when: imu.own, exitAfter: 1s, tasks: {brake: {weight: 0}}}
+  - {name: above, when: imu.above, exitAfter: 1s, tasks: {drive: {suspend: true}}}
+"""
+    report = check([("policy.yaml", text)])
+    assert [(p.severity, p.position.line, p.field, p.message) for p in report.problems] == [
+        (
+            Severity.WARNING,
+            13,
+            "spec.contexts[1].tasks.brake",
+            "context own suspends brake: it has no effect on brake, which is protected",
+        ),
+        (
+            Severity.WARNING,
+            14,
+            "spec.contexts[2].tasks.drive",
+            "context above suspends drive, of which brake is a part: it has no effect on brake, which is protected",
+        ),
+    ]
 
 
 def test_what_only_zenoh_and_rosbags_refuse_is_refused_too():

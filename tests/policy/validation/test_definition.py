@@ -11,7 +11,7 @@ import yaml
 from contextpolicy.policy.validation import crd_rules, crd_schema
 from contextpolicy.policy.validation.crd_words import PATTERNS
 from tests.crds.schema import POLICIES, REFUSED, nodes, schema
-from tests.policy.validation.test_check import changed, problems
+from tests.policy.validation.test_check import FULL, changed, problems
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 SPEC = [node for path, node in nodes(schema()) if path == "spec" or path.startswith("spec.")]
 RULES = [rule["rule"] for node in SPEC for rule in node.get("x-kubernetes-validations", ())]
 STREAM, TASK = ("spec", "streams", 0), ("spec", "tasks", 0)
+_TASKS: Any = FULL["spec"]
+GROUP = ("spec", "tasks", next(n for n, task in enumerate(_TASKS["tasks"]) if "subtasks" in task))
 
 
 def violated(path: Path) -> set[str]:
@@ -60,7 +62,7 @@ def told(path: tuple[Any, ...], value: Any) -> list[tuple[str, object, str | Non
         ((*STREAM, "staleAfter"), "0s", "must be longer than 0s; leave it out to let a silent stream count forever"),
         ((*STREAM, "debounce"), "1m" * 17, "at most 32 characters"),
         (("spec", "force", "until"), "2027-01-01T00:00+01:00", "a date and time as in RFC 3339, such as"),
-        (("spec", "tasks", 1, "subtasks"), [], "a selector for a task in a container, subtasks for one without"),
+        ((*GROUP, "subtasks"), [], "a selector for a task in a container, subtasks for one without"),
         (("spec", "streams"), [], "at least one stream"),
         (("speck",), {}, "known fields: apiVersion, kind, metadata, spec, status"),
     ],

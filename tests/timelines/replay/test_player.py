@@ -4,9 +4,13 @@ import json
 import queue
 import threading
 import wave
+from dataclasses import replace
 
 import pytest
 
+from contextpolicy.loop import Loop
+from contextpolicy.policy.spec import Encoding, Stream
+from contextpolicy.streams.subscription import inputs
 from contextpolicy.streams.timeline import parse
 from tests.modules.robotkit.bus import PATIENCE_S, client, router
 from timelines.datasets.readers import DatasetError
@@ -74,6 +78,53 @@ def test_samples_arrive_with_their_stamp(bus, datasets):
     assert report.started <= imu["stamp"] / 1e9 <= report.finished
 
 
+SCAN_KEY = "0/scan/sensor_msgs::msg::dds_::LaserScan_/TypeHashNotSupported"
+ROS = {
+    "name": "ros",
+    "duration": 0.4,
+    "inputs": [
+        {
+            "key": SCAN_KEY,
+            "encoding": "cdr",
+            "type": "sensor_msgs/msg/LaserScan",
+            "ros": "humble",
+            "from": 0,
+            "to": 0.4,
+            "rate": 20,
+            "value": {"ranges": [1.5, "Infinity", "NaN"]},
+        },
+        {"key": "0/light", "encoding": "cdr", "type": "std_msgs/msg/Bool", "at": 0.3, "value": {"data": True}},
+    ],
+}
+
+
+def test_a_ros_policys_streams_hear_a_timeline_as_they_hear_the_robot(bus):
+    _, player, robot = bus
+    scan = Stream("scan", SCAN_KEY.rpartition("/")[0] + "/*", Encoding.CDR, type="sensor_msgs/msg/LaserScan")
+    light = Stream("light", "0/light", Encoding.CDR, type="std_msgs/msg/Bool")
+    heard, drops, loop = queue.Queue(), [], Loop()
+    source = inputs(
+        robot,
+        [replace(scan, timestamp="header.stamp"), light],
+        loop,
+        lambda *drop: drops.append(drop),
+    )
+    subscription = source.subscribe(heard.put)
+    report = play(parse(ROS), player, stop=threading.Event())
+    samples = [heard.get(timeout=PATIENCE_S)]  # the first may be gone before the router knows the player
+    while samples[-1].stream != "light":
+        samples.append(heard.get(timeout=PATIENCE_S))
+    subscription.dispose()
+    loop.dispose()
+    assert drops == []
+    scans = [sample for sample in samples if sample.stream == "scan"]
+    assert scans[0].value["ranges"][:2] == [1.5, float("inf")]
+    stamps = [sample.timestamp for sample in samples]
+    assert report.started - 1 <= min(stamps) <= max(stamps) <= report.finished + 1
+    assert len({sample.timestamp for sample in scans}) == len(scans) > 1
+    assert samples[-1].value == {"data": True}
+
+
 def test_stop_ends_a_loop_at_once(bus, datasets):
     _, player, _ = bus
     stop = threading.Event()
@@ -112,6 +163,21 @@ def test_the_command_refuses_with_a_sentence(datasets, capsys, arguments, messag
     path.write_text(json.dumps(TIMELINE), encoding="utf-8")
     assert main([str(path) if argument == "FILE" else argument for argument in arguments]) == 1
     assert message in capsys.readouterr().err
+
+
+def test_the_command_plays_ones_own_messages(bus, tmp_path, capsys):
+    address, _, _ = bus
+    mood = {"key": "0/mood", "encoding": "cdr", "type": "my_msgs/msg/Mood", "at": 0.1, "value": {"glad": True}}
+    (tmp_path / "mood.json").write_text(json.dumps({"name": "mood", "duration": 0.2, "inputs": [mood]}))
+    arguments = [str(tmp_path / "mood.json"), "--connect", address]
+    assert main(arguments) == 1
+    assert "my_msgs/msg/Mood" in capsys.readouterr().err
+    messages = tmp_path / "share/my_msgs/msg"
+    messages.mkdir(parents=True)
+    assert main([*arguments, "--types", str(tmp_path / "share")]) == 1
+    assert "holds no .msg and no .idl files" in capsys.readouterr().err
+    (messages / "Mood.msg").write_text("bool glad\n")
+    assert main([*arguments, "--types", str(tmp_path / "share")]) == 0
 
 
 @pytest.mark.parametrize("flag", [["--rate", "0"], ["--rate", "nan"], ["--start-offset", "-1"]])

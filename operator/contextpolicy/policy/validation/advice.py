@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 from contextpolicy.errors import Finding
 from contextpolicy.policy.bandwidth import throttle_gap
 from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.dependencies import TaskTree
 from contextpolicy.policy.quantities import format_cpu
+from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,6 +35,9 @@ def _streams(policy: Policy) -> Iterator[Finding]:
         watched = policy.fallback is not None and (stream.stale_after or stream.liveliness)
         if stream.name not in read and not plugged_in and not watched:
             yield Finding(f"spec.streams[{index}]", stream.name, f"nothing reads stream {stream.name}")
+        if stream.types and stream.definitions is None:
+            told = f"ConfigMap {stream.types} is in none of the files, its messages are unchecked (--types DIR)"
+            yield Finding(f"spec.streams[{index}].types", stream.types, told)
         for number, feature in enumerate(stream.features):
             pattern = re.compile(rf"\b{stream.name}\.{feature.name}\b")
             if not plugged_in and not any(pattern.search(source) for source in sources):
@@ -44,7 +49,7 @@ def _streams(policy: Policy) -> Iterator[Finding]:
 
 def _sources(policy: Policy) -> Iterator[str]:
     for task in policy.tasks:
-        yield from (requirement.when for requirement in task.requires)
+        yield from (requirement.when for requirement in task.preconditions)
         for activity in task.activity:
             yield from filter(None, (activity.when, activity.score_from))
     yield from (context.when for context in policy.contexts if context.when)
@@ -56,15 +61,31 @@ def _task(policy: Policy, field: str, task: Task) -> Iterator[Finding]:
     for number, activity in enumerate(task.activity):
         if activity.score == 0 and not activity.score_from and not activity.initiative:
             yield Finding(f"{field}.activity[{number}].score", 0, "an activity with score 0 never counts")
+    if task.protected:
+        yield from _suspending(policy, task)
     if task.max is None:
         return
     if task.needs.cores is not None and task.needs.cores > task.max:
         told = f"needs {format_cpu(task.needs.cores)} cores, but max allows {format_cpu(task.max)}: never feasible"
         yield Finding(f"{field}.needs.cores", task.needs.cores, told)
-    gap = throttle_gap(task.max)
+    gap = throttle_gap(task.max, policy.period) if policy.scheduler is Scheduler.CFS else 0.0
     if task.needs.deadline is not None and gap > task.needs.deadline:
         told = f"with max {format_cpu(task.max)} it may stand still for {gap:.3g} s, longer than its deadline"
         yield Finding(f"{field}.needs.deadline", task.needs.deadline, told)
+
+
+def _suspending(policy: Policy, task: Task) -> Iterator[Finding]:
+    """The contexts that try to suspend a protected task, by itself or with what it is a part of."""
+    above = TaskTree(policy).ancestors(task.name)
+    for index, context in enumerate(policy.contexts):
+        for name in (task.name, *above):
+            effect = context.effects.get(name)
+            if effect is not None and effect.suspends:
+                part = "" if name == task.name else f", of which {task.name} is a part"
+                told = (
+                    f"context {context.name} suspends {name}{part}: it has no effect on {task.name}, which is protected"
+                )
+                yield Finding(f"spec.contexts[{index}].tasks.{name}", task.name, told)
 
 
 def _contexts(policy: Policy) -> Iterator[Finding]:

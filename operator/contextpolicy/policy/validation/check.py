@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from contextpolicy.errors import Finding, PolicyError
+from contextpolicy.policy.definition_files import config_maps, with_definitions
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.suggestions import did_you_mean
 from contextpolicy.policy.validation import crd_rules, crd_schema
@@ -18,6 +19,7 @@ from contextpolicy.policy.validation.problem import Problem, Severity, short
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from contextpolicy.policy.definition_files import Definitions
     from contextpolicy.policy.spec import Policy
 
 API_VERSION = "contextpolicy.dev/v1alpha1"
@@ -45,12 +47,17 @@ class Source(NamedTuple):
 
 @dataclass(slots=True)
 class CheckReport:
-    """What the files hold and what is wrong with them."""
+    """What the files hold and what is wrong with them.
+
+    `types` are the message definitions of streams whose ConfigMap is in none of the files, None if nobody gave any.
+    """
 
     policies: list[tuple[Source, Policy]] = field(default_factory=list)
     problems: list[Problem] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
     seen: int = 0
+    types: Definitions | None = None
+    config_maps: dict[tuple[str, str], Definitions] = field(default_factory=dict)
 
     @property
     def errors(self) -> list[Problem]:
@@ -58,15 +65,22 @@ class CheckReport:
         return [problem for problem in self.problems if problem.severity is Severity.ERROR]
 
 
-def check(files: Iterable[tuple[str, str]]) -> CheckReport:
+def check(files: Iterable[tuple[str, str]], types: Definitions | None = None) -> CheckReport:
     """Check (name, text) pairs; problems come in the order of the files."""
-    report = CheckReport()
+    report = CheckReport(types=types)
+    documents: list[tuple[str, Document | DocumentError]] = []
     for file, text in files:
         try:
             for document in read(text):
-                _check_document(file, document, report)
+                documents.append((file, document))
+                report.config_maps |= config_maps(document.body)
         except DocumentError as error:
-            report.problems.append(Problem(file, error.position, str(error)))
+            documents.append((file, error))
+    for file, known in documents:
+        if isinstance(known, DocumentError):
+            report.problems.append(Problem(file, known.position, str(known)))
+        else:
+            _check_document(file, known, report)
     report.problems += _repeated(report)
     report.problems += [_claimed(report, conflict) for conflict in conflicts(_latest(report))]
     return report
@@ -115,7 +129,7 @@ def _check_object(source: Source, report: CheckReport) -> None:
         findings.append(Finding("apiVersion", source.body.get("apiVersion"), API_VERSION))
     policy = None
     try:
-        policy = _parse(source.body)
+        policy = _parse(source.body, report)
     except PolicyError as error:
         findings += error.findings
     findings += _of_the_definition(source.body, {finding.field for finding in findings})
@@ -136,12 +150,16 @@ def _of_the_definition(body: dict[str, Any], told: set[str]) -> list[Finding]:
     return [*found, *crd_rules.findings(stored, schema, told | {finding.field for finding in found})]
 
 
-def _parse(body: dict[str, Any]) -> Policy:
+def _parse(body: dict[str, Any], report: CheckReport) -> Policy:
     """Planning's parser is for objects that an API server knows, which have metadata."""
     if not isinstance(body.get("metadata"), dict):
         finding = Finding("metadata", body.get("metadata"), "an object with a name")
         raise PolicyError("", (finding,))
-    return parse(body, mistakes_in)
+
+    def complete(policy: Policy) -> Policy:
+        return with_definitions(policy, lambda name: report.config_maps.get((policy.namespace, name), report.types))
+
+    return complete(parse(body, lambda policy: mistakes_in(complete(policy))))
 
 
 def _duplicates(source: Source) -> Iterator[Finding]:

@@ -9,6 +9,7 @@ from contextpolicy.errors import ContextPolicyError
 from contextpolicy.policy.validation.check import check
 
 if TYPE_CHECKING:
+    from contextpolicy.policy.definition_files import Definitions
     from contextpolicy.policy.spec import Policy
 
 
@@ -16,13 +17,13 @@ class PolicyFileError(ContextPolicyError):
     """A file that does not hold exactly one valid policy; the message is what `validate` prints."""
 
 
-def load_policy(path: str) -> Policy:
-    """Read a policy as the API server would take it."""
+def load_policy(path: str, types: Definitions | None = None) -> Policy:
+    """Read a policy as the API server would take it; `types` are the ROS 2 messages of ConfigMaps not in the file."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise PolicyFileError(f"{path}: is not a readable file: {error}") from error
-    report = check([(path, text)])
+    report = check([(path, text)], types)
     if report.errors:
         raise PolicyFileError("\n".join(str(problem) for problem in report.errors))
     if len(report.policies) != 1:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from contextpolicy.errors import Finding
-from contextpolicy.policy.ros_types import is_known, type_store
+from contextpolicy.errors import DefinitionError, Finding
+from contextpolicy.policy.ros_types import is_known, store_of
 from contextpolicy.policy.spec import Encoding
 from contextpolicy.policy.validation.cel_types import mistakes
 from contextpolicy.policy.validation.shapes import ANY, BOOL, MAP, NUMBER, Shape, known_fields, of_example, of_message
@@ -50,7 +50,8 @@ def _shared(policy: Policy) -> Iterator[tuple[str, str, Shape]]:
             if activity.score_from is not None:
                 yield f"spec.tasks[{index}].activity[{number}].scoreFrom", activity.score_from, NUMBER
         for number, requirement in enumerate(task.requires):
-            yield f"spec.tasks[{index}].requires[{number}].when", requirement.when, BOOL
+            if requirement.when is not None:
+                yield f"spec.tasks[{index}].requires[{number}].when", requirement.when, BOOL
     for index, context in enumerate(policy.contexts):
         if context.when is not None:
             yield f"spec.contexts[{index}].when", context.when, BOOL
@@ -67,11 +68,20 @@ def _own(stream: Stream) -> Iterator[tuple[str, str, Shape]]:
 
 def _shape(stream: Stream) -> Shape:
     if stream.encoding is Encoding.CDR:
-        return of_message(type_store(), stream.type or "") if is_known(stream.type or "") else ANY
+        return _message_shape(stream, stream.type or "")
     if stream.example is None:
         return ANY
     sample = stream.example if isinstance(stream.example, dict) else {"value": stream.example}
     return of_example(sample, "its example")
+
+
+def _message_shape(stream: Stream, type_name: str) -> Shape:
+    """Nothing is known of a message whose definition is missing or wrong, which is a finding of its own."""
+    try:
+        store = store_of(stream)
+    except DefinitionError:
+        return ANY
+    return of_message(store, type_name) if is_known(type_name, store) else ANY
 
 
 def _with_features(sample: Shape, stream: Stream) -> Shape:

@@ -1,0 +1,54 @@
+"""How often something that may change with every sample is told."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from reactivex.disposable import Disposable, SerialDisposable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from reactivex.abc import SchedulerBase
+
+
+class Pacing:
+    """Tells news at once after a rest, else when `interval` seconds have passed: never late, never a flood.
+
+    What comes in between is told together, so the last word always comes through. Nothing runs without news.
+    """
+
+    def __init__(self, scheduler: SchedulerBase, interval: float, tell: Callable[[], None]) -> None:
+        self._scheduler, self._interval, self._tell = scheduler, interval, tell
+        self._wake = SerialDisposable()
+        self._waiting = False
+        self._told_at = -math.inf
+
+    def ask(self) -> None:
+        """There is news."""
+        if self._waiting:
+            return
+        rest = self._told_at + self._interval - self._now()
+        if rest <= 0:
+            self._act()
+        else:
+            self._waiting = True
+            self._wake.disposable = self._scheduler.schedule_relative(rest, self._act)
+
+    def rest(self) -> None:
+        """All news has just been told in another way."""
+        self._waiting = False
+        self._told_at = self._now()
+        self._wake.disposable = Disposable()
+
+    def stop(self) -> None:
+        """Tell nothing more."""
+        self._wake.dispose()
+
+    def _act(self, *_: object) -> None:
+        self.rest()
+        self._tell()
+
+    def _now(self) -> float:
+        return self._scheduler.to_seconds(self._scheduler.now)

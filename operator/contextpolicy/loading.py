@@ -1,0 +1,75 @@
+"""One version of a policy with all that it names: message definitions, converters and plugged-in functions.
+
+A ConfigMap is a round trip, and a robot's first ROS 2 types take a tenth of a second: nothing for the loop's thread.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy import plugins
+from contextpolicy.errors import ActuationError, Finding, FindingsError
+from contextpolicy.policy.definition_files import of_config_map, with_definitions
+from contextpolicy.policy.parsing import parse
+from contextpolicy.policy.validation.mistakes import mistakes_in
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from contextpolicy.cluster.api import ApiServer
+    from contextpolicy.planning.observable import Instantiate
+    from contextpolicy.policy.definition_files import Definitions
+    from contextpolicy.policy.spec import Policy
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """A policy that can run with the functions it names, or None with all that is wrong with it.
+
+    `unread` says that some of it could not be read; the same object may be fine in a moment.
+    """
+
+    policy: Policy | None = None
+    initiatives: Mapping[str, Instantiate] = field(default_factory=dict)
+    rejected: tuple[str, ...] = ()
+    unread: bool = False
+
+
+def load(body: Mapping[str, Any], api: ApiServer) -> Loaded:
+    """Read whatever the object names; what is wrong is in the answer, never raised."""
+    files = _ConfigMaps(api)
+    try:
+        policy = files.complete(parse(body, lambda policy: _findings(policy, files)))
+        return Loaded(policy, plugins.load(policy))
+    except FindingsError as error:
+        return Loaded(rejected=tuple(str(finding) for finding in error.findings), unread=bool(files.unread))
+
+
+class _ConfigMaps:
+    """Each ConfigMap is read once, with what is in it or why it could not be read."""
+
+    def __init__(self, api: ApiServer) -> None:
+        self.unread: dict[str, ActuationError] = {}
+        self._api = api
+        self._read: dict[str, Definitions] = {}
+
+    def complete(self, policy: Policy) -> Policy:
+        """The policy with the definitions that could be read."""
+        return with_definitions(policy, lambda name: self._definitions(policy.namespace, name))
+
+    def _definitions(self, namespace: str, name: str) -> Definitions | None:
+        if name not in self._read and name not in self.unread:
+            try:
+                self._read[name] = of_config_map(self._api.config_map(namespace, name))
+            except ActuationError as error:
+                self.unread[name] = error
+        return self._read.get(name)
+
+
+def _findings(policy: Policy, files: _ConfigMaps) -> Iterator[Finding]:
+    yield from mistakes_in(files.complete(policy))
+    for index, stream in enumerate(policy.streams):
+        if stream.types is not None and stream.types in files.unread:
+            told = f"a ConfigMap of namespace {policy.namespace} that the chart's rosTypes names"
+            yield Finding(f"spec.streams[{index}].types", stream.types, f"{told}; {files.unread[stream.types]}")

@@ -1,0 +1,120 @@
+"""Who gets what at one instant: weights, their division over the nodes, and whose needs that leaves unmet."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from contextpolicy.planning.division import divide_nodes
+from contextpolicy.planning.feasibility import shortfalls
+from contextpolicy.planning.plan import Shortfall, TaskPlan
+from contextpolicy.planning.weights import Obstacles, Weigher
+from contextpolicy.policy.dependencies import TaskTree
+from contextpolicy.policy.spec import Enforce
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from contextpolicy.planning.division import Division
+    from contextpolicy.planning.plan import NodePlan
+    from contextpolicy.planning.seating import Seating
+    from contextpolicy.planning.weights import Weight
+    from contextpolicy.policy.spec import Context, Policy
+
+
+AT_REST = "nothing is active, so priorities divide the node"
+
+
+class Situation(NamedTuple):
+    """What a decision is made from: scores, unmet pre-conditions, active contexts, and where the containers run."""
+
+    scores: Mapping[str, float]
+    waiting: Mapping[str, str]
+    contexts: Sequence[Context]
+    layout: Seating
+    last: Mapping[str, NodePlan]
+
+
+class Decision(NamedTuple):
+    """What follows from it."""
+
+    weights: Mapping[str, Weight]
+    tasks: Mapping[str, TaskPlan]
+    division: Division
+    shortfalls: tuple[Shortfall, ...]
+
+
+class Decider:
+    """Decides for one policy."""
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
+        self._weigher = Weigher(policy)
+        self._leaves = policy.leaves
+        self._may_yield = {task.name for task in self._leaves if task.needs.enforce is Enforce.SUSPEND}
+        self._places = {task.name: place for place, task in enumerate(policy.tasks)}
+        tree = TaskTree(policy)
+        self._groups = sorted(
+            (task for task in policy.tasks if task.subtasks), key=lambda task: -len(tree.ancestors(task.name))
+        )
+
+    def at_rest(self) -> Mapping[str, Weight]:
+        """What the tasks of the last decision would weigh if all were active."""
+        return self._weigher.weigh_at_rest()
+
+    def decide(self, situation: Situation) -> Decision:
+        """Decide; where the policy wants it, tasks whose needs are unmet yield, the lightest first, until all are met.
+
+        In the end those that fit after all come back, the heaviest first: a heavier one may have yielded since. So who
+        runs does not depend on what was decided before.
+        """
+        yielding: dict[str, str] = {}
+        decision = self._attempt(situation, yielding)
+        while lightest := self._lightest_unmet(decision):
+            name, need = lightest
+            yielding = {**yielding, name: need}
+            decision = self._attempt(situation, yielding)
+        for name in reversed(yielding):
+            fewer = {other: need for other, need in yielding.items() if other != name}
+            again = self._attempt(situation, fewer)
+            if self._lightest_unmet(again) is None:
+                yielding, decision = fewer, again
+        return decision
+
+    def _attempt(self, situation: Situation, yielding: Mapping[str, str]) -> Decision:
+        obstacles = Obstacles(situation.waiting, situation.layout.absent, yielding)
+        weights = self._weigher.weigh(situation.scores, obstacles, situation.contexts)
+        division = divide_nodes(situation.layout, weights, situation.last, self.at_rest)
+        suspended = self._suspended(weights, division)
+        unmet = shortfalls(self._policy, weights, suspended, situation.layout, division.nodes)
+        yielded = (Shortfall(name, f"is suspended: it {need}") for name, need in yielding.items())
+        share = division.shares.get
+        tasks = {
+            name: TaskPlan(score, weight, share(name, 0), because, name in suspended)
+            for name, (score, weight, because, _) in weights.items()
+        }
+        tasks |= {name: tasks[name]._replace(because=AT_REST) for name in division.resting}
+        return Decision(weights, tasks, division, (*division.shortfalls, *yielded, *unmet))
+
+    def _lightest_unmet(self, decision: Decision) -> tuple[str, str] | None:
+        """Of the tasks that may yield the lightest one with an unmet need; of equals the first in the policy."""
+        if not self._may_yield:
+            return None
+        unmet = [
+            (decision.weights[s.task].value, self._places[s.task], s.task, s.message)
+            for s in decision.shortfalls
+            if s.task in self._may_yield and decision.weights[s.task].value > 0
+        ]
+        return min(unmet)[2:] if unmet else None
+
+    def _suspended(self, weights: Mapping[str, Weight], division: Division) -> set[str]:
+        """The tasks that are to do nothing; a parent is suspended with the last of its subtasks."""
+        found = {
+            task.name
+            for task in self._leaves
+            if weights[task.name].value == 0
+            and task.name not in division.resting
+            and not (task.protected and weights[task.name].able)
+        }
+        if found:
+            found.update(g.name for g in self._groups if weights[g.name].value == 0 and found.issuperset(g.subtasks))
+        return found

@@ -1,0 +1,96 @@
+"""Which task can't run without which other: the task graph's edges, its depth, its cycles (paper III, Figs. 2, 4)."""
+
+from __future__ import annotations
+
+from graphlib import CycleError, TopologicalSorter
+from typing import TYPE_CHECKING
+
+from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.spec import SatisfiedBy
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from contextpolicy.policy.spec import Policy, Task
+
+LEVELS = 8
+"""How deep a task graph may be: more than any that we know of, and few enough for a person to follow."""
+MOST_CYCLES = 16
+
+
+class TaskTree:
+    """The tasks by name, with their parents; what `references` refuses does no harm here."""
+
+    def __init__(self, policy: Policy) -> None:
+        self.tasks = {task.name: task for task in policy.tasks}
+        self.parents = {name: task.name for task in policy.tasks for name in task.subtasks}
+        self._producers = {stream.name: stream.produced_by for stream in policy.streams}
+
+    def ancestors(self, name: str) -> list[str]:
+        """The tasks that this one is a part of, from its parent up."""
+        above: list[str] = []
+        while (parent := self.parents.get(name)) is not None and parent not in above:
+            above.append(parent)
+            name = parent
+        return above
+
+    def dependencies(self, name: str) -> dict[str, str]:
+        """The tasks that must be able to run before this one is, each with the reason in a few words."""
+        task = self.tasks[name]
+        found = dict.fromkeys(task.subtasks, "its subtask")
+        for required in task.required_tasks:
+            for one in (required, *self.outside(name, required)):
+                found.setdefault(one, f"it requires task {required}")
+        for stream, producer in self._produced(task):
+            for one in (producer, *self._bosses(name, producer)):
+                found.setdefault(one, f"it requires stream {stream} of {producer}")
+        return {one: why for one, why in found.items() if one in self.tasks}
+
+    def outside(self, name: str, required: str) -> list[str]:
+        """The ancestors of `required` that are not also those of `name`: suspended, they take it along."""
+        own = self.ancestors(name)
+        return [one for one in self.ancestors(required) if one not in own and one != name]
+
+    def order(self) -> list[str]:
+        """All tasks, each after those that it depends on."""
+        return list(TopologicalSorter(self._graph()).static_order())
+
+    def cycles(self) -> Iterator[list[str]]:
+        """Tasks that wait for each other, each followed by the one that it waits for, the first one again at the end.
+
+        One cycle of each knot, not every one.
+        """
+        graph = self._graph()
+        places = {name: place for place, name in enumerate(self.tasks)}
+        for _ in range(MOST_CYCLES):
+            try:
+                TopologicalSorter(graph).prepare()
+            except CycleError as error:
+                cycle = list(reversed(error.args[1][1:]))
+                first = min(range(len(cycle)), key=lambda at: places[cycle[at]])
+                cycle = [*cycle[first:], *cycle[:first]]
+                graph[cycle[0]].remove(cycle[1 % len(cycle)])
+                yield [*cycle, cycle[0]]
+            else:
+                return
+
+    def _graph(self) -> Mapping[str, set[str]]:
+        return {name: set(self.dependencies(name)) for name in self.tasks}
+
+    def _produced(self, task: Task) -> Iterator[tuple[str, str]]:
+        """The streams that a task's pre-conditions read, with the tasks that produce them."""
+        for requirement in task.preconditions:
+            for stream in sorted(Expression(requirement.when).variables):
+                producer = self._producers.get(stream)
+                if producer is not None:
+                    yield stream, producer
+
+    def _bosses(self, name: str, producer: str) -> Iterator[str]:
+        """The ancestors of a producer that keep it from running while `name` can't run.
+
+        A complex task that holds both goes on with the producer alone.
+        """
+        own = self.ancestors(name)
+        for one in self.ancestors(producer):
+            if one not in own or self.tasks[one].satisfied_by is SatisfiedBy.ALL:
+                yield one

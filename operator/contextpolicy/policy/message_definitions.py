@@ -1,0 +1,156 @@
+"""ROS 2 messages that no release ships, from their definitions.
+
+These are a stranger's input from which the library makes code, so nothing but plain names and sizes gets that far.
+"""
+
+from __future__ import annotations
+
+import re
+from itertools import chain
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg
+
+from contextpolicy.errors import DefinitionError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from contextpolicy.policy.definition_files import Definitions
+
+Types: TypeAlias = dict[str, tuple[list[Any], list[Any]]]
+"""Constants and fields of each message type, as rosbags describes them."""
+
+MAX_ITEMS = 10_000
+"""Fields of a message, and items of its arrays of fixed length: no sample may hold more values, and code is made for
+each."""
+MAX_DEPTH = 32
+"""Messages inside each other; no sample may nest deeper."""
+
+_MSG_NAME = re.compile(r"(?:.*[./])?([a-z][a-z0-9_]*)[./]msg[./]([A-Z][A-Za-z0-9]*)\.msg")
+_TYPE = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)+", re.ASCII)
+_FIELD = re.compile(r"[A-Za-z]\w*", re.ASCII)
+_IDL_PROSE = re.compile(r'(?s)"(?:\\.|[^"\\])*"|/\*.*?\*/|//[^\n]*')
+"""Texts and comments."""
+_PLAIN = frozenset(("bool", "byte", "char", "string", "float32", "float64")) | {
+    f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
+}
+
+
+def parse(definitions: Definitions) -> Types:
+    """The types that the files define, without constants; DefinitionError tells everything that is wrong."""
+    types: Types = {}
+    problems: list[str] = []
+    for name, text in definitions:
+        try:
+            found = _types(name, text)
+        except DefinitionError as error:
+            problems.append(f"{name}: {error}")
+            continue
+        for type_name, (_, fields) in found.items():
+            if types.get(type_name, ([], fields))[1] != fields:
+                problems.append(f"{name}: defines {type_name} once more, in another way")
+            types[type_name] = ([], fields)
+    if problems:
+        raise DefinitionError("; ".join(problems))
+    return types
+
+
+def check_references(types: Types, standard: Mapping[str, Any]) -> None:
+    """DefinitionError for messages inside messages that nobody defines, that contain themselves or nest too deep."""
+    problems: list[str] = []
+    depths: dict[str, int] = {}
+
+    def depth(name: str, inside: tuple[str, ...]) -> int:
+        if name not in types:
+            return 1
+        if name in inside or len(inside) > MAX_DEPTH:
+            problems.append(f"{inside[0]} contains itself, or more than {MAX_DEPTH} levels of messages")
+            return 1
+        if name not in depths:
+            depths[name] = 1 + max((depth(part, (*inside, name)) for part in _parts(types[name][1])), default=0)
+        return depths[name]
+
+    for name, (_, fields) in types.items():
+        unknown = {part for part in _parts(fields) if part not in types and part not in standard}
+        problems += [f"{name} contains {part}, which nobody defines" for part in sorted(unknown)]
+        if depth(name, ()) > MAX_DEPTH:
+            problems.append(f"{name} contains more than {MAX_DEPTH} levels of messages")
+    if problems:
+        raise DefinitionError("; ".join(dict.fromkeys(problems)))
+
+
+def _types(name: str, text: str) -> Types:
+    try:
+        found = _from_idl(text) if name.endswith(".idl") else _from_msg(name, text)
+    except DefinitionError:
+        raise
+    except Exception as error:  # a parser of others, fed by strangers
+        raise DefinitionError(f"can't be read: {error!r:.80}") from error
+    for type_name, (_, fields) in found.items():
+        _check(type_name, fields)
+    return found
+
+
+def _from_msg(name: str, text: str) -> Types:
+    match = _MSG_NAME.fullmatch(name)
+    if match is None:
+        raise DefinitionError("is no type's name; a .msg is named like my_msgs.msg.Mood.msg")
+    try:
+        return dict(get_types_from_msg(f"{text}\n", "/msg/".join(match.groups())))
+    except TypesysError as error:
+        header = len(f"MSG: {'/msg/'.join(match.groups())}\n")
+        raise DefinitionError(_where(str(error), text, header)) from error
+
+
+def _from_idl(text: str) -> Types:
+    if "<<" in _IDL_PROSE.sub("", text):
+        raise DefinitionError("shifts a constant; write the number")  # a number of any size would be computed
+    text = re.sub(r"(?m)^[ \t]*#.*$", "", text)  # includes: all definitions come together anyway
+    try:
+        return dict(get_types_from_idl(text))
+    except TypesysError as error:
+        raise DefinitionError(_where(str(error), text, 0)) from error
+
+
+def _where(message: str, text: str, header: int) -> str:
+    """The parser repeats the whole file, in one line, and then says where it stopped; the reader needs the line."""
+    stopped = re.match(r"(?s)[^\n]*\n[^\n]*\n(\d+)", message)
+    if stopped is None:
+        return f"can't be read: {message[:200]}"
+    return f"can't be read from line {text.count(chr(10), 0, max(int(stopped[1]) - header, 0)) + 1} on"
+
+
+def _check(type_name: str, fields: list[Any]) -> None:
+    if not _TYPE.fullmatch(type_name):
+        raise DefinitionError(f"defines {type_name!r:.80}, which is no type's name")
+    items = 0
+    for field, description in fields:
+        if not _FIELD.fullmatch(field):
+            raise DefinitionError(f"has the field {field!r:.80}, which is no name")
+        kind, size = _element(description)
+        if not isinstance(size, int) or not size >= 0:
+            raise DefinitionError(f"{field} has the size {size!r:.80}")
+        items += size if description[0] is Nodetype.ARRAY else 1
+        if kind[0] is Nodetype.BASE and kind[1][0] not in _PLAIN:
+            raise DefinitionError(
+                f"{field} is of type {kind[1][0]}; allowed: {', '.join(sorted(_PLAIN))}, and messages"
+            )
+        if kind[0] is Nodetype.NAME and not _TYPE.fullmatch(kind[1]):
+            raise DefinitionError(f"{field} is of type {kind[1]!r:.80}, which is no type's name")
+    if items > MAX_ITEMS:
+        raise DefinitionError(f"{type_name} has {items} fields and items of arrays, allowed: {MAX_ITEMS}")
+
+
+def _element(description: Any) -> tuple[Any, int]:
+    """What a field, or each item of it, is; and how many, for an array or at most for a sequence."""
+    if description[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        return description[1]  # type: ignore[no-any-return]
+    return description, 0
+
+
+def _parts(fields: list[Any]) -> Iterator[str]:
+    """The messages that a message holds."""
+    elements = (_element(description)[0] for _, description in fields)
+    return chain.from_iterable((element[1],) for element in elements if element[0] is Nodetype.NAME)
