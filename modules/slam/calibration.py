@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 
 from modules.slam.geometry import floats
+from robotkit import ConfigurationError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +38,7 @@ class Rig:
     right: Camera
 
 
-class CalibrationError(Exception):
+class CalibrationError(ConfigurationError):
     """A sensor.yaml that is missing or is not a pinhole camera of EuRoC's format."""
 
 

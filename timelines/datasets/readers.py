@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from modules.robotkit.message import StereoFrame, encode
+from robotkit.stereo import StereoFrame, encode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

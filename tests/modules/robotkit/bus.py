@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import zenoh
 
-from modules.robotkit.session import client_config
+from robotkit.session import client_config
 
 PATIENCE_S = 10
 

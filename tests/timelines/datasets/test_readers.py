@@ -4,7 +4,7 @@ import wave
 
 import pytest
 
-from modules.robotkit.message import decode
+from robotkit.stereo import decode
 from timelines.datasets.readers import DatasetError, euroc_rows, positions, read
 
 START = 1403636579763555584
