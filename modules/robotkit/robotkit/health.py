@@ -41,11 +41,11 @@ class Health:
     """Compares the newest counters with those of some seconds ago; pure, so the moments are arguments."""
 
     def __init__(self, first: Snapshot) -> None:
-        self._snapshots = deque([first], maxlen=WINDOW + 1)
+        self._snapshots = deque([first], maxlen=WINDOW)
 
     def forget(self, now: Snapshot) -> None:
         """Start the window afresh: what was before a suspension says nothing about what comes after it."""
-        self._snapshots = deque([now], maxlen=WINDOW + 1)
+        self._snapshots = deque([now], maxlen=WINDOW)
 
     def message(self, now: Snapshot, queue: Queue, *, suspended: bool) -> dict[str, object]:
         """The message of this moment."""

@@ -46,6 +46,8 @@ class Inputs:
 
     def __init__(self, session: zenoh.Session, declared: Mapping[str, Input]) -> None:
         self.dropped = dict.fromkeys(declared, 0)
+        self.shared = dict.fromkeys(declared, 0)
+        """How many samples came by shared memory."""
         self._session = session
         self._declared = declared
         self._queues: dict[str, deque[_Arrived]] = {
@@ -109,6 +111,7 @@ class Inputs:
         def receive(sample: zenoh.Sample) -> None:
             received = time.time_ns()
             arrived = _Arrived(sample.payload, stamp_of(sample) or received, received)
+            self.shared[name] += sample.payload.as_shm() is not None
             with self._changed:
                 self.dropped[name] += len(queue) == queue.maxlen
                 queue.append(arrived)

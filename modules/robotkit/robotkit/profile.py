@@ -64,7 +64,7 @@ class Record:
         """Whether a sample that arrived at `since` and is not done has missed its deadline already."""
         return now - since > self._deadline
 
-    def as_json(self, dropped: int) -> dict[str, object]:
+    def as_json(self, dropped: int = 0, shared: int = 0) -> dict[str, object]:
         """Counts since the start, and the distribution of the newest runs in seconds."""
         runs = list(self._runs)
         return {
@@ -72,6 +72,7 @@ class Record:
             "missed": self.missed,
             "dropped": dropped,
             "broken": self.broken,
+            "shared": shared,
             "cpu": distribution(run.cpu for run in runs),
             "wait": distribution(run.started - run.received for run in runs),
             "service": distribution(run.finished - run.started for run in runs),
@@ -108,7 +109,7 @@ class Profile:
         """Those of all inputs, and of what is produced."""
         return (*self.inputs.values(), self.produced)
 
-    def as_json(self, task: str, dropped: Mapping[str, int]) -> dict[str, object]:
+    def as_json(self, task: str, dropped: Mapping[str, int], shared: Mapping[str, int]) -> dict[str, object]:
         """The document; `background` is the CPU in cores that was used besides the runs: bus, queues, health."""
         elapsed = max(time.monotonic_ns() - self._started, 1)
         total, runs = time.process_time_ns(), sum(record.cpu for record in self.records)
@@ -120,8 +121,8 @@ class Profile:
             "seconds": round(elapsed / 1e9, 3),
             "background": round(max(total - runs, 0) / elapsed, 6),
             "failures": self.failures,
-            "inputs": {name: record.as_json(dropped.get(name, 0)) for name, record in self.inputs.items()},
-            "produced": self.produced.as_json(0),
+            "inputs": {name: record.as_json(dropped[name], shared[name]) for name, record in self.inputs.items()},
+            "produced": self.produced.as_json(),
         }
 
 

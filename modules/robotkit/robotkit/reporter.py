@@ -73,6 +73,6 @@ class Reporter:
         )
 
     def _answer(self, query: zenoh.Query) -> None:
-        document = self._profile.as_json(self._task, self._inputs.dropped)
+        document = self._profile.as_json(self._task, self._inputs.dropped, self._inputs.shared)
         with query:
             query.reply(query.key_expr, json_text.dumps(document), encoding=zenoh.Encoding.APPLICATION_JSON)

@@ -101,6 +101,7 @@ def running(module, task):
     stop = threading.Event()
     with router() as address, client(address) as outside, client(address) as inside, ThreadPoolExecutor(1) as pool:
         world = World(outside, module)
+        world.address = address
         world.running = pool.submit(Runner(inside, module, task).run, stop)
         try:
             world.wait_for_inputs(expected=True)
