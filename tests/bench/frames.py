@@ -1,6 +1,6 @@
 """`python -m tests.bench.frames`: what shared memory saves when frames go from a camera through the router to a module.
 
-Three processes, as three pods would be: CPU of each per frame, and the time from put to the frame's bytes in the module.
+Three processes, as three pods would be: CPU of each per frame, and the time from put to its bytes in the module.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from robotkit.task import Task
 
 FIRST_RETRY_S, LAST_RETRY_S = 0.5, 30.0
-LONGEST_END_S = 0.5
+LONGEST_END_S = 0.1
 
 _LOG = logging.getLogger(__name__)
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from robotkit.plan import Decision
     from robotkit.task import Task
 
-LONGEST_RUN_S = 0.3
+LONGEST_RUN_S = 0.1
 """How long the end waits for a run that is under way."""
 
 _LOG = logging.getLogger(__name__)
@@ -47,7 +47,10 @@ class Runner:
         self._producer = Producer(task, self._outputs, self._profile, self._guarded)
 
     def run(self, stop: threading.Event, *, policy_task: str = "", plan_key: str = PLAN_KEY) -> None:
-        """Work until `stop` is set, whoever sets it; `policy_task` is the task's name in the policy."""
+        """Work until `stop` is set, whoever sets it, and make the robot safe; raises what the task failed with.
+
+        `policy_task` is the task's name in the policy.
+        """
         self._stop = stop
         name = policy_task or self._module.name
         token = self._session.liveliness().declare_token(f"robot/{name}/alive")
@@ -59,10 +62,10 @@ class Runner:
         _LOG.info("runs as task %s", name)
         stop.wait()
         self._inputs.close()
-        listener.close()
         self._producer.pause()
         worker.join(LONGEST_RUN_S)
         self._task.close()
+        listener.close()
         reporter.close()
         token.undeclare()
         if self._failure is not None:

@@ -92,3 +92,17 @@ def test_a_module_that_waits_for_its_router_ends_when_it_is_told(folder):
         assert "no router yet" in process.stderr.readline()
         process.send_signal(signal.SIGTERM)
         assert process.wait(EXIT_S) == 0
+
+
+def test_a_module_that_is_busy_in_a_library_ends_when_it_is_told(folder):
+    """As process 1 of a container it would live on until it is killed."""
+    program = folder / "__main__.py"
+    slow = "import sys, time\ndef build():\n    sys.stderr.write('busy\\n'); sys.stderr.flush(); time.sleep(600)\n"
+    text = (
+        program.read_text(encoding="utf-8").replace("main(Path", slow + "main(Path").replace(", Loudness)", ", build)")
+    )
+    program.write_text(text, encoding="utf-8")
+    with started(folder, ZENOH_CONNECT="tcp/127.0.0.1:1") as process:
+        assert process.stderr.readline() == "busy\n"
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(EXIT_S) == 0
