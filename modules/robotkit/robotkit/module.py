@@ -112,6 +112,9 @@ class _Reader:
         fields = self._object("module", document)
         fields = self._known("", fields, {"name", "description", "inputs", "outputs", "needs", "environment"})
         environment = self._object("environment", fields.get("environment") or {})
+        for variable, meaning in environment.items():
+            if not isinstance(meaning, str):
+                self._refuse(f"environment.{variable}", meaning, "a text that explains the variable")
         return Module(
             name=self._text("name", fields.get("name"), NAME, "lower-case letters, digits and dashes"),
             description=str(fields.get("description", "")),

@@ -56,12 +56,14 @@ def test_a_file_that_is_no_module_is_refused(file, text):
 def test_all_problems_are_told_at_once(file):
     bad = GOOD.replace("depth: 2", "depth: 0").replace("100ms", "soon")
     bad = bad.replace("150Mi", "much").replace("cores: 1", "cores: x")
+    bad = bad.replace("a folder}", "a folder, of cameras}")
     file.write_text(bad + "speed: 9\n", encoding="utf-8")
     with pytest.raises(ConfigurationError) as caught:
         load_module(file, {"INPUT_IMU": "{key: /imu}"})
     lines = [line.removeprefix(f"{file}: ") for line in str(caught.value).splitlines()]
     assert lines == [
         "speed: 9 is not allowed: only description, environment, inputs, name, needs, outputs",
+        "environment.of cameras: None is not allowed: a text that explains the variable",
         "inputs.stereo.depth: 0 is not allowed: a whole number of 1 or more",
         "inputs.imu.key: '/imu' is not allowed: a key such as robot/camera/stereo",
         "needs.cores: 'x' is not allowed: a whole number of 1 or more",
