@@ -7,11 +7,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from robotkit.errors import MessageError
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from robotkit.inputs import Received
@@ -78,6 +77,7 @@ def picture(received: Received, *, gray: bool = False) -> tuple[Image, int]:
 def decoded(encoded: bytes, *, gray: bool) -> Image:
     """PNG, JPEG or whatever OpenCV reads."""
     import cv2  # noqa: PLC0415 - only modules that see have it
+    import numpy as np  # noqa: PLC0415
 
     mode = cv2.IMREAD_GRAYSCALE if gray else cv2.IMREAD_COLOR_BGR
     try:
@@ -90,6 +90,8 @@ def decoded(encoded: bytes, *, gray: bool) -> Image:
 
 
 def _raw(message: Any, *, gray: bool) -> Image:
+    import numpy as np  # noqa: PLC0415 - comes with OpenCV and with rosbags
+
     channels = _CHANNELS.get(message.encoding)
     if channels is None:
         raise MessageError(f"pictures of encoding {message.encoding} are not read, only {', '.join(_CHANNELS)}")
@@ -102,6 +104,7 @@ def _raw(message: Any, *, gray: bool) -> Image:
 
 def _coloured(pixels: Image, encoding: str, *, gray: bool) -> Image:
     import cv2  # noqa: PLC0415
+    import numpy as np  # noqa: PLC0415
 
     if pixels.shape[2] == 1:
         return pixels[:, :, 0] if gray else cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR).astype(np.uint8, copy=False)
