@@ -57,6 +57,9 @@ images: cluster  ## build the images and import them into the node
 	$(CLUSTER) image contextpolicy-slam modules/slam/Dockerfile .
 	$(CLUSTER) image contextpolicy-speech modules/speech/Dockerfile .
 	$(CLUSTER) image contextpolicy-host modules/host/Dockerfile .
+	$(CLUSTER) image contextpolicy-camera modules/camera/Dockerfile .
+	$(CLUSTER) image contextpolicy-microphone modules/microphone/Dockerfile .
+	$(CLUSTER) image contextpolicy-imu modules/imu/Dockerfile .
 
 recordings: setup  ## make the demo's recordings: a rendered EuRoC sequence and synthesised speech
 	dpkg --status $(VOICES) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(VOICES); }

@@ -41,7 +41,7 @@ def test_its_image_runs_as_nobody_and_starts_the_module(module):
 
 
 def test_its_manifest_lets_the_policy_resize_it(module):
-    path = ROOT.parent / "config/robot" / f"{module.name}.yaml"
+    (path,) = (ROOT.parent / "config/robot").rglob(f"{module.name}.yaml")
     deployment = yaml.safe_load(path.read_text(encoding="utf-8"))
     assert deployment["spec"]["template"]["metadata"]["labels"] == {"app": module.name}
     (container,) = deployment["spec"]["template"]["spec"]["containers"]

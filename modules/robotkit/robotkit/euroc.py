@@ -3,7 +3,7 @@
     <sequence>/mav0/cam0/data.csv, cam0/data/<ns>.png, cam1/..., imu0/data.csv, state_groundtruth_estimate0/data.csv
 
 Stamps have 19 digits and stay integers. Files may have CRLF, a byte order mark, comments and blank lines; an archive
-may unpack to a bare `mav0`; a picture may be missing. Ground truth has 17 columns, or 8 without velocity (as in TUM-VI).
+may unpack to a bare `mav0`; a picture may be missing. Ground truth has 17 columns, or 8 without velocity (TUM-VI).
 """
 
 from __future__ import annotations
