@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+import uuid
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import zenoh
 
 from robotkit import json_text
-from robotkit.stamps import attachment
+from robotkit.stamps import attachment, ros_attachment
 from robotkit.task import Result
 
 if TYPE_CHECKING:
@@ -47,6 +48,8 @@ class Outputs:
 
     def __init__(self, session: zenoh.Session, declared: Mapping[str, Output]) -> None:
         self._declared = declared
+        self._ids = {name: uuid.uuid4().bytes for name in declared}
+        self._numbers = dict.fromkeys(declared, 0)
         self._publishers = {
             name: publisher(session, declaration.key, declaration.encoding) for name, declaration in declared.items()
         }
@@ -58,7 +61,14 @@ class Outputs:
         now = time.time_ns()
         stamp = now if result.stamp is None else result.stamp
         payload = _payload(result, self._declared[result.output], stamp, timing)
-        self._publishers[result.output].put(payload, attachment=attachment(now))
+        self._publishers[result.output].put(payload, attachment=self._attachment(result.output, now))
+
+    def _attachment(self, output: str, now: int) -> bytes:
+        """Our own, or for ROS messages that of rmw_zenoh, which refuses messages without."""
+        if self._declared[output].encoding != CDR:
+            return attachment(now)
+        self._numbers[output] += 1
+        return ros_attachment(self._numbers[output], now, self._ids[output])
 
 
 def _payload(result: Result, output: Output, stamp: int, timing: Mapping[str, object] | None) -> bytes | str:

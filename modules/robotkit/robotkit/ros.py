@@ -59,6 +59,13 @@ def encode(fields: Mapping[str, object], type_name: str, *, stamp: int, frame: s
     return bytes(store.serialize_cdr(_message(store, type_name, fields), type_name))
 
 
+def topic_key(topic: str, type_name: str, *, domain: int = 0) -> str:
+    """The key of a topic as rmw_zenoh writes it, such as `0/imu/data/sensor_msgs::msg::dds_::Imu_/RIHS01_...`."""
+    package, _, name = type_name.partition("/msg/")
+    type_hash = type_store().hash_rihs01(type_name)
+    return f"{domain}/{topic.strip('/')}/{package}::msg::dds_::{name}_/{type_hash}"
+
+
 def stamp_of(message: Any) -> int | None:
     """The header's stamp in ns since 1970; None when there is no header, or it was never set."""
     header = getattr(message, "header", None)

@@ -18,6 +18,11 @@ def attachment(stamp: int) -> bytes:
     return json.dumps({"stamp": stamp}).encode()
 
 
+def ros_attachment(number: int, stamp: int, publisher: bytes) -> bytes:
+    """Write what rmw_zenoh's subscriptions ask for: the publisher's message number, the stamp, its id of 16 bytes."""
+    return _RMW_ZENOH.pack(number, stamp, len(publisher), publisher)
+
+
 def stamp_of(sample: zenoh.Sample) -> int | None:
     """Read the stamp of our own or of rmw_zenoh's attachment; None when there is neither."""
     if sample.attachment is None:

@@ -6,7 +6,7 @@ import pytest
 
 from robotkit import MessageError, Received
 from robotkit.readings import COMPRESSED_IMAGE, IMAGE, IMU, imu, picture, sound
-from robotkit.ros import AUDIO, AUDIO_STAMPED, decode, encode, stamp_of
+from robotkit.ros import AUDIO, AUDIO_STAMPED, decode, encode, stamp_of, topic_key
 
 STAMP = 1_700_000_000_123_456_789
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -21,6 +21,11 @@ def test_a_result_becomes_a_message_with_its_header():
     message = decode(encode({"pose": pose}, POSE, stamp=STAMP, frame="map"), POSE)
     assert (message.header.frame_id, stamp_of(message)) == ("map", STAMP)
     assert (message.pose.position.z, message.pose.orientation.w) == (3.0, 0.8)
+
+
+def test_a_topics_key_is_that_of_rmw_zenoh():
+    imu_hash = "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"  # as ROS 2 Jazzy prints it
+    assert topic_key("/imu/data", IMU) == f"0/imu/data/sensor_msgs::msg::dds_::Imu_/{imu_hash}"
 
 
 def test_what_a_result_leaves_out_is_zero():

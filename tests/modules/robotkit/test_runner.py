@@ -9,8 +9,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from robotkit import DeviceError, Input, MessageError, Module, Needs, Output, Result, Task
+from robotkit import DeviceError, Input, MessageError, Module, Needs, Output, Result, Task, ros
 from robotkit import producer as producer_module
+from robotkit.inputs import Inputs
 from robotkit.runner import Runner
 from robotkit.stamps import attachment
 from tests.modules.robotkit.bus import PATIENCE_S, Matching, client, router
@@ -134,6 +135,26 @@ def test_what_json_cannot_say_leaves_as_null(value):
     with running(ECHO, Echo()) as world:
         world.say(str(value).encode(), to="numbers")
         assert world.next_result()["number"] is None
+
+
+def test_a_result_can_go_out_as_a_ros_message():
+    pose = Output("test/pose", "cdr", "geometry_msgs/msg/PointStamped", "map")
+    module = Module("point", inputs={"words": Input("test/words")}, outputs={"pose": pose})
+
+    class Point(Task):
+        def process(self, received):
+            return {"point": [float(received.payload), 0, 0]}
+
+    with running(module, Point()) as world:
+        heard = Inputs(world.session, {"pose": Input(pose.key, pose.encoding, pose.type)})
+        heard.resume()
+        Matching(world.session.declare_publisher(pose.key)).wait(expected=True)
+        world.say(b"1.5")
+        received = heard.take()
+        heard.close()
+    message = ros.decode(received.payload, received.type)
+    assert (message.point.x, message.header.frame_id, ros.stamp_of(message)) == (1.5, "map", 5)
+    assert 0 < received.stamp <= received.received  # from the attachment, in rmw_zenoh's form
 
 
 def test_a_bad_sample_does_not_end_the_module():
