@@ -1,8 +1,8 @@
 """What can go wrong, by what follows from it.
 
-ConfigurationError      the program ends at once with one clear line and exit code 2
+ConfigurationError      at the start, the program ends with one clear line and exit code 2
 MessageError            one sample is dropped and counted, the module goes on
-DeviceError             the module tells it once and tries again until the device is back
+DeviceError             the module tells it and tries again, ever more rarely, until the device is back
 any other exception     the module ends loudly, and Kubernetes restarts it
 """
 

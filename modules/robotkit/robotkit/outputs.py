@@ -28,8 +28,10 @@ def as_results(results: Results, outputs: Iterable[str]) -> Iterable[Result]:
         return ()
     if not isinstance(results, Mapping):
         return results
-    (only,) = outputs
-    return (Result(only, results),)
+    names = list(outputs)
+    if len(names) != 1:
+        raise TypeError(f"a mapping is for a module with one output, this one has {names}: give Results")
+    return (Result(names[0], results),)
 
 
 def publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publisher:

@@ -7,7 +7,7 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
-from robotkit.errors import DeviceError
+from robotkit.errors import ConfigurationError, DeviceError
 from robotkit.profile import Run
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class Producer:
             produced = self._profile.produced.done
             try:
                 self._publish_all(ended)
-            except DeviceError as error:
+            except (DeviceError, ConfigurationError) as error:  # a recording may break in its middle
                 self._profile.failures += 1
                 retry = FIRST_RETRY_S if self._profile.produced.done > produced else min(2 * retry, LAST_RETRY_S)
                 _LOG.warning("%s; tried again in %g s", error, retry)

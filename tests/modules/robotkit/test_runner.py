@@ -9,9 +9,10 @@ from contextlib import contextmanager
 
 import pytest
 
-from robotkit import DeviceError, Input, MessageError, Module, Needs, Output, Result, Task, ros
+from robotkit import ConfigurationError, DeviceError, Input, MessageError, Module, Needs, Output, Result, Task, ros
 from robotkit import producer as producer_module
 from robotkit.inputs import Inputs
+from robotkit.outputs import as_results
 from robotkit.runner import Runner
 from robotkit.stamps import attachment
 from tests.modules.robotkit.bus import PATIENCE_S, Matching, client, router
@@ -48,17 +49,18 @@ class Echo(Task):
 
 
 class Sensor(Task):
-    """Produces until it is told to end; its first device is unplugged after one reading."""
+    """Produces until it is told to end; what it reads from fails after one reading, as often as there are failures."""
 
-    def __init__(self):
+    def __init__(self, *failures):
         self.opened = self.released = 0
+        self.failures = failures
 
     def produce(self, ended):
         self.opened += 1
         try:
             yield Result("reading", {"value": self.opened}, stamp=7)
-            if self.opened == 1:
-                raise DeviceError("unplugged")
+            if self.opened <= len(self.failures):
+                raise self.failures[self.opened - 1]
             ended.wait(PATIENCE_S)
         finally:
             self.released += 1
@@ -157,6 +159,16 @@ def test_a_result_can_go_out_as_a_ros_message():
     assert 0 < received.stamp <= received.received  # from the attachment, in rmw_zenoh's form
 
 
+def test_a_mapping_for_several_outputs_is_a_bug_of_the_module():
+    with pytest.raises(TypeError, match=r"this one has .'heard', 'raw'.: give Results"):
+        as_results({"x": 1}, ECHO.outputs)
+
+
+def test_a_failing_source_of_another_kind_ends_the_module_loudly():
+    with running(SENSOR, Sensor(RuntimeError("bug"))) as world, pytest.raises(RuntimeError, match="bug"):
+        world.running.result(PATIENCE_S)
+
+
 def test_a_bad_sample_does_not_end_the_module():
     with running(ECHO, Echo()) as world:
         world.say(b"bad")
@@ -207,9 +219,10 @@ def test_the_profile_answers_who_asks():
     assert profile["inputs"]["numbers"]["cpu"] == {"mean": None, "std": None, "quantiles": []}
 
 
-def test_a_device_that_is_lost_is_opened_again_and_freed_while_suspended(monkeypatch):
+@pytest.mark.parametrize("failure", [DeviceError("unplugged"), ConfigurationError("row 7 makes no sense")])
+def test_a_source_that_fails_is_opened_again_and_freed_while_suspended(failure, monkeypatch):
     monkeypatch.setattr(producer_module, "FIRST_RETRY_S", 0.01)
-    task = Sensor()
+    task = Sensor(failure)
     with running(SENSOR, task) as world:
         assert [world.next_result() for _ in range(2)] == [{"stamp": 7, "value": 1}, {"stamp": 7, "value": 2}]
         assert task.released == 1
