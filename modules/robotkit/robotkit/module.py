@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import yaml
+import zenoh
 
 from robotkit import quantities
 from robotkit.errors import ConfigurationError
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     Value = TypeVar("Value")
 
 NAME = re.compile(r"[a-z][a-z0-9-]{0,62}")
-KEY = re.compile(r"(?!/)(?!.*//)(?!.*/$)[^#?$\s]{1,256}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +150,7 @@ class _Reader:
         return Output(*self._stream(path, fields), str(fields.get("frame", "")))
 
     def _stream(self, path: str, fields: dict[str, Any]) -> tuple[str, str, str]:
-        key = self._text(f"{path}.key", fields.get("key"), KEY, "a key such as robot/camera/stereo")
+        key = self._key(f"{path}.key", fields.get("key"))
         encoding, kind = str(fields.get("encoding", "json")), str(fields.get("type", ""))
         if (encoding == "cdr") != bool(kind):
             self._refuse(f"{path}.type", kind, "the ROS message type, such as sensor_msgs/msg/Image, of encoding cdr")
@@ -197,6 +197,13 @@ class _Reader:
             return value
         self._refuse(path, value, allowed)
         return ""
+
+    def _key(self, path: str, value: Any) -> str:
+        try:
+            return str(zenoh.KeyExpr(value))
+        except (zenoh.ZError, TypeError, ValueError):
+            self._refuse(path, value, "a Zenoh key expression such as robot/camera/stereo")
+            return ""
 
     def _refuse(self, path: str, value: object, allowed: str) -> None:
         self.problems.append(f"{path}: {value!r} is not allowed: {allowed}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from contextpolicy.errors import Finding, FindingsError
-from contextpolicy.policy.fields import KEY_EXPRESSION, TASK_NAME, Fields
+from contextpolicy.policy.fields import TASK_NAME, TASK_NAME_ALLOWED, Fields
 from contextpolicy.policy.spec import Encoding
 
 
@@ -38,7 +38,7 @@ def parse_module(body: object, *, subject: str) -> ModuleFile:
     findings: list[Finding] = []
     fields = Fields(body, "module", findings)
     module = ModuleFile(
-        name=fields.text("name", pattern=TASK_NAME, allowed="lower-case letters, digits and '-', a letter first"),
+        name=fields.text("name", pattern=TASK_NAME, allowed=TASK_NAME_ALLOWED),
         description=fields.text("description", ""),
         inputs=tuple(_stream(entry, "depth") for entry in fields.mapping("inputs", limit=64).values()),
         outputs=tuple(_stream(entry, "frame") for entry in fields.mapping("outputs", limit=64).values()),
@@ -54,7 +54,7 @@ def parse_module(body: object, *, subject: str) -> ModuleFile:
 def _stream(fields: Fields, further: str) -> ModuleStream:
     encoding = fields.text("encoding", "json", allowed="an encoding such as json")
     stream = ModuleStream(
-        key=fields.text("key", pattern=KEY_EXPRESSION, allowed="a key such as robot/imu"),
+        key=fields.key_expression("key"),
         encoding=Encoding(encoding) if encoding in list(Encoding) else None,
         type=fields.optional_text("type"),
     )

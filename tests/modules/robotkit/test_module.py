@@ -65,7 +65,7 @@ def test_all_problems_are_told_at_once(file):
         "speed: 9 is not allowed: only description, environment, inputs, name, needs, outputs",
         "environment.of cameras: None is not allowed: a text that explains the variable",
         "inputs.stereo.depth: 0 is not allowed: a whole number of 1 or more",
-        "inputs.imu.key: '/imu' is not allowed: a key such as robot/camera/stereo",
+        "inputs.imu.key: '/imu' is not allowed: a Zenoh key expression such as robot/camera/stereo",
         "needs.cores: 'x' is not allowed: a whole number of 1 or more",
         "needs.memory: 'much' is not allowed: a memory quantity such as \"150Mi\"",
         'needs.deadline: \'soon\' is not allowed: a duration such as "100ms" or "1.5s"',
