@@ -12,6 +12,7 @@ from tests.modules.robotkit.test_runner import ECHO, Echo, running
 @pytest.mark.parametrize(("what", "field"), [("profile", "inputs"), ("health", "misses")])
 def test_a_running_task_answers(what, field, capsys):
     with running(ECHO, Echo()) as world:
+        world.ask("robot/echo/profile")
         assert ask.main(["echo", what, "--connect", world.address]) == 0
     assert field in json.loads(capsys.readouterr().out)
 
