@@ -15,9 +15,9 @@ help:  ## show this help
 
 setup: .venv/ready  ## install the Python packages into .venv
 
-.venv/ready: pyproject.toml
+.venv/ready: pyproject.toml modules/robotkit/pyproject.toml
 	python3 -m venv .venv
-	$(PYTHON) -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable 'modules/robotkit[ros]'
 	touch $@
 
 demo: images recordings  ## show the main job on a real node: a timeline of sensor input moves CPU between pods
@@ -56,6 +56,10 @@ images: cluster  ## build the images and import them into the node
 	$(CLUSTER) image contextpolicy operator/Dockerfile .
 	$(CLUSTER) image contextpolicy-slam modules/slam/Dockerfile .
 	$(CLUSTER) image contextpolicy-speech modules/speech/Dockerfile .
+	$(CLUSTER) image contextpolicy-host modules/host/Dockerfile .
+	$(CLUSTER) image contextpolicy-camera modules/camera/Dockerfile .
+	$(CLUSTER) image contextpolicy-microphone modules/microphone/Dockerfile .
+	$(CLUSTER) image contextpolicy-imu modules/imu/Dockerfile .
 
 recordings: setup  ## make the demo's recordings: a rendered EuRoC sequence and synthesised speech
 	dpkg --status $(VOICES) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(VOICES); }

@@ -1,22 +1,30 @@
-"""Stereo calibration from EuRoC's sensor.yaml files, and the rectification that follows from it."""
+"""Stereo calibration from EuRoC's sensor.yaml files or Kalibr's camchain, and the rectification that follows from it.
+
+Two lens models: radial-tangential, and equidistant (Kannala-Brandt, which OpenCV calls fisheye).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
 import numpy as np
 import yaml
 
+from modules.slam import kalibr
 from modules.slam.geometry import floats
+from robotkit import ConfigurationError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from modules.slam.geometry import Floats, Image
+
+    Read = TypeVar("Read")
 
 
 @dataclass(frozen=True)
@@ -27,6 +35,7 @@ class Camera:
     distortion: Floats
     body_from_camera: Floats
     size: tuple[int, int]
+    fisheye: bool = False
 
 
 @dataclass(frozen=True)
@@ -37,34 +46,51 @@ class Rig:
     right: Camera
 
 
-class CalibrationError(Exception):
-    """A sensor.yaml that is missing or is not a pinhole camera of EuRoC's format."""
+LENSES = {"radial-tangential": False, "equidistant": True}
+"""Whether OpenCV calls a lens a fisheye."""
+
+
+class CalibrationError(ConfigurationError):
+    """A calibration that is missing, or is no pair of pinhole cameras in a format and with a lens that is known."""
 
 
 def load_rig(folder: Path) -> Rig:
-    """Read `cam0` and `cam1` of a folder, as in the mav0 folder of a EuRoC sequence."""
-    return Rig(load_camera(folder / "cam0/sensor.yaml"), load_camera(folder / "cam1/sensor.yaml"))
+    """Read `cam0` and `cam1` of a folder, as in the mav0 folder of a EuRoC sequence, or its Kalibr camchain*.yaml."""
+    chains = sorted(folder.glob("*camchain*.yaml"))
+    if not chains:
+        return Rig(load_camera(folder / "cam0/sensor.yaml"), load_camera(folder / "cam1/sensor.yaml"))
+    return _load(chains[0], lambda document: Rig(*map(_camera, kalibr.as_sensors(document))))
 
 
 def load_camera(path: Path) -> Camera:
-    """Read one sensor.yaml; some copies start with OpenCV's %YAML:1.0, which is not YAML."""
+    """Read one sensor.yaml."""
+    return _load(path, _camera)
+
+
+def _load(path: Path, read: Callable[[dict[str, Any]], Read]) -> Read:
+    """Read YAML; some copies start with a byte order mark, or with OpenCV's %YAML:1.0, which is not YAML."""
     try:
-        text = path.read_text(encoding="utf-8").removeprefix("%YAML:1.0")
-        return _camera(yaml.safe_load(text))
-    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
-        raise CalibrationError(f"{path}: not a EuRoC camera: {error}") from error
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        return read(yaml.safe_load("\n".join(line for line in lines if not line.startswith("%YAML:"))))
+    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
+        raise CalibrationError(f"{path}: no calibration that is known: {error}") from error
 
 
 def _camera(document: dict[str, Any]) -> Camera:
-    if (document["camera_model"], document["distortion_model"]) != ("pinhole", "radial-tangential"):
-        raise ValueError("only pinhole cameras with radial-tangential distortion")
+    model, lens = document["camera_model"], document["distortion_model"]
+    if model != "pinhole" or lens not in LENSES:
+        raise ValueError(f"{model} cameras with {lens} distortion are not allowed: pinhole with {' or '.join(LENSES)}")
     fu, fv, cu, cv = document["intrinsics"]
     width, height = document["resolution"]
+    distortion = np.array(document["distortion_coefficients"], dtype=np.float64)
+    if distortion.shape != (4,):
+        raise ValueError(f"{distortion.size} distortion coefficients are not allowed: 4")
     return Camera(
         matrix=np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]], dtype=np.float64),
-        distortion=np.array(document["distortion_coefficients"], dtype=np.float64),
+        distortion=distortion,
         body_from_camera=np.array(document["T_BS"]["data"], dtype=np.float64).reshape(4, 4),
-        size=(width, height),
+        size=(int(width), int(height)),
+        fisheye=LENSES[lens],
     )
 
 
@@ -74,17 +100,7 @@ class Rectifier:
     def __init__(self, rig: Rig) -> None:
         right_from_left = np.linalg.inv(rig.right.body_from_camera) @ rig.left.body_from_camera
         left, right = rig.left, rig.right
-        rectification = cv2.stereoRectify(
-            left.matrix,
-            left.distortion,
-            right.matrix,
-            right.distortion,
-            left.size,
-            right_from_left[:3, :3],
-            right_from_left[:3, 3:],
-            alpha=0,
-        )
-        turn_left, turn_right, left_projection, right_projection = map(floats, rectification[:4])
+        turn_left, turn_right, left_projection, right_projection = _rectification(left, right, right_from_left)
         self.matrix: Floats = left_projection[:, :3]
         self.baseline = float(-right_projection[0, 3] / right_projection[0, 0])
         self.body_from_camera: Floats = left.body_from_camera.copy()
@@ -101,10 +117,21 @@ class Rectifier:
         return _remap(image, self._right_maps)
 
 
+def _rectification(left: Camera, right: Camera, right_from_left: Floats) -> tuple[Floats, ...]:
+    """Rotations of both cameras, and their projections afterwards."""
+    if left.fisheye != right.fisheye or left.size != right.size:
+        raise CalibrationError("cam0 and cam1 differ in lens or resolution, and a pair must not")
+    intrinsics = (left.matrix, left.distortion, right.matrix, right.distortion, left.size)
+    turn, shift = right_from_left[:3, :3].copy(), right_from_left[:3, 3:].copy()  # OpenCV wants them in one piece
+    if left.fisheye:
+        fisheyes = cv2.fisheye.stereoRectify(*intrinsics, turn, shift, cv2.CALIB_ZERO_DISPARITY, balance=0.0)
+        return tuple(map(floats, fisheyes[:4]))
+    return tuple(map(floats, cv2.stereoRectify(*intrinsics, turn, shift, alpha=0)[:4]))
+
+
 def _maps(camera: Camera, turn: Floats, projection: Floats) -> tuple[NDArray[Any], NDArray[Any]]:
-    first, second = cv2.initUndistortRectifyMap(
-        camera.matrix, camera.distortion, turn, projection, camera.size, cv2.CV_16SC2
-    )
+    undistort = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
+    first, second = undistort(camera.matrix, camera.distortion, turn, projection, camera.size, cv2.CV_16SC2)
     return first, second
 
 

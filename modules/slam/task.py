@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from modules.robotkit.message import MessageError, decode
 from modules.slam.geometry import quaternion
+from robotkit import MessageError, Task
+from robotkit.stereo import decode
 
 if TYPE_CHECKING:
-    from modules.robotkit.inputs import Received
-    from modules.robotkit.plan import Decision
     from modules.slam.geometry import Image
     from modules.slam.odometry import Odometry
+    from robotkit import Decision, Received
 
 FEWEST_FEATURES, MOST_FEATURES = 300, 800
 
 
-class Slam:
+class Slam(Task):
     """Follows the robot; with a smaller share it looks at fewer features, so that it keeps up."""
 
     def __init__(self, odometry: Odometry) -> None:

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from modules.robotkit.task import load_task, main
 from modules.speech.spotter import Spotter
 from modules.speech.task import Speech
+from robotkit import main
 
-main(load_task(Path(__file__).with_name("module.yaml")), Speech(Spotter()).process)
+main(Path(__file__).with_name("module.yaml"), lambda: Speech(Spotter()))

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from modules.robotkit.message import MessageError
 from modules.speech.spotter import BYTES_PER_SAMPLE, RATE
+from robotkit import MessageError, Task
 
 if TYPE_CHECKING:
-    from modules.robotkit.inputs import Received
     from modules.speech.spotter import Spotter
+    from robotkit import Received
 
 MAX_GAP_NS = 500_000_000
 
 
-class Speech:
+class Speech(Task):
     """Hears commands; after a gap in the audio it starts afresh instead of gluing two sounds together."""
 
     def __init__(self, spotter: Spotter) -> None:

@@ -11,6 +11,7 @@ ContextPolicyError
 ├── ShareError          weights and bounds that no division can satisfy
 ├── ActuationError      an actuator could not make a plan real; says whether a retry helps
 ├── OrderError          a message on the decision bus that the node agent must not obey
+├── ModuleFileError     a module.yaml that breaks rules; carries every finding at once (policy.module_file)
 ├── DocumentError       a file that is no YAML (validation.documents)
 ├── PolicyFileError     a file that holds no valid policy (validation.policy_file)
 ├── ExpectationError    expectations that make no sense (simulation.expectations)

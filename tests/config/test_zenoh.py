@@ -88,6 +88,14 @@ def test_a_module_asks_for_the_last_plan(connect):
     assert answers == ["plan"]
 
 
+def test_a_module_tells_another_its_profile(connect):
+    key = "robot/slam/profile"
+    connect("module").declare_queryable(key, lambda query: query.reply(key, "profile"))
+    asker = connect("module")
+    answers = next(filter(None, (list(asker.get(key, timeout=SOON)) for _ in range(1000))))
+    assert answers[0].ok.payload.to_string() == "profile"
+
+
 def test_the_operator_and_the_agents_know_of_each_other(connect):
     operator, agent = connect("operator"), connect("agent")
     plan, node = "contextpolicy/robot/delivery-robot/plan", "contextpolicy/agents/node-1"

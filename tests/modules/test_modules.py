@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from modules.robotkit.task import load_task
+from robotkit import load_module
 
 ROOT = Path(__file__).parents[2] / "modules"
 MODULES = sorted(path.parent for path in ROOT.glob("*/module.yaml"))
@@ -28,13 +28,10 @@ def test_it_has_the_same_files(module):
 
 
 def test_it_says_what_it_takes_gives_and_needs(module):
-    task = load_task(module / "module.yaml")
-    assert task.name == module.name
-    assert task.input.startswith("robot/")
-    assert task.output.startswith(f"robot/{task.name}/")
-    assert task.depth >= 1
-    needs = yaml.safe_load((module / "module.yaml").read_text(encoding="utf-8"))["needs"]
-    assert needs.keys() == {"cores", "memory", "deadline"}
+    said = load_module(module / "module.yaml")
+    assert said.name == module.name
+    assert all(entry.key.startswith("robot/") for entry in (*said.inputs.values(), *said.outputs.values()))
+    assert None not in (said.needs.cores, said.needs.memory, said.needs.deadline)
 
 
 def test_its_image_runs_as_nobody_and_starts_the_module(module):
@@ -44,7 +41,7 @@ def test_its_image_runs_as_nobody_and_starts_the_module(module):
 
 
 def test_its_manifest_lets_the_policy_resize_it(module):
-    path = ROOT.parent / "config/robot" / f"{module.name}.yaml"
+    (path,) = (ROOT.parent / "config/robot").rglob(f"{module.name}.yaml")
     deployment = yaml.safe_load(path.read_text(encoding="utf-8"))
     assert deployment["spec"]["template"]["metadata"]["labels"] == {"app": module.name}
     (container,) = deployment["spec"]["template"]["spec"]["containers"]

@@ -65,10 +65,14 @@ class Sequence:
 
 def write(folder: Path, sequence: Sequence, progress: Callable[[float], None]) -> None:
     """Write `mav0` into the folder."""
-    mav0 = folder / "mav0"
-    bias = _write_imu(mav0 / "imu0", sequence)
-    _write_truth(mav0 / "state_groundtruth_estimate0", sequence.motion, bias)
-    _write_cameras(mav0, sequence, progress)
+    write_inertial(folder, sequence)
+    _write_cameras(folder / "mav0", sequence, progress)
+
+
+def write_inertial(folder: Path, sequence: Sequence) -> None:
+    """Write `mav0` without pictures: the IMU and the ground truth."""
+    bias = _write_imu(folder / "mav0/imu0", sequence)
+    _write_truth(folder / "mav0/state_groundtruth_estimate0", sequence.motion, bias)
 
 
 def _times(duration: float, rate: int) -> Floats:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import wave
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from modules.robotkit.message import StereoFrame, encode
+from robotkit import euroc
+from robotkit.euroc import DatasetError
+from robotkit.stereo import encode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -22,10 +23,6 @@ if TYPE_CHECKING:
 CHUNK_S = 0.1
 
 
-class DatasetError(Exception):
-    """A data set that is not there."""
-
-
 def read(root: Path, name: str) -> Iterator[Recorded]:
     """Open `<recording>/<stream>` of a EuRoC sequence, or a folder with `audio.wav`."""
     folder, _, stream = name.rpartition("/")
@@ -36,47 +33,36 @@ def read(root: Path, name: str) -> Iterator[Recorded]:
     raise DatasetError(f"data set {name} is not in {root}: make it with `python -m timelines.datasets`")
 
 
-def euroc_rows(folder: Path) -> Iterator[tuple[int, list[str]]]:
-    """Rows of a sensor's data.csv; stamps have 19 digits and stay integers, some copies have CRLF."""
-    with (folder / "data.csv").open(newline="", encoding="utf-8") as file:
-        for row in csv.reader(file):
-            if row and not row[0].startswith("#"):
-                yield int(row[0]), [cell.strip() for cell in row[1:]]
-
-
 def positions(mav0: Path, stamps: Sequence[int]) -> Floats:
     """Where the robot truly was at these stamps, N x 3 metres."""
-    return _truth(mav0, stamps)[:, 0:3]
+    poses = euroc.truth(mav0)
+    if not poses:
+        raise DatasetError(f"{mav0 / euroc.TRUTH}: there is no ground truth")
+    return _interpolated(poses, np.array([pose.position for pose in poses]), stamps)
 
 
-def _truth(mav0: Path, stamps: Sequence[int]) -> Floats:
-    rows = list(euroc_rows(mav0 / "state_groundtruth_estimate0"))
-    start = rows[0][0]  # seconds from here are small enough for a float
-    known = np.array([stamp - start for stamp, _ in rows], dtype=np.float64)
+def _interpolated(poses: list[euroc.TruePose], values: Floats, stamps: Sequence[int]) -> Floats:
+    start = poses[0].stamp  # seconds from here are small enough for a float
+    known = np.array([pose.stamp - start for pose in poses], dtype=np.float64)
     asked = np.array([stamp - start for stamp in stamps], dtype=np.float64)
-    columns = np.array([[float(value) for value in values] for _, values in rows]).T
-    return np.column_stack([np.interp(asked, known, column) for column in columns])
+    return np.column_stack([np.interp(asked, known, column) for column in values.T])
 
 
 def _stereo(mav0: Path) -> Iterator[Recorded]:
     start = None
-    for stamp, (file, *_) in euroc_rows(mav0 / "cam0"):
-        right = mav0 / "cam1/data" / file
-        if not right.is_file():  # real recordings lose a picture now and then
-            continue
-        start = stamp if start is None else start
-        left = (mav0 / "cam0/data" / file).read_bytes()
-        yield (stamp - start) / 1e9, encode(StereoFrame(stamp, left, right.read_bytes()))
+    for frame in euroc.stereo(mav0):
+        start = frame.stamp if start is None else start
+        yield (frame.stamp - start) / 1e9, encode(frame)
 
 
 def _imu(mav0: Path) -> Iterator[Recorded]:
-    rows = list(euroc_rows(mav0 / "imu0"))
-    stamps = [stamp for stamp, _ in rows]
-    speeds = np.linalg.norm(_truth(mav0, stamps)[:, 7:10], axis=1)  # a wheel's odometry would tell it
-    for (stamp, values), speed in zip(rows, speeds, strict=True):
-        numbers = [float(value) for value in values]
-        sample = {"gyro": numbers[:3], "accel": numbers[3:6], "speed": round(float(speed), 3)}
-        yield (stamp - stamps[0]) / 1e9, sample
+    """Samples with the true speed, as a wheel's odometry would tell it, where the sequence knows it."""
+    samples, poses = list(euroc.imu(mav0)), euroc.truth(mav0)
+    stamps = [sample.stamp for sample in samples]
+    speeds = _interpolated(poses, np.array([euroc.speeds(poses)]).T, stamps)[:, 0] if poses else None
+    for index, sample in enumerate(samples):
+        known = {} if speeds is None else {"speed": round(float(speeds[index]), 3)}
+        yield (sample.stamp - stamps[0]) / 1e9, {"gyro": list(sample.gyro), "accel": list(sample.accel), **known}
 
 
 def _audio(path: Path) -> Iterator[Recorded]:

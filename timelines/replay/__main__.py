@@ -13,8 +13,8 @@ from pathlib import Path
 from contextpolicy.errors import DefinitionError, TimelineError
 from contextpolicy.policy.definition_files import of_folder
 from contextpolicy.streams.timeline import Timeline, load
-from modules.robotkit.session import SessionError, endpoints, open_session
-from timelines.datasets.readers import DatasetError
+from robotkit import ConfigurationError
+from robotkit.session import endpoints, open_session
 from timelines.datasets.recordings import ROOT
 from timelines.replay.player import Options, Report, play
 
@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         definitions = of_folder(options.types) if options.types else ()
         report = _play(load(options.timeline, definitions), options, stop)
-    except (DefinitionError, TimelineError, DatasetError, SessionError) as error:
+    except (DefinitionError, TimelineError, ConfigurationError) as error:
         sys.stderr.write(f"{error}\n")
         return 1
     if report is not None:

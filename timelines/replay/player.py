@@ -18,7 +18,7 @@ import zenoh
 
 from contextpolicy.streams.attachment import attach
 from contextpolicy.streams.ros_message import RosMessage
-from modules.robotkit.inputs import stamp_attachment
+from robotkit.stamps import attachment
 from timelines.datasets.readers import read
 from timelines.datasets.recordings import ROOT
 
@@ -146,4 +146,4 @@ def _publish(publisher: zenoh.Publisher, payload: Payload, sequence: int) -> Non
     if isinstance(payload, dict):
         payload = {"stamp": stamp, **payload}
     encoded = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
-    publisher.put(encoded, attachment=stamp_attachment(stamp))
+    publisher.put(encoded, attachment=attachment(stamp))

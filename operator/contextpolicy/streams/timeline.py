@@ -207,7 +207,7 @@ _KEY: Check = (
     lambda value: isinstance(value, str) and _is_key(value),
     "a Zenoh key of at most 256 characters without wildcards, such as robot/imu",
 )
-_DATASET: Check = (_matches(r"[a-z0-9-]+/[a-z0-9-]+"), "a data set, such as euroc/stereo")
+_DATASET: Check = (_matches(r"[A-Za-z0-9_-]+/[A-Za-z0-9_-]+"), "a data set, such as euroc/stereo")
 _RATE: Check = (lambda value: _is_number(value) and 0 < value <= MAX_RATE, f"Hz, above 0 to {MAX_RATE:g}")
 _VALUE_ENCODING: Check = (lambda value: value in ("json", "cdr"), "json or cdr")
 _DATASET_ENCODING: Check = (lambda value: value in ("json", "binary"), "json or binary")

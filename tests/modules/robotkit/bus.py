@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import zenoh
 
-from modules.robotkit.session import client_config
+from robotkit.session import client_config
 
 PATIENCE_S = 10
 
@@ -18,16 +18,25 @@ PATIENCE_S = 10
 @contextmanager
 def router(port=None):
     address = f"tcp/127.0.0.1:{port or free_port()}"
-    config = zenoh.Config()
-    for key, value in (("mode", "router"), ("scouting/multicast/enabled", False), ("listen/endpoints", [address])):
-        config.insert_json5(key, json.dumps(value))
-    with zenoh.open(config):
+    with zenoh.open(router_config(address)):
         yield address
 
 
+def router_config(address, *, shared_memory=True):
+    config = zenoh.Config()
+    for key, value in (
+        ("mode", "router"),
+        ("scouting/multicast/enabled", False),
+        ("listen/endpoints", [address]),
+        ("transport/shared_memory/enabled", shared_memory),
+    ):
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
 @contextmanager
-def client(address):
-    with zenoh.open(client_config([address])) as session:
+def client(address, *, shared_memory=False):
+    with zenoh.open(client_config([address], shared_memory=shared_memory)) as session:
         yield session
 
 

@@ -4,7 +4,9 @@ from contextlib import ExitStack
 
 import pytest
 
-from modules.robotkit.inputs import Input, stamp_attachment
+from robotkit import Input
+from robotkit.inputs import Inputs
+from robotkit.stamps import attachment
 from tests.modules.robotkit.bus import Matching, client, free_port, router, soon
 
 
@@ -20,7 +22,7 @@ def sensor_and_input(sessions, request):
     key = f"test/{request.node.name}"
     publisher = sensor.declare_publisher(key)
     matching = Matching(publisher)
-    source = Input(module, key, depth=2)
+    source = Inputs(module, {"one": Input(key, depth=2)})
     source.resume()
     matching.wait(expected=True)
     yield publisher, matching, source
@@ -29,16 +31,16 @@ def sensor_and_input(sessions, request):
 
 def test_a_sample_keeps_the_time_of_its_source(sensor_and_input):
     publisher, _, source = sensor_and_input
-    publisher.put(b"picture", attachment=stamp_attachment(123))
+    publisher.put(b"picture", attachment=attachment(123))
     received = soon(source.take)
     assert (received.payload, received.stamp) == (b"picture", 123)
     assert received.received > 123
 
 
-@pytest.mark.parametrize("attachment", [None, b"\xff", b"[]", b'{"stamp": "now"}'])
-def test_a_sample_without_a_stamp_has_that_of_its_arrival(sensor_and_input, attachment):
+@pytest.mark.parametrize("foreign", [None, b"\xff", b"[]", b'{"stamp": "now"}'])
+def test_a_sample_without_a_stamp_has_that_of_its_arrival(sensor_and_input, foreign):
     publisher, _, source = sensor_and_input
-    publisher.put(b"x", attachment=attachment)
+    publisher.put(b"x", attachment=foreign)
     received = soon(source.take)
     assert received.stamp == received.received
 
@@ -47,7 +49,7 @@ def test_a_slow_task_gets_the_newest_samples_and_knows_what_it_missed(sensor_and
     publisher, _, source = sensor_and_input
     for number in range(5):
         publisher.put(bytes([number]))
-    while source.dropped < 3:
+    while source.dropped["one"] < 3:
         with source._changed:
             assert source._changed.wait(10)
     assert [soon(source.take).payload for _ in range(2)] == [b"\x03", b"\x04"]
@@ -77,7 +79,7 @@ def test_an_input_survives_the_routers_restart():
         sensor, module = (sessions.enter_context(client(address)) for _ in range(2))
         publisher = sensor.declare_publisher("test/restart")
         matching = Matching(publisher)
-        source = Input(module, "test/restart")
+        source = Inputs(module, {"one": Input("test/restart")})
         source.resume()
         matching.wait(expected=True)
         first.close()

@@ -6,7 +6,7 @@ import queue
 import pytest
 import zenoh
 
-from modules.robotkit.plan import UNPLANNED, Decision, Decisions, PlanListener
+from robotkit.plan import UNPLANNED, Decision, Decisions, PlanListener
 from tests.modules.robotkit.bus import PATIENCE_S, client, router
 
 KEY = "contextpolicy/robot/demo/plan"

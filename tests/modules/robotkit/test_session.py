@@ -4,7 +4,8 @@ import threading
 
 import pytest
 
-from modules.robotkit.session import SessionError, client_config, endpoints, open_session
+from robotkit import ConfigurationError
+from robotkit.session import client_config, endpoints, open_session
 from tests.modules.robotkit.bus import free_port, router, soon
 
 
@@ -14,12 +15,12 @@ def test_addresses_come_from_the_environment():
 
 @pytest.mark.parametrize("environment", [{}, {"ZENOH_CONNECT": " , "}])
 def test_an_empty_address_says_what_to_set(environment):
-    with pytest.raises(SessionError, match="ZENOH_CONNECT"):
+    with pytest.raises(ConfigurationError, match="ZENOH_CONNECT"):
         endpoints(environment)
 
 
 def test_an_address_that_makes_no_sense_is_refused():
-    with pytest.raises(SessionError, match="nonsense"):
+    with pytest.raises(ConfigurationError, match="nonsense"):
         client_config(["nonsense"])
 
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modules.robotkit.inputs import Received
-from modules.robotkit.message import MessageError, StereoFrame, encode
-from modules.robotkit.plan import UNPLANNED, Decision
 from modules.slam.calibration import Rectifier, load_rig
 from modules.slam.odometry import Odometry
 from modules.slam.task import Slam
+from robotkit import UNPLANNED, Decision, MessageError, Received
+from robotkit.stereo import StereoFrame, encode
 from tests.modules.slam.accuracy import trajectory_rmse
 from timelines.datasets import euroc
 from timelines.datasets.motion import Motion

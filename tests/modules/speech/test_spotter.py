@@ -7,10 +7,9 @@ import shutil
 import numpy as np
 import pytest
 
-from modules.robotkit.inputs import Received
-from modules.robotkit.message import MessageError
 from modules.speech.spotter import RATE, Spotter
 from modules.speech.task import Speech
+from robotkit import MessageError, Received
 from timelines.datasets import speech
 from timelines.datasets.readers import read
 

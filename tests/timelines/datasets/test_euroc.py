@@ -7,9 +7,9 @@ import yaml
 
 from modules.slam.calibration import Rectifier, load_rig
 from modules.slam.odometry import Odometry
+from robotkit.euroc import rows as euroc_rows
 from timelines.datasets import euroc
 from timelines.datasets.motion import Motion
-from timelines.datasets.readers import euroc_rows
 
 SEQUENCE = euroc.Sequence(Motion(duration=0.3, moving=((0, 0.3),)))
 

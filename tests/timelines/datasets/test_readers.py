@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import shutil
 import wave
 
 import pytest
 
-from modules.robotkit.message import decode
-from timelines.datasets.readers import DatasetError, euroc_rows, positions, read
+from contextpolicy.streams.timeline import parse
+from robotkit.euroc import DatasetError
+from robotkit.euroc import rows as euroc_rows
+from robotkit.stereo import decode
+from timelines.datasets.readers import positions, read
 
 START = 1403636579763555584
 
@@ -39,6 +43,28 @@ def test_imu_samples_have_gyro_accel_and_speed(recorded):
     assert list(read(recorded, "real/imu")) == [
         (0.0, {"gyro": [1.0, 2.0, 3.0], "accel": [4.0, 5.0, 6.0], "speed": 5.0})
     ]
+
+
+@pytest.mark.parametrize("name", ["MH_01_easy", "V1_02_medium"])
+def test_real_names_are_read(recorded, name):
+    (recorded / "real").rename(recorded / name)
+    timeline = {"key": "robot/imu", "encoding": "json", "from": 0, "to": 1, "dataset": f"{name}/imu"}
+    (entry,) = parse({"name": "real", "duration": 1, "inputs": [timeline]}).entries
+    assert len(list(read(recorded, entry.dataset))) == 1
+
+
+def test_without_ground_truth_there_is_no_speed(recorded):
+    shutil.rmtree(recorded / "real/mav0/state_groundtruth_estimate0")
+    assert list(read(recorded, "real/imu")) == [(0.0, {"gyro": [1.0, 2.0, 3.0], "accel": [4.0, 5.0, 6.0]})]
+    with pytest.raises(DatasetError, match="no ground truth"):
+        positions(recorded / "real/mav0", [START])
+
+
+def test_ground_truth_of_8_columns_gives_the_speed_of_the_path(recorded):
+    rows = [f"{START + t},{t / 1e8},0,0,1,0,0,0\n" for t in (0, 100_000_000)]
+    (recorded / "real/mav0/state_groundtruth_estimate0/data.csv").write_text("".join(rows))
+    ((_, sample),) = read(recorded, "real/imu")
+    assert sample["speed"] == 10.0
 
 
 def test_truth_is_interpolated_at_the_asked_stamps(recorded):

@@ -12,8 +12,8 @@ from contextpolicy.loop import Loop
 from contextpolicy.policy.spec import Encoding, Stream
 from contextpolicy.streams.subscription import inputs
 from contextpolicy.streams.timeline import parse
+from robotkit.euroc import DatasetError
 from tests.modules.robotkit.bus import PATIENCE_S, client, router
-from timelines.datasets.readers import DatasetError
 from timelines.replay.__main__ import main
 from timelines.replay.player import Options, Report, _window, play
 

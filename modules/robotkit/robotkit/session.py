@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
+from robotkit.errors import ConfigurationError
+
 if TYPE_CHECKING:
     import threading
     from collections.abc import Iterator, Mapping, Sequence
@@ -21,20 +23,27 @@ QUEUE = 16
 _LOG = logging.getLogger(__name__)
 
 
-class SessionError(Exception):
-    """There is no address to connect to, or one that makes no sense."""
-
-
 def endpoints(environment: Mapping[str, str]) -> tuple[str, ...]:
     """Read the comma-separated addresses of ZENOH_CONNECT."""
     found = tuple(part.strip() for part in environment.get("ZENOH_CONNECT", "").split(",") if part.strip())
     if not found:
-        raise SessionError("ZENOH_CONNECT is empty: set it to the router's address, such as tcp/127.0.0.1:7447")
+        raise ConfigurationError("ZENOH_CONNECT is empty: set it to the router's address, such as tcp/127.0.0.1:7447")
     return found
 
 
-def client_config(addresses: Sequence[str]) -> zenoh.Config:
-    """Connect to the addresses only; a peer that hangs is noticed after a second, not after ten."""
+def shared_memory(environment: Mapping[str, str]) -> bool:
+    """Whether SHARED_MEMORY says that modules, sensors and router have one /dev/shm."""
+    value = environment.get("SHARED_MEMORY", "false")
+    if value not in ("true", "false"):
+        raise ConfigurationError(f"SHARED_MEMORY: {value!r} is not allowed: true or false")
+    return value == "true"
+
+
+def client_config(addresses: Sequence[str], *, shared_memory: bool = False) -> zenoh.Config:
+    """Connect to the addresses only; a peer that hangs is noticed after a second, not after ten.
+
+    With `shared_memory`, payloads of 3 KiB and more stay where they are: Zenoh sends the others only their place.
+    """
     config = zenoh.Config()
     for key, value in (
         ("mode", "client"),
@@ -43,16 +52,18 @@ def client_config(addresses: Sequence[str]) -> zenoh.Config:
         ("scouting/multicast/enabled", False),
         ("transport/link/tx/lease", LEASE_MS),
         *((f"transport/link/tx/queue/size/{priority}", QUEUE) for priority in ("real_time", "data")),
-        ("transport/shared_memory/enabled", False),  # pods share no /dev/shm
+        ("transport/shared_memory/enabled", shared_memory),
     ):
         _insert(config, key, value)
     return config
 
 
 @contextmanager
-def open_session(addresses: Sequence[str], stop: threading.Event) -> Iterator[zenoh.Session | None]:
+def open_session(
+    addresses: Sequence[str], stop: threading.Event, *, shared_memory: bool = False
+) -> Iterator[zenoh.Session | None]:
     """Try until a router answers; gives None when `stop` is set first."""
-    session = _connect(client_config(addresses), stop)
+    session = _connect(client_config(addresses, shared_memory=shared_memory), stop)
     try:
         yield session
     finally:
@@ -75,4 +86,4 @@ def _insert(config: zenoh.Config, key: str, value: object) -> None:
     try:
         config.insert_json5(key, json.dumps(value))
     except zenoh.ZError as error:
-        raise SessionError(f"{key}: {value!r} is not allowed: {error}") from error
+        raise ConfigurationError(f"{key}: {value!r} is not allowed: {error}") from error

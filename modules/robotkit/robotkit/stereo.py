@@ -9,12 +9,10 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
+from robotkit.errors import MessageError
+
 _HEADER = struct.Struct("<4sqII")
 _MAGIC = b"STR1"
-
-
-class MessageError(Exception):
-    """A payload that is not what its key promises; the sample is dropped, the module goes on."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from modules.robotkit.message import MessageError, StereoFrame, decode, encode
+from robotkit import MessageError
+from robotkit.stereo import StereoFrame, decode, encode
 
 
 @given(some.integers(0, 2**63 - 1), some.binary(max_size=50), some.binary(max_size=50))

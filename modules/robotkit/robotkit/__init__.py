@@ -1,0 +1,32 @@
+"""What every module needs and none should write again: bus, queues, timing, profile, health, the policy's decisions.
+
+Two rules are built in. A task that gets no CPU never stalls the sensor that feeds it: inputs keep only the newest
+samples and count what they drop, outputs are dropped rather than waited for. A suspended task takes no input at all.
+
+The names below are the whole interface; the files behind them may change.
+"""
+
+from robotkit.errors import ConfigurationError, DeviceError, MessageError
+from robotkit.inputs import Received
+from robotkit.main import main
+from robotkit.module import Input, Module, Needs, Output, load_module
+from robotkit.plan import UNPLANNED, Decision
+from robotkit.task import Result, Results, Task
+
+__all__ = [
+    "UNPLANNED",
+    "ConfigurationError",
+    "Decision",
+    "DeviceError",
+    "Input",
+    "MessageError",
+    "Module",
+    "Needs",
+    "Output",
+    "Received",
+    "Result",
+    "Results",
+    "Task",
+    "load_module",
+    "main",
+]

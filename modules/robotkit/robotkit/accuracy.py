@@ -1,0 +1,93 @@
+"""Results against ground truth: labels that hold at every instant, and events that happen at one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+
+@dataclass
+class Confusion:
+    """How often each true label was told as which."""
+
+    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
+
+    def add(self, truth: str, told: str) -> None:
+        """Count one answer."""
+        self.counts[truth, told] += 1
+
+    @property
+    def labels(self) -> list[str]:
+        """All labels that occur."""
+        return sorted({label for pair in self.counts for label in pair})
+
+    @property
+    def accuracy(self) -> float:
+        """Part of the answers that are right; 0 without answers."""
+        return sum(self.counts[label, label] for label in self.labels) / max(self.counts.total(), 1)
+
+    def recall(self, label: str) -> float:
+        """Part of a label's occurrences that was told as such; 0 when it never occurs."""
+        return self.counts[label, label] / max(sum(self.counts[label, told] for told in self.labels), 1)
+
+    def precision(self, label: str) -> float:
+        """Part of a label's answers that is true; 0 when it is never told."""
+        return self.counts[label, label] / max(sum(self.counts[truth, label] for truth in self.labels), 1)
+
+    def table(self) -> str:
+        """A Markdown table: a row for each true label, a column for what was told, and the recall."""
+        labels = self.labels
+        rows = [
+            [f"**{truth}**", *(str(self.counts[truth, told]) for told in labels), f"{self.recall(truth):.1%}"]
+            for truth in labels
+        ]
+        head = ["truth \\ told", *labels, "recall"]
+        return "\n".join(f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows])
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happens at a moment, in seconds."""
+
+    at: float
+    label: str
+
+
+@dataclass(frozen=True, slots=True)
+class Matched:
+    """How many events were told, how many were not, and how many were invented."""
+
+    found: int
+    missed: int
+    invented: int
+
+    @property
+    def recall(self) -> float:
+        """Part of the true events that was told."""
+        return self.found / max(self.found + self.missed, 1)
+
+    @property
+    def precision(self) -> float:
+        """Part of what was told that is true."""
+        return self.found / max(self.found + self.invented, 1)
+
+
+def match_events(truth: Iterable[Event], told: Sequence[Event], *, early: float, late: float) -> Matched:
+    """Pair each true event with the first untaken answer of its label from `early` s before to `late` s after it."""
+    left = sorted(told, key=lambda event: event.at)
+    found = missed = 0
+    for event in sorted(truth, key=lambda event: event.at):
+        answer = next(
+            (one for one in left if one.label == event.label and -early <= one.at - event.at <= late),
+            None,
+        )
+        if answer is None:
+            missed += 1
+        else:
+            left.remove(answer)
+            found += 1
+    return Matched(found, missed, len(left))

@@ -1,0 +1,120 @@
+"""The newest samples of all inputs; the bus never waits: what a slow task cannot take is dropped and counted."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from robotkit.stamps import stamp_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+
+    from robotkit.module import Input
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """One sample of the input `input`, with its encoding and ROS type.
+
+    `stamp` is when its source published it, `received` when it arrived, both in ns since 1970.
+    """
+
+    payload: bytes
+    stamp: int
+    received: int
+    input: str = ""
+    encoding: str = ""
+    type: str = ""
+
+
+class _Arrived(NamedTuple):
+    """A sample as it waits: its payload is copied only when the task takes it, so what is dropped costs little."""
+
+    payload: zenoh.ZBytes
+    stamp: int
+    received: int
+
+
+class Inputs:
+    """A queue for each input that drops its oldest sample when it is full. They start paused."""
+
+    def __init__(self, session: zenoh.Session, declared: Mapping[str, Input]) -> None:
+        self.dropped = dict.fromkeys(declared, 0)
+        self.shared = dict.fromkeys(declared, 0)
+        """How many samples came by shared memory."""
+        self._session = session
+        self._declared = declared
+        self._queues: dict[str, deque[_Arrived]] = {
+            name: deque(maxlen=declaration.depth) for name, declaration in declared.items()
+        }
+        self._changed = threading.Condition()
+        self._subscribers: list[zenoh.Subscriber[None]] = []
+        self._closed = False
+        self._taken: tuple[str, int] | None = None
+
+    @property
+    def unfinished(self) -> list[tuple[str, int]]:
+        """Name and time of arrival of each sample in the queues, and of the one that the task took last."""
+        with self._changed:
+            waiting = [(name, arrived.received) for name, queue in self._queues.items() for arrived in queue]
+            return waiting if self._taken is None else [self._taken, *waiting]
+
+    def resume(self) -> None:
+        """Subscribe. Does nothing when the inputs run already."""
+        if not self._subscribers and not self._closed:
+            self._subscribers = [
+                self._session.declare_subscriber(declaration.key, self._receiver(name))
+                for name, declaration in self._declared.items()
+            ]
+
+    def pause(self) -> None:
+        """Unsubscribe, so that not even the transport costs CPU, and forget what was queued."""
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
+        self._subscribers = []
+        with self._changed:
+            for queue in self._queues.values():
+                queue.clear()
+
+    def take(self) -> Received | None:
+        """Wait for the sample that arrived first; None means that the inputs were closed."""
+        with self._changed:
+            self._taken = None
+            self._changed.wait_for(lambda: self._closed or any(self._queues.values()))
+            if self._closed:
+                return None
+            name = min((name for name in self._queues if self._queues[name]), key=self._first_arrival)
+            arrived = self._queues[name].popleft()
+            self._taken = (name, arrived.received)
+        declaration = self._declared[name]
+        payload = arrived.payload.to_bytes()
+        return Received(payload, arrived.stamp, arrived.received, name, declaration.encoding, declaration.type)
+
+    def close(self) -> None:
+        """Wake up whoever waits; the session undeclares the rest."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def _first_arrival(self, name: str) -> int:
+        return self._queues[name][0].received
+
+    def _receiver(self, name: str) -> Callable[[zenoh.Sample], None]:
+        queue = self._queues[name]
+
+        def receive(sample: zenoh.Sample) -> None:
+            received = time.time_ns()
+            arrived = _Arrived(sample.payload, stamp_of(sample) or received, received)
+            self.shared[name] += sample.payload.as_shm() is not None
+            with self._changed:
+                self.dropped[name] += len(queue) == queue.maxlen
+                queue.append(arrived)
+                self._changed.notify_all()
+
+        return receive

@@ -1,0 +1,34 @@
+"""JSON that every reader accepts: it has no NaN and no Infinity, so they leave as null, which means "no value"."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+
+def dumps(value: object) -> str:
+    """Write a value; numpy's numbers and arrays are numbers and lists. TypeError for what JSON can't hold."""
+    try:
+        return json.dumps(value, allow_nan=False, default=_plain)
+    except ValueError:  # rare, so only now the value is searched
+        return json.dumps(_finite(value), allow_nan=False)
+
+
+def _plain(value: Any) -> object:
+    if isinstance(value, Mapping):
+        return dict(value)
+    if hasattr(value, "tolist"):  # numpy, which this package does not need otherwise
+        return value.tolist()
+    raise TypeError(f"JSON has no {type(value).__name__}")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {name: _finite(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(part) for part in value]
+    return value if value is None or isinstance(value, str | int) else _finite(_plain(value))

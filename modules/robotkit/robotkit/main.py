@@ -1,0 +1,83 @@
+"""A module as a program: configured by its environment, ended by SIGTERM or SIGINT within a second."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import socket
+import sys
+import threading
+from typing import TYPE_CHECKING
+
+from robotkit.errors import ConfigurationError
+from robotkit.module import load_module
+from robotkit.plan import PLAN_KEY
+from robotkit.runner import Runner
+from robotkit.session import endpoints, open_session, shared_memory
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from robotkit.task import Task
+
+LONGEST_END_S = 0.4
+"""After a signal; whatever hangs longer is left to the kernel."""
+SWITCH_S = 0.001
+"""Between threads; a task at its floor has 1 ms in each 100 ms, and the thread that ends it must not wait for five."""
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
+
+def main(module_yaml: Path, build: Callable[[], Task]) -> None:
+    """Run the task that `build` makes until a signal comes; a wrong configuration is one line and exit code 2."""
+    logging.basicConfig(level=logging.INFO, format=f"%(asctime)s {module_yaml.parent.name}: %(message)s")
+    sys.setswitchinterval(SWITCH_S)
+    stop = _stop_on_signal()
+    try:
+        _run(module_yaml, build, stop)
+    except ConfigurationError as error:
+        sys.stderr.write(f"{error}\n")
+        sys.exit(2)
+    _leave()
+
+
+def _run(module_yaml: Path, build: Callable[[], Task], stop: threading.Event) -> None:
+    environment = os.environ
+    module, addresses = load_module(module_yaml, environment), endpoints(environment)
+    task = build()
+    with open_session(addresses, stop, shared_memory=shared_memory(environment)) as session:
+        if session is not None:
+            policy_task, plan_key = environment.get("POLICY_TASK", ""), environment.get("PLAN_KEY", PLAN_KEY)
+            Runner(session, module, task).run(stop, policy_task=policy_task, plan_key=plan_key)
+            _leave()  # the kernel closes the session's connection, and the router tells it at once
+
+
+def _stop_on_signal() -> threading.Event:
+    """An event that a signal sets, whatever thread it interrupts and whatever the main thread is doing.
+
+    A Python handler runs between two lines of the main thread, which may hold a lock then or be busy in a library for
+    long. So the interpreter's own handler writes into a socket, and a thread waits at its other end.
+    """
+    stop = threading.Event()
+    hears, tells = socket.socketpair()
+    tells.setblocking(False)  # noqa: FBT003 - it has no other form
+    signal.set_wakeup_fd(tells.fileno())
+    for number in SIGNALS:
+        signal.signal(number, lambda *_: None)
+
+    def wait(ends: tuple[socket.socket, socket.socket]) -> None:
+        ends[0].recv(1)
+        stop.set()
+        threading.Event().wait(LONGEST_END_S)
+        _leave()
+
+    threading.Thread(target=wait, args=((hears, tells),), name="signals", daemon=True).start()
+    return stop
+
+
+def _leave() -> None:
+    """End without taking the interpreter apart: that costs CPU which a suspended task does not have."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)

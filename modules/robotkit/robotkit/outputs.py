@@ -1,0 +1,85 @@
+"""Results on the bus, each with the stamp that belongs to it; what the bus cannot take at once is dropped."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import zenoh
+
+from robotkit import json_text
+from robotkit.stamps import attachment, ros_attachment
+from robotkit.task import Result
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from robotkit.module import Output
+    from robotkit.task import Results
+
+JSON, CDR = "json", "cdr"
+
+
+def as_results(results: Results, outputs: Iterable[str]) -> Iterable[Result]:
+    """Name the output of a plain mapping: there must be one output only."""
+    if results is None:
+        return ()
+    if not isinstance(results, Mapping):
+        return results
+    names = list(outputs)
+    if len(names) != 1:
+        raise TypeError(f"a mapping is for a module with one output, this one has {names}: give Results")
+    return (Result(names[0], results),)
+
+
+def publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publisher:
+    """A publisher that never waits: a listener without CPU must not stall who speaks."""
+    known = {JSON: zenoh.Encoding.APPLICATION_JSON, CDR: zenoh.Encoding.APPLICATION_CDR}
+    return session.declare_publisher(
+        key,
+        encoding=known.get(encoding, zenoh.Encoding.ZENOH_BYTES),
+        congestion_control=zenoh.CongestionControl.DROP,
+        express=True,
+    )
+
+
+class Outputs:
+    """Publishes results under the keys of module.yaml."""
+
+    def __init__(self, session: zenoh.Session, declared: Mapping[str, Output]) -> None:
+        self._declared = declared
+        self._ids = {name: uuid.uuid4().bytes for name in declared}
+        self._numbers = dict.fromkeys(declared, 0)
+        self._publishers = {
+            name: publisher(session, declaration.key, declaration.encoding) for name, declaration in declared.items()
+        }
+
+    def publish(self, result: Result, timing: Mapping[str, object] | None = None) -> None:
+        """Send a result; JSON gets its `stamp`, and `timing` if there is one."""
+        if result.output not in self._declared:
+            raise KeyError(f"there is no output {result.output!r} in module.yaml: {', '.join(self._declared)}")
+        now = time.time_ns()
+        stamp = now if result.stamp is None else result.stamp
+        payload = _payload(result, self._declared[result.output], stamp, timing)
+        self._publishers[result.output].put(payload, attachment=self._attachment(result.output, now))
+
+    def _attachment(self, output: str, now: int) -> bytes:
+        """Our own, or for ROS messages that of rmw_zenoh, which refuses messages without."""
+        if self._declared[output].encoding != CDR:
+            return attachment(now)
+        self._numbers[output] += 1
+        return ros_attachment(self._numbers[output], now, self._ids[output])
+
+
+def _payload(result: Result, output: Output, stamp: int, timing: Mapping[str, object] | None) -> bytes | str:
+    if isinstance(result.value, bytes):
+        return result.value
+    if output.encoding == CDR:
+        from robotkit.ros import encode  # noqa: PLC0415 - an extra, and megabytes
+
+        return encode(result.value, output.type, stamp=stamp, frame=output.frame)
+    if output.encoding != JSON:
+        raise TypeError(f"output {result.output} has the encoding {output.encoding}: its values must be bytes")
+    return json_text.dumps({"stamp": stamp, **result.value} | ({} if timing is None else {"timing": timing}))

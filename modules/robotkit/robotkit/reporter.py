@@ -1,0 +1,78 @@
+"""Tells how the task fares: `robot/<task>/health` once a second, `robot/<task>/profile` to whoever asks."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING
+
+import zenoh
+
+from robotkit import cgroup, json_text
+from robotkit.health import EVERY_S, Health, Queue, Snapshot
+from robotkit.outputs import JSON, publisher
+from robotkit.stamps import attachment
+
+if TYPE_CHECKING:
+    from robotkit.inputs import Inputs
+    from robotkit.profile import Profile
+
+
+class Reporter:
+    """Runs from its construction until `close`."""
+
+    def __init__(self, session: zenoh.Session, task: str, profile: Profile, inputs: Inputs) -> None:
+        self._task = task
+        self._profile = profile
+        self._inputs = inputs
+        self._cpu_stat = cgroup.find_cpu_stat()
+        self._health = Health(self._snapshot())
+        self._suspended = False
+        self._publisher = publisher(session, f"robot/{task}/health", JSON)
+        self._queryable = session.declare_queryable(f"robot/{task}/profile", self._answer)
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._tell, name="health", daemon=True)
+        self._thread.start()
+
+    def suspended(self, *, suspended: bool) -> None:
+        """Note a decision."""
+        if suspended != self._suspended:
+            self._suspended = suspended
+            self._health.forget(self._snapshot())
+
+    def close(self) -> None:
+        """Tell nothing more."""
+        self._closed.set()
+        self._queryable.undeclare()
+
+    def _tell(self) -> None:
+        while not self._closed.wait(EVERY_S):
+            stamp = time.time_ns()
+            message = self._health.message(self._snapshot(), self._queue(stamp), suspended=self._suspended)
+            self._publisher.put(json_text.dumps({"stamp": stamp, **message}), attachment=attachment(stamp))
+
+    def _snapshot(self) -> Snapshot:
+        records = self._profile.records
+        return Snapshot(
+            time=time.monotonic_ns(),
+            cpu=time.process_time_ns(),
+            done=sum(record.done for record in records),
+            missed=sum(record.missed for record in records),
+            dropped=sum(self._inputs.dropped.values()),
+            broken=sum(record.broken for record in records),
+            failures=self._profile.failures,
+            latency=sum(record.latency for record in records),
+            throttling=cgroup.throttling(self._cpu_stat),
+        )
+
+    def _queue(self, now: int) -> Queue:
+        waiting = self._inputs.unfinished
+        return Queue(
+            length=len(waiting),
+            overdue=sum(self._profile.inputs[name].overdue(received, now) for name, received in waiting),
+        )
+
+    def _answer(self, query: zenoh.Query) -> None:
+        document = self._profile.as_json(self._task, self._inputs.dropped, self._inputs.shared)
+        with query:
+            query.reply(query.key_expr, json_text.dumps(document), encoding=zenoh.Encoding.APPLICATION_JSON)

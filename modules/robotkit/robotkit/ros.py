@@ -1,0 +1,118 @@
+"""ROS 2 messages (CDR) in and out, without a ROS installation; needs the extra `robotkit[ros]`.
+
+In: an input of encoding `cdr` with a `type`, as rmw_zenoh and zenoh-bridge-ros2dds send it. `decode` gives the message,
+`readings` turns the usual ones into what modules work with.
+
+Out: an output of encoding `cdr` with a `type`. A result is a mapping of the message's own fields; what it leaves out is
+zero, a vector or quaternion may be a list, and the header is filled in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.base import normalize_fieldname
+
+from robotkit.errors import MessageError
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+HEADER = "std_msgs/msg/Header"
+AUDIO = "audio_common_msgs/msg/AudioData"
+AUDIO_STAMPED = "audio_common_msgs/msg/AudioDataStamped"
+_AUDIO_DEFINITIONS = {AUDIO: "uint8[] data", AUDIO_STAMPED: f"{HEADER} header\n{AUDIO} audio"}
+"""Not among the standard messages: audio_common is a package of its own."""
+
+
+@cache
+def type_store() -> Typestore:
+    """All standard message definitions, and those of audio_common."""
+    store = get_typestore(Stores.LATEST)
+    for name, definition in _AUDIO_DEFINITIONS.items():
+        store.register(get_types_from_msg(definition, name))
+    return store
+
+
+def decode(payload: bytes, type_name: str) -> Any:
+    """A message as an object with the fields of its type; MessageError when the payload is broken."""
+    try:
+        return type_store().deserialize_cdr(payload, type_name)
+    except SerdeError as error:
+        raise MessageError(f"not a {type_name}: {error}") from error
+    except KeyError as error:
+        raise MessageError(f"{type_name} is no standard ROS 2 message type") from error
+
+
+def encode(fields: Mapping[str, object], type_name: str, *, stamp: int, frame: str = "") -> bytes:
+    """Write a message; a field that the type does not have is a TypeError."""
+    header = {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}, "frame_id": frame}
+    store = type_store()
+    if ("header", (Nodetype.NAME, HEADER)) in store.fielddefs[type_name][1]:
+        fields = {"header": header, **fields}
+    return bytes(store.serialize_cdr(_message(store, type_name, fields), type_name))
+
+
+def topic_key(topic: str, type_name: str, *, domain: int = 0) -> str:
+    """The key of a topic as rmw_zenoh writes it, such as `0/imu/data/sensor_msgs::msg::dds_::Imu_/RIHS01_...`."""
+    package, _, name = type_name.partition("/msg/")
+    type_hash = type_store().hash_rihs01(type_name)
+    return f"{domain}/{topic.strip('/')}/{package}::msg::dds_::{name}_/{type_hash}"
+
+
+def stamp_of(message: Any) -> int | None:
+    """The header's stamp in ns since 1970; None when there is no header, or it was never set."""
+    header = getattr(message, "header", None)
+    return header.stamp.sec * 10**9 + header.stamp.nanosec or None if header is not None else None
+
+
+def _message(store: Typestore, type_name: str, value: object) -> Any:
+    descriptions = store.fielddefs[type_name][1]
+    names = [name for name, _ in descriptions]
+    fields = value if isinstance(value, Mapping) else dict(zip(names, _sequence(value, type_name), strict=True))
+    unknown = sorted(map(str, fields.keys() - names))
+    if unknown:
+        raise TypeError(f"{type_name} has no field {', '.join(unknown)}, only {', '.join(names)}")
+    values = {
+        normalize_fieldname(name): _field(store, description, fields.get(name)) for name, description in descriptions
+    }
+    return store.types[type_name](**values)
+
+
+def _sequence(value: object, type_name: str) -> Any:
+    if isinstance(value, list | tuple | np.ndarray):
+        return value
+    raise TypeError(f"{value!r} is no {type_name}: a mapping, or a list of its fields")
+
+
+def _field(store: Typestore, description: Any, value: Any) -> Any:
+    kind, detail = description
+    if kind is Nodetype.BASE:
+        return _base(detail[0], value)
+    if kind is Nodetype.NAME:
+        return _message(store, detail, {} if value is None else value)
+    (item_kind, item_detail), length = detail
+    if item_kind is Nodetype.BASE and item_detail[0] != "string":
+        return _numbers(item_detail[0], value, length if kind is Nodetype.ARRAY else 0)
+    items = ([None] * length if kind is Nodetype.ARRAY else []) if value is None else value
+    return [_field(store, (item_kind, item_detail), item) for item in items]
+
+
+def _base(name: str, value: Any) -> Any:
+    kind = {"string": str, "wstring": str, "bool": bool}.get(name, float if name.startswith("float") else int)
+    return kind() if value is None else kind(value)
+
+
+def _numbers(name: str, value: Any, length: int) -> Any:
+    kind = np.dtype({"bool": "?", "octet": "u1", "byte": "u1", "char": "u1"}.get(name, name))
+    if value is None:
+        return np.zeros(length, kind)
+    if isinstance(value, bytes):
+        return np.frombuffer(value, kind)
+    return np.asarray(value, dtype=kind)

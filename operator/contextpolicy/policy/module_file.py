@@ -1,0 +1,70 @@
+"""A module.yaml, which says what a module takes, gives and needs; modules/robotkit describes the format."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from contextpolicy.errors import Finding, FindingsError
+from contextpolicy.policy.fields import TASK_NAME, TASK_NAME_ALLOWED, Fields
+from contextpolicy.policy.spec import Encoding
+
+
+class ModuleFileError(FindingsError):
+    """A module.yaml that breaks rules."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModuleStream:
+    """A key that a module takes or gives; `encoding` is None where a policy can't read it, as with pictures."""
+
+    key: str
+    encoding: Encoding | None
+    type: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class ModuleFile:
+    """One module; its needs are kept as they are written, for the policy."""
+
+    name: str
+    description: str
+    inputs: tuple[ModuleStream, ...]
+    outputs: tuple[ModuleStream, ...]
+    needs: dict[str, object]
+
+
+def parse_module(body: object, *, subject: str) -> ModuleFile:
+    """Read a module.yaml's content; ModuleFileError carries every finding."""
+    findings: list[Finding] = []
+    fields = Fields(body, "module", findings)
+    module = ModuleFile(
+        name=fields.text("name", pattern=TASK_NAME, allowed=TASK_NAME_ALLOWED),
+        description=fields.text("description", ""),
+        inputs=tuple(_stream(entry, "depth") for entry in fields.mapping("inputs", limit=64).values()),
+        outputs=tuple(_stream(entry, "frame") for entry in fields.mapping("outputs", limit=64).values()),
+        needs=_needs(fields.nested("needs")),
+    )
+    fields.string_map("environment")
+    fields.close()
+    if findings:
+        raise ModuleFileError(subject, tuple(findings))
+    return module
+
+
+def _stream(fields: Fields, further: str) -> ModuleStream:
+    encoding = fields.text("encoding", "json", allowed="an encoding such as json")
+    stream = ModuleStream(
+        key=fields.key_expression("key"),
+        encoding=Encoding(encoding) if encoding in list(Encoding) else None,
+        type=fields.optional_text("type"),
+    )
+    fields.raw(further)
+    fields.close()
+    return stream
+
+
+def _needs(fields: Fields) -> dict[str, object]:
+    values = {"cores": fields.cpu("cores"), "memory": fields.memory("memory"), "deadline": fields.duration("deadline")}
+    needs = {name: fields.raw(name) for name, value in values.items() if value is not None}
+    fields.close()
+    return needs

@@ -1,0 +1,118 @@
+"""Modules -> the first policy of a robot that runs them: valid as it stands, and made to be edited.
+
+Each module becomes a task with its needs. What one module gives and another takes becomes an activity. Each task's
+health is a stream, and a context gives a task that misses its deadlines more. What can't be known is a comment.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import TYPE_CHECKING
+
+from contextpolicy.policy.references import CEL_WORDS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from contextpolicy.policy.module_file import ModuleFile, ModuleStream
+
+HEALTH = "robot/{task}/health"
+_PLAIN = re.compile(r"[A-Za-z0-9_./*][A-Za-z0-9_./*-]*")
+
+
+def skeleton(modules: Sequence[ModuleFile], *, name: str, namespace: str) -> str:
+    """The policy as YAML."""
+    names = _names(modules)
+    contexts = [line for module in modules for line in _starves(module, names)]
+    lines = [
+        f"# What runs on the robot: {', '.join(module.name for module in modules)}. Edit it.",
+        "apiVersion: contextpolicy.dev/v1alpha1",
+        "kind: ContextPolicy",
+        "metadata:",
+        f"  name: {name}",
+        f"  namespace: {namespace}",
+        "spec:",
+        "  mode: DryRun                         # says what it would do; Enforce when you agree",
+        "  streams:",
+        *_streams(modules, names),
+        "  tasks:",
+        *(line for module in modules for line in _task(module, names)),
+        *(["  contexts:", *contexts] if contexts else []),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _names(modules: Sequence[ModuleFile]) -> dict[str, str]:
+    """A stream name for every key: of health the task's, of others the key without its first part."""
+    names: dict[str, str] = {}
+    taken = set(CEL_WORDS)
+    keys = [HEALTH.format(task=module.name) for module in modules]
+    keys += [stream.key for module in modules for stream in (*module.inputs, *module.outputs) if stream.encoding]
+    wishes = [(key, module.name) for key, module in zip(keys, modules, strict=False)]
+    wishes += [(key, key.partition("/")[2] or key) for key in keys[len(modules) :]]
+    for key, wish in wishes:
+        if key in names:
+            continue
+        base = re.sub(r"[^a-z0-9]+", "_", wish.lower()).strip("_")[:50] or "stream"
+        base = base if base[0].isalpha() else f"stream_{base}"
+        free = (base, *(f"{base}_{number}" for number in range(2, len(wishes) + len(CEL_WORDS) + 2)))
+        names[key] = next(one for one in free if one not in taken)
+        taken.add(names[key])
+    return names
+
+
+def _streams(modules: Sequence[ModuleFile], names: dict[str, str]) -> Iterator[str]:
+    makers = {stream.key: module.name for module in modules for stream in module.outputs}
+    taken = {stream.key: stream for module in modules for stream in module.inputs if stream.encoding}
+    for module in modules:
+        if "deadline" in module.needs:
+            key = HEALTH.format(task=module.name)
+            yield f"  - {{name: {names[key]}, key: {key}, producedBy: {module.name}}}"
+    for key, stream in taken.items():
+        yield f"  - {_stream(stream, names[key], makers.get(key))}"
+    for module in modules:
+        for stream in module.outputs:
+            if stream.encoding and stream.key not in taken:
+                yield f"  # - {_stream(stream, names[stream.key], module.name)}    # nothing reads it yet"
+
+
+def _stream(stream: ModuleStream, name: str, maker: str | None) -> str:
+    fields = {"name": name, "key": stream.key, "encoding": stream.encoding, "type": stream.type, "producedBy": maker}
+    said = {field: str(value) for field, value in fields.items() if value and value != "json"}
+    return "{" + ", ".join(f"{field}: {_text(value)}" for field, value in said.items()) + "}"
+
+
+def _task(module: ModuleFile, names: dict[str, str]) -> Iterator[str]:
+    yield f"  - name: {module.name}" + (f"    # {_comment(module.description)}" if module.description else "")
+    yield f"    selector: {{matchLabels: {{app: {module.name}}}}}"
+    yield "    priority: 1"
+    if module.needs:
+        yield "    needs: {" + ", ".join(f"{name}: {_text(str(value))}" for name, value in module.needs.items()) + "}"
+    readable = [names[stream.key] for stream in module.inputs if stream.encoding]
+    if readable:
+        yield "    idle: 0.1"
+        yield "    activity:"
+        yield from (f"    - {{stream: {name}, hold: 2s}}" for name in dict.fromkeys(readable))
+    else:
+        yield "    # activity: [{stream: ..., when: ..., hold: 2s}]    # which stream says that it matters now?"
+
+
+def _starves(module: ModuleFile, names: dict[str, str]) -> Iterator[str]:
+    if "deadline" in module.needs:
+        health = names[HEALTH.format(task=module.name)]
+        yield f"  - name: {module.name}-starves"
+        yield f"    when: {health}.misses > 0.1"
+        yield "    enterAfter: 2s"
+        yield "    exitAfter: 5s"
+        yield "    tasks:"
+        yield f"      {module.name}: {{scale: 2}}"
+
+
+def _text(value: str) -> str:
+    """A YAML scalar; quoted where it could be read as something else."""
+    return value if _PLAIN.fullmatch(value) and not value.startswith("*") else json.dumps(value)
+
+
+def _comment(text: str) -> str:
+    return " ".join(text.split())

@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import threading
+
+import cv2
+import numpy as np
+import pytest
+
+from modules.camera.sources import Devices, Recorded
+from modules.camera.task import Camera
+from robotkit import ConfigurationError, DeviceError
+from robotkit.euroc import DatasetError
+from robotkit.stereo import decode
+
+START = 1403636579763555584
+MS = 10**6
+
+
+@pytest.fixture
+def sequence(tmp_path):
+    """Three frames of 1 ms in the real layout."""
+    for camera in ("cam0", "cam1"):
+        folder = tmp_path / "MH_01_easy/mav0" / camera
+        (folder / "data").mkdir(parents=True)
+        stamps = [START + step * MS for step in range(3)]
+        (folder / "data.csv").write_text("".join(f"{stamp},{stamp}.png\r\n" for stamp in stamps))
+        for stamp in stamps:
+            (folder / "data" / f"{stamp}.png").write_bytes(f"{camera} {stamp - START}".encode())
+    return tmp_path / "MH_01_easy"
+
+
+class Film(Recorded):
+    """Frames of any stamps."""
+
+    def __init__(self, stamps):
+        self._stamps = stamps
+
+    def frames(self, _ended):
+        yield from ((stamp, b"frame") for stamp in self._stamps)
+
+
+class Capture:
+    """A camera with three pictures."""
+
+    open = True
+
+    def __init__(self, path, backend):
+        assert backend == cv2.CAP_V4L2
+        self.path, self.left, self.released = path, 3, False
+        CAPTURES.append(self)
+
+    def isOpened(self):  # noqa: N802 - OpenCV's name
+        return self.open and "missing" not in self.path
+
+    def grab(self):
+        self.left -= 1
+        return self.left >= 0
+
+    def retrieve(self):
+        return self.left >= 0, np.full((48, 64, 3), 10 * max(self.left, 0), np.uint8)
+
+    def release(self):
+        self.released = True
+
+
+CAPTURES: list[Capture] = []
+
+
+def test_a_recorded_pair_keeps_the_recordings_stamp_inside(sequence):
+    results = list(Camera(Recorded(sequence, "stereo"), output="stereo").produce(threading.Event()))
+    frames = [decode(result.value) for result in results]
+    assert [frame.stamp for frame in frames] == [START, START + MS, START + 2 * MS]
+    assert (frames[0].left, frames[0].right) == (b"cam0 0", b"cam1 0")
+    assert np.diff([result.stamp for result in results]).tolist() == [MS, MS]
+    assert results[0].stamp > START  # now, not the day of the recording
+
+
+def test_one_camera_of_a_sequence(sequence):
+    results = list(Camera(Recorded(sequence, "cam1"), output="picture").produce(threading.Event()))
+    assert [result.value for result in results] == [b"cam1 0", b"cam1 1000000", b"cam1 2000000"]
+    assert {result.output for result in results} == {"picture"}
+
+
+def test_a_sequence_without_the_camera_is_refused(sequence):
+    (sequence / "mav0/cam1/data.csv").unlink()
+    with pytest.raises(DatasetError, match=r"cam1/data\.csv: is missing, view stereo needs it"):
+        Recorded(sequence, "stereo")
+
+
+@pytest.mark.parametrize(("rate", "kept"), [(None, 20), (10, 10), (5, 5), (1000, 20)])
+def test_the_rate_is_kept_on_average(rate, kept):
+    stamps = [START + step * 50 * MS + (step % 3) * MS for step in range(20)]  # 20 Hz that trembles
+    assert len(list(Camera(Film(stamps), output="picture", rate=rate).produce(threading.Event()))) == kept
+
+
+def test_two_devices_give_pairs_until_one_is_unplugged():
+    CAPTURES.clear()
+    frames = Camera(Devices(["/dev/video0", "/dev/video2"], Capture), output="stereo").produce(threading.Event())
+    pair = decode(next(frames).value)
+    assert cv2.imdecode(np.frombuffer(pair.left, np.uint8), cv2.IMREAD_GRAYSCALE).shape == (48, 64)
+    with pytest.raises(DeviceError, match="camera /dev/video0 gives no pictures"):
+        list(frames)
+    assert [capture.released for capture in CAPTURES] == [True, True]
+
+
+def test_a_suspended_camera_lets_go_of_its_device():
+    CAPTURES.clear()
+    frames = Camera(Devices(["/dev/video0"], Capture), output="picture").produce(threading.Event())
+    assert next(frames).value.startswith(b"\xff\xd8")
+    frames.close()
+    assert CAPTURES[0].released
+
+
+def test_a_device_that_is_missing_is_named():
+    with pytest.raises(DeviceError, match="camera /dev/missing can't be opened"):
+        list(Devices(["/dev/missing"], Capture).frames(threading.Event()))
+
+
+def test_three_devices_are_too_many():
+    with pytest.raises(ConfigurationError, match="one device, or left and right"):
+        Devices(["/dev/video0"] * 3)

@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+import json
+import math
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as some
+
+from robotkit.json_text import dumps
+
+values = some.recursive(
+    some.none() | some.booleans() | some.integers() | some.floats() | some.text(),
+    lambda inner: some.lists(inner) | some.dictionaries(some.text(), inner),
+    max_leaves=20,
+)
+
+
+@given(values)
+def test_every_reader_accepts_it(value):
+    json.loads(dumps(value), parse_constant=pytest.fail)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ({"x": math.nan, "y": [math.inf, -math.inf, 1.5]}, '{"x": null, "y": [null, null, 1.5]}'),
+        ({"n": np.float32(0.5), "i": np.int64(2**60)}, '{"n": 0.5, "i": 1152921504606846976}'),
+        (np.array([1.0, np.nan]), "[1.0, null]"),
+        ((np.float32("nan"), np.bool_(1)), "[null, true]"),
+        (MappingProxyType({"a": math.nan}), '{"a": null}'),
+    ],
+)
+def test_what_json_cannot_say_and_what_numpy_says(value, text):
+    assert dumps(value) == text
+
+
+def test_what_json_has_no_word_for_is_a_bug_of_the_module():
+    with pytest.raises(TypeError, match="set"):
+        dumps({"x": {1}})
