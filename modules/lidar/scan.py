@@ -1,0 +1,141 @@
+"""From the lidar's bytes to full turns."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from modules.lidar.rplidar import CAPSULE_SIZE, FULL_TURN, NODE_SIZE, capsule_nodes, decode_capsule, decode_node
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from modules.lidar.rplidar import Capsule, Node
+
+BINS = 360
+RUN = 4
+"""Nodes in a row that must fit together before the parser trusts that it reads at the right byte."""
+LEAST_STEP, GREATEST_STEP = -5.0, 20.0
+"""Degrees from one node to the next; anything else means that bytes are missing."""
+FEWEST_NODES = 20
+"""A turn with fewer is jitter around the zero angle."""
+
+
+class ScanParser(Protocol):
+    """Nodes out of bytes that arrive in any pieces."""
+
+    skipped: int
+
+    def feed(self, data: bytes) -> list[Node]:
+        """Take the next bytes and give the nodes that are complete now."""
+
+
+class NodeParser:
+    """Standard scan data. Nodes have no checksum: after a gap, only a run of nodes that fit together is believed."""
+
+    def __init__(self) -> None:
+        self.skipped = 0
+        self._buffer = bytearray()
+        self._last: Node | None = None
+
+    def feed(self, data: bytes) -> list[Node]:
+        """Take the next bytes and give the nodes that are complete now; `skipped` counts the bytes of none."""
+        self._buffer += data
+        nodes: list[Node] = []
+        at = 0
+        while len(self._buffer) - at >= NODE_SIZE * (1 if self._last else RUN):
+            found = self._next(at)
+            if found:
+                nodes.append(found)
+                at += NODE_SIZE
+            elif self._last is None:
+                at += 1
+                self.skipped += 1
+            self._last = found
+        del self._buffer[:at]
+        return nodes
+
+    def _next(self, at: int) -> Node | None:
+        """Give the node at this byte if it fits its predecessor, or, when there is none, its successors."""
+        node = self._node(at)
+        if node is None or (self._last is not None and not _fits(self._last, node)):
+            return None
+        return node if self._last is not None or self._leads_a_run(node, at) else None
+
+    def _leads_a_run(self, node: Node, at: int) -> bool:
+        for successor in range(1, RUN):
+            following = self._node(at + successor * NODE_SIZE)
+            if following is None or not _fits(node, following):
+                return False
+            node = following
+        return True
+
+    def _node(self, at: int) -> Node | None:
+        return decode_node(self._buffer[at : at + NODE_SIZE])
+
+
+class CapsuleParser:
+    """Express scan data: capsules have a checksum; one that is lost takes its predecessor's angles with it."""
+
+    def __init__(self) -> None:
+        self.skipped = 0
+        self._buffer = bytearray()
+        self._last: Capsule | None = None
+
+    def feed(self, data: bytes) -> list[Node]:
+        """Take the next bytes and give the nodes whose angles are known now."""
+        self._buffer += data
+        nodes: list[Node] = []
+        while len(self._buffer) >= CAPSULE_SIZE:
+            capsule = decode_capsule(bytes(self._buffer[:CAPSULE_SIZE]))
+            if capsule is None:
+                del self._buffer[0]
+                self.skipped += 1
+            else:
+                nodes += capsule_nodes(self._last, capsule) if self._last and not capsule.start else []
+                del self._buffer[:CAPSULE_SIZE]
+            self._last = capsule
+        return nodes
+
+
+class Turns:
+    """Collects nodes into full turns; what comes before the first beginning of a turn is left out."""
+
+    def __init__(self) -> None:
+        self._nodes: list[Node] = []
+        self._begun = False
+
+    def add(self, nodes: Iterable[Node]) -> list[list[Node]]:
+        """Take the next nodes and give the turns that they complete."""
+        turns = []
+        for node in nodes:
+            if self._ends_at(node):
+                if self._begun:
+                    turns.append(self._nodes)
+                self._nodes, self._begun = [], True
+            self._nodes.append(node)
+        return turns
+
+    def _ends_at(self, node: Node) -> bool:
+        if not self._nodes:
+            return node.start
+        wrapped = self._nodes[-1].angle > FULL_TURN / 2 > node.angle
+        return wrapped and (len(self._nodes) >= FEWEST_NODES or not self._begun)
+
+
+def ranges(turn: Sequence[Node], *, forward: float = 0.0) -> list[float]:
+    """Give the nearest distance in m in each degree, counter-clockwise from straight ahead; 0: nothing there.
+
+    `forward` is the lidar's angle that points ahead on the robot.
+    """
+    found = [0.0] * BINS
+    for node in turn:
+        if node.distance:
+            at = round(forward - node.angle) % BINS
+            metres = node.distance / 1000
+            found[at] = min(found[at] or metres, metres)
+    return found
+
+
+def _fits(before: Node, node: Node) -> bool:
+    step = (node.angle - before.angle + FULL_TURN / 2) % FULL_TURN - FULL_TURN / 2
+    return LEAST_STEP <= step <= GREATEST_STEP

@@ -1,0 +1,44 @@
+"""How fast the robot may drive given what the lidar saw."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from modules.navigation.waypoints import Motion
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+RADIUS = 0.174
+"""m, of the Create 2; the lidar sits on its axis."""
+SIDE_MARGIN = 0.03
+STOP_GAP = 0.15
+"""m between the robot and an obstacle in its way at which it stands."""
+SLOW_GAP = 0.6
+"""m: closer than this, the speed falls with the gap."""
+
+
+def gap(ranges: Sequence[float], *, backward: bool = False) -> float:
+    """Give the free metres before the robot's edge, on the strip that its body sweeps when it drives straight.
+
+    `ranges` are in m, counter-clockwise from straight ahead in equal steps over the full turn; 0 means nothing seen.
+    """
+    step = math.tau / len(ranges) if ranges else 0.0
+    side, sign = RADIUS + SIDE_MARGIN, -1.0 if backward else 1.0
+    free = math.inf
+    for index, distance in enumerate(ranges):
+        ahead = sign * distance * math.cos(index * step)
+        if ahead > 0 and distance and abs(distance * math.sin(index * step)) < side:
+            free = min(free, ahead - RADIUS)
+    return free
+
+
+def held_back(motion: Motion, free: float) -> Motion:
+    """Slow a motion down to what `free` metres allow; turning on the spot needs none."""
+    if motion.forward == 0 or free >= SLOW_GAP:
+        return motion
+    if free <= STOP_GAP:
+        return Motion()
+    factor = (free - STOP_GAP) / (SLOW_GAP - STOP_GAP)
+    return Motion(motion.forward * factor, motion.turn * factor)

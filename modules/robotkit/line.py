@@ -1,0 +1,89 @@
+"""A serial line to a device that may be unplugged at any moment."""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+from typing import TYPE_CHECKING, Self
+from urllib.parse import urlsplit
+
+import serial
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+CHUNK = 4096
+CONNECT_S = 1.0
+
+
+class LineError(Exception):
+    """The device cannot be opened, or is gone."""
+
+
+class Line:
+    """Bytes to and from a device; everything that goes wrong is a LineError. Any thread may write."""
+
+    def __init__(self, name: str, port: serial.Serial | socket.socket) -> None:
+        self.name = name
+        self._port = port
+        self._fd: int = port.fileno()
+
+    def read(self, timeout: float) -> bytes:
+        """Give what has arrived, waiting for at most `timeout` s; nothing is an empty answer."""
+        try:
+            if not select.select([self._fd], [], [], timeout)[0]:
+                return b""
+            data = os.read(self._fd, CHUNK)
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError) as error:  # ValueError: closed meanwhile
+            raise LineError(f"{self.name}: {error}") from error
+        if not data:
+            raise LineError(f"{self.name}: the device is gone")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send everything at once; a device that does not even take a command is as good as gone."""
+        try:
+            written = os.write(self._fd, data)
+        except OSError as error:
+            raise LineError(f"{self.name}: {error}") from error
+        if written < len(data):
+            raise LineError(f"{self.name}: takes no more bytes")
+
+    def set_dtr(self, *, ready: bool) -> None:
+        """Set the DTR wire; where there is none (a pseudo-terminal, a socket), nothing happens."""
+        if isinstance(self._port, serial.Serial):
+            try:
+                self._port.dtr = ready
+            except OSError:
+                return
+
+    def close(self) -> None:
+        """Let the device go."""
+        self._port.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+
+def open_line(name: str, baud: int) -> Line:
+    """Open a serial device such as /dev/ttyUSB0, for this process alone, or `tcp://host:port`."""
+    try:
+        if name.startswith("tcp://"):
+            return Line(name, _connect(name))
+        return Line(name, serial.Serial(name, baud, exclusive=True))
+    except (OSError, ValueError) as error:  # SerialException is an OSError
+        raise LineError(f"{name!r} cannot be opened ({error}); allowed: a device path or tcp://host:port") from error
+
+
+def _connect(name: str) -> socket.socket:
+    address = urlsplit(name)
+    connection = socket.create_connection((address.hostname or "", address.port or 0), CONNECT_S)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.settimeout(0)
+    return connection

@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from modules.lidar import rplidar
+from modules.lidar.rplidar import Health, decode_health, decode_info, decode_sample_rate, find_answer
+from modules.lidar.scan import CapsuleParser, NodeParser, Turns, ranges
+from modules.lidar.simulator import BOOT_MESSAGE, INFO, PROTECTING, ROOM, SAMPLE_RATE, RplidarA1, seen
+
+
+def a_lidar(distance=lambda _: 1.0):
+    return RplidarA1(distance)
+
+
+def run(lidar, seconds):
+    return b"".join(lidar.advance(lidar.period) for _ in range(round(seconds / lidar.period)))
+
+
+def body(answer, descriptor):
+    return answer[find_answer(answer, descriptor) :]
+
+
+def test_it_says_what_it_is_and_how_it_is():
+    lidar = a_lidar()
+    assert decode_info(body(lidar.receive(rplidar.GET_INFO), rplidar.INFO_DESCRIPTOR)) == INFO
+    assert decode_health(body(lidar.receive(rplidar.GET_HEALTH), rplidar.HEALTH_DESCRIPTOR)) == Health(0, 0)
+    rate = body(lidar.receive(rplidar.GET_SAMPLE_RATE), rplidar.SAMPLE_RATE_DESCRIPTOR)
+    assert decode_sample_rate(rate) == SAMPLE_RATE
+
+
+def test_it_is_idle_until_it_is_asked_and_after_a_stop():
+    lidar = a_lidar()
+    assert run(lidar, 1) == b""
+    assert lidar.receive(rplidar.SCAN) == rplidar.SCAN_DESCRIPTOR.encode()
+    assert run(lidar, 1) != b""
+    assert lidar.receive(rplidar.STOP) == b""
+    assert run(lidar, 1) == b""
+
+
+@pytest.mark.parametrize(
+    ("request_", "parser", "rate"), [(rplidar.SCAN, NodeParser, 2000), (rplidar.EXPRESS_SCAN, CapsuleParser, 4000)]
+)
+def test_it_measures_at_its_rate_and_turns_five_and_a_half_times_a_second(request_, parser, rate):
+    lidar = a_lidar()
+    lidar.receive(request_)
+    nodes = parser().feed(run(lidar, 4))
+    assert len(nodes) == pytest.approx(4 * rate, abs=64)
+    assert len(Turns().add(nodes)) == pytest.approx(22, abs=1)
+
+
+def test_it_fits_on_its_line():
+    for request_ in (rplidar.SCAN, rplidar.EXPRESS_SCAN):
+        lidar = a_lidar()
+        lidar.receive(request_)
+        assert len(run(lidar, 1)) <= rplidar.BAUD / 10
+
+
+@pytest.mark.parametrize(("request_", "parser"), [(rplidar.SCAN, NodeParser), (rplidar.EXPRESS_SCAN, CapsuleParser)])
+def test_a_scan_shows_the_room(request_, parser):
+    lidar = a_lidar(lambda angle: seen(ROOM, 0, 0, -math.radians(angle)))
+    lidar.receive(request_)
+    turn = Turns().add(parser().feed(run(lidar, 1)))[0]
+    found = ranges(turn)
+    assert (found[0], found[90], found[180], found[270]) == pytest.approx((3, 1.5, 2, 1.5), rel=0.01)
+    assert min(found) > 0
+
+
+def test_what_is_too_near_or_too_far_is_not_measured():
+    for metres in (0.1, 12.5, math.inf):
+        lidar = a_lidar(lambda _, metres=metres: metres)
+        lidar.receive(rplidar.SCAN)
+        assert {node.distance for node in NodeParser().feed(run(lidar, 0.1))} == {0}
+
+
+def test_a_lidar_that_protects_itself_scans_only_after_a_reset():
+    lidar = a_lidar()
+    lidar.health = Health(PROTECTING, 0x8001)
+    assert lidar.receive(rplidar.SCAN) == b""
+    assert run(lidar, 0.1) == b""
+    assert lidar.receive(rplidar.RESET) == BOOT_MESSAGE
+    assert lidar.receive(rplidar.SCAN) == rplidar.SCAN_DESCRIPTOR.encode()
+
+
+@given(st.binary(max_size=300))
+def test_no_bytes_whatever_crash_it(noise):
+    lidar = a_lidar()
+    lidar.receive(noise)
+    lidar.advance(lidar.period)

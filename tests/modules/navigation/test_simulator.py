@@ -1,0 +1,170 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from modules.navigation import open_interface as oi
+from modules.navigation import packets
+from modules.navigation.odometry import Odometry
+from modules.navigation.packets import Reading, StreamParser
+from modules.navigation.simulator import BOOT_MESSAGE, SPEED_STEP, Body, Create2
+
+ALL = [packets.BUMPS_AND_DROPS, packets.OI_MODE, packets.LEFT_ENCODER, packets.RIGHT_ENCODER]
+FORWARD = oi.drive_direct(right=200, left=200)
+
+
+def a_robot(*, mode=oi.SAFE, body=None):
+    robot = Create2(body)
+    robot.receive(oi.START + mode)
+    return robot
+
+
+def run(robot, seconds):
+    return b"".join(robot.advance(robot.period) for _ in range(round(seconds / robot.period)))
+
+
+def test_it_is_off_until_start_and_hears_nothing():
+    robot = Create2()
+    assert robot.receive(oi.SAFE + FORWARD + oi.sensors(35)) == b""
+    assert robot.wheels == (0, 0)
+    assert robot.receive(oi.START + oi.sensors(35)) == bytes([packets.PASSIVE])
+
+
+def test_passive_mode_does_not_drive():
+    robot = Create2()
+    robot.receive(oi.START + FORWARD)
+    assert robot.wheels == (0, 0)
+
+
+@pytest.mark.parametrize(("mode", "value"), [(oi.SAFE, packets.SAFE_MODE), (oi.FULL, packets.FULL_MODE)])
+def test_safe_and_full_mode_drive(mode, value):
+    robot = a_robot(mode=mode)
+    robot.receive(FORWARD)
+    run(robot, 1.5)
+    assert robot.mode == value
+    assert robot.body.pose.x == pytest.approx(0.3, rel=0.05)
+
+
+def test_speeds_come_in_steps():
+    robot = a_robot()
+    robot.receive(oi.drive_direct(right=40, left=13))
+    assert robot.wheels == (0.0, pytest.approx(SPEED_STEP / 1000))
+
+
+@pytest.mark.parametrize(
+    ("command", "left", "right"),
+    [
+        (oi.drive(228, oi.STRAIGHT), 228, 228),
+        (oi.drive(228, oi.CLOCKWISE), 228, -228),
+        (oi.drive(228, oi.COUNTER_CLOCKWISE), -228, 228),
+        (oi.drive(-200, 500), -153, -247),
+        (oi.drive_pwm(right=255, left=-255), -500, 500),
+    ],
+)
+def test_the_other_ways_to_drive(command, left, right):
+    robot = a_robot()
+    robot.receive(command)
+    assert [wheel * 1000 for wheel in robot.wheels] == pytest.approx([left, right], abs=SPEED_STEP)
+
+
+def test_a_wheel_drop_and_a_cliff_end_safe_mode_with_the_wheels_stopped():
+    for hazard in ({"drops": packets.DROP_LEFT}, {"cliff": True}):
+        robot = a_robot()
+        robot.receive(FORWARD)
+        for name, value in hazard.items():
+            setattr(robot, name, value)
+        robot.advance(robot.period)
+        assert (robot.mode, robot.wheels) == (packets.PASSIVE, (0, 0))
+
+
+def test_full_mode_has_no_such_care():
+    robot = a_robot(mode=oi.FULL)
+    robot.receive(FORWARD)
+    robot.cliff = True
+    robot.advance(robot.period)
+    assert robot.wheels != (0, 0)
+
+
+def test_a_bump_does_not_stop_the_wheels():
+    robot = a_robot(body=Body(walls=[(0.5, -1, 0.5, 1)]))
+    robot.receive(FORWARD)
+    run(robot, 4)
+    assert robot.values()[packets.BUMPS_AND_DROPS] == packets.BUMP_LEFT | packets.BUMP_RIGHT
+    assert robot.wheels != (0, 0)
+    assert robot.body.pose.x < 0.5
+
+
+def test_without_commands_it_drives_on_for_ever():
+    robot = a_robot()
+    robot.receive(FORWARD)
+    run(robot, 600)
+    assert robot.body.pose.x > 100
+
+
+@pytest.mark.parametrize("command", [oi.STOP, oi.RESET, oi.START, oi.HALT])
+def test_what_stops_the_wheels(command):
+    robot = a_robot()
+    robot.receive(FORWARD)
+    robot.receive(command)
+    assert robot.wheels == (0, 0)
+
+
+def test_reset_prints_its_firmware_and_is_off():
+    robot = a_robot()
+    assert robot.receive(oi.RESET) == BOOT_MESSAGE
+    assert robot.mode == packets.OFF
+
+
+def test_it_waits_for_the_rest_of_a_command():
+    robot = a_robot()
+    robot.receive(FORWARD[:3])
+    robot.receive(oi.HALT)
+    assert robot.wheels != (0, 0)  # the halt was taken for data
+    robot.receive(oi.RESYNC + oi.HALT)
+    assert robot.wheels == (0, 0)
+
+
+def test_a_stream_comes_every_15_ms_until_it_is_paused():
+    robot = a_robot()
+    robot.receive(oi.stream(ALL))
+    assert len(StreamParser(ALL).feed(run(robot, 0.3))) == 20
+    robot.receive(oi.pause_stream())
+    assert run(robot, 0.3) == b""
+    robot.receive(oi.resume_stream())
+    assert len(StreamParser(ALL).feed(run(robot, 0.15))) == 10
+
+
+def test_a_query_is_answered_in_order():
+    robot = a_robot()
+    answer = robot.receive(oi.query_list([packets.VOLTAGE, packets.OI_MODE]))
+    assert Reading([22, 35]).decode(answer) == {22: 15_800, 35: packets.SAFE_MODE}
+
+
+def test_encoders_roll_over():
+    robot = a_robot(body=Body(counts=[32767.0, 32767.0]))
+    robot.receive(FORWARD)
+    run(robot, 1)
+    assert robot.values()[packets.LEFT_ENCODER] < -32000
+
+
+@given(st.binary(max_size=300))
+def test_no_bytes_whatever_crash_it(noise):
+    robot = a_robot()
+    robot.receive(noise)
+    robot.advance(robot.period)
+
+
+def test_odometry_follows_the_simulated_robot_within_its_counts():
+    robot = a_robot()
+    odometry = Odometry()
+    for right, left, seconds in [(200, 200, 10), (200, 100, 10), (-200, 200, 3), (300, 300, 20)]:
+        robot.receive(oi.drive_direct(right=right, left=left))
+        for _ in range(round(seconds / robot.period)):
+            robot.advance(robot.period)
+            values = robot.values()
+            odometry.update(values[packets.LEFT_ENCODER], values[packets.RIGHT_ENCODER])
+    true, told = robot.body.pose, odometry.pose
+    assert math.dist((true.x, true.y), (told.x, told.y)) < 0.002 * odometry.travelled
