@@ -146,6 +146,10 @@ class Capsule:
         return bytes([0xA0 | checksum & 15, 0x50 | checksum >> 4]) + body
 
 
+def _checksum(data: Sequence[int]) -> int:
+    return reduce(xor, data, 0)
+
+
 def request(command: Command, payload: bytes = b"") -> bytes:
     """Build a request; one with data ends in the XOR of all its bytes."""
     head = bytes([REQUEST_START, command])
@@ -264,7 +268,3 @@ def capsule_nodes(capsule: Capsule, following: Capsule) -> list[Node]:
         Node((capsule.angle + index * step - offset / 8) % FULL_TURN, float(distance), 47 if distance else 0)
         for index, (distance, offset) in enumerate(zip(capsule.distances, capsule.offsets, strict=True))
     ]
-
-
-def _checksum(data: Sequence[int]) -> int:
-    return reduce(xor, data, 0)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
-from modules.lidar.rplidar import CAPSULE_SIZE, FULL_TURN, NODE_SIZE, capsule_nodes, decode_capsule, decode_node
+from modules.lidar.rplidar import CAPSULE_SIZE, FULL_TURN, NODE_SIZE, Node, capsule_nodes, decode_capsule, decode_node
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from modules.lidar.rplidar import Capsule, Node
+    from modules.lidar.rplidar import Capsule
 
 BINS = 360
+_ZERO = Node(0.0, 0.0, 0)
 RUN = 4
 """Nodes in a row that must fit together before the parser trusts that it reads at the right byte."""
 LEAST_STEP, GREATEST_STEP = -5.0, 20.0
@@ -70,7 +71,8 @@ class NodeParser:
         return True
 
     def _node(self, at: int) -> Node | None:
-        return decode_node(self._buffer[at : at + NODE_SIZE])
+        node = decode_node(bytes(self._buffer[at : at + NODE_SIZE]))
+        return None if node and node.start and not _fits(_ZERO, node) else node
 
 
 class CapsuleParser:

@@ -60,7 +60,7 @@ class RplidarA1:
         return bytes(sent)
 
     def _obey(self, command: int) -> bytes:
-        answers = {
+        answers: dict[int, bytes] = {
             Command.GET_INFO: rplidar.INFO_DESCRIPTOR.encode() + INFO.encode(),
             Command.GET_HEALTH: rplidar.HEALTH_DESCRIPTOR.encode() + self.health.encode(),
             Command.GET_SAMPLE_RATE: rplidar.SAMPLE_RATE_DESCRIPTOR.encode() + SAMPLE_RATE.encode(),

@@ -36,7 +36,7 @@ def test_after_lost_and_added_bytes_it_finds_the_nodes_again(at, lost, noise):
     after = -(-(at + lost) // 5) + RUN
     assert heard[-(len(nodes) - after) :] == nodes[after:]
     false = [node for node in heard if node not in nodes]
-    assert len(false) <= 2  # nodes have no checksum: the first after a gap may fit by chance
+    assert len(false) <= 2  # nodes have no checksum: the first ones after a gap may fit by chance
 
 
 @given(st.binary(max_size=600))

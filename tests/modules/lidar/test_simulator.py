@@ -49,7 +49,7 @@ def test_it_measures_at_its_rate_and_turns_five_and_a_half_times_a_second(reques
     lidar.receive(request_)
     nodes = parser().feed(run(lidar, 4))
     assert len(nodes) == pytest.approx(4 * rate, abs=64)
-    assert len(Turns().add(nodes)) == pytest.approx(22, abs=1)
+    assert len(Turns().add(nodes)) == pytest.approx(21, abs=1)  # less what precedes the first zero angle
 
 
 def test_it_fits_on_its_line():
@@ -66,7 +66,7 @@ def test_a_scan_shows_the_room(request_, parser):
     turn = Turns().add(parser().feed(run(lidar, 1)))[0]
     found = ranges(turn)
     assert (found[0], found[90], found[180], found[270]) == pytest.approx((3, 1.5, 2, 1.5), rel=0.01)
-    assert min(found) > 0
+    assert sum(map(bool, found)) >= 358  # samples are 0.99 degrees apart
 
 
 def test_what_is_too_near_or_too_far_is_not_measured():
