@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from modules.arm.joints import NAMES, ConfigError, load_arm
+from modules.arm.kinematics import Unreachable
+
+PATH = Path(__file__).parents[3] / "modules/arm/arm.yaml"
+ARM = load_arm(PATH)
+POSTURES = st.fixed_dictionaries({name: st.floats(*ARM.joints[name].angle) for name in NAMES})
+
+
+def changed(tmp_path, **changes):
+    document = yaml.safe_load(PATH.read_text(encoding="utf-8"))
+    for field, value in changes.items():
+        *path, last = field.split("__")
+        part = document
+        for name in path:
+            part = part[name]
+        part[last] = value
+    file = tmp_path / "arm.yaml"
+    file.write_text(yaml.safe_dump(document), encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("joint", "angle", "pulse"),
+    [("base", 90, 530), ("base", -90, 2400), ("shoulder", 0, 2400), ("elbow", 45, 530), ("grip", 0, 2400)],
+)
+def test_pulses_are_inverted_as_in_the_mearms_own_driver(joint, angle, pulse):
+    assert ARM.joints[joint].pulse_at(angle) == pulse
+
+
+@given(POSTURES)
+def test_an_angle_survives_its_way_through_the_servo(posture):
+    for name, joint in ARM.joints.items():
+        assert joint.angle_at(joint.pulse_at(posture[name])) == pytest.approx(posture[name])
+
+
+@given(POSTURES)
+def test_within_the_workspace_inverse_undoes_forward(posture):
+    try:
+        ARM.checked(posture)
+    except Unreachable:
+        return
+    assert ARM.posture_at(ARM.grip_at(posture), grip=posture["grip"]) == pytest.approx(posture, abs=1e-3)
+
+
+@given(st.tuples(*[st.floats(-300, 300)] * 3))
+def test_what_is_not_refused_keeps_every_limit(point):
+    try:
+        posture = ARM.posture_at(point, grip=0)
+    except Unreachable:
+        return
+    for name in NAMES:
+        least, most = ARM.joints[name].angle
+        assert least - 1e-6 <= posture[name] <= most + 1e-6
+    assert ARM.grip_at(posture) == pytest.approx(point, abs=1e-6)
+    assert point[2] >= ARM.lowest - 1e-6
+
+
+def test_every_limit_in_the_way_is_named():
+    with pytest.raises(Unreachable) as caught:
+        ARM.checked({"base": 91, "shoulder": 0, "elbow": -90, "grip": -1})
+    assert str(caught.value) == (
+        "base: 91.0 degrees, allowed are -90 to 90; grip: -1.0 degrees, allowed are 0 to 90; "
+        "height: -80 mm, the lowest is -60"
+    )
+
+
+def test_all_that_is_wrong_with_a_configuration_is_told_at_once(tmp_path):
+    path = changed(
+        tmp_path, links_mm__forearm="long", joints__base__channel=24, joints__elbow__angle_deg=[1], bend_deg=None
+    )
+    with pytest.raises(ConfigError) as caught:
+        load_arm(path)
+    for problem in (
+        "links_mm.forearm: 'long', allowed is a number from 1 to 1000",
+        "joints.base.channel: 24, allowed is a number from 0 to 23",
+        "joints.elbow.angle_deg: [1], allowed is a list of 2 numbers",
+        "bend_deg: None, allowed is a list of 2 numbers",
+    ):
+        assert problem in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"joints__grip__channel": 0}, "each joint needs its own"),
+        ({"joints__grip__pulse_us": [1500, 1500]}, "two different pulses are needed"),
+        ({"joints__grip__angle_deg": [90, 0]}, "the first must be the smaller one"),
+        ({"joints__grip__speed_deg_s": 0}, "joints.grip.speed_deg_s: 0, allowed is a number from 1 to 360"),
+        ({"home_mm": [500, 0, 0]}, "home_mm: position"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(tmp_path, changes, problem):
+    with pytest.raises(ConfigError, match=problem):
+        load_arm(changed(tmp_path, **changes))
+
+
+@pytest.mark.parametrize("text", ["", "[1, 2]", "a: [", "\x00", "joints: 3"])
+def test_a_file_that_is_no_configuration_is_told(tmp_path, text):
+    file = tmp_path / "arm.yaml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"arm\.yaml"):
+        load_arm(file)
+
+
+def test_a_missing_file_is_told(tmp_path):
+    with pytest.raises(ConfigError, match="No such file"):
+        load_arm(tmp_path / "arm.yaml")
