@@ -17,7 +17,7 @@ setup: .venv/ready  ## install the Python packages into .venv
 
 .venv/ready: pyproject.toml modules/robotkit/pyproject.toml
 	python3 -m venv .venv
-	$(PYTHON) -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable 'modules/robotkit[ros]'
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable 'modules/robotkit[ros,serial]'
 	touch $@
 
 demo: images recordings  ## show the main job on a real node: a timeline of sensor input moves CPU between pods

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import yaml
 
 from modules.arm.kinematics import Angles, Links, Unreachable, forward, inverse
+from robotkit import ConfigurationError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -24,10 +25,6 @@ FASTEST_DEG_S = 360
 
 Posture = dict[str, float]
 """The angle in degrees of each of NAMES."""
-
-
-class ConfigError(Exception):
-    """The arm's configuration makes no sense; the message names every field that is wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,11 +91,11 @@ class Arm:
 
 
 def load_arm(path: Path) -> Arm:
-    """Read a configuration such as arm.yaml, or raise ConfigError with all that is wrong."""
+    """Read a configuration such as arm.yaml, or raise ConfigurationError with all that is wrong."""
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path}: {error}") from error
+        raise ConfigurationError(f"{path}: {error}") from error
     reader = _Reader(document)
     links = Links(*(reader.number(f"links_mm.{name}", 1, 1000) for name in ("upper_arm", "forearm", "offset")))
     joints = {name: _joint(reader, f"joints.{name}") for name in NAMES}
@@ -107,12 +104,12 @@ def load_arm(path: Path) -> Arm:
     home = reader.numbers("home_mm", 3, -1000, 1000)
     reader.distinct({name: joint.channel for name, joint in joints.items()})
     if reader.problems:
-        raise ConfigError(f"{path}: " + "; ".join(reader.problems))
+        raise ConfigurationError(f"{path}: " + "; ".join(reader.problems))
     arm = Arm(links, joints, lowest, (bend[0], bend[1]), (home[0], home[1], home[2]))
     try:
         arm.posture_at(arm.home, grip=joints["grip"].angle[0])
     except Unreachable as error:
-        raise ConfigError(f"{path}: home_mm: {error}") from error
+        raise ConfigurationError(f"{path}: home_mm: {error}") from error
     return arm
 
 

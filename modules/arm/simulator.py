@@ -7,7 +7,7 @@ speed. A channel that sends no pulse knows no position. Errors are kept until th
 from __future__ import annotations
 
 from modules.arm.servos import Command, CommandParser, Opcode
-from modules.robotkit.simulated import main
+from robotkit.simulated import main
 
 CHANNELS = 6
 SERVO_US_PER_S = 1900 / 0.5

@@ -10,8 +10,8 @@ import math
 from collections.abc import Callable, Sequence
 
 from modules.lidar import rplidar
-from modules.lidar.rplidar import Capsule, Command, Health, Info, Node, RequestParser, SampleRate
-from modules.robotkit.simulated import main
+from modules.lidar.rplidar import HEALTHY, PROTECTING, Capsule, Command, Health, Info, Node, RequestParser, SampleRate
+from robotkit.simulated import main
 
 FAR, NEAR = 12.0, 0.15
 """m: beyond, nothing comes back."""
@@ -19,7 +19,6 @@ TURNS_PER_SECOND = 5.5
 INFO = Info(model=0x18, firmware=(1, 29), hardware=7, serial=bytes(range(16)))
 SAMPLE_RATE = SampleRate(standard=500, express=250)
 BOOT_MESSAGE = b"RP LIDAR System.\r\nFirmware Ver 1.29, HW Ver 7\r\nModel: 18\r\n"
-HEALTHY, PROTECTING = 0, 2
 
 Distance = Callable[[float], float]
 """From an angle in degrees, clockwise from the front, to m; 0 or infinity for nothing."""

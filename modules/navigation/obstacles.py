@@ -17,6 +17,8 @@ STOP_GAP = 0.15
 """m between the robot and an obstacle in its way at which it stands."""
 SLOW_GAP = 0.6
 """m: closer than this, the speed falls with the gap."""
+LEAST_SPEED = 0.0285
+"""m/s: the Create 2 drives no slower."""
 
 
 def gap(ranges: Sequence[float], *, backward: bool = False) -> float:
@@ -38,7 +40,7 @@ def held_back(motion: Motion, free: float) -> Motion:
     """Slow a motion down to what `free` metres allow; turning on the spot needs none."""
     if motion.forward == 0 or free >= SLOW_GAP:
         return motion
-    if free <= STOP_GAP:
-        return Motion()
     factor = (free - STOP_GAP) / (SLOW_GAP - STOP_GAP)
+    if abs(motion.forward) * factor < LEAST_SPEED:
+        return Motion()
     return Motion(motion.forward * factor, motion.turn * factor)

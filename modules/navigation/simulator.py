@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from modules.navigation import packets
 from modules.navigation.odometry import METRES_PER_COUNT, WHEEL_BASE, Pose, moved
 from modules.navigation.open_interface import CLOCKWISE, COUNTER_CLOCKWISE, STRAIGHT, Command, CommandParser, Opcode
-from modules.robotkit.simulated import main
+from robotkit.simulated import main
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,8 +7,9 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modules.arm.joints import NAMES, ConfigError, load_arm
+from modules.arm.joints import NAMES, load_arm
 from modules.arm.kinematics import Unreachable
+from robotkit import ConfigurationError
 
 PATH = Path(__file__).parents[3] / "modules/arm/arm.yaml"
 ARM = load_arm(PATH)
@@ -77,7 +78,7 @@ def test_all_that_is_wrong_with_a_configuration_is_told_at_once(tmp_path):
     path = changed(
         tmp_path, links_mm__forearm="long", joints__base__channel=24, joints__elbow__angle_deg=[1], bend_deg=None
     )
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigurationError) as caught:
         load_arm(path)
     for problem in (
         "links_mm.forearm: 'long', allowed is a number from 1 to 1000",
@@ -99,7 +100,7 @@ def test_all_that_is_wrong_with_a_configuration_is_told_at_once(tmp_path):
     ],
 )
 def test_what_makes_no_sense_is_refused(tmp_path, changes, problem):
-    with pytest.raises(ConfigError, match=problem):
+    with pytest.raises(ConfigurationError, match=problem):
         load_arm(changed(tmp_path, **changes))
 
 
@@ -107,10 +108,10 @@ def test_what_makes_no_sense_is_refused(tmp_path, changes, problem):
 def test_a_file_that_is_no_configuration_is_told(tmp_path, text):
     file = tmp_path / "arm.yaml"
     file.write_text(text, encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"arm\.yaml"):
+    with pytest.raises(ConfigurationError, match=r"arm\.yaml"):
         load_arm(file)
 
 
 def test_a_missing_file_is_told(tmp_path):
-    with pytest.raises(ConfigError, match="No such file"):
+    with pytest.raises(ConfigurationError, match="No such file"):
         load_arm(tmp_path / "arm.yaml")

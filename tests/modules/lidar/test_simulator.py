@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modules.lidar import rplidar
-from modules.lidar.rplidar import Health, decode_health, decode_info, decode_sample_rate, find_answer
+from modules.lidar.rplidar import PROTECTING, Health, decode_health, decode_info, decode_sample_rate, find_answer
 from modules.lidar.scan import CapsuleParser, NodeParser, Turns, ranges
-from modules.lidar.simulator import BOOT_MESSAGE, INFO, PROTECTING, ROOM, SAMPLE_RATE, RplidarA1, seen
+from modules.lidar.simulator import BOOT_MESSAGE, INFO, ROOM, SAMPLE_RATE, RplidarA1, seen
 
 
 def a_lidar(distance=lambda _: 1.0):

@@ -1,4 +1,4 @@
-"""A serial line to a device that may be unplugged at any moment."""
+"""A serial line to a device that may be unplugged at any moment; needs the extra `serial`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from urllib.parse import urlsplit
 
 import serial
 
+from robotkit.errors import DeviceError
+
 if TYPE_CHECKING:
     from types import TracebackType
 
@@ -17,12 +19,8 @@ CHUNK = 4096
 CONNECT_S = 1.0
 
 
-class LineError(Exception):
-    """The device cannot be opened, or is gone."""
-
-
 class Line:
-    """Bytes to and from a device; everything that goes wrong is a LineError. Any thread may write."""
+    """Bytes to and from a device; everything that goes wrong is a DeviceError. Any thread may write."""
 
     def __init__(self, name: str, port: serial.Serial | socket.socket) -> None:
         self.name = name
@@ -38,9 +36,9 @@ class Line:
         except BlockingIOError:
             return b""
         except (OSError, ValueError) as error:  # ValueError: closed meanwhile
-            raise LineError(f"{self.name}: {error}") from error
+            raise DeviceError(f"{self.name}: {error}") from error
         if not data:
-            raise LineError(f"{self.name}: the device is gone")
+            raise DeviceError(f"{self.name}: the device is gone")
         return data
 
     def write(self, data: bytes) -> None:
@@ -48,9 +46,9 @@ class Line:
         try:
             written = os.write(self._fd, data)
         except OSError as error:
-            raise LineError(f"{self.name}: {error}") from error
+            raise DeviceError(f"{self.name}: {error}") from error
         if written < len(data):
-            raise LineError(f"{self.name}: takes no more bytes")
+            raise DeviceError(f"{self.name}: takes no more bytes")
 
     def set_dtr(self, *, ready: bool) -> None:
         """Set the DTR wire; where there is none (a pseudo-terminal, a socket), nothing happens."""
@@ -59,6 +57,10 @@ class Line:
                 self._port.dtr = ready
             except OSError:
                 return
+
+    def fileno(self) -> int:
+        """Give what `select` waits for."""
+        return self._fd
 
     def close(self) -> None:
         """Let the device go."""
@@ -78,7 +80,7 @@ def open_line(name: str, baud: int) -> Line:
             return Line(name, _connect(name))
         return Line(name, serial.Serial(name, baud, exclusive=True))
     except (OSError, ValueError) as error:  # SerialException is an OSError
-        raise LineError(f"{name!r} cannot be opened ({error}); allowed: a device path or tcp://host:port") from error
+        raise DeviceError(f"{name!r} cannot be opened ({error}); allowed: a device path or tcp://host:port") from error
 
 
 def _connect(name: str) -> socket.socket:

@@ -1,0 +1,99 @@
+"""The RPLIDAR A1 at the other end of a serial line."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from modules.lidar import rplidar
+from modules.lidar.scan import CapsuleParser, NodeParser, Turns
+from robotkit import DeviceError
+
+if TYPE_CHECKING:
+    import threading
+    from collections.abc import Iterator
+
+    from modules.lidar.rplidar import Descriptor, Health, Info, Node
+    from modules.lidar.scan import ScanParser
+    from robotkit.line import Line
+
+ANSWER_S = 1.0
+SPIN_UP_S = 2.0
+"""What the motor may take until samples come."""
+SETTLE_S = 0.02
+"""After STOP or RESET the lidar hears nothing for 1 or 2 ms."""
+CYCLE_S = 0.05
+MODES = ("standard", "express")
+
+
+class Scanner:
+    """Asks for the device's health, lets it turn, and gives turns until it is silent."""
+
+    def __init__(self, line: Line, mode: str) -> None:
+        express = mode == "express"
+        self._line = line
+        self._parser: ScanParser = CapsuleParser() if express else NodeParser()
+        self._request = rplidar.EXPRESS_SCAN if express else rplidar.SCAN
+        self._descriptor = rplidar.EXPRESS_DESCRIPTOR if express else rplidar.SCAN_DESCRIPTOR
+
+    @property
+    def skipped(self) -> int:
+        """Bytes that belonged to no sample."""
+        return self._parser.skipped
+
+    def start(self) -> Info:
+        """Start the motor and the scan, and tell what the device is; DeviceError if it is not well."""
+        self._line.set_dtr(ready=False)  # the A1's motor runs while DTR is low
+        self._quiet(rplidar.STOP)
+        health = self._health()
+        if health.status == rplidar.PROTECTING:
+            self._quiet(rplidar.RESET)
+            health = self._health()
+        if health.status == rplidar.PROTECTING:
+            raise DeviceError(f"{self._line.name}: the lidar protects itself, error code {health.error:#06x}")
+        info = rplidar.decode_info(self._ask(rplidar.GET_INFO, rplidar.INFO_DESCRIPTOR))
+        self._parser.feed(self._ask(self._request, self._descriptor, size=0))
+        return info
+
+    def turns(self, ended: threading.Event) -> Iterator[list[Node]]:
+        """Give full turns until `ended` is set."""
+        turns, heard, patience = Turns(), time.monotonic(), SPIN_UP_S
+        while not ended.wait(CYCLE_S):
+            data = self._line.read(0)
+            now = time.monotonic()
+            if data:
+                heard, patience = now, ANSWER_S
+                yield from turns.add(self._parser.feed(data))
+            elif now - heard > patience:
+                raise DeviceError(f"{self._line.name}: no samples for {patience:g} s")
+
+    def release(self) -> None:
+        """Switch off laser and motor."""
+        with suppress(DeviceError):
+            self._line.write(rplidar.STOP)
+            self._line.set_dtr(ready=True)
+
+    def _health(self) -> Health:
+        return rplidar.decode_health(self._ask(rplidar.GET_HEALTH, rplidar.HEALTH_DESCRIPTOR))
+
+    def _quiet(self, request: bytes) -> None:
+        """Send a request that has no answer, and forget what the lidar was saying."""
+        self._line.write(request)
+        deadline = time.monotonic() + ANSWER_S
+        while self._line.read(SETTLE_S) and time.monotonic() < deadline:
+            pass
+
+    def _ask(self, request: bytes, descriptor: Descriptor, *, size: int | None = None) -> bytes:
+        """Give the answer, or what of it has arrived with the first `size` bytes."""
+        self._line.write(request)
+        wanted = descriptor.size if size is None else size
+        heard, deadline = b"", time.monotonic() + ANSWER_S
+        while (left := deadline - time.monotonic()) > 0:
+            heard += self._line.read(left)
+            at = rplidar.find_answer(heard, descriptor)
+            if at is not None and len(heard) >= at + wanted:
+                return heard[at : at + wanted] if size is None else heard[at:]
+        raise DeviceError(
+            f"{self._line.name}: no answer to {request.hex(' ')} within {ANSWER_S:g} s, but {heard[:20]!r}"
+        )

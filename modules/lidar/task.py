@@ -1,0 +1,70 @@
+"""Tells what stands around the robot, turn by turn."""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import TYPE_CHECKING
+
+from modules.lidar.rplidar import BAUD
+from modules.lidar.scan import BINS, ranges
+from modules.lidar.scanner import MODES, Scanner
+from robotkit import ConfigurationError, Result, Task
+from robotkit.line import open_line
+
+if TYPE_CHECKING:
+    import threading
+    from collections.abc import Iterator, Mapping
+
+    from modules.lidar.rplidar import Node
+
+PORT = "/dev/ttyUSB1"
+
+_LOG = logging.getLogger(__name__)
+
+
+class Lidar(Task):
+    """A source: it takes no input, and its motor and laser are off while it is suspended."""
+
+    def __init__(self, port: str = PORT, *, mode: str = "standard", forward: float = 0.0) -> None:
+        self._port = port
+        self._mode = mode
+        self._forward = forward
+
+    def produce(self, ended: threading.Event) -> Iterator[Result]:
+        """Give a scan per turn until `ended` is set, or DeviceError."""
+        with open_line(self._port, BAUD) as line:
+            scanner = Scanner(line, self._mode)
+            try:
+                info = scanner.start()
+                _LOG.info("%s: RPLIDAR model %#x, firmware %d.%02d", self._port, info.model, *info.firmware)
+                for turn in scanner.turns(ended):
+                    yield Result("scan", self._scan(turn, scanner.skipped))
+            finally:
+                scanner.release()
+
+    def _scan(self, turn: list[Node], skipped: int) -> dict[str, object]:
+        found = ranges(turn, forward=self._forward)
+        return {
+            "start_angle": 0.0,
+            "end_angle": math.tau * (BINS - 1) / BINS,
+            "ranges": [round(distance, 3) for distance in found],
+            "nearest": round(min(filter(None, found), default=0.0), 3),
+            "samples": len(turn),
+            "skipped": skipped,
+        }
+
+
+def build(environment: Mapping[str, str]) -> Lidar:
+    """Read the environment; ConfigurationError names all that makes no sense."""
+    mode, angle = environment.get("LIDAR_MODE", MODES[0]), environment.get("LIDAR_FORWARD", "0")
+    problems = [] if mode in MODES else [f"LIDAR_MODE: {mode!r}, allowed are {' and '.join(MODES)}"]
+    try:
+        forward = float(angle)
+    except ValueError:
+        forward = math.nan
+    if not math.isfinite(forward):
+        problems.append(f"LIDAR_FORWARD: {angle!r}, allowed is an angle in degrees")
+    if problems:
+        raise ConfigurationError("\n".join(problems))
+    return Lidar(environment.get("SERIAL_PORT", PORT), mode=mode, forward=forward)

@@ -1,0 +1,160 @@
+"""`python -m modules.navigation.guard`: holds the robot's serial port and stops its wheels when nobody steers.
+
+The Create 2 has no watchdog: its wheels turn at the last speed until it hears another. So the port belongs to this
+small process, which has CPU of its own, and navigation steers through it. Wheels stand when the controller says nothing
+for `PATIENCE` (killed, frozen, starved of CPU), when its connection ends, when the guard itself is told to end, and
+when the guard starts. Only whole commands of a short list pass: nobody can leave the robot waiting for half a command,
+or enter Full mode, in which it drives off cliffs.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import select
+import signal
+import socket
+import threading
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from modules.navigation import open_interface as oi
+from modules.navigation.open_interface import CommandParser, Opcode
+from robotkit import DeviceError
+from robotkit.line import open_line
+
+if TYPE_CHECKING:
+    from robotkit.line import Line
+
+PORT = 4100
+ADDRESS = f"tcp://127.0.0.1:{PORT}"
+PATIENCE = 0.5
+RETRY_S = 0.5
+CHUNK = 4096
+PASSED = {
+    *(Opcode.START, Opcode.SAFE, Opcode.STOP, Opcode.DRIVE_DIRECT),
+    *(Opcode.SENSORS, Opcode.QUERY_LIST, Opcode.STREAM, Opcode.PAUSE_RESUME_STREAM),
+}
+END = oi.HALT + oi.pause_stream()
+"""What is said for a controller that is gone."""
+
+_LOG = logging.getLogger(__name__)
+
+
+class Watch:
+    """What the controller says, and whether it still does; pure, so time is an argument, in s."""
+
+    def __init__(self) -> None:
+        self._parser = CommandParser()
+        self._moving = False
+        self._heard = 0.0
+
+    def hear(self, data: bytes, now: float) -> bytes:
+        """Give of what the controller says that which may pass."""
+        passed = b""
+        for command in self._parser.feed(data):
+            if command.opcode not in PASSED:
+                _LOG.warning("%s is not passed on", command.opcode.name)
+                continue
+            passed += command.encode()
+            if command.opcode is Opcode.DRIVE_DIRECT:
+                self._moving, self._heard = any(command.arguments), now
+        return passed
+
+    def patience(self, now: float) -> float | None:
+        """Give how long to wait for the controller, in s; None: for ever, the wheels stand."""
+        return max(self._heard + PATIENCE - now, 0.0) if self._moving else None
+
+    def lost(self, now: float) -> bool:
+        """Tell once that the wheels turn and nobody steers."""
+        lost = self.patience(now) == 0
+        self._moving = self._moving and not lost
+        return lost
+
+
+class Guard:
+    """Passes bytes between one controller and the robot."""
+
+    def __init__(self, server: socket.socket, stop: threading.Event) -> None:
+        self._server = server
+        self._stop = stop
+        self._woken, self._waker = os.pipe()
+
+    def wake(self) -> None:
+        """End; allowed on any thread."""
+        self._stop.set()
+        os.write(self._waker, b"!")
+
+    def run(self, port: str) -> None:
+        """Guard the robot until the end; a robot that is unplugged is looked for twice a second."""
+        while not self._stop.is_set():
+            try:
+                with open_line(port, oi.BAUD) as line:
+                    line.write(oi.RESYNC + END)
+                    _LOG.info("%s: the wheels stand", port)
+                    self._guard(line)
+            except DeviceError as error:
+                _LOG.warning("%s", error)
+                self._stop.wait(RETRY_S)
+
+    def _guard(self, line: Line) -> None:
+        try:
+            while not self._stop.is_set():
+                ready, _, _ = select.select([self._server.fileno(), line.fileno(), self._woken], [], [])
+                if line.fileno() in ready:
+                    line.read(0)
+                if self._server.fileno() in ready:
+                    controller, _ = self._server.accept()
+                    with controller:
+                        controller.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                        controller.settimeout(0)
+                        self._pass_on(line, controller)
+        finally:
+            with suppress(DeviceError):
+                line.write(END)
+
+    def _pass_on(self, line: Line, controller: socket.socket) -> None:
+        watch = Watch()
+        sources = [controller.fileno(), line.fileno(), self._woken]
+        while not self._stop.is_set():
+            ready, _, _ = select.select(sources, [], [], watch.patience(time.monotonic()))
+            if controller.fileno() in ready:
+                data = _received(controller)
+                if not data:
+                    line.write(END)
+                    _LOG.info("the controller is gone: the wheels stand")
+                    return
+                line.write(watch.hear(data, time.monotonic()))
+            if line.fileno() in ready:
+                _send(controller, line.read(0))
+            if watch.lost(time.monotonic()):
+                line.write(oi.HALT)
+                _LOG.warning("the controller was silent for %g s: the wheels stand", PATIENCE)
+
+
+def _received(controller: socket.socket) -> bytes:
+    try:
+        return controller.recv(CHUNK)
+    except OSError:  # reset by a controller that was killed
+        return b""
+
+
+def _send(controller: socket.socket, data: bytes) -> None:
+    with suppress(OSError):  # too slow: the frames have checksums, the next ones will do
+        controller.send(data)
+
+
+def main() -> None:
+    """Run as a program until SIGTERM or SIGINT."""
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s guard: %(message)s")
+    port = os.environ.get("ROBOT_PORT", "/dev/ttyUSB0")
+    with socket.create_server(("127.0.0.1", int(os.environ.get("GUARD_PORT", PORT)))) as server:
+        guard = Guard(server, threading.Event())
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, lambda *_: guard.wake())
+        guard.run(port)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,164 @@
+"""Drives the robot: orders and scans in, odometry and state out."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from modules.navigation.create2 import MODES, Create2
+from modules.navigation.odometry import Odometry
+from modules.navigation.open_interface import BAUD
+from modules.navigation.orders import parse_order, parse_ranges
+from modules.navigation.pilot import Pilot
+from modules.navigation.waypoints import STILL, Motion
+from robotkit import DeviceError, Result, Task
+from robotkit.line import open_line
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from modules.navigation.create2 import Sensors
+    from robotkit import Decision, Received
+
+CYCLE_S = 0.05
+ODOMETRY_EVERY, STATE_EVERY = 2, 20
+"""Cycles from one result to the next."""
+SILENCE_S = 1.0
+"""A robot that has streamed nothing for so long is off, unplugged or does not hear us."""
+
+_LOG = logging.getLogger(__name__)
+
+
+class Navigation(Task):
+    """One robot on one serial line.
+
+    Whatever stops it does so at once, on the thread that hears of it: the order is forgotten and the wheels are told
+    to stand under the same lock under which the control cycle tells them to turn.
+    """
+
+    def __init__(self, port: str) -> None:
+        self._port = port
+        self._lock = threading.Lock()
+        self._pilot = Pilot()
+        self._odometry = Odometry()
+        self._robot: Create2 | None = None
+        self._moving = STILL
+        self._sensors: Sensors | None = None
+
+    def process(self, received: Received) -> None:
+        """Take an order or a scan."""
+        now = time.monotonic()
+        if received.input == "scan":
+            age = max((time.time_ns() - received.received) / 1e9, 0.0)
+            ranges = parse_ranges(received.payload)
+            with self._lock:
+                self._pilot.see(ranges, now - age)
+            return
+        order = parse_order(received.payload, now)
+        if isinstance(order, str):
+            self._stop("stopped")
+            return
+        with self._lock:
+            if self._robot is None:
+                raise DeviceError(f"{self._port}: no robot is there to carry out an order")
+            if not self._pilot.wanted:
+                self._robot.arm()
+            self._pilot.follow(order, now)
+
+    def adapt(self, decision: Decision) -> None:
+        """Stop when suspended; how much CPU there is otherwise makes no difference to what is safe."""
+        if decision.suspended:
+            self._stop("suspended")
+
+    def close(self) -> None:
+        """Stop."""
+        self._stop("closed")
+
+    def produce(self, ended: threading.Event) -> Iterator[Result]:
+        """Control the robot 20 times a second until `ended` is set, or DeviceError."""
+        with open_line(self._port, BAUD) as line:
+            robot = Create2(line)
+            robot.start()
+            _LOG.info("%s: sensors asked for", self._port)
+            self._odometry.restart()
+            with self._lock:
+                self._robot = robot
+            try:
+                yield from self._control(robot, ended)
+            finally:
+                self._let_go(robot, "suspended" if ended.is_set() else "unplugged")
+
+    def _control(self, robot: Create2, ended: threading.Event) -> Iterator[Result]:
+        heard, cycle = time.monotonic(), 0
+        while not ended.wait(CYCLE_S):
+            frames = robot.sensors()
+            now = time.monotonic()
+            if not frames:
+                if now - heard > SILENCE_S:
+                    raise DeviceError(f"{self._port}: no sensor data for {SILENCE_S:g} s; is the robot on?")
+                continue
+            heard, cycle, self._sensors = now, cycle + 1, frames[-1]
+            self._odometry.update(self._sensors.left, self._sensors.right)
+            self._steer(robot, frames, now)
+            if cycle % ODOMETRY_EVERY == 0:
+                yield Result("odometry", self._where())
+            if cycle % STATE_EVERY == 0:
+                yield Result("state", self._state(robot))
+
+    def _steer(self, robot: Create2, frames: list[Sensors], now: float) -> None:
+        """Repeat the command while the robot moves: its silence would tell the guard that we are dead."""
+        with self._lock:
+            motion = self._pilot.move(self._odometry.pose, frames, now)
+            if motion != STILL:
+                robot.drive(*motion.wheels())
+            elif self._moving != STILL:
+                robot.halt()
+            self._moving = motion
+
+    def _stop(self, why: str) -> None:
+        with self._lock:
+            self._pilot.end(why)
+            self._moving = STILL
+            if self._robot is not None:
+                self._robot.halt()
+
+    def _let_go(self, robot: Create2, why: str) -> None:
+        with self._lock:
+            self._pilot.end(why)
+            self._robot, self._moving = None, STILL
+            try:
+                robot.release()
+            except DeviceError:
+                _LOG.warning("%s: the robot could not be told to stand; the guard sees to it", self._port)
+
+    def _where(self) -> dict[str, object]:
+        pose, moving = self._odometry.pose, self._moving
+        return {
+            "position": [round(pose.x, 4), round(pose.y, 4)],
+            "heading": round(pose.heading, 4),
+            "travelled": round(self._odometry.travelled, 3),
+            **_speeds(moving),
+        }
+
+    def _state(self, robot: Create2) -> dict[str, object]:
+        sensors, pilot = self._sensors, self._pilot
+        if sensors is None:
+            return {"doing": pilot.doing}
+        return {
+            "doing": pilot.doing,
+            "waypoints": pilot.waypoints_left,
+            "gap": round(pilot.gap, 3) if math.isfinite(pilot.gap) else None,
+            "mode": MODES.get(sensors.mode, "unknown"),
+            "battery": sensors.battery,
+            "voltage": sensors.voltage / 1000,
+            "current": sensors.current / 1000,
+            "charging": sensors.charging,
+            "skipped": robot.skipped,
+        }
+
+
+def _speeds(motion: Motion) -> dict[str, object]:
+    return {"forward": round(motion.forward, 3), "turn": round(motion.turn, 3)}

@@ -1,0 +1,154 @@
+from __future__ import annotations
+
+import os
+import socket
+import threading
+from contextlib import contextmanager
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from modules.navigation import open_interface as oi
+from modules.navigation.guard import PASSED, PATIENCE, Guard, Watch
+from modules.navigation.open_interface import Command, CommandParser, Opcode
+from modules.navigation.simulator import Create2
+from robotkit.simulated import on_a_pseudo_terminal
+
+PATIENCE_S = 10
+FORWARD = oi.drive_direct(right=200, left=200)
+
+
+def test_a_controller_that_steers_is_not_lost():
+    watch = Watch()
+    for step in range(20):
+        now = step * PATIENCE / 2
+        assert watch.hear(FORWARD, now) == FORWARD
+        assert not watch.lost(now + PATIENCE / 3)
+
+
+def test_silence_while_the_wheels_turn_is_told_once():
+    watch = Watch()
+    watch.hear(FORWARD, 0.0)
+    assert watch.patience(0.2) == PATIENCE - 0.2
+    assert watch.lost(PATIENCE)
+    assert not watch.lost(PATIENCE + 1)
+    assert watch.patience(PATIENCE + 1) is None
+
+
+def test_silence_while_the_wheels_stand_is_no_concern():
+    watch = Watch()
+    watch.hear(FORWARD + oi.HALT, 0.0)
+    assert watch.patience(1.0) is None
+    assert not watch.lost(100.0)
+
+
+def test_to_ask_for_sensors_is_not_to_steer():
+    watch = Watch()
+    watch.hear(FORWARD, 0.0)
+    watch.hear(oi.sensors(7), PATIENCE)
+    assert watch.lost(PATIENCE)
+
+
+@pytest.mark.parametrize("command", [oi.FULL, oi.RESET, oi.drive(200, oi.STRAIGHT), Command(Opcode.CLEAN).encode()])
+def test_what_is_not_needed_does_not_pass(command):
+    assert Watch().hear(command, 0.0) == b""
+
+
+def test_half_a_command_does_not_pass():
+    watch = Watch()
+    assert watch.hear(FORWARD[:3], 0.0) == b""
+    assert watch.hear(FORWARD[3:], 0.0) == FORWARD
+
+
+@given(st.lists(st.binary(max_size=50), max_size=5))
+def test_whatever_is_said_only_whole_commands_of_the_list_pass(pieces):
+    watch = Watch()
+    parser = CommandParser()
+    passed = b"".join(watch.hear(piece, 0.0) for piece in pieces)
+    assert {command.opcode for command in parser.feed(passed)} <= PASSED
+    assert not parser.waiting
+
+
+class Witness(Create2):
+    """A robot that tells when its wheels begin to turn or to stand."""
+
+    def __init__(self):
+        super().__init__()
+        self.receive(oi.START + oi.SAFE)
+        self.changed = threading.Condition()
+
+    def receive(self, data):
+        answer = super().receive(data)
+        if hasattr(self, "changed"):
+            with self.changed:
+                self.changed.notify_all()
+        return answer
+
+    def wait_for(self, *, turning):
+        with self.changed:
+            assert self.changed.wait_for(lambda: any(self.wheels) == turning, PATIENCE_S)
+
+
+@contextmanager
+def a_guarded_robot():
+    robot = Witness()
+    with on_a_pseudo_terminal(robot) as port, socket.create_server(("127.0.0.1", 0)) as server:
+        guard = Guard(server, threading.Event())
+        thread = threading.Thread(target=guard.run, args=(port,))
+        thread.start()
+        try:
+            yield robot, guard, lambda: socket.create_connection(server.getsockname())
+        finally:
+            guard.wake()
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive()
+
+
+def test_wheels_that_a_dead_controller_left_turning_stand():
+    with a_guarded_robot() as (robot, _, connect):
+        with connect() as controller:
+            controller.sendall(FORWARD)
+            robot.wait_for(turning=True)
+        robot.wait_for(turning=False)
+
+
+def test_wheels_stand_when_the_controller_is_silent_and_turn_again_when_it_is_back():
+    with a_guarded_robot() as (robot, _, connect), connect() as controller:
+        controller.sendall(FORWARD)
+        robot.wait_for(turning=True)
+        robot.wait_for(turning=False)  # nobody says anything
+        controller.sendall(FORWARD)
+        robot.wait_for(turning=True)
+
+
+def test_wheels_stand_when_the_guard_ends():
+    with a_guarded_robot() as (robot, guard, connect), connect() as controller:
+        controller.sendall(FORWARD)
+        robot.wait_for(turning=True)
+        guard.wake()
+        robot.wait_for(turning=False)
+
+
+def test_wheels_that_a_dead_guard_left_turning_in_the_middle_of_a_command_stand():
+    robot = Witness()
+    robot.receive(FORWARD + FORWARD[:3])
+    with on_a_pseudo_terminal(robot) as port, socket.create_server(("127.0.0.1", 0)) as server:
+        guard = Guard(server, threading.Event())
+        thread = threading.Thread(target=guard.run, args=(port,))
+        thread.start()
+        robot.wait_for(turning=False)
+        guard.wake()
+        thread.join(PATIENCE_S)
+
+
+def test_a_robot_that_is_not_there_is_looked_for_until_the_end(caplog):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        guard = Guard(server, threading.Event())
+        thread = threading.Thread(target=guard.run, args=("/dev/nowhere",))
+        thread.start()
+        guard.wake()
+        thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+    assert os.path.exists("/dev/nowhere") is False  # noqa: PTH110
+    assert all("cannot be opened" in message for message in caplog.messages)

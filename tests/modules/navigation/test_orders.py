@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from modules.navigation.orders import STOP, parse_order, parse_ranges
+from modules.navigation.pilot import DRIVE_PATIENCE, Drive
+from modules.navigation.waypoints import Motion
+from robotkit import MessageError
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.sampled_from(["stop", "waypoints", "drive", "ranges"]), inner),
+)
+
+
+def test_orders():
+    assert parse_order(b'{"stop": true}', 0) == STOP
+    assert parse_order(b'{"drive": {"forward": 0.1, "turn": -1}}', 2.0) == Drive(Motion(0.1, -1), 2.0 + DRIVE_PATIENCE)
+    assert parse_order(b'{"drive": {"forward": 0.1}}', 0) == Drive(Motion(0.1, 0), DRIVE_PATIENCE)
+    assert parse_order(b'{"waypoints": [[1, 2], [3, 4]]}', 0).left == 2
+
+
+@pytest.mark.parametrize(
+    ("payload", "problem"),
+    [
+        (b"\xff", "not JSON"),
+        (b"{", "not JSON"),
+        (b"[]", "order: .* allowed is"),
+        (b'{"stop": false}', "order: .* allowed is"),
+        (b'{"drive": {"forward": "fast"}}', "forward: 'fast', allowed is a number from -0.5 to 0.5"),
+        (b'{"drive": {"forward": 0.6}}', "forward: 0.6, allowed is a number from -0.5 to 0.5"),
+        (b'{"drive": {"forward": NaN}}', "forward: nan, allowed is"),
+        (b'{"drive": {"forward": 0, "turn": true}}', "turn: True, allowed is a number from -4 to 4"),
+        (b'{"waypoints": [[1]]}', r"waypoints\[0\]: \[1\], allowed is \[x, y\]"),
+        (b'{"waypoints": [[1, 2], [1, 1e9]]}', r"waypoints\[1\]\[1\]: 1000000000.0, allowed is"),
+        (json.dumps({"waypoints": [[0, 0]] * 1001}).encode(), "1001 of them, at most 1000"),
+    ],
+)
+def test_an_order_that_makes_no_sense_is_told(payload, problem):
+    with pytest.raises(MessageError, match=problem):
+        parse_order(payload, 0)
+
+
+@pytest.mark.parametrize("payload", [b"{}", b'{"ranges": []}', b'{"ranges": [1, null]}', b'{"ranges": [-1]}', b"3"])
+def test_a_scan_that_makes_no_sense_is_told(payload):
+    with pytest.raises(MessageError, match=r"scan: .* allowed is"):
+        parse_ranges(payload)
+
+
+@given(JSON)
+def test_no_json_whatever_is_more_than_a_refused_message(document):
+    payload = json.dumps(document).encode()
+    for parse in (lambda: parse_order(payload, 0), lambda: parse_ranges(payload)):
+        try:
+            parse()
+        except MessageError:
+            continue

@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+import json
+import math
+import queue
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from modules.lidar.simulator import seen
+from modules.navigation import open_interface as oi
+from modules.navigation import packets
+from modules.navigation.simulator import Body
+from modules.navigation.task import Navigation
+from robotkit import UNPLANNED, Decision, DeviceError, Received
+from robotkit.simulated import on_a_pseudo_terminal
+from tests.modules.navigation.test_guard import PATIENCE_S, Witness
+
+AHEAD = {"waypoints": [[5, 0]]}
+
+
+class World:
+    """Navigation at work on a simulated robot, and what it publishes."""
+
+    def __init__(self, robot, navigation):
+        self.robot = robot
+        self.navigation = navigation
+        self.results = queue.Queue()
+        self.failed = queue.Queue()
+        self.ended = threading.Event()
+
+    def work(self):
+        try:
+            for result in self.navigation.produce(self.ended):
+                self.results.put(result)
+        except DeviceError as error:
+            self.failed.put(error)
+
+    def order(self, order):
+        self.navigation.process(received("order", order))
+
+    def see(self, distance=3.0):
+        self.navigation.process(received("scan", {"ranges": [distance] * 360}))
+
+    def next(self, output, **expected):
+        """Wait for a result that says what is expected."""
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            result = self.results.get(timeout=max(deadline - time.monotonic(), 0.01))
+            if result.output == output and all(result.value[name] == value for name, value in expected.items()):
+                return result.value
+
+
+def received(name, document):
+    now = time.time_ns()
+    return Received(json.dumps(document).encode(), now, now, name)
+
+
+@contextmanager
+def a_driving_robot(body=None):
+    """Its lidar sees nothing but 3 m of free space, five times a second."""
+    robot = Witness()
+    robot.body = body or Body()
+    with on_a_pseudo_terminal(robot) as port:
+        world = World(robot, Navigation(port))
+        threads = [threading.Thread(target=world.work), threading.Thread(target=watch, args=(world,))]
+        for thread in threads:
+            thread.start()
+        world.next("odometry")
+        try:
+            world.order(AHEAD)
+            robot.wait_for(turning=True)
+            yield world
+        finally:
+            world.ended.set()
+            for thread in threads:
+                thread.join(PATIENCE_S)
+
+
+def watch(world):
+    while not world.ended.wait(0.1):
+        pose = world.robot.body.pose
+        ranges = [seen(world.robot.body.walls, pose.x, pose.y, pose.heading + math.radians(at)) for at in range(360)]
+        free = [0.0 if distance == math.inf else distance for distance in ranges]
+        world.navigation.process(received("scan", {"ranges": free}))
+
+
+def test_it_drives_and_tells_how_far():
+    with a_driving_robot() as world:
+        where = world.next("odometry", forward=0.2)
+        state = world.next("state", doing="driving")
+    assert where["position"][1] == pytest.approx(0, abs=0.01)
+    assert (state["mode"], state["waypoints"], state["charging"]) == ("safe", 1, False)
+    assert state["battery"] == pytest.approx(0.816, abs=0.001)
+
+
+@pytest.mark.parametrize(
+    "stop",
+    [
+        lambda world: world.order({"stop": True}),
+        lambda world: world.navigation.adapt(Decision(share=0.01, weight=0, suspended=True)),
+        lambda world: world.navigation.close(),
+        lambda world: world.ended.set(),
+    ],
+    ids=["stop order", "suspended", "closed", "ended"],
+)
+def test_what_stops_the_wheels_at_once(stop):
+    with a_driving_robot() as world:
+        stop(world)
+        world.robot.wait_for(turning=False)
+        assert not world.navigation._pilot.wanted
+
+
+def test_a_smaller_share_does_not_stop_it():
+    with a_driving_robot() as world:
+        world.navigation.adapt(Decision(share=0.01, weight=1))
+        world.navigation.adapt(UNPLANNED)
+        assert world.navigation._pilot.wanted
+
+
+def test_before_a_wall_it_stands_without_touching_it():
+    with a_driving_robot(Body(walls=[(0.5, -1, 0.5, 1)])) as world:
+        world.robot.wait_for(turning=False)
+        world.next("state", doing="obstacle")
+        assert world.robot.body.bumps == 0
+        assert 0.05 < world.robot.body.pose.x < 0.5 - 0.174
+
+
+def test_lifted_it_stands_until_it_is_told_again():
+    with a_driving_robot() as world:
+        world.robot.drops = packets.DROP_LEFT | packets.DROP_RIGHT
+        world.next("state", doing="lifted", mode="passive")
+        world.robot.drops = 0
+        world.order(AHEAD)
+        world.robot.wait_for(turning=True)
+
+
+def test_a_robot_that_falls_silent_is_a_device_error():
+    with a_driving_robot() as world:
+        world.robot.receive(oi.STOP)
+        assert "no sensor data for 1 s; is the robot on?" in str(world.failed.get(timeout=PATIENCE_S))
+
+
+def test_noise_on_the_line_is_counted_and_the_drive_goes_on():
+    with a_driving_robot() as world:
+        encode, noisy = world.robot._frame.encode, iter(range(10**6))
+        world.robot._frame.encode = lambda values: encode(values)[next(noisy) % 3 == 0 :] + b"\x13\x24"
+        world.next("state")
+        assert world.next("state", doing="driving")["skipped"] > 0
+
+
+def test_a_port_that_is_not_there_is_a_device_error_that_says_what_is_allowed():
+    with pytest.raises(DeviceError, match=r"'/dev/nowhere' cannot be opened .*; allowed: a device path or tcp://"):
+        next(Navigation("/dev/nowhere").produce(threading.Event()))
+
+
+def test_an_order_without_a_robot_is_a_device_error_but_a_stop_is_not():
+    navigation = Navigation("/dev/nowhere")
+    navigation.process(received("order", {"stop": True}))
+    with pytest.raises(DeviceError, match="no robot is there"):
+        navigation.process(received("order", AHEAD))
