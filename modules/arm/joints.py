@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 NAMES = ("base", "shoulder", "elbow", "grip")
 PULSES_US = (400, 2600)
 """What any hobby servo takes."""
+TOLERANCE = 1e-6
+"""What arithmetic may add to an angle or a height that is just allowed."""
 FASTEST_DEG_S = 360
 """The MeArm's servos take half a second for half a turn."""
 
@@ -80,13 +82,13 @@ class Arm:
     def _problems(self, posture: Posture) -> Iterator[str]:
         for name in NAMES:
             least, most = self.joints[name].angle
-            if not least - 1e-6 <= posture[name] <= most + 1e-6:
+            if not least - TOLERANCE <= posture[name] <= most + TOLERANCE:
                 yield f"{name}: {posture[name]:.1f} degrees, allowed are {least:g} to {most:g}"
         bend = posture["shoulder"] - posture["elbow"]
-        if not self.bend[0] <= bend <= self.bend[1]:
+        if not self.bend[0] - TOLERANCE <= bend <= self.bend[1] + TOLERANCE:
             yield f"bend: {bend:.1f} degrees between the arms, allowed are {self.bend[0]:g} to {self.bend[1]:g}"
         height = self.grip_at(posture)[2]
-        if height < self.lowest:
+        if height < self.lowest - TOLERANCE:
             yield f"height: {height:.0f} mm, the lowest is {self.lowest:g}"
 
 

@@ -25,7 +25,7 @@ def driven(waypoints, pose, *, seconds=240):
     raise AssertionError(f"{route.left} waypoints left at {pose}")
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.lists(st.tuples(COORDINATE, COORDINATE), min_size=1, max_size=4), st.floats(-math.pi, math.pi))
 def test_every_route_is_driven_to_its_end(waypoints, heading):
     pose, _ = driven(waypoints, Pose(0, 0, heading))

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from modules.arm.orders import Order, parse_order
+from robotkit import MessageError
+from tests.modules.arm.test_joints import ARM
+
+HOME = ARM.posture_at(ARM.home, grip=0)
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.sampled_from(["stop", "move", "grip", "home", "relax"]), inner),
+)
+
+
+def parsed(document):
+    return parse_order(json.dumps(document).encode(), ARM, HOME)
+
+
+def test_orders():
+    assert parsed({"stop": True}) is Order.STOP
+    assert parsed({"relax": True}) is Order.RELAX
+    assert parsed({"home": True}) == HOME
+    assert parsed({"grip": "open"}) == {**HOME, "grip": 90}
+    assert parsed({"grip": 30}) == {**HOME, "grip": 30}
+    goal = parsed({"move": [120, 50, 30], "grip": "closed"})
+    assert ARM.grip_at(goal) == pytest.approx((120, 50, 30))
+    assert goal["grip"] == 0
+
+
+@pytest.mark.parametrize(
+    ("document", "problem"),
+    [
+        ({}, r"order: \{\}, allowed is"),
+        ([1], r"order: \[1\], allowed is"),
+        ({"move": [1, 2, 3], "home": True}, "allowed is"),
+        ({"move": [1, 2]}, r"move: \[1, 2\], allowed is \[x, y, z\] in mm"),
+        ({"move": [1, 2, "x"]}, "move: .* allowed is"),
+        ({"move": [500, 0, 0]}, r"position \(500, 0, 0\)"),
+        ({"move": [150, 0, -100]}, "height: -100 mm, the lowest is -60"),
+        ({"grip": "wide"}, "grip: 'wide', allowed are degrees from 0 to 90, open and closed"),
+        ({"grip": 91}, "grip: 91.0 degrees, allowed are 0 to 90"),
+    ],
+)
+def test_an_order_that_makes_no_sense_is_told(document, problem):
+    with pytest.raises(MessageError, match=problem):
+        parsed(document)
+
+
+def test_what_is_no_json_is_told():
+    with pytest.raises(MessageError, match="not JSON"):
+        parse_order(b"\xff{", ARM, HOME)
+
+
+@given(JSON)
+def test_no_json_whatever_leads_outside_of_the_limits(document):
+    try:
+        goal = parsed(document)
+    except MessageError:
+        return
+    if not isinstance(goal, Order):
+        assert ARM.checked(goal) == goal

@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+import json
+import queue
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from modules.arm import controller
+from modules.arm.joints import NAMES
+from modules.arm.motion import STEP_S
+from modules.arm.simulator import Maestro
+from modules.arm.task import MeArm
+from robotkit import Decision, DeviceError, Received
+from robotkit.simulated import on_a_pseudo_terminal
+from tests.modules.arm.test_joints import ARM
+
+PATIENCE_S = 10
+AWAY, BACK = {"move": [68, 100, 60], "grip": "open"}, {"home": True}
+
+
+class World:
+    """The arm at work on a simulated Maestro, and what it publishes."""
+
+    def __init__(self, device, arm):
+        self.device = device
+        self.arm = arm
+        self.results = queue.Queue()
+        self.ended = threading.Event()
+
+    def work(self):
+        try:
+            for result in self.arm.produce(self.ended):
+                self.results.put(result.value)
+        except DeviceError as error:
+            self.results.put(error)
+
+    def order(self, order):
+        now = time.time_ns()
+        self.arm.process(Received(json.dumps(order).encode(), now, now, "order"))
+
+    def next(self, doing):
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            state = self.results.get(timeout=max(deadline - time.monotonic(), 0.01))
+            if isinstance(state, DeviceError) or state["doing"] == doing:
+                return state
+
+
+@contextmanager
+def an_arm(device=None):
+    device = device or Maestro()
+    with on_a_pseudo_terminal(device) as port:
+        world = World(device, MeArm(ARM, port))
+        thread = threading.Thread(target=world.work)
+        thread.start()
+        try:
+            yield world
+        finally:
+            world.ended.set()
+            world.arm.close()
+            thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+
+
+def test_it_moves_to_a_point_and_tells_where_it_is():
+    with an_arm() as world:
+        world.next("resting")
+        world.order(AWAY)
+        state = world.next("arrived")
+    assert state["position"] == pytest.approx([68, 100, 60], abs=0.1)
+    assert (state["joints"]["grip"], state["errors"]) == (90, 0)
+    for name in NAMES:
+        joint = ARM.joints[name]
+        target = joint.angle_at(world.device.targets[joint.channel] / 4)
+        assert target == pytest.approx(state["joints"][name], abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "stop",
+    [
+        lambda world: world.order({"stop": True}),
+        lambda world: world.arm.adapt(Decision(share=0.01, weight=0, suspended=True)),
+        lambda world: world.arm.close(),
+        lambda world: world.ended.set(),
+    ],
+    ids=["stop order", "suspended", "closed", "ended"],
+)
+def test_what_stops_it_leaves_no_target_further_away_than_one_step(stop):
+    with an_arm() as world:
+        world.next("resting")
+        world.order(AWAY)
+        world.next("moving")
+        stop(world)
+        with world.arm._lock:  # whatever step was under way is done
+            pulses, targets = list(world.device.pulses), list(world.device.targets)
+            assert world.arm._goal is None or world.ended.is_set()
+    for name in NAMES:
+        joint = ARM.joints[name]
+        behind = abs(joint.angle_at(targets[joint.channel] / 4) - joint.angle_at(pulses[joint.channel] / 4))
+        assert behind <= 2 * joint.speed * STEP_S + 0.5  # a step, and the ticks that the pulse is behind
+
+
+def test_relaxed_it_sends_no_pulses():
+    with an_arm() as world:
+        world.next("resting")
+        world.order(AWAY)
+        world.next("moving")
+        world.order({"relax": True})
+        world.next("relaxed")
+        assert world.device.targets[:4] == [0, 0, 0, 0]
+
+
+def test_an_arm_that_was_left_somewhere_moves_on_from_there():
+    device = Maestro()
+    posture = ARM.posture_at((120, -60, 50), grip=45)
+    for name in NAMES:
+        joint = ARM.joints[name]
+        device.targets[joint.channel] = round(joint.pulse_at(posture[name]) * 4)
+        device.pulses[joint.channel] = float(device.targets[joint.channel])
+    with an_arm(device) as world:
+        assert world.next("resting")["position"] == pytest.approx([120, -60, 50], abs=0.5)
+
+
+def test_what_does_not_answer_is_told(monkeypatch):
+    monkeypatch.setattr(controller, "ANSWER_S", 0.1)
+    device = Maestro()
+    device.receive = lambda _: b""
+    with an_arm(device) as world:
+        assert "no answer to a1 " in str(world.results.get(timeout=PATIENCE_S))
+
+
+def test_an_arm_that_is_unplugged_while_it_rests_is_told(monkeypatch):
+    monkeypatch.setattr(controller, "ANSWER_S", 0.1)
+    with an_arm() as world:
+        world.next("resting")
+        world.device.receive = lambda _: b""
+        assert "is it a Maestro?" in str(world.next("never"))
+
+
+def test_an_order_without_an_arm_is_a_device_error():
+    with pytest.raises(DeviceError, match="no arm is there"):
+        World(None, MeArm(ARM, "/dev/nowhere")).order(BACK)
+
+
+def test_a_port_that_is_not_there_is_told():
+    with pytest.raises(DeviceError, match="'/dev/nowhere' cannot be opened"):
+        next(MeArm(ARM, "/dev/nowhere").produce(threading.Event()))

@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import math
+import queue
+import threading
+from contextlib import contextmanager
+
+import pytest
+
+from modules.lidar import rplidar, scanner
+from modules.lidar.rplidar import PROTECTING, Health
+from modules.lidar.simulator import ROOM, RplidarA1, seen
+from modules.lidar.task import Lidar, build
+from robotkit import ConfigurationError, DeviceError
+from robotkit.simulated import on_a_pseudo_terminal
+
+PATIENCE_S = 10
+
+
+class Witness(RplidarA1):
+    """A lidar that can be noisy or ill, and tells when its scan ends."""
+
+    def __init__(self):
+        super().__init__(lambda angle: seen(ROOM, 0, 0, -math.radians(angle)))
+        self.noise = b""
+        self.lasting = False
+        self.idle = threading.Event()
+
+    def receive(self, data):
+        ill = self.health
+        answer = super().receive(data)
+        if self.lasting:
+            self.health = ill
+        if self.scanning is None:
+            self.idle.set()
+        else:
+            self.idle.clear()
+        return answer
+
+    def advance(self, seconds):
+        return super().advance(seconds) + self.noise
+
+
+@contextmanager
+def scans(device, **settings):
+    """Let the task work on the device, and give its results."""
+    results, ended = queue.Queue(), threading.Event()
+
+    def work(port):
+        try:
+            for result in Lidar(port, **settings).produce(ended):
+                results.put(result.value)
+        except DeviceError as error:
+            results.put(error)
+
+    with on_a_pseudo_terminal(device) as port:
+        thread = threading.Thread(target=work, args=(port,))
+        thread.start()
+        try:
+            yield results
+        finally:
+            ended.set()
+            thread.join(PATIENCE_S)
+    assert not thread.is_alive()
+
+
+@pytest.mark.parametrize("mode", scanner.MODES)
+def test_a_scan_shows_the_room(mode):
+    with scans(Witness(), mode=mode) as results:
+        scan = results.get(timeout=PATIENCE_S)
+    assert len(scan["ranges"]) == 360
+    assert [scan["ranges"][at] for at in (0, 90, 180, 270)] == pytest.approx([3, 1.5, 2, 1.5], rel=0.02)
+    assert scan["nearest"] == pytest.approx(1.5, rel=0.02)
+    assert scan["end_angle"] == pytest.approx(math.tau * 359 / 360)
+    assert scan["skipped"] == 0
+
+
+def test_a_lidar_that_is_mounted_backward_shows_the_same_room():
+    device = Witness()
+    device._distance = lambda angle: seen(ROOM, 0, 0, -math.radians(angle + 180))
+    with scans(device, forward=180.0) as results:
+        assert results.get(timeout=PATIENCE_S)["ranges"][0] == pytest.approx(3, rel=0.02)
+
+
+@pytest.mark.parametrize("mode", scanner.MODES)
+def test_noise_on_the_line_is_counted_and_the_scans_go_on(mode):
+    device = Witness()
+    device.noise = b"\x13\xa5"
+    with scans(device, mode=mode) as results:
+        scans_ = [results.get(timeout=PATIENCE_S) for _ in range(3)]
+    assert scans_[-1]["skipped"] > 0
+    assert min(filter(None, scans_[-1]["ranges"])) > 1
+
+
+def test_the_laser_is_off_when_the_task_ends():
+    device = Witness()
+    with scans(device) as results:
+        results.get(timeout=PATIENCE_S)
+        assert not device.idle.is_set()
+    assert device.idle.wait(PATIENCE_S)
+
+
+def test_a_lidar_that_protects_itself_is_reset():
+    device = Witness()
+    device.health = Health(PROTECTING, 1)
+    with scans(device) as results:
+        assert results.get(timeout=PATIENCE_S)["samples"] > 300
+
+
+def test_a_lidar_that_is_ill_also_after_a_reset_is_told():
+    device = Witness()
+    device.health, device.lasting = Health(PROTECTING, 0x8001), True
+    with scans(device) as results:
+        assert "protects itself, error code 0x8001" in str(results.get(timeout=PATIENCE_S))
+
+
+def test_a_lidar_that_falls_silent_is_told(monkeypatch):
+    monkeypatch.setattr(scanner, "ANSWER_S", 0.2)
+    device = Witness()
+    with scans(device) as results:
+        results.get(timeout=PATIENCE_S)
+        device.receive(rplidar.STOP)
+        told = results.get(timeout=PATIENCE_S)
+        while not isinstance(told, DeviceError):
+            told = results.get(timeout=PATIENCE_S)
+    assert "no samples for 0.2 s" in str(told)
+
+
+def test_what_does_not_answer_is_told(monkeypatch):
+    monkeypatch.setattr(scanner, "ANSWER_S", 0.1)
+    device = Witness()
+    device.receive = lambda _: b""
+    with scans(device) as results:
+        assert "no answer to a5 52 within 0.1 s" in str(results.get(timeout=PATIENCE_S))
+
+
+def test_a_port_that_is_not_there_is_told():
+    with pytest.raises(DeviceError, match="'/dev/nowhere' cannot be opened"):
+        next(Lidar("/dev/nowhere").produce(threading.Event()))
+
+
+def test_all_that_is_wrong_with_the_environment_is_told_at_once():
+    with pytest.raises(ConfigurationError) as caught:
+        build({"LIDAR_MODE": "fast", "LIDAR_FORWARD": "nan"})
+    assert str(caught.value) == (
+        "LIDAR_MODE: 'fast', allowed are standard and express\nLIDAR_FORWARD: 'nan', allowed is an angle in degrees"
+    )
