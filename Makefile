@@ -60,6 +60,9 @@ images: cluster  ## build the images and import them into the node
 	$(CLUSTER) image contextpolicy-camera modules/camera/Dockerfile .
 	$(CLUSTER) image contextpolicy-microphone modules/microphone/Dockerfile .
 	$(CLUSTER) image contextpolicy-imu modules/imu/Dockerfile .
+	$(CLUSTER) image contextpolicy-navigation modules/navigation/Dockerfile .
+	$(CLUSTER) image contextpolicy-lidar modules/lidar/Dockerfile .
+	$(CLUSTER) image contextpolicy-arm modules/arm/Dockerfile .
 
 recordings: setup  ## make the demo's recordings: a rendered EuRoC sequence and synthesised speech
 	dpkg --status $(VOICES) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(VOICES); }

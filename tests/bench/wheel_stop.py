@@ -1,6 +1,6 @@
 """How long the wheels of a simulated Create 2 turn after something should have stopped them.
 
-    python -m tests.bench.stop_latency [--rounds 10]          needs root, for the cgroup of its own
+    python -m tests.bench.wheel_stop [--rounds 10]          needs root, for the cgroup of its own
 
 Navigation and its guard run as programs, the robot behind a pseudo-terminal. Each case is measured without a CPU limit
 and with navigation at the floor of a suspended task, 10m: 1 ms of CPU in 100 ms. The guard keeps the 50m of its
@@ -144,13 +144,13 @@ class Scene:
         settings = config("client", connect={"endpoints": [address]})
         self.session = stack.enter_context(zenoh.open(zenoh.Config.from_json5(settings)))
         if guarded:
-            guards = stack.enter_context(cgroup("stop-latency-guard"))
+            guards = stack.enter_context(cgroup("wheel-stop-guard"))
             guards.limit(None)
             port = str(free_port())
             guard = ("-m", "modules.navigation.guard")
             self.guard = stack.enter_context(program(*guard, group=guards, ROBOT_PORT=device, GUARD_PORT=port))
             device = f"tcp://127.0.0.1:{port}"
-        self.group = stack.enter_context(cgroup("stop-latency"))
+        self.group = stack.enter_context(cgroup("wheel-stop"))
         self.group.limit(None)
         heard = threading.Event()
         self.session.declare_subscriber("robot/navigation/odometry", lambda _: heard.set())
