@@ -8,7 +8,7 @@ TIMELINE ?= timelines/demo.json
 CORES ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint unit e2e simulate bench bench-reaction cluster cluster-down images recordings crds format clean
+.PHONY: help setup demo test lint unit e2e simulate bench bench-devices bench-reaction bench-wheels cluster cluster-down images recordings crds format clean
 
 help:  ## show this help
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -45,6 +45,12 @@ bench: setup  ## measure the decision engine: samples per second, sample to plan
 
 bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction
+
+bench-devices: setup  ## measure what navigation, lidar and arm cost, and how exact they are
+	$(PYTHON) -m tests.bench.device_modules
+
+bench-wheels: setup  ## measure how fast a robot's wheels stop, also at a CPU limit of 10m (needs root)
+	$(PYTHON) -m tests.bench.wheel_stop
 
 cluster: setup  ## start a one-node Kubernetes (nothing to do when KUBECONFIG names one)
 	$(CLUSTER) up

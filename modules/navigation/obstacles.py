@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from modules.navigation.waypoints import Motion
@@ -26,14 +27,19 @@ def gap(ranges: Sequence[float], *, backward: bool = False) -> float:
 
     `ranges` are in m, counter-clockwise from straight ahead in equal steps over the full turn; 0 means nothing seen.
     """
-    step = math.tau / len(ranges) if ranges else 0.0
     side, sign = RADIUS + SIDE_MARGIN, -1.0 if backward else 1.0
-    free = math.inf
-    for index, distance in enumerate(ranges):
-        ahead = sign * distance * math.cos(index * step)
-        if ahead > 0 and distance and abs(distance * math.sin(index * step)) < side:
-            free = min(free, ahead - RADIUS)
-    return free
+    ahead = (
+        sign * distance * along
+        for distance, (along, across) in zip(ranges, _directions(len(ranges)), strict=True)
+        if sign * distance * along > 0 and abs(distance * across) < side
+    )
+    return min(ahead, default=math.inf) - RADIUS
+
+
+@lru_cache(maxsize=4)
+def _directions(count: int) -> list[tuple[float, float]]:
+    """Give cosine and sine of each range's angle."""
+    return [(math.cos(index * math.tau / count), math.sin(index * math.tau / count)) for index in range(count)]
 
 
 def held_back(motion: Motion, free: float) -> Motion:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from typing import TYPE_CHECKING, Any
 
 from modules.navigation.pilot import DRIVE_PATIENCE, Drive
@@ -69,5 +68,4 @@ def _number(field: str, value: object, most: float = FARTHEST) -> float:
 
 
 def _is_range(value: object) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and math.isfinite(float(value)) and 0 <= float(value) <= FARTHEST_RANGE  # type: ignore[arg-type]
+    return (type(value) is float or type(value) is int) and 0 <= value <= FARTHEST_RANGE

@@ -43,7 +43,7 @@ class Pilot:
         self.doing = "idle"
         self.gap = math.inf
         self._order: Drive | Route | None = None
-        self._ranges: Sequence[float] = ()
+        self._gaps = (math.inf, math.inf)
         self._seen = -math.inf
         self._armed = -math.inf
 
@@ -69,7 +69,8 @@ class Pilot:
 
     def see(self, ranges: Sequence[float], when: float) -> None:
         """Take what the lidar saw at a time."""
-        self._ranges, self._seen = ranges, when
+        self._gaps = gap(ranges), gap(ranges, backward=True)
+        self._seen = when
 
     def move(self, pose: Pose, sensors: Sequence[Sensors], now: float) -> Motion:
         """Give the motion for this moment; of several frames of sensors, none is overlooked."""
@@ -109,7 +110,7 @@ class Pilot:
         if now - self._seen > SCAN_PATIENCE:
             self.doing = "blind"
             return STILL
-        self.gap = gap(self._ranges, backward=motion.forward < 0)
+        self.gap = self._gaps[motion.forward < 0]
         held = held_back(motion, self.gap)
         self.doing = "obstacle" if held == STILL != motion else "driving"
         return held

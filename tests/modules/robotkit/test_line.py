@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import os
+import pty
+import socket
+import threading
+
+import pytest
+
+from robotkit import DeviceError
+from robotkit.line import open_line
+from robotkit.simulated import _listen, on_a_pseudo_terminal
+
+BAUD = 115_200
+PATIENCE_S = 10
+
+
+class Echo:
+    """A device that says back what it hears, and ticks."""
+
+    period = 0.01
+
+    def __init__(self):
+        self.tick = b""
+
+    def receive(self, data):
+        return data
+
+    def advance(self, seconds):
+        del seconds
+        return self.tick
+
+
+def heard(line, size):
+    found = b""
+    while len(found) < size:
+        data = line.read(PATIENCE_S)
+        assert data
+        found += data
+    return found
+
+
+def test_bytes_of_every_value_pass_unchanged():
+    everything = bytes(range(256))
+    with on_a_pseudo_terminal(Echo()) as port, open_line(port, BAUD) as line:
+        line.write(everything)
+        assert heard(line, 256) == everything
+
+
+def test_nothing_to_read_is_an_empty_answer():
+    with on_a_pseudo_terminal(Echo()) as port, open_line(port, BAUD) as line:
+        assert line.read(0) == b""
+
+
+def test_a_device_speaks_by_itself_and_to_one_user_after_the_other():
+    device = Echo()
+    with on_a_pseudo_terminal(device) as port:
+        for tick in (b"one", b"two"):
+            with open_line(port, BAUD) as line:
+                device.tick = tick
+                while tick not in heard(line, 3):
+                    pass
+
+
+def test_a_device_has_one_user_at_a_time():
+    with (
+        on_a_pseudo_terminal(Echo()) as port,
+        open_line(port, BAUD),
+        pytest.raises(DeviceError, match="cannot be opened"),
+    ):
+        open_line(port, BAUD)
+
+
+def test_a_device_that_is_unplugged_is_a_device_error_on_reading_and_writing():
+    ours, theirs = pty.openpty()
+    with open_line(os.ttyname(theirs), BAUD) as line:
+        os.close(theirs)
+        os.close(ours)
+        with pytest.raises(DeviceError):
+            line.read(PATIENCE_S)
+        with pytest.raises(DeviceError):
+            line.write(b"stop")
+
+
+def test_a_closed_line_is_a_device_error():
+    with on_a_pseudo_terminal(Echo()) as port:
+        line = open_line(port, BAUD)
+        line.close()
+        with pytest.raises(DeviceError):
+            line.read(0)
+
+
+def test_a_pseudo_terminal_has_no_dtr_and_nobody_minds():
+    with on_a_pseudo_terminal(Echo()) as port, open_line(port, BAUD) as line:
+        line.set_dtr(ready=True)
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def test_a_simulator_in_another_pod_is_reached_by_tcp_and_its_end_is_a_device_error():
+    port, stop = free_port(), threading.Event()
+    ready = threading.Thread(target=_listen, args=(Echo(), port, stop))
+    ready.start()
+    line = connected(f"tcp://127.0.0.1:{port}")
+    with line:
+        line.write(b"hello")
+        assert heard(line, 5) == b"hello"
+        stop.set()
+        ready.join(PATIENCE_S)
+        with pytest.raises(DeviceError, match="the device is gone"):
+            line.read(PATIENCE_S)
+
+
+def connected(name):
+    for _ in range(100):
+        try:
+            return open_line(name, BAUD)
+        except DeviceError:
+            threading.Event().wait(0.05)
+    raise AssertionError(f"nobody listens on {name}")
+
+
+@pytest.mark.parametrize("name", ["/dev/nowhere", "", "tcp://127.0.0.1:1", "tcp://", "tcp://127.0.0.1:x", "/dev/null"])
+def test_what_is_no_device_is_told_with_what_is_allowed(name):
+    with pytest.raises(DeviceError, match="allowed: a device path or tcp://host:port"):
+        open_line(name, BAUD)
