@@ -1,0 +1,82 @@
+"""The modules with hardware as pods, each with the simulator of its device beside it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import yaml
+
+from tests.e2e.cluster import REPOSITORY, apply, until
+from tests.e2e.conftest import router
+
+PATIENCE_S = 90
+"""A guard with 50m needs seconds to start Python."""
+
+
+class Heard:
+    """The newest message of each key."""
+
+    def __init__(self, session):
+        self._newest = {}
+        self._session = session
+        self._subscriber = session.declare_subscriber("robot/**", self._hear)
+
+    def _hear(self, sample):
+        if str(sample.key_expr).rpartition("/")[2] in {"scan", "odometry", "state"}:
+            self._newest[str(sample.key_expr)] = json.loads(sample.payload.to_bytes())
+
+    def until(self, what, key, holds):
+        def heard():
+            message = self._newest.get(key)
+            return True if message is not None and holds(message) else message
+
+        until(what, heard, PATIENCE_S)
+
+    def order(self, module, order):
+        self._session.put(f"robot/{module}/order", json.dumps(order))
+
+
+def pod(module, namespace):
+    """The pod of the module's deployment, so that it can be named."""
+    deployment = yaml.safe_load((REPOSITORY / f"config/robot/{module}.yaml").read_text(encoding="utf-8"))
+    template = deployment["spec"]["template"]
+    labels = template["metadata"]["labels"]
+    metadata = {"name": module, "namespace": namespace, "labels": labels}
+    return {"apiVersion": "v1", "kind": "Pod", "metadata": metadata, "spec": template["spec"]}
+
+
+@pytest.fixture
+def heard(empty, session):
+    bus = {"name": "zenoh", "namespace": empty.namespace}
+    apply({"apiVersion": "v1", "kind": "ConfigMap", "metadata": bus, "data": {"connect": router()}})
+    apply(*(pod(module, empty.namespace) for module in ("navigation", "lidar", "arm")))
+    heard = Heard(session)
+    heard.until("the lidar scans", "robot/lidar/scan", lambda scan: scan["nearest"] > 1)
+    heard.until("the robot tells where it is", "robot/navigation/odometry", lambda told: told["travelled"] == 0)
+    return heard
+
+
+def test_the_robot_drives_until_it_is_told_to_stop_and_the_arm_moves(heard):
+    heard.order("navigation", {"waypoints": [[50, 0]]})
+    heard.until("it drives", "robot/navigation/odometry", lambda told: told["travelled"] > 0.2)
+    heard.order("navigation", {"stop": True})
+    heard.until("it stands", "robot/navigation/state", lambda told: told["doing"] == "stopped")
+    heard.order("arm", {"move": [120, 60, 40]})
+    heard.until("the arm has moved", "robot/arm/state", lambda told: told["doing"] == "arrived")
+
+
+def test_a_controller_that_was_killed_leaves_a_robot_that_stands(heard, empty):
+    heard.order("navigation", {"waypoints": [[50, 0]]})
+    heard.until("it drives", "robot/navigation/odometry", lambda told: told["travelled"] > 0.2)
+    empty.kill("navigation")
+    until("the kubelet starts it again", lambda: empty.restarts("navigation") == 1, PATIENCE_S)
+    heard.until("its wheels do not turn", "robot/navigation/state", lambda told: told["doing"] == "idle")
+    heard.until("nor have they since", "robot/navigation/odometry", lambda told: told["travelled"] < 0.01)
+
+
+def test_a_robot_whose_lidar_is_gone_stands(heard, empty):
+    heard.order("navigation", {"waypoints": [[50, 0]]})
+    heard.until("it drives", "robot/navigation/odometry", lambda told: told["travelled"] > 0.2)
+    empty.stop("lidar")
+    heard.until("it is blind", "robot/navigation/state", lambda told: told["doing"] == "blind")
