@@ -44,7 +44,7 @@ class Scanner:
 
     def start(self) -> Info:
         """Start the motor and the scan, and tell what the device is; DeviceError if it is not well."""
-        self._line.set_dtr(ready=False)  # the A1's motor runs while DTR is low
+        self._line.set_wire("dtr", on=False)  # the A1's motor runs while DTR is low
         self._quiet(rplidar.STOP)
         health = self._health()
         if health.status == rplidar.PROTECTING:
@@ -72,7 +72,7 @@ class Scanner:
         """Switch off laser and motor."""
         with suppress(DeviceError):
             self._line.write(rplidar.STOP)
-            self._line.set_dtr(ready=True)
+            self._line.set_wire("dtr", on=True)
 
     def _health(self) -> Health:
         return rplidar.decode_health(self._ask(rplidar.GET_HEALTH, rplidar.HEALTH_DESCRIPTOR))

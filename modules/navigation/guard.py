@@ -14,6 +14,7 @@ import os
 import select
 import signal
 import socket
+import sys
 import threading
 import time
 from contextlib import suppress
@@ -36,6 +37,8 @@ PASSED = {
     *(Opcode.START, Opcode.SAFE, Opcode.STOP, Opcode.DRIVE_DIRECT),
     *(Opcode.SENSORS, Opcode.QUERY_LIST, Opcode.STREAM, Opcode.PAUSE_RESUME_STREAM),
 }
+WAKE_EVERY, WAKE_S = 60.0, 1.0
+"""A robot in Passive mode falls asleep after five minutes unless its BRC pin is held low once in a while."""
 END = oi.HALT + oi.pause_stream()
 """What is said for a controller that is gone."""
 
@@ -73,6 +76,12 @@ class Watch:
         return lost
 
 
+def brc_low(now: float) -> tuple[bool, float]:
+    """Tell whether to hold the robot's BRC pin low, and for how many s that is so."""
+    phase = now % WAKE_EVERY
+    return (True, WAKE_S - phase) if phase < WAKE_S else (False, WAKE_EVERY - phase)
+
+
 class Guard:
     """Passes bytes between one controller and the robot."""
 
@@ -101,7 +110,7 @@ class Guard:
     def _guard(self, line: Line) -> None:
         try:
             while not self._stop.is_set():
-                ready, _, _ = select.select([self._server.fileno(), line.fileno(), self._woken], [], [])
+                ready = self._wait(line, self._server, None)
                 if line.fileno() in ready:
                     line.read(0)
                 if self._server.fileno() in ready:
@@ -114,11 +123,17 @@ class Guard:
             with suppress(DeviceError):
                 line.write(END)
 
+    def _wait(self, line: Line, other: socket.socket, patience: float | None) -> list[int]:
+        """Give who has something to say; the robot is kept awake meanwhile."""
+        low, lasts = brc_low(time.monotonic())
+        line.set_wire("rts", on=low)
+        timeout = lasts if patience is None else min(lasts, patience)
+        return select.select([other.fileno(), line.fileno(), self._woken], [], [], timeout)[0]
+
     def _pass_on(self, line: Line, controller: socket.socket) -> None:
         watch = Watch()
-        sources = [controller.fileno(), line.fileno(), self._woken]
         while not self._stop.is_set():
-            ready, _, _ = select.select(sources, [], [], watch.patience(time.monotonic()))
+            ready = self._wait(line, controller, watch.patience(time.monotonic()))
             if controller.fileno() in ready:
                 data = _received(controller)
                 if not data:
@@ -148,8 +163,10 @@ def _send(controller: socket.socket, data: bytes) -> None:
 def main() -> None:
     """Run as a program until SIGTERM or SIGINT."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s guard: %(message)s")
-    port = os.environ.get("ROBOT_PORT", "/dev/ttyUSB0")
-    with socket.create_server(("127.0.0.1", int(os.environ.get("GUARD_PORT", PORT)))) as server:
+    port, listen = os.environ.get("ROBOT_PORT", "/dev/ttyUSB0"), os.environ.get("GUARD_PORT", str(PORT))
+    if not listen.isdecimal() or int(listen) not in range(1, 65536):
+        sys.exit(f"GUARD_PORT: {listen!r}, allowed is a number from 1 to 65535")
+    with socket.create_server(("127.0.0.1", int(listen))) as server:
         guard = Guard(server, threading.Event())
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: guard.wake())

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import select
 import socket
-from typing import TYPE_CHECKING, Self
+from contextlib import suppress
+from typing import TYPE_CHECKING, Literal, Self
 from urllib.parse import urlsplit
 
 import serial
@@ -50,13 +51,11 @@ class Line:
         if written < len(data):
             raise DeviceError(f"{self.name}: takes no more bytes")
 
-    def set_dtr(self, *, ready: bool) -> None:
-        """Set the DTR wire; where there is none (a pseudo-terminal, a socket), nothing happens."""
+    def set_wire(self, wire: Literal["dtr", "rts"], *, on: bool) -> None:
+        """Assert a wire beside the data, or not; where there is none (a pseudo-terminal, a socket), nothing happens."""
         if isinstance(self._port, serial.Serial):
-            try:
-                self._port.dtr = ready
-            except OSError:
-                return
+            with suppress(OSError):
+                setattr(self._port, wire, on)
 
     def fileno(self) -> int:
         """Give what `select` waits for."""

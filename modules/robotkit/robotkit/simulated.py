@@ -99,13 +99,18 @@ def main(device: Device, name: str) -> None:
 
 def _listen(device: Device, port: int, stop: threading.Event) -> None:
     with socket.create_server(("127.0.0.1", port)) as server:
-        server.settimeout(1)
+        server.settimeout(device.period)
+        then = time.monotonic()
         while not stop.is_set():
             try:
                 connection, _ = server.accept()
             except TimeoutError:
+                now = time.monotonic()
+                device.advance(now - then)  # a robot does not stand still because nobody listens
+                then = now
                 continue
             with connection:
                 connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 connection.settimeout(0)
                 serve(device, connection.fileno(), stop)
+            then = time.monotonic()

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modules.navigation import open_interface as oi
-from modules.navigation.guard import PASSED, PATIENCE, Guard, Watch
+from modules.navigation.guard import PASSED, PATIENCE, WAKE_EVERY, WAKE_S, Guard, Watch, brc_low
 from modules.navigation.open_interface import Command, CommandParser, Opcode
 from modules.navigation.simulator import Create2
 from robotkit.simulated import on_a_pseudo_terminal
@@ -68,6 +68,12 @@ def test_whatever_is_said_only_whole_commands_of_the_list_pass(pieces):
     passed = b"".join(watch.hear(piece, 0.0) for piece in pieces)
     assert {command.opcode for command in parser.feed(passed)} <= PASSED
     assert not parser.waiting
+
+
+def test_the_robot_is_kept_awake_by_one_long_pulse_a_minute():
+    assert brc_low(0.0) == (True, WAKE_S)
+    assert brc_low(WAKE_S) == (False, WAKE_EVERY - WAKE_S)
+    assert brc_low(WAKE_EVERY + 0.25) == (True, WAKE_S - 0.25)
 
 
 class Witness(Create2):

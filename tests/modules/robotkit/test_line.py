@@ -90,9 +90,12 @@ def test_a_closed_line_is_a_device_error():
             line.read(0)
 
 
-def test_a_pseudo_terminal_has_no_dtr_and_nobody_minds():
+@pytest.mark.parametrize("wire", ["dtr", "rts"])
+def test_a_pseudo_terminal_has_no_other_wires_and_nobody_minds(wire):
     with on_a_pseudo_terminal(Echo()) as port, open_line(port, BAUD) as line:
-        line.set_dtr(ready=True)
+        line.set_wire(wire, on=True)
+        line.write(b"data still pass")
+        assert heard(line, 15) == b"data still pass"
 
 
 def free_port():
