@@ -100,20 +100,28 @@ class CapsuleParser:
 
 
 class Turns:
-    """Collects nodes into full turns; what comes before the first beginning of a turn is left out."""
+    """Collects nodes into full turns; what comes before the first beginning of a turn is left out.
+
+    A turn with a hole is counted in `lost` and not given: where nothing was heard, nothing would seem to stand.
+    """
 
     def __init__(self) -> None:
+        self.lost = 0
         self._nodes: list[Node] = []
         self._begun = False
+        self._whole = True
 
     def add(self, nodes: Iterable[Node]) -> list[list[Node]]:
         """Take the next nodes and give the turns that they complete."""
         turns = []
         for node in nodes:
+            follows = not self._nodes or _fits(self._nodes[-1], node)
+            self._whole = self._whole and follows
             if self._ends_at(node):
-                if self._begun:
+                if self._begun and self._whole:
                     turns.append(self._nodes)
-                self._nodes, self._begun = [], True
+                self.lost += self._begun and not self._whole
+                self._nodes, self._begun, self._whole = [], True, follows
             self._nodes.append(node)
         return turns
 

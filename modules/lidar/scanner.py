@@ -33,6 +33,7 @@ class Scanner:
     def __init__(self, line: Line, mode: str) -> None:
         express = mode == "express"
         self._line = line
+        self._turns = Turns()
         self._parser: ScanParser = CapsuleParser() if express else NodeParser()
         self._request = rplidar.EXPRESS_SCAN if express else rplidar.SCAN
         self._descriptor = rplidar.EXPRESS_DESCRIPTOR if express else rplidar.SCAN_DESCRIPTOR
@@ -41,6 +42,11 @@ class Scanner:
     def skipped(self) -> int:
         """Bytes that belonged to no sample."""
         return self._parser.skipped
+
+    @property
+    def lost(self) -> int:
+        """Turns in which something was missing."""
+        return self._turns.lost
 
     def start(self) -> Info:
         """Start the motor and the scan, and tell what the device is; DeviceError if it is not well."""
@@ -58,13 +64,13 @@ class Scanner:
 
     def turns(self, ended: threading.Event) -> Iterator[list[Node]]:
         """Give full turns until `ended` is set."""
-        turns, heard, patience = Turns(), time.monotonic(), SPIN_UP_S
+        heard, patience = time.monotonic(), SPIN_UP_S
         while not ended.wait(CYCLE_S):
             data = self._line.read(0)
             now = time.monotonic()
             if data:
                 heard, patience = now, ANSWER_S
-                yield from turns.add(self._parser.feed(data))
+                yield from self._turns.add(self._parser.feed(data))
             elif now - heard > patience:
                 raise DeviceError(f"{self._line.name}: no samples for {patience:g} s")
 

@@ -39,11 +39,11 @@ class Lidar(Task):
                 info = scanner.start()
                 _LOG.info("%s: RPLIDAR model %#x, firmware %d.%02d", self._port, info.model, *info.firmware)
                 for turn in scanner.turns(ended):
-                    yield Result("scan", self._scan(turn, scanner.skipped))
+                    yield Result("scan", self._scan(turn) | {"skipped": scanner.skipped, "lost": scanner.lost})
             finally:
                 scanner.release()
 
-    def _scan(self, turn: list[Node], skipped: int) -> dict[str, object]:
+    def _scan(self, turn: list[Node]) -> dict[str, object]:
         found = ranges(turn, forward=self._forward)
         return {
             "start_angle": 0.0,
@@ -51,7 +51,6 @@ class Lidar(Task):
             "ranges": [round(distance, 3) for distance in found],
             "nearest": round(min(filter(None, found), default=0.0), 3),
             "samples": len(turn),
-            "skipped": skipped,
         }
 
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 CHUNK = 4096
+LONGEST_STEP_S = 0.1
+"""On a busy machine a device lags behind rather than send more at once than its line can hold."""
 
 
 class Device(Protocol):
@@ -48,7 +50,7 @@ def serve(device: Device, fd: int, stop: threading.Event) -> None:
             stop.wait(device.period)
         now = time.monotonic()
         if now - then >= device.period:
-            _send(fd, device.advance(now - then))
+            _send(fd, device.advance(min(now - then, LONGEST_STEP_S)))
             then = now
 
 
@@ -106,7 +108,7 @@ def _listen(device: Device, port: int, stop: threading.Event) -> None:
                 connection, _ = server.accept()
             except TimeoutError:
                 now = time.monotonic()
-                device.advance(now - then)  # a robot does not stand still because nobody listens
+                device.advance(min(now - then, LONGEST_STEP_S))  # a robot does not stand still because nobody listens
                 then = now
                 continue
             with connection:

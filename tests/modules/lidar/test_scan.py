@@ -94,6 +94,16 @@ def test_a_scan_that_begins_with_a_start_mark_is_whole():
     assert turns.add([*first, a_turn()[0]]) == [first]
 
 
+@pytest.mark.parametrize("hole", [slice(100, 130), slice(0, 30), slice(330, 360)])
+def test_a_turn_with_a_hole_is_counted_and_not_given(hole):
+    torn = a_turn()
+    del torn[hole]
+    turns = Turns()
+    given = turns.add([*a_turn(), *torn, *a_turn(), *a_turn(), a_turn()[0]])
+    assert given in ([a_turn()] * 3, [a_turn()] * 2)  # a hole at the zero angle spoils both of its turns
+    assert turns.lost == 4 - len(given)
+
+
 def test_jitter_at_the_zero_angle_makes_no_turn_of_its_own():
     jitter = [Node(0.1, 1, 1), Node(359.9, 1, 1), Node(0.3, 1, 1)]
     turns = Turns()
