@@ -44,6 +44,13 @@ class World:
     def see(self, distance=3.0):
         self.navigation.process(received("scan", {"ranges": [distance] * 360}))
 
+    def hear_anew(self):
+        """Wait until no frame is under way that was sent before now: two odometry results are 0.4 s."""
+        with self.results.mutex:
+            self.results.queue.clear()
+        for _ in range(3):
+            self.next("odometry")
+
     def next(self, output, **expected):
         """Wait for a result that says what is expected."""
         deadline = time.monotonic() + PATIENCE_S
@@ -133,6 +140,7 @@ def test_lifted_it_stands_until_it_is_told_again():
         world.robot.drops = packets.DROP_LEFT | packets.DROP_RIGHT
         world.next("state", doing="lifted", mode="passive")
         world.robot.drops = 0
+        world.hear_anew()
         world.order(AHEAD)
         world.robot.wait_for(turning=True)
 
