@@ -3,7 +3,7 @@
     python -m tests.bench.wheel_stop [--rounds 10]          needs root, for the cgroup of its own
 
 Navigation and its guard run as programs, the robot behind a pseudo-terminal. Each case is measured without a CPU limit
-and with navigation at the floor of a suspended task, 10m: 1 ms of CPU in 100 ms. The guard keeps the 50m of its
+and with navigation at the floor of a suspended task, 10m: 1 ms of CPU in 100 ms. The guard has 50m, less than its
 sidecar. Latency is the time from the cause to the last moment at which a wheel turned within the three seconds that
 follow.
 """
