@@ -10,13 +10,14 @@ NODES = {("", "nodes"): {"get", "list", "watch"}}
 IN_A_NAMESPACE = {
     ("contextpolicy.dev", "contextpolicies"): {"get", "list", "watch", "patch"},
     ("contextpolicy.dev", "contextpolicies/status"): {"patch"},
-    ("", "pods"): {"get", "list", "watch", "patch"},
+    ("", "pods"): {"get", "list", "watch"},
     ("", "pods/resize"): {"patch"},
     ("", "events"): {"create"},
 }
 RESTORE = {
     ("contextpolicy.dev", "contextpolicies"): {"list", "patch"},
-    ("", "pods"): {"list", "patch"},
+    ("contextpolicy.dev", "contextpolicies/status"): {"patch"},
+    ("", "pods"): {"list"},
     ("", "pods/resize"): {"patch"},
 }
 
