@@ -24,6 +24,12 @@ def test_go_mod_and_the_stamped_version_agree():
     assert all(line.endswith(staging) for line in replaced)
 
 
+def test_go_names_the_binary_as_the_node_starts_it():
+    """After the last element of the module's path."""
+    text = (layout.SOURCES / "program" / "go.mod").read_text()
+    assert text.splitlines()[0].rpartition("/")[2] == NODE.name
+
+
 @pytest.mark.parametrize(
     "changed",
     [replace(NODE, ldflags="-s"), replace(NODE, tags="x"), replace(NODE, cgo=True), replace(NODE, source="")],

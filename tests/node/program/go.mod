@@ -1,4 +1,4 @@
-module contextpolicy.dev/tests/node/program
+module contextpolicy.dev/tests/node
 
 go 1.26.0
 
