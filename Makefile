@@ -3,7 +3,7 @@ SHELL := /bin/bash
 PYTHON := .venv/bin/python
 CLUSTER := $(PYTHON) -m tests.node
 POLICY ?= config/policies/delivery-robot.yaml
-VOICES := flite festival festvox-kallpc16k festvox-us-slt-hts sox
+VOICES := flite festival festvox-kallpc16k festvox-us-slt-hts espeak-ng sox
 TIMELINE ?= timelines/demo.json
 CORES ?= 2
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from modules.speech.spotter import Spotter
+from modules.speech.listener import Listener
 from modules.speech.task import Speech
 from robotkit import main
 
-main(Path(__file__).with_name("module.yaml"), lambda: Speech(Spotter()))
+main(Path(__file__).with_name("module.yaml"), lambda: Speech(Listener()))

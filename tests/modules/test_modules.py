@@ -20,7 +20,7 @@ def module(request):
 
 
 def test_there_are_modules():
-    assert {"slam", "speech"} <= {folder.name for folder in MODULES}
+    assert {"chatbot", "slam", "speech", "transcript", "voice"} <= {folder.name for folder in MODULES}
 
 
 def test_it_has_the_same_files(module):
@@ -30,7 +30,8 @@ def test_it_has_the_same_files(module):
 def test_it_says_what_it_takes_gives_and_needs(module):
     said = load_module(module / "module.yaml")
     assert said.name == module.name
-    assert all(entry.key.startswith("robot/") for entry in (*said.inputs.values(), *said.outputs.values()))
+    assert all(entry.key.startswith(("robot/", "contextpolicy/")) for entry in said.inputs.values())
+    assert all(entry.key.startswith("robot/") for entry in said.outputs.values())
     assert None not in (said.needs.cores, said.needs.memory, said.needs.deadline)
 
 

@@ -26,6 +26,8 @@ NOISE = 0.004 * 32767
 FLITE_VOICES = ("rms", "slt", "kal16")
 FESTIVAL_VOICES = ("kal_diphone", "cmu_us_slt_arctic_hts")
 VOICES = FLITE_VOICES + FESTIVAL_VOICES
+ESPEAK = "espeak:"
+"""Begins the name of a voice of espeak-ng, such as espeak:en-gb+f3; PocketSphinx hardly understands them."""
 COMMANDS = {
     "forward": "go forward",
     "backward": "go backward",
@@ -77,15 +79,21 @@ def write(folder: Path, script: Script, progress: Callable[[float], None]) -> No
     _write_truth(folder / "truth.csv", script)
 
 
-def speak(text: str, voice: str) -> Samples:
-    """Say a text; the loudest sample is PEAK for every voice."""
+def speak(text: str, voice: str, *, size: float = 1, tempo: float = 1) -> Samples:
+    """Say a text; the loudest sample is PEAK for every voice.
+
+    A `size` above 1 makes the voice that of a smaller person: higher in pitch and formants. `tempo` is its speed.
+    """
     with tempfile.TemporaryDirectory() as scratch:
         raw, converted = Path(scratch, "raw.wav"), Path(scratch, "16k.wav")
-        if voice in FLITE_VOICES:
-            _run(["flite", "-voice", voice, "-t", text, "-o", str(raw)])
-        else:
+        if voice.startswith(ESPEAK):
+            _run(["espeak-ng", "-v", voice.removeprefix(ESPEAK), "-w", str(raw), text])
+        elif voice in FESTIVAL_VOICES:
             _run(["text2wave", "-eval", f"(voice_{voice})", "-o", str(raw)], text)
-        _run(["sox", "-G", str(raw), "-r", str(RATE), "-c", "1", "-b", "16", "-D", str(converted)])
+        else:
+            _run(["flite", "-voice", voice, "-t", text, "-o", str(raw)])
+        effects = [] if size == tempo == 1 else ["speed", f"{size:g}", "tempo", "-s", f"{tempo / size:g}"]
+        _run(["sox", "-G", str(raw), "-r", str(RATE), "-c", "1", "-b", "16", "-D", str(converted), *effects])
         with wave.open(str(converted)) as audio:
             samples = np.frombuffer(audio.readframes(audio.getnframes()), "<i2").astype(np.float64)
     loudest = float(np.abs(samples).max(initial=0))
@@ -98,7 +106,7 @@ def speak(text: str, voice: str) -> Samples:
 def _run(command: list[str], text: str = "") -> None:
     program = shutil.which(command[0])
     if program is None:
-        raise SpeechError(f"{command[0]} is missing: install the packages flite, festival and sox")
+        raise SpeechError(f"{command[0]} is missing: install the packages flite, festival, espeak-ng and sox")
     done = subprocess.run([program, *command[1:]], input=text, capture_output=True, text=True, timeout=60, check=False)
     if done.returncode != 0:
         raise SpeechError(f"{' '.join(command)} failed: {done.stderr.strip()}")

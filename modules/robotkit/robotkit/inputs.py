@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """One sample of the input `input`, with its encoding and ROS type.
+    """One sample of the input `input`, with its encoding and ROS type; `key` is its own: the input's may have `*`.
 
     `stamp` is when its source published it, `received` when it arrived, both in ns since 1970.
     """
@@ -31,6 +31,7 @@ class Received:
     input: str = ""
     encoding: str = ""
     type: str = ""
+    key: str = ""
 
 
 class _Arrived(NamedTuple):
@@ -39,6 +40,7 @@ class _Arrived(NamedTuple):
     payload: zenoh.ZBytes
     stamp: int
     received: int
+    key: str
 
 
 class Inputs:
@@ -94,7 +96,8 @@ class Inputs:
             self._taken = (name, arrived.received)
         declaration = self._declared[name]
         payload = arrived.payload.to_bytes()
-        return Received(payload, arrived.stamp, arrived.received, name, declaration.encoding, declaration.type)
+        kind = declaration.type
+        return Received(payload, arrived.stamp, arrived.received, name, declaration.encoding, kind, arrived.key)
 
     def close(self) -> None:
         """Wake up whoever waits; the session undeclares the rest."""
@@ -110,7 +113,7 @@ class Inputs:
 
         def receive(sample: zenoh.Sample) -> None:
             received = time.time_ns()
-            arrived = _Arrived(sample.payload, stamp_of(sample) or received, received)
+            arrived = _Arrived(sample.payload, stamp_of(sample) or received, received, str(sample.key_expr))
             self.shared[name] += sample.payload.as_shm() is not None
             with self._changed:
                 self.dropped[name] += len(queue) == queue.maxlen

@@ -1,0 +1,87 @@
+"""From utterances to commands: the spotter marks what may be a command, the verifier decides."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from modules.speech.gate import Gate
+from modules.speech.phones import PhoneModel
+from modules.speech.spotter import Spotter
+from modules.speech.verifier import Verifier
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from modules.speech.gate import Utterance
+    from modules.speech.spectrum import Samples
+
+# The evidence (log-odds) that a command needs: see README.md.
+THRESHOLDS = {"forward": 2.0, "backward": 0.7, "left": 0.7, "right": 0.7, "stop": 0.5}
+
+_DITHER = 0.003
+"""Loudness of the noise that is added, as a part of the utterance's peak: 50 dB below it."""
+_SAME = 0.5
+"""Seconds within which a keyword is heard once: the pieces of connected speech overlap."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A command, in seconds of sound since the gate was made; `evidence` is the log-odds that it was said."""
+
+    keyword: str
+    start: float
+    end: float
+    evidence: float
+
+    @property
+    def confidence(self) -> float:
+        """The evidence as a number from 0 to 1."""
+        return 1 / (1 + math.exp(-self.evidence))
+
+
+class Listener:
+    """Hears commands in a stream of 16 bit samples at 16 kHz."""
+
+    def __init__(self, thresholds: Mapping[str, float] = THRESHOLDS) -> None:
+        self.gate = Gate()
+        self._spotter = Spotter()
+        self._phones = PhoneModel()
+        self._verifier = Verifier.load()
+        self._thresholds = thresholds
+        self._last: dict[str, float] = {}
+
+    def listen(self, utterance: Utterance) -> list[Heard]:
+        """The commands in an utterance, but not those that the piece of speech before it held already."""
+        told = []
+        for heard in self.candidates(utterance):
+            if heard.evidence >= self._thresholds[heard.keyword] and self._is_new(heard):
+                self._last[heard.keyword] = heard.start
+                told.append(heard)
+        return told
+
+    def candidates(self, utterance: Utterance) -> list[Heard]:
+        """All that the spotter marks, in the order of time, with the evidence for it."""
+        samples = _dithered(utterance.samples)
+        marks = self._spotter.spot(samples)
+        if not marks:
+            return []
+        posteriors = self._phones.posteriors(samples)
+        begin = utterance.start
+        return [
+            Heard(mark.keyword, begin + mark.start, begin + mark.end, self._verifier.evidence(posteriors, mark))
+            for mark in marks
+        ]
+
+    def _is_new(self, heard: Heard) -> bool:
+        return heard.start - self._last.get(heard.keyword, -_SAME) >= _SAME
+
+
+def _dithered(samples: Samples) -> Samples:
+    """Add faint noise: digital silence, which no room has, would spoil the mean that the cepstra are compared with."""
+    noise = np.random.default_rng(len(samples)).normal(0, _DITHER * np.abs(samples).max(initial=0), len(samples))
+    dithered: Samples = samples + noise
+    return dithered

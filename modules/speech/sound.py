@@ -1,0 +1,40 @@
+"""Microphone chunks as one stream of sound: their length is checked, gaps start it afresh, and its times are known."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from modules.speech.gate import BYTES_PER_SAMPLE
+from modules.speech.spectrum import RATE
+from robotkit import MessageError
+
+if TYPE_CHECKING:
+    from modules.speech.gate import Gate, Utterance
+    from robotkit import Received
+
+MAX_GAP_NS = 500_000_000
+
+
+class SoundStream:
+    """Feeds a gate with chunks; after a gap it starts afresh instead of gluing two sounds together."""
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate = gate
+        self._taken = 0
+        self._end: int | None = None
+
+    def feed(self, received: Received) -> list[Utterance]:
+        """Take a chunk, whose stamp is that of its end: a microphone delivers it when it is full."""
+        samples = received.payload
+        if len(samples) % BYTES_PER_SAMPLE:
+            raise MessageError(f"{len(samples)} bytes are not 16 bit samples")
+        count = len(samples) // BYTES_PER_SAMPLE
+        if self._end is not None and received.stamp - count * 1_000_000_000 // RATE - self._end > MAX_GAP_NS:
+            self._gate.restart()
+        self._end = received.stamp
+        self._taken += count
+        return self._gate.feed(samples)
+
+    def time_of(self, moment: float) -> float:
+        """When a moment after the last gap was, in s since 1970; the gate counts it in seconds of sound."""
+        return (self._end or 0) / 1e9 - (self._taken / RATE - moment)

@@ -1,0 +1,70 @@
+"""Which commands are heard, in speech whose truth is known; needs the voices of Debian's flite, and no network."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+
+from modules.speech.listener import Listener
+from modules.speech.spectrum import RATE
+from modules.speech.task import Speech
+from robotkit import MessageError, Received
+from robotkit.accuracy import Event, match_events
+from timelines.datasets import speech
+from timelines.datasets.readers import read
+
+CHUNK_NS = 100_000_000
+START = 1_700_000_000_000_000_000
+needs_voices = pytest.mark.skipif(
+    shutil.which("flite") is None or shutil.which("sox") is None, reason="flite and sox are not installed"
+)
+
+
+@pytest.fixture(scope="module")
+def script():
+    return speech.every_command(speech.FLITE_VOICES)
+
+
+@pytest.fixture(scope="module")
+def chunks(script, tmp_path_factory):
+    root = tmp_path_factory.mktemp("datasets")
+    (root / "speech/test").mkdir(parents=True)
+    speech.write(root / "speech/test", script, progress=lambda _: None)
+    return [payload for _, payload in read(root, "speech/test")]
+
+
+def hear(task, chunks):
+    received = (Received(chunk, START + (i + 1) * CHUNK_NS, 0) for i, chunk in enumerate(chunks))
+    return [result.value for one in received for result in task.process(one)]
+
+
+@needs_voices
+def test_most_commands_are_heard_at_their_time_and_none_is_invented(script, chunks):
+    told = hear(Speech(Listener()), chunks)
+    truth = [Event(utterance.at, utterance.keyword) for utterance in script.utterances]
+    matched = match_events(truth, [Event(one["at"] - START / 1e9, one["keyword"]) for one in told], early=0.3, late=1.2)
+    assert matched.invented == 0
+    assert matched.recall >= 0.8
+    assert all(0.5 < one["confidence"] <= 1 for one in told)
+
+
+@pytest.mark.parametrize("loudness", [30, 1000])
+def test_background_noise_is_not_a_command(loudness):
+    noise = np.random.default_rng(1).normal(0, loudness, 10 * RATE).astype("<i2").tobytes()
+    chunks = [noise[start : start + 3200] for start in range(0, len(noise), 3200)]
+    assert hear(Speech(Listener()), chunks) == []
+
+
+@needs_voices
+def test_other_words_are_no_commands():
+    for index, text in enumerate(("the family had long been settled in sussex", "my brother bought seven tickets")):
+        said = np.pad(speech.speak(text, "rms"), RATE // 2).astype("<i2").tobytes()
+        chunks = [said[start : start + 3200] for start in range(0, len(said), 3200)]
+        assert hear(Speech(Listener()), chunks) == [], index
+
+
+def test_half_a_sample_is_refused():
+    with pytest.raises(MessageError, match="16 bit"):
+        Speech(Listener()).process(Received(b"abc", 0, 0))

@@ -1,0 +1,94 @@
+"""The published layout of Speech Commands v2, and the score of what is heard in it."""
+
+from __future__ import annotations
+
+import wave
+
+import numpy as np
+import pytest
+
+from modules.speech.evaluation import Score
+from modules.speech.speech_commands import RecordingError, between_silences, chunks, clips, load, noises
+
+NAMES = {
+    "left/0a7c2a8d_nohash_0.wav": "training",
+    "left/0b40aa8e_nohash_0.wav": "testing",
+    "bird/0b40aa8e_nohash_1.wav": "testing",
+    "stop/012c8314_nohash_0.wav": "validation",
+}
+
+
+def write(path, rate=16_000, count=8_000):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with wave.open(str(path), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(rate)
+        file.writeframes(np.arange(count, dtype="<i2").tobytes())
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in NAMES:
+        write(tmp_path / name)
+    write(tmp_path / "_background_noise_/running_tap.wav")
+    for split in ("validation", "testing"):
+        lines = (name for name, where in NAMES.items() if where == split)
+        (tmp_path / f"{split}_list.txt").write_text("\n".join(lines) + "\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize("split", ["training", "validation", "testing"])
+def test_splits_are_those_of_the_lists(folder, split):
+    found = {f"{clip.word}/{clip.path.name}" for clip in clips(folder, split)}
+    assert found == {name for name, where in NAMES.items() if where == split}
+
+
+def test_noise_is_no_word(folder):
+    assert {clip.word for clip in clips(folder)} == {"bird", "left", "stop"}
+    assert [path.name for path in noises(folder)] == ["running_tap.wav"]
+
+
+def test_a_clip_knows_its_speaker(folder):
+    assert clips(folder, "validation")[0].speaker == "012c8314"
+
+
+def test_a_missing_list_is_told(folder):
+    (folder / "testing_list.txt").unlink()
+    assert len(clips(folder)) == 4
+    with pytest.raises(RecordingError, match=r"testing_list.txt: needed"):
+        clips(folder, "training")
+
+
+def test_a_folder_without_recordings_and_a_wrong_split_are_told(tmp_path, folder):
+    with pytest.raises(RecordingError, match="no recordings"):
+        clips(tmp_path / "left")
+    with pytest.raises(RecordingError, match="'test' is not allowed: training, validation, testing"):
+        clips(folder, "test")
+
+
+def test_what_is_no_recording_is_told(tmp_path):
+    write(tmp_path / "slow.wav", rate=8_000)
+    with pytest.raises(RecordingError, match="8000"):
+        load(tmp_path / "slow.wav")
+    (tmp_path / "text.wav").write_text("hello")
+    with pytest.raises(RecordingError, match=r"text.wav: not a WAV file"):
+        load(tmp_path / "text.wav")
+
+
+def test_a_clip_is_heard_between_silences_in_chunks(folder):
+    clip = load(folder / "left/0a7c2a8d_nohash_0.wav")
+    sound = between_silences(clip, 0.5)
+    assert np.array_equal(sound[8_000:16_000], clip)
+    assert sum(map(len, chunks(sound))) == 2 * (len(sound) + 16_000)
+
+
+def test_a_score_counts_what_was_heard_and_what_was_invented():
+    score = Score()
+    score.count("left", ["left", "stop"], 60)
+    score.count("right", [], 60)
+    score.count("bird", ["left"], 120)
+    assert score.report() == (
+        "left: 1 of 1 (100%)\nright: 0 of 1 (0%)\ninvented: 2 in 2.0 minutes, 1.00 a minute\n"
+        "  left as stop: 1\n  bird as left: 1"
+    )
