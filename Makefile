@@ -4,6 +4,7 @@ PYTHON := .venv/bin/python
 CLUSTER := $(PYTHON) -m tests.node
 POLICY ?= config/policies/delivery-robot.yaml
 VOICES := flite festival festvox-kallpc16k festvox-us-slt-hts espeak-ng sox
+MODULES := $(patsubst modules/%/Dockerfile,%,$(wildcard modules/*/Dockerfile))
 TIMELINE ?= timelines/demo.json
 CORES ?= 2
 
@@ -60,15 +61,7 @@ cluster-down:  ## stop the one-node Kubernetes and leave nothing behind
 
 images: cluster  ## build the images and import them into the node
 	$(CLUSTER) image contextpolicy operator/Dockerfile .
-	$(CLUSTER) image contextpolicy-slam modules/slam/Dockerfile .
-	$(CLUSTER) image contextpolicy-speech modules/speech/Dockerfile .
-	$(CLUSTER) image contextpolicy-host modules/host/Dockerfile .
-	$(CLUSTER) image contextpolicy-camera modules/camera/Dockerfile .
-	$(CLUSTER) image contextpolicy-microphone modules/microphone/Dockerfile .
-	$(CLUSTER) image contextpolicy-imu modules/imu/Dockerfile .
-	$(CLUSTER) image contextpolicy-navigation modules/navigation/Dockerfile .
-	$(CLUSTER) image contextpolicy-lidar modules/lidar/Dockerfile .
-	$(CLUSTER) image contextpolicy-arm modules/arm/Dockerfile .
+	for module in $(MODULES); do $(CLUSTER) image contextpolicy-$$module modules/$$module/Dockerfile . || exit 1; done
 
 recordings: setup  ## make the demo's recordings: a rendered EuRoC sequence and synthesised speech
 	dpkg --status $(VOICES) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(VOICES); }

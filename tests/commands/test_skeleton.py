@@ -109,8 +109,10 @@ def test_everything_that_is_wrong_is_told_at_once(tmp_path: Path, capsys: pytest
         '  module.needs.memory: \'much\' is not allowed: a memory quantity such as "100Mi" or "1Gi"',
         f"{tmp_path}/1.yaml:",
         "  module.name: 'Slam' is not allowed: at most 63 lower-case letters, digits and '-', a letter first",
-        "  module.speed: 1 is not allowed: known fields: description, environment, inputs, name, needs, outputs; "
-        "did you mean needs?",
+        (
+            "  module.speed: 1 is not allowed: known fields: description, environment, inputs, name, needs, outputs"
+            "; did you mean needs?"
+        ),
         f"{tmp_path}/3.yaml:",
         "  module.name: 'chatbot' is not allowed: a name that is not used yet",
         f"{tmp_path}/4.yaml:",
