@@ -52,7 +52,8 @@ class Sensor(Task):
     """Produces until it is told to end; what it reads from fails after one reading, as often as there are failures."""
 
     def __init__(self, *failures):
-        self.opened = self.released = 0
+        self.opened = 0
+        self.released = queue.Queue()
         self.failures = failures
 
     def produce(self, ended):
@@ -63,7 +64,7 @@ class Sensor(Task):
                 raise self.failures[self.opened - 1]
             ended.wait(PATIENCE_S)
         finally:
-            self.released += 1
+            self.released.put(self.opened)
 
 
 class World:
@@ -229,8 +230,8 @@ def test_a_source_that_fails_is_opened_again_and_freed_while_suspended(failure, 
     task = Sensor(failure)
     with running(SENSOR, task) as world:
         assert [world.next_result() for _ in range(2)] == [{"stamp": 7, "value": 1}, {"stamp": 7, "value": 2}]
-        assert task.released == 1
+        assert task.released.get(timeout=PATIENCE_S) == 1
         world.decide(sequence=1, task="sensor", suspended=True)
+        assert task.released.get(timeout=PATIENCE_S) == 2, "of two plans in a row only the newer one counts"
         world.decide(sequence=2, task="sensor", share=0.1)
         assert world.next_result()["value"] == 3
-        assert task.released == 2
