@@ -71,7 +71,7 @@ class FakeSession:
         declared = self._declare(key, None, self.publishers)
         return SimpleNamespace(
             put=lambda payload, **_: self._publish(key, json.loads(payload)),
-            delete=lambda: self._publish(key, None),
+            delete=lambda **_: self._publish(key, None),
             undeclare=declared.undeclare,
         )
 
