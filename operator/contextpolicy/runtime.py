@@ -76,13 +76,8 @@ class Runtime:
         self._session: zenoh.Session | None = None
         self._agents: AgentWatch | None = None
         self._loop, self._api = loop, api
-<<<<<<< HEAD
-        self._patches = patches
-        self._reporter = Reporter(api, loop, reports)
-=======
         self._patches, self._signer = patches, signer
-        self._clerk = Reporter(api, loop, reports)
->>>>>>> b2dfcc2 (Sign plans, and let agents obey only signed ones of their policy's namespace)
+        self._reporter = Reporter(api, loop, reports)
         self._watch = ResizeWatch(self._on_problem, self._on_stage)
         self._resizer = PodResizer(api, loop, patches, self._watch)
         self._dry_run = DryRun()
@@ -213,13 +208,9 @@ class Runtime:
         entry = self._policies.pop(reference, None)
         if entry is not None and entry.controller is not None:
             entry.controller.end()
-<<<<<<< HEAD
-        self._reporter.forget(reference)
-=======
         if self._agents is not None:
             self._agents.forget(reference)
-        self._clerk.forget(reference)
->>>>>>> b2dfcc2 (Sign plans, and let agents obey only signed ones of their policy's namespace)
+        self._reporter.forget(reference)
         self._watch.forget(reference)
         self._resizer.release(reference, lambda: _fulfil(done))
         self._place()

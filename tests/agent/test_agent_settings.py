@@ -11,9 +11,6 @@ from contextpolicy.errors import SettingsError
 
 
 def test_settings_come_from_the_environment(tmp_path):
-<<<<<<< HEAD
-    own = read({"NODE_NAME": "node-1", "CGROUP_ROOT": str(tmp_path), "ZENOH_CONNECT": "tcp/r:1"}, priority=10, grace=2)
-=======
     own = read(
         {
             "NODE_NAME": "node-1",
@@ -22,11 +19,10 @@ def test_settings_come_from_the_environment(tmp_path):
             "PLAN_SIGNING": str(tmp_path),
             "ZENOH_CONNECT": "tcp/r:1",
         },
-        manner=Manner(),
+        priority=10,
         grace=2,
     )
     assert (own.keys, own.logs) == (tmp_path, tmp_path)
->>>>>>> b2dfcc2 (Sign plans, and let agents obey only signed ones of their policy's namespace)
     assert (own.node, own.cgroup_root, own.common.connect) == ("node-1", tmp_path, ("tcp/r:1",))
     assert (own.grace, own.priority, own.state) == (2, 10, Path("/run/contextpolicy"))
 

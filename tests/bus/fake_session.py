@@ -30,9 +30,11 @@ class Query:
     """A question, and the answers to it."""
 
     answers: list[Any] = field(default_factory=list)
+    attachments: list[bytes | None] = field(default_factory=list)
 
-    def reply(self, _: str, payload: str, **__: Any) -> None:
+    def reply(self, _: str, payload: bytes, *, attachment: bytes | None = None, **__: Any) -> None:
         self.answers.append(json.loads(payload))
+        self.attachments.append(attachment)
 
     def __enter__(self) -> None:
         pass
@@ -50,6 +52,7 @@ class FakeSession:
 
     def __init__(self) -> None:
         self.published: list[tuple[str, Any]] = []
+        self.attachments: list[bytes | None] = []
         self.subscribers: list[_Declared] = []
         self.queryables: list[_Declared] = []
         self.tokens: list[_Declared] = []
@@ -70,8 +73,8 @@ class FakeSession:
     def declare_publisher(self, key: str, **_: Any) -> Any:
         declared = self._declare(key, None, self.publishers)
         return SimpleNamespace(
-            put=lambda payload, **_: self._publish(key, json.loads(payload)),
-            delete=lambda **_: self._publish(key, None),
+            put=lambda payload, **more: self._publish(key, json.loads(payload), **more),
+            delete=lambda **more: self._publish(key, None, **more),
             undeclare=declared.undeclare,
         )
 
@@ -131,9 +134,11 @@ class FakeSession:
         """A sample arrives."""
         self.deliver_bytes(key, json.dumps(value).encode())
 
-    def deliver_bytes(self, key: str, payload: bytes) -> None:
-        """A sample arrives, whatever is in it."""
-        sample = SimpleNamespace(kind=zenoh.SampleKind.PUT, payload=_payload(payload), attachment=None)
+    def deliver_bytes(self, key: str, payload: bytes, of: str = "") -> None:
+        """A sample arrives, whatever is in it; `of` is its own key where the subscriber's has wildcards."""
+        sample = SimpleNamespace(
+            kind=zenoh.SampleKind.PUT, payload=_payload(payload), key_expr=of or key, attachment=None
+        )
         for subscriber in [one for one in self.subscribers if one.key == key]:
             if subscriber.callback is not None:
                 subscriber.callback(sample)
@@ -180,8 +185,9 @@ class FakeSession:
         slow = any(self.agents[node] is None for node in self._asked(selector))
         return [SimpleNamespace(ok=None, err=SimpleNamespace(payload=_payload(b"Timeout")))] if slow else []
 
-    def _publish(self, key: str, content: Any) -> None:
+    def _publish(self, key: str, content: Any, *, attachment: bytes | None = None, **_: Any) -> None:
         self._require_open()
+        self.attachments.append(attachment)
         self.published.append((key, content))
 
     def _declare(self, key: str, callback: Callable[[Any], None] | None, among: list[_Declared]) -> _Declared:
