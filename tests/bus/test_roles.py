@@ -156,7 +156,11 @@ def test_nobody_but_the_operator_seems_to_make_plans(bus, role):
 
 def test_operator_and_agents_know_of_each_other(bus):
     tokens = Queue()
-    listener = bus("operator").liveliness().declare_subscriber("contextpolicy/agents/*", lambda t: tokens.put(t.kind))
+    listener = (
+        bus("operator")
+        .liveliness()
+        .declare_subscriber("contextpolicy/agents/*", lambda token: tokens.put(token.kind), history=True)
+    )
     token = bus("agent").liveliness().declare_token(NODE)
     assert tokens.get(timeout=SOON) == zenoh.SampleKind.PUT
     with bus("agent").declare_queryable(NODE, lambda query: query.reply(NODE, "report")):

@@ -99,6 +99,8 @@ class PlanListener:
         self._thread.join()
 
     def _hear(self, sample: zenoh.Sample) -> None:
+        if "*" in str(sample.key_expr):
+            return  # whoever may not publish plans can still publish on a key with wildcards, which matches ours
         gone = sample.kind == zenoh.SampleKind.DELETE
         with self._changed:
             self._heard[str(sample.key_expr)] = None if gone else sample.payload.to_bytes()
