@@ -26,7 +26,8 @@ def serve(port: int, alive: Callable[[], bool]) -> int:
 
     def answer(environment: WSGIEnvironment, start_response: StartResponse) -> Iterable[bytes]:
         if environment["PATH_INFO"] != "/healthz":
-            return metrics(environment, start_response)
+            page: Iterable[bytes] = metrics(environment, start_response)
+            return page
         healthy = alive()
         start_response("200 OK" if healthy else "503 Service Unavailable", [("Content-Type", "text/plain")])
         return [b"ok\n" if healthy else b"the loop does not answer\n"]
