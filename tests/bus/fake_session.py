@@ -46,7 +46,8 @@ class Query:
 class FakeSession:
     """`published` are the messages by key, None where one was withdrawn.
 
-    `agents` live and answer with these reports; those whose report is None are slow. Like the real session, a closed
+    `agents` live and answer with these reports; those whose report is None are slow. They confirm plans while they are
+    `confirming`. Like the real session, a closed
     one refuses everything, and a question with a callback is answered after `get` has returned: when the test says so.
     """
 
@@ -61,6 +62,7 @@ class FakeSession:
         self.agents: dict[str, bytes | None] = {}
         self.questions: list[tuple[str, zenoh.handlers.Callback[Any]]] = []
         self.closed = False
+        self.confirming = True
 
     # what the operator calls
 
@@ -189,6 +191,16 @@ class FakeSession:
         self._require_open()
         self.attachments.append(attachment)
         self.published.append((key, content))
+        if key.endswith("/plan") and content is not None and self.confirming:
+            self._confirm(content)
+
+    def _confirm(self, plan: dict[str, Any]) -> None:
+        """Every agent that lives carries out every plan at once."""
+        said = {"policy": plan.get("policy"), "stamp": [plan.get(part, 0) for part in ("run", "sequence", "edition")]}
+        for node in plan.get("nodes", {}).keys() & self.agents.keys():
+            self.deliver_bytes(
+                "contextpolicy/agents/*/confirmed", json.dumps(said).encode(), f"{agent_key(node)}/confirmed"
+            )
 
     def _declare(self, key: str, callback: Callable[[Any], None] | None, among: list[_Declared]) -> _Declared:
         self._require_open()

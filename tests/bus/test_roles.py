@@ -10,9 +10,11 @@ from threading import Event
 
 import pytest
 import zenoh
+import zenoh.ext
 
+from contextpolicy.bus.credentials import client_settings
 from contextpolicy.bus.roles import ROLES
-from contextpolicy.bus.session import open_client, open_router, open_visitor
+from contextpolicy.bus.session import _config, open_client, open_router, open_visitor
 from tests.bus.certificates import Authority
 from tests.modules.robotkit.bus import Matching, free_port
 
@@ -50,6 +52,7 @@ def bus(request, authority, users):
                 known[role, who] = sessions.enter_context(open_client([endpoint], Event(), credentials[role]))
             return known[role, who]
 
+        connect.settings = {"mode": "client", "connect/endpoints": [endpoint], **client_settings(credentials["sensor"])}
         yield connect
 
 
@@ -94,6 +97,21 @@ def test_samples_are_heard(bus, speaker, listener):
     with Heard(bus(listener), SAMPLE) as heard:
         say(bus(speaker), SAMPLE, "sample")
         assert heard.next() == "sample"
+
+
+def test_latched_samples_are_heard_by_who_comes_later(bus):
+    """As rmw_zenoh keeps them for topics such as /tf_static."""
+    cache = zenoh.ext.CacheConfig(max_samples=1)
+    driver = zenoh.open(_config({**bus.settings, "timestamping/enabled": True}))
+    latched = zenoh.ext.declare_advanced_publisher(driver, "robot/map", cache=cache, publisher_detection=True)
+    latched.put("map")
+    heard, history = Queue(), zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
+    late = zenoh.ext.declare_advanced_subscriber(
+        bus("operator"), "robot/map", lambda sample: heard.put(sample.payload.to_string()), history=history
+    )
+    assert heard.get(timeout=SOON) == "map"
+    late.undeclare()
+    driver.close()
 
 
 @pytest.mark.parametrize("listener", ["module", "agent", "viewer"])

@@ -31,9 +31,10 @@ _SAY = ["put", "delete", "liveliness_token", "declare_queryable", "reply"]
 _LISTEN = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query", "query"]
 _HEAR = ["put", "delete", "liveliness_token", "declare_queryable", "reply"]
 _BE_HEARD = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
+_PUBLISH = ("publish-samples", "answer-for-latched", "be-asked-for-latched", "leave-plans-alone", "know-listeners")
 _RULES = {
-    "sensor": ("publish-samples", "leave-plans-alone", "know-listeners"),
-    "module": ("publish-samples", "leave-plans-alone", "know-listeners", "listen", "hear"),
+    "sensor": _PUBLISH,
+    "module": (*_PUBLISH, "listen", "hear"),
     "operator": ("listen", "hear", "decide", "know-who-follows"),
     "agent": ("follow-plans", "hear-plans", "report", "confirm", "know-who-follows"),
     "viewer": ("view", "see"),
@@ -43,15 +44,19 @@ _RULES = {
 def access_control(samples: Sequence[str] = ("**",), *, by: str = "cert_common_names") -> dict[str, Any]:
     """Zenoh's `access_control`: samples on these keys; roles are told `by` their cert_common_names or usernames."""
     keys = list(samples)
+    # Latched topics of ROS 2 (and of Zenoh's advanced publishers): no wildcard covers a chunk that begins with @.
+    latched = [f"{key}/@adv/**" for key in keys]
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": [
-            _rule("publish-samples", "ingress", ["put", "liveliness_token"], keys),
-            _rule("leave-plans-alone", "ingress", ["put", "liveliness_token"], _OWN, permission="deny"),
-            _rule("know-listeners", "egress", _BE_HEARD, keys),
-            _rule("listen", "ingress", _LISTEN, [*keys, *_OWN]),
-            _rule("hear", "egress", _HEAR, [*keys, *_OWN]),
+            _rule("publish-samples", "ingress", ["put", "liveliness_token", "reply"], [*keys, *latched]),
+            _rule("answer-for-latched", "ingress", ["declare_queryable"], latched),
+            _rule("be-asked-for-latched", "egress", ["query"], latched),
+            _rule("leave-plans-alone", "ingress", ["put", "liveliness_token", "reply"], _OWN, permission="deny"),
+            _rule("know-listeners", "egress", _BE_HEARD, [*keys, *latched]),
+            _rule("listen", "ingress", _LISTEN, [*keys, *latched, *_OWN]),
+            _rule("hear", "egress", _HEAR, [*keys, *latched, *_OWN]),
             _rule(
                 "decide",
                 "ingress",
