@@ -125,6 +125,24 @@ def test_plans_are_heard_and_answered(bus, listener):
         assert next(filter(None, asked))[0].ok.payload.to_string() == "in force"
 
 
+def test_a_module_answers_for_itself(bus):
+    key = "robot/slam/profile"
+    with bus("module").declare_queryable(key, lambda query: query.reply(key, "profile")):
+        asked = (list(bus("operator").get(key, timeout=SOON)) for _ in range(1000))
+        assert next(filter(None, asked))[0].ok.payload.to_string() == "profile"
+
+
+@pytest.mark.parametrize("key", [PLAN, "*/robot/delivery/plan"])
+@pytest.mark.parametrize("role", ["sensor", "module", "viewer", "agent"])
+def test_nobody_but_the_operator_answers_for_plans(bus, role, key):
+    forged = bus(role, "forger").declare_queryable("**", lambda query: query.reply(key, "forged"))
+    with bus("operator").declare_queryable(PLAN, lambda query: query.reply(PLAN, "plan")):
+        asked = (list(bus("agent").get(PLAN, timeout=SOON)) for _ in range(1000))
+        answers = [reply.ok.payload.to_string() for reply in next(filter(None, asked)) if reply.ok]
+    forged.undeclare()
+    assert answers == ["plan"]
+
+
 @pytest.mark.parametrize("key", [PLAN, *WILD])
 @pytest.mark.parametrize("role", ["sensor", "module", "agent", "viewer"])
 def test_nobody_but_the_operator_reaches_an_agent_with_a_plan(bus, role, key):

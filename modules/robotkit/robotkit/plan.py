@@ -107,7 +107,7 @@ class PlanListener:
             self._changed.notify_all()
 
     def _hear_reply(self, reply: zenoh.Reply) -> None:
-        if reply.ok is None:
+        if reply.ok is None or "*" in str(reply.ok.key_expr):
             return
         with self._changed:
             self._heard.setdefault(str(reply.ok.key_expr), reply.ok.payload.to_bytes())

@@ -48,12 +48,11 @@ def shared_memory(environment: Mapping[str, str]) -> bool:
     return value == "true"
 
 
-def client_config(
-    addresses: Sequence[str], *, shared_memory: bool = False, secret: Path | None = None
-) -> zenoh.Config:
+def client_config(addresses: Sequence[str], *, shared_memory: bool = False, secret: Path | None = None) -> zenoh.Config:
     """Connect to the addresses only; a peer that hangs is noticed after a second, not after ten.
 
-    `secret` holds ca.crt, and tls.crt and tls.key or username and password: who we are. With `shared_memory`, payloads of 3 KiB and more stay where they are: Zenoh sends the others only their place.
+    `secret` holds ca.crt, and tls.crt and tls.key or username and password: who we are. With `shared_memory`, payloads
+    of 3 KiB and more stay where they are: Zenoh sends the others only their place.
     """
     config = zenoh.Config()
     for key, value in (

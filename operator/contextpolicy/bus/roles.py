@@ -4,7 +4,7 @@
 role      what it does
 ========  =============================================================================================================
 sensor    publishes samples, hears nothing
-module    publishes and hears samples, hears plans and asks for them
+module    publishes and hears samples, answers for itself (its profile), hears plans and asks for them
 operator  hears samples and agents, makes plans, answers why
 agent     hears plans and asks for them, says what its node can do, confirms plans
 viewer    hears what the operator and the agents say, and asks: `contextpolicy top` and `explain`
@@ -27,14 +27,15 @@ ROLES = ("sensor", "module", "operator", "agent", "viewer")
 
 _OWN = ["contextpolicy/**"]
 _PLANS = ["contextpolicy/*/*/plan"]
+_PUBLISH = ["put", "liveliness_token", "declare_queryable", "reply"]
 _SAY = ["put", "delete", "liveliness_token", "declare_queryable", "reply"]
 _LISTEN = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query", "query"]
 _HEAR = ["put", "delete", "liveliness_token", "declare_queryable", "reply"]
 _BE_HEARD = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
-_PUBLISH = ("publish-samples", "answer-for-latched", "be-asked-for-latched", "leave-plans-alone", "know-listeners")
+_SPEAK = ("publish-samples", "leave-plans-alone", "answer-for-samples", "answer-for-nobody-else", "know-listeners")
 _RULES = {
-    "sensor": _PUBLISH,
-    "module": (*_PUBLISH, "listen", "hear"),
+    "sensor": _SPEAK,
+    "module": (*_SPEAK, "listen", "hear"),
     "operator": ("listen", "hear", "decide", "know-who-follows"),
     "agent": ("follow-plans", "hear-plans", "report", "confirm", "know-who-follows"),
     "viewer": ("view", "see"),
@@ -50,10 +51,10 @@ def access_control(samples: Sequence[str] = ("**",), *, by: str = "cert_common_n
         "enabled": True,
         "default_permission": "deny",
         "rules": [
-            _rule("publish-samples", "ingress", ["put", "liveliness_token", "reply"], [*keys, *latched]),
-            _rule("answer-for-latched", "ingress", ["declare_queryable"], latched),
-            _rule("be-asked-for-latched", "egress", ["query"], latched),
-            _rule("leave-plans-alone", "ingress", ["put", "liveliness_token", "reply"], _OWN, permission="deny"),
+            _rule("publish-samples", "ingress", _PUBLISH, [*keys, *latched]),
+            _rule("answer-for-samples", "egress", ["query"], [*keys, *latched]),
+            _rule("leave-plans-alone", "ingress", _PUBLISH, _OWN, permission="deny"),
+            _rule("answer-for-nobody-else", "egress", ["query"], _OWN, permission="deny"),
             _rule("know-listeners", "egress", _BE_HEARD, [*keys, *latched]),
             _rule("listen", "ingress", _LISTEN, [*keys, *latched, *_OWN]),
             _rule("hear", "egress", _HEAR, [*keys, *latched, *_OWN]),

@@ -2,7 +2,7 @@
 
 The attachment is the time of signing (eight bytes, big-endian nanoseconds since 1970) and the signature (64 bytes) over
 that time, the key and the payload. A withdrawal has no payload and is signed as well: a forged one would undo a plan.
-The payload stays what it is for everybody else. Signing takes 40 us and verifying 130 us on a 2 GHz core.
+The payload stays what it is for everybody else. For a plan of 4 kB signing takes 51 us and verifying 135 us (medians).
 """
 
 from __future__ import annotations
