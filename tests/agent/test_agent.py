@@ -13,6 +13,7 @@ from reactivex.testing import TestScheduler
 
 from contextpolicy.agent import capabilities
 from contextpolicy.agent.inotify import WriteWatch
+from contextpolicy.errors import ActuationError
 from tests.agent.builders import CHAT, JSON, POLICY, SLAM, SPEECH, TIMES, Tree, a_message, a_target, an_agent
 
 GRACE = 10.0
@@ -276,3 +277,12 @@ def test_a_withdrawal_that_is_repeated_later_undoes_nothing(tree, agent, slam):
     agent.hear(POLICY, None, withdrawn)
     assert tree.limit(slam) == 900
     assert agent.report()["refused"] == {"Outdated": 1}
+
+
+def test_a_plan_that_fails_is_not_confirmed(agent, slam, monkeypatch):  # noqa: ARG001
+    def fail(*_, **__):
+        raise ActuationError("ReadOnly", "the file system is read-only", retriable=True)
+
+    monkeypatch.setattr("contextpolicy.agent.limits.Limits.apply", fail)
+    assert agent.hear(POLICY, a_message(a_target(SLAM, 0.4))) is None
+    assert agent.report()["refused"]["ReadOnly"] > 0

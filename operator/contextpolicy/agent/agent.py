@@ -101,7 +101,8 @@ class Agent:
         if order is None or order.mode is Mode.ENFORCE:
             self._hold(policy)
         if order is not None:
-            self._persist(lambda: self._obey(order))
+            if not self._persist(lambda: self._obey(order)):
+                return None
             OBEYED_SECONDS.observe(max(0.0, (time.time_ns() - signed) / 1e9))
         return heard.stamp
 
@@ -211,15 +212,16 @@ class Agent:
         elif policy not in self._graces:
             self._await_source(policy)
 
-    def _persist(self, action: Callable[[], None]) -> None:
-        """A container may end in the middle of it; the next attempt leaves it out."""
+    def _persist(self, action: Callable[[], None]) -> bool:
+        """A container may end in the middle of it; the next attempt leaves it out. False when none succeeded."""
         for _ in range(_ATTEMPTS):
             try:
                 action()
             except ActuationError as error:
                 self._refusals.note(error.reason, str(error))
             else:
-                return
+                return True
+        return False
 
     def _end_grace(self, policy: str) -> None:
         grace = self._graces.pop(policy, None)

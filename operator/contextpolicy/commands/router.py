@@ -53,7 +53,7 @@ def main(arguments: argparse.Namespace) -> int:
         files = _files(arguments.credentials)
         with open_router(arguments.listen.split(","), arguments.credentials, arguments.samples.split(",")):
             print(f"routing at {arguments.listen}", flush=True)
-            while not stop.wait(LOOK) and _files(arguments.credentials) == files:
+            while not stop.wait(LOOK if arguments.credentials else None) and _files(arguments.credentials) == files:
                 pass
     return 0
 
