@@ -176,8 +176,10 @@ def test_who_need_not_hear_samples_does_not(bus, role, key):
 @pytest.mark.parametrize("role", ["sensor", "module", "viewer", "agent"])
 def test_nobody_but_the_operator_seems_to_make_plans(bus, role):
     tokens, real = Queue(), f"contextpolicy/robot/of-{role}/plan"
-    listener = bus("agent").liveliness().declare_subscriber(
-        "contextpolicy/*/*/plan", lambda token: tokens.put(str(token.key_expr)), history=True
+    listener = (
+        bus("agent")
+        .liveliness()
+        .declare_subscriber("contextpolicy/*/*/plan", lambda token: tokens.put(str(token.key_expr)), history=True)
     )
     forged = [bus(role, "forger").liveliness().declare_token(key) for key in (PLAN, *WILD)]
     token = bus("operator").liveliness().declare_token(real)
