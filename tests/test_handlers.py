@@ -100,10 +100,10 @@ def test_without_the_custom_resource_the_operator_says_what_to_do(monkeypatch):
 
 def test_a_router_that_answers_is_handed_over_and_one_that_does_not_is_not(monkeypatch, told):
     monkeypatch.setattr(handlers, "open_client", lambda *_: None)
-    handlers._connect(("tcp/router:7447",), told.runtime, threading.Event())
+    handlers._connect(Settings(), told.runtime, threading.Event())
     assert told.calls == []
     monkeypatch.setattr(handlers, "open_client", lambda *_: "session")
-    handlers._connect(("tcp/router:7447",), told.runtime, threading.Event())
+    handlers._connect(Settings(), told.runtime, threading.Event())
     assert told.calls == [("connected", "session")]
 
 

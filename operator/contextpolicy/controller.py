@@ -26,11 +26,13 @@ from contextpolicy.streams import subscription
 from contextpolicy.telemetry import metrics
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
     import zenoh
     from reactivex.abc import DisposableBase, SchedulerBase
 
+    from contextpolicy.bus.signatures import Signer
+    from contextpolicy.cluster.agent_reports import Stamp
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.planning.inputs import Input
     from contextpolicy.planning.observable import Instantiate
@@ -53,8 +55,10 @@ class Actuator(Protocol):
 class Controller:
     """Samples in, orders to the actuator and messages on the bus out.
 
-    `initiatives` are the plugged-in functions that the policy names. `on_change` is called when the status has
-    something new to tell, `on_plan` with the policy's reference and each new plan, once it is ordered.
+    Agents act on its plans only if it has a `signer`. `initiatives` are the plugged-in functions that the policy names.
+    `on_change` is called when the status has something new to tell, `on_plan` with the policy's reference and each new
+    plan, once it is ordered, `on_published` with the reference, the stamp and the nodes of each plan that agents must
+    carry out.
     """
 
     def __init__(
@@ -73,6 +77,8 @@ class Controller:
         self.run = int(time.time() * 1000)
         self.on_change: Callable[[], None] = lambda: None
         self.on_plan: Callable[[str, Plan], None] = lambda *_: None
+        self.on_published: Callable[[str, Stamp, Iterable[str]], None] = lambda *_: None
+        self.signer: Signer | None = None
         self._session, self._scheduler = session, scheduler
         self._actuator, self._initiatives = actuator, initiatives
         self._inputs: Subject[Input] = Subject()
@@ -92,6 +98,7 @@ class Controller:
         if before is not None:
             self.run = max(self.run, before.run + 1)  # the wall clock may have been set back
         self._bus = Bus(self._session, self.policy, self._scheduler, self._message, self._explain)
+        self._bus.signer = self.signer
         if self.policy.mode is not Mode.ENFORCE:
             self._bus.withdraw()
         if self.policy.mode is Mode.PAUSED:
@@ -177,6 +184,9 @@ class Controller:
             self._told = _whereabouts(content)
             self._figures.rest()
             self._bus.publish({**content, **more})
+            if self.policy.mode is Mode.ENFORCE:
+                stamp = content["run"], content["sequence"], content["edition"]
+                self.on_published(self.policy.reference, stamp, content["nodes"])
 
     def _republish(self) -> None:
         """Containers that were restarted or moved need the plan that is in force already."""

@@ -12,6 +12,7 @@ ContextPolicyError
 ├── ActuationError      an actuator could not make a plan real; says whether a retry helps
 ├── OrderError          a message on the decision bus that the node agent must not obey
 ├── ModuleFileError     a module.yaml that breaks rules; carries every finding at once (policy.module_file)
+├── SigningKeyError     no key to sign plans with, or to check them by
 ├── DocumentError       a file that is no YAML (validation.documents)
 ├── PolicyFileError     a file that holds no valid policy (validation.policy_file)
 ├── ExpectationError    expectations that make no sense (simulation.expectations)
@@ -117,6 +118,10 @@ class OrderError(ContextPolicyError):
     def __init__(self, reason: str, message: str) -> None:
         self.reason = reason
         super().__init__(message)
+
+
+class SigningKeyError(ContextPolicyError):
+    """There is no key to sign plans with, or to check them by."""
 
 
 class DrawingError(ContextPolicyError):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import kopf
 
 from contextpolicy.bus.session import open_client
+from contextpolicy.bus.signatures import Signer
 from contextpolicy.cluster.api import FINALIZER, ApiServer
 from contextpolicy.cluster.watching import ObjectWatch
 from contextpolicy.loop import Loop
@@ -50,13 +51,14 @@ async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
         raise kopf.PermanentError("the custom resource is not installed: kubectl apply -f crds/, then start again")
     patches = ThreadPoolExecutor(PATCH_WORKERS, thread_name_prefix="patch")
     reports = ThreadPoolExecutor(1, thread_name_prefix="report")
-    memo.runtime, memo.stop = Runtime(api, Loop(), patches=patches, reports=reports), Event()
+    signer = Signer(own.signing) if own.signing else None
+    memo.runtime, memo.stop = Runtime(api, Loop(), patches=patches, reports=reports, signer=signer), Event()
     memo.watches = _watches(api, own.namespaces, memo.runtime)
     for watch in memo.watches:
         watch.start()
     # A policy whose containers are not known yet would seem restored, and be gone: kopf calls no handler before this.
     await asyncio.gather(*(asyncio.wrap_future(watch.listed) for watch in memo.watches))
-    memo.connecting = asyncio.create_task(asyncio.to_thread(_connect, own.connect, memo.runtime, memo.stop))
+    memo.connecting = asyncio.create_task(asyncio.to_thread(_connect, own, memo.runtime, memo.stop))
 
 
 def _watches(api: ApiServer, namespaces: Sequence[str], runtime: Runtime) -> list[ObjectWatch]:
@@ -66,9 +68,9 @@ def _watches(api: ApiServer, namespaces: Sequence[str], runtime: Runtime) -> lis
     return [*pods, ObjectWatch(api, "/api/v1/nodes", runtime.node_changed, lambda _: None)]
 
 
-def _connect(endpoints: tuple[str, ...], runtime: Runtime, stop: Event) -> None:
+def _connect(settings: Settings, runtime: Runtime, stop: Event) -> None:
     """On a thread: a router that is not there yet must not keep the operator from its other work."""
-    session = open_client(endpoints, stop)
+    session = open_client(settings.connect, stop, settings.credentials)
     if session is not None:
         runtime.connected(session)
 

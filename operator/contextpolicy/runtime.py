@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
+    from contextpolicy.bus.signatures import Signer
     from contextpolicy.cluster.api import ApiServer
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.loop import Loop
@@ -69,11 +70,13 @@ class Runtime:
     are shut down with the operator.
     """
 
-    def __init__(self, api: ApiServer, loop: Loop, *, patches: Executor, reports: Executor) -> None:
+    def __init__(
+        self, api: ApiServer, loop: Loop, *, patches: Executor, reports: Executor, signer: Signer | None = None
+    ) -> None:
         self._session: zenoh.Session | None = None
         self._agents: AgentWatch | None = None
         self._loop, self._api = loop, api
-        self._patches = patches
+        self._patches, self._signer = patches, signer
         self._reporter = Reporter(api, loop, reports)
         self._watch = ResizeWatch(self._on_problem, self._on_stage)
         self._resizer = PodResizer(api, loop, patches, self._watch)
@@ -185,8 +188,12 @@ class Runtime:
         entry.controller = Controller(
             policy, session=session, scheduler=self._loop, actuator=actuator, initiatives=entry.loaded.initiatives
         )
+        entry.controller.signer = self._signer
         entry.controller.on_change = lambda: self._report(reference)
         entry.controller.on_plan = self._watch.planned
+        if self._agents is not None:
+            self._agents.forget(reference)
+            entry.controller.on_published = self._agents.expect
         if before is not None:
             before.stop()
         if policy.mode is Mode.DRY_RUN:
@@ -201,6 +208,8 @@ class Runtime:
         entry = self._policies.pop(reference, None)
         if entry is not None and entry.controller is not None:
             entry.controller.end()
+        if self._agents is not None:
+            self._agents.forget(reference)
         self._reporter.forget(reference)
         self._watch.forget(reference)
         self._resizer.release(reference, lambda: _fulfil(done))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding, SettingsError
@@ -17,9 +18,15 @@ DEFAULT_CONNECT = "tcp/127.0.0.1:7447"
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What an operator is told from outside; `namespaces` empty means all."""
+    """What an operator is told from outside; `namespaces` empty means all.
+
+    `credentials` and `signing` are directories, of the files that `bus.credentials` and `bus.signatures` name: who we
+    are on the bus (None on a bus that is open to all), and the key of the plans (None: nobody has to prove them).
+    """
 
     connect: tuple[str, ...] = (DEFAULT_CONNECT,)
+    credentials: Path | None = None
+    signing: Path | None = None
     namespaces: tuple[str, ...] = ()
     health_port: int = 8080
     metrics_port: int = 8081
@@ -32,6 +39,8 @@ def read(environment: Mapping[str, str]) -> Settings:
     findings: list[Finding] = []
     settings = Settings(
         connect=_words(environment.get("ZENOH_CONNECT", "")) or (DEFAULT_CONNECT,),
+        credentials=_directory(environment, "ZENOH_CREDENTIALS", findings),
+        signing=_directory(environment, "PLAN_SIGNING", findings),
         namespaces=_words(environment.get("WATCH_NAMESPACES", "")),
         health_port=_port(environment, "HEALTH_PORT", 8080, findings),
         metrics_port=_port(environment, "METRICS_PORT", 8081, findings),
@@ -50,6 +59,15 @@ def read(environment: Mapping[str, str]) -> Settings:
 
 def _words(text: str) -> tuple[str, ...]:
     return tuple(word.strip() for word in text.split(",") if word.strip())
+
+
+def _directory(environment: Mapping[str, str], name: str, findings: list[Finding]) -> Path | None:
+    text = environment.get(name, "")
+    if not text:
+        return None
+    if not Path(text).is_dir():
+        findings.append(Finding(name, text, "a directory, such as a mounted Secret"))
+    return Path(text)
 
 
 def _port(environment: Mapping[str, str], name: str, default: int, findings: list[Finding]) -> int:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from typing import TYPE_CHECKING
 
 from hypothesis import strategies as st
 
+from contextpolicy.agent.agent import Agent
+from contextpolicy.agent.agent_settings import AgentSettings
 from contextpolicy.agent.cgroup_paths import CgroupPaths, Driver
 from contextpolicy.agent.control_files import CFS, REALTIME
 from contextpolicy.agent.threads import THREAD_FILES
+from contextpolicy.settings import Settings
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -17,6 +21,9 @@ if TYPE_CHECKING:
 NODE = "node-1"
 POLICY = "robot/delivery"
 SLAM, SPEECH, CHAT, SANDBOX = "a" * 64, "b" * 64, "c" * 64, "f" * 64
+
+TIMES = itertools.count(1_800_000_000_000_000_000)
+"""Nanoseconds since 1970: no two messages are signed at the same time."""
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
@@ -32,12 +39,15 @@ class Tree:
     def __init__(self, mount: Path, version: int = 1, driver: Driver = Driver.CGROUPFS, *, realtime: bool = True):
         self.mount, self.version, self.realtime = mount, version, realtime
         self.layout = CgroupPaths(mount if version == 2 else mount / "cpu", version, driver)
+        self.logs = mount.parent / f"{mount.name}-pods"
+        self.logs.mkdir(parents=True, exist_ok=True)
         self._group(self.layout.top)
         if version == 2:
             (mount / "cgroup.controllers").write_text("cpu memory\n")
 
     def container(self, identity: str, *, limit: int | None = 500, uid: str | None = None, qos: str = "Burstable"):
         """Make a container and what is above it; the pod's limit is the sum of its containers'."""
+        self.pod(uid or f"uid-{identity[0]}")
         group = self.layout.container(qos, uid or f"uid-{identity[0]}", f"containerd://{identity}")
         for above in reversed(group.parents):
             if above.is_relative_to(self.layout.top) and not above.exists():
@@ -47,6 +57,12 @@ class Tree:
         limits = [self.limit(child) for child in group.parent.iterdir() if child.is_dir() and child.name != SANDBOX]
         self.set(group.parent, None if None in limits else sum(limit or 0 for limit in limits))
         return group
+
+    def pod(self, uid: str, namespace: str = "robot"):
+        """The kubelet keeps a directory for the logs of each pod."""
+        for known in self.logs.glob(f"*_{uid}"):
+            known.rmdir()
+        (self.logs / f"{namespace}_pod_{uid}").mkdir()
 
     def sandbox(self, container: Path):
         """The pod's infrastructure container has no limit of its own, and does not keep the pod from having one."""
@@ -86,6 +102,16 @@ class Tree:
             files |= {"cpu.max": "max 100000\n"} | ({"cpu.rt.max": "0 1000000\n"} if self.realtime else {})
         for name, text in files.items():
             (group / name).write_text(text)
+
+
+def an_agent(tree: Tree, state: Path, scheduler, watch, *, grace: float = 10.0):
+    """An agent of this node, whose messages are signed one after the other unless a test says when."""
+    return Informed(AgentSettings(NODE, Settings(), state, tree.mount, tree.logs, state, grace=grace), scheduler, watch)
+
+
+class Informed(Agent):
+    def hear(self, policy, payload, signed=None):
+        return super().hear(policy, payload, next(TIMES) if signed is None else signed)
 
 
 def a_target(identity: str = SLAM, cores: float = 0.5, *, task: str = "slam", **more):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.agent.admission import Admission
+from contextpolicy.agent.admission import REPEATABLE, Admission
 from contextpolicy.agent.node_orders import read
 from contextpolicy.errors import OrderError
-from tests.agent.builders import CHAT, NODE, POLICY, SLAM, SPEECH, a_message, a_target
+from tests.agent.builders import CHAT, NODE, POLICY, SLAM, SPEECH, TIMES, a_message, a_target
 
 OTHER = "robot/other"
 
@@ -16,9 +16,16 @@ def an_order(*targets, policy=POLICY, **more):
     return read(a_message(*targets, policy=policy, **more), policy, NODE)
 
 
+class Listening(Admission):
+    """Hears messages that were signed one after the other, unless a test says when."""
+
+    def admit(self, order, signed=None):
+        return super().admit(order, next(TIMES) if signed is None else signed)
+
+
 @pytest.fixture
 def admission():
-    return Admission(cpus=2)
+    return Listening(cpus=2)
 
 
 def refusal(admission, order):
@@ -133,3 +140,31 @@ def test_what_moves_no_limits_wants_nothing(admission, changes):
     admitted = admission.admit(an_order(a_target(), **changes))
     assert admitted is not None
     assert admitted.targets == ()
+
+
+def test_a_plan_of_a_former_source_is_not_admitted_again(admission):
+    """Whoever listens can say it again when the source is gone, or the policy is forgotten: it is still signed."""
+    for leave in (admission.lose_source, admission.forget):
+        first, second = next(TIMES), next(TIMES)
+        admission.admit(an_order(run=1), first)
+        admission.admit(an_order(run=2), second)
+        leave(POLICY)
+        with pytest.raises(OrderError, match="before what was heard"):
+            admission.admit(an_order(run=1), first)
+        admission.forget(POLICY)
+
+
+def test_a_withdrawal_counts_only_after_the_plan_that_it_withdraws(admission):
+    first, second, third = next(TIMES), next(TIMES), next(TIMES)
+    admission.admit(an_order(), second)
+    with pytest.raises(OrderError, match="before what was heard"):
+        admission.withdraw(POLICY, first)
+    admission.withdraw(POLICY, third)
+
+
+def test_a_clock_that_was_set_back_locks_nobody_out(admission):
+    """Messages signed that far apart do not both pass for fresh, unless the clock was set."""
+    now = next(TIMES)
+    admission.admit(an_order(run=5), now)
+    admission.lose_source(POLICY)
+    assert admission.admit(an_order(run=4), now - REPEATABLE - 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from datetime import timedelta
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -11,11 +12,9 @@ from hypothesis import strategies as st
 from reactivex.testing import TestScheduler
 
 from contextpolicy.agent import capabilities
-from contextpolicy.agent.agent import Agent
-from contextpolicy.agent.agent_settings import AgentSettings
 from contextpolicy.agent.inotify import WriteWatch
-from contextpolicy.settings import Settings
-from tests.agent.builders import JSON, NODE, POLICY, SLAM, SPEECH, Tree, a_message, a_target
+from contextpolicy.errors import ActuationError
+from tests.agent.builders import CHAT, JSON, POLICY, SLAM, SPEECH, TIMES, Tree, a_message, a_target, an_agent
 
 GRACE = 10.0
 
@@ -57,9 +56,8 @@ def _able(monkeypatch):
 def start(tmp_path, tree, scheduler, watch):
     """Start an agent, or another one after it."""
 
-    def start(mount=tree.mount):
-        own = AgentSettings(NODE, Settings(), mount, tmp_path / "state", grace=GRACE)
-        agent = Agent(own, scheduler, watch)
+    def start(tree=tree):
+        agent = an_agent(tree, tmp_path / "state", scheduler, watch, grace=GRACE)
         agent.start()
         return agent
 
@@ -230,7 +228,7 @@ def test_entering_realtime_undoes_limits(tree, agent, slam):
 def test_a_node_without_realtime_says_what_it_lacks_and_refuses(tmp_path, start):
     bare = Tree(tmp_path / "bare", realtime=False)
     group = bare.container(SLAM)
-    agent = start(bare.mount)
+    agent = start(bare)
     assert "CONFIG_RT_GROUP_SCHED" in agent.report()["missing"]["Realtime"][0]
     agent.hear(POLICY, realtime(a_target(SLAM, 0.5)))
     assert bare.limit(group) == 500
@@ -240,9 +238,51 @@ def test_a_node_without_realtime_says_what_it_lacks_and_refuses(tmp_path, start)
 def test_the_kubelet_may_come_after_the_agent(tmp_path, start):
     mount = tmp_path / "late"
     (mount / "cpu").mkdir(parents=True)
-    agent = start(mount)
+    agent = start(SimpleNamespace(mount=mount, logs=tmp_path / "late-pods"))
     assert "kubelet" in agent.report()["missing"]["CFS"][0]
     late = Tree(mount)
     group = late.container(SLAM)
     agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
     assert late.limit(group) == 900
+
+
+@pytest.mark.parametrize("namespace", ["kube-system", None], ids=["of another namespace", "of no pod that is here"])
+def test_a_policy_reaches_no_container_outside_its_namespace(tree, agent, slam, speech, namespace):
+    if namespace:
+        tree.pod("uid-a", namespace)
+    else:
+        (tree.logs / "robot_pod_uid-a").rmdir()
+    stamp = agent.hear(POLICY, a_message(a_target(SLAM, 0.01), a_target(SPEECH, 0.3, task="speech")))
+    assert (tree.limit(slam), tree.limit(speech)) == (500, 300)
+    assert (agent.report()["refused"], stamp) == ({"Foreign": 1}, (1, 1, 0))
+
+
+def test_a_pod_that_came_after_the_agent_looked_is_found(tree, agent, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.4)))
+    later = tree.container(CHAT)
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.4), a_target(CHAT, 0.2, task="chat"), sequence=2))
+    assert (tree.limit(slam), tree.limit(later)) == (400, 200)
+
+
+def test_a_plan_that_is_carried_out_is_confirmed_and_a_refused_one_is_not(agent, slam):  # noqa: ARG001
+    assert agent.hear(POLICY, a_message(a_target(SLAM, 0.4))) == (1, 1, 0)
+    assert agent.hear(POLICY, a_message(a_target(SLAM, 0.4))) == (1, 1, 0)
+    assert agent.hear(POLICY, a_message(a_target(SLAM, 64), sequence=2)) is None
+
+
+def test_a_withdrawal_that_is_repeated_later_undoes_nothing(tree, agent, slam):
+    withdrawn = next(TIMES)
+    agent.hear(POLICY, None, withdrawn)
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    agent.hear(POLICY, None, withdrawn)
+    assert tree.limit(slam) == 900
+    assert agent.report()["refused"] == {"Outdated": 1}
+
+
+def test_a_plan_that_fails_is_not_confirmed(agent, slam, monkeypatch):  # noqa: ARG001
+    def fail(*_, **__):
+        raise ActuationError("ReadOnly", "the file system is read-only", retriable=True)
+
+    monkeypatch.setattr("contextpolicy.agent.limits.Limits.apply", fail)
+    assert agent.hear(POLICY, a_message(a_target(SLAM, 0.4))) is None
+    assert agent.report()["refused"]["ReadOnly"] > 0

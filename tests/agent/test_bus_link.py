@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 
 import pytest
 from reactivex.scheduler import EventLoopScheduler
@@ -11,12 +12,15 @@ from reactivex.scheduler import EventLoopScheduler
 from contextpolicy.agent.bus_link import AgentBus
 from contextpolicy.bus import agent_watch as agents
 from contextpolicy.bus.agent_watch import AgentWatch
-from contextpolicy.bus.decision_bus import agent_key, plan_key
+from contextpolicy.bus.decision_bus import agent_key, confirmed_key, plan_key
+from contextpolicy.bus.signatures import Signer, Verifier
 from contextpolicy.cluster.agent_reports import AgentReport
 from tests.agent.builders import NODE
+from tests.bus.certificates import signing_keys
 from tests.modules.robotkit.bus import PATIENCE_S, client, router
 
 KEY, POLICY = plan_key("robot", "delivery"), "robot/delivery"
+STAMP = (1, 2, 3)
 
 
 class Listener:
@@ -26,8 +30,12 @@ class Listener:
         self.events, self._changed = [], threading.Condition()
         self.lacks = []
 
-    def hear(self, policy, payload):
+    def hear(self, policy, payload, signed):  # noqa: ARG002
         self._note((policy, payload))
+        return STAMP if payload else None
+
+    def refuse(self, error):
+        self._note(error.reason)
 
     def find_source(self, policy):
         self._note((policy, "found"))
@@ -88,46 +96,71 @@ def listener():
     return Listener()
 
 
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory):
+    return signing_keys(tmp_path_factory.mktemp("keys"))
+
+
+@pytest.fixture(scope="module")
+def verifier(keys):
+    return Verifier(keys)
+
+
+@pytest.fixture(scope="module")
+def sign(keys):
+    """Sign as the operator does."""
+    signer = Signer(keys)
+    return lambda payload, key=KEY: signer.sign(key, payload, time.time_ns())
+
+
 @pytest.fixture
-def bus(address, scheduler, listener, close):
+def bus(address, scheduler, listener, close, verifier):
     with client(address) as session:
-        bus = AgentBus(session, NODE, scheduler, listener)
+        bus = AgentBus(session, NODE, scheduler, listener, verifier)
         yield bus
         close(bus)
 
 
-def test_a_plan_and_its_withdrawal_arrive(bus, operator, listener):  # noqa: ARG001
-    operator.put(KEY, b"plan")
+def test_a_plan_and_its_withdrawal_arrive(bus, operator, listener, sign):  # noqa: ARG001
+    operator.put(KEY, b"plan", attachment=sign(b"plan"))
     listener.expect((POLICY, b"plan"))
-    operator.delete(KEY)
+    operator.delete(KEY, attachment=sign(None))
     listener.expect((POLICY, b"plan"), (POLICY, None))
 
 
-def test_a_source_is_asked_for_its_plan_and_missed_when_it_is_gone(bus, operator, listener):  # noqa: ARG001
-    with operator.declare_queryable(KEY, lambda query: query.reply(query.key_expr, b"in force")):
+def test_a_source_is_asked_for_its_plan_and_missed_when_it_is_gone(bus, operator, listener, sign):  # noqa: ARG001
+    def answer(query):
+        query.reply(query.key_expr, b"in force", attachment=sign(b"in force"))
+
+    with operator.declare_queryable(KEY, answer):
         token = operator.liveliness().declare_token(KEY)
         listener.expect((POLICY, "found"), (POLICY, b"in force"))
         token.undeclare()
         listener.expect((POLICY, "found"), (POLICY, b"in force"), (POLICY, "lost"))
 
 
-def test_what_is_not_a_plan_is_not_heard(bus, operator, listener):  # noqa: ARG001
+def test_what_is_not_a_plan_is_not_heard(bus, operator, listener, sign):  # noqa: ARG001
     operator.put("contextpolicy/robot/delivery/applied", b"no plan")
     operator.put("robot/imu", b"no plan")
-    operator.put(KEY, b"plan")
+    operator.put(KEY, b"plan", attachment=sign(b"plan"))
     listener.expect((POLICY, b"plan"))
 
 
-def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(
-    address, operator, scheduler, close, monkeypatch
-):
+@pytest.fixture
+def _impatient(monkeypatch):
     monkeypatch.setattr(agents, "RETURN", 0.0)
+
+
+@pytest.mark.usefixtures("_impatient")
+def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(
+    address, operator, scheduler, close, verifier
+):
     agent, watcher = Listener(), Listener()
     watch = AgentWatch(operator, scheduler, watcher.changed)
     assert watch.reports == {}
     agent.lacks = ["no kernel option"]
     with client(address) as session:
-        bus = AgentBus(session, NODE, scheduler, agent)
+        bus = AgentBus(session, NODE, scheduler, agent, verifier)
         watcher.expect("changed")
         assert watch.reports == {NODE: AgentReport("", "no kernel option")}
         close(bus)
@@ -136,15 +169,15 @@ def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(
     close(watch)
 
 
-def test_an_agent_that_is_back_soon_was_not_gone(address, operator, scheduler, close):
+def test_an_agent_that_is_back_soon_was_not_gone(address, operator, scheduler, close, verifier):
     watcher, heir = Listener(), Listener()
     heir.lacks = ["hostPID"]
     watch = AgentWatch(operator, scheduler, watcher.changed)
     with client(address) as session:
-        bus = AgentBus(session, NODE, scheduler, Listener())
+        bus = AgentBus(session, NODE, scheduler, Listener(), verifier)
         watcher.expect("changed")
         close(bus)
-        bus = AgentBus(session, NODE, scheduler, heir)
+        bus = AgentBus(session, NODE, scheduler, heir, verifier)
         watcher.expect("changed", "changed")
         assert watch.reports == {NODE: AgentReport("", "hostPID")}
         close(bus)
@@ -185,3 +218,45 @@ def test_agents_that_live_already_are_known_at_once(bus, operator, scheduler, cl
 def test_anybody_may_ask_what_the_node_can_do(bus, operator):  # noqa: ARG001
     replies = next(filter(None, (list(operator.get(agent_key(NODE), timeout=PATIENCE_S)) for _ in range(1000))))
     assert json.loads(replies[0].ok.payload.to_bytes()) == {"missing": {"CFS": [], "Realtime": []}}
+
+
+def test_forged_plans_are_refused_and_hide_no_real_one(bus, operator, listener, sign):  # noqa: ARG001
+    good = sign(b"plan")
+    operator.put(KEY, b"forged")
+    operator.put(KEY, b"forged", attachment=good)
+    operator.put(plan_key("kube-system", "x"), b"plan", attachment=good)
+    operator.put("*/robot/delivery/plan", b"plan", attachment=good)
+    operator.delete(KEY)
+    operator.put(KEY, b"plan", attachment=good)
+    listener.expect("Unsigned", "Forged", "Forged", "Forged", "Unsigned", (POLICY, b"plan"))
+
+
+def test_an_answer_is_checked_as_a_plan_is(bus, operator, listener):  # noqa: ARG001
+    def answer(query):
+        query.reply(query.key_expr, b"forged")
+
+    with operator.declare_queryable(KEY, answer), operator.liveliness().declare_token(KEY):
+        listener.expect((POLICY, "found"), "Unsigned")
+
+
+def test_of_plans_that_wait_the_one_signed_last_counts(bus, scheduler, listener):
+    """Saying an older plan again must not take the place of a newer one."""
+    go = threading.Event()
+    scheduler.schedule(lambda *_: go.wait(PATIENCE_S))
+    bus._put(POLICY, b"newer", 2)
+    bus._put(POLICY, b"older", 1)
+    go.set()
+    listener.expect((POLICY, b"newer"))
+
+
+def test_what_is_carried_out_is_confirmed(bus, operator, sign):  # noqa: ARG001
+    confirmed, heard = [], threading.Event()
+
+    def hear(sample):
+        confirmed.append(json.loads(sample.payload.to_bytes()))
+        heard.set()
+
+    with operator.declare_subscriber(confirmed_key(NODE), hear):
+        while not heard.wait(0.01):
+            operator.put(KEY, b"plan", attachment=sign(b"plan"))
+    assert confirmed[0] == {"policy": POLICY, "stamp": list(STAMP)}

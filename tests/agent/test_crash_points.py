@@ -11,11 +11,8 @@ import pytest
 from reactivex.testing import TestScheduler
 
 from contextpolicy.agent import capabilities
-from contextpolicy.agent.agent import Agent
-from contextpolicy.agent.agent_settings import AgentSettings
 from contextpolicy.agent.inotify import WriteWatch
-from contextpolicy.settings import Settings
-from tests.agent.builders import NODE, POLICY, SLAM, SPEECH, Tree, a_message, a_target
+from tests.agent.builders import POLICY, SLAM, SPEECH, Tree, a_message, a_target, an_agent
 
 GRACE = 10.0
 BEFORE, DURING, AFTER = "before", "during", "after"
@@ -76,8 +73,7 @@ class Story:
 
     def start(self):
         self.time = TestScheduler()
-        own = AgentSettings(NODE, Settings(), self.tree.mount, self._state, grace=GRACE)
-        self.agent = Agent(own, self.time, self._watch)
+        self.agent = an_agent(self.tree, self._state, self.time, self._watch, grace=GRACE)
         self.agent.start()
 
     def tell(self):

@@ -30,9 +30,11 @@ class Query:
     """A question, and the answers to it."""
 
     answers: list[Any] = field(default_factory=list)
+    attachments: list[bytes | None] = field(default_factory=list)
 
-    def reply(self, _: str, payload: str, **__: Any) -> None:
+    def reply(self, _: str, payload: bytes, *, attachment: bytes | None = None, **__: Any) -> None:
         self.answers.append(json.loads(payload))
+        self.attachments.append(attachment)
 
     def __enter__(self) -> None:
         pass
@@ -44,12 +46,14 @@ class Query:
 class FakeSession:
     """`published` are the messages by key, None where one was withdrawn.
 
-    `agents` live and answer with these reports; those whose report is None are slow. Like the real session, a closed
+    `agents` live and answer with these reports; those whose report is None are slow. They confirm plans while they are
+    `confirming`. Like the real session, a closed
     one refuses everything, and a question with a callback is answered after `get` has returned: when the test says so.
     """
 
     def __init__(self) -> None:
         self.published: list[tuple[str, Any]] = []
+        self.attachments: list[bytes | None] = []
         self.subscribers: list[_Declared] = []
         self.queryables: list[_Declared] = []
         self.tokens: list[_Declared] = []
@@ -58,6 +62,7 @@ class FakeSession:
         self.agents: dict[str, bytes | None] = {}
         self.questions: list[tuple[str, zenoh.handlers.Callback[Any]]] = []
         self.closed = False
+        self.confirming = True
 
     # what the operator calls
 
@@ -70,8 +75,8 @@ class FakeSession:
     def declare_publisher(self, key: str, **_: Any) -> Any:
         declared = self._declare(key, None, self.publishers)
         return SimpleNamespace(
-            put=lambda payload, **_: self._publish(key, json.loads(payload)),
-            delete=lambda: self._publish(key, None),
+            put=lambda payload, **more: self._publish(key, json.loads(payload), **more),
+            delete=lambda **more: self._publish(key, None, **more),
             undeclare=declared.undeclare,
         )
 
@@ -131,9 +136,11 @@ class FakeSession:
         """A sample arrives."""
         self.deliver_bytes(key, json.dumps(value).encode())
 
-    def deliver_bytes(self, key: str, payload: bytes) -> None:
-        """A sample arrives, whatever is in it."""
-        sample = SimpleNamespace(kind=zenoh.SampleKind.PUT, payload=_payload(payload), attachment=None)
+    def deliver_bytes(self, key: str, payload: bytes, of: str = "") -> None:
+        """A sample arrives, whatever is in it; `of` is its own key where the subscriber's has wildcards."""
+        sample = SimpleNamespace(
+            kind=zenoh.SampleKind.PUT, payload=_payload(payload), key_expr=of or key, attachment=None
+        )
         for subscriber in [one for one in self.subscribers if one.key == key]:
             if subscriber.callback is not None:
                 subscriber.callback(sample)
@@ -180,9 +187,20 @@ class FakeSession:
         slow = any(self.agents[node] is None for node in self._asked(selector))
         return [SimpleNamespace(ok=None, err=SimpleNamespace(payload=_payload(b"Timeout")))] if slow else []
 
-    def _publish(self, key: str, content: Any) -> None:
+    def _publish(self, key: str, content: Any, *, attachment: bytes | None = None, **_: Any) -> None:
         self._require_open()
+        self.attachments.append(attachment)
         self.published.append((key, content))
+        if key.endswith("/plan") and content is not None and self.confirming:
+            self._confirm(content)
+
+    def _confirm(self, plan: dict[str, Any]) -> None:
+        """Every agent that lives carries out every plan at once."""
+        said = {"policy": plan.get("policy"), "stamp": [plan.get(part, 0) for part in ("run", "sequence", "edition")]}
+        for node in plan.get("nodes", {}).keys() & self.agents.keys():
+            self.deliver_bytes(
+                "contextpolicy/agents/*/confirmed", json.dumps(said).encode(), f"{agent_key(node)}/confirmed"
+            )
 
     def _declare(self, key: str, callback: Callable[[Any], None] | None, among: list[_Declared]) -> _Declared:
         self._require_open()

@@ -7,8 +7,8 @@ import json
 import pytest
 from reactivex.testing import TestScheduler
 
-from contextpolicy.bus.agent_watch import LONG_PATIENCE, PAUSE, RETURN, AgentWatch
-from contextpolicy.cluster.agent_reports import NO_ANSWER, AgentReport
+from contextpolicy.bus.agent_watch import BOUND, LONG_PATIENCE, PAUSE, RETURN, AgentWatch
+from contextpolicy.cluster.agent_reports import NO_ANSWER, NOT_CONFIRMING, AgentReport
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE
 
@@ -32,6 +32,11 @@ class Bus:
     def turn(self, seconds=0.01):
         self.scheduler.advance_by(seconds)
         self.session.answer()
+        self.scheduler.advance_by(0.01)
+
+    def confirm(self, *stamp, policy="lab/robot"):
+        said = json.dumps({"policy": policy, "stamp": stamp}).encode()
+        self.session.deliver_bytes("contextpolicy/agents/*/confirmed", said, f"contextpolicy/agents/{NODE}/confirmed")
         self.scheduler.advance_by(0.01)
 
     def time_out(self):
@@ -140,3 +145,91 @@ def test_a_watch_that_is_closed_hears_no_tokens():
     bus.session.agent(NODE, a_report())
     bus.turn()
     assert bus.watch.reports == {}
+
+
+@pytest.fixture
+def bus():
+    return Bus(**{NODE: a_report("no kernel option")})
+
+
+def test_an_agent_that_confirms_in_time_is_counted_on(bus):
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE, "another-node"])
+    bus.turn(BOUND / 2)
+    bus.confirm(1, 1, 0)
+    bus.turn(RETURN)
+    assert bus.changes == []
+
+
+def test_a_frozen_agent_is_not_counted_on_until_it_answers(bus):
+    """It may keep its token all the while."""
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
+    bus.turn(BOUND)
+    assert bus.changes == [{NODE: NOT_CONFIRMING}]
+    assert bus.session.questions == []
+    report, bus.session.agents[NODE] = bus.session.agents[NODE], None
+    bus.turn(RETURN)
+    bus.time_out()
+    assert bus.watch.reports == {NODE: NOT_CONFIRMING}
+    bus.session.agents[NODE] = report
+    bus.turn(PAUSE)
+    assert bus.changes == [{NODE: NOT_CONFIRMING}, {NODE: FAIR}]
+
+
+def test_a_late_confirmation_changes_nothing_at_once(bus):
+    """An agent that is always late would be counted on and given up with every plan."""
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
+    bus.turn(BOUND)
+    bus.confirm(1, 1, 0)
+    bus.turn(RETURN / 2)
+    assert bus.changes == [{NODE: NOT_CONFIRMING}]
+
+
+def test_in_a_storm_a_later_plan_stands_for_those_before(bus):
+    """Agents skip plans that newer ones overtook."""
+    for sequence in (1, 2, 3):
+        bus.watch.expect("lab/robot", (1, sequence, 0), [NODE])
+    bus.confirm(1, 3, 0)
+    bus.turn(2 * BOUND)
+    assert bus.changes == []
+
+
+def test_after_an_older_plan_the_last_one_has_its_own_time(bus):
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
+    bus.turn(BOUND / 2)
+    bus.watch.expect("lab/robot", (1, 2, 0), [NODE])
+    bus.confirm(1, 1, 0)
+    bus.turn(0.9 * BOUND)
+    assert bus.changes == []
+    bus.turn(0.2 * BOUND)
+    assert bus.changes == [{NODE: NOT_CONFIRMING}]
+
+
+@pytest.mark.parametrize("stamp", [(1, 0, 0), (0, 9, 9)])
+def test_an_older_plan_confirms_no_later_one(bus, stamp):
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
+    bus.confirm(*stamp)
+    bus.confirm(1, 1, 0, policy="lab/other")
+    bus.turn(BOUND)
+    assert bus.changes == [{NODE: NOT_CONFIRMING}]
+
+
+def test_nobody_owes_an_answer_about_a_policy_that_is_gone(bus):
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
+    bus.watch.forget("lab/robot")
+    bus.turn(BOUND)
+    assert bus.changes == []
+
+
+def test_an_agent_that_is_away_has_its_time_to_return(bus):
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
+    bus.session.agent_gone(NODE)
+    bus.turn(BOUND)
+    assert bus.changes == []
+
+
+@pytest.mark.parametrize("said", [b"", b"[]", b'{"stamp": 1}', b'{"policy": "a/b", "stamp": [1, "x", null]}'])
+def test_a_confirmation_that_cannot_be_read_is_none(bus, said):
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
+    bus.session.deliver_bytes("contextpolicy/agents/*/confirmed", said, f"contextpolicy/agents/{NODE}/confirmed")
+    bus.turn(BOUND)
+    assert bus.changes == [{NODE: NOT_CONFIRMING}]

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import time
 
 import pytest
 from reactivex.testing import TestScheduler
 
 from contextpolicy.bus.decision_bus import Bus, agent_key, applied_key, explain_key, message, plan_key, policy_of
+from contextpolicy.bus.signatures import Signer, Verifier
 from contextpolicy.cluster.pods import view
 from contextpolicy.planning.placement import Container, Placement
+from tests.bus.certificates import signing_keys
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE, a_pod
 from tests.planning.builders import START, Story, a_context, a_policy, a_stream, a_task
@@ -19,6 +22,7 @@ POLICY = a_policy(
     tasks=[a_task("slam", priority=10), a_task("speech")],
     contexts=[a_context("moving", "imu.speed > 0.1", {"speech": {"suspend": True}})],
 )
+PLAN = b'{"n": 1}'
 CONTAINERS = (Container("lab/slam/slam", "slam", NODE), Container("lab/speech/speech", "speech", NODE))
 
 
@@ -161,3 +165,21 @@ def test_a_token_tells_that_somebody_makes_the_plans(session, scheduler):
     assert [token.key for token in session.tokens] == ["contextpolicy/lab/robot/plan"]
     bus.close()
     assert session.everything_declared() == []
+
+
+def test_plans_withdrawals_and_answers_are_signed(session, scheduler, tmp_path):
+    keys = signing_keys(tmp_path)
+    bus, verifier, key = a_bus(session, scheduler), Verifier(keys), plan_key("lab", "robot")
+    bus.signer = Signer(keys)
+    bus.publish({"n": 1})
+    bus.withdraw()
+    query, why = session.ask(key), session.ask(explain_key("lab", "robot"))
+    scheduler.advance_by(1)
+    for payload, attachment in zip((PLAN, None, PLAN), (*session.attachments, *query.attachments), strict=True):
+        assert verifier.check(key, payload, attachment, time.time_ns())
+    assert why.attachments == [None]
+
+
+def test_without_a_key_nothing_is_signed(session, scheduler):
+    a_bus(session, scheduler).publish({"n": 1})
+    assert session.attachments == [None]

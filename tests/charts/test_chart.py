@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from contextpolicy.bus.roles import ROLES
 from tests.charts.conftest import CHART
 from tests.crds.schema import definition
 
@@ -57,6 +58,9 @@ def test_everything_at_once_renders(render):
     added = render(*EVERYTHING).keys() - DEFAULTS
     assert added == {
         ("DaemonSet", "contextpolicy-agent"),
+        *(("Secret", f"contextpolicy-bus-{role}") for role in ("authority", "router", *ROLES)),
+        ("Secret", "contextpolicy-signing"),
+        ("Service", "contextpolicy-agent-metrics"),
         ("NetworkPolicy", "contextpolicy"),
         ("NetworkPolicy", "contextpolicy-restore"),
         ("NetworkPolicy", "contextpolicy-router"),
@@ -105,9 +109,9 @@ def test_there_is_never_a_second_operator(render):
 @pytest.mark.parametrize(
     ("settings", "endpoints"),
     [
-        (("router.service.clusterIP=10.96.7.47",), "tcp/10.96.7.47:7447"),
-        (("router.service.clusterIP=fd00::47",), "tcp/[fd00::47]:7447"),
-        (("router.port=7400",), "tcp/contextpolicy-router.contextpolicy-system:7400"),
+        (("router.service.clusterIP=10.96.7.47",), "tls/10.96.7.47:7447"),
+        (("router.service.clusterIP=fd00::47",), "tls/[fd00::47]:7447"),
+        (("router.port=7400",), "tls/contextpolicy-router.contextpolicy-system:7400"),
         (("router.enabled=false", "zenoh.connect={tcp/a:7447,tcp/b:7447}"), "tcp/a:7447,tcp/b:7447"),
     ],
 )
@@ -159,6 +163,9 @@ def test_network_policies_let_the_operator_reach_another_router(render):
         (("router.port=80",), "router/port"),
         (("operator.resources.requests.cpu=lots",), "operator/resources/requests/cpu"),
         (("watchNamespaces={Robot}",), "watchNamespaces/0"),
+        (("agent.enabled=true", "security.enabled=false"), "leave security.enabled empty or set it to true"),
+        (("security.enabled=true", "security.routerSecret=mine"), "one authority signs all"),
+        (("security.sampleKeys={robot//imu}",), "security/sampleKeys/0"),
     ],
 )
 def test_it_refuses(refusal, settings, message):

@@ -119,10 +119,13 @@ def test_the_agent_has_what_writing_cgroups_needs(render, realtime, capabilities
     pod = agent["spec"]["template"]["spec"]
     assert pod["hostPID"] is realtime
     assert not pod.keys() & {"hostNetwork", "hostIPC"}
-    assert [volume["hostPath"] for volume in pod["volumes"]] == [
+    assert [volume["hostPath"] for volume in pod["volumes"] if "hostPath" in volume] == [
         {"path": "/sys/fs/cgroup", "type": "Directory"},
         {"path": "/run/contextpolicy", "type": "DirectoryOrCreate"},
+        {"path": "/var/log/pods", "type": "Directory"},
     ]
+    writable = {mount["name"] for mount in container(agent)["volumeMounts"] if not mount.get("readOnly")}
+    assert writable == {"cgroup", "state"}
     security = container(agent)["securityContext"]
     assert security["capabilities"] == capabilities
     assert security["allowPrivilegeEscalation"] is False

@@ -7,12 +7,15 @@ import signal
 import subprocess
 import sys
 import time
+from urllib.request import urlopen
 
 import pytest
 
 from contextpolicy.bus.decision_bus import plan_key
+from contextpolicy.bus.signatures import Signer
 from tests.agent.builders import NODE, SLAM, Tree, a_message, a_target
-from tests.modules.robotkit.bus import Matching, client, router
+from tests.bus.certificates import signing_keys
+from tests.modules.robotkit.bus import Matching, client, free_port, router
 
 KEY = plan_key("robot", "delivery")
 PATIENCE = 20
@@ -31,8 +34,31 @@ def session(address):
 
 
 @pytest.fixture
-def publisher(session):
-    return session.declare_publisher(KEY)
+def keys(tmp_path):
+    return signing_keys(tmp_path / "keys")
+
+
+class Operator:
+    """Publishes plans as soon as the agent listens."""
+
+    def __init__(self, session, keys):
+        self._publisher, self._signer = session.declare_publisher(KEY), Signer(keys)
+
+    def wait(self):
+        Matching(self._publisher).wait(expected=True)
+
+    def publish(self, plan):
+        self.wait()
+        self._publisher.put(plan, attachment=self._signer.sign(KEY, plan, time.time_ns()))
+
+    def forge(self, plan):
+        self.wait()
+        self._publisher.put(plan)
+
+
+@pytest.fixture
+def operator(session, keys):
+    return Operator(session, keys)
 
 
 @pytest.fixture
@@ -46,7 +72,7 @@ def slam(tree):
 
 
 @pytest.fixture
-def start(tmp_path, tree, address):
+def start(tmp_path, tree, address, keys, free_port):
     """Start the program with this node's settings."""
     started = []
 
@@ -55,6 +81,9 @@ def start(tmp_path, tree, address):
             "NODE_NAME": NODE,
             "ZENOH_CONNECT": address,
             "CGROUP_ROOT": str(tree.mount),
+            "POD_LOGS": str(tree.logs),
+            "PLAN_SIGNING": str(keys),
+            "METRICS_PORT": str(free_port),
             "STATE_DIRECTORY": str(tmp_path / "state"),
             "PYTHONPATH": "operator",
         }
@@ -69,6 +98,11 @@ def start(tmp_path, tree, address):
         process.communicate()
 
 
+@pytest.fixture(name="free_port")
+def _free_port():
+    return free_port()
+
+
 def until(condition):
     deadline = time.monotonic() + PATIENCE
     while not condition():
@@ -76,20 +110,18 @@ def until(condition):
         time.sleep(0.01)
 
 
-def test_it_obeys_until_sigterm_and_undoes(start, publisher, tree, slam):
+def test_it_obeys_until_sigterm_and_undoes(start, operator, tree, slam):
     process = start()
-    Matching(publisher).wait(expected=True)
-    publisher.put(a_message(a_target(SLAM, 0.9)))
+    operator.publish(a_message(a_target(SLAM, 0.9)))
     until(lambda: tree.limit(slam) == 900)
     process.send_signal(signal.SIGTERM)
     assert process.wait(PATIENCE) == 0
     assert tree.limit(slam) == 500
 
 
-def test_after_sigkill_its_successor_undoes(start, publisher, tree, slam):
+def test_after_sigkill_its_successor_undoes(start, operator, tree, slam):
     process = start()
-    Matching(publisher).wait(expected=True)
-    publisher.put(a_message(a_target(SLAM, 0.9)))
+    operator.publish(a_message(a_target(SLAM, 0.9)))
     until(lambda: tree.limit(slam) == 900)
     process.kill()
     process.wait(PATIENCE)
@@ -98,12 +130,12 @@ def test_after_sigkill_its_successor_undoes(start, publisher, tree, slam):
     until(lambda: tree.limit(slam) == 500)
 
 
-def test_what_cannot_be_noted_is_not_done(start, publisher, tree, slam, tmp_path):
+def test_what_cannot_be_noted_is_not_done(start, operator, tree, slam, tmp_path):
     """A full or missing disk: better no faster limit than one that nobody could undo."""
     process = start()
-    Matching(publisher).wait(expected=True)
+    operator.wait()
     (tmp_path / "state").rmdir()
-    publisher.put(a_message(a_target(SLAM, 0.9)))
+    operator.publish(a_message(a_target(SLAM, 0.9)))
     assert any("FileNotFoundError" in line for line in process.stderr)
     assert tree.limit(slam) == 500
 
@@ -113,3 +145,17 @@ def test_settings_that_make_no_sense_are_told(start):
     _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     assert "1..99" in said
+
+
+def test_it_tells_whether_it_lives_and_what_it_does(start, operator, slam, free_port):  # noqa: ARG001
+    start()
+    operator.forge(a_message(a_target(SLAM, 0.1)))
+    operator.publish(a_message(a_target(SLAM, 0.9)))
+    until(lambda: "contextpolicy_agent_plan_seconds_count 1.0" in read(free_port, "metrics"))
+    assert 'contextpolicy_agent_refusals_total{reason="Unsigned"} 1.0' in read(free_port, "metrics")
+    assert read(free_port, "healthz") == "ok\n"
+
+
+def read(port, page):
+    with urlopen(f"http://127.0.0.1:{port}/{page}", timeout=PATIENCE) as answer:
+        return answer.read().decode()

@@ -11,8 +11,10 @@ from queue import Empty, Queue
 import pytest
 import zenoh
 
+from contextpolicy.bus.roles import ROLES, access_control
+
 CONFIGURATIONS = Path(__file__).parents[2] / "config" / "zenoh"
-USERS = ("driver", "module", "agent", "operator")
+USERS = ROLES
 SOON = 5.0
 NEVER = 0.3
 
@@ -20,6 +22,13 @@ NEVER = 0.3
 @pytest.mark.parametrize("path", sorted(CONFIGURATIONS.glob("*.json5")), ids=lambda path: path.name)
 def test_zenoh_understands_the_configuration(path):
     assert json.loads(zenoh.Config.from_file(str(path)).get_json("mode")) in ("client", "router")
+
+
+def test_the_routers_rules_are_those_of_the_charts_router():
+    config = zenoh.Config.from_file(str(CONFIGURATIONS / "router-acl.json5"))
+    expected = zenoh.Config()
+    expected.insert_json5("access_control", json.dumps(access_control(by="usernames")))
+    assert json.loads(config.get_json("access_control")) == json.loads(expected.get_json("access_control"))
 
 
 @pytest.fixture
@@ -69,9 +78,9 @@ def wait_for_listener(publisher):
             matching.get(timeout=SOON)
 
 
-def test_a_driver_is_heard_by_modules_and_operator(connect):
+def test_a_sensor_is_heard_by_modules_and_operator(connect):
     heard = [listen(connect(user), "robot/**") for user in ("module", "operator")]
-    say(connect("driver"), "robot/imu", "sample")
+    say(connect("sensor"), "robot/imu", "sample")
     assert [one.get(timeout=SOON) for one in heard] == ["sample", "sample"]
 
 
@@ -124,7 +133,7 @@ def test_an_agent_hears_that_plans_are_withdrawn(connect):
     assert withdrawn.get(timeout=SOON)
 
 
-@pytest.mark.parametrize("user", ["driver", "module", "agent"])
+@pytest.mark.parametrize("user", ["sensor", "module", "agent"])
 def test_nobody_else_makes_plans(connect, user):
     key = "contextpolicy/robot/delivery-robot/plan"
     heard = listen(connect("module"), "contextpolicy/**")
@@ -137,8 +146,8 @@ def test_nobody_else_makes_plans(connect, user):
         heard.get(timeout=NEVER)
 
 
-def test_a_driver_hears_nothing(connect):
-    overheard, heard = listen(connect("driver"), "**"), listen(connect("module"), "robot/**")
+def test_a_sensor_hears_nothing(connect):
+    overheard, heard = listen(connect("sensor"), "**"), listen(connect("module"), "robot/**")
     say(connect("module"), "robot/slam/pose", "pose")
     assert heard.get(timeout=SOON) == "pose"
     with pytest.raises(Empty):

@@ -8,17 +8,21 @@ import signal
 import threading
 import time
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Self
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from contextpolicy.bus.decision_bus import agent_key
-from tests.e2e.cluster import PATIENCE, REPOSITORY, apply, run, until
+from contextpolicy.bus.session import open_visitor
+from tests.e2e.cluster import PATIENCE, REPOSITORY, apply, run, secret_files, until
 from tests.e2e.robot import together
+from tests.node.layout import ROOT
 from timelines.demo.cgroup import find
 from timelines.demo.deploy import free_address
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
+    from collections.abc import Callable, Iterator
+    from contextlib import AbstractContextManager
 
     import zenoh
 
@@ -29,9 +33,12 @@ ADDRESS = 49
 PRIORITY = 10
 
 
+Connect: TypeAlias = "Callable[[str], AbstractContextManager[zenoh.Session]]"
+
+
 @contextmanager
-def installed() -> Iterator[str]:
-    """The operator, its router and agents, apart from any other installation; gives the router's endpoint."""
+def installed() -> Iterator[Connect]:
+    """The operator, its router and agents, apart from any other installation; gives a way to its bus, by role."""
     apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": NAMESPACE}})
     values = {
         "fullnameOverride": RELEASE,
@@ -42,6 +49,7 @@ def installed() -> Iterator[str]:
         "agent.enabled": "true",
         "agent.realtime": "true",
         "agent.realtimePriority": str(PRIORITY),
+        "agent.podLogs": str(ROOT / "pods"),
     }
     settings = [part for name, value in values.items() for part in ("--set", f"{name}={value}")]
     chart = str(REPOSITORY / "charts" / "contextpolicy")
@@ -50,10 +58,24 @@ def installed() -> Iterator[str]:
         *("--take-ownership", "--force-conflicts", "--wait", "--timeout", "120s"),
         timeout=150,
     )
-    yield f"tcp/{free_address(ADDRESS)}:7447"
+    yield connect
     run("kubectl", "delete", "ctxp", "--all", "-n", NAMESPACE, "--timeout=60s")
     run("helm", "uninstall", RELEASE, "--namespace", SYSTEM, "--wait", "--timeout", "60s")
     run("kubectl", "delete", "namespace", SYSTEM, NAMESPACE, "--timeout=90s")
+
+
+@contextmanager
+def connect(role: str) -> Iterator[zenoh.Session]:
+    """A session of the role, with the certificate that the chart made for it."""
+    with TemporaryDirectory() as directory:
+        credentials = secret_files(f"{RELEASE}-bus-{role}", SYSTEM, Path(directory) / role)
+        with open_visitor([endpoint()], patience=20, credentials=credentials) as session:
+            yield session
+
+
+def endpoint() -> str:
+    """Where the router listens."""
+    return f"tls/{free_address(ADDRESS)}:7447"
 
 
 class Component:

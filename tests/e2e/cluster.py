@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import subprocess
 import time
@@ -40,6 +41,14 @@ def get(kind: str, name: str, namespace: str) -> dict[str, Any]:
     """One object."""
     found: dict[str, Any] = json.loads(run("kubectl", "get", kind, name, "-n", namespace, "-o", "json"))
     return found
+
+
+def secret_files(name: str, namespace: str, directory: Path) -> Path:
+    """What a pod would see of a Secret; nobody else may read it."""
+    directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+    for file, content in get("secret", name, namespace)["data"].items():
+        (directory / file).write_bytes(base64.b64decode(content))
+    return directory
 
 
 def delete(kind: str, name: str, namespace: str) -> None:

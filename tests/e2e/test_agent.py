@@ -8,8 +8,7 @@ import time
 
 import pytest
 
-from contextpolicy.bus.session import open_visitor
-from tests.e2e.agents import NAMESPACE, Component, Trace, installed, report
+from tests.e2e.agents import NAMESPACE, Component, Trace, connect, installed, report
 from tests.e2e.cluster import PATIENCE, delete, get, resizes_refused, run, until
 from tests.e2e.robot import Robot, Sensors, together
 
@@ -19,7 +18,7 @@ STANDING, MOVING = {"slam": 500, "speech": 500}, {"slam": 990, "speech": 10}
 
 @pytest.fixture(scope="module")
 def session():
-    with installed() as endpoint, open_visitor([endpoint], patience=20) as opened:
+    with installed() as connect, connect("module") as opened:
         yield opened
 
 
@@ -106,31 +105,43 @@ def test_a_storm_of_contexts_ends_in_agreement_without_excess(governed, session,
     assert agent.restarts() == restarts
 
 
-def test_messages_of_strangers_change_nothing(governed, session, agent):
-    """Everything that a forger can send short of a perfect plan; the agent lives on and does its work."""
+def test_messages_without_a_signature_change_nothing(governed, session, agent):
+    """Not even those of somebody who got hold of the operator's certificate; the agent lives on and does its work."""
     restarts, key = agent.restarts(), f"contextpolicy/{NAMESPACE}/robot/plan"
-    good = json.loads(next(iter(session.get(key, timeout=PATIENCE))).ok.payload.to_bytes())
+    reply = next(iter(session.get(key, timeout=PATIENCE))).ok
+    good, signature = json.loads(reply.payload.to_bytes()), reply.attachment.to_bytes()
     slam, speech = good["targets"]
-    later = good | {"sequence": good["sequence"] + 1}
-    for forged in (
-        b"\xff\x00",
-        b"[" * 10000,
-        json.dumps(good | {"sequence": 0, "targets": [slam | {"cores": 0.01}]}),
-        json.dumps(later | {"targets": [slam | {"cores": 64}]}),
-        json.dumps(later | {"targets": [slam | {"cores": 0.9}, speech | {"cores": 0.9}]}),
-        json.dumps(later | {"targets": [slam | {"uid": "../../.."}]}),
-        json.dumps(later | {"targets": [slam | {"containerId": "containerd://../../../x"}]}),
-    ):
-        session.put(key, forged)
-    other = good | {"policy": f"{NAMESPACE}/other", "targets": [slam | {"cores": 0.02}]}
-    session.put(f"contextpolicy/{NAMESPACE}/other/plan", json.dumps(other))
-    before = report(session)["refused"].get("WrongPolicy", 0)
-    session.put(f"contextpolicy/{NAMESPACE}/last/plan", json.dumps(good))
-    until("the agent has read them all", lambda: report(session)["refused"].get("WrongPolicy", 0) > before)
+    later = good | {"sequence": good["sequence"] + 1, "targets": [slam | {"cores": 0.01}, speech]}
+    before = report(session)["refused"]
+    with connect("operator") as forger:
+        for attachment in (None, signature, b"\0" * len(signature)):
+            forger.put(key, json.dumps(later), attachment=attachment)
+        forger.delete(key)
+        forger.put("*/*/*/plan", json.dumps(later), attachment=signature)
+
+        def all_refused():
+            now = report(session)["refused"]
+            counts = {reason: now.get(reason, 0) - before.get(reason, 0) for reason in ("Unsigned", "Forged")}
+            return counts == {"Unsigned": 2, "Forged": 2} or counts
+
+        until("the agent has refused them all", all_refused)
     assert governed.limits("slam", "speech") == STANDING
     governed.drive(0.3)
     settled(governed, MOVING)
     assert agent.restarts() == restarts
+
+
+def test_a_frozen_agent_leaves_the_node_to_the_resizes(governed, agent):
+    """It keeps nobody waiting: the resize comes at once, plan after plan, and the agent is back in its place later."""
+    try:
+        agent.send(signal.SIGSTOP)
+        for speed, limits in ((0.3, MOVING), (0.0, STANDING), (0.3, MOVING)):
+            governed.drive(speed)
+            settled(governed, limits)
+    finally:
+        agent.send(signal.SIGCONT)
+    governed.drive(0.0)
+    settled(governed, STANDING)
 
 
 def test_deleting_the_policy_restores_everything(governed):

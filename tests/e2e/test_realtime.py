@@ -6,7 +6,6 @@ import time
 
 import pytest
 
-from contextpolicy.bus.session import open_visitor
 from tests.e2e.agents import (
     NAMESPACE,
     PRIORITY,
@@ -69,7 +68,7 @@ SUSPENDING = {"name": "moving", "when": "imu.speed > 0.05", "tasks": {"speech": 
 
 @pytest.fixture(scope="module")
 def session():
-    with installed() as endpoint, open_visitor([endpoint], patience=20) as opened:
+    with installed() as connect, connect("module") as opened:
         yield opened
 
 

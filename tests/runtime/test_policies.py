@@ -175,7 +175,7 @@ def test_a_paused_policy_hears_nothing(operator):
     operator.list_all()
     operator.connect()
     operator.apply(a_policy(mode="Paused"))
-    assert operator.session.subscribers == []
+    assert [one.key for one in operator.session.subscribers] == ["contextpolicy/agents/*/confirmed"]
     operator.settle()
     assert operator.condition("Ready")[0] == "True"
 

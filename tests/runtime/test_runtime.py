@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
+from contextpolicy.actuators.following import SETTLED
+from contextpolicy.bus.agent_watch import BOUND
 from contextpolicy.cluster.agent_reports import NO_AGENT
 from contextpolicy.telemetry import metrics
 from tests.cluster.builders import NODE
@@ -93,6 +97,21 @@ def test_the_nodes_of_realtime_agents_are_left_to_them(operator):
     operator.settle()
     assert operator.cluster.calls == []
     assert operator.condition("Realtime")[0] == "True"
+
+
+@pytest.mark.parametrize("confirming", [True, False])
+def test_resizes_follow_an_agent_that_confirms_and_wait_for_no_other(operator, confirming):
+    operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
+    operator.session.confirming = confirming
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy())
+    operator.sample(IMU, speed=0.3)
+    operator.turn(BOUND + 0.1)
+    operator.settle()
+    operator.sample(IMU, speed=0.0)
+    operator.turn(SETTLED / 2)
+    assert (operator.patches.jobs == []) is confirming
 
 
 # start and end

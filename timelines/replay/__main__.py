@@ -14,7 +14,7 @@ from contextpolicy.errors import DefinitionError, TimelineError
 from contextpolicy.policy.definition_files import of_folder
 from contextpolicy.streams.timeline import Timeline, load
 from robotkit import ConfigurationError
-from robotkit.session import endpoints, open_session
+from robotkit.session import credentials, endpoints, open_session
 from timelines.datasets.recordings import ROOT
 from timelines.replay.player import Options, Report, play
 
@@ -37,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _play(timeline: Timeline, options: argparse.Namespace, stop: threading.Event) -> Report | None:
-    with open_session(endpoints({"ZENOH_CONNECT": options.connect}), stop) as session:
+    with open_session(endpoints({"ZENOH_CONNECT": options.connect}), stop, secret=credentials(os.environ)) as session:
         if session is None:
             return None
         chosen = Options(options.rate, options.start_offset, options.playback_duration, options.loop)

@@ -50,7 +50,7 @@ app.kubernetes.io/managed-by: {{ $root.Release.Service }}
 {{- fail "zenoh.connect names a router that already runs, so set router.enabled=false; or leave zenoh.connect empty to run one" -}}
 {{- else if .Values.router.enabled -}}
 {{- $host := .Values.router.service.clusterIP | default (printf "%s-router.%s" (include "contextpolicy.fullname" .) .Release.Namespace) -}}
-tcp/{{ contains ":" $host | ternary (printf "[%s]" $host) $host }}:{{ .Values.router.port }}
+{{ include "contextpolicy.secured" . | empty | ternary "tcp" "tls" }}/{{ contains ":" $host | ternary (printf "[%s]" $host) $host }}:{{ .Values.router.port }}
 {{- else if .Values.zenoh.connect -}}
 {{ join "," .Values.zenoh.connect }}
 {{- else -}}
@@ -58,11 +58,115 @@ tcp/{{ contains ":" $host | ternary (printf "[%s]" $host) $host }}:{{ .Values.ro
 {{- end -}}
 {{- end -}}
 
+{{/* Whether the chart's router asks who speaks: always where an agent acts on what it hears. */}}
+{{- define "contextpolicy.secured" -}}
+{{- $wanted := .Values.security.enabled -}}
+{{- if and .Values.agent.enabled .Values.router.enabled (kindIs "bool" $wanted) (not $wanted) -}}
+{{- fail "the agent carries out what it hears on the bus: leave security.enabled empty or set it to true, or set agent.enabled=false" -}}
+{{- end -}}
+{{- if and .Values.router.enabled (kindIs "bool" $wanted | ternary $wanted .Values.agent.enabled) -}}true{{- end -}}
+{{- end -}}
+
+{{/* Whether the chart makes the certificates: all of them are of one authority, so all are brought or none. */}}
+{{- define "contextpolicy.makesCertificates" -}}
+{{- $brought := .Values.security -}}
+{{- $needed := list $brought.routerSecret $brought.operatorSecret -}}
+{{- if .Values.agent.enabled -}}{{- $needed = append $needed $brought.agentSecret -}}{{- end -}}
+{{- if not (compact $needed) -}}
+true
+{{- else if has "" $needed -}}
+{{- fail "bring security.routerSecret, security.operatorSecret and, where it is enabled, security.agentSecret, or none of them: one authority signs all" -}}
+{{- end -}}
+{{- end -}}
+
+{{/* The Secret by which a component says who it is on the bus; empty where nobody asks. Takes a list: root, role. */}}
+{{- define "contextpolicy.busSecret" -}}
+{{- $root := index . 0 -}}
+{{- $role := index . 1 -}}
+{{- with get $root.Values.security (printf "%sSecret" $role) -}}
+{{ . }}
+{{- else -}}
+{{- if include "contextpolicy.secured" $root -}}{{ include "contextpolicy.fullname" $root }}-bus-{{ $role }}{{- end -}}
+{{- end -}}
+{{- end -}}
+
+{{/* The Secret with the key of the plans. */}}
+{{- define "contextpolicy.signingSecret" -}}
+{{ .Values.security.signingSecret | default (printf "%s-signing" (include "contextpolicy.fullname" .)) }}
+{{- end -}}
+
+{{/* The names in the router's certificate, as JSON: what its clients connect to. */}}
+{{- define "contextpolicy.routerNames" -}}
+{{- $service := printf "%s-router" (include "contextpolicy.fullname" .) -}}
+{{- $local := printf "%s.%s" $service .Release.Namespace -}}
+{{- $hosts := list $service $local (printf "%s.svc" $local) (printf "%s.svc.cluster.local" $local) "localhost" -}}
+{{- $addresses := list "127.0.0.1" -}}
+{{- range concat (compact (list .Values.router.service.clusterIP)) .Values.security.routerNames -}}
+{{- if regexMatch "^([0-9.]+|[0-9a-fA-F:.]*:[0-9a-fA-F:.]*)$" . -}}
+{{- $addresses = append $addresses . -}}
+{{- else -}}
+{{- $hosts = append $hosts . -}}
+{{- end -}}
+{{- end -}}
+{{ dict "hosts" $hosts "addresses" $addresses | toJson }}
+{{- end -}}
+
+{{/* The environment, mounts and volumes of a component's Secrets. Each takes a list: root, role. */}}
+{{- define "contextpolicy.secretEnvironment" -}}
+{{- if include "contextpolicy.busSecret" . }}
+- name: ZENOH_CREDENTIALS
+  value: /etc/contextpolicy/bus
+{{- end }}
+{{- if and (index . 0).Values.agent.enabled (ne (index . 1) "router") }}
+- name: PLAN_SIGNING
+  value: /etc/contextpolicy/signing
+{{- end }}
+{{- end -}}
+
+{{- define "contextpolicy.secretMounts" -}}
+{{- if include "contextpolicy.busSecret" . }}
+- name: bus
+  mountPath: /etc/contextpolicy/bus
+  readOnly: true
+{{- end }}
+{{- if and (index . 0).Values.agent.enabled (ne (index . 1) "router") }}
+- name: signing
+  mountPath: /etc/contextpolicy/signing
+  readOnly: true
+{{- end }}
+{{- end -}}
+
+{{- define "contextpolicy.secretVolumes" -}}
+{{- with include "contextpolicy.busSecret" . }}
+- name: bus
+  secret:
+    secretName: {{ . }}
+{{- end }}
+{{- if and (index . 0).Values.agent.enabled (ne (index . 1) "router") }}
+- name: signing
+  secret:
+    secretName: {{ include "contextpolicy.signingSecret" (index . 0) }}
+    {{- if eq (index . 1) "agent" }}
+    # Not the key: whoever breaks into a node must not be able to decide for the others.
+    items:
+    - {key: tls.crt, path: tls.crt}
+    {{- end }}
+{{- end }}
+{{- end -}}
+
 {{/* Passes the restricted Pod Security Standard. */}}
 {{- define "contextpolicy.podSecurityContext" -}}
 runAsNonRoot: true
-runAsUser: 65532
-runAsGroup: 65532
+{{- with .Values.podSecurity.runAsUser }}
+runAsUser: {{ . }}
+{{- end }}
+{{- with .Values.podSecurity.runAsGroup }}
+runAsGroup: {{ . }}
+{{- end }}
+{{- with .Values.podSecurity.seLinuxOptions }}
+seLinuxOptions:
+  {{- toYaml . | nindent 2 }}
+{{- end }}
 seccompProfile:
   type: RuntimeDefault
 {{- end -}}

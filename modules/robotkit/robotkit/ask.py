@@ -10,7 +10,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from robotkit.errors import ConfigurationError
-from robotkit.session import endpoints, open_session
+from robotkit.session import credentials, endpoints, open_session
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     key = f"robot/{options.task}/{options.what}"
     try:
         addresses = endpoints({"ZENOH_CONNECT": options.connect})
-        with open_session(addresses, threading.Event()) as session:
+        with open_session(addresses, threading.Event(), secret=credentials(os.environ)) as session:
             answer = None if session is None else _ask(session, key, options.what)
     except ConfigurationError as error:
         sys.stderr.write(f"{error}\n")

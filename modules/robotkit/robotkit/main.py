@@ -14,7 +14,7 @@ from robotkit.errors import ConfigurationError
 from robotkit.module import load_module
 from robotkit.plan import PLAN_KEY
 from robotkit.runner import Runner
-from robotkit.session import endpoints, open_session, shared_memory
+from robotkit.session import credentials, endpoints, open_session, shared_memory
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,7 +46,8 @@ def _run(module_yaml: Path, build: Callable[[], Task], stop: threading.Event) ->
     environment = os.environ
     module, addresses = load_module(module_yaml, environment), endpoints(environment)
     task = build()
-    with open_session(addresses, stop, shared_memory=shared_memory(environment)) as session:
+    shared, secret = shared_memory(environment), credentials(environment)
+    with open_session(addresses, stop, shared_memory=shared, secret=secret) as session:
         if session is not None:
             policy_task, plan_key = environment.get("POLICY_TASK", ""), environment.get("PLAN_KEY", PLAN_KEY)
             Runner(session, module, task).run(stop, policy_task=policy_task, plan_key=plan_key)

@@ -99,13 +99,15 @@ class PlanListener:
         self._thread.join()
 
     def _hear(self, sample: zenoh.Sample) -> None:
+        if "*" in str(sample.key_expr):
+            return  # whoever may not publish plans can still publish on a key with wildcards, which matches ours
         gone = sample.kind == zenoh.SampleKind.DELETE
         with self._changed:
             self._heard[str(sample.key_expr)] = None if gone else sample.payload.to_bytes()
             self._changed.notify_all()
 
     def _hear_reply(self, reply: zenoh.Reply) -> None:
-        if reply.ok is None:
+        if reply.ok is None or "*" in str(reply.ok.key_expr):
             return
         with self._changed:
             self._heard.setdefault(str(reply.ok.key_expr), reply.ok.payload.to_bytes())

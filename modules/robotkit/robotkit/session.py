@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -31,6 +32,14 @@ def endpoints(environment: Mapping[str, str]) -> tuple[str, ...]:
     return found
 
 
+def credentials(environment: Mapping[str, str]) -> Path | None:
+    """Read ZENOH_CREDENTIALS: a mounted Secret that says who we are, on a bus that asks."""
+    text = environment.get("ZENOH_CREDENTIALS", "")
+    if text and not Path(text).is_dir():
+        raise ConfigurationError(f"ZENOH_CREDENTIALS: {text!r} is not allowed: a directory, such as a mounted Secret")
+    return Path(text) if text else None
+
+
 def shared_memory(environment: Mapping[str, str]) -> bool:
     """Whether SHARED_MEMORY says that modules, sensors and router have one /dev/shm."""
     value = environment.get("SHARED_MEMORY", "false")
@@ -39,10 +48,11 @@ def shared_memory(environment: Mapping[str, str]) -> bool:
     return value == "true"
 
 
-def client_config(addresses: Sequence[str], *, shared_memory: bool = False) -> zenoh.Config:
+def client_config(addresses: Sequence[str], *, shared_memory: bool = False, secret: Path | None = None) -> zenoh.Config:
     """Connect to the addresses only; a peer that hangs is noticed after a second, not after ten.
 
-    With `shared_memory`, payloads of 3 KiB and more stay where they are: Zenoh sends the others only their place.
+    `secret` holds ca.crt, and tls.crt and tls.key or username and password: who we are. With `shared_memory`, payloads
+    of 3 KiB and more stay where they are: Zenoh sends the others only their place.
     """
     config = zenoh.Config()
     for key, value in (
@@ -53,17 +63,33 @@ def client_config(addresses: Sequence[str], *, shared_memory: bool = False) -> z
         ("transport/link/tx/lease", LEASE_MS),
         *((f"transport/link/tx/queue/size/{priority}", QUEUE) for priority in ("real_time", "data")),
         ("transport/shared_memory/enabled", shared_memory),
+        *(_identity(secret) if secret else ()),
     ):
         _insert(config, key, value)
     return config
 
 
+def _identity(secret: Path) -> Iterator[tuple[str, object]]:
+    """Zenoh reads certificates anew each time it connects: renewed ones need no restart."""
+    tls = "transport/link/tls"
+    if (secret / "ca.crt").is_file():
+        yield f"{tls}/root_ca_certificate", str(secret / "ca.crt")
+    if (secret / "tls.crt").is_file():
+        yield f"{tls}/enable_mtls", True
+        yield f"{tls}/close_link_on_expiration", True
+        yield f"{tls}/connect_certificate", str(secret / "tls.crt")
+        yield f"{tls}/connect_private_key", str(secret / "tls.key")
+    if (secret / "username").is_file():
+        for field, name in (("user", "username"), ("password", "password")):
+            yield f"transport/auth/usrpwd/{field}", (secret / name).read_text(encoding="utf-8").rstrip("\n")
+
+
 @contextmanager
 def open_session(
-    addresses: Sequence[str], stop: threading.Event, *, shared_memory: bool = False
+    addresses: Sequence[str], stop: threading.Event, *, shared_memory: bool = False, secret: Path | None = None
 ) -> Iterator[zenoh.Session | None]:
     """Try until a router answers; gives None when `stop` is set first."""
-    session = _connect(client_config(addresses, shared_memory=shared_memory), stop)
+    session = _connect(client_config(addresses, shared_memory=shared_memory, secret=secret), stop)
     try:
         yield session
     finally:

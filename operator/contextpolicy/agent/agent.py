@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import time
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.agent import capabilities
@@ -13,8 +14,10 @@ from contextpolicy.agent.cgroup_paths import find_cgroups
 from contextpolicy.agent.control_files import CFS, REALTIME, ControlFiles
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.limits import Limits
+from contextpolicy.agent.pod_namespaces import PodNamespaces
 from contextpolicy.agent.realtime import Realtime
 from contextpolicy.agent.refusals import Refusals
+from contextpolicy.agent.service import OBEYED_SECONDS
 from contextpolicy.errors import ActuationError, OrderError
 from contextpolicy.planning.placement import QUANTUM
 from contextpolicy.policy.spec import Mode, Scheduler
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
     from contextpolicy.agent.cgroup_paths import CgroupPaths
     from contextpolicy.agent.inotify import WriteWatch
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
+    from contextpolicy.cluster.agent_reports import Stamp
 
 log = logging.getLogger(__name__)
 
@@ -55,6 +59,7 @@ class Agent:
         self._settings, self._scheduler, self._watch = settings, scheduler, watch
         self._refusals = Refusals()
         self._admission = Admission(os.cpu_count() or 1)
+        self._namespaces = PodNamespaces(settings.logs)
         self._ledger = Ledger(settings.state / "agent.journal")
         self._graces: dict[str, DisposableBase] = {}
         self._sources: set[str] = set()
@@ -78,20 +83,32 @@ class Agent:
         for policy in {entry.policy for entry in self._ledger.entries.values()}:
             self._release(policy)
 
-    def hear(self, policy: str, payload: bytes | None) -> None:
-        """Take a message about the policy; None says that it is gone. Whatever it holds, it does no harm."""
-        if payload is None:
-            self._release(policy)
-            return
+    def hear(self, policy: str, payload: bytes | None, signed: int) -> Stamp | None:
+        """Take a message of the operator about the policy, None: it is gone. Whatever it holds, it does no harm.
+
+        `signed` is when it was, in nanoseconds since 1970. Gives the stamp of a plan that is carried out.
+        """
         try:
-            order = self._admission.admit(orders.read(payload, policy, self._settings.node))
+            if payload is None:
+                self._admission.withdraw(policy, signed)
+                self._release(policy)
+                return None
+            heard = orders.read(payload, policy, self._settings.node)
+            order = self._admission.admit(heard, signed)
         except OrderError as error:
-            self._refusals.note(error.reason, str(error))
-            return
+            self.refuse(error)
+            return None
         if order is None or order.mode is Mode.ENFORCE:
             self._hold(policy)
         if order is not None:
-            self._persist(lambda: self._obey(order))
+            if not self._persist(lambda: self._obey(order)):
+                return None
+            OBEYED_SECONDS.observe(max(0.0, (time.time_ns() - signed) / 1e9))
+        return heard.stamp
+
+    def refuse(self, error: OrderError) -> None:
+        """Count a message that must not be obeyed."""
+        self._refusals.note(error.reason, str(error))
 
     def find_source(self, policy: str) -> None:
         """Somebody makes plans for the policy."""
@@ -154,14 +171,19 @@ class Agent:
         writers.realtime.release(order.policy)
 
     def _groups(self, writers: _CgroupWriters, order: NodeOrder) -> dict[Path, OrderTarget]:
-        """The cgroups of the targets that are here: a path made of the pod's UID and the container's id proves it."""
+        """The cgroups of the targets that are here: a path made of the pod's UID and the container's id proves it.
+
+        No policy reaches beyond its own namespace, whoever signed the plan.
+        """
         groups = {}
         for target in order.targets:
             group = writers.layout.container(target.qos, target.uid, target.container_id)
-            if target.container_id and group.is_dir():
-                groups[group] = target
-            else:
+            if not (target.container_id and group.is_dir()):
                 self._refusals.note("NotHere", f"{order.policy}: {target.container_id or 'a container that starts'}")
+            elif (namespace := self._namespaces.of(target.uid)) != order.namespace:
+                self._refusals.note("Foreign", f"{order.policy}: {target.container_id} is of namespace {namespace}")
+            else:
+                groups[group] = target
         return groups
 
     def _release(self, policy: str) -> None:
@@ -190,15 +212,16 @@ class Agent:
         elif policy not in self._graces:
             self._await_source(policy)
 
-    def _persist(self, action: Callable[[], None]) -> None:
-        """A container may end in the middle of it; the next attempt leaves it out."""
+    def _persist(self, action: Callable[[], None]) -> bool:
+        """A container may end in the middle of it; the next attempt leaves it out. False when none succeeded."""
         for _ in range(_ATTEMPTS):
             try:
                 action()
             except ActuationError as error:
                 self._refusals.note(error.reason, str(error))
             else:
-                return
+                return True
+        return False
 
     def _end_grace(self, policy: str) -> None:
         grace = self._graces.pop(policy, None)

@@ -15,11 +15,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class AgentSettings:
-    """What an agent is told from outside: `priority` is that of realtime threads, `grace` is in seconds."""
+    """What an agent is told from outside: `priority` is that of realtime threads, `grace` is in seconds.
+
+    `keys` holds the certificate with the operator's public key; in `logs` the kubelet keeps a directory for each pod.
+    """
 
     node: str
     common: settings.Settings
+    keys: Path
     cgroup_root: Path = Path("/sys/fs/cgroup")
+    logs: Path = Path("/var/log/pods")
     state: Path = Path("/run/contextpolicy")
     priority: int = 10
     grace: float = 10.0
@@ -30,12 +35,17 @@ def read(environment: Mapping[str, str], *, priority: int, grace: float) -> Agen
     common = settings.read(environment)
     node = environment.get("NODE_NAME", "")
     root = Path(environment.get("CGROUP_ROOT", "") or "/sys/fs/cgroup")
+    logs = Path(environment.get("POD_LOGS", "") or "/var/log/pods")
     findings = []
     if not node or "/" in node:
         findings.append(Finding("NODE_NAME", node, "the name of this node in the cluster"))
     if not root.is_dir():
         findings.append(Finding("CGROUP_ROOT", str(root), "the directory where the node's cgroups are mounted"))
-    if findings:
+    if not logs.is_dir():
+        findings.append(Finding("POD_LOGS", str(logs), "the directory where the kubelet keeps the pods' logs"))
+    if common.signing is None:
+        findings.append(Finding("PLAN_SIGNING", "", "the directory of the certificate with the operator's public key"))
+    if findings or common.signing is None:
         raise SettingsError("environment", tuple(findings))
     state = Path(environment.get("STATE_DIRECTORY", "") or "/run/contextpolicy")
-    return AgentSettings(node, common, root, state, priority, grace)
+    return AgentSettings(node, common, common.signing, root, logs, state, priority, grace)

@@ -1,18 +1,21 @@
-"""The agent's place on the decision bus: plans in, what the node can do out.
+"""The agent's place on the decision bus: plans in, what the node can do out, and which plans it has carried out.
 
-Zenoh's callbacks must not call Zenoh and must not wait: they only leave a note for the loop. Of several messages about
-one policy only the newest counts.
+Zenoh's callbacks must not call Zenoh and must not wait: they check the signature and leave a note for the loop. Of
+several messages about one policy only the newest counts, and only signed ones can be that: a flood of forged messages
+neither hides a plan nor keeps the loop from it.
 """
 
 from __future__ import annotations
 
 import json
+import time
 from threading import Lock
 from typing import TYPE_CHECKING, Protocol
 
 import zenoh
 
-from contextpolicy.bus.decision_bus import agent_key, plan_key, policy_of
+from contextpolicy.bus.decision_bus import agent_key, confirmed_key, plan_key, policy_of
+from contextpolicy.errors import OrderError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,14 +23,20 @@ if TYPE_CHECKING:
 
     from reactivex.abc import SchedulerBase
 
+    from contextpolicy.bus.signatures import Verifier
+    from contextpolicy.cluster.agent_reports import Stamp
+
 PLANS = plan_key("*", "*")
 
 
 class PlanListener(Protocol):
     """Who obeys; called on the loop's thread."""
 
-    def hear(self, policy: str, payload: bytes | None) -> None:
-        """A message about a policy; None: it is gone."""
+    def hear(self, policy: str, payload: bytes | None, signed: int) -> Stamp | None:
+        """A message about a policy, None: it is gone; gives the stamp of a plan that is carried out."""
+
+    def refuse(self, error: OrderError) -> None:
+        """A message that is not the operator's."""
 
     def find_source(self, policy: str) -> None:
         """Somebody makes plans for the policy."""
@@ -42,13 +51,17 @@ class PlanListener(Protocol):
 class AgentBus:
     """Hears plans, follows who makes them, and answers what the node can do."""
 
-    def __init__(self, session: zenoh.Session, node: str, scheduler: SchedulerBase, listener: PlanListener) -> None:
+    def __init__(
+        self, session: zenoh.Session, node: str, scheduler: SchedulerBase, listener: PlanListener, verifier: Verifier
+    ) -> None:
         self._session, self._scheduler, self._listener = session, scheduler, listener
-        self._waiting: dict[str, bytes | None] = {}
+        self._verifier = verifier
+        self._waiting: dict[str, tuple[bytes | None, int]] = {}
         self._lock = Lock()
         self._key = key = agent_key(node)
+        self._confirmed_key = confirmed_key(node)
         self._declared: list[Any] = [
-            session.declare_subscriber(PLANS, self._on_plan),
+            session.declare_subscriber(PLANS, self._take),
             session.liveliness().declare_subscriber(PLANS, self._on_source, history=True),
             session.declare_queryable(key, self._on_question),
             session.liveliness().declare_token(key),
@@ -58,10 +71,6 @@ class AgentBus:
         """Leave the bus, the token first: the node counts as without agent before it is."""
         for declared in reversed(self._declared):
             declared.undeclare()
-
-    def _on_plan(self, sample: zenoh.Sample) -> None:
-        gone = sample.kind == zenoh.SampleKind.DELETE
-        self._put(str(sample.key_expr), None if gone else sample.payload.to_bytes())
 
     def _on_source(self, sample: zenoh.Sample) -> None:
         """Whoever makes plans is asked for the one in force: at our start, at its own, and when the network is back."""
@@ -77,21 +86,42 @@ class AgentBus:
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
-            key, payload = str(reply.ok.key_expr), reply.ok.payload.to_bytes()
-            self._later(lambda: self._listener.hear(policy_of(key), payload))
+            self._take(reply.ok)
 
-    def _put(self, key: str, payload: bytes | None) -> None:
+    def _take(self, sample: zenoh.Sample) -> None:
+        """A plan or its withdrawal, put or in answer to a question; later ones take the place of earlier ones."""
+        key = str(sample.key_expr)
+        payload = None if sample.kind == zenoh.SampleKind.DELETE else sample.payload.to_bytes()
+        attachment = sample.attachment.to_bytes() if sample.attachment is not None else None
+        try:
+            signed = self._verifier.check(key, payload, attachment, time.time_ns())
+        except OrderError as error:
+            refusal = error  # the name of an exception ends with its clause
+            self._later(lambda: self._listener.refuse(refusal))
+            return
+        self._put(policy_of(key), payload, signed)
+
+    def _put(self, policy: str, payload: bytes | None, signed: int) -> None:
         with self._lock:
             asleep = not self._waiting
-            self._waiting[policy_of(key)] = payload
+            waiting = self._waiting.get(policy)
+            if waiting is None or waiting[1] < signed:
+                self._waiting[policy] = payload, signed
         if asleep:
             self._later(self._drain)
 
     def _drain(self) -> None:
         with self._lock:
             waiting, self._waiting = self._waiting, {}
-        for policy, payload in waiting.items():
-            self._listener.hear(policy, payload)
+        for policy, (payload, signed) in waiting.items():
+            stamp = self._listener.hear(policy, payload, signed)
+            if stamp is not None:
+                self._confirm(policy, stamp)
+
+    def _confirm(self, policy: str, stamp: Stamp) -> None:
+        """The operator counts on us only as long as it hears this."""
+        said = json.dumps({"policy": policy, "stamp": stamp}).encode()
+        self._session.put(self._confirmed_key, said, express=True, congestion_control=zenoh.CongestionControl.DROP)
 
     def _on_question(self, query: zenoh.Query) -> None:
         self._later(lambda: self._answer(query))

@@ -14,6 +14,8 @@ from contextpolicy.policy.spec import Control, Mode, RealtimePolicy, Scheduler
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from contextpolicy.cluster.agent_reports import Stamp
+
 QOS_CLASSES = ("Guaranteed", "Burstable", "BestEffort")
 MAX_BYTES = 1 << 20
 MAX_CORES = 1024
@@ -51,13 +53,18 @@ class NodeOrder:
     """What one policy wants of one node; `stamp` only moves forward while its source lives."""
 
     policy: str
-    stamp: tuple[int, int, int]
+    stamp: Stamp
     mode: Mode
     scheduler: Scheduler
     control: Control
     capacity: int
     targets: tuple[OrderTarget, ...]
     manner: Manner = field(default_factory=Manner)
+
+    @property
+    def namespace(self) -> str:
+        """The policy's: it owns nothing outside of it."""
+        return self.policy.partition("/")[0]
 
 
 def read(payload: bytes, policy: str, node: str) -> NodeOrder:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 from collections import Counter
 
+from contextpolicy.agent.service import REFUSALS
+
 log = logging.getLogger(__name__)
 
 
@@ -17,5 +19,6 @@ class Refusals:
     def note(self, reason: str, message: str) -> None:
         """Count it, and log the first of its kind."""
         self.counts[reason] += 1
+        REFUSALS.labels(reason).inc()
         if self.counts[reason] == 1:
             log.warning("%s: %s (more of these are only counted)", reason, message)

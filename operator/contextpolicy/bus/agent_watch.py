@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
+import logging
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from contextpolicy.bus.decision_bus import agent_key
-from contextpolicy.cluster.agent_reports import NO_ANSWER, AgentReport, read_report
+from contextpolicy.bus.decision_bus import agent_key, confirmed_key
+from contextpolicy.cluster.agent_reports import (
+    LATE,
+    NO_ANSWER,
+    NOT_CONFIRMING,
+    AgentReport,
+    read_confirmation,
+    read_report,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from reactivex.abc import DisposableBase, SchedulerBase
+
+    from contextpolicy.cluster.agent_reports import Confirmation, Stamp
+
+log = logging.getLogger(__name__)
 
 PATIENCE = 1.0
 """Seconds in which the agents that live already must be known: a plan made without them would move them to and fro."""
@@ -24,12 +37,16 @@ RETURN = 10.0
 """Seconds that an agent may be gone, as for an upgrade, before its node counts as without. To fall back and return at
 once would be a quick revert of every limit, which kubelets get wrong (kubernetes#125205)."""
 
+BOUND = 0.5
+"""Seconds in which a plan must be confirmed: agents take milliseconds, and the resizes follow after as long anyway."""
+
 
 class AgentWatch:
     """Follows the agents' liveliness tokens; `on_change` is called on the loop's thread.
 
     A token says that an agent lives, its answer what it can do. One that owes its answer is asked until it gives it;
-    until then its node has no agent that plans could count on.
+    until then its node has no agent that plans could count on. The same goes for one that does not confirm a plan in
+    time: it may live, but be frozen, and a token says nothing of that.
     """
 
     def __init__(self, session: zenoh.Session, scheduler: SchedulerBase, on_change: Callable[[], object]) -> None:
@@ -38,11 +55,61 @@ class AgentWatch:
         self.reports = dict(self._ask_all())
         self._owing: set[str] = set()
         self._missed: dict[str, DisposableBase] = {}
-        self._subscriber: Any = session.liveliness().declare_subscriber(agent_key("*"), self._on_token, history=True)
+        self._unconfirmed: dict[tuple[str, str], _Unconfirmed] = {}
+        self._subscribers: list[Any] = [
+            session.liveliness().declare_subscriber(agent_key("*"), self._on_token, history=True),
+            session.declare_subscriber(confirmed_key("*"), self._on_confirmation),
+        ]
 
     def close(self) -> None:
         """Stop following; what was heard already may still use the session, on the loop."""
-        self._subscriber.undeclare()
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
+
+    def expect(self, policy: str, stamp: Stamp, nodes: Iterable[str]) -> None:
+        """A plan was published: the agents that can carry it out must say soon that they have, or did a later one."""
+        for node in nodes:
+            report = self.reports.get(node)
+            if report is None or (report.limits and report.realtime):
+                continue
+            waiting = self._unconfirmed.get((node, policy))
+            if waiting is None:
+                self._unconfirmed[node, policy] = _Unconfirmed(stamp, stamp, self._arm(node, policy))
+            else:
+                waiting.last = stamp
+
+    def forget(self, policy: str) -> None:
+        """Nobody makes plans for the policy any more."""
+        for node, other in [key for key in self._unconfirmed if key[1] == policy]:
+            self._unconfirmed.pop((node, other)).timer.dispose()
+
+    def _arm(self, node: str, policy: str) -> DisposableBase:
+        return self._scheduler.schedule_relative(BOUND, lambda *_: self._doubt(node, policy))
+
+    def _on_confirmation(self, sample: zenoh.Sample) -> None:
+        node, said = str(sample.key_expr).split("/")[2], read_confirmation(sample.payload.to_bytes())
+        if said is not None:
+            self._later(lambda: self._confirmed(node, said))
+
+    def _confirmed(self, node: str, said: Confirmation) -> None:
+        waiting = self._unconfirmed.get((node, said.policy))
+        if waiting is None or said.stamp < waiting.first:
+            return
+        waiting.timer.dispose()
+        if said.stamp >= waiting.last:
+            del self._unconfirmed[node, said.policy]
+        else:
+            waiting.first, waiting.timer = waiting.last, self._arm(node, said.policy)
+
+    def _doubt(self, node: str, policy: str) -> None:
+        """Plans count on the node's agent no more; it is asked after a while what it can do, and has to answer."""
+        del self._unconfirmed[node, policy]
+        if node not in self.reports or node in self._missed or node in self._owing:
+            return
+        log.warning("node %s: %s", node, LATE)
+        self._owing.add(node)
+        self._set(node, NOT_CONFIRMING)
+        self._scheduler.schedule_relative(RETURN, lambda *_: self._ask_again(node))
 
     def _ask_all(self) -> list[tuple[str, AgentReport]]:
         replies = self._session.get(agent_key("*"), timeout=PATIENCE)
@@ -112,6 +179,15 @@ class AgentWatch:
 
     def _later(self, action: Callable[[], None]) -> None:
         self._scheduler.schedule(lambda *_: action())
+
+
+@dataclass(slots=True)
+class _Unconfirmed:
+    """The first and the last plan of a policy that a node's agent owes an answer to."""
+
+    first: Stamp
+    last: Stamp
+    timer: DisposableBase
 
 
 def _node(key: zenoh.KeyExpr) -> str:

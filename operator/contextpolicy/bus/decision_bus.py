@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from typing import TYPE_CHECKING, Any
 
 import zenoh
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
     from reactivex.abc import SchedulerBase
 
+    from contextpolicy.bus.signatures import Signer
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.planning.placement import Container
     from contextpolicy.planning.plan import Plan
@@ -34,6 +36,11 @@ def policy_of(key: str) -> str:
 def agent_key(node: str) -> str:
     """The key of a node's agent: a liveliness token while it lives, and a queryable for what the node can do."""
     return f"contextpolicy/agents/{node}"
+
+
+def confirmed_key(node: str) -> str:
+    """The key on which a node's agent says which plan it has carried out."""
+    return f"{agent_key(node)}/confirmed"
 
 
 def applied_key(namespace: str, name: str) -> str:
@@ -88,10 +95,12 @@ class Bus:
     ) -> None:
         """`current`, the message as of now, and `explain` are called on the scheduler's thread, where all stands still.
 
-        The token on the plans' key tells who acts on them that somebody still makes them.
+        The token on the plans' key tells who acts on them that somebody still makes them. Without a `signer` no agent
+        acts on them.
         """
+        self.signer: Signer | None = None
         self._scheduler = scheduler
-        key = plan_key(policy.namespace, policy.name)
+        self._key = key = plan_key(policy.namespace, policy.name)
         self._publisher = session.declare_publisher(
             key, express=True, congestion_control=zenoh.CongestionControl.DROP, priority=zenoh.Priority.REAL_TIME
         )
@@ -106,11 +115,12 @@ class Bus:
 
     def publish(self, plan: dict[str, Any]) -> None:
         """Tell everyone; a listener that is slow loses messages, it never slows the loop."""
-        self._publisher.put(json.dumps(plan), encoding=zenoh.Encoding.APPLICATION_JSON)
+        payload = json.dumps(plan).encode()
+        self._publisher.put(payload, encoding=zenoh.Encoding.APPLICATION_JSON, attachment=self._signature(payload))
 
     def withdraw(self) -> None:
         """Tell everyone that no plan of this policy counts any more."""
-        self._publisher.delete()
+        self._publisher.delete(attachment=self._signature(None))
 
     def publish_applied(self, step: dict[str, Any]) -> None:
         """Tell that a container's limit reached the next stage."""
@@ -124,6 +134,10 @@ class Bus:
         self._applied.undeclare()
         self._publisher.undeclare()
 
+    def _signature(self, payload: bytes | None) -> bytes | None:
+        """What proves to agents that a plan, or its withdrawal, is the operator's."""
+        return self.signer.sign(self._key, payload, time.time_ns()) if self.signer else None
+
     def _answer(self, key: str, content: Callable[[], dict[str, Any] | None]) -> Callable[[zenoh.Query], None]:
         """Zenoh's callbacks must not call Zenoh: the reply is sent from the loop.
 
@@ -134,7 +148,9 @@ class Bus:
             answer = content()
             with query:
                 if answer is not None:
-                    query.reply(key, json.dumps(answer), encoding=zenoh.Encoding.APPLICATION_JSON)
+                    payload = json.dumps(answer).encode()
+                    signature = self._signature(payload) if key == self._key else None
+                    query.reply(key, payload, encoding=zenoh.Encoding.APPLICATION_JSON, attachment=signature)
 
         return lambda query: _schedule(self._scheduler, lambda: reply(query))
 

@@ -8,8 +8,12 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
+from contextpolicy.bus.credentials import USERS, client_settings, router_settings
+from contextpolicy.bus.roles import access_control
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
     from threading import Event
 
 log = logging.getLogger(__name__)
@@ -26,29 +30,42 @@ LEASE_MS = 1000
 """A hung peer is declared dead within this; the default of 10 s is longer than a robot can wait."""
 
 
-def open_client(endpoints: Sequence[str], stop: Event) -> zenoh.Session | None:
+def open_client(endpoints: Sequence[str], stop: Event, credentials: Path | None = None) -> zenoh.Session | None:
     """A client of the router at `endpoints`, as soon as it answers; None when `stop` is set first.
 
     Zenoh could wait by itself, but then nothing could end the wait; an open session reconnects by itself.
     """
     while not stop.is_set():
         try:
-            return open_visitor(endpoints, patience=ATTEMPT)
+            return open_visitor(endpoints, patience=ATTEMPT, credentials=credentials)
         except zenoh.ZError as error:
             log.warning("no Zenoh router at %s yet: %s", ", ".join(endpoints), error)
             stop.wait(ATTEMPT)
     return None
 
 
-def open_visitor(endpoints: Sequence[str], *, patience: float) -> zenoh.Session:
-    """A client for one question, of a person who waits: zenoh.ZError when no router answers for `patience` seconds."""
+def open_visitor(endpoints: Sequence[str], *, patience: float, credentials: Path | None = None) -> zenoh.Session:
+    """A client for one question, of a person who waits: zenoh.ZError when no router answers for `patience` seconds.
+
+    `credentials` is a directory (see `bus.credentials`); None on a bus that is open to all.
+    """
     settings = {"mode": "client", "connect/endpoints": list(endpoints), "connect/timeout_ms": int(patience * 1000)}
+    return zenoh.open(_config({**settings, **client_settings(credentials)}))
+
+
+def open_router(
+    endpoints: Sequence[str], credentials: Path | None = None, samples: Sequence[str] = ("**",)
+) -> zenoh.Session:
+    """A session that routes between its clients, at `endpoints`.
+
+    With `credentials` it lets in who has a role, and lets each say and hear what its role may: samples on the keys
+    `samples`. Without, it takes anything from anybody.
+    """
+    settings: dict[str, object] = {"mode": "router", "listen/endpoints": list(endpoints)}
+    if credentials is not None:
+        by = "usernames" if (credentials / USERS).is_file() else "cert_common_names"
+        settings |= {**router_settings(credentials), "access_control": access_control(samples, by=by)}
     return zenoh.open(_config(settings))
-
-
-def open_router(endpoints: Sequence[str]) -> zenoh.Session:
-    """A session that routes between its clients, at `endpoints`."""
-    return zenoh.open(_config({"mode": "router", "listen/endpoints": list(endpoints)}))
 
 
 def _config(settings: dict[str, object]) -> zenoh.Config:

@@ -14,8 +14,12 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.claims import Claim
     from contextpolicy.policy.spec import Policy
 
+Stamp = tuple[int, int, int]
+"""Run, sequence and edition of a plan: which one it is."""
+
 NO_AGENT = "no node agent runs there: install the chart with agent.enabled=true and agent.realtime=true"
 UNREADABLE = "its node agent's report can't be read: operator and agent must be of one version"
+LATE = "its node agent did not confirm a plan in time: it is frozen, too slow, or does not accept the operator's plans"
 SILENT = "its node agent did not answer yet: it is asked again until it does"
 
 
@@ -35,6 +39,27 @@ class AgentReport:
 
 NO_ANSWER = AgentReport(SILENT, SILENT)
 """What stands for the report of an agent that lives and has not said what it can do."""
+
+NOT_CONFIRMING = AgentReport(LATE, LATE)
+"""What stands for the report of an agent that lives and does not carry out plans."""
+
+
+@dataclass(frozen=True, slots=True)
+class Confirmation:
+    """An agent has carried out the plan of this stamp (run, sequence, edition)."""
+
+    policy: str
+    stamp: Stamp
+
+
+def read_confirmation(payload: bytes) -> Confirmation | None:
+    """An agent's word; None when it can't be read."""
+    try:
+        said = json.loads(payload)
+        run, sequence, edition = (int(number) for number in said["stamp"])
+        return Confirmation(str(said["policy"]), (run, sequence, edition))
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
+        return None
 
 
 def read_report(payload: bytes) -> AgentReport:

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from contextpolicy.agent.agent_settings import AgentSettings
     from contextpolicy.loop import Loop
 
+HUNG = 2.0
+"""Seconds after which a loop that does not answer counts as hung."""
+
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
@@ -22,8 +25,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="run the node agent",
         description="Hear plans on the decision bus and write the cgroups of this node at once, CPU limits and "
         "realtime budgets, until SIGTERM; then undo what the API did not confirm. Settings come from the environment: "
-        "NODE_NAME, ZENOH_CONNECT, CGROUP_ROOT (default /sys/fs/cgroup), STATE_DIRECTORY (default /run/contextpolicy), "
-        "LOG_FORMAT, LOG_LEVEL.",
+        "NODE_NAME, PLAN_SIGNING (the directory of the operator's certificate), ZENOH_CONNECT, ZENOH_CREDENTIALS, "
+        "CGROUP_ROOT (default /sys/fs/cgroup), POD_LOGS (default /var/log/pods), STATE_DIRECTORY (default "
+        "/run/contextpolicy), METRICS_PORT (also answers /healthz), LOG_FORMAT, LOG_LEVEL.",
     )
     parser.add_argument(
         "--priority",
@@ -69,16 +73,20 @@ def _run(settings: AgentSettings, stop: threading.Event) -> None:
     from contextpolicy.agent.agent import Agent
     from contextpolicy.agent.bus_link import AgentBus
     from contextpolicy.agent.inotify import WriteWatch
+    from contextpolicy.agent.service import serve
     from contextpolicy.bus.session import open_client
+    from contextpolicy.bus.signatures import Verifier
     from contextpolicy.loop import Loop
 
+    verifier = Verifier(settings.keys)
     loop = Loop()
     watch = WriteWatch(lambda path: _later(loop, lambda: agent.on_other_write(path)))
     agent = Agent(settings, loop, watch)
     _later(loop, agent.start)
-    session = open_client(settings.common.connect, stop)
+    serve(settings.common.metrics_port, lambda: _later(loop, lambda: None).wait(HUNG))
+    session = open_client(settings.common.connect, stop, settings.common.credentials)
     if session is not None:
-        bus = AgentBus(session, settings.node, loop, agent)
+        bus = AgentBus(session, settings.node, loop, agent, verifier)
         stop.wait()
         bus.close()
     _later(loop, agent.stop).wait(timeout=5)

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.commands import robot_arguments
+from contextpolicy.commands.credentials import add_credentials
 from contextpolicy.commands.robot_arguments import seconds
 from contextpolicy.commands.simulate import read_files, run_policy
 from contextpolicy.errors import ContextPolicyError
@@ -15,6 +16,7 @@ from contextpolicy.errors import ContextPolicyError
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
+    from pathlib import Path
 
     import zenoh
 
@@ -41,6 +43,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--timeline", metavar="FILE", help="simulate this timeline")
     source.add_argument("--connect", metavar="ENDPOINTS", help="ask the operator, through the router at tcp/HOST:7447")
+    add_credentials(parser)
     parser.add_argument("--at", type=seconds, metavar="S", help="with --timeline: when (default: at its end)")
     robot_arguments.add(parser)
     parser.add_argument("--output", choices=("text", "json"), default="text", help="default: text")
@@ -79,7 +82,7 @@ def _simulate(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _ask(arguments: argparse.Namespace) -> dict[str, Any]:
-    with visit(arguments.connect) as session:
+    with visit(arguments.connect, arguments.credentials) as session:
         answer = _answer(session, f"contextpolicy/{arguments.policy}/explain")
     if answer is not None:
         return answer
@@ -90,14 +93,14 @@ def _ask(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 @contextmanager
-def visit(connect: str) -> Iterator[zenoh.Session]:
+def visit(connect: str, credentials: Path | None = None) -> Iterator[zenoh.Session]:
     """A session on the robot's bus; NoAnswerError when no router answers soon, or no more."""
     import zenoh
 
     from contextpolicy.bus.session import open_visitor
 
     try:
-        with open_visitor(connect.split(","), patience=PATIENCE) as session:
+        with open_visitor(connect.split(","), patience=PATIENCE, credentials=credentials) as session:
             yield session
     except zenoh.ZError as error:
         reason = str(error).partition(" at /")[0]

@@ -6,8 +6,15 @@ import signal
 import threading
 from typing import TYPE_CHECKING
 
+from contextpolicy.commands.credentials import add_credentials
+
 if TYPE_CHECKING:
     import argparse
+    from pathlib import Path
+
+LOOK = 20.0
+"""Seconds between two looks at our certificate: kubelets take up to a minute to bring a Secret's new version, and
+whoever renews certificates does so days before they end."""
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -15,22 +22,42 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = subparsers.add_parser(
         "router",
         help="run a Zenoh router",
-        description="Route between Zenoh clients until SIGTERM.",
+        description="Route between Zenoh clients until SIGTERM. With --credentials clients must have a certificate (or "
+        "a password, where the directory holds users.txt), and may say and hear what their role may: sensor, module, "
+        "operator, agent or viewer, the common name of the certificate or the user's name.",
     )
     parser.add_argument(
         "--listen", default="tcp/0.0.0.0:7447", help="endpoints, comma separated (default: %(default)s)"
+    )
+    add_credentials(parser)
+    parser.add_argument(
+        "--samples",
+        default="**",
+        metavar="KEYS",
+        help="key expressions on which sensors and modules may publish, comma separated (default: %(default)s)",
     )
     parser.set_defaults(main=main)
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Route until told to stop."""
+    """Route until told to stop; a certificate that was replaced is taken up with a new listener.
+
+    Zenoh reads a listener's files once. Clients are back within a second or so, agents then ask for the plans in force.
+    """
     from contextpolicy.bus.session import open_router
 
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
-    with open_router(arguments.listen.split(",")):
-        print(f"routing at {arguments.listen}", flush=True)
-        stop.wait()
+    while not stop.is_set():
+        files = _files(arguments.credentials)
+        with open_router(arguments.listen.split(","), arguments.credentials, arguments.samples.split(",")):
+            print(f"routing at {arguments.listen}", flush=True)
+            while not stop.wait(LOOK if arguments.credentials else None) and _files(arguments.credentials) == files:
+                pass
     return 0
+
+
+def _files(directory: Path | None) -> dict[str, bytes]:
+    """What the directory holds; kubelets replace all of a Secret's files in one instant."""
+    return {path.name: path.read_bytes() for path in sorted(directory.iterdir()) if path.is_file()} if directory else {}

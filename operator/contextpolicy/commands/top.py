@@ -11,6 +11,7 @@ from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy import settings
+from contextpolicy.commands.credentials import add_credentials
 from contextpolicy.commands.explain import PATIENCE, NoAnswerError, visit
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         default=os.environ.get("ZENOH_CONNECT") or settings.DEFAULT_CONNECT,
         help="the router, tcp/HOST:7447 (default: ZENOH_CONNECT, else this machine)",
     )
+    add_credentials(parser)
     parser.add_argument("--once", action="store_true", help="show the plans in force and end")
     parser.add_argument(
         "--output", choices=("table", "json"), default="table", help="default: table; json is one line per message"
@@ -55,7 +57,7 @@ def main(arguments: argparse.Namespace) -> int:
 
     view = BusView()
     try:
-        with visit(arguments.connect) as session:
+        with visit(arguments.connect, arguments.credentials) as session:
             if arguments.once:
                 _show_once(arguments, session, view)
             else:

@@ -8,12 +8,15 @@ import signal
 import sys
 import time
 from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Self
 
 from contextpolicy.bus.session import open_visitor
 from tests.bench.reaction import objects
 from tests.bench.reaction.quiet import Quiet
-from tests.e2e.cluster import REPOSITORY, CommandError, apply, run
+from tests.e2e.cluster import REPOSITORY, CommandError, apply, run, secret_files
+from tests.node.layout import ROOT
 from timelines.demo.cgroup import Cgroup, find
 from timelines.demo.deploy import free_address
 
@@ -77,6 +80,7 @@ class Site:
             "router.service.clusterIP": address,
             "watchNamespaces": f"{{{namespace}}}",
             "agent.enabled": str(agent).lower(),
+            "agent.podLogs": str(ROOT / "pods"),
         }
         settings = [part for name, value in values.items() for part in ("--set", f"{name}={value}")]
         chart = str(REPOSITORY / "charts" / "contextpolicy")
@@ -87,7 +91,11 @@ class Site:
             timeout=150,
         )
         self._end.callback(_quietly, "kubectl", "delete", "ctxp", "--all", "-n", namespace, "--timeout=60s")
-        return self._end.enter_context(open_visitor([f"tcp/{address}:7447"], patience=20))
+        if not agent:
+            return self._end.enter_context(open_visitor([f"tcp/{address}:7447"], patience=20))
+        directory = Path(self._end.enter_context(TemporaryDirectory()))
+        credentials = secret_files(f"{namespace}-bus-module", namespace, directory)
+        return self._end.enter_context(open_visitor([f"tls/{address}:7447"], patience=20, credentials=credentials))
 
     def govern(self, namespace: str, names: list[str]) -> dict[str, Cgroup]:
         """Apply the policy for these pods; their cgroups by container id."""

@@ -7,7 +7,7 @@ import pytest
 import zenoh
 
 from robotkit.plan import UNPLANNED, Decision, Decisions, PlanListener
-from tests.modules.robotkit.bus import PATIENCE_S, client, router
+from tests.modules.robotkit.bus import PATIENCE_S, Matching, client, router
 
 KEY = "contextpolicy/robot/demo/plan"
 
@@ -60,3 +60,17 @@ def test_a_module_hears_the_plan_in_force_and_every_change():
         assert heard.get(timeout=PATIENCE_S) == UNPLANNED
         listener.close()
         answers.undeclare()
+
+
+def test_a_plan_on_a_key_with_wildcards_is_nobodys():
+    """Who may publish samples, and no plans, may still publish on such a key."""
+    heard = queue.Queue()
+    with router() as address, client(address) as policy, client(address) as module:
+        listener = PlanListener(module, "slam", heard.put)
+        publisher = policy.declare_publisher(KEY)
+        Matching(publisher).wait(expected=True)
+        policy.put("*/robot/*/plan", a_plan(sequence=9, share=0.9))
+        policy.put(KEY, a_plan(sequence=1, share=0.1))
+        assert heard.get(timeout=PATIENCE_S).share == 0.1
+        listener.close()
+        publisher.undeclare()

@@ -4,8 +4,10 @@ import threading
 
 import pytest
 
+from contextpolicy.bus.session import open_router
 from robotkit import ConfigurationError
-from robotkit.session import client_config, endpoints, open_session
+from robotkit.session import client_config, credentials, endpoints, open_session
+from tests.bus.certificates import Authority
 from tests.modules.robotkit.bus import free_port, router, soon
 
 
@@ -51,3 +53,25 @@ def test_stop_ends_the_wait_for_a_router():
             return session
 
     assert soon(connect) is None
+
+
+def test_a_module_says_who_it_is(tmp_path):
+    authority, address = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
+    secret = credentials({"ZENOH_CREDENTIALS": str(authority.issue("module"))})
+    stop = threading.Event()
+    with open_router([address], authority.issue("router")), open_session([address], stop, secret=secret) as session:
+        assert list(session.info.routers_zid())
+
+
+def test_a_module_has_its_password_from_a_file(tmp_path):
+    for name, text in (("ca.crt", "ca"), ("username", "module"), ("password", "s3cret\n")):
+        (tmp_path / name).write_text(text)
+    config = client_config(["tls/127.0.0.1:1"], secret=tmp_path)
+    assert config.get_json("transport/auth/usrpwd/user") == '"module"'
+    assert config.get_json("transport/link/tls/enable_mtls") in ("null", "false")
+
+
+def test_without_credentials_a_module_is_nobody():
+    assert credentials({}) is None
+    with pytest.raises(ConfigurationError, match="ZENOH_CREDENTIALS"):
+        credentials({"ZENOH_CREDENTIALS": "/no/such/secret"})

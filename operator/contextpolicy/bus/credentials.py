@@ -1,0 +1,71 @@
+"""Who we are on the bus: the files of a Secret, in cert-manager's layout, as Zenoh's settings.
+
+===========================  ==========================================================================================
+file                         meaning
+===========================  ==========================================================================================
+ca.crt                       whoever has a certificate of this authority may speak; a router's is checked against it
+tls.crt, tls.key             our own certificate; its common name is our role (see `bus.roles`)
+username, password           in place of a certificate, as in a Secret of type kubernetes.io/basic-auth
+users.txt                    a router's: one `name:password` per line; it then asks for a password, not a certificate
+===========================  ==========================================================================================
+
+A client reads its certificate anew each time it connects, so one that is renewed is used without a restart: the router
+closes a link when its certificate ends, and the client connects again. A listener never reads its own again, so a
+router is opened anew (`commands.router`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+CA, CERTIFICATE, KEY = "ca.crt", "tls.crt", "tls.key"
+USER, PASSWORD, USERS = "username", "password", "users.txt"
+CLIENT_FILES = f"{CA} with {CERTIFICATE} and {KEY}, or {CA} with {USER} and {PASSWORD}"
+
+_TLS = "transport/link/tls"
+
+
+def is_complete(directory: Path) -> bool:
+    """Whether a client could say who it is."""
+    pairs = (CERTIFICATE, KEY), (USER, PASSWORD)
+    return any(all((directory / name).is_file() for name in pair) for pair in pairs)
+
+
+def client_settings(directory: Path | None) -> dict[str, object]:
+    """What a client must know to be let in; nothing where the bus is open to all."""
+    if directory is None:
+        return {}
+    settings: dict[str, object] = {f"{_TLS}/close_link_on_expiration": True}
+    if (directory / CA).is_file():
+        settings[f"{_TLS}/root_ca_certificate"] = str(directory / CA)
+    if (directory / CERTIFICATE).is_file():
+        settings[f"{_TLS}/enable_mtls"] = True
+        settings[f"{_TLS}/connect_certificate"] = str(directory / CERTIFICATE)
+        settings[f"{_TLS}/connect_private_key"] = str(directory / KEY)
+    if (directory / USER).is_file():
+        settings["transport/auth/usrpwd/user"] = _line(directory / USER)
+        settings["transport/auth/usrpwd/password"] = _line(directory / PASSWORD)
+    return settings
+
+
+def router_settings(directory: Path) -> dict[str, object]:
+    """What a router must know to let in only those who say who they are."""
+    settings: dict[str, object] = {
+        f"{_TLS}/root_ca_certificate": str(directory / CA),
+        f"{_TLS}/listen_certificate": str(directory / CERTIFICATE),
+        f"{_TLS}/listen_private_key": str(directory / KEY),
+        f"{_TLS}/enable_mtls": not (directory / USERS).is_file(),
+        f"{_TLS}/close_link_on_expiration": True,
+    }
+    if (directory / USERS).is_file():
+        settings["transport/auth/usrpwd/user"] = "router"
+        settings["transport/auth/usrpwd/password"] = ""
+        settings["transport/auth/usrpwd/dictionary_file"] = str(directory / USERS)
+    return settings
+
+
+def _line(path: Path) -> str:
+    return path.read_text(encoding="utf-8").rstrip("\n")

@@ -1,0 +1,81 @@
+"""Who may say and hear what on the bus, as Zenoh's access control. Pure.
+
+========  =============================================================================================================
+role      what it does
+========  =============================================================================================================
+sensor    publishes samples, hears nothing
+module    publishes and hears samples, answers for itself (its profile), hears plans and asks for them
+operator  hears samples and agents, makes plans, answers why
+agent     hears plans and asks for them, says what its node can do, confirms plans
+viewer    hears what the operator and the agents say, and asks: `contextpolicy top` and `explain`
+========  =============================================================================================================
+
+Nobody else is heard, and nobody hears anything that is not in the table. The keys that matter are listed, never carved
+out of `**`: Zenoh lets anybody publish on a key with wildcards, and a denial of `contextpolicy/**` does not cover
+`*/robot/delivery/plan`, which is delivered to whoever listens to plans. So the denial below is only half of it: agents
+are sent nothing but `contextpolicy/*/*/plan`, which a wildcard is not part of, and the plans themselves are signed.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+ROLES = ("sensor", "module", "operator", "agent", "viewer")
+
+_OWN = ["contextpolicy/**"]
+_PLANS = ["contextpolicy/*/*/plan"]
+_PUBLISH = ["put", "liveliness_token", "declare_queryable", "reply"]
+_SAY = ["put", "delete", "liveliness_token", "declare_queryable", "reply"]
+_LISTEN = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query", "query"]
+_HEAR = ["put", "delete", "liveliness_token", "declare_queryable", "reply"]
+_BE_HEARD = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
+_SPEAK = ("publish-samples", "leave-plans-alone", "answer-for-samples", "answer-for-nobody-else", "know-listeners")
+_RULES = {
+    "sensor": _SPEAK,
+    "module": (*_SPEAK, "listen", "hear"),
+    "operator": ("listen", "hear", "decide", "know-who-follows"),
+    "agent": ("follow-plans", "hear-plans", "report", "confirm", "know-who-follows"),
+    "viewer": ("view", "see"),
+}
+
+
+def access_control(samples: Sequence[str] = ("**",), *, by: str = "cert_common_names") -> dict[str, Any]:
+    """Zenoh's `access_control`: samples on these keys; roles are told `by` their cert_common_names or usernames."""
+    keys = list(samples)
+    # Latched topics of ROS 2 (and of Zenoh's advanced publishers): no wildcard covers a chunk that begins with @.
+    latched = [f"{key}/@adv/**" for key in keys]
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [
+            _rule("publish-samples", "ingress", _PUBLISH, [*keys, *latched]),
+            _rule("answer-for-samples", "egress", ["query"], [*keys, *latched]),
+            _rule("leave-plans-alone", "ingress", _PUBLISH, _OWN, permission="deny"),
+            _rule("answer-for-nobody-else", "egress", ["query"], _OWN, permission="deny"),
+            _rule("know-listeners", "egress", _BE_HEARD, [*keys, *latched]),
+            _rule("listen", "ingress", _LISTEN, [*keys, *latched, *_OWN]),
+            _rule("hear", "egress", _HEAR, [*keys, *latched, *_OWN]),
+            _rule(
+                "decide",
+                "ingress",
+                _SAY,
+                ["contextpolicy/*/*/plan", "contextpolicy/*/*/applied", "contextpolicy/*/*/explain"],
+            ),
+            _rule("follow-plans", "ingress", _LISTEN, _PLANS),
+            _rule("hear-plans", "egress", _HEAR, _PLANS),
+            _rule("report", "ingress", ["liveliness_token", "declare_queryable", "reply"], ["contextpolicy/agents/*"]),
+            _rule("confirm", "ingress", ["put"], ["contextpolicy/agents/*/confirmed"]),
+            _rule("know-who-follows", "egress", [*_BE_HEARD, "query"], _OWN),
+            _rule("view", "ingress", _LISTEN, _OWN),
+            _rule("see", "egress", _HEAR, _OWN),
+        ],
+        "subjects": [{"id": role, by: [role]} for role in ROLES],
+        "policies": [{"subjects": [role], "rules": list(_RULES[role])} for role in ROLES],
+    }
+
+
+def _rule(name: str, flow: str, messages: list[str], keys: list[str], permission: str = "allow") -> dict[str, Any]:
+    return {"id": name, "permission": permission, "flows": [flow], "messages": messages, "key_exprs": keys}

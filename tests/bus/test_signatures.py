@@ -1,0 +1,100 @@
+"""Who may decide: what is signed, what is not, and what is only said again."""
+
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.bus.signatures import MAX_AGE, Signer, Verifier
+from contextpolicy.errors import OrderError, SigningKeyError
+from tests.bus.certificates import Authority, signing_keys
+
+KEY, OTHER, PLAN = "contextpolicy/robot/delivery/plan", "contextpolicy/kube-system/x/plan", b'{"run": 1}'
+NOW = 1_800_000_000_000_000_000
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def keys(tmp_path):
+    return signing_keys(tmp_path / "keys")
+
+
+@pytest.fixture
+def signer(keys):
+    return Signer(keys)
+
+
+@pytest.fixture
+def verifier(keys):
+    return Verifier(keys)
+
+
+def refusal(verifier, key, payload, attachment, now=NOW):
+    with pytest.raises(OrderError) as caught:
+        verifier.check(key, payload, attachment, now)
+    return caught.value.reason
+
+
+@pytest.mark.parametrize("payload", [PLAN, None, b""])
+def test_what_the_operator_signed_is_known_with_its_time(signer, verifier, payload):
+    assert verifier.check(KEY, payload, signer.sign(KEY, payload, NOW), NOW + SECOND) == NOW
+
+
+@pytest.mark.parametrize("attachment", [None, b"", b"x" * 71, b"x" * 73])
+def test_without_a_signature_it_is_nobodys(verifier, attachment):
+    assert refusal(verifier, KEY, PLAN, attachment) == "Unsigned"
+
+
+def test_a_signature_is_for_one_message_on_one_key_at_one_time(signer, verifier):
+    attachment = signer.sign(KEY, PLAN, NOW)
+    assert refusal(verifier, KEY, PLAN + b" ", attachment) == "Forged"
+    assert refusal(verifier, OTHER, PLAN, attachment) == "Forged"
+    assert refusal(verifier, KEY, None, attachment) == "Forged"
+    assert refusal(verifier, KEY, PLAN, (NOW + 1).to_bytes(8, "big") + attachment[8:]) == "Forged"
+    assert refusal(verifier, KEY, b"", signer.sign(KEY, None, NOW)) == "Forged"
+
+
+def test_another_key_proves_nothing(tmp_path, verifier):
+    forger = Signer(signing_keys(tmp_path / "forger"))
+    assert refusal(verifier, KEY, PLAN, forger.sign(KEY, PLAN, NOW)) == "Forged"
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_what_is_old_does_not_count_nor_what_is_of_the_future(signer, verifier, sign):
+    attachment, limit = signer.sign(KEY, PLAN, NOW), int(MAX_AGE * SECOND)
+    assert verifier.check(KEY, PLAN, attachment, NOW + sign * limit) == NOW
+    assert refusal(verifier, KEY, PLAN, attachment, NOW + sign * (limit + SECOND)) == "TooOld"
+
+
+def test_a_new_key_is_taken_up_without_a_restart(keys, signer, verifier):
+    before = signer.sign(KEY, PLAN, NOW)
+    signing_keys(keys)
+    assert verifier.check(KEY, PLAN, signer.sign(KEY, PLAN, NOW), NOW) == NOW
+    assert refusal(verifier, KEY, PLAN, before) == "Forged"
+
+
+def test_while_a_key_is_replaced_both_count(tmp_path, keys, signer, verifier):
+    other = signing_keys(tmp_path / "other")
+    (keys / "tls.crt").write_bytes((keys / "tls.crt").read_bytes() + (other / "tls.crt").read_bytes())
+    for one in (signer, Signer(other)):
+        assert verifier.check(KEY, PLAN, one.sign(KEY, PLAN, NOW), NOW) == NOW
+
+
+def test_a_new_key_that_makes_no_sense_leaves_the_last_one_in_force(keys, signer, verifier):
+    for name in ("tls.key", "tls.crt"):
+        (keys / name).write_text("nonsense")
+    assert verifier.check(KEY, PLAN, signer.sign(KEY, PLAN, NOW), NOW) == NOW
+
+
+def test_without_an_ed25519_key_there_is_nothing_to_start_with(tmp_path):
+    elliptic = Authority(tmp_path).issue("operator")
+    for directory in (tmp_path / "nothing", elliptic):
+        for side in (Signer, Verifier):
+            with pytest.raises(SigningKeyError, match=r"tls\.(key|crt): no Ed25519 key"):
+                side(directory)
+
+
+def test_the_error_does_not_repeat_the_secret(tmp_path):
+    (tmp_path / "tls.key").write_text("do-not-tell")
+    with pytest.raises(SigningKeyError) as caught:
+        Signer(tmp_path)
+    assert "do-not-tell" not in str(caught.value) + repr(caught.value.__cause__)

@@ -1,0 +1,67 @@
+"""The router as a program: it takes up a certificate that was replaced, and nobody has to restart anything."""
+
+from __future__ import annotations
+
+import argparse
+import threading
+import time
+
+import pytest
+
+from contextpolicy.bus.session import open_client
+from contextpolicy.commands import router
+from contextpolicy.commands.credentials import directory
+from tests.bus.certificates import Authority
+from tests.modules.robotkit.bus import Matching, free_port
+
+PLAN = "contextpolicy/robot/delivery/plan"
+
+
+@pytest.fixture
+def program(monkeypatch):
+    """Run the command on a thread, where there are no signals."""
+    handlers, threads = {}, []
+    monkeypatch.setattr(router.signal, "signal", handlers.__setitem__)
+    monkeypatch.setattr(router, "LOOK", 0.02)
+
+    def start(endpoint, credentials):
+        arguments = argparse.Namespace(listen=endpoint, credentials=credentials, samples="**")
+        threads.append(threading.Thread(target=router.main, args=[arguments]))
+        threads[0].start()
+
+    yield start
+    handlers[router.signal.SIGTERM](None, None)
+    threads[0].join(10)
+    assert not threads[0].is_alive()
+
+
+def until(condition):
+    deadline = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_a_renewed_certificate_is_taken_up_and_clients_come_back(tmp_path, program, capfd):
+    authority, endpoint = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
+    program(endpoint, authority.issue("router"))
+    operator, agent = (
+        open_client([endpoint], threading.Event(), authority.issue(role)) for role in ("operator", "agent")
+    )
+    heard = []
+    with operator, agent, operator.declare_publisher(PLAN) as publisher:
+        agent.declare_subscriber(PLAN, lambda sample: heard.append(sample.payload.to_string()))
+        matching = Matching(publisher)
+        matching.wait(expected=True)
+        authority.issue("router")
+        matching.wait(expected=False)
+        matching.wait(expected=True)
+        publisher.put("next plan")
+        until(lambda: heard == ["next plan"])
+    assert capfd.readouterr().out.count("routing at") == 2
+
+
+def test_credentials_must_be_there(tmp_path):
+    assert directory(str(tmp_path)) == tmp_path
+    with pytest.raises(argparse.ArgumentTypeError, match="/no/such is no directory"):
+        directory("/no/such")
