@@ -121,7 +121,7 @@ class Controller:
             self._bus.close()
 
     def end(self) -> None:
-        """The policy is gone: nobody may act on its plans any more, an agent less than all."""
+        """The policy is gone: nobody may act on its plans any more, least of all an agent."""
         if self._bus is not None:
             self._bus.withdraw()
         self.stop()

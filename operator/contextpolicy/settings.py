@@ -1,4 +1,4 @@
-"""Settings of the operator: read once from the environment, told wrong all at once."""
+"""Settings of the operator: read once from the environment; all mistakes are reported together."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class Agent:
         self._unlimited = ""
 
     def start(self) -> None:
-        """Look around, and give the sources of what a former life left behind the grace period to speak up."""
+        """Look around, and give the sources of what an earlier run left behind the grace period to speak up."""
         self._settings.state.mkdir(parents=True, exist_ok=True)
         self._ledger.load()
         self._equip()

@@ -23,7 +23,7 @@ class Entry:
     """One file: `theirs` is what anybody else last wrote, `ours` what we did; as the file's own text.
 
     `earlier` is what we wrote before and a resize under way may still bring. A `held` file is ours alone to write.
-    `inherited` entries are from a former life, which may have ended ahead of its write: what the file then holds is an
+    `inherited` entries are from an earlier run, which may have ended ahead of its write: what the file then holds is an
     earlier value. Whether a resize has agreed since is for the next plan to tell.
     """
 
@@ -49,7 +49,7 @@ class Ledger:
         self._journal: int | None = None
 
     def load(self) -> None:
-        """Take over from a former life; what can't be read, such as a line cut short, is left out."""
+        """Take over from an earlier run; what can't be read, such as a line cut short, is left out."""
         try:
             lines = self._file.read_bytes().splitlines()
         except FileNotFoundError:

@@ -46,7 +46,7 @@ class Limits:
         self._wanted.pop(policy, None)
 
     def settle(self, group: Path, limit: int) -> None:
-        """The API says that `limit` is in force: what a former life wrote was agreed with if that is what it was."""
+        """The API says that `limit` is in force: if an earlier run of the agent wrote just that, it is confirmed."""
         entry = self._ledger.entries.get(group / self._files.form.file)
         with suppress(ActuationError):
             file = self._files[group]

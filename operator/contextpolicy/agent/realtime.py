@@ -74,7 +74,7 @@ class Realtime:
     def _unclaimed(self, policy: str) -> tuple[dict[Path, int], dict[Path, int]]:
         """Containers in the ledger that no plan names: the policy's, with what they had before, and the others.
 
-        The others are of a former life and wait for the plan of their own policy: they keep what they have.
+        The others are of an earlier run and wait for the plan of their own policy: they keep what they have.
         """
         entries = {path.parent: entry for path, entry in self._entries().items() if self._exists(path.parent)}
         wanted = self._merged()
@@ -184,7 +184,7 @@ class Realtime:
         self._files.keep({path.parent for path in self._entries()})
 
     def _put_periods_back(self) -> None:
-        """Of groups whose budget is as it was; a former life may have ended before it gave them any."""
+        """Of groups whose budget is as it was; an earlier run may have ended before it gave them any."""
         budgets = {path.parent for path in self._entries()}
         periods = {p: e for p, e in self._ledger.entries.items() if p.name == self._files.form.period_file}
         for path, entry in periods.items():

@@ -69,7 +69,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _run(settings: AgentSettings, stop: threading.Event) -> None:
-    """What a former life left behind is undone in time even when no router ever answers."""
+    """What an earlier run left behind is undone in time even when no router ever answers."""
     from contextpolicy.agent.agent import Agent
     from contextpolicy.agent.bus_link import AgentBus
     from contextpolicy.agent.inotify import WriteWatch

@@ -40,7 +40,7 @@ class Obstacles(NamedTuple):
 
 
 class Weigher:
-    """Weighs the tasks of one policy, and what did not change since the last time not again."""
+    """Weighs the tasks of one policy; a task whose inputs are unchanged keeps its last weight."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy, self._tree = policy, TaskTree(policy)
