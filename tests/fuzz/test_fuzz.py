@@ -9,7 +9,7 @@ from pathlib import Path
 import cbor2
 import ormsgpack
 import yaml
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from contextpolicy.planning.inputs import Gone, Score
@@ -74,6 +74,7 @@ def test_any_story_leaves_a_good_plan(story):
 
 
 @given(st.lists(st.tuples(st.one_of(events, samples, st.none()), st.floats(0, 3)), max_size=12))
+@example([(Sample("x", {}), 0.0), (None, 0.0), (Sample("x", {"b": [10**390]}), 2.0), (None, 0.0)])
 @settings(max_examples=150)
 def test_an_edit_in_any_story_changes_nothing_else(story):
     robot = targets.Robot()

@@ -119,7 +119,7 @@ class StreamState:
         """The oldest sample left a window: the readers are asked when that changes a feature."""
         before = self._features
         if self.value is not None and self.fresh and self._measure(now) != before:
-            self._share(self.value)
+            self._share(self.value, self._valued_at)
             self._listener.on_value(self, now)
 
     def lose(self, now: float) -> None:
@@ -146,28 +146,27 @@ class StreamState:
     def _bind(self, value: dict[str, Any], now: float) -> None:
         if self._windows:
             self._measure(now)
-        self._valued_at = now
-        self._share(value)
-        self.value = value
+        self._share(value, now)
+        self.value, self._valued_at = value, now
         if not self.fresh:
             self.fresh, self.absent_since = True, None
             self._listener.on_first_value(self)
 
-    def _share(self, value: dict[str, Any]) -> None:
-        """Let expressions see the sample with the features."""
+    def _share(self, value: dict[str, Any], at: float) -> None:
+        """Let expressions see the sample of this moment with the features; ExpressionError if CEL can't hold it."""
         if not self._windows:
-            self._shared.bind(self.spec.name, value, self._valued_at)
+            self._shared.bind(self.spec.name, value, at)
             return
         lacking = [f.name for f in self.spec.features if f.name not in self._features]
         fields = {**value, **self._features}
         for name in lacking:
             fields.pop(name, None)
-        self._shared.bind(self.spec.name, fields, self._valued_at, lacking)
+        self._shared.bind(self.spec.name, fields, at, lacking)
 
     def _resume(self, value: dict[str, Any], now: float) -> None:
         """Let new expressions see an old sample, of which they may read more than could be shown to CEL."""
         try:
-            self._share(value)
+            self._share(value, self._valued_at)
         except ExpressionError:
             self._listener.on_drop(self.spec.name, "expression")
             self.fresh, self.absent_since = False, now
