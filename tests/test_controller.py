@@ -125,6 +125,17 @@ def test_ceilings_are_the_tasks_own_or_all_there_is():
     assert robot.orders.last.ceilings == {"lab/slam/slam": 600, "lab/speech/speech": 1000}
 
 
+def test_a_placement_orders_once_whether_it_makes_a_plan_or_not():
+    robot = Robot()
+    robot.controller.start()
+    robot.place("slam", "speech")
+    assert len(robot.orders.all) == 1, "with the first plan"
+    robot.place("slam", "speech", cpu=2000)
+    assert len(robot.orders.all) == 2, "with another plan"
+    robot.place("slam", "speech", cpu=2000)
+    assert len(robot.orders.all) == 3, "without one: the claim may have changed"
+
+
 def test_the_same_placement_again_is_ordered_and_not_told():
     robot = Robot().begin()
     told, ordered = len(robot.session.published), len(robot.orders.all)
