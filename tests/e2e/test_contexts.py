@@ -180,7 +180,10 @@ def test_an_edit_keeps_the_context_that_holds(governed):
 
 
 def test_a_loud_stream_decides_without_the_one_that_was_never_heard(governed):
-    streams = [*policy("")["spec"]["streams"], {"name": "button", "key": f"{governed.namespace}/button"}]
+    streams = [
+        *policy(governed.namespace)["spec"]["streams"],
+        {"name": "button", "key": f"{governed.namespace}/button"},
+    ]
     alarm = {"name": "alarm", "when": "imu.speed > 0.05 || button.pressed", "tasks": {"speech": {"suspend": True}}}
     governed.policy(streams=streams, contexts=[alarm])
     governed.drive(0.0)
