@@ -48,7 +48,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Run until told to stop, or until a thread fails: the kubelet then starts us anew."""
+    """Run until SIGTERM or SIGINT; exit code 1 if a thread failed, so that the kubelet restarts the agent."""
     from contextpolicy.agent import agent_settings as settings
     from contextpolicy.telemetry import logs
 
@@ -58,6 +58,7 @@ def main(arguments: argparse.Namespace) -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
 
+    # An agent that lost a thread would still look alive: end the process instead.
     def fail(failure: threading.ExceptHookArgs) -> None:
         threading.__excepthook__(failure)
         failed.set()
@@ -69,7 +70,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _run(settings: AgentSettings, stop: threading.Event) -> None:
-    """What an earlier run left behind is undone in time even when no router ever answers."""
+    """Start before the bus is there: what an earlier run left is undone in time even if no router ever answers."""
     from contextpolicy.agent.agent import Agent
     from contextpolicy.agent.bus_link import AgentBus
     from contextpolicy.agent.inotify import WriteWatch
@@ -95,7 +96,7 @@ def _run(settings: AgentSettings, stop: threading.Event) -> None:
 
 
 def _later(loop: Loop, action: Callable[[], None]) -> threading.Event:
-    """Run it on the loop; the event tells when that is done."""
+    """Run it on the loop; the event is set when that is done."""
     done = threading.Event()
 
     def run(*_: object) -> None:

@@ -1,4 +1,4 @@
-"""`--credentials`, the same for every command that speaks on the bus."""
+"""`--credentials`, the same for every command that uses the bus."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def add_credentials(parser: argparse.ArgumentParser) -> None:
-    """Declare it; a path, since a secret on the command line is everybody's who may list processes."""
+    """Declare the option. It takes a path: anyone who may list processes can read a command line."""
     parser.add_argument(
         "--credentials",
         type=directory,
@@ -20,7 +20,7 @@ def add_credentials(parser: argparse.ArgumentParser) -> None:
 
 
 def directory(text: str) -> Path:
-    """A directory that is there."""
+    """An existing directory."""
     if not Path(text).is_dir():
         raise argparse.ArgumentTypeError(f"{text} is no directory")
     return Path(text)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import zenoh
 
 PATIENCE = 3.0
-"""Seconds to find the router, and as long again to find the policy's operator behind it."""
+"""Seconds to wait for the router, and as long again for the operator to answer."""
 
 
 class NoAnswerError(ContextPolicyError):
@@ -94,7 +94,7 @@ def _ask(arguments: argparse.Namespace) -> dict[str, Any]:
 
 @contextmanager
 def visit(connect: str, credentials: Path | None = None) -> Iterator[zenoh.Session]:
-    """A session on the robot's bus; NoAnswerError when no router answers soon, or no more."""
+    """A session on the robot's bus; NoAnswerError if no router answers in time, or it stops answering."""
     import zenoh
 
     from contextpolicy.bus.session import open_visitor
@@ -103,6 +103,7 @@ def visit(connect: str, credentials: Path | None = None) -> Iterator[zenoh.Sessi
         with open_visitor(connect.split(","), patience=PATIENCE, credentials=credentials) as session:
             yield session
     except zenoh.ZError as error:
+        # What follows is the place in Zenoh's own source.
         reason = str(error).partition(" at /")[0]
         raise NoAnswerError(f"{connect}: {reason}") from error
 

@@ -1,4 +1,4 @@
-"""What a simulated robot is, on the command line of every command that simulates."""
+"""The options that describe a simulated robot, the same for every command that simulates."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_SECONDS = 10**7
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    """Declare them."""
+    """Declare the options."""
     add_types_argument(parser)
     own = parser.add_argument_group(
         "robot", "Each task runs once, on the first node, with no CPU request, unless said otherwise."
@@ -51,7 +51,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def robot_of(arguments: argparse.Namespace, policy: Policy) -> Robot:
-    """The robot; SettingsError for tasks and nodes that there are not, all at once."""
+    """The robot; SettingsError names all unknown tasks and nodes at once."""
     from contextpolicy.simulation.robot import CORES, NODE, Robot
 
     nodes = dict(arguments.node or [(NODE, arguments.cores or CORES)])
@@ -80,7 +80,7 @@ def robot_of(arguments: argparse.Namespace, policy: Policy) -> Robot:
 
 
 def seconds(text: str) -> float:
-    """A point in time on the command line."""
+    """A point in time, in seconds."""
     value = _number(text)
     if not 0 <= value <= MAX_SECONDS:
         raise argparse.ArgumentTypeError(f"{text} is not allowed: seconds, 0 to {MAX_SECONDS}")
@@ -96,7 +96,7 @@ def _number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        return -1.0
+        return -1.0  # out of range: the caller refuses it with the right words
 
 
 def _cpu(text: str) -> int:

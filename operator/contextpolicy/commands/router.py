@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 LOOK = 20.0
-"""Seconds between two looks at our certificate: kubelets take up to a minute to bring a Secret's new version, and
-whoever renews certificates does so days before they end."""
+"""Seconds between two checks of our certificate. That is soon enough: a kubelet takes up to a minute to update a
+Secret's files, and certificates are renewed days before they expire."""
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -40,9 +40,10 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Route until told to stop; a certificate that was replaced is taken up with a new listener.
+    """Route until SIGTERM or SIGINT; open a new listener when the certificate was replaced.
 
-    Zenoh reads a listener's files once. Clients are back within a second or so, agents then ask for the plans in force.
+    Zenoh reads a listener's files only once. Clients reconnect within a second or so; agents then ask for the plans in
+    force.
     """
     from contextpolicy.bus.session import open_router
 
@@ -59,5 +60,5 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _files(directory: Path | None) -> dict[str, bytes]:
-    """What the directory holds; kubelets replace all of a Secret's files in one instant."""
+    """The directory's files by name; a kubelet replaces all files of a Secret at once, so they belong together."""
     return {path.name: path.read_bytes() for path in sorted(directory.iterdir()) if path.is_file()} if directory else {}

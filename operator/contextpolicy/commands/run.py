@@ -34,7 +34,7 @@ def main(_: argparse.Namespace) -> int:
 
 
 def run(settings: Settings) -> None:
-    """Run the operator until it is told to stop."""
+    """Run the operator until SIGTERM."""
     import kopf
     import prometheus_client
 

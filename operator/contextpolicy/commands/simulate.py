@@ -1,4 +1,4 @@
-"""`contextpolicy simulate`: a policy against a timeline, without robot and cluster."""
+"""`contextpolicy simulate`: a policy against a timeline, without a robot or a cluster."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def read_files(arguments: argparse.Namespace) -> tuple[Policy, Timeline]:
 
 
 def run_policy(policy: Policy, inputs: Timeline, *, robot: Robot, until: float | None) -> Simulation:
-    """Simulate with the installed initiatives, and show how far it is to people who wait."""
+    """Simulate with the installed initiatives, with a progress bar on a terminal."""
     from contextpolicy import plugins
     from contextpolicy.simulation.run import simulate
 
@@ -118,7 +118,7 @@ def run_policy(policy: Policy, inputs: Timeline, *, robot: Robot, until: float |
 
 @contextmanager
 def _progress(until: float) -> Iterator[Callable[[float], None] | None]:
-    """A bar on a terminal, from the first word on: a run that is over at once has none."""
+    """A function that moves a progress bar on standard error to a virtual time; None if that is no terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -193,6 +193,7 @@ def _expected(path: str, policy: Policy) -> Any:
 def _compare(arguments: argparse.Namespace, run: Simulation, expected: Any) -> int:
     from contextpolicy.simulation.comparison import differences
 
+    # After the end the last plan would be taken for in force, and such an expectation might pass unchecked.
     beyond = [e for e in expected if e.end > run.until]
     found = [*(f"line {e.line}: expects something at {e.end:g} s, after the end at {run.until:g} s" for e in beyond)]
     found += [str(difference) for difference in differences(run.plans, [e for e in expected if e not in beyond])]

@@ -30,7 +30,7 @@ def add(subparsers: Any) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Read all modules, tell everything that is wrong with them, or print the policy."""
+    """Read all modules; print the policy, or everything that is wrong with them."""
     from contextpolicy.policy.module_file import ModuleFileError
     from contextpolicy.policy.skeleton import skeleton
 

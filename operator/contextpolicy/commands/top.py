@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 PLANS, STEPS = "contextpolicy/*/*/plan", "contextpolicy/*/*/applied"
 LONGEST_QUEUE = 1000
-"""Messages that wait for a slow terminal; older ones are dropped."""
+"""Messages that wait for a slow terminal; beyond that the oldest are dropped."""
 TICK = 1.0
-"""Seconds after which the ages on the screen are drawn anew when nothing is heard."""
+"""Seconds between redraws when nothing arrives, because the ages on the screen grow."""
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -65,7 +65,7 @@ def main(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         pass  # how a person ends it
     except BrokenPipeError:
-        # The reader of the pipe has left; Python must not flush what it did not take.
+        # The pipe's reader is gone, and Python's flush at exit would fail again: give it somewhere to write.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
@@ -87,7 +87,7 @@ def _show_once(arguments: argparse.Namespace, session: zenoh.Session, view: BusV
 
 
 def _follow(arguments: argparse.Namespace, session: zenoh.Session, view: BusView) -> None:
-    """Listen first, then ask: no plan falls in between, and the view puts them in order."""
+    """Subscribe first, then query: no plan is missed in between, and the view puts them in order."""
     mailbox: deque[tuple[str, bytes | None]] = deque(maxlen=LONGEST_QUEUE)
     arrived = Event()
     listeners = [session.declare_subscriber(key, _post(mailbox, arrived)) for key in (PLANS, STEPS)]
@@ -127,13 +127,14 @@ def _changes(view: BusView, mailbox: deque[tuple[str, bytes | None]]) -> Iterato
 def _print_lines(view: BusView, mailbox: deque[tuple[str, bytes | None]], arrived: Event) -> None:
     while True:
         arrived.wait()
+        # Cleared before the mailbox is read: a message that comes meanwhile sets it again.
         arrived.clear()
         for change in _changes(view, mailbox):
             print(json.dumps(change), flush=True)
 
 
 def _draw(view: BusView, mailbox: deque[tuple[str, bytes | None]], arrived: Event) -> None:
-    """A storm of messages is drawn once: the last state of it."""
+    """A burst of messages is drawn once, in its last state."""
     from rich.live import Live
 
     from contextpolicy.bus.view import live

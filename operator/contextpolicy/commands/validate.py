@@ -32,7 +32,7 @@ def add(subparsers: Any) -> None:
 
 
 def add_types_argument(parser: argparse.ArgumentParser) -> None:
-    """Where a robot's own ROS 2 messages are defined, for every command that meets them."""
+    """Declare `--types`, where a robot's own ROS 2 messages are defined, for every command that reads them."""
     parser.add_argument(
         "--types",
         metavar="DIR",

@@ -17,27 +17,27 @@ if TYPE_CHECKING:
 _JOINED = {"&&", "||"}
 _COMPARED = {"<", "<=", "==", "!=", ">=", ">", "in"}
 _UNTOLD = {Construct.NUMBER, Construct.TEXT, Construct.CONSTANT}
-"""Operands whose value stands in the source."""
+"""Operands whose value can be read in the source: not repeated."""
 
 
 def deciding_parts(condition: Guarded, streams: Mapping[str, StreamState], now: float) -> list[dict[str, Any]]:
-    """The parts that make the condition what it is, as plain data.
+    """The parts that decide the condition's value, as plain data.
 
-    Of `a && b` that is the first that is false, of `a || b` all of them. Each has its source as `expression`, its
-    `value`, its `operands` with their values, and where it has no value either `waitsFor` or `error`.
+    For a false `a && b` that is the first false operand, for a false `a || b` both. Each has its source as
+    `expression`, its `value`, its `operands` with their values, and if it has no value, `waitsFor` or `error`.
     """
     trace = _Trace(condition, streams, now)
     return [trace.told(part) for part in trace.deciding()]
 
 
 def absence(stream: StreamState, now: float) -> dict[str, Any]:
-    """Since when the stream has no value, in seconds, and whether it ever had one."""
+    """For how many seconds the stream has had no value, and whether it ever had one."""
     since = now if stream.absent_since is None else stream.absent_since
     return {"stream": stream.spec.name, "for": round(now - since, 6), "heard": stream.value is not None}
 
 
 class _Trace:
-    """One walk through an expression, on the samples of now."""
+    """One walk through an expression, on the current samples."""
 
     def __init__(self, condition: Guarded, streams: Mapping[str, StreamState], now: float) -> None:
         self._condition, self._streams, self._now = condition, streams, now
@@ -71,7 +71,7 @@ class _Trace:
             yield node
 
     def _joined(self, node: Node) -> list[Node]:
-        """The first true operand decides `||`, the first false one `&&`; where there is none, all that could have."""
+        """The first true operand decides `||`, the first false one `&&`; if there is none, all that could have."""
         truths = [(part, self._truth(part)) for part in node.parts]
         wanted = node.text == "||"
         decisive = [part for part, truth in truths if truth is wanted]
@@ -113,7 +113,7 @@ class _Trace:
 
 
 def _as_written(value: Any) -> Any:
-    """With whole numbers as people write them: CEL has them as doubles."""
+    """Whole numbers as integers, the way people write them: CEL computes in doubles here."""
     match value:
         case float() if value.is_integer() and abs(value) < EXACT:
             return int(value)

@@ -1,8 +1,8 @@
 """Why each task has its share: everything that led to the plan in force, as plain data.
 
-The same structure answers a query on the decision bus, `explain --output json` and, through `narration`, people.
+The same structure answers a query on the decision bus, `explain --output json` and, through `sentences`, people.
 CPU is in thousandths of a core (of the period on nodes in realtime), times and ages in seconds. A node's `scheduler` is
-how it is divided, which is not the policy's where a node can't do realtime.
+the one it is divided for, which is not the policy's if the node can't do realtime.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ LONGEST_LIST = 16
 def explain(planner: Planner, now: float) -> dict[str, Any]:
     """The plan in force and its reasons, JSON-serialisable; before the first plan `plan` is None and tasks are empty.
 
-    Scores, weights and contexts are those of `now`, also when they moved no share since the plan was made.
+    Scores, weights and contexts are those of `now`, even if they moved no share since the plan was made.
     """
     plan, policy = planner.last, planner.policy
     return {
@@ -60,6 +60,7 @@ def _plan(planner: Planner, now: float) -> dict[str, Any] | None:
     plan, decided = planner.last, planner.decided
     if plan is None or decided is None:
         return None
+    # The last plan may only have new weights; the one that decided the shares in force has their time and cause.
     return {
         "sequence": decided.sequence,
         "time": decided.time,
@@ -84,7 +85,7 @@ def _stream(stream: StreamState, now: float) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """A reading as JSON can say it, and no longer than people read: a laser scan has thousands of numbers."""
+    """A value as JSON, with long lists cut: a laser scan has thousands of numbers."""
     match value:
         case dict():
             return {str(name): _plain(inner) for name, inner in value.items()}
@@ -99,7 +100,7 @@ def _plain(value: Any) -> Any:
 
 
 def _context(planner: Planner, context: ContextState, now: float) -> dict[str, Any]:
-    """`decidedBy` are the parts of its condition that make it what it is; it turns in `turnsIn` seconds if it stays."""
+    """`decidedBy`: the parts that decide its condition; `turnsIn`: seconds until it turns if the condition stays so."""
     turns_at = context.turns_at
     return {
         "active": context.active,
@@ -190,7 +191,7 @@ def change(effect: Effect) -> str:
 
 
 def _needs(planner: Planner, plan: Plan, task: Task) -> list[dict[str, Any]]:
-    """Each capability constraint with what the least well served container gets."""
+    """Each capability constraint with what the worst-served container gets."""
     nodes = {node.name: node for node in seat_tasks(planner.policy, planner.placement).nodes if node.name in plan.nodes}
     shares = [
         (nodes[container.node], plan.nodes[container.node].containers[container.id])
@@ -243,7 +244,7 @@ def _node(own: Terms, made: NodePlan) -> dict[str, Any]:
 
 
 def _divides_so(own: Terms, made: NodePlan) -> bool:
-    """Whether the weights of now give the shares in force; not so while minDwell keeps the last plan."""
+    """Whether the current weights give the shares in force; they may not while minDwell keeps the last plan."""
     try:
         units = divide(own.capacity // own.quantum, own.claims)
     except ShareError:
@@ -252,7 +253,7 @@ def _divides_so(own: Terms, made: NodePlan) -> bool:
 
 
 def _bound(share: int, proportional: float, floor: int, ceiling: int) -> str | None:
-    """Which bound holds the share away from what the weight alone would buy."""
+    """The bound that keeps the share from what the weight alone would buy."""
     if share == floor and proportional < floor:
         return "floor"
     if share == ceiling and proportional > ceiling:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from contextpolicy.explain.task_graph import Edge, Graph, GraphNode
 
 LABEL_LENGTH = 36
-"""Characters of an edge's label; the whole of a longer one is its tooltip."""
+"""Characters of an edge's label; a longer one is cut, and shown whole as a tooltip."""
 
 _FILLS = {
     Kind.STREAM: ("#e8f1f8", "#2a6f97"),
@@ -51,6 +51,7 @@ def svg(graph: Graph) -> str:
     picture.graph_attr.update(_FONT, label=_legend(), labelloc="b", fontsize=10.5)
     picture.node_attr.update(_FONT, fontsize=12, shape="box", margin="0.15,0.07", height=0.3)
     picture.edge_attr.update(_FONT, fontsize=10.5, arrowsize=0.8)
+    # A graph has one label: the outer one's is the legend, so the title needs a subgraph of its own.
     title = {"label": f"<<b>{escape(graph.title)}</b>>", "fontsize": 17, "labeljust": "l", "labelloc": "t"}
     inside = picture.add_subgraph(name="cluster_picture", peripheries=0, **title)
     for node in graph.nodes:
@@ -86,7 +87,7 @@ def _edge(edge: Edge) -> dict[str, Any]:
 
 
 def _text(text: str) -> str:
-    r"""As it stands inside of `<...>`; even there Graphviz would take \N for the node's id."""
+    r"""Escaped for a label in `<...>`, in which Graphviz would still expand \N to the node's id."""
     return escape(text).replace("\\", r"\\")
 
 

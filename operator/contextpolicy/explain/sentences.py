@@ -1,4 +1,4 @@
-"""An explanation in sentences."""
+"""Turns an explanation into sentences."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def sentences(explanation: Mapping[str, Any], task: str) -> list[str]:
 
 
 def context_sentences(explanation: Mapping[str, Any]) -> list[str]:
-    """Of each context whether it holds, and why."""
+    """For each context, whether it holds and why."""
     return [_context(name, context) for name, context in explanation["contexts"].items()]
 
 
@@ -58,14 +58,14 @@ def _idle_contexts(explanation: Mapping[str, Any], own: Mapping[str, Any]) -> It
 
 
 def _parts(parts: Sequence[Mapping[str, Any]], told: str | None = None) -> str:
-    """The parts of an expression that decide; `told` is what the sentence has named already."""
+    """The parts of an expression that decide; `told` is an expression that the sentence has quoted already."""
     return " and ".join(
         _part(part, "it" if part["expression"] == told else f"`{part['expression']}`") for part in parts
     )
 
 
 def _part(part: Mapping[str, Any], name: str) -> str:
-    """What a part of an expression is, and from what values."""
+    """The value of a part of an expression, and its operands' values."""
     if part.get("waitsFor"):
         return f"{name} waits for {_absent(part['waitsFor'])}"
     if part["value"] is None:
@@ -202,7 +202,7 @@ def _bounds(node: Mapping[str, Any], row: Mapping[str, Any], task: str) -> Itera
 
 
 def _held(node: Mapping[str, Any], task: str) -> Iterator[str]:
-    """The other tasks that a bound takes out of the division."""
+    """The other tasks whose share a bound or a suspension fixes."""
     for name, row in node["tasks"].items():
         if name != task and (row["bound"] or row["weight"] == 0):
             why = "suspended" if row["weight"] == 0 else f"at its {row['bound']}"
@@ -233,7 +233,7 @@ def _mebibytes(count: int) -> str:
 
 
 def _readings(explanation: Mapping[str, Any], own: Mapping[str, Any]) -> Iterator[str]:
-    """The samples behind it: of the streams that the task and the contexts that change it read."""
+    """The last samples of the streams that the task and the contexts in force on it read."""
     contexts = [explanation["contexts"][effect["context"]] for effect in own["effects"]]
     readers = [*own["activity"], *own["requires"], *contexts]
     for name in dict.fromkeys(stream for reader in readers for stream in reader["streams"]):
@@ -252,7 +252,7 @@ def _shown(value: object) -> str:
 
 
 def _cpu(node: Mapping[str, Any], millis: float) -> str:
-    """Thousandths, of a core or of a processor's period: by what divides the node, not by what the policy asks for."""
+    """Thousandths of a core, or ms of each period, by the node's own scheduler: it may not be the policy's."""
     if node["scheduler"] == Scheduler.CFS:
         return f"{round(millis, 1):g}m"
     period = node["period"]

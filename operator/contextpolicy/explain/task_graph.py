@@ -1,4 +1,4 @@
-"""What stands in the picture: streams, tasks, needs and contexts, and how they hang together."""
+"""What is in the picture: streams, tasks, needs and contexts, and how they are connected."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ class Relation(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class GraphNode:
-    """A box: its first line is its name, the others say more. A suspended task is crossed out by a context.
+    """A box: its first line is its name, the others add detail. `suspended`: the chosen context rules it out.
 
-    Its lines have no control characters, nor has an edge's label: SVG can't hold them, and Mermaid reads line by line.
+    Neither its lines nor edge labels have control characters: SVG can't hold them, and Mermaid reads line by line.
     """
 
     id: str
@@ -127,7 +127,7 @@ def _input_edges(task: Task) -> Iterator[Edge]:
 
 
 def _merged(edges: list[Edge]) -> list[Edge]:
-    """One arrow where a task's pre-condition is also what makes it active; the pre-condition is the stronger word."""
+    """One arrow, the pre-condition's, where a task's pre-condition is also what makes it active."""
     conditions = {(edge.source, edge.label) for edge in edges if edge.relation is Relation.CONDITION}
     return list(
         dict.fromkeys(
@@ -159,5 +159,5 @@ def _add_context(graph: Graph, context: Context) -> None:
 
 
 def _line(text: str) -> str:
-    """One line that every picture can hold."""
+    """The text as one line, without control characters."""
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in re.sub(r"\s+", " ", text))

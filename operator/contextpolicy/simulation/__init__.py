@@ -1,4 +1,4 @@
-"""A policy against a timeline in virtual time: the planning that also runs on the robot, without robot and cluster.
+"""A policy against a timeline in virtual time: the planning that also runs on the robot, without a robot or a cluster.
 
 Nothing here does I/O, and time comes from a virtual scheduler only: the same two files always give the same plans.
 """

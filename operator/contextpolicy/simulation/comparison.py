@@ -39,6 +39,7 @@ class Difference:
 
 def differences(plans: Sequence[Plan], expectations: Sequence[Expectation]) -> Iterator[Difference]:
     """Everything that is not as expected, in the order of the expectations."""
+    # Plans of one number have the same shares; the first of them says when these were decided, and why.
     decided = {plan.sequence: plan for plan in reversed(plans)}
     for expectation in expectations:
         begun = [plan for plan in decided.values() if expectation.start <= plan.time <= expectation.end]
@@ -55,7 +56,7 @@ def differences(plans: Sequence[Plan], expectations: Sequence[Expectation]) -> I
 
 
 def _in_force(plans: Sequence[Plan], expectation: Expectation) -> list[Plan]:
-    """The plan that holds at the start and each that follows until the end; of one instant's plans the last counts."""
+    """The plan in force at the start and each later one until the end; of several at one instant the last counts."""
     before = [plan for plan in plans if plan.time <= expectation.start]
     later = [plan for plan in plans if expectation.start < plan.time <= expectation.end]
     settled = [plan for plan, following in pairwise(later) if plan.time != following.time] + later[-1:]
@@ -86,7 +87,7 @@ def _outside(
 
 
 def _exact(value: float) -> str:
-    """As short as it may be while it still is this number: two that differ never look the same."""
+    """The shortest text that reads back as this number: two that differ never look the same."""
     short = f"{value:g}"
     return short if float(short) == value else repr(value)
 

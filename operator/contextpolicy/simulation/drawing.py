@@ -23,9 +23,9 @@ TASK_COLORS = ("#2a6f97", "#e07a3f", "#5b8e55", "#8d5b8c", "#c2a83e", "#4f9da6",
 CONTEXT_COLORS = ("#f6c453", "#9fd3c7", "#d5b6e8", "#f2a6a6", "#b8d8f0", "#d9d9a5")
 
 WIDTH, SHORT, TALL, MARGIN = 9.0, 2.0, 2.4, 1.0
-"""Inches: a picture, the panel of weights, that of shares, and what is around them."""
+"""Inches: the picture's width, the heights of the panels of weights and of shares, and the margin."""
 LANE, LINE = 0.24, 0.2
-"""Inches that a context's lane and a line of the legend take."""
+"""Inches: the heights of a context's lane and of a line of the legend."""
 
 
 def draw_shares(  # noqa: PLR0913 - what a picture may show, by keyword
@@ -41,13 +41,15 @@ def draw_shares(  # noqa: PLR0913 - what a picture may show, by keyword
 ) -> None:
     """Write an SVG or PNG: shares stacked, contexts (name, start, end) as coloured bands.
 
-    `weights` adds a panel of normalised weights above; `measured` lays the limits that were read back over the stack.
+    `weights` adds a panel of normalised weights above; `measured` draws the limits that were read back over the stack.
+    Raises DrawingError without matplotlib, and for a file that can't be written.
     """
     try:
         import matplotlib as mpl  # noqa: PLC0415 - an extra, and slow to load
         from matplotlib.figure import Figure  # noqa: PLC0415
     except ImportError as error:
         raise DrawingError("drawing needs matplotlib: pip install 'contextpolicy[plot]'") from error
+    # A fixed salt, and no date below: the same plans give the same SVG, byte for byte.
     with mpl.rc_context({"svg.hashsalt": "contextpolicy", "font.size": 9, "svg.fonttype": "none"}):
         lanes = list(dict.fromkeys(name for name, _, _ in contexts))
         heights = [LANE * len(lanes)] * bool(lanes) + [SHORT] * bool(weights) + [max(TALL, LINE * len(series))]

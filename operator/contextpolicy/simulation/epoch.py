@@ -18,20 +18,21 @@ EPOCH = 946_684_800
 """Unix seconds: 2000-01-01. Fixed, so that a run can be repeated; early, so that a context forced by hand until some
 day of the policy's life is in force."""
 _LATEST = 4_102_444_800
-"""Unix seconds: 2100-01-01. Later and earlier stamps are of no real clock."""
+"""Unix seconds: 2100-01-01. Stamps after it, or before `EPOCH`, are not from a real clock."""
 
 
 def epoch_of(policy: Policy, timeline: Timeline) -> float:
-    """`EPOCH`; for a recording with stamps of a real clock, the moment that makes its first stamp one of its own time.
+    """The timeline's begin in Unix seconds: `EPOCH`, unless the samples have a real clock's stamps.
 
-    Otherwise each of its samples would be from the future, and its stamps would say nothing.
+    Then the first stamp is made the time of its own sample. With `EPOCH` all those samples would come from the future,
+    and their stamps would be useless.
     """
     first = min(_stamps(policy, timeline), default=None)
     return EPOCH if first is None else round(first[1] - first[0], 6)
 
 
 def _stamps(policy: Policy, timeline: Timeline) -> Iterator[tuple[float, float]]:
-    """Time in the timeline and Unix time of each stamp that a stream reads."""
+    """Seconds in the timeline and Unix seconds of each stamp that a stream reads."""
     paths: dict[str, list[list[str]]] = {}
     streams = [(stream.key, stream.timestamp.split(".")) for stream in policy.streams if stream.timestamp]
     for entry in timeline.entries if streams else ():

@@ -7,7 +7,7 @@ throughout) and what:
   suspended: [speech]                     exactly these tasks
   shares: {speech: 10m, slam: {min: 1500m, max: "2"}}
   weights: {slam: 10, speech: {max: 1}}
-  feasible: true                          nothing that the plan cannot meet
+  feasible: true                          the plan meets every need and floor
   plans: {max: 5}                         number of plans that began in the interval (only with from and to)
 """
 
@@ -33,12 +33,12 @@ FIELDS = ("at", "from", "to", *CHECKS)
 
 
 class ExpectationError(FindingsError):
-    """A file of expectations that breaks rules."""
+    """An invalid file of expectations."""
 
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """What a number may be."""
+    """The values that a number may have, both ends included."""
 
     low: float
     high: float
@@ -49,7 +49,7 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What must hold from `start` to `end`, both included; None means not asked."""
+    """What must hold from `start` to `end` (s), both included; None means not checked."""
 
     line: int
     start: float
@@ -86,7 +86,7 @@ def parse(text: str, policy: Policy, *, subject: str) -> list[Expectation]:
 
 
 def _surplus(documents: Sequence[Document]) -> Iterator[Finding]:
-    """What would be ignored: an expectation that nobody checks looks like one that holds."""
+    """Whatever would be ignored: an expectation that is never checked looks like one that holds."""
     for document in documents[1:]:
         yield Finding(f"line {document.position('').line}", "---", "one document: append to the list instead")
     for document in documents[:1]:
@@ -98,7 +98,7 @@ def _surplus(documents: Sequence[Document]) -> Iterator[Finding]:
 
 
 class _Reader:
-    """One file's entries; findings are collected so that all are told at once."""
+    """One file's entries; findings are collected, to report all at once."""
 
     def __init__(self, policy: Policy, findings: list[Finding]) -> None:
         self._findings = findings
@@ -129,7 +129,7 @@ class _Reader:
         )
 
     def _check_asks(self, path: str, raw: dict[str, Any]) -> None:
-        """It must ask something, and mean every field that it has."""
+        """It must check something, and none of its checks may be null."""
         asked = [name for name in CHECKS if name in raw]
         if not asked:
             self._refuse(path, raw, "at least one of " + ", ".join(CHECKS))
@@ -180,7 +180,7 @@ class _Reader:
         return None if raw is None else self._range(path, raw, _number, "a number")
 
     def _range(self, path: str, raw: Any, number: Callable[[object], float], allowed: str) -> Range:
-        """A number, exactly, or a least and a most."""
+        """An exact number, or min and max."""
         bounds = raw if isinstance(raw, dict) else {"min": raw, "max": raw}
         if not bounds or bounds.keys() - {"min", "max"}:
             self._refuse(path, raw, f"{allowed}, or min and max")

@@ -1,4 +1,4 @@
-"""What a reader of the plans would not see: what nobody read or fed, what could not be used and why."""
+"""What the plans do not show: inputs nobody reads, streams nobody feeds, samples and expressions that failed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_SHORTFALLS = 20
 
 @dataclass(slots=True)
 class Failure:
-    """An expression without a value: the first reason, with what it read then."""
+    """An expression that failed: the first reason, the values that it read then, and how often it failed."""
 
     reason: str
     values: str
@@ -31,21 +31,21 @@ class Failure:
 
 
 class NotingPlanner(Planner):
-    """A planner that remembers each failure: one that recovers forgets, and one on a robot tells no values."""
+    """A planner that remembers each failure and its values; on a robot an expression that recovers is forgotten."""
 
     def __init__(self, policy: Policy) -> None:
         self.failures: dict[str, Failure] = {}
         super().__init__(policy)
 
     def on_expression_error(self, source: str, reason: str) -> None:
-        """Note the first with the values that the expression reads, and count."""
+        """Note the first failure with the values that the expression reads, and count them all."""
         super().on_expression_error(source, reason)
         if source not in self.failures:
             self.failures[source] = Failure(_first_sentence(reason), "; ".join(self._values(source)))
         self.failures[source].count += 1
 
     def on_drop(self, stream: str, reason: str, detail: str = "") -> None:
-        """Note the first that the stream's own expressions fail on, and count."""
+        """Note the first sample that the stream's own expressions fail on, and count them all."""
         super().on_drop(stream, reason, detail)
         if detail:
             own = f"stream {stream}, samples not used"
@@ -61,7 +61,7 @@ class NotingPlanner(Planner):
 
 
 def notes(policy: Policy, robot: Robot, run: Simulation) -> list[str]:
-    """Each a sentence."""
+    """The notes, one sentence each."""
     return [
         *(f"no stream reads {key}" for key in sorted(run.skipped.unread)),
         *(f"{key} is a recording, without values" for key in sorted(run.skipped.without_value)),
@@ -82,7 +82,7 @@ def _unfed(policy: Policy, run: Simulation) -> Iterator[str]:
 
 
 def _drops(planner: NotingPlanner) -> Iterator[str]:
-    """Those that are told in full elsewhere left out."""
+    """Drops by stream and reason, without those that other notes report in full."""
     for (stream, reason), count in planner.drops.items():
         if stream and reason not in ("undecodable", "expression"):
             yield f"stream {stream}: {reason}, {_times(count)}"
@@ -128,7 +128,7 @@ def _times(count: int) -> str:
 
 
 def _first_sentence(text: str) -> str:
-    """What the CEL library says after it is a lecture."""
+    """The rest of the CEL library's messages is general advice."""
     return text.partition("\n")[0].partition(". ")[0]
 
 

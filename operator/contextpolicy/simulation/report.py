@@ -21,9 +21,9 @@ CSV_COLUMNS = ("time", "sequence", "cause", "contexts", "task", "score", "weight
 
 
 def table(plans: Sequence[Plan], *, period: float = PERIOD) -> str:
-    """Time, contexts, share and weight of each task, and the cause; a row for each change of what stands in it.
+    """Time, contexts, share and weight of each task, and the cause; a row for each change in these columns.
 
-    `period` is that of realtime, in seconds.
+    `period` is the realtime period in seconds.
     """
     tasks = list(plans[0].tasks) if plans else []
     header = ["TIME", "CONTEXTS", *(f"{name.upper()} (WEIGHT)" for name in tasks), "CAUSE"]
@@ -54,7 +54,7 @@ def _share(plan: Plan, task: str, period: float) -> str:
 
 
 def as_json(policy: Policy, plans: Sequence[Plan], **about: Any) -> str:
-    """One document: what `about` says, then the plans as `plan_json` tells them."""
+    """One document: the fields of `about`, then the plans as on the decision bus (`plan_json`)."""
     return json.dumps(
         {"policy": policy.reference, **about, "plans": [plan_json(policy, plan) for plan in plans]}, indent=2
     )

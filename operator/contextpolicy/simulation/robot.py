@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy
 
 NODE = "robot"
-"""The only node, if nobody names others."""
+"""The only node, if no others are given."""
 CORES = 4000
 """Thousandths of a core: a Raspberry Pi's."""
 
@@ -23,7 +23,7 @@ CORES = 4000
 class Robot:
     """Nodes with their CPU and tasks with their CPU requests in thousandths of a core.
 
-    A task that `places` does not name runs on the first node; its `replicas` take turns over its nodes.
+    A task that `places` does not name runs on the first node; its `replicas` are placed on its nodes in turn.
     """
 
     nodes: Mapping[str, int] = field(default_factory=lambda: {NODE: CORES})
@@ -34,7 +34,7 @@ class Robot:
     """The nodes that can't do realtime."""
 
     def placement(self, policy: Policy) -> Placement:
-        """Where the policy's containers run; realtimeFallback None leaves nodes out that can't do realtime."""
+        """Where the policy's containers run, without the nodes that `left_alone` names."""
         left_out = frozenset(self.left_alone(policy))
         return Placement(
             {node: cpu for node, cpu in self.nodes.items() if node not in left_out},
@@ -43,7 +43,7 @@ class Robot:
         )
 
     def left_alone(self, policy: Policy) -> list[str]:
-        """The nodes on which the policy changes nothing."""
+        """The nodes that the policy leaves alone: with realtimeFallback None, those that can't do realtime."""
         strict = policy.scheduler is Scheduler.REALTIME and policy.realtime_fallback is RealtimeFallback.NONE
         return sorted(self.fair_only) if strict else []
 

@@ -1,4 +1,4 @@
-"""The run itself: inputs one by one on a virtual clock, every plan as it falls."""
+"""The run itself: feeds inputs one by one on a virtual clock and collects every plan."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 
 MICROSECOND = timedelta(microseconds=1)
-"""The step of Rx's clocks."""
+"""The resolution of Rx's clocks."""
 PROGRESS = 4096
-"""Samples between two words about it: a tenth of a second."""
+"""Samples between two progress reports: about a tenth of a second."""
 
 
 @dataclass(slots=True)
 class Simulation:
-    """What a run left behind. Plans have times from the start of the timeline, the planner has Unix times."""
+    """The result of a run. Times of plans count from the start of the timeline; the planner has Unix times."""
 
     planner: NotingPlanner
     until: float
@@ -54,7 +54,7 @@ def simulate(  # noqa: PLR0913 - what a run may be given, by keyword
 ) -> Simulation:
     """Run the timeline to its end, or up to and including `until` seconds.
 
-    `robot` is one node with `cores` if none is given. `on_progress` gets the virtual time now and then.
+    Without a `robot`, one node with `cores`. `on_progress` gets the virtual time every `PROGRESS` samples.
     """
     epoch = epoch_of(policy, timeline)
     run = Simulation(NotingPlanner(policy), timeline.duration if until is None else until, epoch)
@@ -72,13 +72,13 @@ def simulate(  # noqa: PLR0913 - what a run may be given, by keyword
         clock.advance_before(at)
         inputs.on_next(sample)
     clock.finish(run.until)
-    # A policy without watchdogs plans before it is told of its containers, for nobody.
+    # A policy without watchdogs makes a plan before it knows of any container: that one applies to nothing.
     run.plans = [replace(plan, time=round(plan.time - epoch, 6)) for plan in run.plans if plan.nodes]
     return run
 
 
 class _Clock(HistoricalScheduler):
-    """Virtual time that inputs drive: they come by themselves, only timers are scheduled.
+    """Virtual time driven by the inputs, which are fed directly: only timers are scheduled.
 
     Scheduling each input as well took a quarter of a run with a sensor of 1 kHz.
     """
@@ -88,14 +88,15 @@ class _Clock(HistoricalScheduler):
         super().__init__(self._begin)
 
     def advance_before(self, at: float) -> None:
-        """Let `at` be now, with all timers of earlier moments fired: one due at `at` is the planner's to order."""
+        """Set the time to `at` after firing all earlier timers; the planner orders those due at `at` itself."""
         moment = self._begin + timedelta(seconds=at)
         if self._queue and self._queue.peek().duetime < moment:
             self.advance_to(moment - MICROSECOND)
         self._clock = moment
 
     def finish(self, at: float) -> None:
-        """Let everything due up to and including `at` act."""
+        """Fire every timer due up to and including `at`."""
         moment = self._begin + timedelta(seconds=at)
-        self._clock = min(self.now, moment - MICROSECOND)  # a last input at `moment` left its timers standing
+        # A last input at `moment` left timers due then unfired, and `advance_to` does nothing if the time is the same.
+        self._clock = min(self.now, moment - MICROSECOND)
         self.advance_to(moment)

@@ -67,9 +67,9 @@ def samples(
 
 
 class _Reader:
-    """A stream that selects a key: what its decoder would make of a value's payload, mostly without the payload.
+    """A stream that selects a key: gives the sample that its decoder would, mostly without making a payload.
 
-    Writing and reading JSON took half of a run with a sensor of 1 kHz. A ROS 2 message is its payload.
+    Writing and reading JSON took half of a run with a sensor of 1 kHz. ROS 2 messages are always decoded.
     """
 
     def __init__(self, stream: Stream, encoding: str) -> None:
@@ -83,7 +83,7 @@ class _Reader:
     def take(self, value: object, made: object) -> Sample | str:
         """The sample, or why the decoder refuses it.
 
-        `made` is a payload, or `value` with its stamp; `value` without it is one object while it repeats.
+        `made` is a CDR payload, or `value` with a stamp. A repeated `value` is one object and is checked once.
         """
         if isinstance(made, bytes):
             return self._decode(made)
@@ -93,7 +93,7 @@ class _Reader:
             if self._plain:
                 return self._decoder.sample(made)
         except DecodeError:
-            pass  # `decode` says it in full
+            pass  # `_decode` reports it in full
         try:
             return self._decode(json.dumps(made).encode())
         except RecursionError:
@@ -107,7 +107,7 @@ class _Reader:
 
 
 def _is_plain(value: object) -> bool:
-    """Whether a payload with this value is certainly none that decoders refuse: too large, or no JSON number in it."""
+    """Whether decoders certainly accept a payload of this value: small enough, and without NaN and infinities."""
     try:
         payload = json.dumps(value).encode()
     except RecursionError:
@@ -116,5 +116,5 @@ def _is_plain(value: object) -> bool:
 
 
 def _stamped(value: object, now_ns: int) -> object:
-    """As the player publishes it: an object that has no `stamp` gets that of the moment."""
+    """As the player publishes it: an object without a `stamp` gets the current time, in ns."""
     return {"stamp": now_ns, **value} if isinstance(value, dict) else value

@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
 
 def unit(plans: Sequence[Plan]) -> str:
-    """What shares are counted in."""
+    """The unit of shares, for the axis."""
     realtime = {node.scheduler for plan in plans for node in plan.nodes.values()} == {Scheduler.REALTIME}
     return "part of each period" if realtime else "cores"
 
 
 def shares(plans: Sequence[Plan]) -> dict[str, list[tuple[float, float]]]:
-    """Each task's share in cores, or as part of each realtime period; tasks without a container have none."""
+    """Each task's share in cores, or as a fraction of each realtime period; tasks without a container have none."""
     names = [
         name for name in _names(plans) if any(name in node.shares for plan in plans for node in plan.nodes.values())
     ]
@@ -27,7 +27,7 @@ def shares(plans: Sequence[Plan]) -> dict[str, list[tuple[float, float]]]:
 
 
 def normalised_weights(plans: Sequence[Plan]) -> dict[str, list[tuple[float, float]]]:
-    """Each task's weight as part of the sum of those that have a share."""
+    """Each task's weight as a fraction of the sum over the tasks that have a share."""
     names = list(shares(plans))
     sums = [sum(plan.tasks[name].weight for name in names) or 1.0 for plan in plans]
     return {
@@ -37,7 +37,7 @@ def normalised_weights(plans: Sequence[Plan]) -> dict[str, list[tuple[float, flo
 
 
 def contexts(plans: Sequence[Plan], until: float) -> list[tuple[str, float, float]]:
-    """Each stretch of time in which a context held."""
+    """Name, start and end of each span in which a context held, ordered by start."""
     spans: list[tuple[str, float, float]] = []
     since: dict[str, float] = {}
     for plan in plans:

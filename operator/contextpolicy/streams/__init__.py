@@ -1,1 +1,1 @@
-"""I/O in: everything that produces samples. Zenoh live, timelines in virtual time."""
+"""Input: everything that produces samples, live from Zenoh or from timelines in virtual time."""

@@ -15,7 +15,7 @@ _NAMES = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")
 
 
 def source_timestamp(attachment: bytes) -> float | None:
-    """When the sample was published, in Unix seconds by the publisher's clock; None when nobody says so."""
+    """When the sample was published, in Unix seconds by the publisher's clock; None if it has another format."""
     if len(attachment) == _PLAIN.size:
         _, stamp, size, _ = _PLAIN.unpack(attachment)
         names = _NAMES

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 def reader(type_name: str, store: Typestore, *, max_values: int) -> Callable[[bytes], dict[str, Any]]:
     """A function from a payload, its 4-byte encapsulation header included, to the message's fields.
 
-    All code that it needs is made here: the first sample must not wait for it.
+    Raises DecodeError for an unknown type; the function does for a broken payload. rosbags generates the type's code
+    here, so that the first sample does not wait for it.
     """
     if not is_known(type_name, store):
         raise DecodeError(f"{type_name} is no known ROS 2 message type")
@@ -56,7 +57,7 @@ def _message(store: Typestore, type_name: str, max_values: int) -> Convert:
 
 
 def _field(store: Typestore, description: Any, max_values: int) -> Convert | None:
-    """How a field becomes plain Python; None where it is already."""
+    """The conversion of a field to plain Python; None if it is plain already."""
     kind, detail = description
     if kind is Nodetype.BASE:
         return None

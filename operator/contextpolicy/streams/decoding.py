@@ -1,7 +1,7 @@
-"""Payload bytes -> samples, by the encoding that the policy declares; whatever a sender sends, only DecodeError.
+"""Payload bytes -> samples, by the encoding that the policy declares; DecodeError is all that a bad payload raises.
 
-A payload may have 1 MiB, 32 levels and 10,000 values: conditions read readings, not pictures or point clouds, and what
-an expression may cost grows with what it reads. NaN and infinities are values where the encoding has them (a laser
+A payload may have 1 MiB, 32 levels and 10,000 values: conditions read readings, not pictures or point clouds, and the
+cost of an expression grows with what it reads. NaN and infinities are values where the encoding has them (a laser
 scanner says `inf` for "nothing in range"); JSON has none, so there they are a broken payload.
 """
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MAX_PAYLOAD = 1 << 20
 """Bytes."""
 MAX_DEPTH = 32
-"""Lists and maps inside each other."""
+"""Levels of nested lists and maps."""
 MAX_VALUES = 10_000
 """Numbers, texts and keys of one payload, counted over all levels."""
 
@@ -39,7 +39,7 @@ class Decoder:
         self._read = _reader(stream)
         self._path = tuple(stream.timestamp.split(".")) if stream.timestamp else ()
         self.reads_attachment = stream.encoding is Encoding.CDR and not self._path and stream.clock is not Clock.ARRIVAL
-        """Whether a sample's attachment says when it was published: many ROS 2 types have no header."""
+        """Whether to take the time of publication from the attachment: many ROS 2 types have no header."""
 
     def decode(self, payload: bytes, attachment: bytes = b"") -> Sample:
         """One reading; DecodeError names the stream, the encoding and what is wrong."""
@@ -47,20 +47,21 @@ class Decoder:
             if len(payload) > MAX_PAYLOAD:
                 raise DecodeError(f"has {len(payload)} bytes, allowed: {MAX_PAYLOAD}")  # noqa: TRY301 - named below
             return self.sample(self._read(payload), attachment)
+        # Broken JSON, MessagePack and UTF-8 raise ValueError; hostile nesting and lengths the other two.
         except (DecodeError, ValueError, RecursionError, MemoryError) as error:
             raise DecodeError(
                 f"stream {self.stream.name}: the {self.stream.encoding} payload {_reason(error)}"
             ) from error
 
     def sample(self, decoded: object, attachment: bytes = b"") -> Sample:
-        """The reading that a payload holds; DecodeError when its timestamp is none."""
+        """The sample of a decoded payload; DecodeError if its timestamp is not one."""
         fields = as_fields(decoded)
         timestamp = _timestamp(fields, self._path) if self._path else source_timestamp(attachment)
         return Sample(self.stream.name, fields, timestamp)
 
 
 def seconds(stamp: object) -> float:
-    """Unix seconds of a sender's timestamp; DecodeError when it is none.
+    """Unix seconds of a sender's timestamp; DecodeError if it is not one.
 
     ROS times are maps of sec and nanosec. Numbers are seconds, milliseconds, microseconds or nanoseconds by magnitude.
     """
@@ -96,9 +97,10 @@ def _read_json(payload: bytes) -> object:
 
 
 def is_small(payload: bytes) -> bool:
-    """Whether a JSON payload is within all bounds, told without a walk; False where only a walk can tell.
+    """Whether a JSON payload is certainly within all bounds, without a walk; False if only a walk can tell.
 
-    Each level costs a bracket and each further value a comma, so counting bytes is a bound.
+    Each level needs a bracket and each further entry a comma, so counting bytes gives an upper bound. An entry of a map
+    is two values, its key and its value; a third instead of half leaves room for the first entry of each level.
     """
     levels, commas = payload.count(b"[") + payload.count(b"{"), payload.count(b",")
     return levels < MAX_DEPTH and commas < MAX_VALUES // 3 and len(payload) < MAX_PAYLOAD // 2
@@ -145,7 +147,7 @@ def _cdr_reader(stream: Stream) -> Callable[[bytes], object]:
 
     def read(payload: bytes) -> object:
         decoded = read_message(payload)
-        if len(payload) > MAX_VALUES:  # a value has a byte at least
+        if len(payload) > MAX_VALUES:  # each value takes at least a byte
             _check(decoded)
         return decoded
 
@@ -153,12 +155,12 @@ def _cdr_reader(stream: Stream) -> Callable[[bytes], object]:
 
 
 def _check(decoded: object) -> None:
-    """Refuse what is too deep, too much, or no plain value; counts level by level, so depth needs no stack."""
+    """Refuse what is too deep, too large or not plain; goes level by level, so that depth needs no stack."""
     level, depth, values = [decoded], 0, 1
     while level:
         below: list[object] = []
         for value in level:
-            # Counted before they are gathered: CBOR can name one list a thousand times.
+            # Counted before they are gathered: CBOR can refer to one list a thousand times.
             values += _size(value)
             if values > MAX_VALUES:
                 raise DecodeError(f"holds more than {MAX_VALUES} values")
@@ -173,7 +175,7 @@ def _check(decoded: object) -> None:
 
 
 def _size(value: object) -> int:
-    """How many values stand directly inside; DecodeError for what no plain payload holds."""
+    """How many values are directly inside; DecodeError for a type that no plain payload holds."""
     if isinstance(value, dict):
         _check_keys(value)
         return 2 * len(value)
@@ -191,7 +193,7 @@ def _check_keys(value: dict[object, object]) -> None:
 
 
 def _timestamp(fields: dict[str, Any], path: tuple[str, ...]) -> float | None:
-    """The sender's timestamp where it gives one: not every sample must have the field."""
+    """The sender's timestamp, in Unix seconds; None for a sample without the field, which is allowed."""
     value: Any = fields
     for name in path:
         if not isinstance(value, dict) or name not in value:
@@ -205,7 +207,7 @@ def _number(value: object) -> float | None:
         return None
     try:
         return float(value)
-    except OverflowError:
+    except OverflowError:  # an integer beyond the floats, which JSON allows
         return math.inf
 
 

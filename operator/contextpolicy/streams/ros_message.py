@@ -1,7 +1,7 @@
-"""ROS 2 messages written down as JSON -> CDR payloads, so that a timeline can speak for a ROS 2 robot.
+"""ROS 2 messages written as JSON -> CDR payloads, so that a timeline can stand in for a ROS 2 robot.
 
-What is left out is 0, empty or false, as in ROS. JSON has no NaN and no infinities (a laser scanner's "nothing in
-range"): a number's field takes the texts "NaN", "Infinity" and "-Infinity", as the JSON form of protobuf does.
+Omitted fields are 0, empty or false, as in ROS. JSON has no NaN and no infinities (a laser scanner's "nothing in
+range"): a float field accepts the texts "NaN", "Infinity" and "-Infinity", as the JSON form of protobuf does.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ _NOT_FINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
 
 class RosMessage:
-    """One message; each header whose stamp is left out gets that of the moment.
+    """One message; each header without a stamp gets the time of publication.
 
-    `findings` tell what in the value does not fit the type, by its path; only without any there is a payload.
+    `findings` lists what in the value does not fit the type, by path; call `payload` only if there are none.
     """
 
     def __init__(self, type_name: str, store: Typestore, value: object) -> None:
@@ -75,7 +75,7 @@ class RosMessage:
         return built
 
     def _items(self, kind: Any, size: int, value: object, path: str) -> Sequence[object]:
-        """The items of a list; those of an array of fixed length that is left out are all left out."""
+        """The items of a list; an omitted array of fixed length has that many omitted items."""
         fixed = kind is Nodetype.ARRAY
         if value is None:
             return [None] * size if fixed else []
@@ -97,7 +97,7 @@ class RosMessage:
 
 
 class _Plain(NamedTuple):
-    """What is no message: its default, its reading of JSON (None for what does not fit), and how arrays hold it."""
+    """A primitive type: its default, how it reads JSON (None for what does not fit), and its numpy dtype in arrays."""
 
     default: Any
     read: Callable[[object], Any]

@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Stream
 
 _Arrived: TypeAlias = tuple[Decoder, bytes, bytes, float]
-"""A payload with its attachment, and the monotonic time at which it came."""
+"""A payload with its attachment, and the monotonic time of its arrival."""
 
 BACKLOG = 10_000
-"""Samples that may wait for the loop; beyond it the oldest are dropped, a newer reading is worth more."""
+"""Samples that may wait for the loop; beyond that the oldest is dropped: a newer reading is worth more."""
 
 BATCH = 100
-"""Samples taken in a row; then timers and finished patches have their turn, however fast samples come."""
+"""Samples taken in a row; then timers and finished patches get their turn, however fast samples come."""
 
 
 def inputs(
@@ -45,7 +45,7 @@ def inputs(
     """Samples and lost liveliness of all streams, on the scheduler's thread.
 
     A payload that can't be decoded goes to `on_drop(stream, reason)` and never ends the stream. A sample's `arrived` is
-    the moment at which Zenoh delivered it, before it waited for the loop.
+    the monotonic time at which Zenoh delivered it, before it waited for the loop.
     """
 
     def subscribe(observer: ObserverBase[Input], _: SchedulerBase | None = None) -> DisposableBase:
@@ -76,10 +76,10 @@ def _declare(session: zenoh.Session, stream: Stream, inbox: _Inbox) -> list[Call
 
 
 def _subscribe(session: zenoh.Session, stream: Stream, on_sample: Callable[[zenoh.Sample], None]) -> Callable[[], None]:
-    """Begin to listen; what is returned ends it.
+    """Subscribe; call the result to undo it.
 
-    ROS 2 publishers of latched topics (transient_local) keep their last sample for those who come late, and say nothing
-    more: rmw_zenoh serves it to Zenoh's advanced subscribers. Live samples do not wait for it.
+    Publishers of latched ROS 2 topics (transient_local) may publish once and keep that sample for late subscribers:
+    rmw_zenoh serves it to Zenoh's advanced subscribers. Live samples do not wait for it.
     """
     if stream.encoding is not Encoding.CDR:
         return session.declare_subscriber(stream.key, on_sample).undeclare
@@ -88,7 +88,7 @@ def _subscribe(session: zenoh.Session, stream: Stream, on_sample: Callable[[zeno
 
 
 class _Inbox:
-    """Between Zenoh's threads, which must not be held up, and the loop: one wake-up for all that has arrived."""
+    """Hands samples from Zenoh's threads, which must not block, to the loop: one wake-up for all that has arrived."""
 
     def __init__(
         self, observer: ObserverBase[Input], scheduler: SchedulerBase, on_drop: Callable[[str, str], None]
@@ -108,7 +108,7 @@ class _Inbox:
         self._append(Gone(stream))
 
     def _append(self, item: _Arrived | Gone) -> None:
-        """The loop is woken only when it is not awake already: it empties the whole inbox."""
+        """Wake the loop only if it is not awake already: it empties the whole inbox."""
         with self._lock:
             if len(self._waiting) >= BACKLOG:
                 self._overrun[_stream(self._waiting.popleft())] += 1
@@ -124,11 +124,13 @@ class _Inbox:
                 if item is None:
                     return
                 self._deliver(item)
+        # Even after an exception: the inbox would stay marked awake and never be drained again.
         finally:
             self._rest()
 
     def _rest(self) -> None:
-        """Sleep, or come back after the others when there is more."""
+        """Queue behind the loop's other work if there is more, else sleep."""
+        # Under the lock: a sample put meanwhile is either seen here or finds us asleep and wakes us.
         with self._lock:
             self._awake = awake = bool(self._waiting)
         if awake:
@@ -156,7 +158,7 @@ class _Inbox:
         self._observer.on_next(Sample(sample.stream, sample.value, taken, arrived))
 
     def _ahead(self) -> float:
-        """Seconds by which the loop's time is ahead of the wall clock, which senders read: it steps, the loop never."""
+        """The loop's time minus the wall clock, in seconds. Senders use the wall clock, which can step."""
         return self._scheduler.to_seconds(self._scheduler.now) - time.time()
 
 

@@ -35,7 +35,7 @@ MAX_RATE = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class TimedInput:
-    """One input at one instant; a data set is announced once, at its start."""
+    """One input, `at` seconds from the start; a data set is announced once, at its start."""
 
     at: float
     key: str
@@ -60,7 +60,8 @@ class TimelineEntry:
     message: RosMessage | None = None
 
     def inputs(self) -> Iterator[TimedInput]:
-        """Count times from the start, so that a long entry does not drift."""
+        """All inputs of this entry; each time is computed from the start, so that a long entry does not drift."""
+        # The tolerance absorbs rounding: (1.3 - 1.0) * 10 is a little more than 3, and means 3.
         count = math.ceil((self.end - self.start) * self.rate - 1e-9) if self.rate else 1
         for index in range(count):
             at = self.start + index / self.rate if self.rate else self.start
@@ -81,7 +82,7 @@ class Timeline:
 
 
 def _runs(entries: Iterable[TimelineEntry]) -> Iterator[list[TimelineEntry]]:
-    """Neighbours that need no merging, each at an instant and not before the last: a recording is one run."""
+    """Groups of consecutive single inputs in time order, which need no merging: a recording is one run."""
     run: list[TimelineEntry] = []
     for entry in entries:
         if run and (entry.rate or run[-1].rate or entry.start < run[-1].start):
@@ -99,7 +100,7 @@ def _in_turn(run: Iterable[TimelineEntry]) -> Iterator[TimedInput]:
 def load(path: Path | str, definitions: Definitions = ()) -> Timeline:
     """Read a timeline file, or raise TimelineError with everything that is wrong with it.
 
-    `definitions` are of the ROS 2 messages that are not standard.
+    `definitions` are those of ROS 2 messages that are not standard.
     """
     with _uncollected():
         return _load(path, definitions)
@@ -109,7 +110,7 @@ def load(path: Path | str, definitions: Definitions = ()) -> Timeline:
 def _uncollected() -> Iterator[None]:
     """Load without the garbage collector.
 
-    A recording becomes millions of objects and no cycle, and walking them again and again takes a third of the time.
+    A recording becomes millions of objects and no cycles; walking them over and over takes a third of the time.
     """
     was_enabled = gc.isenabled()
     gc.disable()
@@ -196,7 +197,7 @@ def _matches(pattern: str) -> Callable[[object], bool]:
 
 @cache
 def _is_key(text: str) -> bool:
-    """Remembered: a recording names a few keys a million times."""
+    """Cached: a recording repeats a few keys a million times."""
     return len(text) <= 256 and re.fullmatch(r"[^/*$?#]+(/[^/*$?#]+)*", text) is not None
 
 
@@ -260,7 +261,7 @@ def _findings(document: object) -> Iterator[Finding]:
 
 
 def _shape(raw: Mapping[str, Any]) -> tuple[Mapping[str, Check], Mapping[str, Check]]:
-    """The fields that an input must and may have."""
+    """An input's required and optional fields."""
     if "dataset" in raw:
         return _RECORDED, _INPUT_OPTIONS
     shape = _VALUE_ONCE if "at" in raw else _VALUE_AT_RATE

@@ -1,4 +1,4 @@
-"""What is allowed, and yet cannot be what its author wants. Each piece of advice is certain, not a matter of taste."""
+"""Warnings: what is allowed but cannot be what its author wants. Each is certain, not a matter of taste."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def advice(policy: Policy) -> Iterator[Finding]:
-    """Everything to think about again; `allowed` says why."""
+    """Every warning about a valid policy; a finding's `allowed` holds the reason."""
     yield from _streams(policy)
     for index, task in enumerate(policy.tasks):
         yield from _task(policy, f"spec.tasks[{index}]", task)
@@ -30,8 +30,10 @@ def _streams(policy: Policy) -> Iterator[Finding]:
     sources = list(_sources(policy))
     read = {name for source in sources for name in Expression(source).variables}
     read |= {activity.stream for task in policy.tasks for activity in task.activity if activity.stream}
+    # Nobody can tell what a plug-in reads: with one, no stream or feature is reported as unread.
     plugged_in = any(activity.initiative for task in policy.tasks for activity in task.activity)
     for index, stream in enumerate(policy.streams):
+        # A stream may matter by its silence alone, which puts the fallback in force.
         watched = policy.fallback is not None and (stream.stale_after or stream.liveliness)
         if stream.name not in read and not plugged_in and not watched:
             yield Finding(f"spec.streams[{index}]", stream.name, f"nothing reads stream {stream.name}")
@@ -75,7 +77,7 @@ def _task(policy: Policy, field: str, task: Task) -> Iterator[Finding]:
 
 
 def _suspending(policy: Policy, task: Task) -> Iterator[Finding]:
-    """The contexts that try to suspend a protected task, by itself or with what it is a part of."""
+    """Contexts that try to suspend a protected task, directly or through a task that it is a part of."""
     above = TaskTree(policy).ancestors(task.name)
     for index, context in enumerate(policy.contexts):
         for name in (task.name, *above):

@@ -1,6 +1,6 @@
-"""The kinds of an expression's operands, as far as its source and the shapes of its streams tell.
+"""Type checks of CEL expressions, from their source and the shapes of their streams.
 
-Only what fails, or never holds, on every sample of these shapes is told: what is not known may be anything.
+Reports only what fails, or never holds, on every sample of these shapes: an unknown operand may be anything.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _CALENDAR = (TIME, DURATION)
 
 
 def mistakes(source: str, wanted: Shape, shapes: Mapping[str, Shape]) -> list[str]:
-    """What is wrong with an expression that is to be `wanted`, in words."""
+    """What is wrong with an expression that must yield `wanted`, each in words for a finding's `allowed`."""
     try:
         tree = parse(source)
     except ValueError as error:
@@ -65,7 +65,7 @@ def mistakes(source: str, wanted: Shape, shapes: Mapping[str, Shape]) -> list[st
 
 
 def _asked(tree: Node) -> Iterator[tuple[str, ...] | None]:
-    """The fields that an expression asks for with `has`: it knows that not every sample has them."""
+    """Paths that the expression tests with `has`: it is prepared for samples without them."""
     if tree.kind is Construct.CALL and tree.text == "has":
         yield from (part.path() for part in tree.parts)
     for part in tree.parts:
@@ -73,7 +73,7 @@ def _asked(tree: Node) -> Iterator[tuple[str, ...] | None]:
 
 
 class _Checker:
-    """Walks one tree; what is wrong is noted once, and its result may then be anything."""
+    """Walks one tree. A mistake is reported once; its result is ANY, so that it causes no further reports."""
 
     def __init__(self, source: str, shapes: Mapping[str, Shape], asked: frozenset[tuple[str, ...] | None]) -> None:
         self.found: list[str] = []
@@ -97,6 +97,7 @@ class _Checker:
             case Construct.NUMBER:
                 return NUMBER
             case Construct.TEXT:
+                # Prefixes come before the opening quote: b"..." is bytes, r"..." still text.
                 return BYTES if "b" in node.text.lower().partition(node.text[-1])[0] else TEXT
             case Construct.CONSTANT:
                 return NULL if node.text == "null" else BOOL
@@ -111,7 +112,7 @@ class _Checker:
         return self._source[slice(*node.span)]
 
     def _want(self, node: Node, *wanted: Shape) -> Shape:
-        """The node's shape; noted when it is none of those wanted."""
+        """The node's shape; reported, and ANY, if it is none of those wanted."""
         shape = self.shape(node)
         if shape.kind in (ANY.kind, *(one.kind for one in wanted)):
             return shape
@@ -159,6 +160,7 @@ class _Checker:
 
     def _macro(self, name: str, over: Shape, arguments: list[Node]) -> Shape:
         variable, body = arguments[0].text, arguments[-1]
+        # The macro's variable hides a stream of the same name, but only inside the macro.
         before = self._known.get(variable)
         self._known[variable] = over.item if over.kind == LIST.kind and over.item else ANY
         for condition in arguments[1:-1]:
@@ -172,6 +174,7 @@ class _Checker:
         return (over if over.kind == LIST.kind else LIST) if name == "filter" else BOOL
 
     def _check_pattern(self, pattern: Node) -> None:
+        # Tried by the CEL library itself: its regular expressions are not Python's.
         try:
             cel.compile(f'"".matches({pattern.text})').execute(cel.Context())
         except (ValueError, RuntimeError):
@@ -206,8 +209,9 @@ class _Checker:
         return BOOL
 
     def _alike(self, node: Node, wanted: tuple[Shape, ...]) -> Shape:
-        """The common shape of both sides."""
+        """The common shape of both sides; reported, and ANY, if they differ."""
         one, other = (self._want(part, *wanted) if wanted else self.shape(part) for part in node.parts)
+        # Null compares with everything, and times mix with durations: time - time, time + duration.
         free = {ANY.kind, NULL.kind}
         calendar = {shape.kind for shape in _CALENDAR}
         if one.kind != other.kind and not {one.kind, other.kind} & free and not {one.kind, other.kind} <= calendar:

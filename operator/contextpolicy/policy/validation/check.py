@@ -35,7 +35,7 @@ class Source(NamedTuple):
     prefix: str = ""
 
     def position(self, path: str, value: object = None) -> Position:
-        """Where a finding stands: at the key or list item that its value names, if there is one, else at its field."""
+        """Where to report a finding: at the key or list item that its value names, if any, else at its field."""
         full = self.prefix + path
         if not isinstance(value, str):
             return self.document.position(full)
@@ -49,7 +49,8 @@ class Source(NamedTuple):
 class CheckReport:
     """What the files hold and what is wrong with them.
 
-    `types` are the message definitions of streams whose ConfigMap is in none of the files, None if nobody gave any.
+    `seen` counts policies, valid or not; `skipped` has a note for each object of another kind. `types` are the message
+    definitions of streams whose ConfigMap is in none of the files, None if not given.
     """
 
     policies: list[tuple[Source, Policy]] = field(default_factory=list)
@@ -69,6 +70,7 @@ def check(files: Iterable[tuple[str, str]], types: Definitions | None = None) ->
     """Check (name, text) pairs; problems come in the order of the files."""
     report = CheckReport(types=types)
     documents: list[tuple[str, Document | DocumentError]] = []
+    # All documents are read before any is checked: a ConfigMap may come after the policy that names it.
     for file, text in files:
         try:
             for document in read(text):
@@ -98,7 +100,7 @@ def _check_document(file: str, document: Document, report: CheckReport) -> None:
 
 
 def _means_policy(body: object) -> bool:
-    """Whether an object of another kind is likely a policy misspelt: skipped, it would pass as checked."""
+    """Whether an object of another kind is probably a misspelt policy: skipping it would look like a pass."""
     if not isinstance(body, dict):
         return False
     group = str(body.get("apiVersion", "")).partition("/")[0]
@@ -137,13 +139,14 @@ def _check_object(source: Source, report: CheckReport) -> None:
         (_refusal(source, finding) for finding in findings),
         key=lambda problem: (problem.position.line, problem.position.column),
     )
+    # Advice takes a valid policy for granted; beside errors it would be noise.
     if policy is not None and not findings:
         report.problems += [_warning(source, finding) for finding in advice(policy)]
         report.policies.append((source, policy))
 
 
 def _of_the_definition(body: dict[str, Any], told: set[str]) -> list[Finding]:
-    """What the API server refuses besides; of a field that the parser has told of, its own words are enough."""
+    """What else the API server refuses, except in the fields that the parser has reported (`told`) in better words."""
     schema = crd_schema.schema()
     stored = crd_schema.as_stored(body, schema)
     found = [finding for finding in crd_schema.findings(stored) if finding.field not in told]
@@ -151,7 +154,7 @@ def _of_the_definition(body: dict[str, Any], told: set[str]) -> list[Finding]:
 
 
 def _parse(body: dict[str, Any], report: CheckReport) -> Policy:
-    """Planning's parser is for objects that an API server knows, which have metadata."""
+    """The operator's parser relies on metadata, which every object in the API has; a file may lack it."""
     if not isinstance(body.get("metadata"), dict):
         finding = Finding("metadata", body.get("metadata"), "an object with a name")
         raise PolicyError("", (finding,))
@@ -169,7 +172,7 @@ def _duplicates(source: Source) -> Iterator[Finding]:
 
 
 def _repeated(report: CheckReport) -> Iterator[Problem]:
-    """Policies of one name: applied together, the last one wins; two files may be editions, of which one is applied."""
+    """Policies of one name: an error within a file, a warning across files, which may be alternatives."""
     first: dict[str, Source] = {}
     for source, policy in report.policies:
         other = first.setdefault(policy.reference, source)
@@ -183,12 +186,12 @@ def _repeated(report: CheckReport) -> Iterator[Problem]:
 
 
 def _latest(report: CheckReport) -> list[Policy]:
-    """One policy per name: files may hold several editions of one policy, which the API never has at once."""
+    """The last policy of each name: the API never holds two editions of one policy at once."""
     return list({policy.reference: policy for _, policy in report.policies}.values())
 
 
 def _claimed(report: CheckReport, conflict: Conflict) -> Problem:
-    """An error in what is applied together; two files may be alternatives, of which only one is ever applied."""
+    """An error if certain and within one file, else a warning: two files may be alternatives."""
     sources = {id(policy): source for source, policy in report.policies}
     earlier, later = conflict.earlier, conflict.later
     source, other = sources[id(later.policy)], sources[id(earlier.policy)]
@@ -211,7 +214,7 @@ def _refusal(source: Source, finding: Finding) -> Problem:
 
 
 def _yes_or_no(source: Source, finding: Finding) -> str:
-    """Who writes `name: y` sees True refused, and must be told why."""
+    """Why `name: y` is refused as true; empty for any other value."""
     word = source.document.yes_and_no.get(source.prefix + finding.field)
     return f"; YAML reads {word} as {str(finding.value).lower()}: put it in quotes" if word else ""
 
@@ -223,7 +226,7 @@ def _warning(source: Source, finding: Finding) -> Problem:
 
 
 def _get(body: Any, path: str) -> list[dict[str, Any]]:
-    """The list of objects at a path without indexes, else nothing."""
+    """The objects in the list at a path without indexes; empty if there is no list."""
     for name in path.split("."):
         body = body.get(name) if isinstance(body, dict) else None
     return [item for item in body if isinstance(item, dict)] if isinstance(body, list) else []

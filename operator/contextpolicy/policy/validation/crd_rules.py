@@ -1,4 +1,4 @@
-"""What the API server refuses by the resource definition's CEL rules, evaluated here as it does."""
+"""The resource definition's CEL rules, evaluated offline as the API server evaluates them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Rule(NamedTuple):
-    """One rule about one object, `self`; `name` is the field in it at which a violation is told, "" for the object."""
+    """One rule applied to one object, its `self`; a violation is reported at the field `name`, "" for the object."""
 
     path: str
     value: Any
@@ -26,9 +26,9 @@ class Rule(NamedTuple):
 
 
 def findings(stored: Mapping[str, Any], schema: Mapping[str, Any], told: Collection[str]) -> Iterator[Finding]:
-    """Every rule that does not hold, but for those about fields of which something was told already.
+    """Every rule that does not hold, except those that read a field in `told`, the paths already reported.
 
-    A rule that can't be evaluated is violated too, unless what was told of its object may be why.
+    A rule that can't be evaluated counts as violated, unless something in its object was reported and may be the cause.
     """
     for rule in rules(stored, schema):
         about = [f"{rule.path}.{name}" for name in _reads(rule.source)]
@@ -44,8 +44,9 @@ def findings(stored: Mapping[str, Any], schema: Mapping[str, Any], told: Collect
 
 
 def rules(value: Any, node: Mapping[str, Any], path: str = "") -> Iterator[Rule]:
-    """Every rule of the schema with each object of the value that it is about, as far as the schema looks into it."""
+    """Every rule of the schema with each object in `value` that it applies to, as far as the schema describes it."""
     if isinstance(value, list):
+        # A list that is too long is the schema's finding; its items may be too many to check.
         for index, item in enumerate(value if len(value) <= node.get("maxItems", 0) else ()):
             yield from rules(item, node.get("items", {}), f"{path}[{index}]")
     elif isinstance(value, dict):
@@ -67,9 +68,10 @@ def _reads(source: str) -> frozenset[str]:
 
 
 def _holds(source: str, value: Any) -> bool:
-    """True or False; any exception of the CEL library when it has no value.
+    """Whether the rule holds; passes on any exception of the CEL library if it can't be evaluated.
 
-    Kubernetes' own functions are bound by name alone: `sets` is a variable that only gives `contains` its place.
+    Kubernetes' own functions are bound by name alone: `sets` is an empty variable, so that `sets.contains(a, b)` is a
+    method call.
     """
     context = cel.Context(variables={"self": value, "sets": {}})
     context.add_function("contains", lambda _, whole, part: all(item in whole for item in part))

@@ -1,6 +1,6 @@
 """What the API server refuses by the resource definition's schema: types, bounds, enumerations, patterns, names.
 
-The definition itself is read, so that nothing here has to be kept in step with it; `crd_rules` has its CEL rules.
+Reads the definition itself, so nothing here has to be kept in step with it; `crd_rules` has its CEL rules.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
 DEFINITION = "contextpolicies.contextpolicy.dev.yaml"
-"""A copy of crds/'s, made by `make crds`: an installed package has no repository around it."""
+"""Copied from crds/ by `make crds`: an installed package has no repository around it."""
 
 _LABEL = "[a-z0-9]([a-z0-9-]*[a-z0-9])?"
 _METADATA = {
@@ -31,14 +31,14 @@ _METADATA = {
         "namespace": {"type": "string", "maxLength": 63, "pattern": f"^{_LABEL}$"},
     },
 }
-"""The API server's own rules for every object, which no definition states."""
+"""The API server's own rules for every object's metadata, which no resource definition states."""
 
 _DATE = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)", re.ASCII)
 
 
 @cache
 def schema() -> dict[str, Any]:
-    """The openAPIV3Schema, with what holds for metadata and without the status, which is the operator's."""
+    """The openAPIV3Schema with rules for metadata added, and any status accepted: the operator writes it."""
     text = resources.files(__package__).joinpath(DEFINITION).read_text(encoding="utf-8")
     (version,) = yaml.safe_load(text)["spec"]["versions"]
     root: dict[str, Any] = version["schema"]["openAPIV3Schema"]
@@ -47,7 +47,7 @@ def schema() -> dict[str, Any]:
 
 
 def findings(stored: Mapping[str, Any]) -> Iterator[Finding]:
-    """The first thing that is wrong with each field of an object, as `as_stored` gives it."""
+    """The first thing that is wrong with each field of an object from `as_stored`."""
     told = set()
     for error in _validator().iter_errors(stored):
         field = _path(error.absolute_path)
@@ -57,7 +57,7 @@ def findings(stored: Mapping[str, Any]) -> Iterator[Finding]:
 
 
 def as_stored(value: Any, node: Mapping[str, Any]) -> Any:
-    """As the API server would store it: what is null was not given, and defaults are filled in."""
+    """The value as the API server would store it: nulls dropped, defaults filled in."""
     if isinstance(value, list):
         return [as_stored(item, node.get("items", {})) for item in value]
     if not isinstance(value, dict):
@@ -83,13 +83,13 @@ def _validator() -> Draft202012Validator:
 
 
 def _items(validator: Any, item: Any, items: Any, node: Mapping[str, Any]) -> Iterator[ValidationError]:
-    """Of a list that is too long nothing else is told."""
+    """Skip the items of a list that is too long: its length is the finding."""
     if isinstance(items, list) and len(items) <= node["maxItems"]:
         yield from Draft202012Validator.VALIDATORS["items"](validator, item, items, node)
 
 
 def _pattern(_: Any, pattern: str, value: Any, __: Any) -> Iterator[ValidationError]:
-    """Python's `$` also matches before a line break at the end, the API server's does not."""
+    """Match to the very end: Python's `$` also matches before a trailing newline, the API server's does not."""
     if isinstance(value, str) and not re.fullmatch(pattern, value):
         yield ValidationError("does not match")
 
@@ -99,12 +99,13 @@ def _properties(
 ) -> Iterator[ValidationError]:
     yield from Draft202012Validator.VALIDATORS["properties"](validator, known, value, node)
     if isinstance(value, dict) and not node.get("x-kubernetes-preserve-unknown-fields"):
+        # kubectl's strict validation refuses these; the API server by default drops them with a warning.
         for name in value.keys() - known.keys():
             yield ValidationError("is unknown", path=[name], instance=value[name])
 
 
 def _required(_: Any, names: Iterable[str], value: Any, node: Mapping[str, Any]) -> Iterator[ValidationError]:
-    """At the field that is missing, where jsonschema tells of the object around it."""
+    """Report the field that is missing, where jsonschema reports the object around it."""
     for name in names if isinstance(value, dict) else ():
         if name not in value:
             yield ValidationError("is missing", path=[name], instance=None, schema=node["properties"][name])

@@ -1,4 +1,4 @@
-"""What a field of the resource definition may hold, in words for people instead of the schema's own."""
+"""What a field of the resource definition may hold, in words for people instead of schema keywords."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TYPES = {
 }
 
 _FRACTION = 'a fraction in quotes ("0.5") or in thousandths (500m)'
-"""The API server knows whole numbers and texts where a CPU quantity stands, so a bare fraction is neither."""
+"""A CPU quantity is an integer or a string in the API, and a bare 0.5 is neither."""
 
 PATTERNS = {
     r"^[a-z][a-z0-9_]{0,62}$": STREAM_NAME_ALLOWED,
@@ -41,7 +41,7 @@ PATTERNS = {
     r"^[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*$": "a field path such as header.stamp",
     r"^[A-Za-z_][A-Za-z0-9_.-]*$": "an entry point's name: letters, digits, '_', '.' and '-'",
 }
-"""What each pattern of the definition means; a test finds those that have no words."""
+"""What each pattern of the definition means; a test fails for one that is missing here."""
 
 
 def allowed(error: ValidationError, field: str) -> str:  # noqa: PLR0911 - one sentence a keyword

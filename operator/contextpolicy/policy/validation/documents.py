@@ -1,6 +1,6 @@
 """YAML as the API server reads it, with the line and column of every field.
 
-Bounds: 1 MiB a file, 64 levels, 100,000 values after aliases are expanded.
+Limits: 2^20 characters per file, 64 levels, 100,000 values after aliases are expanded.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ _OWN = (":timestamp", ":float", ":int", ":value", ":bool")
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Where something stands, counted from 1."""
+    """A line and a column, counted from 1."""
 
     line: int
     column: int
 
 
 class DocumentError(ContextPolicyError):
-    """A file that is no YAML, or YAML that Kubernetes could not store."""
+    """A file that is not YAML, or YAML that Kubernetes could not store."""
 
     def __init__(self, message: str, position: Position) -> None:
         self.position = position
@@ -47,17 +47,17 @@ class Document:
     positions: dict[str, Position] = field(default_factory=dict)
     duplicates: tuple[str, ...] = ()
     yes_and_no: dict[str, str] = field(default_factory=dict)
-    """Words that YAML takes for true and false and that people mean as texts, by their paths: y, no, on."""
+    """Words such as y, no and on, which YAML reads as booleans and people mean as text, by path."""
 
     def position(self, path: str) -> Position:
-        """Where the field stands; for one that is missing, where the nearest object around it does."""
+        """The field's position; for a missing field, that of the nearest object around it."""
         while path not in self.positions and path:
             path = path[: max(path.rfind("."), path.rfind("["), 0)]
         return self.positions[path]
 
 
 def read(text: str) -> Iterator[Document]:
-    """Every document of a stream; DocumentError at the first place that cannot be read."""
+    """Every document in the text; DocumentError at the first place that cannot be read."""
     if len(text) > MAX_BYTES:
         raise DocumentError(f"has {len(text)} characters, allowed: {MAX_BYTES}", Position(1, 1))
     try:
@@ -74,7 +74,7 @@ def read(text: str) -> Iterator[Document]:
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain scalars as Kubernetes' YAML reader takes them: no dates, no base 60, and 1e3 is a number."""
+    """Resolves plain scalars as Kubernetes' YAML reader does: no dates, no base 60, and 1e3 is a number."""
 
     yaml_implicit_resolvers = {  # noqa: RUF012 - PyYAML's own protocol
         first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(_OWN)]
@@ -83,6 +83,7 @@ class _Loader(yaml.SafeLoader):
     _depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        # PyYAML composes recursively: unbounded nesting would end in RecursionError.
         self._depth += 1
         if self._depth > MAX_DEPTH:
             raise DocumentError(
@@ -106,7 +107,7 @@ _BOOL = "tag:yaml.org,2002:bool"
 
 
 class _Builder:
-    """One document's nodes -> plain values, noting positions and keys that stand twice."""
+    """One document's nodes -> plain values; records positions and duplicate keys."""
 
     def __init__(self, loader: _Loader) -> None:
         self._loader = loader
@@ -120,12 +121,14 @@ class _Builder:
         return Document(body, self._positions, tuple(self._duplicates), self._yes_and_no)
 
     def _value(self, node: yaml.Node, path: str, inside: tuple[int, ...]) -> Any:
+        # Counted per visit, not per node: a few nested aliases expand to billions of values.
         self._values += 1
         position = _position(node.start_mark)
         if self._values > MAX_VALUES:
             raise DocumentError(f"has more than {MAX_VALUES} values once its aliases are expanded", position)
         if id(node) in inside:
             raise DocumentError("contains itself through an alias", position)
+        # A value in a mapping keeps the position of its key.
         self._positions.setdefault(path, position)
         inside = (*inside, id(node))
         if isinstance(node, yaml.MappingNode):
@@ -156,16 +159,18 @@ class _Builder:
                 self._duplicates.append(inner)
             self._positions[inner] = _position(key_node.start_mark)
             result[key] = self._value(value_node, inner, inside)
+        # A mapping's own keys win over merged ones, wherever `<<` is written.
         return merged | result
 
     def _merged(self, node: yaml.Node, path: str, inside: tuple[int, ...]) -> dict[str, Any]:
         sources = node.value if isinstance(node, yaml.SequenceNode) else [node]
+        # Reversed, because the first of several merged mappings wins.
         values = [self._value(source, path, inside) for source in reversed(sources)]
         return {key: value for source in values if isinstance(source, dict) for key, value in source.items()}
 
 
 def _key(node: yaml.Node) -> str:
-    """JSON has text keys only, so Kubernetes makes `y:` the key "true"."""
+    """The key as text, "" if it is not a scalar. JSON keys are text, so Kubernetes turns `y:` into "true"."""
     if not isinstance(node, yaml.ScalarNode):
         return ""
     return str(node.value.lower() in _TRUE).lower() if node.tag == _BOOL else str(node.value)

@@ -1,4 +1,4 @@
-"""What the API server cannot tell and what is never meant: refused by `validate` and by the operator alike."""
+"""Mistakes that the API server cannot detect: refused by `validate` and by the operator alike."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STEP = 10
 
 
 def mistakes_in(policy: Policy) -> tuple[Finding, ...]:
-    """Everything for which a policy that has a meaning is refused nevertheless."""
+    """Every reason to refuse a policy that parses."""
     return (
         *type_findings(policy),
         *ros_key_findings(policy),
@@ -39,7 +39,7 @@ def _debounce(policy: Policy) -> Iterator[Finding]:
 
 
 def _steps(policy: Policy) -> Iterator[Finding]:
-    """Realtime periods are divided finer."""
+    """A max that falls below min when rounded down to a step. Realtime budgets move in finer steps."""
     if policy.scheduler is Scheduler.REALTIME:
         return
     for index, task in enumerate(policy.tasks):

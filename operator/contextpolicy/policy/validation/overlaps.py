@@ -1,4 +1,4 @@
-"""Two tasks that claim one container: certain where one selector implies the other, possible where none excludes it."""
+"""Tasks that claim the same container: certain if one selector implies the other, possible unless they exclude it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class TaskClaim(NamedTuple):
 
 
 class Conflict(NamedTuple):
-    """Two claims; `certain` when one selector takes every pod that the other takes."""
+    """Two claims; `certain` if one selector matches every pod that the other matches."""
 
     earlier: TaskClaim
     later: TaskClaim
@@ -31,7 +31,7 @@ class Conflict(NamedTuple):
 
 
 def conflicts(policies: Iterable[Policy]) -> Iterator[Conflict]:
-    """Every pair of tasks that would want the same container. Only enforcing policies take anything."""
+    """Every pair of tasks that may claim the same container. Only policies in mode Enforce claim any."""
     claims = [
         TaskClaim(policy, place, task)
         for policy in policies
@@ -61,6 +61,7 @@ def _follows(given: SelectorRequirement, wanted: SelectorRequirement) -> bool:
             return not set(given.values) & set(wanted.values)
         case "NotIn", "NotIn":
             return set(wanted.values) <= set(given.values)
+        # NotIn also matches pods without the label.
         case one, other:
             return one == other or (one, other) in {("In", "Exists"), ("DoesNotExist", "NotIn")}
 

@@ -18,7 +18,10 @@ class PolicyFileError(ContextPolicyError):
 
 
 def load_policy(path: str, types: Definitions | None = None) -> Policy:
-    """Read a policy as the API server would take it; `types` are the ROS 2 messages of ConfigMaps not in the file."""
+    """Read a policy as the API server would; `types` are the ROS 2 messages of ConfigMaps that are not in the file.
+
+    Raises PolicyFileError.
+    """
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

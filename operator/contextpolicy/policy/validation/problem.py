@@ -1,4 +1,4 @@
-"""One thing to tell about a file."""
+"""One problem in a file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class Severity(StrEnum):
-    """Whether a file is refused or merely surprising."""
+    """Whether the file is refused or only questionable."""
 
     ERROR = "error"
     WARNING = "warning"
@@ -31,12 +31,12 @@ class Problem:
     severity: Severity = Severity.ERROR
 
     def __str__(self) -> str:
-        """As compilers write it, so that editors can jump there."""
+        """As compilers print it, so that editors can jump there."""
         field = f"{self.field}: " if self.field else ""
         return f"{self.file}:{self.position.line}:{self.position.column}: {self.severity}: {field}{self.message}"
 
     def as_json(self) -> dict[str, Any]:
-        """For machines."""
+        """JSON-serialisable, with `line` and `column` instead of `position`."""
         value = self.value if _is_plain(self.value) else short(self.value)
         fields = asdict(replace(self, value=value)) | asdict(self.position)
         del fields["position"]
@@ -44,7 +44,7 @@ class Problem:
 
 
 def short(value: object) -> str:
-    """A value for people, cut where it gets boring."""
+    """The value's repr, cut to 80 characters."""
     text = repr(value)
     return text if len(text) <= 80 else text[:77] + "..."
 

@@ -21,7 +21,7 @@ _TYPE = re.compile(r"(?:.*/)?(?P<package>\w+)::msg::dds_::(?P<name>\w+)_(?P<rest
 
 
 def ros_key_findings(policy: Policy) -> Iterator[Finding]:
-    """Streams of rmw_zenoh's topics that can get no sample, or none that can be decoded."""
+    """Streams on rmw_zenoh's keys that can get no sample, or none that can be decoded."""
     for index, stream in enumerate(policy.streams):
         named = _TYPE.fullmatch(stream.key)
         if named is not None:

@@ -1,4 +1,4 @@
-"""What is known of a value before there is one: its kind, and the fields of messages and examples."""
+"""What is known of a value before it arrives: its kind, and the fields of messages and examples."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 MAX_FIELDS = 12
-"""Fields that a message lists."""
+"""Fields that an error message lists."""
 MAX_DEPTH = 32
-"""Levels of an example: no payload may have more."""
+"""Levels of an example that count: no payload may have more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +27,9 @@ class Shape:
     fields: Mapping[str, Shape] | None = None
     item: Shape | None = None
     owner: str = ""
-    """Who says which fields there are: a ROS type, or an example."""
+    """What declares the fields, for error messages: a ROS type or an example."""
     complete: bool = True
-    """Whether there are no other fields: a ROS type knows, an example is one sample of many."""
+    """Whether there are no other fields: true of a ROS type, false of an example, which is one sample of many."""
 
 
 ANY = Shape("anything")
@@ -47,12 +47,12 @@ _SCALARS: dict[type, Shape] = {bool: BOOL, int: NUMBER, float: NUMBER, str: TEXT
 
 
 def list_of(item: Shape) -> Shape:
-    """A list whose items are alike."""
+    """A list whose items all have this shape."""
     return Shape(LIST.kind, item=item)
 
 
 def known_fields(shape: Shape, missed: str) -> str:
-    """The fields that there are instead of one that is not."""
+    """The fields that exist, in words, with a suggestion for the one that does not."""
     names = list(shape.fields or ())
     listed = ", ".join(names[:MAX_FIELDS]) + (", ..." if len(names) > MAX_FIELDS else "")
     return f"{shape.owner} has {listed}{did_you_mean(missed, names)}"
@@ -74,7 +74,7 @@ def _of_field(store: Typestore, description: Any) -> Shape:
 
 
 def of_example(value: object, owner: str, depth: int = 0) -> Shape:
-    """What a sample shows: every sample is taken to look like it."""
+    """The shape of an example: every sample is assumed to look like it."""
     if depth > MAX_DEPTH:
         return ANY
     if isinstance(value, dict):

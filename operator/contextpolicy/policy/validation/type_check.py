@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def expression_findings(policy: Policy) -> Iterator[Finding]:
-    """Conditions that are none, scores that are no numbers, fields that no sample has, kinds that do not fit."""
+    """Conditions that are not boolean, scores that are not numbers, unknown fields, operands that do not fit."""
     samples = {stream.name: _shape(stream) for stream in policy.streams}
     shapes = {stream.name: _with_features(samples[stream.name], stream) for stream in policy.streams}
     for field, source, wanted in _shared(policy):
@@ -43,7 +43,7 @@ def _timestamp(field: str, path: str, shape: Shape) -> Iterator[Finding]:
 
 
 def _shared(policy: Policy) -> Iterator[tuple[str, str, Shape]]:
-    """The expressions that read several streams, each with what it must be."""
+    """Fields, sources and required shapes of the expressions that may read every stream."""
     for index, task in enumerate(policy.tasks):
         for number, activity in enumerate(task.activity):
             yield f"spec.tasks[{index}].activity[{number}].when", activity.when, BOOL
@@ -58,7 +58,7 @@ def _shared(policy: Policy) -> Iterator[tuple[str, str, Shape]]:
 
 
 def _own(stream: Stream) -> Iterator[tuple[str, str, Shape]]:
-    """A stream's own expressions, which see its sample before there are features."""
+    """A stream's own expressions, which see its sample before features are computed."""
     if stream.filter is not None:
         yield "filter", stream.filter, BOOL
     for number, feature in enumerate(stream.features):
@@ -76,7 +76,7 @@ def _shape(stream: Stream) -> Shape:
 
 
 def _message_shape(stream: Stream, type_name: str) -> Shape:
-    """Nothing is known of a message whose definition is missing or wrong, which is a finding of its own."""
+    """ANY for a message whose definition is missing or wrong, which is a finding of its own."""
     try:
         store = store_of(stream)
     except DefinitionError:
