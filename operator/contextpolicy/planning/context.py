@@ -1,4 +1,4 @@
-"""One context over time: its condition, the delays that keep it from flapping, the hand that forces it."""
+"""One context over time: its condition, the delays that keep it from flapping, and what overrides it."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ class ContextState:
         return self._timers.due(self)
 
     def start(self, now: float) -> None:
-        """What can be decided without a sample is decided at the beginning."""
+        """Decide at once what needs no sample."""
         self.on_value(now)
 
     def adopt(self, old: ContextState, now: float) -> None:
-        """Go on where the same condition on the same streams of the policy's last version stands.
+        """Continue the same condition, on the same streams, of the policy's previous version.
 
-        Delays that were edited run anew; what holds need not be entered a second time.
+        Edited delays start over; a context that holds need not be entered again.
         """
         self.holds = old.holds
         if self.when and old.when:
@@ -68,7 +68,7 @@ class ContextState:
         self.on_value(now)
 
     def on_value(self, now: float) -> None:
-        """A stream it reads has a new value, or none any more."""
+        """A stream that it reads has a new value, or lost its value."""
         if self.when is None:
             return
         wanted = self.when.truth(now)
@@ -91,7 +91,7 @@ class ContextState:
         self._turn(now)
 
     def insist(self, reason: str, now: float) -> None:
-        """Let it hold whatever the sensors say: as fallback, or by hand."""
+        """Make it active whatever the sensors say: as fallback, or by hand."""
         was = self.active
         self.insisted.add(reason)
         if not was:

@@ -1,4 +1,4 @@
-"""Who gets what at one instant: weights, their division over the nodes, and whose needs that leaves unmet."""
+"""Who gets what at one instant: weights, their division over the nodes, and the needs that stay unmet."""
 
 from __future__ import annotations
 
@@ -53,6 +53,7 @@ class Decider:
         self._may_yield = {task.name for task in self._leaves if task.needs.enforce is Enforce.SUSPEND}
         self._places = {task.name: place for place, task in enumerate(policy.tasks)}
         tree = TaskTree(policy)
+        # Innermost first: whether a group is suspended depends on the groups inside it.
         self._groups = sorted(
             (task for task in policy.tasks if task.subtasks), key=lambda task: -len(tree.ancestors(task.name))
         )
@@ -62,10 +63,10 @@ class Decider:
         return self._weigher.weigh_at_rest()
 
     def decide(self, situation: Situation) -> Decision:
-        """Decide; where the policy wants it, tasks whose needs are unmet yield, the lightest first, until all are met.
+        """Decide; tasks with `enforce: Suspend` yield, the lightest first, until none of them has an unmet need.
 
-        In the end those that fit after all come back, the heaviest first: a heavier one may have yielded since. So who
-        runs does not depend on what was decided before.
+        Then those that fit after all come back, the last to yield first: a heavier task that yielded later may have
+        made room. So who runs depends on this situation only, not on earlier decisions.
         """
         yielding: dict[str, str] = {}
         decision = self._attempt(situation, yielding)
@@ -96,7 +97,7 @@ class Decider:
         return Decision(weights, tasks, division, (*division.shortfalls, *yielded, *unmet))
 
     def _lightest_unmet(self, decision: Decision) -> tuple[str, str] | None:
-        """Of the tasks that may yield the lightest one with an unmet need; of equals the first in the policy."""
+        """The lightest task that may yield and has an unmet need, with that need; ties go to the policy's first."""
         if not self._may_yield:
             return None
         unmet = [
@@ -107,7 +108,7 @@ class Decider:
         return min(unmet)[2:] if unmet else None
 
     def _suspended(self, weights: Mapping[str, Weight], division: Division) -> set[str]:
-        """The tasks that are to do nothing; a parent is suspended with the last of its subtasks."""
+        """The suspended tasks; a parent is suspended when all its subtasks are."""
         found = {
             task.name
             for task in self._leaves

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 class Division:
     """All nodes' plans, each task's share over all of them, and what could not be met.
 
-    `resting` are the tasks that have a share by their priority, while nothing is active on their node.
+    `resting` are the tasks that get a share by priority because nothing is active on their node.
     """
 
     nodes: Mapping[str, NodePlan]
@@ -54,7 +54,7 @@ def divide_nodes(
 ) -> Division:
     """Divide each node; a node that can't be divided keeps its last plan and says why.
 
-    `at_rest` says what the tasks would weigh if all were active; asked only for a node on which nothing is.
+    `at_rest` returns what the tasks would weigh if all were active; called only for nodes where nothing is active.
     """
     nodes: dict[str, NodePlan] = {}
     shortfalls: list[Shortfall] = []
@@ -89,6 +89,7 @@ def _terms(node: SeatedNode, weights: Mapping[str, Weight], at_rest: AtRest) -> 
     claims = [seat.claim(weights[seat.task].value) for seat in node.seats]
     unprotected = node.protects and sum(claim.least for claim in claims) > node.capacity // node.quantum
     if unprotected:
+        # Not even the protected floors fit: scale them down with the others rather than keep an outdated plan.
         claims = [seat.claim(weights[seat.task].value, protect=False) for seat in node.seats]
     return Terms(node.capacity, node.quantum, tuple(claims), node.period, basis, unprotected)
 

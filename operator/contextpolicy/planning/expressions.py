@@ -1,4 +1,4 @@
-"""CEL expressions on live streams: the variables that they see, and failures that are told instead of raised."""
+"""CEL expressions on live streams: the variables that they see, and failures that are reported, not raised."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ Value = TypeVar("Value")
 
 
 class ExpressionListener(Protocol):
-    """Who is told that an expression has no value."""
+    """Hears which expressions fail and recover."""
 
     def on_expression_error(self, source: str, reason: str) -> None:
         """The expression failed on this sample."""
 
     def on_expression_recovery(self, source: str) -> None:
-        """The expression that failed has a value again."""
+        """The expression evaluates again after a failure."""
 
 
 class Reader(Protocol):
-    """Who asks expressions."""
+    """Something that evaluates expressions."""
 
     def on_value(self, now: float) -> None:
-        """Ask again: what they read may have changed."""
+        """Evaluate again: what they read may have changed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Waiting:
-    """An expression can't be decided: `stream` has no value, or not all of one; `since` is when that began."""
+    """An expression can't be decided: `stream` has no value, or lacks a feature; `since` is when that began."""
 
     stream: str
     reason: str
@@ -50,9 +50,9 @@ class Waiting:
 
 
 class Guarded:
-    """An expression whose failure is an answer and is told, not raised: bad samples happen.
+    """An expression that reports failures to its listener instead of raising them: bad samples happen.
 
-    That a stream has no value is no failure: CEL decides without it where it can, and `waiting` tells where it can't.
+    A stream without a value is no failure: CEL decides without it where it can, and where it can't, `waiting` says so.
     """
 
     def __init__(self, expression: Expression, scope: Scope, listener: ExpressionListener) -> None:
@@ -75,13 +75,13 @@ class Guarded:
         return _part(part).evaluate(self._scope)
 
     def adopt(self, old: Guarded) -> None:
-        """Go on waiting where the same expression of the policy's last version does."""
+        """Continue to wait as the same expression of the policy's previous version does."""
         self.waiting = old.waiting
 
     def _truth_despite_nan(self, scope: Scope) -> bool:
-        """Whether the condition holds, whatever the numbers are that the sensors do not know.
+        """Whether the condition holds whatever number stands for each NaN; tried with -inf and +inf.
 
-        To the CEL library NaN is not comparable, and one beam of a laser scanner would fail all that is asked of it.
+        The CEL library can't compare NaN, so one missing beam of a laser scanner would fail every condition on it.
         """
         streams = self.expression.variables
         try:
@@ -117,7 +117,7 @@ class Guarded:
 
 
 class Ageing:
-    """Lets a reader ask again when a stream reaches an age that its expressions compare: nothing polls."""
+    """Wakes a reader when a stream reaches an age that its expressions compare with, so that nothing polls."""
 
     def __init__(self, ages: Collection[Age], scope: Scope, timers: Timers, reader: Reader) -> None:
         self._ages, self._scope, self._timers, self._reader = ages, scope, timers, reader
@@ -168,7 +168,7 @@ class Scope:
         return expression
 
     def bind(self, stream: str, value: dict[str, Any], now: float = 0.0, lacking: Collection[str] = ()) -> None:
-        """Make `value` the stream's latest sample, since `now`; ExpressionError when CEL has no such type.
+        """Make `value` the stream's latest sample as of `now`; ExpressionError when CEL can't represent it.
 
         `lacking` are its features that have no value.
         """
@@ -214,11 +214,12 @@ class Scope:
         for age in ages:
             if age.stream in self._since:
                 reached = self._since[age.stream] + age.seconds
+                # `>` turns true just after the instant that `>=` does.
                 moments.append(math.nextafter(reached, math.inf) if age.passed else reached)
         return min((moment for moment in moments if moment > now), default=None)
 
     def _context(self) -> cel.Context:
-        """What expressions see, anew: the library forgets no variable."""
+        """A new context with all that expressions see: the library can't remove a variable from one."""
         asking = {REACHED: self._reached, PASSED: self._passed}
         variables = dict(self._values)
         variables |= {HEARD + stream: stream in self._values for stream in self._asked}
@@ -232,11 +233,11 @@ class Scope:
         return since + seconds < self.now
 
     def holds_nan(self, streams: Iterable[str]) -> bool:
-        """Whether expressions see a number of these streams that its sensor does not know."""
+        """Whether expressions see a NaN in any of these streams."""
         return any(_holds_nan(self._values.get(stream)) for stream in streams)
 
     def at_extremes(self, streams: Iterable[str], read: Callable[[Scope], Value]) -> list[Value]:
-        """What `read` gives with the smallest and with the largest number in the place of those that are not known."""
+        """What `read` returns with -inf, then with +inf, in place of each NaN; puts the NaNs back afterwards."""
         values = {stream: self._values[stream] for stream in streams if stream in self._values}
         try:
             return [read(self._with(values, number)) for number in (-math.inf, math.inf)]
@@ -274,7 +275,7 @@ def _without_nan(value: Any, number: float) -> Any:
 
 @lru_cache(maxsize=1024)
 def _part(source: str) -> Expression:
-    """Compiled once: an explanation must not keep the samples waiting."""
+    """Cached, so that explanations do not keep samples waiting for the compiler."""
     return Expression(source)
 
 
@@ -291,7 +292,7 @@ def _grow(reads: dict[str, dict[str, Any]], path: cel_cost.Path) -> None:
 
 
 def _prune(value: Any, reads: dict[str, dict[str, Any]]) -> Any:
-    """The part of a sample that the tree names; what is no map is kept, so that CEL can say what is wrong with it."""
+    """The part of a sample that the tree names; anything but a map is kept, so that CEL can say what is wrong."""
     if not reads or not isinstance(value, dict):
         return value
     return {

@@ -1,4 +1,4 @@
-"""Capability constraints against what the plan gives (paper III)."""
+"""Checks capability constraints against the shares of a plan (paper III)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def shortfalls(
     layout: Seating,
     nodes: Mapping[str, NodePlan],
 ) -> Iterator[Shortfall]:
-    """Every need that a running task has and does not get, and every request that keeps a limit up."""
+    """Every unmet need of a running task, and every CPU request that holds a suspended task's limit up."""
     tasks = {task.name: task for task in policy.leaves} if layout.demanding else {}
     seated = {node.name: node for node in layout.nodes} if layout.demanding else {}
     for container in layout.demanding:

@@ -20,7 +20,7 @@ MAX_SAMPLES = 10_000
 
 
 class Window:
-    """One feature's samples of the last `over` seconds, the newest included, the one exactly `over` old not."""
+    """One feature's samples of the last `over` seconds; a sample leaves when it is exactly that old."""
 
     def __init__(self, feature: Feature, scope: Scope) -> None:
         self.feature = feature
@@ -29,14 +29,14 @@ class Window:
         self._numbers = _Queue(_OPERATIONS[feature.op])
 
     def read(self, scope: Scope) -> float:
-        """What the sample that `scope` holds adds; ExpressionError when `of` has no number on it.
+        """The number that the sample in `scope` contributes; ExpressionError when `of` gives none.
 
-        An infinity is a number here (a laser scanner's "nothing in range"), and NaN one that the sensor does not know.
+        Infinity is a number here (a laser scanner's "nothing in range"), and so is NaN (a reading it does not have).
         """
         return self._of.reading(scope) if self._of else 1.0
 
     def add(self, number: float, now: float) -> None:
-        """Take the newest sample's number; one that the sensor does not know changes no mean and no bound."""
+        """Add the newest sample's number; NaN counts for `count` and `rate`, and is left out of mean, min and max."""
         if math.isnan(number):
             if self.feature.op not in (FeatureOp.COUNT, FeatureOp.RATE):
                 return
@@ -51,7 +51,7 @@ class Window:
         return self._times[0] + self.feature.over if self._times else None
 
     def value(self, now: float) -> float | None:
-        """The feature at `now`; None when mean, min or max have no number to tell about."""
+        """The feature at `now`; None when there is no number for a mean, min or max."""
         while self._times and self._times[0] + self.feature.over <= now + SAME_INSTANT:
             self._drop()
         match self.feature.op:
@@ -84,10 +84,10 @@ _OPERATIONS: dict[FeatureOp, Callable[[float, float], float]] = {
 
 
 class _Queue:
-    """A queue that knows the total of what it holds in constant time, whatever the window's length.
+    """A queue that keeps the total of its numbers in amortised constant time, whatever the window's length.
 
-    Two stacks, each knowing its running totals. Nothing is ever subtracted, so no error of floats stays behind when a
-    number leaves, and it serves minimum and maximum as well.
+    Two stacks with running totals. Nothing is ever subtracted, so no rounding error stays behind when a number leaves,
+    and minimum and maximum work the same way.
     """
 
     def __init__(self, combine: Callable[[float, float], float]) -> None:
@@ -112,7 +112,7 @@ class _Queue:
         return self._combine(self._out[-1], self._in_total)
 
     def _turn(self) -> None:
-        """Turn the newer stack over: the oldest number comes to lie on top, under the total of all."""
+        """Turn the newer stack over: the oldest number ends up on top, with the total of all."""
         for number in reversed(self._in):
             self._out.append(number if not self._out else self._combine(number, self._out[-1]))
         self._in.clear()

@@ -1,6 +1,6 @@
-"""An edit keeps what it did not change: what a planner takes over from that of the policy's last version.
+"""An edit keeps what it did not change: what a planner takes over from that of the policy's previous version.
 
-The same is what has an equal spec and reads only streams that are the same. It keeps its state, timers included.
+A part is unchanged if its spec is equal and so are all streams that it reads. It keeps its state, timers included.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Inheritance:
-    """What the last version left; nothing where there was none, or where it never began."""
+    """The state of the previous version; empty if there was none or it never started."""
 
     def __init__(self, before: Planner | None) -> None:
         before = before if before and before.started else None
@@ -25,14 +25,14 @@ class Inheritance:
         self._same: set[str] = set()
 
     def pass_on_stream(self, stream: StreamState, now: float) -> None:
-        """Streams come first: the others ask if theirs are the same."""
+        """Call this for all streams first: whether a reader is unchanged depends on its streams."""
         old = self._streams.get(stream.spec.name)
         if old is not None and old.spec == stream.spec:
             self._same.add(stream.spec.name)
             stream.adopt(old, now)
 
     def pass_on_initiative(self, initiative: Initiative, task: str, now: float) -> bool:
-        """Whether the task had it; of several that are equal each passes on its state once."""
+        """Returns whether the task had it before; of several equal ones, each passes its state on once."""
         for index, (old, owner) in enumerate(self._initiatives):
             if owner == task and old.spec == initiative.spec and self._are_same(old.streams):
                 del self._initiatives[index]
@@ -41,7 +41,7 @@ class Inheritance:
         return False
 
     def pass_on_context(self, context: ContextState, now: float) -> bool:
-        """Whether there was a context of this name with the same condition."""
+        """Returns whether there was a context of this name with the same condition."""
         old = self._contexts.get(context.spec.name)
         if old is None or old.spec.when != context.spec.when or not self._are_same(old.streams):
             return False

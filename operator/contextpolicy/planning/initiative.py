@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 DECAY_STEPS = 10
 """A decaying score falls in this many steps: a plan for each, and none in between."""
 MAX_EVENTS = 1000
-"""Events that an initiative remembers: of more, each ever weaker than the one before, the newest replace each other."""
+"""Events that an initiative remembers, each weaker than the one before; once full, a new one replaces the newest."""
 
 
 class ActivityListener(expressions.ExpressionListener, Protocol):
@@ -32,7 +32,7 @@ class ActivityListener(expressions.ExpressionListener, Protocol):
 class Initiative:
     """The value of one `Activity` over time; a pre-condition is one with score 1.
 
-    It is that of its strongest event: each counts in full until it ends, then for what is left of it as it decays.
+    It is that of its strongest event: an event counts in full until it ends, then less and less while it decays.
     """
 
     def __init__(
@@ -55,16 +55,16 @@ class Initiative:
         ages = [age for own in asked for age in own.ages]
         self._ageing = expressions.Ageing(ages, scope, timers, self) if ages else None
         self.matches = False
-        """Whether the condition was true when it was last asked."""
+        """Whether the condition was true when last evaluated."""
         self._events: deque[_Event] = deque()
-        """The strongest first, and each ends before the next: an event that a later one outdoes can't matter again."""
+        """Strongest first, and each ends before the next: an event weaker than a later one can't matter again."""
 
     def start(self, now: float) -> None:
-        """What can be decided without a sample is in force from the beginning."""
+        """Decide at once what needs no sample."""
         self.on_value(now)
 
     def adopt(self, old: Initiative, now: float) -> None:
-        """Go on where the same activity on the same streams of the policy's last version stands."""
+        """Continue the same activity, on the same streams, of the policy's previous version."""
         self.value, self._events, self.matches = old.value, old._events, old.matches
         self._timers.adopt(old._timers, old, self)
         self.when.adopt(old.when)
@@ -74,7 +74,7 @@ class Initiative:
             self._ageing.arm(now)
 
     def on_value(self, now: float) -> None:
-        """A stream it reads has a new value, or none any more."""
+        """A stream that it reads has a new value, or lost its value."""
         if self.spec.initiative is not None:
             if self.carrier and not self.carrier.fresh:
                 self._fall(now)
@@ -117,7 +117,7 @@ class Initiative:
     def _rise(self, score: float, now: float) -> None:
         until = now + self.spec.hold if self.spec.hold else math.inf
         events = self._events
-        if len(events) == 1 and events[0].gives_way_to(score):  # nearly every sample, so without a new event
+        if len(events) == 1 and events[0].gives_way_to(score):  # nearly every sample: reuse the event
             events[0].score, events[0].until = score, until
             if self.spec.hold or self.spec.decay:
                 self._wait()
@@ -140,12 +140,13 @@ class Initiative:
         events.append(event)
 
     def _fall(self, now: float) -> None:
-        """What is in force ends now; what decays already goes on."""
+        """End what is in force; events that already decay go on."""
         in_force = [event for event in self._events if event.until > now]
         if not in_force:
             return
         self._events = deque(event for event in self._events if event.until <= now)
         if self.spec.decay:
+            # All of them would decay from now on, so the strongest stays ahead of the others: they can be dropped.
             in_force[0].until = now
             self._events.append(in_force[0])
         self._settle(now)
@@ -189,6 +190,6 @@ class _Event:
         return self.until + (self.steps + 1) * decay / DECAY_STEPS if decay else self.until
 
     def pass_by(self, now: float, decay: float) -> None:
-        """Take all steps due by now: counted, for one computed from the clock can be rounded to the one before."""
+        """Take all steps due by now. They are counted: from the clock, a step could round to the one before."""
         while self.steps < DECAY_STEPS and self.next_change(decay) <= now + SAME_INSTANT:
             self.steps = self.steps + 1 if decay else DECAY_STEPS

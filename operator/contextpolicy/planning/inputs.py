@@ -19,7 +19,7 @@ class Gone:
 class Score:
     """A plugged-in instantiation function produced a score for a task's n-th activity.
 
-    `arrived` is that of the sample that the function was given just now; None when it speaks up by itself.
+    `arrived` is that of the sample that the function is reacting to; None when it emits on its own.
     """
 
     task: str

@@ -1,4 +1,4 @@
-"""A planner over time, in Rx: the one place where planning meets a clock, and the clock is an argument."""
+"""Runs a planner over time, in Rx: the one place where planning meets a clock, and the clock is an argument."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 RESTART = 1.0
-"""Seconds before an instantiation function that failed is called again: it may be slow, and fail at each sample."""
+"""Seconds between restarts of an instantiation function that fails: it may be slow, and fail on every sample."""
 
 
 def plans(
@@ -39,7 +39,7 @@ def plans(
     """Every new plan, from the moment of subscription on.
 
     Inputs must arrive on the scheduler's thread. Between inputs one timer is armed, for the planner's next deadline;
-    with no deadline nothing runs. `before` is the planner of the policy's last version, if it had one.
+    with no deadline nothing runs. `before` is the planner of the policy's previous version, if any.
     """
 
     def subscribe(observer: ObserverBase[Plan], _: SchedulerBase | None = None) -> DisposableBase:
@@ -81,13 +81,14 @@ class _Run:
         self._emit(self._planner.handle(event, self._now()))
 
     def _on_input(self, event: Input) -> None:
+        # The planner first: plugged-in functions are foreign code and may be slow.
         self._take(event)
         if isinstance(event, Sample):
             for plug_in in self._plug_ins:
                 plug_in.tell(event, self._now())
 
     def _on_wake(self, *_: object) -> None:
-        """Schedulers round to microseconds: the deadline itself is never before `now`."""
+        """Schedulers round to microseconds and may fire early: then act as of the deadline, so that it is due."""
         armed, self._armed = self._armed or 0.0, None
         self._emit(self._planner.advance(max(armed, self._now())))
 
@@ -95,6 +96,7 @@ class _Run:
         for plan in new:
             self._observer.on_next(plan)
         due = self._planner.next_due()
+        # Nearly every sample moves a deadline later. The armed timer stays: it finds nothing due then, and rearms.
         if due is not None and (self._armed is None or due < self._armed):
             self._armed = due
             self._wake.disposable = self._scheduler.schedule_absolute(self._scheduler.to_datetime(due), self._on_wake)
@@ -113,8 +115,8 @@ def _call(
 class _PlugIn:
     """One call of an instantiation function: foreign code, whose failure must not end the stream of plans.
 
-    After a failure its last score stands, and the planner is told. By then Rx has ended what the function returned, so
-    a later sample has it called anew; a score is the proof that it works again.
+    After a failure its last score stays in force and the error is reported to the planner. Rx has ended the returned
+    observable by then, so a later sample calls the function again; its next score clears the error.
     """
 
     def __init__(
@@ -134,13 +136,13 @@ class _PlugIn:
         self._arrived: float | None = None
 
     def start(self) -> None:
-        """Call the function and listen to what it returns; what it left behind hears no sample any more."""
+        """Call the function and subscribe to its result; new subjects cut off what an earlier call left subscribed."""
         self._failed = False
         self._taps = {stream: Subject() for stream in self._planner.streams}
         self._guard(self._subscribe)
 
     def tell(self, sample: Sample, now: float) -> None:
-        """Hand a sample on."""
+        """Pass a sample on to the function, after calling it again if it failed."""
         if self._failed and now >= self._retry_at:
             self._retry_at = now + RESTART
             self.start()

@@ -15,7 +15,11 @@ QUANTUM = 10
 
 @dataclass(frozen=True, slots=True)
 class Container:
-    """One container that a task claims; `request` is its CPU request, below which its limit can't go."""
+    """One container that a task claims.
+
+    `request` is its CPU request in thousandths of a core, below which its limit can't go; `memory` is its memory limit
+    in bytes, None if it has none.
+    """
 
     id: str
     task: str
@@ -25,7 +29,7 @@ class Container:
 
     @property
     def floor(self) -> int:
-        """The least limit that the API accepts, in thousandths of a core, a multiple of the quantum."""
+        """The lowest limit that the API accepts, in thousandths of a core, a multiple of the quantum."""
         return max(QUANTUM, -(-self.request // QUANTUM) * QUANTUM)
 
 
@@ -33,8 +37,8 @@ class Container:
 class Placement:
     """Allocatable CPU of each node in thousandths of a core, and the containers on them.
 
-    Nodes in `fair_only` divide as CFS does whatever the policy's scheduler: they can't do realtime. `absent` are the
-    tasks that run nowhere: an ungoverned container is not in `containers`, but it runs.
+    Nodes in `fair_only` can't do realtime: they divide as under CFS, whatever the policy's scheduler. `absent` are the
+    tasks that run nowhere; that can't be read off `containers`, which leaves out running but ungoverned ones.
     """
 
     allocatable: Mapping[str, int] = field(default_factory=dict)
@@ -42,7 +46,7 @@ class Placement:
     fair_only: frozenset[str] = frozenset()
     absent: frozenset[str] = frozenset()
     processors: Mapping[str, int] = field(default_factory=dict)
-    """As the nodes' agents counted them; where there is none, as many as the allocatable CPU needs."""
+    """As counted by the nodes' agents; without an agent, as many as the allocatable CPU needs."""
     quota_periods: Mapping[str, float] = field(default_factory=dict)
     """The kubelets' CFS periods in seconds, as the nodes' agents found them."""
 

@@ -27,7 +27,7 @@ class TaskPlan(NamedTuple):
 
 
 class Basis(StrEnum):
-    """By what a node is divided: by weight (Eq. 1, 2); by priority while nothing is active; or all is suspended."""
+    """What a node is divided by: weight (Eq. 1, 2); priority while nothing is active; nothing if all is suspended."""
 
     WEIGHT = "Weight"
     PRIORITY = "Priority"
@@ -57,11 +57,11 @@ class Shortfall:
 class Plan:
     """What every task gets from `time` on, and why.
 
-    Plans of one sequence number have the same shares: the first one is carried out, those that follow only say how
-    weights, scores and contexts went on, with the cause of that.
+    Plans with one sequence number have the same shares: the first is carried out, later ones only update weights,
+    scores and contexts, with the cause.
 
-    `arrived` is when the sample that made it reached the operator, on the monotonic clock; None when a timer, an edit
-    or a container that came or went made it.
+    `arrived` is when the sample that caused it reached the operator, in seconds on the monotonic clock; None when the
+    cause is a timer, an edit, or a container that came or went.
     """
 
     sequence: int
@@ -79,11 +79,11 @@ class Plan:
         return {identity: share for node in self.nodes.values() for identity, share in node.containers.items()}
 
     def changes(self, last: Plan | None) -> bool:
-        """Whether it is to be carried out after `last`: time, cause and weights alone are no difference."""
+        """Whether it must be carried out after `last`; a new time, cause or weight alone does not count."""
         return last is None or _substance(self) != _substance(last)
 
     def tells(self, last: Plan | None) -> bool:
-        """Whether it shows anything else than `last`."""
+        """Whether it shows anything that `last` did not."""
         return last is None or (self.contexts, self.tasks) != (last.contexts, last.tasks)
 
 

@@ -8,10 +8,10 @@ mode        as in the policy: only what is decided in mode Enforce is carried ou
 scheduler   as in the policy: shares are CPU time under CFS, parts of each processor's period under Realtime
 realtime    how budgets work under Realtime: `policy` (RR, FIFO) and `period` in seconds
 control     as in the policy
-sequence    counts the plans of a run (see below); the first plan of a number is carried out, those that follow it only
-            say how weights, scores and contexts went on while the shares stayed
-time        from when on it is so: Unix seconds, in a simulation seconds from the start of the timeline
-cause       why it differs from the plan before
+sequence    counts the plans of a run (see below); the first plan with a number is carried out, later ones with the same
+            number only update weights, scores and contexts: the shares are the same
+time        when it takes effect: Unix seconds; in a simulation, seconds from the start of the timeline
+cause       why it differs from the previous plan
 contexts    the contexts that hold, in the order in which they apply
 tasks       by name: `score`, `weight`, `share` (the sum over the task's containers), `suspended`, `because`
 nodes       by name: `capacity` (N), `scheduler` (CFS where a node can't do Realtime), `dividedBy` (Weight; Priority
@@ -23,11 +23,11 @@ The decision bus adds what only a running operator has:
 
 ==========  ==========================================================================================================
 run         when the policy's controller was started, in milliseconds since 1970; (run, sequence, edition) only grows
-edition     counts the messages of one sequence number: weights, scores or contexts went on, or containers were
+edition     counts the messages with one sequence number: weights, scores or contexts changed, or containers were
             restarted or moved
 targets     each container: `task`, `node`, `namespace`, `pod`, `uid`, `qos`, `container`, `containerId`, `cores` (what
-            it gets) and `limit` (what the kubelet reports as in force; null as long as it reports nothing)
-trigger     when the sample came that led to it, in Unix seconds; not in an answer to a query
+            it gets) and `limit` (what the kubelet reports as in force; null until it reports one)
+trigger     when the sample that led to it arrived, in Unix seconds; absent from answers to queries
 ==========  ==========================================================================================================
 """
 

@@ -50,7 +50,7 @@ class Planner:
         """The plan with which the shares in force began."""
         self.on_health: Callable[[], None] = lambda: None
         """Called when a stream fell silent, is heard again or changed its clock, or an expression began or ceased to
-        fail: there is news to tell, even when no plan changes."""
+        fail: the status has news even when no plan changes."""
         self.weights: Mapping[str, Weight] = {}
         scope = Scope()
         self.streams = {s.name: StreamState(s, scope, self.timers, self) for s in policy.streams}
@@ -66,9 +66,9 @@ class Planner:
         self._dwell, self._release = _Dwell(self), _Release(self)
 
     def start(self, now: float, before: Planner | None = None) -> list[Plan]:
-        """Begin: watchdogs run, contexts that need no sample are decided.
+        """Start the watchdogs, and decide what needs no sample.
 
-        `before` is the planner of the policy's last version: what the edit left as it was keeps its state.
+        `before` is the planner of the policy's previous version: what the edit did not change keeps its state.
         """
         self.started = True
         former = Inheritance(before)
@@ -92,7 +92,7 @@ class Planner:
     def handle(self, event: Input, now: float) -> list[Plan]:
         """Take an input; timers due before it act first, each at its own instant.
 
-        What is due at this very instant acts after it, so that an event which comes just in time counts.
+        What is due at this very instant acts after it, so that an event that comes just in time counts.
         """
         plans: list[Plan] = []
         next_due = self._let_act(now - SAME_INSTANT, plans)
@@ -123,7 +123,7 @@ class Planner:
         return plans
 
     def reconsider(self) -> None:
-        """Make the plan anew at the next conclusion."""
+        """Make a new plan at the next conclusion."""
         self._changed = True
 
     def next_due(self) -> float | None:
@@ -154,7 +154,7 @@ class Planner:
         self.on_health()
 
     def on_clock(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature
-        """A stream's timestamps count no more, or again."""
+        """A stream's timestamps no longer count, or count again."""
         self.on_health()
 
     def on_drop(self, stream: str, reason: str, detail: str = "") -> None:  # noqa: ARG002 - the listener's signature
@@ -162,7 +162,7 @@ class Planner:
         self.drops[stream, reason] += 1
 
     def on_expression_error(self, source: str, reason: str) -> None:
-        """Count an expression, or a plugged-in function, without a value; keep the latest message for the status."""
+        """Count a failure of an expression or a plugged-in function; keep the latest message for the status."""
         self.drops["", "expression"] += 1
         known = source in self.errors
         self.errors[source] = reason
@@ -170,7 +170,7 @@ class Planner:
             self.on_health()
 
     def on_expression_recovery(self, source: str) -> None:
-        """The status need not tell of it any more."""
+        """Drop the error from the status."""
         if self.errors.pop(source, None) is not None:
             self.on_health()
 
@@ -191,7 +191,7 @@ class Planner:
 
     @property
     def placement(self) -> Placement:
-        """Where the containers run, as last told."""
+        """Where the containers run, as of the last placement received."""
         return self._placement
 
     def scores(self) -> dict[str, float]:
@@ -199,11 +199,11 @@ class Planner:
         return dict(self._scores.of)
 
     def owned_initiatives(self) -> Iterable[tuple[Initiative, str]]:
-        """All activities and pre-conditions with the task that they are of."""
+        """All activities and pre-conditions, each with its task."""
         return self._scores.owned()
 
     def waits(self) -> Iterator[tuple[str, Waiting]]:
-        """What can't be decided now, by the name of its task or context, and what for."""
+        """What can't be decided now: the task or context, and what it waits for."""
         for initiative, task in self.owned_initiatives():
             for own in (initiative.when, initiative.score):
                 if own and own.waiting:
@@ -239,7 +239,7 @@ class Planner:
             stream.observe(sample, now)
 
     def _set_score(self, score: Score, now: float) -> None:
-        # What a plugged-in function emits is its author's doing.
+        # Plugged-in functions are foreign code: they may emit NaN, infinity, or no number at all.
         if isinstance(score.value, int | float) and abs(score.value) <= LARGEST:
             self.initiatives[score.task][score.activity].set(float(score.value), now)
         else:
@@ -259,14 +259,15 @@ class Planner:
                 self.timers.set(self._release, force.until)
 
     def _conclude(self, now: float, arrived: float | None = None) -> list[Plan]:
-        """The new plan, if something happened that changes it and the last one stood long enough.
+        """The new plan, if something changed; until minDwell is over, one that keeps the shares in force.
 
-        The first plan waits until each stream with a watchdog is heard or silent: until then a restart keeps what is.
+        The first plan waits until each stream with a watchdog is heard or silent: until then a restarted operator
+        leaves the limits as they are.
         """
         if not self._changed or (self.last is None and any(stream.unknown for stream in self.streams.values())):
             return []
         plan, decided = self._plan(now, arrived), self.decided
-        # The dwell bounds flapping sensors; a container that came or went can't wait, its node must add up.
+        # minDwell damps flapping sensors. A container that came or went can't wait: shares must sum to N again.
         stands_until = decided.time + self.policy.min_dwell - SAME_INSTANT if decided else now
         dwells = decided is not None and not self._urgent and now < stands_until
         self._changed = self._urgent = False
@@ -285,12 +286,13 @@ class Planner:
         return [plan]
 
     def _hold_back(self, plan: Plan, until: float) -> None:
+        # Counts the different plans held back, not each sample that leads to the same one.
         self.held_back += plan.changes(self._held)
         self._held = plan
         self.timers.set(self._dwell, until)
 
     def _note(self, source: object, cause: str) -> None:
-        """Something changed; of each source the latest word is kept, so that a dwelling plan's cause stays short."""
+        """Note a change; only the latest of each source is kept, so that the cause of a plan held back stays short."""
         self._causes.pop(source, None)
         self._causes[source] = cause
         self._changed = True
@@ -329,13 +331,13 @@ def _with_shares_of(decided: Plan, plan: Plan) -> Plan:
 
 
 class _Dwell:
-    """The end of the time that the last plan must stay."""
+    """The end of minDwell."""
 
     def __init__(self, planner: Planner) -> None:
         self._planner = planner
 
     def on_due(self, now: float) -> None:  # noqa: ARG002 - the timer's signature
-        """Let the planner conclude again: what was held back is still noted as cause."""
+        """Let the planner conclude again; the causes of the plan held back are still noted."""
         self._planner.reconsider()
 
 

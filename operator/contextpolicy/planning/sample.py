@@ -8,10 +8,10 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A decoded payload; `timestamp` is when it was taken, where the sender tells, in seconds of the planner's time.
+    """A decoded payload; `timestamp` is when it was taken, if the sender says so, in seconds on the planner's clock.
 
-    `arrived` is when it reached the operator, on the monotonic clock: planning decides nothing by it and hands it on to
-    the plan, so that what follows can say how long the robot took to react.
+    `arrived` is when it reached the operator, in seconds on the monotonic clock: planning never decides by it, only
+    passes it on to the plan, so that the reaction time can be measured.
     """
 
     stream: str

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 class Scores:
-    """A score is the strongest activity's that is held or fresh, and at least the task's idle score.
+    """A score is that of the strongest activity that is held or fresh, and at least the task's idle score.
 
-    It is 1 for a task without either.
+    A task with neither scores 1.
     """
 
     def __init__(self, policy: Policy, instantiate: Callable[[Activity], Initiative]) -> None:

@@ -1,4 +1,4 @@
-"""A placement seen through a policy: all of a division that weights don't change, worked out once per placement."""
+"""A placement seen through a policy: all of a division that weights don't change, computed once per placement."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy, Task
 
 REALTIME_BUDGET = 950
-"""Thousandths of each processor's period for realtime tasks: the default of sched_rt_runtime_us / sched_rt_period_us. N
-may be less, spread over all processors."""
+"""Thousandths of each processor's period for realtime tasks: the default of sched_rt_runtime_us / sched_rt_period_us.
+Less where N, spread over all processors, comes to less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class SeatedNode:
 
 @dataclass(frozen=True, slots=True)
 class Seating:
-    """All nodes whose size is known, the containers that may turn out short of something, and tasks without a pod."""
+    """All nodes of known size, the containers that may come up short of their needs, and the tasks without a pod."""
 
     nodes: tuple[SeatedNode, ...] = ()
     demanding: tuple[Container, ...] = ()
@@ -77,7 +77,7 @@ class Seating:
 
 
 def seat_tasks(policy: Policy, placement: Placement) -> Seating:
-    """Place the policy's tasks; containers of tasks that it does not have are none of its business."""
+    """Seat the policy's tasks on their nodes; containers of other tasks are ignored."""
     tasks = {task.name: task for task in policy.leaves}
     seats = {
         name: [(tasks[task], containers) for task, containers in seated.items() if task in tasks]
@@ -120,6 +120,7 @@ def _seat(policy: Policy, task: Task, containers: Sequence[Container], most: int
     """`step` is a unit in thousandths of a core; under realtime a unit is a thousandth of each processor."""
     floors = tuple(_floor(policy, container) for container in containers)
     floor = max(sum(floors), -(-task.min // step))
+    # A request can hold the floor above `max`; the ceiling rises with it, as `Demand` needs floor <= ceiling.
     ceiling = most if task.max is None else task.max // step
     return Seat(task.name, tuple(containers), floors, floor, max(floor, ceiling), task.protected)
 

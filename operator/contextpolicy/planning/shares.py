@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 RESOLUTION = 10**9
-"""Weights count to one part in 10^9 of the heaviest: whole numbers, so float noise can't move a unit."""
+"""Weights are rounded to 1 in 10^9 of the heaviest and divided as integers: float noise can't move a unit."""
 
 
 class Demand(NamedTuple):
@@ -33,9 +33,10 @@ class Demand(NamedTuple):
 def divide(total: int, claims: Sequence[Demand]) -> dict[str, int]:
     """Units per claim, by weight, within [floor, ceiling]; the sum is min(total, sum of ceilings) exactly.
 
-    Bounds are met by redistribution: a claim that a bound holds leaves the division and the others share the rest, as
+    Bounds are met by redistribution: a claim held at a bound leaves the division and the others share the rest, as
     in weighted max-min fairness. Fractions are settled by largest remainder; ties go to the heavier, then by name.
-    Floors above the total (`floors_exceed` tells) are scaled down in proportion, with no claim below its `least`.
+    Floors above the total (see `floors_exceed`) are scaled down in proportion, with no claim below its `least`.
+    ShareError when the total is less than the sum of `least`.
     """
     needed = sum(claim.least for claim in claims)
     if total < needed:
@@ -63,10 +64,10 @@ def _whole_weights(claims: Sequence[Demand]) -> dict[str, int]:
 
 
 def _clamped(total: int, claims: Sequence[Demand], weights: dict[str, int]) -> dict[str, int]:
-    """The claims that a bound decides, with what it gives them.
+    """The claims held at a bound, with their units.
 
     Water filling: in each round either the claims below their floor or those above their ceiling leave, whichever
-    violate by more in sum; those would violate in every later round too, so each claim leaves at most once.
+    violations sum to more; those would persist in every later round, so each claim leaves at most once.
     """
     fixed = {c.name: c.floor for c in claims if c.weight <= 0 or c.floor == c.ceiling}
     free = [c for c in claims if c.name not in fixed]
@@ -101,6 +102,7 @@ def _largest_remainder(total: int, claims: Sequence[Demand], weights: dict[str, 
 
 
 def _scaled_floors(total: int, claims: Sequence[Demand]) -> dict[str, int]:
-    """Floors that together exceed the total, scaled down: the least each, the rest in proportion to the floors."""
+    """Floors that together exceed the total, scaled down: each its `least`, the rest in proportion to the floors."""
     by_floor = [Demand(c.name, float(c.floor), c.least, max(c.least, c.floor), c.least) for c in claims]
+    # Recurses once only: the floors are the `least`s now, and `divide` has checked that those fit.
     return divide(total, by_floor)

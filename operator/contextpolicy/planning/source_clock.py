@@ -1,8 +1,8 @@
-"""What a stream's own timestamps say: whether a sample is in order, and how old it is, if its clock is ours at all.
+"""Judges samples by their own timestamps: their order, their age, and whether the sender's clock is ours at all.
 
-A robot in simulation, or a recording that is played again, stamps its samples with another clock: hours or years off,
-but steadily so. One late sample proves nothing, and a backlog that a network lets go catches up while it arrives; so
-the offset must stay the same for some samples and some time. Then the time of arrival counts.
+A simulated robot or a replayed recording stamps its samples with another clock, hours or years off but by a constant
+offset. One late sample proves nothing, and a backlog that the network releases catches up as it drains. So the offset
+must stay constant over several samples and some time; from then on samples are timed by their arrival.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from contextpolicy.policy.spec import Clock
 FUTURE_TOLERANCE = 1.0
 """Seconds that a sender's clock may be ahead; a timestamp beyond it is ignored, its sample still counts."""
 REORDERING = 10.0
-"""Seconds by which samples can overtake each other; a timestamp older than that means that its clock was set."""
+"""Seconds by which samples can overtake each other; a timestamp further back means that the clock was set back."""
 STEADINESS = 0.01
-"""How much an offset may change, as a part of itself, and still be that of one clock: a recording from yesterday can
-be played at any speed, while a backlog of 20 s is no longer one after it shrank by 0.2 s."""
+"""Relative change within which an offset counts as constant: yesterday's recording passes at any playback speed, a
+backlog of 20 s fails once it has shrunk by 0.2 s."""
 EVIDENCE = 5
-"""Samples in a row that show another clock."""
+"""Consecutive samples that it takes to believe in another clock."""
 EVIDENCE_TIME = 1.0
-"""Seconds that they must take at least: the samples that a late listener is sent at once are no evidence."""
+"""Seconds that they must span: the burst of old samples that a late subscriber gets proves nothing."""
 
 IGNORED, OUT_OF_ORDER, TOO_OLD = "timestamp ignored", "out of order", "too old"
 
 
 class SourceClock:
-    """The clock behind one stream; `behind` is by how many seconds it is behind ours, None as long as it is ours."""
+    """The clock behind one stream; `behind` is how many seconds it lags ours, None while it is ours."""
 
     def __init__(self, choice: Clock, stale_after: float | None) -> None:
         self.behind: float | None = None
@@ -60,7 +60,7 @@ class SourceClock:
         self._newest = None
 
     def _compare(self, offset: float, now: float) -> None:
-        """Decide whose clock it is: ours again at once, another's after some evidence."""
+        """Decide whose clock it is: one sample is enough for ours, another's takes evidence."""
         if abs(offset) <= self._far:
             self.behind = None
             self._elsewhere.end()
@@ -74,8 +74,9 @@ class SourceClock:
                 self.behind = offset
 
     def _is_overtaken(self, stamp: float, now: float) -> bool:
-        """Whether a newer sample was there before; a clock that goes on from further back was set back."""
+        """Whether a newer sample came first; a clock that keeps running from an earlier time was set back instead."""
         if self._newest is not None and self._newest - REORDERING < stamp < self._newest - SAME_INSTANT:
+            # A clock that was set back moves forward again; stragglers that go further back are no evidence of it.
             if stamp < self._late:
                 self._set_back.end()
             self._late = stamp
@@ -87,13 +88,13 @@ class SourceClock:
 
 
 class _Run:
-    """Samples in a row that show the same; it is evidence once they are enough and took long enough."""
+    """Consecutive samples that agree: evidence after `EVIDENCE` samples that span `EVIDENCE_TIME`."""
 
     def __init__(self) -> None:
         self._count, self._since = 0, 0.0
 
     def goes_on(self, now: float) -> bool:
-        """Count one more; whether that is evidence."""
+        """Count one more sample; returns whether the run is evidence now."""
         if not self._count:
             self._since = now
         self._count += 1

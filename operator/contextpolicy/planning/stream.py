@@ -26,19 +26,19 @@ class StreamListener(Protocol):
         """The stream's variable has a new value."""
 
     def on_silence(self, stream: StreamState, now: float) -> None:
-        """The stream is no longer a value."""
+        """The stream has no value any more."""
 
     def on_recovery(self, stream: StreamState, now: float) -> None:
         """A silent stream is heard again."""
 
     def on_first_value(self, stream: StreamState) -> None:
-        """A stream without a value has one."""
+        """A stream without a value has one now."""
 
     def on_clock(self, stream: StreamState) -> None:
-        """The stream's timestamps turned out to be of another clock, or of ours again."""
+        """The stream's timestamps turned out to come from another clock, or from ours again."""
 
     def on_drop(self, stream: str, reason: str, detail: str = "") -> None:
-        """A sample was not used, or not all of it; `detail` is the sample's own story, `reason` one of few words."""
+        """A sample, or only its timestamp, was not used; `reason` is one of a fixed few, `detail` explains it."""
 
 
 class StreamState:
@@ -69,11 +69,11 @@ class StreamState:
 
     @property
     def unknown(self) -> bool:
-        """Whether it is still open if the stream is heard or silent."""
+        """Whether it is still undecided if the stream is heard or silent."""
         return self.spec.stale_after is not None and self.seen_at is None and not self.silent
 
     def adopt(self, old: StreamState, now: float) -> None:
-        """Go on where the same stream of the policy's last version stands: window, gate, watchdog, clock and value."""
+        """Continue the same stream of the policy's previous version: window, gate, watchdog, clock and value."""
         self.seen_at, self.clock, self.absent_since = old.seen_at, old.clock, old.absent_since
         self.fresh, self.silent, self.value = old.fresh, old.silent, old.value
         self._windows, self._own, self._filter = old._windows, old._own, old._filter
@@ -106,6 +106,7 @@ class StreamState:
             if self._filter and not self._filter.truth(self._own):
                 self._listener.on_drop(self.spec.name, "filtered")
                 return
+            # Read all before adding any: a sample that fails must not end up in some of the windows.
             numbers = [window.read(self._own) for window in self._windows]
             for window, number in zip(self._windows, numbers, strict=True):
                 window.add(number, now)
@@ -116,7 +117,7 @@ class StreamState:
         self._listener.on_value(self, now)
 
     def slide(self, now: float) -> None:
-        """The oldest sample left a window: the readers are asked when that changes a feature."""
+        """The oldest sample left a window: readers evaluate again if that changed a feature."""
         before = self._features
         if self.value is not None and self.fresh and self._measure(now) != before:
             self._share(self.value, self._valued_at)
@@ -153,18 +154,19 @@ class StreamState:
             self._listener.on_first_value(self)
 
     def _share(self, value: dict[str, Any], at: float) -> None:
-        """Let expressions see the sample of this moment with the features; ExpressionError if CEL can't hold it."""
+        """Show expressions the sample of `at` with the features; ExpressionError if CEL can't represent it."""
         if not self._windows:
             self._shared.bind(self.spec.name, value, at)
             return
         lacking = [f.name for f in self.spec.features if f.name not in self._features]
         fields = {**value, **self._features}
+        # A sample's own field must not stand in for a feature of the same name that has no value.
         for name in lacking:
             fields.pop(name, None)
         self._shared.bind(self.spec.name, fields, at, lacking)
 
     def _resume(self, value: dict[str, Any], now: float) -> None:
-        """Let new expressions see an old sample, of which they may read more than could be shown to CEL."""
+        """Show the old sample to new expressions: they may read fields of it that CEL can't represent."""
         try:
             self._share(value, self._valued_at)
         except ExpressionError:
@@ -174,7 +176,7 @@ class StreamState:
             self._shared.unbind(self.spec.name)
 
     def _measure(self, now: float) -> dict[str, float]:
-        """Take the windows' values of now, and wait for the next sample that leaves one."""
+        """Update the features to `now`, and set a timer for when the next sample leaves a window."""
         values = self.features(now)
         self._features = {name: value for name, value in values.items() if value is not None}
         moments = [due for window in self._windows if (due := window.next_change()) is not None]
@@ -183,7 +185,7 @@ class StreamState:
         return self._features
 
     def _untimely(self, sample: Sample, now: float) -> str | None:
-        """Why a sample's own timestamp rules it out."""
+        """Why a sample's own timestamp rules it out; None when it does not."""
         was_ours = self.clock.behind is None
         reason = self.clock.judge(sample.timestamp, now)
         if (self.clock.behind is None) is not was_ours:

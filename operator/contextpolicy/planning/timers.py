@@ -6,8 +6,8 @@ import heapq
 from typing import Protocol
 
 SAME_INSTANT = 1e-6
-"""Seconds: instants closer than this are one. Unix time in a float has steps of 0.24 us, and sums of such are rounded:
-a sensor whose period is just a `hold` or `staleAfter` must not flap by that."""
+"""Seconds: instants closer than this are one. Unix time in a float has steps of 0.24 us, and sums are rounded: a
+sensor whose period equals a `hold` or `staleAfter` must not flap because of that."""
 
 
 class Timed(Protocol):
@@ -20,9 +20,9 @@ class Timed(Protocol):
 class Timers:
     """A heap of deadlines, one per object.
 
-    Moving a deadline later, what every sample does to its stream's, or clearing it only notes so: the heap entry stays
-    and is moved or dropped when it comes up. Objects due at one instant act in the order in which they first set a
-    deadline.
+    Every sample moves its stream's deadline, so moving one later, or clearing it, leaves the heap alone: the old entry
+    is moved or dropped when it comes up. Objects due at one instant act in the order in which they first set a
+    deadline, so that a replay acts in the same order.
     """
 
     def __init__(self) -> None:
@@ -69,7 +69,7 @@ class Timers:
         return None
 
     def fire(self, now: float) -> None:
-        """Let everything due by `now` act, in order of deadline; what they set anew and is due acts too."""
+        """Let everything due by `now` act, in order of deadline, including what they set meanwhile."""
         while (due := self.next_due()) is not None and due <= now:
             owner = heapq.heappop(self._heap)[2]
             del self._due[owner], self._queued[owner]

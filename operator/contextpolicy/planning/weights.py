@@ -63,11 +63,11 @@ class Weigher:
         return self._spread({task.name: self._own_weight(task, scores[task.name]) for task in self._policy.tasks})
 
     def weigh_at_rest(self) -> dict[str, Weight]:
-        """What the tasks weighed last would weigh if all were equally active: their priorities, so to speak."""
+        """What the tasks would weigh if all scored 1, with the last obstacles: in effect, their priorities."""
         return self._spread({task.name: _own_weight(task, 1.0, self._contexts) for task in self._policy.tasks})
 
     def _look_at(self, obstacles: Obstacles, contexts: Sequence[Context]) -> None:
-        """Who can run changes rarely, scores with every sample."""
+        """Recompute who can run only if that may have changed: it does so rarely, scores with every sample."""
         if contexts != self._contexts:
             self._contexts = contexts
             self._own.clear()
@@ -77,7 +77,7 @@ class Weigher:
             self._blocked = self._find_blocked(obstacles)
 
     def _find_blocked(self, obstacles: Obstacles) -> dict[str, str]:
-        """Each task that can't run, with the reason; one that others depend on comes ahead of them."""
+        """Each task that can't run, with the reason; dependencies come before their dependents."""
         blocked: dict[str, str] = {}
         for name in self._order:
             task = self._tree.tasks[name]
@@ -104,12 +104,14 @@ class Weigher:
         return weight
 
     def _spread(self, own: dict[str, Weight]) -> dict[str, Weight]:
-        """Let nothing go to tasks that can't run, and each parent's weight to its subtasks."""
+        """Zero the tasks that can't run, and split each parent's weight over its subtasks."""
         for name, reason in self._blocked.items():
             own[name] = Weight(own[name].score, 0.0, reason, able=False)
+        # Innermost first: a parent without an active subtask is idle, which may leave its own parent idle.
         for parent in reversed(self._groups):
             if own[parent.name].value > 0 and not any(own[name].value for name in parent.subtasks):
                 own[parent.name] = own[parent.name]._replace(value=0.0, because=_idle_reason(parent, own))
+        # Outermost first: a parent's own weight is final before it is split.
         for parent in self._groups:
             own |= _split(parent, own, self._tree.tasks)
         return own

@@ -2,5 +2,5 @@
 
 Reading order: spec (the values), fields and quantities (how one field is read), parsing (a whole object), cel
 with cel_syntax, cel_cost, cel_numbers and cel_rewriting (expressions: their tree, what they may cost, what a number is,
-and the text for the CEL library), references (what only the whole policy can tell).
+and the text for the CEL library), references (what only the whole policy can show).
 """

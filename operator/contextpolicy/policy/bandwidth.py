@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 PERIOD = 0.1
-"""Seconds: the kubelet's default period of limits (cpuCFSQuotaPeriod), and that of realtime budgets here. A thread that
-used up what it has waits for the rest of the period. The paper's, and the kernel's own for realtime, is a second."""
+"""Seconds: the kubelet's default period of CPU limits (cpuCFSQuotaPeriod), and ours for realtime budgets. A thread that
+has used up its quota waits for the rest of the period. The paper, and the kernel for realtime, use one second."""
 SHORTEST, LONGEST = 0.01, 1.0
-"""Seconds: the kernel takes 1 ms to 1 s, but of less than 10 ms a task's 1 % would be below what it can measure."""
+"""Seconds: the kernel takes 1 ms to 1 s, but a share of 1 % of less than 10 ms is too short for it to measure."""
 
 
 def throttle_gap(share: int, period: float = PERIOD) -> float:
-    """Seconds for which one busy thread may stand still with this share (kernel: bandwidth control)."""
+    """Seconds for which one busy thread may be throttled with this share, in thousandths of a core or of the period."""
     return period * max(0.0, 1 - share / 1000)

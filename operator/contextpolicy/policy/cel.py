@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 MAX_LENGTH = 1024
 EXACT_COST = 4
-"""How much less an expression may read that calls our arithmetic for each step: lists are converted for it."""
+"""How much less an expression may read if each step calls our arithmetic: lists are converted for the call."""
 
 # The library logs each failing function besides raising it: one line per bad sample, at the sensor's rate.
 logging.getLogger("cel").setLevel(logging.CRITICAL)
@@ -72,10 +72,10 @@ class Bindings(Protocol):
 
 
 class Expression:
-    """A compiled CEL expression with the variables it reads and the functions that nobody defines.
+    """A compiled CEL expression with the variables that it reads and the undefined functions that it calls.
 
-    `reads` are the paths that it reads of samples, `asked` the streams of which it asks whether they have a value, and
-    `ages` when it may change its answer with no sample.
+    `reads` are the paths that it reads from samples, `asked` the streams that it tests for a value, and `ages` the ages
+    at which its value may change without a sample.
     """
 
     __slots__ = (
@@ -133,6 +133,7 @@ class Expression:
         return float(value)
 
     def _failure(self, reason: str) -> ExpressionError:
+        # The library names a missing variable, or a failing function, nowhere but in its message.
         undefined = _UNDEFINED.match(reason)
         stream = undefined[1].removeprefix(SINCE) if undefined else ""
         if stream in self.variables:
@@ -144,7 +145,7 @@ class Expression:
         return ExpressionError(f"{self.source}: {reason}")
 
     def reading(self, scope: Bindings) -> float:
-        """Any number, as sensors have them: infinities and NaN too; ExpressionError for what is none."""
+        """Any number, infinities and NaN too, as sensors send them; ExpressionError for anything else."""
         value = self.evaluate(scope)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ExpressionError(f"{self.source}: is {value!r}, allowed: a number")

@@ -1,8 +1,8 @@
-"""What an expression reads and what it may cost, told from its tree.
+"""What an expression reads and what it may cost, derived from its tree.
 
 Cost is a power of the sample's size: `all` over a list costs n, one inside another n^2, and `map` and `filter` copy
 what they have gathered so far with each step (measured: 0.3 us a step, 35 ms for a map over 1000 numbers, half a minute
-for one that makes lists of lists). So each expression has a most that it may read, to stay within `BUDGET` steps.
+for one that makes lists of lists). So what each may read is limited, to stay within `BUDGET` steps.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MAX_SUMS = 16
 MAX_PATTERN = 64
 """Characters of a regular expression, which is compiled anew at each evaluation."""
 PRESENCE_FUNCTIONS = frozenset({"heard", "age"})
-"""They tell about a stream, and read nothing of its samples."""
+"""They ask about a stream, and read nothing of its samples."""
 
 _SCALAR_FUNCTIONS = frozenset({"norm", "abs", "sqrt", "size", "int", "uint", "double", "has", "contains", "matches"})
 _WALKING_OPERATORS = frozenset({"==", "!=", "in", "+"})
@@ -40,12 +40,12 @@ class Reading:
 
     @property
     def streams(self) -> frozenset[str]:
-        """The variables."""
+        """The streams that it reads or asks about."""
         return self.presence | {path[0] for path in self.reads}
 
 
 def read(tree: Node) -> Reading:
-    """Walk a tree; ValueError when it may run away."""
+    """Walk a tree; ValueError when evaluating it may take too long."""
     walk = _Walk()
     cost = walk.cost(tree)
     if walk.sums > MAX_SUMS:
@@ -74,7 +74,7 @@ def _max_size(cost: _Cost, macros: int, literals: int) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class _Cost:
-    """Powers of the sample's size: of the result and of the work; `reads` says that it is a stream's, no element."""
+    """Exponents of the sample's size, for result and work; `reads`: it comes from a stream, not from an element."""
 
     size: int = 0
     work: int = 0
@@ -99,7 +99,7 @@ class _Walk:
     macros: int = 0
     sums: int = 0
     literals: int = 0
-    """Elements that stand in the source, beyond the first of each list."""
+    """Elements written in the source, beyond the first of each list."""
     reads: set[Path] = field(default_factory=set)
     presence: set[str] = field(default_factory=set)
     bound: list[str] = field(default_factory=list)

@@ -23,7 +23,7 @@ _PLACE = re.compile(r"<input>:\d+:(?P<column>\d+): ")
 
 
 def explain(source: str, error: ValueError) -> str:
-    """A sentence: what to write instead where another language's word stands, else where the parser gave up."""
+    """One sentence: what CEL writes in place of another language's operators, else where the parser gave up."""
     bare = _TEXTS.sub('""', source)
     hints = [hint for pattern, hint in _OTHER_LANGUAGES if pattern.search(bare)]
     place = _PLACE.search(str(error))

@@ -2,8 +2,8 @@
 
 CEL keeps whole numbers and doubles apart and converts neither. Here each number has one form that depends on its value
 alone, so no expression can tell `1` from `1.0`: a double, except whole numbers from 2^53 up to 64 bits (stamps in
-nanoseconds, identifiers), which doubles have no room for. The library compares them rightly: two whole numbers exactly,
-and rounding one to a double, as it does beside a double, leaves it at 2^53 or more, above every double that stays one.
+nanoseconds, identifiers), which doubles can't hold. The library compares them correctly: two whole numbers exactly, and
+next to a double it rounds the whole number to one, which leaves it at 2^53 or more, above every smaller double.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Number = int | float
 
 
 class Normal:
-    """Brings samples into the one form; `whole` says whether a whole number was left that is no double."""
+    """Brings samples into the one form; `whole` says whether a whole number was found that is no double."""
 
     __slots__ = ("whole",)
 
@@ -30,7 +30,7 @@ class Normal:
         self.whole = False
 
     def value(self, value: Any) -> Any:
-        """A sample or a part of it; what is no number stays."""
+        """A sample or a part of it; anything but a number stays as it is."""
         kind = type(value)
         if kind is float and -EXACT < value < EXACT:
             return value
@@ -38,7 +38,7 @@ class Normal:
             number = normal(value)
             self.whole = self.whole or type(number) is int
             return number
-        # Nearly all that a sample holds are plain doubles: they are passed without a call.
+        # Nearly all that a sample holds are plain doubles: they pass without a function call.
         if kind is dict:
             return {n: v if type(v) is float and -EXACT < v < EXACT else self.value(v) for n, v in value.items()}
         if kind is list:
@@ -56,17 +56,17 @@ def normal(number: Number) -> Number:
 
 
 def literal(number: Number) -> str:
-    """A number above or equal to 0 as CEL writes it."""
+    """A number >= 0 as a CEL literal."""
     return f"{number}u" if isinstance(number, int) and number >= 1 << 63 else repr(number)
 
 
 def key(value: Any) -> Any:
-    """An index or a map's key: a whole number as CEL wants it there, anything else as it is."""
+    """An index or a map's key: a whole number as the integer that CEL requires, anything else as it is."""
     return int(value) if isinstance(value, float) and value.is_integer() and _LEAST <= value <= _MOST else value
 
 
 def add(left: Any, right: Any) -> Any:
-    """Numbers, or what CEL joins with `+`."""
+    """Add numbers, or join what CEL joins with `+`; TypeError for a mix."""
     if _are_numbers(left, right):
         first, second = _exact(left, right)
         return normal(first + second)
@@ -74,7 +74,7 @@ def add(left: Any, right: Any) -> Any:
 
 
 def subtract(left: Any, right: Any) -> Any:
-    """Numbers, or times and durations."""
+    """Subtract numbers, or times and durations; TypeError for a mix."""
     if _are_numbers(left, right):
         first, second = _exact(left, right)
         return normal(first - second)
@@ -82,14 +82,14 @@ def subtract(left: Any, right: Any) -> Any:
 
 
 def multiply(left: Any, right: Any) -> Any:
-    """Numbers only."""
+    """Multiply numbers; TypeError for anything else."""
     _check(left, right, "*")
     first, second = _exact(left, right)
     return normal(first * second)
 
 
 def divide(left: Any, right: Any) -> Any:
-    """As doubles are divided: by zero it is an infinity, and 0 / 0 is no number."""
+    """Divide as doubles do: by zero gives infinity, and 0 / 0 gives NaN; TypeError for anything but numbers."""
     _check(left, right, "/")
     if right == 0:
         return left * math.copysign(math.inf, right)
@@ -99,7 +99,7 @@ def divide(left: Any, right: Any) -> Any:
 
 
 def remainder(left: Any, right: Any) -> Number:
-    """With the sign of `left`, as in C; whole numbers only."""
+    """The remainder, with the sign of `left` as in C; TypeError unless both are whole numbers."""
     _check(left, right, "%")
     whole, divisor = _whole(left), _whole(right)
     if divisor == 0:
@@ -122,11 +122,11 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "__remainder": remainder,
     "__negate": negate,
 }
-"""What `cel_rewriting` writes in the place of operators."""
+"""What `cel_rewriting` writes in place of operators."""
 
 
 def _exact(left: Number, right: Number) -> tuple[Number, Number]:
-    """Two doubles stay doubles; beside a whole number that is none, a double joins in as a whole number if it can."""
+    """Operands of one type stay; next to a whole number a double becomes one, too, if it can."""
     return (left, right) if type(left) is type(right) else (key(left), key(right))
 
 

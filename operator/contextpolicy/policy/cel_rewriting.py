@@ -1,9 +1,9 @@
-"""A tree as the text that the CEL library is given, so that policies mean what they read like.
+"""Writes a tree as text for the CEL library, so that policies mean what they appear to mean.
 
-- Numbers get their one form (see `cel_numbers`); indices, keys and `%` want whole numbers, and get them.
+- Numbers get their one form (see `cel_numbers`); indices, keys and `%` need whole numbers, and get them.
 - Arithmetic stays the library's own on doubles, which is what nearly all samples have. Where an operand may be a whole
-  number that is no double, our functions are called instead, five times as slow: `exact` text does so everywhere, for
-  samples with such numbers.
+  number that is no double, our own functions are called instead, five times slower. The `exact` text does so
+  everywhere, for samples with such numbers.
 - `has(imu.gyro)` is false for a stream without a value, and `heard` and `age` ask what the scope knows about it.
 """
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 HEARD, SINCE = "__heard_", "__since_"
-"""Variables that say of a stream whether it has a value, and when it got its last one. No stream is called so."""
+"""Prefixes of the variables that say if a stream has a value, and since when. No stream name can begin so."""
 REACHED, PASSED = "__reached", "__passed"
-"""Functions of such a moment and a number of seconds: whether that age is reached, and whether it is passed."""
+"""Functions of that moment and a number of seconds: whether that age is reached, and whether it is exceeded."""
 
 _ARITHMETIC = {"+": "__add", "-": "__subtract", "*": "__multiply", "/": "__divide"}
 _WHOLE_FUNCTIONS = frozenset(
@@ -31,7 +31,7 @@ _WHOLE_FUNCTIONS = frozenset(
         *("getDayOfYear", "getHours", "getMinutes", "getSeconds", "getMilliseconds"),
     }
 )
-"""Of the library: they give whole numbers, which it does not add to doubles."""
+"""Library functions that return whole numbers, which the library does not add to doubles."""
 _DOUBLE_FUNCTIONS = frozenset({"double", "norm", "sqrt", "string", "has"})
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 _AGES = {">": ("", PASSED), ">=": ("", REACHED), "<": ("!", REACHED), "<=": ("!", PASSED)}
@@ -39,23 +39,23 @@ _AGES = {">": ("", PASSED), ">=": ("", REACHED), "<": ("!", REACHED), "<=": ("!"
 
 @dataclass(frozen=True, slots=True, order=True)
 class Age:
-    """A stream's age that an expression asks for: it changes its answer there, with no sample."""
+    """A stream's age at which an expression may change its value without a sample."""
 
     stream: str
     seconds: float
     passed: bool
-    """Whether it asks for more than these seconds, or already for as many."""
+    """Whether the change comes just after `seconds` (`>`, `<=`) or exactly at it (`>=`, `<`)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rewriting:
-    """`fast` is right on samples without whole numbers that are no doubles, `exact` on all."""
+    """`fast` is right for samples whose numbers are all doubles, `exact` for all samples."""
 
     fast: str
     exact: str
     ages: frozenset[Age]
     asked: frozenset[str]
-    """The streams of which it asks whether they have a value."""
+    """The streams that it tests for a value."""
 
 
 def rewrite(tree: Node) -> Rewriting:
@@ -65,7 +65,7 @@ def rewrite(tree: Node) -> Rewriting:
 
 
 class _Writer:
-    """Writes every operand."""
+    """Writes nodes as text, and collects the ages and streams that they ask about."""
 
     def __init__(self, *, exact: bool) -> None:
         self.ages: set[Age] = set()
@@ -86,7 +86,7 @@ class _Writer:
         }
 
     def text(self, node: Node) -> str:
-        """The node as CEL, in brackets where it is no single operand."""
+        """The node as CEL, in brackets unless it is a single operand."""
         write = self._writers.get(node.kind)
         return node.text if write is None else write(node)
 
@@ -159,7 +159,7 @@ class _Writer:
         return "(" + f" {node.text} ".join(map(self.text, node.parts)) + ")"
 
     def _sought(self, node: Node, among: Node) -> str:
-        """A list compares numbers by value; only keys must be whole, and samples' keys are texts."""
+        """Lists compare numbers by value; only a map's keys must be whole, and the keys of samples are strings."""
         return self.text(node) if among.kind is Construct.LIST or among.path() is not None else self._key(node)
 
     def _age(self, node: Node) -> str:
@@ -178,7 +178,7 @@ class _Writer:
 
 
 def _may_be_whole(node: Node) -> bool:
-    """Whether its value, or one in it, may be a whole number for the library though no sample holds one."""
+    """Whether the library may see a whole number in its value even when no sample holds one."""
     if node.kind is Construct.NUMBER:
         return isinstance(cel_numbers.normal(number(node.text)), int)
     if node.kind in {Construct.CALL, Construct.METHOD} and node.text in _WHOLE_FUNCTIONS | _DOUBLE_FUNCTIONS:
@@ -195,7 +195,7 @@ def _walks_whole(node: Node) -> bool:
 
 
 def _root(node: Node) -> str | None:
-    """The variable that a row of selections and indices begins with."""
+    """The variable that a chain of selections and indices begins with; None if it is no variable."""
     while node.kind in {Construct.SELECT, Construct.INDEX}:
         node = node.parts[0]
     return node.text if node.kind is Construct.NAME else None

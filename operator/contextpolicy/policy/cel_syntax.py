@@ -1,7 +1,7 @@
-"""A CEL source as a tree: the CEL library shows none, and reading, costs, numbers and explanations need one.
+"""CEL source as a tree: the CEL library exposes none, and the other `cel` modules and explanations need one.
 
-Only what the library compiles is parsed, so the grammar is CEL's without its checks; what is no expression, or nests
-too deeply to walk, is a ValueError.
+Only source that the library compiles is parsed, so this is CEL's grammar without its checks. ValueError for what is no
+expression or nests too deeply to walk.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from enum import Enum, auto
 
 MAX_BRACKETS = 32
 MAX_DEPTH = 64
-"""Operands within operands: a long sum or a long row of selections nests, too. The library takes 96."""
+"""Operands within operands; long sums and chains of selections nest, too. The library takes 96."""
 
 MACROS = frozenset({"all", "exists", "exists_one", "existsOne", "map", "filter"})
 _CONSTANTS = frozenset({"true", "false", "null"})
@@ -57,7 +57,7 @@ class Construct(Enum):
     """The parts are keys and values in turn."""
     UNARY = auto()
     BINARY = auto()
-    """Two parts; for `&&` and `||` as many as stand in a row."""
+    """Two parts; for `&&` and `||` one for each operand in a row."""
     CHOICE = auto()
     """Condition, value if true, value if false."""
 
@@ -74,11 +74,11 @@ class Node:
     text: str
     parts: tuple[Node, ...] = ()
     span: tuple[int, int] = field(default=(0, 0), compare=False)
-    """Where it stands in the source, without brackets around all of it."""
+    """Start and end in the source, without enclosing brackets."""
     depth: int = field(default=0, compare=False)
 
     def path(self) -> tuple[str, ...] | None:
-        """`("imu", "gyro")` for imu.gyro; None for what is no row of selections from a name."""
+        """`("imu", "gyro")` for imu.gyro; None for anything but selections from a name."""
         names, node = [], self
         while node.kind is Construct.SELECT:
             names.append(node.text)
@@ -89,6 +89,7 @@ class Node:
 def parse(source: str) -> Node:
     """The tree of a source that compiles; ValueError for what is no expression or nests too deeply."""
     tokens = [Token(m[0], m.lastgroup or "", m.start(), m.end()) for m in _TOKEN.finditer(source) if m.lastgroup]
+    # Checked before parsing: the parser recurses for each bracket and each `?`.
     brackets = 0
     for token in tokens:
         brackets += (token.text in _CLOSES) - (token.text in _CLOSES.values())
@@ -103,7 +104,7 @@ def parse(source: str) -> Node:
 
 
 def number(literal: str) -> int | float:
-    """The value of a number as it stands in a source; ValueError for what is none."""
+    """The value of a number literal; ValueError for anything else."""
     digits = literal.rstrip("uU").lower()
     if digits.startswith("0x"):
         return int(digits, 16)
@@ -201,7 +202,7 @@ class _Parser:
         return self._node(construct, name.text, start=name.start)
 
     def _arguments(self, opening: str) -> list[Node]:
-        """What stands between brackets."""
+        """The expressions between brackets; for a map, keys and values in turn."""
         self._expect(opening)
         items = []
         while self._next().text != _CLOSES[opening]:

@@ -1,4 +1,4 @@
-"""Definitions of ROS 2 messages as files: where they come from, and which stream has which."""
+"""Definitions of ROS 2 messages as files: where they come from, and which stream uses which."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy
 
 Definitions: TypeAlias = tuple[tuple[str, str], ...]
-"""Files as (name, text). A `.msg` is named after its type, `my_msgs.msg.Mood.msg`; an `.idl` says its types itself."""
+"""Files as (name, text). A `.msg` is named after its type, `my_msgs.msg.Mood.msg`; an `.idl` names its types itself."""
 
 SUFFIXES = (".msg", ".idl")
 
@@ -53,7 +53,7 @@ def _is_config_map(body: object) -> TypeGuard[dict[str, object]]:
 
 
 def with_definitions(policy: Policy, read: Callable[[str], Definitions | None]) -> Policy:
-    """The policy with the definitions that its streams name; `read` gives a ConfigMap's, None where nobody has it."""
+    """The policy with the definitions that its streams name; `read` returns a ConfigMap's, None if it is not there."""
     known = {name: read(name) for name in {stream.types for stream in policy.streams if stream.types}}
     if not known:
         return policy

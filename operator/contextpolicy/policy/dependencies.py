@@ -1,4 +1,4 @@
-"""Which task can't run without which other: the task graph's edges, its depth, its cycles (paper III, Figs. 2, 4)."""
+"""Which tasks can't run without which others: the task graph's edges, depth and cycles (paper III, Figs. 2, 4)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ MOST_CYCLES = 16
 
 
 class TaskTree:
-    """The tasks by name, with their parents; what `references` refuses does no harm here."""
+    """The tasks by name, with their parents.
+
+    `references` uses it to check policies, so unknown names and cycles must do no harm; only `order` fails on cycles.
+    """
 
     def __init__(self, policy: Policy) -> None:
         self.tasks = {task.name: task for task in policy.tasks}
@@ -47,18 +50,18 @@ class TaskTree:
         return {one: why for one, why in found.items() if one in self.tasks}
 
     def outside(self, name: str, required: str) -> list[str]:
-        """The ancestors of `required` that are not also those of `name`: suspended, they take it along."""
+        """The ancestors of `required` that are not also those of `name`: suspending one suspends `required`."""
         own = self.ancestors(name)
         return [one for one in self.ancestors(required) if one not in own and one != name]
 
     def order(self) -> list[str]:
-        """All tasks, each after those that it depends on."""
+        """All tasks, each after those that it depends on; CycleError if they wait for each other."""
         return list(TopologicalSorter(self._graph()).static_order())
 
     def cycles(self) -> Iterator[list[str]]:
-        """Tasks that wait for each other, each followed by the one that it waits for, the first one again at the end.
+        """Tasks that wait for each other, each followed by the one that it waits for, the first repeated at the end.
 
-        One cycle of each knot, not every one.
+        Not every cycle: one edge of each that is found is removed before the next search.
         """
         graph = self._graph()
         places = {name: place for place, name in enumerate(self.tasks)}
@@ -86,9 +89,9 @@ class TaskTree:
                     yield stream, producer
 
     def _bosses(self, name: str, producer: str) -> Iterator[str]:
-        """The ancestors of a producer that keep it from running while `name` can't run.
+        """The ancestors of a producer that must be able to run before `name` is.
 
-        A complex task that holds both goes on with the producer alone.
+        A complex task that contains both is not one of them: it can run with the producer alone.
         """
         own = self.ancestors(name)
         for one in self.ancestors(producer):

@@ -1,4 +1,4 @@
-"""Reading one object of a spec, field by field: findings are collected, never raised, so that all are told at once."""
+"""Reading one object of a spec, field by field: findings are collected, not raised, to report all at once."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ TASK_NAME_ALLOWED = "at most 63 lower-case letters, digits and '-', a letter fir
 FEATURE_NAME_ALLOWED = "at most 63 letters, digits and '_', a lower-case letter first"
 CONFIG_MAP_NAME = re.compile(r"(?=.{1,253}$)[a-z0-9]([-a-z0-9]*[a-z0-9])?(\.[a-z0-9]([-a-z0-9]*[a-z0-9])?)*")
 LARGEST = 1e308
-"""No float is much larger; whole numbers can be."""
+"""Close to the largest float; whole numbers can be larger and would overflow."""
 
 KEY_ALLOWED = "a Zenoh key expression of at most 256 characters, such as robot/imu or robot/*/imu"
 
 
 class Fields:
-    """The fields of one object; each read name is known, what is left at `close` is unknown."""
+    """The fields of one object. Reading a field makes its name known; `close` refuses the others."""
 
     def __init__(self, raw: object, path: str, findings: list[Finding]) -> None:
         self.path = path
@@ -57,7 +57,7 @@ class Fields:
         return f"{self.path}.{name}" if name else self.path
 
     def raw(self, name: str) -> Any:
-        """The field as it stands; None when it is absent."""
+        """The field's raw value; None when it is absent."""
         self._known.add(name)
         return self._raw.get(name)
 
@@ -154,7 +154,7 @@ class Fields:
         return str(value)
 
     def flag(self, name: str) -> bool:
-        """True or absent: a field that only says yes."""
+        """A boolean, False when absent; 0 and 1 are refused, although they equal False and True."""
         value = self.raw(name)
         if value not in (None, True, False) or (isinstance(value, int | float) and not isinstance(value, bool)):
             self.refuse(name, value, "true or false")
@@ -193,7 +193,7 @@ class Fields:
         return {str(key): str(value) for key, value in entries.items()}
 
     def close(self) -> None:
-        """Refuse the fields that nobody asked for: a misspelt name must not be ignored."""
+        """Refuse the fields that nobody read: a misspelt name must not be ignored."""
         for name in [name for name in self._raw if name not in self._known]:
             allowed = "known fields: " + ", ".join(sorted(self._known)) + did_you_mean(name, self._known)
             self.refuse(str(name), self._raw[name], allowed)

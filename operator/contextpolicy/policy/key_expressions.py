@@ -1,4 +1,4 @@
-"""Zenoh key expressions as a policy writes them. Zenoh itself decides: its rules are finer than a pattern can tell."""
+"""Zenoh key expressions as a policy writes them. Zenoh itself decides: no regular expression can state its rules."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """ROS 2 messages that no release ships, from their definitions.
 
-These are a stranger's input from which the library makes code, so nothing but plain names and sizes gets that far.
+Definitions are untrusted input from which rosbags generates code, so only plain names and sizes get that far.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ Types: TypeAlias = dict[str, tuple[list[Any], list[Any]]]
 """Constants and fields of each message type, as rosbags describes them."""
 
 MAX_ITEMS = 10_000
-"""Fields of a message, and items of its arrays of fixed length: no sample may hold more values, and code is made for
+"""Fields of a message plus items of its fixed-length arrays: no sample may hold more values, and code is generated for
 each."""
 MAX_DEPTH = 32
-"""Messages inside each other; no sample may nest deeper."""
+"""Levels of messages inside each other; no sample may nest deeper."""
 
 _MSG_NAME = re.compile(r"(?:.*[./])?([a-z][a-z0-9_]*)[./]msg[./]([A-Z][A-Za-z0-9]*)\.msg")
 _TYPE = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)+", re.ASCII)
 _FIELD = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _IDL_PROSE = re.compile(r'(?s)"(?:\\.|[^"\\])*"|/\*.*?\*/|//[^\n]*')
-"""Texts and comments."""
+"""String literals and comments."""
 _PLAIN = frozenset(("bool", "byte", "char", "string", "float32", "float64")) | {
     f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
 }
 
 
 def parse(definitions: Definitions) -> Types:
-    """The types that the files define, without constants; DefinitionError tells everything that is wrong."""
+    """The types that the files define, without constants; DefinitionError lists everything that is wrong."""
     types: Types = {}
     problems: list[str] = []
     for name, text in definitions:
@@ -58,7 +58,7 @@ def parse(definitions: Definitions) -> Types:
 
 
 def check_references(types: Types, standard: Mapping[str, Any]) -> None:
-    """DefinitionError for messages inside messages that nobody defines, that contain themselves or nest too deep."""
+    """DefinitionError for messages that contain undefined messages or themselves, or nest too deeply."""
     problems: list[str] = []
     depths: dict[str, int] = {}
 
@@ -86,7 +86,7 @@ def _types(name: str, text: str) -> Types:
         found = _from_idl(text) if name.endswith(".idl") else _from_msg(name, text)
     except DefinitionError:
         raise
-    except Exception as error:  # a parser of others, fed by strangers
+    except Exception as error:  # a third-party parser on untrusted input
         raise DefinitionError(f"can't be read: {error!r:.80}") from error
     for type_name, (_, fields) in found.items():
         _check(type_name, fields)
@@ -106,8 +106,8 @@ def _from_msg(name: str, text: str) -> Types:
 
 def _from_idl(text: str) -> Types:
     if "<<" in _IDL_PROSE.sub("", text):
-        raise DefinitionError("shifts a constant; write the number")  # a number of any size would be computed
-    text = re.sub(r"(?m)^[ \t]*#.*$", "", text)  # includes: all definitions come together anyway
+        raise DefinitionError("shifts a constant; write the number")  # the parser would compute it, whatever its size
+    text = re.sub(r"(?m)^[ \t]*#.*$", "", text)  # drop includes: all definitions come together anyway
     try:
         return dict(get_types_from_idl(text))
     except TypesysError as error:
@@ -115,7 +115,7 @@ def _from_idl(text: str) -> Types:
 
 
 def _where(message: str, text: str, header: int) -> str:
-    """The parser repeats the whole file, in one line, and then says where it stopped; the reader needs the line."""
+    """The parser's message repeats the whole file, then gives a character offset; readers need the line."""
     stopped = re.match(r"(?s)[^\n]*\n[^\n]*\n(\d+)", message)
     if stopped is None:
         return f"can't be read: {message[:200]}"
@@ -144,7 +144,7 @@ def _check(type_name: str, fields: list[Any]) -> None:
 
 
 def _element(description: Any) -> tuple[Any, int]:
-    """What a field, or each item of it, is; and how many, for an array or at most for a sequence."""
+    """The type of a field or of its items, and their number: exact for an array, at most that for a sequence."""
     if description[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
         return description[1]  # type: ignore[no-any-return]
     return description, 0

@@ -1,4 +1,4 @@
-"""A ContextPolicy object as it stands in YAML or the API -> a valid `Policy`, or every finding at once."""
+"""A ContextPolicy object as read from YAML or the API -> a valid `Policy`, or every finding at once."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def parse(body: Mapping[str, Any], *checks: Callable[[policy.Policy], Iterable[Finding]]) -> policy.Policy:
-    """Read a whole object; PolicyError carries every finding, those of further checks on the values included."""
+    """Read a whole object; PolicyError carries every finding, including those of `checks` on the parsed policy."""
     findings: list[Finding] = []
     fields = body if isinstance(body, dict) else dict(body) if isinstance(body, Mapping) else {}
     metadata = Fields(fields.get("metadata"), "metadata", findings)
@@ -44,6 +44,7 @@ def parse(body: Mapping[str, Any], *checks: Callable[[policy.Policy], Iterable[F
         metadata.text("name", allowed="a name"),
     )
     result = _policy(namespace, name, Fields(fields.get("spec"), "spec", findings))
+    # Run them even after findings: what was refused has a harmless default, and all mistakes are reported at once.
     for check in (references.check, *checks):
         findings += check(result)
     if findings:
@@ -195,7 +196,7 @@ def _selector(fields: Fields) -> Selector:
 
 
 def _check_label(fields: Fields, name: str, label: SelectorRequirement) -> None:
-    """Labels that no pod can have; Kubernetes' own rules."""
+    """Refuse labels that no pod can have, by Kubernetes' own rules."""
     if label.key and not is_label_key(label.key):
         fields.refuse(name, label.key, LABEL_KEY_ALLOWED)
     for value in label.values:

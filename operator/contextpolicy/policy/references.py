@@ -1,4 +1,4 @@
-"""What only the whole policy can tell: names are unique, references exist, the task graph has no cycles."""
+"""What only the whole policy can show: names are unique, references exist, the task graph has no cycles."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CEL_WORDS = {
 
 
 def check(policy: Policy) -> list[Finding]:
-    """Every reference that leads nowhere."""
+    """Every duplicate name, unresolved reference and cycle."""
     return [*_names(policy), *_streams(policy), *_expressions(policy), *_graph(policy), *_contexts(policy)]
 
 

@@ -18,20 +18,20 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy, Stream
 
 _LOADING = RLock()
-"""Policies are loaded on several threads; the library makes its code in one place."""
+"""Policies are loaded on several threads; stores are shared, and rosbags adds generated code to them without a lock."""
 
 
 def type_store(release: RosRelease = RosRelease.LATEST, definitions: Definitions = ()) -> Typestore:
-    """A release's messages and one's own. Loaded by the first stream that needs them: they take megabytes.
+    """A release's messages plus custom `definitions`; loaded on first use, because they take megabytes.
 
-    DefinitionError says what is wrong with one's own.
+    DefinitionError says what is wrong with the custom ones. May be called on any thread.
     """
     with _LOADING:
         return _type_store(release, definitions)
 
 
 def store_of(stream: Stream) -> Typestore:
-    """The messages that a stream can be of."""
+    """The message types that a stream may have; DefinitionError as for `type_store`."""
     return type_store(stream.ros, stream.definitions or ())
 
 
@@ -52,9 +52,9 @@ def is_known(type_name: str, store: Typestore | None = None) -> bool:
 
 
 def type_findings(policy: Policy) -> list[Finding]:
-    """The streams whose ROS type nobody here can decode; parsing can't tell, it knows no message definitions.
+    """The streams whose ROS type can't be decoded; parsing can't tell, as it knows no message definitions.
 
-    Also makes their converters, which takes a tenth of a second: no sample shall wait for that.
+    Also generates their converters, which takes a tenth of a second, so that no sample waits for that.
     """
     found = (_finding(f"spec.streams[{index}]", stream) for index, stream in enumerate(policy.streams))
     return [finding for finding in found if finding is not None]
@@ -69,7 +69,7 @@ def _finding(path: str, stream: Stream) -> Finding | None:
         return Finding(f"{path}.types", stream.types, f"message definitions without mistakes; {error}")
     if not is_known(stream.type, store):
         if stream.types and stream.definitions is None:
-            return None  # it may be among those that nobody has read
+            return None  # it may be in the ConfigMap, which has not been read
         own = f" or {stream.types}" if stream.types else "; types names a ConfigMap with further ones"
         return Finding(f"{path}.type", stream.type, f"a message of ROS 2 {stream.ros}{own}")
     with _LOADING:
@@ -96,7 +96,7 @@ def _type_store(release: RosRelease, definitions: Definitions) -> Typestore:
 
 
 def _standard(release: RosRelease) -> Typestore:
-    """A store of its own: what is registered in it is nobody else's."""
+    """A new store, so that what is registered in it does not show up in others."""
     from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
     if release is not RosRelease.LATEST:

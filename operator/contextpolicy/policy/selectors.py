@@ -50,11 +50,11 @@ class Selector:
 
 
 def is_label_key(key: str) -> bool:
-    """Whether Kubernetes takes it as the key of a label."""
+    """Whether Kubernetes accepts it as a label key."""
     prefix, slash, word = key.rpartition("/")
     return _WORD.fullmatch(word) is not None and (not slash or _PREFIX.fullmatch(prefix) is not None)
 
 
 def is_label_value(value: str) -> bool:
-    """Whether Kubernetes takes it as the value of a label; an empty one is allowed."""
+    """Whether Kubernetes accepts it as a label value; it may be empty."""
     return value == "" or _WORD.fullmatch(value) is not None

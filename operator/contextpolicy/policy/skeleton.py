@@ -1,7 +1,7 @@
-"""Modules -> the first policy of a robot that runs them: valid as it stands, and made to be edited.
+"""Modules -> a first policy for a robot that runs them: valid as it is, and meant to be edited.
 
-Each module becomes a task with its needs. What one module gives and another takes becomes an activity. Each task's
-health is a stream, and a context gives a task that misses its deadlines more. What can't be known is a comment.
+Each module becomes a task with its needs, and each stream that it can read an activity. The health of a task with a
+deadline is a stream, and a context gives it more while it misses deadlines. What can't be known is left as a comment.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def skeleton(modules: Sequence[ModuleFile], *, name: str, namespace: str) -> str
 
 
 def _names(modules: Sequence[ModuleFile]) -> dict[str, str]:
-    """A stream name for every key: of health the task's, of others the key without its first part."""
+    """A stream name for every key: for health the task's name, for others the key without its first part."""
     names: dict[str, str] = {}
     taken = set(CEL_WORDS)
     keys = [HEALTH.format(task=module.name) for module in modules]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Mode(StrEnum):
-    """What happens with a plan: carried out, only told, or not made at all."""
+    """What happens with a plan: carried out, only reported, or not made at all."""
 
     ENFORCE = "Enforce"
     DRY_RUN = "DryRun"
@@ -62,7 +62,7 @@ class RealtimePolicy(StrEnum):
 
 
 class Encoding(StrEnum):
-    """How a stream's payloads are written."""
+    """How a stream's payloads are encoded."""
 
     JSON = "json"
     CBOR = "cbor"
@@ -71,7 +71,7 @@ class Encoding(StrEnum):
 
 
 class Clock(StrEnum):
-    """Which time of a sample counts: its own stamp, that of its arrival, or the stamp as long as it is of our clock."""
+    """Which time of a sample counts: its own stamp, its arrival, or the stamp as long as it comes from our clock."""
 
     AUTO = "Auto"
     SOURCE = "Source"
@@ -79,7 +79,7 @@ class Clock(StrEnum):
 
 
 class RosRelease(StrEnum):
-    """Whose definitions of the standard ROS 2 messages are meant; `latest` is the newest of each message."""
+    """The ROS 2 release that defines the standard messages; `latest` takes the newest definition of each."""
 
     HUMBLE = "humble"
     JAZZY = "jazzy"
@@ -126,8 +126,8 @@ class Feature:
 class Stream:
     """A Zenoh key expression whose samples the policy reads.
 
-    `types` names the ConfigMap of further message definitions; `definitions` are its files as (name, text), None as
-    long as nobody has read them.
+    `types` names the ConfigMap of further message definitions; `definitions` are its files as (name, text), None
+    until they are read.
     """
 
     name: str
@@ -194,7 +194,7 @@ class Needs:
 class Task:
     """A robot function; `idle` is its score while no activity is fresh, None where it has no activity at all.
 
-    A `protected` one is weighted by contexts, but nobody can suspend it or put it below its `min`.
+    Contexts can weight a `protected` one, but nothing can suspend it or put it below its `min`.
     """
 
     name: str
@@ -213,7 +213,7 @@ class Task:
 
     @property
     def preconditions(self) -> tuple[Requirement, ...]:
-        """The requirements that samples decide about."""
+        """The requirements that samples decide."""
         return tuple(own for own in self.requires if own.task is None)
 
     @property
@@ -232,7 +232,7 @@ class Effect:
 
     @property
     def suspends(self) -> bool:
-        """Whether it leaves the task without weight, in whatever words."""
+        """Whether it takes all weight from the task, whichever field says so."""
         return self.suspend or self.weight == 0 or self.scale == 0
 
 

@@ -1,4 +1,4 @@
-"""What somebody may have meant by a name that is not known."""
+"""What somebody may have meant by an unknown name."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:
-    """`; did you mean gyro?`, to be put behind a message; nothing where no known name is near."""
+    """`; did you mean gyro?`, to append to a message; empty when no known name is close."""
     by_lower = {word.lower(): word for word in known}
     near = get_close_matches(str(name).lower(), by_lower, n=1, cutoff=0.6)
     return f"; did you mean {by_lower[near[0]]}?" if near else ""
