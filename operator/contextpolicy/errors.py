@@ -1,22 +1,22 @@
 """Every error of contextpolicy.
 
 ContextPolicyError
-├── PolicyError         a policy breaks rules; carries every finding at once
-├── TimelineError       a timeline file breaks rules; carries every finding at once
-├── SettingsError       an environment variable or flag has a value that makes no sense
-├── DecodeError         a payload is not what its stream's encoding says
+├── PolicyError         an invalid policy; lists every finding
+├── TimelineError       an invalid timeline file; lists every finding
+├── SettingsError       an environment variable or flag with an invalid value
+├── DecodeError         a payload that does not match its stream's encoding
 ├── DefinitionError     message definitions (.msg, .idl) that can't be used
 ├── ExpressionError     a CEL expression failed on this sample
-│   └── UndecidedError  it waits for a stream
+│   └── UndecidedError  it can't be evaluated while a stream has no value
 ├── ShareError          weights and bounds that no division can satisfy
 ├── ActuationError      an actuator could not make a plan real; says whether a retry helps
 ├── OrderError          a message on the decision bus that the node agent must not obey
-├── ModuleFileError     a module.yaml that breaks rules; carries every finding at once (policy.module_file)
-├── SigningKeyError     no key to sign plans with, or to check them by
-├── DocumentError       a file that is no YAML (validation.documents)
-├── PolicyFileError     a file that holds no valid policy (validation.policy_file)
-├── ExpectationError    expectations that make no sense (simulation.expectations)
-├── DrawingError        a picture that cannot be made
+├── ModuleFileError     an invalid module.yaml; lists every finding (policy.module_file)
+├── SigningKeyError     no key to sign or verify plans with
+├── DocumentError       a file that is not valid YAML (validation.documents)
+├── PolicyFileError     a file without a valid policy (validation.policy_file)
+├── ExpectationError    invalid expectations (simulation.expectations)
+├── DrawingError        a diagram that can't be drawn
 └── NoAnswerError       nobody on the bus answers (commands.explain)
 """
 
@@ -30,7 +30,7 @@ class ContextPolicyError(Exception):
 
 
 MAX_VALUE = 200
-"""Characters of a refused value that a message repeats."""
+"""Characters of a refused value that a message quotes at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,23 +55,23 @@ class FindingsError(ContextPolicyError):
 
 
 class PolicyError(FindingsError):
-    """A ContextPolicy that breaks rules."""
+    """An invalid ContextPolicy."""
 
 
 class TimelineError(FindingsError):
-    """A timeline file that breaks rules."""
+    """An invalid timeline file."""
 
 
 class SettingsError(FindingsError):
-    """Settings from the environment or the command line that make no sense."""
+    """Invalid settings from the environment or the command line."""
 
 
 class DecodeError(ContextPolicyError):
-    """A payload that is not what its stream's encoding says; the sample is dropped and counted."""
+    """A payload that does not match its stream's encoding; the sample is dropped and counted."""
 
 
 class DefinitionError(ContextPolicyError):
-    """Definitions of ROS 2 messages that can't be used; the message tells all that is wrong with them."""
+    """Definitions of ROS 2 messages that can't be used; the message lists every fault."""
 
 
 class ExpressionError(ContextPolicyError):
@@ -79,7 +79,7 @@ class ExpressionError(ContextPolicyError):
 
 
 class UndecidedError(ExpressionError):
-    """A CEL expression that waits for `stream`: it was never heard, is silent, or a feature's window is empty."""
+    """A CEL expression that waits for `stream`, which was never heard, is silent, or has an empty feature window."""
 
     def __init__(self, source: str, stream: str, reason: str) -> None:
         self.stream = stream
@@ -91,10 +91,10 @@ class ShareError(ContextPolicyError):
 
 
 class ActuationError(ContextPolicyError):
-    """An actuator's refusal: `reason` is a CamelCase word for status and events.
+    """An actuator's failure: `reason` is a CamelCase word for status and events.
 
-    `retriable` says whether the same may succeed in a moment, `retry_after` for how many seconds it can't. `in_doubt`
-    says that there was no usable answer: it may have been carried out all the same.
+    `retriable`: the same request may soon succeed, but not before `retry_after` seconds. `in_doubt`: no usable answer
+    came, so the request may have been carried out all the same.
     """
 
     def __init__(
@@ -108,12 +108,12 @@ class ActuationError(ContextPolicyError):
 
 
 def unexpected(error: Exception) -> ActuationError:
-    """What nobody foresaw, as an outcome that is told and tried again."""
+    """Wrap an unforeseen exception, so that it is reported and retried like any other failure."""
     return ActuationError("Unexpected", f"{type(error).__name__}: {error}", retriable=True, in_doubt=True)
 
 
 class OrderError(ContextPolicyError):
-    """The node agent's refusal to obey: `reason` is a CamelCase word by which refusals are counted."""
+    """The node agent's refusal to obey: `reason` is a CamelCase word, the label under which refusals are counted."""
 
     def __init__(self, reason: str, message: str) -> None:
         self.reason = reason
@@ -121,11 +121,11 @@ class OrderError(ContextPolicyError):
 
 
 class SigningKeyError(ContextPolicyError):
-    """There is no key to sign plans with, or to check them by."""
+    """There is no key to sign or verify plans with."""
 
 
 class DrawingError(ContextPolicyError):
-    """A picture that cannot be made."""
+    """A diagram that can't be drawn."""
 
 
 def _short(value: object) -> str:

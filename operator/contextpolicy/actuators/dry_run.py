@@ -1,4 +1,4 @@
-"""Say what a plan would do and do nothing."""
+"""Log what a plan would do, and do nothing."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ log = logging.getLogger(__name__)
 
 
 class DryRun:
-    """Logs every change of a share; `release` has nothing to put back."""
+    """Logs every change of a share."""
 
     def __init__(self) -> None:
         self._last: dict[str, dict[str, int]] = {}
 
     def apply(self, order: Order) -> None:
-        """Tell what differs from the last order."""
+        """Log the shares that differ from the policy's last order."""
         before = self._last.get(order.policy, {})
         for container, share in order.shares.items():
             if before.get(container) != share:

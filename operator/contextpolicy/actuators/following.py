@@ -1,8 +1,8 @@
-"""Where a node agent is ahead of the resizes, they follow at a distance: once the plan has settled.
+"""Delay resizes on nodes that have an agent until the plan has settled.
 
-A resize takes tens of milliseconds. One that is overtaken by the next plan brings an old limit back until the agent
-puts its own in place again, and can fail on the kernel's rules; a storm of contexts would be a storm of these. The API
-only has to agree in the end: it is what holds when the agent is gone.
+The agent has already written the limits, and a resize takes tens of milliseconds. One that is overtaken by the next
+plan brings an old limit back until the agent corrects it, and can fail on the kernel's rules; contexts that change
+quickly would cause many of these. The API only has to agree in the end: its limits hold when the agent is gone.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from contextpolicy.planning.plan import NodePlan
 
 SETTLED = 0.5
-"""Seconds for which a node's plan must have been the same."""
+"""Seconds for which a node's plan must stay the same before it is ordered."""
 LONGEST = 5.0
-"""Seconds after which a plan is ordered even if there has been another one every moment."""
+"""Seconds after which the newest plan is ordered even if plans keep changing."""
 
 
 @dataclass(slots=True)
 class _Waiting:
-    """A node's plan that is not ordered yet: since when there is one, and since when it is this one."""
+    """A plan that is not ordered yet: `began` is when its node started to wait, `since` when this very plan came."""
 
     plan: NodePlan
     began: float
@@ -39,7 +39,7 @@ class _Waiting:
 
 
 class Follower:
-    """Says which plans to order; `again` is called, on the loop's thread, when there is more to order."""
+    """Decides which plans to order now; calls `again`, on the loop's thread, when a waiting plan is due."""
 
     def __init__(self, scheduler: SchedulerBase, again: Callable[[], None]) -> None:
         self._scheduler, self._again = scheduler, again
@@ -48,7 +48,7 @@ class Follower:
         self._wake = SerialDisposable()
 
     def choose(self, nodes: Mapping[str, NodePlan], ahead: frozenset[str]) -> dict[str, NodePlan]:
-        """The plans to order now, by node; nodes in `ahead` have an agent. A node without one keeps what it has."""
+        """The plans to order now, by node; those in `ahead` have an agent, and keep the last until the next is due."""
         now = self._scheduler.to_seconds(self._scheduler.now)
         self._waiting = {node: waiting for node, waiting in self._waiting.items() if node in nodes}
         self._ordered = {
@@ -60,7 +60,7 @@ class Follower:
         return self._ordered
 
     def stop(self) -> None:
-        """Order nothing later."""
+        """Cancel the timer: waiting plans are never ordered."""
         self._wake.dispose()
 
     def _choose(self, node: str, plan: NodePlan, now: float) -> NodePlan | None:

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 class Order:
     """What one policy wants of its containers, all amounts in thousandths of a core.
 
-    `claimed` are its containers, `nodes` tells where each of them is. `shares` are those of the plan, by container;
-    `capacity` is N, by node. A claimed container without a share keeps what it has.
+    `claimed` are its containers, `nodes` maps each to its node. `shares` are the plan's, by container; `capacity` is N,
+    by node. A claimed container without a share keeps what it has. `ceilings` are the limits where only weights move.
     """
 
     policy: str

@@ -1,7 +1,7 @@
 """Which orders the agent obeys. Pure.
 
-The operator has signed what comes here (`bus.signatures`); but whoever can listen can say it again, and an operator may
-be wrong: what is out of turn or out of proportion is refused.
+Signatures are checked before (`bus.signatures`), but anybody who can listen can replay a signed message, and an
+operator may be wrong: orders that are outdated or ask for too much are refused.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 
 REPEATABLE = int(2 * MAX_AGE * 1e9)
-"""Nanoseconds. Messages that pass for fresh are signed within that of each other, unless a clock was set."""
+"""Nanoseconds between the signing times of two messages that both count as fresh, at most, unless a clock was set."""
 
 
 class Admission:
-    """Remembers what it admitted: each policy's place in time, and who has which container.
+    """Remembers each policy's last admitted order, and so which policy has which container.
 
-    A stamp (run, sequence, edition) puts the plans of one source in order, the time of signing everything else.
+    Plans of one source are ordered by their stamp (run, sequence, edition), everything else by the time of signing.
     """
 
     def __init__(self, cpus: int) -> None:
@@ -38,10 +38,11 @@ class Admission:
         self._wishes: dict[str, NodeOrder] = {}
 
     def admit(self, order: NodeOrder, signed: int) -> NodeOrder | None:
-        """The part of the order to obey: no targets when the policy wants nothing of the agent; None for a repetition.
+        """The order to obey, without targets if the policy wants nothing of the agent; None for a repetition.
 
-        A message that only tells how weights went on is one: what an owner wrote since then stays until the next plan.
-        OrderError when it comes out of turn, or asks for more than the node has or for what another policy has.
+        A message with new weights but the same shares is a repetition: what an owner wrote meanwhile stays until the
+        next plan. OrderError when the order is outdated, or asks for more than the node has or for another policy's
+        container.
         """
         if not self._is_news(order, signed):
             return None
@@ -60,22 +61,22 @@ class Admission:
         return order
 
     def withdraw(self, policy: str, signed: int) -> None:
-        """The policy's plans are withdrawn; OrderError when that was before its last plan."""
+        """The policy's plans are withdrawn; OrderError when its last plan was signed later, or at the same time."""
         self._check_time(policy, signed)
         self._signed[policy] = signed
         self.drop(policy)
 
     def lose_source(self, policy: str) -> None:
-        """The source of the policy's plans went away; another one may count its runs by another clock."""
+        """The source of the policy's plans is gone; another may number its runs by another clock."""
         self._sourceless.add(policy)
 
     def drop(self, policy: str) -> None:
-        """The policy has nothing here any more. What it ordered before is still out of turn, if it comes now."""
+        """The policy has no containers any more; replays of its earlier orders are still refused."""
         self._admitted.pop(policy, None)
         self._wishes.pop(policy, None)
 
     def forget(self, policy: str) -> None:
-        """Nobody was heard for long: whatever comes next is news."""
+        """The policy has had no source for the grace period: its next plan is admitted whatever its stamp."""
         self.drop(policy)
         self._stamps.pop(policy, None)
 
@@ -103,7 +104,7 @@ class Admission:
             raise OrderError("TooMuch", f"{order.policy}: {asked}m of {min(order.capacity, there_is)}m")
 
     def _promised(self, but: str) -> int:
-        """What the other policies have of the realtime budget: unlike CPU limits it can't be overcommitted."""
+        """What other policies have of the realtime budget, which unlike CPU limits can't be overcommitted."""
         others = [order for policy, order in self._admitted.items() if policy != but]
         return sum(t.share for order in others if order.scheduler is Scheduler.REALTIME for t in order.targets)
 
@@ -118,12 +119,12 @@ class Admission:
 
 
 def _wishes(order: NodeOrder) -> NodeOrder:
-    """The order without its edition and without what it found in force."""
+    """The order without its edition and the limits in force: what has to change to make it a new one."""
     return replace(
         order, stamp=(*order.stamp[:2], 0), targets=tuple(replace(target, limit=None) for target in order.targets)
     )
 
 
 def _named(order: NodeOrder) -> list[OrderTarget]:
-    """The targets that run already."""
+    """The targets whose container has started, and so has an ID."""
     return [target for target in order.targets if target.container_id]

@@ -1,4 +1,4 @@
-"""One node's agent: orders come in, cgroups change; everything here runs on the loop's thread."""
+"""One node's agent: turns orders into cgroup writes; everything here runs on the loop's thread."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _ATTEMPTS = 3
 
 
 class _CgroupWriters:
-    """What writes the pods' cgroups, once there are any: CPU limits and realtime."""
+    """What writes the pods' cgroups, once the kubelet has created them: CPU limits and realtime budgets."""
 
     def __init__(
         self, layout: CgroupPaths, ledger: Ledger, refusals: Refusals, watch: WriteWatch, priority: int
@@ -68,7 +68,7 @@ class Agent:
         self._unlimited = ""
 
     def start(self) -> None:
-        """Look around, and give the sources of what an earlier run left behind the grace period to speak up."""
+        """Probe the node, and start the grace period of every policy whose changes an earlier run left behind."""
         self._settings.state.mkdir(parents=True, exist_ok=True)
         self._ledger.load()
         self._equip()
@@ -77,16 +77,16 @@ class Agent:
             self._await_source(policy)
 
     def stop(self) -> None:
-        """Undo everything."""
+        """Undo everything, for every policy."""
         for grace in self._graces.values():
             grace.dispose()
         for policy in {entry.policy for entry in self._ledger.entries.values()}:
             self._release(policy)
 
     def hear(self, policy: str, payload: bytes | None, signed: int) -> Stamp | None:
-        """Take a message of the operator about the policy, None: it is gone. Whatever it holds, it does no harm.
+        """Carry out a plan for the policy, or its withdrawal (None). Bad messages are counted, never raised.
 
-        `signed` is when it was, in nanoseconds since 1970. Gives the stamp of a plan that is carried out.
+        `signed` is the time of signing in nanoseconds since 1970. Returns the stamp of a plan that was carried out.
         """
         try:
             if payload is None:
@@ -107,15 +107,15 @@ class Agent:
         return heard.stamp
 
     def refuse(self, error: OrderError) -> None:
-        """Count a message that must not be obeyed."""
+        """Count and log a message that must not be obeyed."""
         self._refusals.note(error.reason, str(error))
 
     def find_source(self, policy: str) -> None:
-        """Somebody makes plans for the policy."""
+        """A source of plans for the policy is alive."""
         self._sources.add(policy)
 
     def lose_source(self, policy: str) -> None:
-        """Nobody makes plans for the policy any more, as far as the network tells."""
+        """The policy's source of plans is gone, or cut off by the network: its grace period begins."""
         self._sources.discard(policy)
         self._admission.lose_source(policy)
         self._await_source(policy)
@@ -127,7 +127,7 @@ class Agent:
             self._persist(lambda: writers.limits.on_other_write(path))
 
     def report(self) -> dict[str, Any]:
-        """What this node can do, what it lacks for the rest, and what it refused."""
+        """What this node can do, what it lacks for the rest, and how often it refused what, as a JSON object."""
         layout = self._writers.layout if self._writers else None
         return {
             "node": self._settings.node,
@@ -141,7 +141,7 @@ class Agent:
         }
 
     def _equip(self) -> _CgroupWriters | None:
-        """The kubelet may come up after the agent."""
+        """Find the pods' cgroups unless that is done; retried with each order, as the kubelet may start after us."""
         if self._writers is None:
             layout = find_cgroups(self._settings.cgroup_root)
             facts = capabilities.probe(layout)
@@ -160,10 +160,12 @@ class Agent:
             return
         groups = self._groups(writers, order)
         if order.scheduler is Scheduler.REALTIME:
+            # Limits first: they must be in force when suspended threads fall back to the fair scheduler.
             resting = {group for group, target in groups.items() if target.suspended}
             writers.limits.apply(order.policy, dict.fromkeys(resting, QUANTUM), held=True)
             writers.realtime.apply(order.policy, _shares(groups), order.manner, resting)
             return
+        # Settled first: `apply` makes an earlier run's entries its own, as if no resize had confirmed them yet.
         for group, target in groups.items():
             if target.limit is not None:
                 writers.limits.settle(group, target.limit)
@@ -171,9 +173,9 @@ class Agent:
         writers.realtime.release(order.policy)
 
     def _groups(self, writers: _CgroupWriters, order: NodeOrder) -> dict[Path, OrderTarget]:
-        """The cgroups of the targets that are here: a path made of the pod's UID and the container's id proves it.
+        """The cgroups of the targets on this node: a path of the pod's UID and the container's ID must exist.
 
-        No policy reaches beyond its own namespace, whoever signed the plan.
+        Containers outside the policy's own namespace are refused, whoever signed the plan.
         """
         groups = {}
         for target in order.targets:
@@ -187,7 +189,7 @@ class Agent:
         return groups
 
     def _release(self, policy: str) -> None:
-        """Undo all of the policy."""
+        """Undo everything for the policy."""
         self._end_grace(policy)
         self._admission.drop(policy)
         writers = self._writers
@@ -206,14 +208,14 @@ class Agent:
         self._admission.forget(policy)
 
     def _hold(self, policy: str) -> None:
-        """A plan holds while it has a source; one that was long under way may have none any more."""
+        """A plan holds while its source lives. One that was delayed may have none any more: start the grace period."""
         if policy in self._sources:
             self._end_grace(policy)
         elif policy not in self._graces:
             self._await_source(policy)
 
     def _persist(self, action: Callable[[], None]) -> bool:
-        """A container may end in the middle of it; the next attempt leaves it out. False when none succeeded."""
+        """Retry when a container ends meanwhile; the next attempt leaves it out. False when no attempt succeeded."""
         for _ in range(_ATTEMPTS):
             try:
                 action()

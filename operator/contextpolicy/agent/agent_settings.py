@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class AgentSettings:
-    """What an agent is told from outside: `priority` is that of realtime threads, `grace` is in seconds.
+    """The agent's configuration: `priority` is that of realtime threads, `grace` the grace period in seconds.
 
-    `keys` holds the certificate with the operator's public key; in `logs` the kubelet keeps a directory for each pod.
+    `keys` is the directory of the certificate with the operator's public key; in `logs` the kubelet keeps a directory
+    for each pod; the ledger is in `state`.
     """
 
     node: str
@@ -31,7 +32,7 @@ class AgentSettings:
 
 
 def read(environment: Mapping[str, str], *, priority: int, grace: float) -> AgentSettings:
-    """Read the settings; SettingsError names every variable that makes no sense."""
+    """Read the settings; SettingsError lists every invalid variable."""
     common = settings.read(environment)
     node = environment.get("NODE_NAME", "")
     root = Path(environment.get("CGROUP_ROOT", "") or "/sys/fs/cgroup")

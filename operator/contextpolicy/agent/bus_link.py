@@ -1,8 +1,8 @@
-"""The agent's place on the decision bus: plans in, what the node can do out, and which plans it has carried out.
+"""The agent's side of the decision bus: plans in; confirmations of plans and the node's capabilities out.
 
-Zenoh's callbacks must not call Zenoh and must not wait: they check the signature and leave a note for the loop. Of
-several messages about one policy only the newest counts, and only signed ones can be that: a flood of forged messages
-neither hides a plan nor keeps the loop from it.
+Zenoh's callbacks must not call Zenoh and must not block: they check the signature and queue the message for the loop.
+Only the newest message about each policy is kept, and only signed ones are queued: a flood of forged messages neither
+hides a plan nor delays it on the loop.
 """
 
 from __future__ import annotations
@@ -30,13 +30,16 @@ PLANS = plan_key("*", "*")
 
 
 class PlanListener(Protocol):
-    """Who obeys; called on the loop's thread."""
+    """Receives plans; called on the loop's thread."""
 
     def hear(self, policy: str, payload: bytes | None, signed: int) -> Stamp | None:
-        """A message about a policy, None: it is gone; gives the stamp of a plan that is carried out."""
+        """A plan for the policy, or None when it is withdrawn; returns the stamp of a plan that was carried out.
+
+        `signed` is the time of signing in nanoseconds since 1970.
+        """
 
     def refuse(self, error: OrderError) -> None:
-        """A message that is not the operator's."""
+        """A message without a valid signature of the operator."""
 
     def find_source(self, policy: str) -> None:
         """Somebody makes plans for the policy."""
@@ -45,11 +48,11 @@ class PlanListener(Protocol):
         """Nobody makes plans for the policy any more."""
 
     def report(self) -> dict[str, Any]:
-        """What the node can do."""
+        """What the node can do, as a JSON object."""
 
 
 class AgentBus:
-    """Hears plans, follows who makes them, and answers what the node can do."""
+    """Subscribes to plans, follows the liveliness of their sources, and reports what the node can do."""
 
     def __init__(
         self, session: zenoh.Session, node: str, scheduler: SchedulerBase, listener: PlanListener, verifier: Verifier
@@ -68,12 +71,12 @@ class AgentBus:
         ]
 
     def close(self) -> None:
-        """Leave the bus, the token first: the node counts as without agent before it is."""
+        """Leave the bus, the liveliness token first: the operator must stop relying on the agent before it is gone."""
         for declared in reversed(self._declared):
             declared.undeclare()
 
     def _on_source(self, sample: zenoh.Sample) -> None:
-        """Whoever makes plans is asked for the one in force: at our start, at its own, and when the network is back."""
+        """Ask a source for its plan when it appears: at our start, at its own, and when the network is back."""
         key = str(sample.key_expr)
         if sample.kind == zenoh.SampleKind.PUT:
             self._later(lambda: self._ask(key))
@@ -89,14 +92,14 @@ class AgentBus:
             self._take(reply.ok)
 
     def _take(self, sample: zenoh.Sample) -> None:
-        """A plan or its withdrawal, put or in answer to a question; later ones take the place of earlier ones."""
+        """A plan or its withdrawal, published or as a reply; a later one replaces an earlier one that still waits."""
         key = str(sample.key_expr)
         payload = None if sample.kind == zenoh.SampleKind.DELETE else sample.payload.to_bytes()
         attachment = sample.attachment.to_bytes() if sample.attachment is not None else None
         try:
             signed = self._verifier.check(key, payload, attachment, time.time_ns())
         except OrderError as error:
-            refusal = error  # the name of an exception ends with its clause
+            refusal = error  # Python unbinds `error` when the except clause ends
             self._later(lambda: self._listener.refuse(refusal))
             return
         self._put(policy_of(key), payload, signed)
@@ -119,7 +122,7 @@ class AgentBus:
                 self._confirm(policy, stamp)
 
     def _confirm(self, policy: str, stamp: Stamp) -> None:
-        """The operator counts on us only as long as it hears this."""
+        """Tell the operator that the plan is carried out; it relies on this agent only while it hears this in time."""
         said = json.dumps({"policy": policy, "stamp": stamp}).encode()
         self._session.put(self._confirmed_key, said, express=True, congestion_control=zenoh.CongestionControl.DROP)
 

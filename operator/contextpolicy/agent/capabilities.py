@@ -1,4 +1,4 @@
-"""What a node can do, and what it lacks for the rest: `missing` is pure, `probe` looks."""
+"""What a node can do, and what it lacks for the rest: `probe` reads the facts, `missing` (pure) judges them."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from contextpolicy.agent.cgroup_paths import CgroupPaths
 
 STATUS = Path("/proc/self/status")
-"""The kernel's words on this process."""
+"""The kernel's status of this process; its line CapEff lists the effective capabilities."""
 _SYS_NICE = 23
 """CAP_SYS_NICE's number (capability.h)."""
 
 
 @dataclass(frozen=True, slots=True)
 class NodeFacts:
-    """What was found; `version` None where the kubelet has made no group for pods."""
+    """What `probe` found; `version` is None until the kubelet has created the group of all pods."""
 
     version: int | None
     limits: bool = False
@@ -33,7 +33,7 @@ class NodeFacts:
 
 
 def missing(facts: NodeFacts) -> dict[str, list[str]]:
-    """What each scheduler lacks here, with what to do; empty lists are good."""
+    """What each scheduler lacks here, with what to do about it; an empty list means that it works."""
     if facts.version is None:
         nothing = ["there is no cgroup of pods (kubepods): is the kubelet running, and CGROUP_ROOT its cgroup mount?"]
         return {Scheduler.CFS: nothing, Scheduler.REALTIME: nothing}
@@ -53,7 +53,7 @@ def unlimited(facts: NodeFacts) -> str:
 
 
 def quota_period(layout: CgroupPaths | None) -> float | None:
-    """The kubelet's period of CPU limits in seconds (cpuCFSQuotaPeriod), as it stands in the first limit there is."""
+    """The kubelet's period of CPU limits in seconds (cpuCFSQuotaPeriod), read from the first limited group; or None."""
     if layout is None:
         return None
     form = CFS[layout.version]
@@ -66,7 +66,7 @@ def quota_period(layout: CgroupPaths | None) -> float | None:
 
 
 def _period_of(group: Path, form: Format) -> float | None:
-    """A pod may end while we look."""
+    """The period of a group in seconds; None without a limit, or when the pod ends while we look."""
     with suppress(OSError):
         quota, *rest = (group / form.file).read_text().split()
         if quota != form.unlimited:
@@ -94,7 +94,7 @@ def _realtime(facts: NodeFacts, version: int) -> list[str]:
 
 
 def probe(layout: CgroupPaths | None) -> NodeFacts:
-    """Look at the node."""
+    """Read what the node can do; `layout` is None until the kubelet has created its cgroups."""
     if layout is None:
         return NodeFacts(None)
     limit = layout.top / CFS[layout.version].file
@@ -115,7 +115,7 @@ def _has_capability(number: int) -> bool:
 
 
 def _sees_processes(layout: CgroupPaths) -> bool:
-    """Processes outside of our own PID namespace are listed as 0; each pod's sandbox would be one."""
+    """Whether hostPID is set: else processes outside our PID namespace, such as pods' sandboxes, are listed as 0."""
     for folder, _, files in os.walk(layout.top):
         if "cgroup.procs" in files and "0" in (Path(folder) / "cgroup.procs").read_text().split():
             return False

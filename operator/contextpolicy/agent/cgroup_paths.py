@@ -1,4 +1,4 @@
-"""Where the kubelet puts a container's cgroup: both versions, both drivers. Pure."""
+"""Where the kubelet puts a container's cgroup, for both cgroup versions and both drivers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SCOPES = {"containerd": "cri-containerd", "cri-o": "crio", "docker": "docker"}
 
 
 class Driver(StrEnum):
-    """Who makes the kubelet's cgroups, and hence how they are named."""
+    """The kubelet's cgroup driver, which decides how cgroups are named."""
 
     CGROUPFS = "cgroupfs"
     SYSTEMD = "systemd"
@@ -24,7 +24,7 @@ class Driver(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CgroupPaths:
-    """A node's cgroups: `root` is the mount of the CPU controller (version 1) or of everything (version 2)."""
+    """A node's cgroups: `root` is the mount point of the CPU controller (version 1) or of all (version 2)."""
 
     root: Path
     version: int
@@ -36,7 +36,7 @@ class CgroupPaths:
         return self.root / ("kubepods" if self.driver is Driver.CGROUPFS else "kubepods.slice")
 
     def pod(self, qos: str, uid: str) -> Path:
-        """A pod's group; Guaranteed pods have no class group between them and the top."""
+        """A pod's group; those of Guaranteed pods are directly below the top, without a QoS class group between."""
         between = "" if qos == "Guaranteed" else qos.lower()
         if self.driver is Driver.CGROUPFS:
             return self.top / between / f"pod{uid}"
@@ -54,22 +54,22 @@ class CgroupPaths:
 
 
 def is_uid(text: str) -> bool:
-    """Whether a pod's UID is one: it becomes part of a path."""
+    """Whether the text has the form of a pod's UID; checked because it becomes part of a path."""
     return _UID.fullmatch(text) is not None
 
 
 def is_container_id(text: str) -> bool:
-    """Whether the API's container id, such as `containerd://4f0a...`, is one: it becomes part of a path."""
+    """Whether the text has the form of an API container ID, `containerd://4f0a...`; it becomes part of a path."""
     return _CONTAINER.fullmatch(text) is not None
 
 
 def is_pod(group: Path) -> bool:
-    """Whether a group below the top is a pod's; else it is a container's."""
+    """Whether a group is a pod's, not a container's."""
     return group.name.startswith("pod") or group.suffix == ".slice"
 
 
 def find_cgroups(mount: Path) -> CgroupPaths | None:
-    """The layout below a cgroup mount point; None while the kubelet has made no group for pods."""
+    """The layout below a cgroup mount point; None until the kubelet has created the group of all pods."""
     version = 2 if (mount / "cgroup.controllers").exists() else 1
     roots = (mount,) if version == 2 else (mount / "cpu", mount / "cpu,cpuacct")
     layouts = (CgroupPaths(root, version, driver) for root in roots for driver in Driver)

@@ -1,7 +1,7 @@
-"""Files of cgroups that hold a bandwidth: so much CPU time in each period, of either scheduler and cgroup version.
+"""Cgroup files that hold a bandwidth (CPU time per period), for both schedulers and both cgroup versions.
 
-A file stays open: a write is one system call of 2 us, and a watch for files that somebody closes after writing
-(`inotify`) never sees our own.
+Files stay open: a write is one system call of 2 us, and the watch for files that are closed after writing (`inotify`)
+never sees our own writes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _REASONS = {
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """How a bandwidth is written: version 2 has "time period" in one file, version 1 a file for each."""
+    """How a bandwidth is written: "time period" in one file (version 2) or a file for each (1), in microseconds."""
 
     file: str
     period_file: str
@@ -68,45 +68,45 @@ class ControlFile:
             return os.pread(self._descriptor, 64, 0).decode().partition("\n")[0]
 
     def write(self, text: str) -> None:
-        """Put `text` into force; ActuationError says why the kernel doesn't want it."""
+        """Write `text`; ActuationError says why the kernel refuses it."""
         with _converted(self.path):
             os.pwrite(self._descriptor, f"{text}\n".encode(), 0)
 
     def amount(self, text: str) -> int | None:
-        """What a text means, rounded up."""
+        """The amount that a text means, rounded up, so that it reverses the rounding down of `text`."""
         time, _, period = text.partition(" ")
         return None if time == self._form.unlimited else -(-int(time) * 1000 // int(period or self.period))
 
     def text(self, amount: int) -> str:
-        """How an amount is written."""
+        """The text of an amount, no less than the kernel's minimum."""
         time = max(self._form.least, amount * self.period // 1000)
         return str(time) if self._form.period_file else f"{time} {self.period}"
 
     def scaled(self, text: str, period: int) -> str:
-        """The same part of another period, never more."""
+        """The text of the same fraction of another period, in microseconds, rounded down."""
         time, _, _ = text.partition(" ")
         fewer = str(int(time) * period // self.period)
         return fewer if self._form.period_file else f"{fewer} {period}"
 
     @property
     def period_path(self) -> Path | None:
-        """The file of the period alone, where there is one."""
+        """The separate file of the period (version 1), or None."""
         return self.path.parent / self._form.period_file if self._form.period_file else None
 
     def set_period(self, period: int) -> None:
-        """Let time be per `period` microseconds: at once in version 1, with the next write in version 2."""
+        """Set the period in microseconds: at once in version 1, with the next `write` in version 2."""
         if self.period_path is not None:
             with _converted(self.period_path):
                 self.period_path.write_text(f"{period}\n")
         self.period = period
 
     def close(self) -> None:
-        """Give the descriptor back."""
+        """Close the file."""
         os.close(self._descriptor)
 
 
 class ControlFiles:
-    """Open files of one format, by group; `on_open` and `on_close` hear of each."""
+    """Open files of one format, by group; `on_open` and `on_close` are called with each file's path."""
 
     def __init__(
         self,
@@ -119,7 +119,7 @@ class ControlFiles:
         self._open: dict[Path, ControlFile] = {}
 
     def __getitem__(self, group: Path) -> ControlFile:
-        """The group's file; ActuationError `Gone` when there is no such group."""
+        """The group's file, opened if it is not yet; ActuationError `Gone` when there is no such group."""
         file = self._open.get(group)
         if file is None:
             file = self._open[group] = ControlFile(group, self.form)
@@ -127,7 +127,7 @@ class ControlFiles:
         return file
 
     def keep(self, groups: Iterable[Path]) -> None:
-        """Close all others."""
+        """Close the files of all other groups."""
         for group in self._open.keys() - set(groups):
             file = self._open.pop(group)
             self._on_close(file.path)
@@ -135,7 +135,7 @@ class ControlFiles:
 
 
 def children(group: Path) -> list[Path]:
-    """The groups directly below; none when the group is gone."""
+    """The child groups; none when the group is gone."""
     try:
         return [Path(entry.path) for entry in os.scandir(group) if entry.is_dir(follow_symlinks=False)]
     except OSError:
@@ -143,7 +143,7 @@ def children(group: Path) -> list[Path]:
 
 
 class _converted:  # noqa: N801 - reads as a statement
-    """Turns the kernel's answers into ours; a class, for a generator would cost ten times the write."""
+    """Converts OSError to ActuationError; a class because a generator-based one would cost ten times the write."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

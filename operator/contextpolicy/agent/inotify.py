@@ -1,4 +1,4 @@
-"""Who else writes files: one blocked thread, woken by the kernel."""
+"""Notice when others write files: one blocked thread, woken by the kernel."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _BUFFER = 4096
 
 
 class WriteWatch:
-    """Calls `on_write(path)`, on its own thread, when somebody closed a file after writing to it.
+    """Calls `on_write(path)`, on its own thread, when a file is closed after it was opened for writing.
 
-    A file that is kept open and written never shows: that is how our own writes stay out.
+    Writes to a file that stays open are not reported: that excludes our own.
     """
 
     def __init__(self, on_write: Callable[[Path], object]) -> None:
@@ -32,13 +32,13 @@ class WriteWatch:
         threading.Thread(target=self._follow, name="inotify", daemon=True).start()
 
     def add(self, path: Path) -> None:
-        """Watch a file, which must exist."""
+        """Watch a file; OSError when it does not exist."""
         with self._lock:
             number = self._checked(self._libc.inotify_add_watch(self._descriptor, bytes(path), _CLOSE_WRITE))
             self._paths[number] = path
 
     def remove(self, path: Path) -> None:
-        """Watch it no longer; the kernel has forgotten files that are gone by itself."""
+        """Stop watching a file; for a deleted one this fails silently, as the kernel has removed its watch already."""
         with self._lock:
             for number in [number for number, known in self._paths.items() if known == path]:
                 del self._paths[number]
@@ -51,7 +51,7 @@ class WriteWatch:
                     self._on_write(path)
 
     def _written(self, number: int) -> list[Path]:
-        """The file; all of them when the kernel's queue ran over."""
+        """The file of a watch; all files when events were lost, for any may have been written."""
         with self._lock:
             if number < 0:
                 return list(self._paths.values())
@@ -65,7 +65,7 @@ class WriteWatch:
 
 
 def _numbers(events: bytes) -> Iterator[int]:
-    """The watches whose files were written, -1 when events were lost; an event may be followed by a name."""
+    """The watches whose files were written; -1 when the kernel's queue overflowed. A name may follow an event."""
     position = 0
     while position < len(events):
         number, mask, _, length = _HEADER.unpack_from(events, position)

@@ -1,7 +1,7 @@
-"""What the agent wrote and what was there before: on disk ahead of every write, so that a killed agent can undo.
+"""What the agent wrote and what was there before, saved before every write, so that a restarted agent can undo it.
 
-The file is a journal: a line for each change, appended with one system call (a file that is replaced whole costs 50
-times that), and started anew when nothing is left to undo. A reboot takes cgroups and journal (in /run) away together.
+The file is a journal: a line for each change, appended with one system call (replacing the whole file costs 50 times
+that), and emptied when nothing is left to undo. A reboot removes the cgroups and the journal (in /run) together.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from pathlib import Path
 log = logging.getLogger(__name__)
 
 LONGEST = 1 << 20
-"""Bytes of journal after which the lines that later ones made void are dropped."""
+"""Size of the journal in bytes above which it is rewritten without its outdated lines."""
 
 
 @dataclass(slots=True)
 class Entry:
-    """One file: `theirs` is what anybody else last wrote, `ours` what we did; as the file's own text.
+    """One file: `theirs` is what anybody else last wrote, `ours` what we last wrote, both as the file's text.
 
-    `earlier` is what we wrote before and a resize under way may still bring. A `held` file is ours alone to write.
-    `inherited` entries are from an earlier run, which may have ended ahead of its write: what the file then holds is an
-    earlier value. Whether a resize has agreed since is for the next plan to tell.
+    `earlier` are values that we wrote before, which a resize under way may still write. A `held` file is ours alone to
+    write. `inherited` entries are from an earlier run, which may have ended before its write: the file then holds an
+    earlier value. Only the next plan tells whether a resize has confirmed it since.
     """
 
     policy: str
@@ -35,12 +35,12 @@ class Entry:
     earlier: set[str] = field(default_factory=set)
 
     def wrote(self, text: str) -> bool:
-        """Whether what the file holds is from us, and not what was there before."""
+        """Whether a file that holds `text` holds our value, not what was there before."""
         return text != self.theirs and (text == self.ours or (self.inherited and text in self.earlier))
 
 
 class Ledger:
-    """All entries by file."""
+    """All entries, by file."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
@@ -49,7 +49,7 @@ class Ledger:
         self._journal: int | None = None
 
     def load(self) -> None:
-        """Take over from an earlier run; what can't be read, such as a line cut short, is left out."""
+        """Load the entries of an earlier run; unreadable lines, such as one cut short, are logged and skipped."""
         try:
             lines = self._file.read_bytes().splitlines()
         except FileNotFoundError:
@@ -65,7 +65,7 @@ class Ledger:
         return {path: entry for path, entry in self.entries.items() if entry.policy == policy}
 
     def intend(self, path: Path, policy: str, *, now: str, ours: str, held: bool = False) -> None:
-        """We are about to write `ours` over `now`; nothing is written before `save`."""
+        """We are about to write `ours` over `now`; the caller must `save` before it does."""
         entry = self.entries.get(path)
         self._changed.add(path)
         if entry is None:
@@ -76,7 +76,7 @@ class Ledger:
         entry.policy, entry.ours, entry.held, entry.inherited = policy, ours, held, False
 
     def hear(self, path: Path, theirs: str) -> None:
-        """Somebody else wrote `theirs`, and it does not settle the matter."""
+        """Somebody else wrote `theirs`, and the entry stays open."""
         self.entries[path].theirs = theirs
         self._changed.add(path)
 
@@ -86,13 +86,14 @@ class Ledger:
             self._changed.add(path)
 
     def save(self) -> None:
-        """Bring it to disk."""
+        """Append all changes to the journal."""
         if not self._changed:
             return
         journal = self._journal
         if journal is None or os.fstat(journal).st_size > LONGEST:
             self._journal = self._begin_anew()
         elif self.entries:
+            # No fsync: the journal has to outlive this process, not the machine.
             os.write(journal, b"".join(self._line(path) for path in self._changed))
         else:
             os.ftruncate(journal, 0)

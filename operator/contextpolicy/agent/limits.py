@@ -1,4 +1,4 @@
-"""CPU limits: writes what a resize is about to write, and gives way when the resize comes."""
+"""CPU limits: write what a resize is about to write, and give way when the resize comes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 
 class Limits:
-    """The CPU limits of one node's containers, as far as policies want them; groups are the containers' own."""
+    """The CPU limits that policies want on one node, in thousandths of a core; groups are the containers' cgroups."""
 
     def __init__(self, files: ControlFiles, ledger: Ledger, refusals: Refusals) -> None:
         self._files, self._ledger, self._refusals = files, ledger, refusals
@@ -32,7 +32,7 @@ class Limits:
         self._held: set[str] = set()
 
     def apply(self, policy: str, shares: Mapping[Path, int], *, held: bool = False) -> None:
-        """Let these be the policy's limits; what it had besides is undone. `held` ones are kept against anybody."""
+        """Set the policy's limits and undo any others it had. `held` ones are restored whoever overwrites them."""
         self._wanted[policy] = dict(shares)
         (self._held.add if held else self._held.discard)(policy)
         self._enforce(policy)
@@ -41,12 +41,12 @@ class Limits:
         self._files.keep({group for known in self._wanted for group in self._groups(known)})
 
     def release(self, policy: str) -> None:
-        """Undo all of the policy."""
+        """Undo all limits of the policy."""
         self.apply(policy, {})
         self._wanted.pop(policy, None)
 
     def settle(self, group: Path, limit: int) -> None:
-        """The API says that `limit` is in force: if an earlier run of the agent wrote just that, it is confirmed."""
+        """The API has `limit` in force: if an earlier run of the agent wrote the same, it is confirmed."""
         entry = self._ledger.entries.get(group / self._files.form.file)
         with suppress(ActuationError):
             file = self._files[group]
@@ -54,7 +54,7 @@ class Limits:
                 self._close(group / self._files.form.file)
 
     def on_other_write(self, path: Path) -> None:
-        """Somebody else wrote a file that we watch: the rule is told in the package's docstring."""
+        """Somebody else wrote a file that we watch; the package's docstring has the rules."""
         entry = self._ledger.entries.get(path)
         policy = entry.policy if entry else self._owner(path.parent)
         try:
@@ -72,21 +72,24 @@ class Limits:
         self._ledger.save()
 
     def _give_way(self, path: Path, text: str) -> None:
-        """A value that is not ours stays until the next plan."""
+        """Keep a foreign value until the next plan."""
         for wanted in self._wanted.values():
             if path.parent in wanted and text != self._files[path.parent].text(wanted[path.parent]):
                 log.info("%s: somebody else wants %s", path, text)
                 del wanted[path.parent]
 
     def _close(self, path: Path) -> None:
-        """A pod goes with its last container: the kubelet does not write a pod's limit that is right already."""
+        """Close an entry, and its pod's with the last container's.
+
+        The pod's own write may never be seen: the kubelet does not rewrite a pod limit that is right already.
+        """
         self._ledger.close(path)
         pod = path.parent.parent
         if not any(other.parent.parent == pod for other in self._ledger.entries):
             self._ledger.close(pod / path.name)
 
     def _enforce(self, policy: str) -> None:
-        """Write what differs. The kernel refuses when the kubelet just lowered a pod: look again, once."""
+        """Write what differs. The kernel refuses if the kubelet has just lowered the pod: recompute and retry, once."""
         for last in (False, True):
             failed = self._write(policy, self._pods(policy))
             for error in failed if last else ():
@@ -105,7 +108,7 @@ class Limits:
         ]
 
     def _others(self, pod: Path, containers: Iterable[Path]) -> int:
-        """What the pod's other containers may use; those without a limit (the sandbox) do not count."""
+        """The sum of the pod's other containers' limits; those without one (the sandbox) do not count."""
         amounts = []
         for group in children(pod):
             with suppress(ActuationError):
@@ -117,7 +120,7 @@ class Limits:
         return file.amount(file.read())
 
     def _write(self, policy: str, pods: Iterable[PodLimits]) -> list[ActuationError]:
-        """The ledger is on disk ahead of the first write."""
+        """Write the limits, the ledger first: an agent killed in between can still undo them. Returns the failures."""
         writes = [(step.group, self._files[step.group].text(step.amount)) for step in limit_steps(pods)]
         for group, text in writes:
             file = self._files[group]
@@ -133,14 +136,14 @@ class Limits:
         return failed
 
     def _fits(self, group: Path, limit: int | None) -> bool:
-        """Whether a pod's limit leaves its containers theirs."""
+        """Whether a pod's limit is no less than the sum of its containers'; always true of a container's."""
         return limit is None or not is_pod(group) or self._others(group, ()) <= limit
 
     def _own(self, policy: str) -> dict[Path, Entry]:
         return {p: e for p, e in self._ledger.of(policy).items() if p.name == self._files.form.file}
 
     def _groups(self, policy: str) -> set[Path]:
-        """The containers that the policy wants something of, and their pods."""
+        """The groups of the containers that the policy limits, and of their pods."""
         wanted = self._wanted.get(policy, {})
         return {*wanted, *(group.parent for group in wanted)}
 
@@ -148,7 +151,7 @@ class Limits:
         return next((policy for policy in self._wanted if group in self._groups(policy)), None)
 
     def _undo(self, entries: Mapping[Path, Entry]) -> None:
-        """Put back what others wrote, containers ahead of their pods; what holds another value by now is left alone."""
+        """Put back what others wrote, containers before pods; files that hold another value by now are left alone."""
         for path, entry in sorted(entries.items(), key=lambda item: len(item[0].parts), reverse=True):
             try:
                 file = self._files[path.parent]

@@ -1,4 +1,4 @@
-"""A message of the decision bus as the agent reads it: what one policy wants of this node. Pure, and trusts nothing."""
+"""Parse a message of the decision bus: what one policy wants of this node. Pure; trusts nothing in the message."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MAX_CORES = 1024
 class OrderTarget:
     """One container: `share` in thousandths of a core (or of the realtime period), `limit` the one in force.
 
-    A container that is only just starting has no id yet.
+    The `container_id` is empty while the container is starting.
     """
 
     uid: str
@@ -38,10 +38,10 @@ class OrderTarget:
 
 @dataclass(frozen=True, slots=True)
 class Manner:
-    """How a policy's tasks run in realtime: the microseconds after which budgets begin anew, and who runs next.
+    """How a policy's tasks run in realtime: the period of budgets in microseconds, and the scheduling policy.
 
-    The kernel's period is a second, in which a task with a tenth stands still for 0.9 s on end, and everything else may
-    have to wait for 0.95 s: both are enough to lose a Zenoh session.
+    The kernel's default period is a second: a task with a tenth of it stands still for 0.9 s at a time, and everything
+    else may have to wait for 0.95 s. Both are enough to lose a Zenoh session.
     """
 
     period: int = round(PERIOD * 1e6)
@@ -50,7 +50,7 @@ class Manner:
 
 @dataclass(frozen=True, slots=True)
 class NodeOrder:
-    """What one policy wants of one node; `stamp` only moves forward while its source lives."""
+    """What one policy wants of one node; `stamp` only grows while its source lives."""
 
     policy: str
     stamp: Stamp
@@ -63,12 +63,12 @@ class NodeOrder:
 
     @property
     def namespace(self) -> str:
-        """The policy's: it owns nothing outside of it."""
+        """The policy's namespace; all its containers must be in it."""
         return self.policy.partition("/")[0]
 
 
 def read(payload: bytes, policy: str, node: str) -> NodeOrder:
-    """The order in a message about `policy`; OrderError when it isn't one."""
+    """The order in a message about `policy`; OrderError when the message is malformed or about another policy."""
     try:
         document = json.loads(payload[: MAX_BYTES + 1])
         if document["policy"] != policy:
@@ -125,7 +125,7 @@ def _count(number: object) -> int:
 
 
 def _thousandths(cores: object) -> int:
-    """Cores are told with at most three decimals."""
+    """Cores, which messages give with at most three decimals, in thousandths; ValueError when out of range."""
     if not isinstance(cores, int | float) or not 0.001 <= cores <= MAX_CORES:
         raise ValueError(f"{cores!r:.80} is no number of cores from 0.001 to {MAX_CORES}")
     return round(cores * 1000)

@@ -1,4 +1,4 @@
-"""Which namespace a pod is of, as the node itself tells it: without any right in the API, and whatever a plan says."""
+"""The namespace of a pod, read from the node itself: needs no access to the API, and does not trust the plan."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ if TYPE_CHECKING:
 
 
 class PodNamespaces:
-    """Reads the names of the kubelet's log directories, `<namespace>_<pod>_<uid>`: neither part holds an underscore.
+    """Reads the names of the kubelet's log directories, `<namespace>_<pod>_<uid>`; no part contains an underscore.
 
-    The kubelet makes the directory before the pod's first container, and a pod never changes its namespace: the
-    directory is listed again only for a pod that was not there before.
+    The kubelet creates the directory before the pod's first container, and a pod never changes its namespace: so
+    listing them again is only needed for an unknown pod.
     """
 
     def __init__(self, logs: Path) -> None:
@@ -20,7 +20,7 @@ class PodNamespaces:
         self._by_uid: dict[str, str] = {}
 
     def of(self, uid: str) -> str | None:
-        """None: the node has no such pod."""
+        """The namespace of the pod with this UID; None when the node has no such pod."""
         if uid not in self._by_uid:
             self._by_uid = self._list()
         return self._by_uid.get(uid)

@@ -1,11 +1,12 @@
-"""Realtime budgets (Eq. 2): a container's share of each period at realtime priority, top-down through the cgroups.
+"""Realtime budgets (Eq. 2): a container's share of each period at realtime priority, at every level of the cgroups.
 
-The kernel counts a budget on each processor by itself. Several busy threads, or one that is not bound to a processor,
-get it on each of them; the sum over the tasks stays within 95 % on each.
+The kernel accounts for a budget on each processor separately. Several busy threads, or one that is not bound to a
+processor, get it on each of them; the sum over the tasks stays within 95 % on each.
 
 A suspended task leaves realtime: its threads go back to the fair scheduler, under the least CPU limit. Its share, a
 thousandth, is less than a tick of the kernel's clock: after one tick at realtime priority it would stand still for
-seconds. It keeps its budget meanwhile: a group in which a realtime thread is just being born can't have none (EBUSY).
+seconds. It keeps its budget meanwhile, because a group where a realtime thread is just starting can't have none
+(EBUSY).
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ if TYPE_CHECKING:
 
 _CLASSES = {RealtimePolicy.RR: os.SCHED_RR, RealtimePolicy.FIFO: os.SCHED_FIFO}
 _ATTEMPTS = 5
-"""A thread may be born at realtime priority between its group's last look and the end of the group's budget."""
+"""A realtime thread may start between the last look at its group and the write that takes the group's budget away."""
 
 
 class Realtime:
-    """The realtime budgets of one node's containers; groups are the containers' own."""
+    """The realtime budgets of one node's containers; groups are the containers' cgroups."""
 
     def __init__(
         self, layout: CgroupPaths, files: ControlFiles, ledger: Ledger, refusals: Refusals, priority: int
@@ -49,7 +50,9 @@ class Realtime:
         self._others: dict[Path, dict[Path, int]] = {}
 
     def apply(self, policy: str, shares: Mapping[Path, int], manner: Manner, suspended: Iterable[Path] = ()) -> None:
-        """Let these be the policy's budgets, whole: containers that it no longer names leave realtime."""
+        """Set all budgets of the policy, in thousandths of the period; containers that are not named leave realtime."""
+        # The kernel allows no realtime threads in a group without a budget (EBUSY, EPERM): so threads leave realtime
+        # before their budget goes, and enter it only once they have one.
         self._wanted[policy] = {group: share for group, share in shares.items() if self._exists(group)}
         resting = set(suspended)
         released, inherited = self._unclaimed(policy)
@@ -66,15 +69,15 @@ class Realtime:
         self._close_settled()
 
     def release(self, policy: str) -> None:
-        """Undo all of the policy."""
+        """Undo all budgets of the policy."""
         self.apply(policy, {}, self._manners.get(policy, Manner()))
         self._wanted.pop(policy, None)
         self._manners.pop(policy, None)
 
     def _unclaimed(self, policy: str) -> tuple[dict[Path, int], dict[Path, int]]:
-        """Containers in the ledger that no plan names: the policy's, with what they had before, and the others.
+        """Budgets for containers in the ledger that no plan names: the policy's own get what they had before.
 
-        The others are of an earlier run and wait for the plan of their own policy: they keep what they have.
+        The others are from an earlier run and wait for their own policy's plan: they keep what they have.
         """
         entries = {path.parent: entry for path, entry in self._entries().items() if self._exists(path.parent)}
         wanted = self._merged()
@@ -83,7 +86,7 @@ class Realtime:
         return released, {g: self._now(g) for g in leaves - released.keys()}
 
     def _divide(self, policy: str, leaves: Mapping[Path, int]) -> None:
-        """The ledger is on disk ahead of the first write."""
+        """Write the budgets of leaves and all groups above them; the ledger is saved before the first write."""
         parents = {g for leaf in leaves for g in leaf.parents if g.is_relative_to(self._layout.top)}
         least = {parent: self._theirs(parent) for parent in parents}
         groups = budgets(leaves, self._layout.top, self._others_of(parents, {*parents, *leaves}), least)
@@ -98,12 +101,12 @@ class Realtime:
             self._try(partial(self._write, step))
 
     def _set_period(self, policy: str, group: Path, period: int) -> None:
-        """Never more than the same part of the processor on the way: the budget falls ahead of a shorter period."""
+        """Set the period, at no instant with a larger fraction of the processor: the budget falls before the period."""
         file = self._files[group]
         if file.period == period:
             return
         now, shorter = self._now(group), file.scaled(file.read(), period)
-        if file.period_path is None:
+        if file.period_path is None:  # version 2: one write changes budget and period together
             file.set_period(period)
             if now:
                 self._write_ahead(file.path, policy, file.read(), shorter, lambda: file.write(shorter))
@@ -113,13 +116,13 @@ class Realtime:
         self._write_ahead(file.period_path, policy, str(file.period), str(period), lambda: file.set_period(period))
 
     def _write_ahead(self, path: Path, policy: str, now: str, ours: str, write: Callable[[], None]) -> None:
-        """The ledger is on disk ahead of the write."""
+        """Save the ledger, then write."""
         self._ledger.intend(path, policy, now=now, ours=ours)
         self._ledger.save()
         write()
 
     def _text(self, step: Step) -> str:
-        """What was there before comes back to the letter."""
+        """The text of a step; an amount that was there before comes back as exactly the same text."""
         file = self._files[step.group]
         entry = self._ledger.entries.get(file.path)
         before = entry is not None and file.amount(entry.theirs) == step.amount
@@ -133,19 +136,20 @@ class Realtime:
             except ActuationError as error:
                 if error.reason != "Busy":
                     raise
+                # A realtime thread has started meanwhile, and the kernel won't take its group's budget away.
                 threads.make_ordinary(step.group, self._layout.version)
             else:
                 return
 
     def _others_of(self, parents: Iterable[Path], ours: Container[Path]) -> dict[Path, int]:
-        """What children that are not ours have, by parent; read once, for nobody else gives pods realtime budgets."""
+        """The sum of foreign children's budgets, by parent; read once, as nobody else gives pods realtime budgets."""
         for parent in parents:
             if parent not in self._others:
                 self._others[parent] = {c: self._now(c) for c in children(parent) if self._foreign(c)}
         return {p: sum(a for child, a in self._others[p].items() if child not in ours) for p in parents}
 
     def _theirs(self, group: Path) -> int:
-        """What the group had before us."""
+        """The budget that the group had before us."""
         entry = self._ledger.entries.get(group / self._files.form.file)
         return self._now(group) if entry is None else self._amount(group, entry.theirs)
 
@@ -159,7 +163,7 @@ class Realtime:
         return self._files[group].amount(text) or 0
 
     def _exists(self, group: Path) -> bool:
-        """What is gone needs no undoing."""
+        """Whether the group exists; if not, its entries are closed, as nothing is left to undo."""
         with suppress(ActuationError):
             self._now(group)
             if group.is_dir():
@@ -175,7 +179,7 @@ class Realtime:
         return {path: e for path, e in self._ledger.entries.items() if path.name == self._files.form.file}
 
     def _close_settled(self) -> None:
-        """What is as it was needs no entry; what nobody wants needs no open file."""
+        """Close the entries of groups that are as they were, and the files of groups without an entry."""
         for path, entry in self._entries().items():
             if self._exists(path.parent) and self._files[path.parent].read() == entry.theirs:
                 self._ledger.close(path)
@@ -184,7 +188,7 @@ class Realtime:
         self._files.keep({path.parent for path in self._entries()})
 
     def _put_periods_back(self) -> None:
-        """Of groups whose budget is as it was; an earlier run may have ended before it gave them any."""
+        """Restore the periods of groups without a budget from us; an earlier run may have ended before it wrote any."""
         budgets = {path.parent for path in self._entries()}
         periods = {p: e for p, e in self._ledger.entries.items() if p.name == self._files.form.period_file}
         for path, entry in periods.items():
@@ -196,7 +200,7 @@ class Realtime:
         self._files[group].set_period(period)
 
     def _try(self, action: Callable[[], None]) -> None:
-        """A container may end at any moment."""
+        """Call `action` and count its failure, except that the container is gone: it may end at any moment."""
         try:
             action()
         except ActuationError as error:

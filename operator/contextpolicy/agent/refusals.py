@@ -1,4 +1,4 @@
-"""What the agent would not or could not do: counted, and logged once for each reason."""
+"""What the agent would not or could not do: counted by reason, each reason logged once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Refusals:
         self.counts: Counter[str] = Counter()
 
     def note(self, reason: str, message: str) -> None:
-        """Count it, and log the first of its kind."""
+        """Count a refusal, and log the first for each reason."""
         self.counts[reason] += 1
         REFUSALS.labels(reason).inc()
         if self.counts[reason] == 1:

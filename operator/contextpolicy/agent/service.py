@@ -21,7 +21,7 @@ OBEYED_SECONDS = Histogram(
 
 
 def serve(port: int, alive: Callable[[], bool]) -> int:
-    """Answer on a thread of its own until the program ends; `alive` decides what /healthz says. Gives the port."""
+    """Serve on a thread of its own until the process ends; `alive` decides what /healthz says. Returns the port."""
     metrics = make_wsgi_app()
 
     def answer(environment: WSGIEnvironment, start_response: StartResponse) -> Iterable[bytes]:
@@ -39,4 +39,4 @@ def serve(port: int, alive: Callable[[], bool]) -> int:
 
 class _Quiet(WSGIRequestHandler):
     def log_message(self, *_: object) -> None:
-        """A probe every few seconds is no news."""
+        """Log nothing: there is a probe every few seconds."""

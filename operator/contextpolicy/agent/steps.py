@@ -1,4 +1,4 @@
-"""In which order to write, so that no instant breaks a rule of the kernel or gives away more than there is. Pure.
+"""The order of writes in which no step breaks a rule of the kernel or gives away more than there is. Pure.
 
 Amounts are thousandths of a core, or of the realtime period; None is no limit.
 """
@@ -24,7 +24,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class PodLimits:
-    """A pod's limit, the sum of those of its containers that nobody orders, and (now, wanted) of those that are."""
+    """A pod's limit, the sum of its other containers' limits, and (now, wanted) of each container that is ordered."""
 
     group: Path
     now: int | None
@@ -33,15 +33,15 @@ class PodLimits:
 
     @property
     def needed(self) -> int:
-        """What the pod's limit must be at least, or it takes away what its containers are given."""
+        """The least limit of the pod that does not throttle its containers below theirs."""
         return self.others + sum(wanted for _, wanted in self.containers.values())
 
 
 def limit_steps(pods: Iterable[PodLimits]) -> list[Step]:
-    """All decreases, then the increases, each pod ahead of its containers: version 1 refuses a child above its parent.
+    """All decreases, then the increases, each pod before its containers: version 1 refuses a child above its parent.
 
-    A pod's own limit only grows here. It binds nobody when it is too high, and the resize that follows lowers it; were
-    it lowered at once, a resize that is still under way could fail on it.
+    A pod's own limit only grows here. Too high a limit does no harm, and the resize that follows lowers it; lowered at
+    once, it could make a resize fail that is still under way.
     """
     pods = list(pods)
     lower = [Step(c, w) for pod in pods for c, (now, w) in pod.containers.items() if now is None or w < now]
@@ -56,9 +56,9 @@ def limit_steps(pods: Iterable[PodLimits]) -> list[Step]:
 def budgets(
     leaves: Mapping[Path, int], top: Path, others: Mapping[Path, int], least: Mapping[Path, int]
 ) -> dict[Path, int]:
-    """The realtime budget of each leaf and of every group above it up to `top`: what its children have in sum.
+    """The realtime budget of each leaf, and of every group above it up to `top`: at least the sum of its children's.
 
-    `others` is what the rest of a group's children have, `least` what the group had before anybody asked.
+    `others` is the sum of a group's other children, `least` what the group had before any policy.
     """
     wanted: dict[Path, int] = dict(leaves)
     children: dict[Path, set[Path]] = defaultdict(set)

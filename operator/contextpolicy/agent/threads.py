@@ -12,27 +12,27 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 THREAD_FILES = {1: "tasks", 2: "cgroup.threads"}
-"""The list of a group's threads, by cgroup version."""
+"""The file that lists a group's threads, by cgroup version."""
 
 _REALTIME = (os.SCHED_FIFO, os.SCHED_RR)
 _ROUNDS = 10
-"""A thread may be born while its siblings are changed; each round catches what the one before missed."""
+"""Threads may start while their siblings are changed; each round catches those that the one before missed."""
 
 
 def make_realtime(group: Path, version: int, priority: int, policy: int = os.SCHED_RR) -> None:
-    """Let all threads of the group run at realtime priority; threads and processes born later inherit it."""
+    """Move all threads of the group to realtime priority; threads and processes started later inherit it."""
     parameters = os.sched_param(priority)
     _change(group, version, lambda now: None if now in _REALTIME else (policy, parameters))
 
 
 def make_ordinary(group: Path, version: int) -> None:
-    """Give all threads of the group back to the fair scheduler, with the nice values they had."""
+    """Move all threads of the group back to the fair scheduler, with the nice values they had."""
     parameters = os.sched_param(0)
     _change(group, version, lambda now: (os.SCHED_OTHER, parameters) if now in _REALTIME else None)
 
 
 def _change(group: Path, version: int, new: Callable[[int], tuple[int, os.sched_param] | None]) -> None:
-    """Until a whole round finds nothing to change."""
+    """Repeat until a whole round finds nothing to change."""
     for _ in range(_ROUNDS):
         if not [thread for thread in _threads(group, version) if _change_one(thread, new)]:
             return
@@ -50,6 +50,7 @@ def _threads(group: Path, version: int) -> list[int]:
 
 def _change_one(thread: int, new: Callable[[int], tuple[int, os.sched_param] | None]) -> bool:
     try:
+        # The kernel returns the policy with this flag or'ed in.
         wanted = new(os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK)
         if wanted is not None:
             os.sched_setscheduler(thread, *wanted)

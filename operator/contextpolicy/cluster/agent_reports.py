@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy
 
 Stamp = tuple[int, int, int]
-"""Run, sequence and edition of a plan: which one it is."""
+"""Run, sequence and edition, which identify a plan and order the plans of one source."""
 
 NO_AGENT = "no node agent runs there: install the chart with agent.enabled=true and agent.realtime=true"
 UNREADABLE = "its node agent's report can't be read: operator and agent must be of one version"
@@ -25,9 +25,9 @@ SILENT = "its node agent did not answer yet: it is asked again until it does"
 
 @dataclass(frozen=True, slots=True)
 class AgentReport:
-    """What a node's agent lacks for CPU limits and for realtime, empty when nothing, and what it found.
+    """What a node's agent lacks for CPU limits and for realtime (empty when nothing), and what it found on the node.
 
-    `unlimited` says why the kernel itself can't limit CPU time; `quota_period` is the kubelet's, in seconds.
+    `unlimited` says why the kernel can't limit CPU time, if so; `quota_period` is the kubelet's, in seconds.
     """
 
     limits: str
@@ -38,10 +38,10 @@ class AgentReport:
 
 
 NO_ANSWER = AgentReport(SILENT, SILENT)
-"""What stands for the report of an agent that lives and has not said what it can do."""
+"""The report assumed for an agent that is alive but has not reported yet."""
 
 NOT_CONFIRMING = AgentReport(LATE, LATE)
-"""What stands for the report of an agent that lives and does not carry out plans."""
+"""The report assumed for an agent that is alive but does not confirm plans in time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Confirmation:
 
 
 def read_confirmation(payload: bytes) -> Confirmation | None:
-    """An agent's word; None when it can't be read."""
+    """An agent's confirmation; None when it can't be read."""
     try:
         said = json.loads(payload)
         run, sequence, edition = (int(number) for number in said["stamp"])
@@ -63,7 +63,7 @@ def read_confirmation(payload: bytes) -> Confirmation | None:
 
 
 def read_report(payload: bytes) -> AgentReport:
-    """An agent's report; one that can't be read lacks everything."""
+    """An agent's report; an unreadable one counts as lacking everything."""
     try:
         report = json.loads(payload)
         missing, processors, period = report["missing"], report.get("processors"), report.get("quotaPeriod")

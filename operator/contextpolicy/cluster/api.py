@@ -1,7 +1,7 @@
-"""The one door to the API server: reads, patches and events over pooled connections; its answers become our errors.
+"""The one door to the API server: reads, patches and events over pooled connections; its errors become ours.
 
-The client finds the cluster and keeps its tokens and connections. Its models and serializers are left out: they would
-be a third of the operator's own time on the hot path, and of a pod that was patched only the version counts.
+The client library finds the cluster and manages tokens and connections. Its models and serializers are not used: they
+would take a third of the operator's own time on the hot path, and a patched pod matters only for its version.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ JSON = "application/json"
 STRATEGIC = "application/strategic-merge-patch+json"
 MERGE = "application/merge-patch+json"
 POOL = 16
-"""Connections that are kept: a new one costs a TLS handshake. Eight patches, the reporter and the watches need them."""
+"""Connections kept open for patch workers, reporter and watches: a new one costs a TLS handshake."""
 FINALIZER = "contextpolicy.dev/restore"
-"""Holds a ContextPolicy that is being deleted until its containers are as they were."""
+"""Keeps a deleted ContextPolicy until its containers are restored."""
 TIMEOUT = urllib3.Timeout(connect=2.0, read=5.0)
-"""Seconds to connect and to wait for an answer."""
+"""Seconds to wait for a connection and for an answer."""
 HEARTBEAT = urllib3.Timeout(connect=2.0, read=90.0)
 """Seconds that a watch may be silent: the server sends a bookmark every minute (KEP-956)."""
 WATCH_SECONDS = 300
@@ -52,17 +52,18 @@ class ApiServer:
         _configure()
         settings = client.Configuration.get_default_copy()
         settings.connection_pool_maxsize = POOL
+        # Callers retry: by then a newer plan may want something else.
         settings.retries = urllib3.Retry(0)
         self._client = client.ApiClient(settings)
         self._pool = self._client.rest_client.pool_manager.connection_from_url(settings.host)
         self._prefix = (urllib3.util.parse_url(settings.host).path or "").rstrip("/")
 
     def close(self) -> None:
-        """Give the connections back."""
+        """Close the connections."""
         self._client.rest_client.pool_manager.clear()
 
     def serves_policies(self) -> bool:
-        """Whether the custom resource is installed."""
+        """Whether the custom resource definition is installed."""
         try:
             self.read("/apis/contextpolicy.dev/v1alpha1")
         except ActuationError as error:
@@ -72,19 +73,19 @@ class ApiServer:
         return True
 
     def resize(self, namespace: str, pod: str, patch: Mapping[str, Any]) -> int:
-        """PATCH pods/resize: containers merge by name. Returns the version of the pod that has it."""
+        """PATCH pods/resize: containers merge by name. Returns the changed pod's resourceVersion, 0 if not a number."""
         return _version(self._send("PATCH", f"/api/v1/namespaces/{namespace}/pods/{pod}/resize", patch, STRATEGIC))
 
     def pod(self, namespace: str, name: str) -> dict[str, Any]:
-        """One pod as it is now."""
+        """GET a pod."""
         return self.read(f"/api/v1/namespaces/{namespace}/pods/{name}")
 
     def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> None:
-        """Merge into what a ContextPolicy's status says about containers before it; None removes an entry."""
+        """Merge into `status.originals` of a ContextPolicy; None removes an entry."""
         self.write_status(namespace, policy, {"originals": dict(changes)})
 
     def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
-        """Replace what the status of a ContextPolicy says; fields that are absent now are removed by None."""
+        """Merge into the status of a ContextPolicy; None removes a field."""
         path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}/status"
         self._send("PATCH", path, {"status": dict(status)}, MERGE)
 
@@ -94,7 +95,7 @@ class ApiServer:
         return found
 
     def watch(self, path: str, version: str) -> urllib3.BaseHTTPResponse:
-        """The changes of a list since `version`, one JSON object a line; whoever asked has to close it."""
+        """The changes of a list since `version`, one JSON object per line; the caller closes the response."""
         query = f"watch=true&allowWatchBookmarks=true&timeoutSeconds={WATCH_SECONDS}&resourceVersion={version}"
         response = self._request("GET", f"{path}?{query}", None, timeout=HEARTBEAT, preload_content=False)
         if response.status >= 300:
@@ -102,11 +103,11 @@ class ApiServer:
         return response
 
     def pods(self, namespace: str | None) -> list[dict[str, Any]]:
-        """The pods of a namespace; of all when it is None."""
+        """The pods of a namespace, or of all (None)."""
         return self._list("/api/v1", namespace, "pods")
 
     def policies(self, namespace: str | None) -> list[dict[str, Any]]:
-        """The ContextPolicy objects of a namespace; of all when it is None; none where their definition is missing."""
+        """The ContextPolicy objects of a namespace, or of all (None); none if their definition is not installed."""
         try:
             return self._list("/apis/contextpolicy.dev/v1alpha1", namespace, "contextpolicies")
         except ActuationError as error:
@@ -115,7 +116,7 @@ class ApiServer:
             raise
 
     def config_map(self, namespace: str, name: str) -> dict[str, str]:
-        """The texts of a ConfigMap."""
+        """The data of a ConfigMap."""
         data: dict[str, str] = self.read(f"/api/v1/namespaces/{namespace}/configmaps/{name}").get("data") or {}
         return data
 
@@ -185,5 +186,5 @@ def _refusal(response: urllib3.BaseHTTPResponse) -> ActuationError:
         text,
         retriable=retriable,
         retry_after=float(pause) if pause.isdecimal() else 0.0,
-        in_doubt=status >= 500,  # a gateway may have given up on what the API server then did
+        in_doubt=status >= 500,  # a gateway may have timed out on what the API server then did
     )

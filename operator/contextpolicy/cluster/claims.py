@@ -1,4 +1,4 @@
-"""Which policy and task each container belongs to, and who must yield when two want the same."""
+"""Which policy and task each container belongs to, and which policy yields when two want the same. Pure."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class Claim:
     obstacles: dict[str, str] = field(default_factory=dict)
     realtime: list[str] = field(default_factory=list)
     unlimited: list[str] = field(default_factory=list)
-    """Nodes whose kernel can't limit CPU time: nothing that is ordered there has an effect."""
+    """Messages about nodes whose kernel can't limit CPU time, where orders have no effect."""
     agents: frozenset[str] = frozenset()
 
 
 def container_id(pod: PodView, container: str) -> str:
-    """How planning names a container; unique, and equal again after a restart of the operator."""
+    """The name that planning uses for a container: unique, and the same after a restart of the operator."""
     return f"{pod.namespace}/{pod.name}/{container}"
 
 
@@ -39,11 +39,11 @@ def claim(
     nodes: Mapping[str, int],
     original: Callable[[str, str], Cpu | None] = lambda *_: None,
 ) -> dict[str, Claim]:
-    """What each policy gets, oldest first: an older policy keeps what it has.
+    """What each policy gets, by reference. `policies` are ordered oldest first; an older policy keeps what it has.
 
     `nodes` maps names to allocatable thousandths of a core, `original` a pod's UID and a container's name to what the
-    container had before any policy. A younger policy also yields a node where the capacities
-    together are more than the node has: the sum of limits never exceeds it. Only enforcing policies take anything.
+    container had before any policy. A younger policy also yields a node where the capacities together exceed what the
+    node has, so that the sum of limits never does. Only enforcing policies take anything.
     """
     live = sorted((pod for pod in pods if pod.node in nodes and not pod.ended), key=lambda p: (p.namespace, p.name))
     registry = _Registry(nodes, original)
@@ -51,7 +51,7 @@ def claim(
 
 
 class _Registry:
-    """What the older policies took already."""
+    """What older policies have taken already."""
 
     def __init__(self, nodes: Mapping[str, int], original: Callable[[str, str], Cpu | None]) -> None:
         self._nodes, self._original = nodes, original

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def allocatable(node: Mapping[str, Any]) -> int | None:
-    """The CPU that a node's pods may use in thousandths of a core, rounded down; None while the kubelet tells none."""
+    """The CPU that a node's pods may use, in thousandths of a core, rounded down; None until the kubelet reports it."""
     told = ((node.get("status") or {}).get("allocatable") or {}).get("cpu")
     try:
         return int(parse_quantity(told) * 1000)  # type: ignore[no-untyped-call]

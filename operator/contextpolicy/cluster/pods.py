@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from decimal import Decimal
 
 MIRROR = "kubernetes.io/config.mirror"
-"""Annotation of a static pod's image in the API; the kubelet refuses to resize it."""
+"""Annotation of a static pod's mirror pod in the API; the kubelet refuses to resize it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,8 @@ class Cpu:
 class ContainerView:
     """One container; `actual` is what the kubelet reports as in force, None before it runs.
 
-    `allocated` is the request that the kubelet has granted, as it was written: `actual` is read back from the kernel.
+    `allocated` is the request that the kubelet has granted, as specified; `actual` is read back from the kernel, and
+    so is rounded. CPU amounts are thousandths of a core, memory is in bytes.
     """
 
     name: str
@@ -46,12 +47,12 @@ class ContainerView:
 
     @property
     def in_force(self) -> bool:
-        """Whether it runs with the limit that the API has, up to the systemd driver's steps of 10m (runc #4622)."""
+        """Whether the limit in the API is in force, up to the systemd driver's steps of 10m (runc #4622)."""
         return self.actual is None or _steps(self.actual.limit) == _steps(self.spec.limit)
 
     @property
     def granted(self) -> bool:
-        """Whether it runs with the resources that the API has."""
+        """Whether the request and the limit in the API are in force."""
         return self.in_force and self.allocated in (None, self.spec.request)
 
 
@@ -71,33 +72,33 @@ class PodView:
     observed_generation: int | None
     pending: str
     resizing: bool
-    """Whether the kubelet says that it is at a resize."""
+    """Whether the kubelet reports that a resize is in progress."""
     ended: bool
     running: bool
-    """Whether a container still runs: in a pod that is being deleted they do until the grace period is over."""
+    """Whether a container still runs; in a pod that is being deleted they may until the grace period ends."""
     version: int
-    """The object's resourceVersion, which only grows: a view of a lower one is older. 0 where it is no number."""
+    """The object's resourceVersion, which only grows, so a lower one means an older view. 0 when it is not a number."""
 
     @property
     def seen(self) -> bool:
-        """Whether the kubelet has seen the newest spec, as far as it tells (since Kubernetes 1.34)."""
+        """Whether the kubelet has seen the newest spec; True where it does not report that (before Kubernetes 1.34)."""
         return self.observed_generation is None or self.observed_generation >= self.generation
 
     @property
     def overlooked(self) -> bool:
-        """Whether the kubelet has seen the newest spec, has other resources in force, and says nothing about that."""
+        """Whether the kubelet has seen the newest spec, but has other resources in force and reports no reason."""
         silent = not (self.pending or self.resizing or self.ended) and self.observed_generation is not None
         return silent and self.seen and not all(container.granted for container in self.containers)
 
     def container(self, name: str) -> ContainerView | None:
-        """The container of this name."""
+        """The container with this name, or None."""
         return next((container for container in self.containers if container.name == name), None)
 
     def floor(self, container: ContainerView, original: Cpu | None = None) -> int:
-        """The least limit that the container's request allows, where only limits move; 0 where both move together.
+        """The least limit that the container's request allows where only limits move; 0 where both move together.
 
-        What counts is the request that it had before us, its `original`. Where a limit equal to the request would turn
-        the pod Guaranteed, the floor is just above it.
+        The request that counts is the one before us, in `original`. Where a limit equal to the request could turn the
+        pod Guaranteed, the floor is just above it.
         """
         if self.qos == "Guaranteed":
             return 0
@@ -107,7 +108,7 @@ class PodView:
         return request + 1 if equal_memory and cpu.request != cpu.limit else request
 
     def obstacle(self, container: ContainerView) -> str | None:
-        """Why this container's CPU can't be changed in place, with what to do; None when it can."""
+        """Why this container's CPU can't be changed in place, with what to do about it; None when it can."""
         if self.mirror:
             return f"{self.name} is a static pod, which can't be resized; run it as a Deployment"
         if self.qos == "BestEffort":
@@ -121,7 +122,7 @@ class PodView:
 
 
 def view(pod: Mapping[str, Any]) -> PodView:
-    """Read a pod object of the API."""
+    """The view of a pod object from the API; ValueError for a quantity that can't be read."""
     metadata, spec, status = pod["metadata"], pod.get("spec") or {}, pod.get("status") or {}
     annotations = metadata.get("annotations") or {}
     return PodView(
@@ -144,7 +145,7 @@ def view(pod: Mapping[str, Any]) -> PodView:
 
 
 def version_of(metadata: Mapping[str, Any]) -> int:
-    """The resourceVersion of an object; 0 when it is no number, which Kubernetes has promised since 1.35."""
+    """The resourceVersion of an object; 0 when it is not a number, which Kubernetes guarantees only since 1.35."""
     version = str(metadata.get("resourceVersion", ""))
     return int(version) if version.isdecimal() else 0
 
@@ -189,7 +190,7 @@ def _cpu_of(resources: Mapping[str, Any]) -> Cpu:
 
 
 def millicores(raw: object) -> int | None:
-    """A quantity of CPU in thousandths of a core, rounded up as Kubernetes does; ValueError when it is none."""
+    """A CPU quantity in thousandths of a core, rounded up as Kubernetes does; ValueError when it is invalid."""
     return None if raw is None else _quantity(raw, 1000)
 
 
@@ -206,7 +207,7 @@ def _quantity(raw: object, scale: int) -> int:
 
 
 def _pending(status: Mapping[str, Any]) -> str:
-    """What the kubelet says about a resize that it has not carried out: `Deferred: ...`, `Infeasible: ...`, `Error`."""
+    """Why the kubelet has not carried out a resize: `Deferred: ...`, `Infeasible: ...`, `Error: ...`; else empty."""
     for condition in _true_conditions(status):
         waits = condition.get("type") == "PodResizePending"
         failed = condition.get("type") == "PodResizeInProgress" and condition.get("reason") == "Error"

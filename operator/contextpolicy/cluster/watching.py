@@ -1,9 +1,9 @@
-"""Every object of a list as it is, and then each change, as the API server tells it: list once, then watch.
+"""Follow a list of objects: list once, then watch.
 
-Kopf tells of any object too, but compares each version with the last and copies both: milliseconds of Python per event,
-just when a resize makes pods change and its own answer waits to be read. This reads an event and hands it over.
-`kubernetes.informer` (37.0) would not do: it encodes each event anew to build a model of it (280 us for a pod where
-`json.loads` takes 20), and asks again without a pause when the server ends or refuses a watch.
+Kopf can watch any object too, but compares each version with the last and copies both: milliseconds of Python per
+event, just when a resize makes pods change and its own answer waits to be read. `kubernetes.informer` (37.0) encodes
+each event again to build a model of it (280 us for a pod where `json.loads` takes 20), and reconnects without a pause
+when the server ends or refuses a watch.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 PAUSES = (0.1, 0.2, 0.5, 1.0)
-"""Seconds between attempts to reach the API server; the last one from then on."""
+"""Seconds between attempts to reach the API server; the last one repeats."""
 
 
 class ListWatch(Protocol):
@@ -36,13 +36,14 @@ class ListWatch(Protocol):
         """GET a list."""
 
     def watch(self, path: str, version: str) -> urllib3.BaseHTTPResponse:
-        """Its changes since then, one JSON object a line."""
+        """The changes of a list since `version`, one JSON object per line."""
 
 
 class ObjectWatch:
     """One list, followed on a thread of its own.
 
-    `on_change(object)` and `on_gone(uid)` are called on that thread. `listed` is done when all that exists was told.
+    `on_change(object)` and `on_gone(uid)` are called on that thread. `listed` is done once `on_change` was called for
+    everything that existed at the start.
     """
 
     def __init__(
@@ -59,20 +60,20 @@ class ObjectWatch:
         self._thread = Thread(target=self._run, name=f"watch {path}", daemon=True)
 
     def start(self) -> None:
-        """Begin to list."""
+        """Start the thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """End, also while the server is silent."""
+        """End the thread, even if it is blocked on a silent server."""
         self._stop.set()
         response = self._response
         if response is not None:
-            with suppress(OSError, ValueError, RuntimeError):  # it has ended by itself, just now or before the pause
+            with suppress(OSError, ValueError, RuntimeError):  # the response has ended by itself already
                 response.shutdown()
         self._thread.join(timeout=5)
 
     def check(self) -> None:
-        """RuntimeError when the thread has ended without being told to."""
+        """RuntimeError when the thread has ended."""
         if not self._thread.is_alive():
             raise RuntimeError(f"{self._path} is not watched any more")
 
@@ -82,7 +83,7 @@ class ObjectWatch:
                 if self._version is None:
                     self._list()
                 self._follow()
-                self._stop.wait(PAUSES[0])  # a server, or a proxy, that ends every watch at once must not be stormed
+                self._stop.wait(PAUSES[0])  # don't hammer a server or proxy that ends every watch at once
             except (ActuationError, urllib3.exceptions.HTTPError, OSError, ValueError, LookupError, TypeError) as error:
                 self._rest(error)
 
@@ -101,7 +102,7 @@ class ObjectWatch:
             self.listed.set_result(None)
 
     def _follow(self) -> None:
-        """Until the server ends it, which it does every few minutes: then it goes on from the last version."""
+        """Watch until the server ends it, as it does every few minutes; the next one resumes from the last version."""
         with self._api.watch(self._path, self._version or "") as response:
             self._response = response
             if not self._stop.is_set():
@@ -122,7 +123,7 @@ class ObjectWatch:
         self._version = metadata["resourceVersion"]
 
     def _rest(self, error: Exception) -> None:
-        """Whatever went wrong, the versions may have moved on (410) or back (a restored backup): list anew."""
+        """After any error, list again: versions may have moved on (410) or back (a restored backup)."""
         self._version = None
         if self._stop.is_set():
             return

@@ -1,4 +1,4 @@
-"""Who last changed a container's CPU, as the API server notes it in `metadata.managedFields`. Pure."""
+"""Who last changed a container's CPU, as the API server records in `metadata.managedFields`. Pure."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 FIELD_MANAGER = "contextpolicy"
-"""By which the API server tells our writes from others'."""
+"""The name under which the API server records our writes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Writers:
-    """The managers that own a container's CPU request and limit; empty where nobody is noted."""
+    """The managers that own a container's CPU request and limit; empty where none is recorded."""
 
     request: str = ""
     limit: str = ""
@@ -24,7 +24,7 @@ NOBODY = Writers()
 
 
 def writers(metadata: Mapping[str, Any], list_field: str, container: str) -> Writers:
-    """The owners of a container's CPU; of several that applied the same value, the last."""
+    """The owners of a container's CPU; of several that share ownership, the one that wrote last."""
     entries = sorted(metadata.get("managedFields") or [], key=lambda entry: str(entry.get("time", "")), reverse=True)
     path = ("f:spec", f"f:{list_field}", f'k:{{"name":"{container}"}}', "f:resources")
     found = [(str(entry.get("manager", "")), _inside(entry.get("fieldsV1"), path)) for entry in entries]

@@ -1,1 +1,1 @@
-"""Pod resize (KEP-1287): what a plan wants of each pod's containers becomes patches of `pods/resize`."""
+"""Pod resize (KEP-1287): turns what a plan wants of each pod's containers into patches of `pods/resize`."""

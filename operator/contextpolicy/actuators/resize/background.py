@@ -1,4 +1,4 @@
-"""What takes long runs on a worker's thread; what it found out is told on the loop's thread."""
+"""Run slow work on a worker's thread, and handle its result on the loop's thread."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ Result = TypeVar("Result")
 
 
 class Background:
-    """The way from the loop to the workers and back."""
+    """The bridge from the loop to the workers and back."""
 
     def __init__(self, scheduler: SchedulerBase, workers: Executor) -> None:
         self._scheduler, self._workers = scheduler, workers
 
     def run(self, work: Callable[[], Result], then: Callable[[Result], None]) -> None:
-        """Do `work`, which must not raise, on a worker; then tell the loop its result."""
+        """Call `work`, which must not raise, on a worker; then call `then` with its result on the loop."""
         self._workers.submit(self._run, work, then)
 
     def now(self) -> float:

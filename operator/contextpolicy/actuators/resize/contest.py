@@ -1,7 +1,7 @@
-"""Containers that somebody else resizes too: what was taken from us, and when to take it back. Pure.
+"""Containers that somebody else resizes too: what they changed, and when to change it back. Pure.
 
-The last good plan stays in force, so the first time it is put back at once. A writer who insists is answered with
-growing pauses: two controllers that correct each other never spin.
+The last good plan stays in force, so the first foreign change is reverted at once. A writer who insists is answered
+after growing pauses, so that two controllers that correct each other never spin.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.pods import Cpu
 
 QUIET = 30.0
-"""Seconds without a foreign change after which the next one is put back at once again."""
+"""Seconds without a foreign change after which the next one is reverted at once again."""
 REMEMBERED = 90.0
-"""Seconds for which a contest counts as going on; an autoscaler that looks once a minute is still at it."""
+"""Seconds after the last foreign change until a contest counts as over; an autoscaler may act only once a minute."""
 
 
 @dataclass(frozen=True, slots=True)
 class Contest:
-    """What somebody else did to a container that a policy decides about."""
+    """A foreign change of a container that a policy decides about: by whom, from what, to what."""
 
     by: str
     had: Cpu
@@ -32,7 +32,11 @@ class Contest:
 
 @dataclass(slots=True)
 class Ownership:
-    """A container that a policy decides about: `cpu` is what it has by that, `found` what somebody else made of it."""
+    """A container that a policy decides about: `cpu` is what the policy gave it, `found` a foreign change in place.
+
+    `times` counts strikes after the first, `seen` is the last change, `until` when to revert it. `told`: the
+    contest was reported.
+    """
 
     policy: str
     cpu: Cpu
@@ -43,13 +47,13 @@ class Ownership:
     told: bool = False
 
     def give(self, policy: str, cpu: Cpu) -> None:
-        """From now on it has this."""
+        """The policy's resources are in the API (again): the foreign change, if any, is over."""
         self.policy, self.cpu, self.found = policy, cpu, None
 
     def compare(self, spec: Cpu, now: float) -> bool:
-        """Take what somebody else made of it; returns whether it has just been taken from us.
+        """Note what somebody else set; returns whether this is a new strike.
 
-        What it makes of it after that, before we take it back, is one and the same strike.
+        Further foreign changes before we revert the first belong to the same strike.
         """
         if spec == self.found:
             return False
@@ -62,10 +66,10 @@ class Ownership:
 
     @property
     def rests_until(self) -> float:
-        """Until when it is left as somebody else has made it."""
+        """Until when the foreign change is left in place."""
         return self.until if self.found is not None else -inf
 
     @property
     def forgotten_at(self) -> float:
-        """When a contest counts as over, unless it goes on."""
+        """When the contest counts as over, unless it goes on."""
         return self.seen + REMEMBERED

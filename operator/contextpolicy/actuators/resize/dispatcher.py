@@ -1,4 +1,4 @@
-"""Send patches on workers, and learn on the loop what became of them."""
+"""Send patches on workers, and process their outcomes on the loop."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
 
 
 class Observer(Protocol):
-    """Who wants to know how resizing goes; called on the loop's thread."""
+    """Receives the progress of resizes; called on the loop's thread."""
 
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
-        """The API has the new resources, since this monotonic time."""
+        """The API accepted the new resources; `answered` is the monotonic time of its answer."""
 
     def on_in_force(self, policy: str, container: str, limit: int) -> None:
-        """The kubelet reports the limit that the plan wants."""
+        """The kubelet reports the plan's limit, in thousandths of a core, as in force."""
 
     def on_problem(self, policy: str, subject: str, error: ActuationError | None) -> None:
-        """A write about a pod, or of the policy's status, failed; after a failure it works again (None)."""
+        """A write to a pod (`subject`), or to the policy's status, failed; None: it works again."""
 
     def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:
         """Somebody else resized a container of the policy, or has not done so for a while (None)."""
 
 
 class Dispatcher:
-    """`on_end(pod)` is called whenever a patch has ended, or waits, and what that taught is in the pod's state."""
+    """Calls `on_end(pod)` on the loop's thread after each answer, once the pod's state reflects it."""
 
     def __init__(
         self,
@@ -56,13 +56,13 @@ class Dispatcher:
         self._background.run(lambda: send(self._api, view, patch), lambda answer: self._on_answer(pod, patch, answer))
 
     def ask(self, pod: TrackedPod, cause: ActuationError | None = None) -> None:
-        """See in the API server what became of a pod's patch; `cause` is its answer, if there was one."""
+        """Read the pod to learn what became of its patch; `cause` is the error that answered it, if any."""
         view, patch = pod.view, pod.state.patch
         if patch is not None:
             self._background.run(lambda: ask(self._api, view), lambda found: self._on_found(pod, patch, found, cause))
 
     def recovered(self, policy: str, pod: TrackedPod) -> None:
-        """Whatever failed is over."""
+        """Report that the policy has no problem with the pod any more."""
         if policy in pod.troubled:
             pod.troubled.discard(policy)
             self._observer.on_problem(policy, pod.view.name, None)
@@ -94,7 +94,7 @@ class Dispatcher:
             if pod.find(found.view, now):
                 self._take_effect(pod, patch, found.received)
             elif cause is not None:
-                self._refuse(pod, patch, cause)  # the pod lives, so it is the subresource that is not found
+                self._refuse(pod, patch, cause)  # the pod exists, so the 404 was for its subresource `resize`
         elif found.reason == "NotFound":
             pod.state.miss()
         else:

@@ -1,4 +1,4 @@
-"""Recognise that somebody else has resized a container of a policy. Pure."""
+"""Detect that somebody else has resized a container of a policy. Pure."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ if TYPE_CHECKING:
 
 
 def look(policy: str, wish: Wish, original: Original | None, now: float) -> Contest | None:
-    """Compare what a container has with what its policy last gave it; what somebody else has just done, if anything."""
+    """Compare what a container has with what its policy last gave it; returns a foreign change when it is new."""
     pod, container = wish.pod, wish.container
     spec = pod.state.spec(container.name)
-    # While a patch is under way, what the watch shows may be its effect already.
+    # While a patch is under way, the watch may already show its effect.
     if pod.state.patch is not None or spec is None:
         return None
     ownership = pod.owned.get(container.name)
     if ownership is None:
         had = _last_given(container, original)
+        # We never resized it, so there is nothing yet that somebody else could have changed.
         if had is None and spec != wish.cpu:
             return None
         ownership = pod.owned[container.name] = Ownership(policy, had or spec)
@@ -37,7 +38,7 @@ def look(policy: str, wish: Wish, original: Original | None, now: float) -> Cont
 
 
 def _last_given(container: ContainerView, original: Original | None) -> Cpu | None:
-    """What an operator before this one last gave it: where others wrote since, what was there before all of us."""
+    """What an earlier run of the operator last gave it; for a field that others have written since, the original."""
     if original is None:
         return None
     ours, spec = ("", FIELD_MANAGER), container.spec

@@ -1,4 +1,4 @@
-"""Which limits may be set now, so that the limits of a node sum to no more than its capacity. Pure."""
+"""Which limits may be set now without the sum of a node's limits exceeding its capacity. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 class Holding:
     """One container's limit: `spec` is what the API has, `peak` the most that may be in force or on its way.
 
-    `before` is what it had when the plan came, and `stuck` says that the API or the kubelet won't lower it for now.
+    `before` is what it had when the plan came; `stuck` if the API or the kubelet won't lower it for now. Amounts are
+    thousandths of a core.
     """
 
     id: str
@@ -25,11 +26,11 @@ class Holding:
 
 
 def strict(capacity: int, holdings: Iterable[Holding]) -> set[str]:
-    """The containers whose wanted limit may be set now: all but the increases that don't fit beside what still holds.
+    """The containers whose wanted limit may be set now: all but the increases that don't fit beside the peaks.
 
-    Increases go smallest first, so that the most tasks get their share soonest. What does not fit waits until a
-    decrease is in force, and is asked for again then. Going back up to a peak that was not seen to have passed takes no
-    more room, but while the peaks sum above the capacity it would keep them there.
+    The smallest increases go first, so that most tasks get their share soonest. The others wait until a decrease is in
+    force. An increase up to the container's own peak needs no room, but while the peaks exceed the capacity it waits
+    too: it would keep them there.
     """
     holdings = list(holdings)
     used = sum(holding.peak for holding in holdings)
@@ -38,10 +39,10 @@ def strict(capacity: int, holdings: Iterable[Holding]) -> set[str]:
 
 
 def prompt(capacity: int, holdings: Iterable[Holding]) -> tuple[set[str], set[str]]:
-    """The containers whose wanted limit may be set now, and those that have to go back to what they had before.
+    """The containers whose wanted limit may be set now, and those that must go back to what they had before.
 
-    Every decrease counts as done when it is asked for. Only where one is stuck, the increases that it was to pay for
-    wait, or are taken back: so the sum is above the capacity for no longer than one resize.
+    A decrease counts as done as soon as it is requested. Only when one is stuck do the increases that it should have
+    paid for wait, or get reverted: so the sum exceeds the capacity for no longer than one resize.
     """
     holdings = list(holdings)
     rising = [holding for holding in holdings if holding.wanted > holding.before]

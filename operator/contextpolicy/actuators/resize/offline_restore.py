@@ -1,4 +1,4 @@
-"""Put containers back as they were before any policy, and let policies go, when there is no operator to do it."""
+"""Put containers back as they were before any policy, and remove policies' finalizers, without a running operator."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
 
 
 class RestoreApi(pod_patch.ResizeApi, Protocol):
-    """What a restoration needs of the API server."""
+    """The calls to the API server that a restoration needs."""
 
     def pods(self, namespace: str | None) -> list[dict[str, Any]]:
-        """Pods of a namespace, or of all."""
+        """The pods of a namespace, or of all (None)."""
 
     def policies(self, namespace: str | None) -> list[dict[str, Any]]:
-        """ContextPolicy objects of a namespace, or of all."""
+        """The ContextPolicy objects of a namespace, or of all (None)."""
 
     def set_finalizers(self, namespace: str, name: str, finalizers: Sequence[str], version: str) -> None:
-        """Replace a policy's finalizers."""
+        """Replace a policy's finalizers; Conflict when it has changed since `version`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Restored:
-    """What became of one container that `policy` moved; `error` says why it is not as it was before.
+    """The outcome for one container that `policy` resized; `error` says why it could not be restored.
 
-    Where containers could not even be found out, `container` is their pod or namespace.
+    Where the containers themselves are unknown, `container` names their pod or namespace.
     """
 
     container: str
@@ -48,7 +48,7 @@ class Restored:
 
 @dataclass(frozen=True, slots=True)
 class Released:
-    """What became of one policy's finalizer; `error` says why it still has it."""
+    """The outcome for one policy's finalizer; `error` says why it is still there."""
 
     policy: str
     error: str = ""
@@ -56,7 +56,7 @@ class Released:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """What one policy moved in one pod."""
+    """What one policy resized in one pod."""
 
     policy: str
     pod: PodView
@@ -64,15 +64,15 @@ class _Part:
 
     @property
     def rise(self) -> int:
-        """By how much the limits rise altogether when it is put back; its containers move at once."""
+        """How much restoring raises the sum of the pod's limits; its containers are restored in one patch."""
         moved = {container.name: container.spec.limit or 0 for container in self.pod.containers}
         return sum((cpu.limit or 0) - moved.get(name, 0) for name, cpu in self.originals.items())
 
 
 def restore(api: RestoreApi, namespace: str | None, *, dry_run: bool) -> Iterator[Restored]:
-    """Put back every container that a policy's status has the original of; what gives the most CPU back comes first.
+    """Restore every container whose original is in a policy's status, those that free the most CPU first.
 
-    Pods that have ended, or are ending, are left alone, as the operator does.
+    Pods that have ended or are being deleted are left alone, as the operator does.
     """
     try:
         policies, pods = api.policies(namespace), [view(pod) for pod in api.pods(namespace)]
@@ -86,7 +86,7 @@ def restore(api: RestoreApi, namespace: str | None, *, dry_run: bool) -> Iterato
 
 
 def release(api: RestoreApi, namespace: str | None, held: Collection[str], *, dry_run: bool) -> Iterator[Released]:
-    """Take the finalizer off every policy but those that are `held`: some of their containers are not back yet."""
+    """Remove the finalizer of every policy except those in `held`, which have containers that are not restored yet."""
     try:
         policies = api.policies(namespace)
     except ActuationError as error:
@@ -119,7 +119,7 @@ def _unreadable(policy: Mapping[str, Any]) -> Iterator[Restored]:
 
 
 def _restore_part(api: RestoreApi, part: _Part, *, dry_run: bool) -> Iterator[Restored]:
-    """The note goes when the containers are back, so that whatever stops this can be followed by another try."""
+    """The status entry is removed only after its containers are restored, so an interrupted run can be repeated."""
     pod, specs = part.pod, {container.name: container.spec for container in part.pod.containers}
     changed = {name: cpu for name, cpu in part.originals.items() if specs.get(name) != cpu}
     error = None
@@ -141,7 +141,7 @@ def _forget(api: RestoreApi, part: _Part) -> ActuationError | None:
 
 
 def _take_off(api: RestoreApi, metadata: Mapping[str, Any]) -> str:
-    """Returns why it could not be done."""
+    """Remove the finalizer; returns why that failed, or an empty string."""
     rest = [finalizer for finalizer in metadata["finalizers"] if finalizer != FINALIZER]
     try:
         api.set_finalizers(metadata["namespace"], metadata["name"], rest, metadata["resourceVersion"])
@@ -159,5 +159,5 @@ def _stored(policy: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _text(error: ActuationError) -> str:
-    """Nothing when what was to be put back has gone in the meantime."""
+    """Empty when the object is gone: then there is nothing to restore."""
     return "" if error.reason == "NotFound" else f"{error.reason}: {error}"

@@ -1,7 +1,7 @@
-"""What containers had before any policy: known here, kept in the policies' status, where only the operator writes.
+"""What containers had before any policy: kept in the policies' status, which only the operator may write. Pure.
 
-Level-triggered: `note` and `drop` say what a status should hold, `changes` what is to be written so that it does. A
-container is resized only after its original is stored, so a killed operator always knows how to put it back. Pure.
+Level-triggered: `note` and `drop` change what a status should hold, `changes` is the difference to what it holds. A
+container is resized only after its original is stored, so a restarted operator always knows how to put it back.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 FIELD = "originals"
-"""Of the status: pod UID -> the pod's name and its containers' CPU resources."""
+"""Field of the status: pod UID -> the pod's name and its containers' CPU resources."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Original:
 
 
 class Originals:
-    """The originals of all policies. Each container's is kept by one policy; it goes with the container to the next."""
+    """The originals of all policies. One policy keeps each; it moves when another policy takes the container over."""
 
     def __init__(self) -> None:
         self._known: dict[str, dict[str, Original]] = defaultdict(dict)
@@ -40,10 +40,10 @@ class Originals:
         self._records: dict[str, _Record] = {}
 
     def recall(self, policy: str, stored: object, exists: Callable[[str], bool]) -> None:
-        """Take what a policy's status holds, when the policy is first heard of; pods that are gone are left out.
+        """Load what a policy's status holds, once, when the policy first appears; pods that are gone are left out.
 
-        Two policies may hold the same container when an operator was killed while it changed hands. Both hold the same
-        value, so it does not matter whose it is.
+        Two policies may hold the same container if the operator was killed during a takeover. Both then hold the same
+        value, so either may keep it.
         """
         if policy in self._records:
             return
@@ -75,17 +75,17 @@ class Originals:
         return original.cpu if original else None
 
     def of(self, policy: str) -> Iterable[tuple[str, str]]:
-        """Pod and container of every original that the policy keeps."""
+        """Pod UID and container name of every original that the policy keeps."""
         return self._records[policy].wanted if policy in self._records else ()
 
     def note(self, policy: str, uid: str, pod_name: str, name: str, cpu: Cpu) -> None:
-        """The policy is about to resize the container; what was there before another policy stays what counts."""
+        """The policy is about to resize the container. If another policy did so before, that one's original is kept."""
         known = self.at(uid, name)
         if known is None or known.policy != policy:
             self._keep(policy, uid, pod_name, name, known.cpu if known else cpu)
 
     def drop(self, uid: str, name: str) -> None:
-        """The container is as it was, or gone."""
+        """The container is restored, or gone: its original is not needed any more."""
         known = self._known[uid].pop(name, None)
         if known is not None:
             record = self._records[known.policy]
@@ -101,12 +101,12 @@ class Originals:
             self.drop(uid, name)
 
     def is_stored(self, policy: str, uid: str, name: str) -> bool:
-        """Whether a killed operator's successor would know the original."""
+        """Whether the status holds the original, so that the operator would know it after a restart."""
         known = self.at(uid, name)
         return known is not None and known.policy == policy and self._records[policy].holds(uid, name, known.cpu)
 
     def changes(self, policy: str) -> dict[str, Any]:
-        """The merge patch of `status.originals` that is missing; empty when none is, or while one is under way."""
+        """The merge patch that `status.originals` needs; empty when it needs none, or while one is under way."""
         record = self._records.get(policy)
         if record is None or record.sent is not None or not record.dirty:
             return {}
@@ -115,12 +115,12 @@ class Originals:
         return found
 
     def send(self, policy: str) -> None:
-        """What `changes` said is on its way."""
+        """The patch from `changes` has been sent."""
         record = self._records[policy]
         record.sent, record.dirty = self._wanted(record), False
 
     def succeed(self, policy: str) -> None:
-        """What was sent is stored; whoever kept some of it until now may let go of it."""
+        """What was sent is stored; policies that handed some of it over may now remove it."""
         record = self._records.get(policy)
         if record is not None and record.sent is not None:
             record.stored, record.doubtful, record.sent = record.sent, {}, None
@@ -128,7 +128,7 @@ class Originals:
                 other.dirty |= bool(other.handed_over)
 
     def fail(self, policy: str) -> None:
-        """What was sent may be stored, or not."""
+        """The write failed: the status may hold what was sent, or what it held before, so both are in doubt."""
         record = self._records.get(policy)
         if record is not None and record.sent is not None:
             for kept in (record.sent, record.stored):
@@ -154,7 +154,10 @@ class Originals:
         record.dirty = True
 
     def _wanted(self, record: _Record) -> _Stored:
-        """What a policy's status should hold now: also what it handed over, until the next one's status holds that."""
+        """What a policy's status should hold now, plus what it handed over, until the new policy's status holds that.
+
+        So at every instant at least one status has the original.
+        """
         record.handed_over = {(uid, name) for uid, name in record.handed_over if self._is_on_the_way(uid, name)}
         wanted: _Stored = {}
         for uid, name in sorted(record.wanted | record.handed_over):
@@ -172,10 +175,10 @@ _Stored = dict[str, tuple[str, dict[str, Cpu]]]
 
 @dataclass(slots=True)
 class _Record:
-    """One policy's part: what it should hold, what its status holds, and what is being written.
+    """One policy's part: what its status should hold, what it holds, and what is being written.
 
-    `handed_over` are containers that other policies took over. `doubtful` are the pods, with their containers, of which
-    nobody knows whether the status holds them: they are written anew, or removed.
+    `handed_over` are containers that other policies took over. `doubtful` are pods, with their containers, that the
+    status may or may not hold: they are written anew, or removed.
     """
 
     wanted: set[tuple[str, str]] = field(default_factory=set)
@@ -199,7 +202,7 @@ class _Record:
 
 
 def read(policy: str, stored: object) -> Iterator[tuple[str, tuple[str, dict[str, Cpu]]]]:
-    """The entries of a status; one that makes no sense is told and left out."""
+    """The entries of a status: pod UID, pod name and originals; an invalid entry is logged and left out."""
     for uid, entry in stored.items() if isinstance(stored, dict) else ():
         try:
             containers = {
@@ -212,6 +215,6 @@ def read(policy: str, stored: object) -> Iterator[tuple[str, tuple[str, dict[str
 
 
 def write(cpu: Cpu) -> dict[str, str]:
-    """CPU resources as quantities."""
+    """CPU resources as Kubernetes quantities."""
     amounts = {"request": cpu.request, "limit": cpu.limit}
     return {kind: format_cpu(amount) for kind, amount in amounts.items() if amount is not None}

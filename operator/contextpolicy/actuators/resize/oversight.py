@@ -1,8 +1,8 @@
 """A resize that the kubelet has overlooked, and the nudge that makes it look again. Pure.
 
-A kubelet that starts assumes that it has already handled the pods that it finds. Resources that it has not granted yet
-it looks at after 30 s, or as soon as those of any pod change (`initialRetryDelay` in Kubernetes 1.36's
-kubelet/allocation/allocation_manager.go). Whenever k3s restarts, its API is back before its kubelet, and resizes get in
+A starting kubelet assumes that it has already handled the pods it finds. It looks at resources that it has not granted
+yet only after 30 s, or as soon as those of any pod change (`initialRetryDelay` in Kubernetes 1.36's
+kubelet/allocation/allocation_manager.go). When k3s restarts, its API is back before its kubelet, so resizes arrive in
 between.
 """
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Oversight:
-    """How long the kubelet has overlooked what a pod should have, and how often it has since that last was in force."""
+    """Since when the kubelet has overlooked a pod's resources, and how often since the pod last had what it should."""
 
     since: float = inf
     times: int = 0
 
     def look(self, view: PodView, now: float) -> None:
-        """Take what the watch says."""
+        """Take the pod as the watch shows it."""
         if not view.overlooked:
             self.since = inf
             self.times = 0 if view.seen and all(container.granted for container in view.containers) else self.times
@@ -40,12 +40,12 @@ class Oversight:
 
     @property
     def until(self) -> float:
-        """When the kubelet's time to say something is over."""
+        """When to stop waiting for the kubelet and nudge it; infinity while nothing is overlooked."""
         return self.since + OVERLOOKED.after(self.times)
 
 
 def nudge(container: ContainerView, wanted: Cpu) -> Cpu:
-    """A thousandth off what is wanted, towards what is in force, so that the node's limits never sum to more.
+    """The wanted resources, off by a thousandth of a core towards those in force: so the limits never sum to more.
 
     Asking for the same again would not do: the API server tells the kubelet only of changes.
     """

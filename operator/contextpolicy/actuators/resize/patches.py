@@ -1,4 +1,4 @@
-"""Patches of pods/resize as values: which CPU a share means for a container, and the patch that says so. Pure."""
+"""Patches of pods/resize as values: the CPU that a share means for a container, and the patch that sets it. Pure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MIN_SHARES_REQUEST = 2
 
 
 def cpu_for(pod: PodView, container: ContainerView, share: int, control: Control, ceiling: int) -> Cpu:
-    """The request and limit that give a container `share`; `ceiling` is its limit where only weights move.
+    """The request and limit that give a container its `share`; `ceiling` is its limit where only weights move.
 
     A Guaranteed pod keeps its class: request and limit stay equal.
     """
@@ -28,12 +28,13 @@ def cpu_for(pod: PodView, container: ContainerView, share: int, control: Control
     if control is Control.LIMIT:
         return Cpu(request, share)
     limit = ceiling if control is Control.WEIGHT else share
+    # A request equal to the limit could turn the pod Guaranteed, and a resize may not change the QoS class.
     below = share - 1 if share == limit else share
     return Cpu(max(MIN_SHARES_REQUEST, below), limit)
 
 
 def resize_patch(pod: PodView, wanted: Mapping[str, Cpu]) -> dict[str, Any]:
-    """The strategic merge patch for pods/resize; containers merge by name, what is not named stays."""
+    """The strategic merge patch for pods/resize; containers merge by name, those not in `wanted` stay as they are."""
     lists: dict[str, list[dict[str, Any]]] = {}
     for container in pod.containers:
         cpu = wanted.get(container.name)

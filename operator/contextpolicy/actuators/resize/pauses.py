@@ -1,4 +1,4 @@
-"""How long to wait before something is tried again: doubled each time. Pure."""
+"""Exponential backoff: how long to wait before something is tried again. Pure."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """Seconds: the first pause and the longest."""
+    """The first and the longest pause, in seconds; each is twice the one before."""
 
     first: float
     longest: float
 
     def after(self, times: int) -> float:
-        """The pause after so many times in a row."""
+        """The pause in seconds after this many times in a row; 0 before the first."""
         return min(self.longest, self.first * 2.0 ** min(times - 1, 20)) if times > 0 else 0.0
 
 
 FAILED = Pause(0.1, 5.0)
-"""After a patch without a usable answer: the API server is busy or gone for a moment."""
+"""After a patch without a usable answer: the API server is busy or briefly away."""
 REFUSED = Pause(5.0, 120.0)
-"""After a refusal. What refuses (a quota, a LimitRange, a role, an admission policy) may change with nothing on the pod
-changing, and nobody tells us; so nothing is refused for ever, and nothing is asked for often."""
+"""After a refusal. Its cause (a quota, a LimitRange, a role, an admission policy) may change without any change of the
+pod, and without an event for us: so we never give up, but seldom ask."""
 CONTESTED = Pause(0.5, 5.0)
-"""Before a container that somebody else resizes as well is put back, from the second time on."""
+"""Before a foreign change of a container is reverted, from the second time on."""
 OVERLOOKED = Pause(2.0, 120.0)
-"""For which a kubelet may say nothing about a resize that it has seen; it looks at the runtime once a second."""
+"""How long a kubelet may stay silent about a resize that it has seen; it looks at the runtime once a second."""

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 class PodIndex:
-    """Looking a container up costs the same with thousands of other pods on the node."""
+    """Looks containers up in constant time, however many other pods the cluster has."""
 
     def __init__(self) -> None:
         self._pods: dict[str, TrackedPod] = {}
         self._uids: dict[str, str] = {}
 
     def get(self, view: PodView) -> TrackedPod:
-        """The pod that a view is about, from now on tracked if it was not."""
+        """The tracked pod of a view; starts tracking it if it is new."""
         pod = self._pods.get(view.uid)
         if pod is None:
             pod = self._pods[view.uid] = TrackedPod(PodState(view))
@@ -29,8 +29,9 @@ class PodIndex:
         return pod
 
     def pop(self, uid: str) -> TrackedPod | None:
-        """The pod, which is not tracked any more; None when it was not."""
+        """Stop tracking a pod and return it; None when it was not tracked."""
         pod = self._pods.pop(uid, None)
+        # The next pod of a StatefulSet has the same name, and may be tracked before this one is gone.
         if pod is not None and self._uids.get(_key(pod.view)) == uid:
             del self._uids[_key(pod.view)]
         return pod
@@ -40,15 +41,15 @@ class PodIndex:
         return uid in self._pods and self._pods[uid].view.namespace == namespace
 
     def holds(self, pod: TrackedPod) -> bool:
-        """Whether it is tracked: the answer to a patch may come after its pod has gone."""
+        """Whether this very pod is tracked: the answer to a patch may come after its pod is gone."""
         return self._pods.get(pod.view.uid) is pod
 
     def known(self, uids: Iterable[str]) -> Iterator[TrackedPod]:
-        """Those of the pods that are tracked, always in the same order."""
+        """Those of the pods that are tracked, ordered by UID."""
         return (self._pods[uid] for uid in sorted(uids) if uid in self._pods)
 
     def find(self, identity: str) -> tuple[TrackedPod | None, ContainerView | None]:
-        """A container by its name of `namespace/pod/container`."""
+        """A container by its identity `namespace/pod/container`, with its pod; None for what is unknown."""
         key, _, name = identity.rpartition("/")
         pod = self._pods.get(self._uids.get(key, ""))
         return pod, pod.view.container(name) if pod else None

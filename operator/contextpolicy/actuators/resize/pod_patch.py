@@ -1,4 +1,4 @@
-"""One patch of a pod, and the question how it ended; both run on a worker's thread."""
+"""Send one patch to a pod, or read the pod to learn how a patch ended; both run on a worker's thread."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ResizeApi(Protocol):
     """What the resizer needs of the API server."""
 
     def resize(self, namespace: str, pod: str, patch: Mapping[str, object]) -> int:
-        """PATCH pods/resize; returns the version of the pod that has the change."""
+        """PATCH pods/resize; returns the resourceVersion of the changed pod."""
 
     def pod(self, namespace: str, name: str) -> dict[str, Any]:
         """GET a pod."""
@@ -34,7 +34,7 @@ class ResizeApi(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """The resources to set in one pod, all on behalf of one policy: towards its plan, or back as they were."""
+    """The resources to set in one pod for one policy: towards its plan, or (`restore`) back to the originals."""
 
     policy: str
     resources: Mapping[str, Cpu]
@@ -43,9 +43,9 @@ class Patch:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """How a patch ended: `version` is that of the pod that has it, `error` what came instead.
+    """How a patch ended: `version` is the changed pod's resourceVersion, `received` the answer's monotonic time.
 
-    `received` is the monotonic time of the answer.
+    With an `error`, neither is set.
     """
 
     version: int = 0
@@ -54,7 +54,7 @@ class Answer:
 
 
 def send(api: ResizeApi, pod: PodView, patch: Patch) -> Answer:
-    """Send a patch. Whatever goes wrong becomes an answer: a worker that raised would leave its pod waiting."""
+    """Send a patch. Any exception becomes an answer: if the worker raised, the pod would wait for ever."""
     try:
         version = api.resize(pod.namespace, pod.name, resize_patch(pod, patch.resources))
     except ActuationError as error:
@@ -67,14 +67,14 @@ def send(api: ResizeApi, pod: PodView, patch: Patch) -> Answer:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A pod as the API server had it at this monotonic time."""
+    """A pod as the API server had it at the monotonic time `received`."""
 
     view: PodView
     received: float
 
 
 def ask(api: ResizeApi, pod: PodView) -> Found | ActuationError:
-    """The pod as the API server has it now; NotFound also when another pod has taken its name."""
+    """The pod as the API server has it now; NotFound also when a new pod has the same name."""
     try:
         found = view(api.pod(pod.namespace, pod.name))
     except ActuationError as error:

@@ -1,6 +1,6 @@
 """What is known of one pod between a patch and its effect: one explicit state, and one table of its transitions. Pure.
 
-Rule: everything that changes this state lives in this file, and no phase changes but through TRANSITIONS. The questions
+Rule: everything that changes this state lives in this file, and phases change only through TRANSITIONS. The queries
 (properties, `spec`, `highest`, ...) change nothing.
 """
 
@@ -20,29 +20,29 @@ if TYPE_CHECKING:
     from contextpolicy.errors import ActuationError
 
 SETTLING = 0.3
-"""Seconds for which a newer wish waits for the kubelet to finish the last resize. It takes one resize of a pod after
-the other, so in a storm of contexts each one that is overtaken only delays the newest."""
+"""Seconds for which a newer wish waits for the kubelet to finish the last resize. The kubelet handles the resizes of a
+pod one after the other, so when contexts change quickly each outdated one would only delay the newest."""
 
 
 class Phase(Enum):
     """Where a pod's patch stands."""
 
     IDLE = auto()
-    """Nothing is under way."""
+    """No patch is under way."""
     IN_FLIGHT = auto()
-    """A patch was sent and not answered yet."""
+    """A patch was sent and is not answered yet."""
     RETRYING = auto()
-    """The server answered that it can't now, so nothing took effect; the pod rests until it is due."""
+    """The server can't do it now, so nothing took effect; the pod waits until `due`."""
     UNSURE = auto()
-    """The answer was lost, so the patch may have taken effect; the pod rests until it is due."""
+    """The answer was lost, so the patch may have taken effect; the pod waits until `due`."""
     ASKING = auto()
-    """The API server is being asked what the pod has."""
+    """The pod is being read from the API server to learn what it has."""
     GONE = auto()
     """The API server has no such pod."""
 
 
 class Event(Enum):
-    """What can happen to it."""
+    """What can happen to a pod's patch."""
 
     SENT = auto()
     ACCEPTED = auto()
@@ -61,7 +61,7 @@ TRANSITIONS: Mapping[Phase, Mapping[Event, Phase]] = {
         Event.REFUSED: Phase.IDLE,
         Event.POSTPONED: Phase.RETRYING,
         Event.LOST: Phase.UNSURE,
-        # "Not found" may be the pod or its subresource `resize`; only the pod itself tells.
+        # A 404 may mean the pod or its subresource `resize`; only reading the pod tells which.
         Event.MISSING: Phase.ASKING,
     },
     Phase.RETRYING: {Event.DUE: Phase.IDLE},
@@ -78,7 +78,7 @@ TRANSITIONS: Mapping[Phase, Mapping[Event, Phase]] = {
 
 
 class PodState:
-    """One pod; at most one patch is under way, newer wishes wait for its end.
+    """One pod; at most one patch is under way, newer wishes wait until it ends.
 
     Three layers of knowledge: `view` is what the watch shows, `_accepted` what the API server has confirmed since, and
     `_peaks` are limits that may still be in force although neither says so.
@@ -90,9 +90,9 @@ class PodState:
         self.patch: Patch | None = None
         """The patch whose effect is not known yet."""
         self.due = inf
-        """When a pod that rests goes on."""
+        """Loop time in seconds at which a waiting pod continues; infinity when it does not wait."""
         self.putting_back: dict[str, str] = {}
-        """Containers that were put back, with the policy that had them, until that is in force."""
+        """Containers that were put back, with the policy that had resized them, until the kubelet has done it."""
         self._version = 0
         self._accepted: dict[str, Cpu] = {}
         self._peaks: dict[str, int] = {}
@@ -102,7 +102,8 @@ class PodState:
     # what happens
 
     def observe(self, view: PodView) -> bool:
-        """Take what the watch shows; False when it is older than our last write."""
+        """Take the pod as the watch shows it; False when that is older than our last write."""
+        # The watch lags behind the answers to our patches: an old event must not bring the old spec back.
         if view.version < self._version:
             return False
         if view.generation != self.view.generation:
@@ -112,49 +113,49 @@ class PodState:
         return True
 
     def send(self, patch: Patch) -> None:
-        """From now on both the old and the new limits may be in force."""
+        """A patch is sent: until its outcome is known, both the old and the new limits may be in force."""
         self._move(Event.SENT)
         self._peaks |= {name: self.highest(name) for name in patch.resources}
         self.patch = patch
 
     def accept(self, version: int, now: float) -> None:
-        """The API server has the patch."""
+        """The API server accepted the patch; `version` is the changed pod's resourceVersion."""
         self._move(Event.ACCEPTED)
         self._version = max(self._version, version)
         self._take_effect(now)
 
     def refuse(self) -> None:
-        """The API server will not have it: as far as we know, all is as it was."""
+        """The API server refused the patch: nothing has changed."""
         self._move(Event.REFUSED)
         self._end()
 
     def postpone(self, error: ActuationError, now: float) -> float:
-        """The API server can't have it now; returns the pause in seconds."""
+        """The API server can't take the patch now; returns the pause in seconds."""
         self._move(Event.POSTPONED)
         self._end()
         return self._rest(error, now)
 
     def lose(self, error: ActuationError, now: float) -> float:
-        """No usable answer came; returns the pause in seconds until the pod itself is asked."""
+        """No usable answer came; returns the pause in seconds until the pod is read."""
         self._move(Event.LOST)
         return self._rest(error, now)
 
     def fail_to_ask(self, error: ActuationError, now: float) -> float:
-        """The pod could not be read; returns the pause in seconds until it is asked again."""
+        """The pod could not be read; returns the pause in seconds until it is read again."""
         self._move(Event.LOST)
         return self._rest(error, now)
 
     def miss(self) -> None:
-        """The API server does not find it."""
+        """The API server answered NotFound."""
         self._move(Event.MISSING)
 
     def wake(self) -> None:
-        """The pod has rested: its patch may be sent anew, or it is asked what became of it."""
+        """The pause is over: a patch may be sent again, or the pod is to be read."""
         self._move(Event.DUE)
         self.due = inf
 
     def find(self, view: PodView, now: float) -> bool:
-        """The pod as the API server has it; returns whether the patch took effect."""
+        """The pod was read from the API server; returns whether the patch took effect."""
         patch = self.patch
         self.observe(view)
         self._move(Event.FOUND)
@@ -165,7 +166,7 @@ class PodState:
         return False
 
     def expect_back(self, name: str, policy: str) -> None:
-        """The container is put back as far as the API knows; until the kubelet has done it, it may have more."""
+        """The API already has the container's original; until the kubelet applies it, the container may have more."""
         container = self.view.container(name)
         if container is not None and self.highest(name) > (container.spec.limit or 0):
             self.putting_back[name] = policy
@@ -189,24 +190,24 @@ class PodState:
 
     @property
     def settles_at(self) -> float:
-        """Until when the kubelet, as far as is known, is busy with our last resize. For one held back, nobody waits."""
+        """Until when to wait for the kubelet to finish our last resize; nobody waits for one that it has deferred."""
         return self._accepted_at + SETTLING if self._peaks and not self.view.pending else -inf
 
     def spec(self, name: str) -> Cpu | None:
-        """The container's resources in the API, counting what the watch has not shown yet; None when nobody knows."""
+        """The container's resources in the API, including writes not on the watch yet; None when unknown."""
         if self.phase in (Phase.UNSURE, Phase.ASKING):
             return None
         container = self.view.container(name)
         return self._accepted.get(name) or (container.spec if container else None)
 
     def least_known(self, name: str) -> int:
-        """The limit in the API as last known, 0 without one."""
+        """The last known limit in the API, in thousandths of a core; 0 without one."""
         container = self.view.container(name)
         known = self._accepted.get(name) or (container.spec if container else None)
         return (known.limit if known else None) or 0
 
     def highest(self, name: str) -> int:
-        """The highest limit that may be in force now."""
+        """The highest limit that may be in force now, in thousandths of a core."""
         container = self.view.container(name)
         seen = (container.spec, container.actual) if container else ()
         known = (self._accepted.get(name), self.patch.resources.get(name) if self.patch else None, *seen)
@@ -226,6 +227,7 @@ class PodState:
     def _take_effect(self, now: float) -> None:
         if self.patch is not None:
             self._accepted |= self.patch.resources
+            # Accepted is not in force: until the kubelet has resized the container, its old limit counts as well.
             self._peaks |= {name: self.highest(name) for name in self.patch.resources}
             if self.patch.restore:
                 self.putting_back |= dict.fromkeys(self.patch.resources, self.patch.policy)
@@ -241,15 +243,15 @@ class PodState:
         return container is not None and container.spec == cpu
 
     def _keep_peaks(self, view: PodView) -> None:
-        """Somebody's resize replaces another before the kubelet told about it: either may be in force."""
+        """A foreign resize replaced a spec that the kubelet may have applied unreported: either may be in force."""
         for container in view.containers:
             if container.spec != self.spec(container.name):
                 self._peaks[container.name] = max(self.highest(container.name), container.spec.limit or 0)
 
     def _settle(self) -> None:
-        """Forget what has passed: the API's answers once the watch shows them, peaks once the kubelet is done.
+        """Forget what is over: confirmed writes once the watch shows them, peaks once the kubelet is done.
 
-        While a patch is under way or in doubt, nothing has passed.
+        While a patch is under way or in doubt, nothing is.
         """
         if self.patch is not None or self.view.version < self._version:
             return

@@ -1,4 +1,4 @@
-"""One policy's pursuit of what it wants: of every difference from what is, what may be asked for now."""
+"""How one policy gets what it wants: finds every difference from what is, and sends what may be sent now."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.pods import Cpu
 
 RESTORE_PATIENCE = 2.0
-"""Seconds for which what is put back waits with rising until what falls has fallen: a refusal, or a kubelet that is
-gone, must not keep it."""
+"""Seconds for which restored limits wait to rise until others have fallen. Bounded, because a refusal or a dead kubelet
+must not block a restore."""
 
 
 class Pursuit:
     """Level-triggered: `advance` may be called at any time and sends only what is missing.
 
-    `done` is set while the policy is being released, and called when nothing is left to put back.
+    `done` is set while the policy is being released; the resizer calls it when nothing is left to put back.
     """
 
     def __init__(
@@ -39,14 +39,14 @@ class Pursuit:
     ) -> None:
         self._order = order
         self._before: dict[str, Cpu] = {}
-        """What each container had when the plan came."""
+        """What each container had when the current plan came, by identity."""
         self.done: Callable[[], None] | None = None
         self.again = inf
-        """When to look again, if nothing happens before."""
+        """Loop time in seconds at which to call `advance` again, if nothing happens before."""
         self._policy = order.policy
         self._pods, self._originals, self._dispatcher, self._observer = pods, originals, dispatcher, observer
         self._touched: set[str] = set()
-        """The pods that the policy has, or had, to do with: no other is looked at."""
+        """UIDs of the pods that the policy resizes or still has to restore; it looks at no others."""
         self._falling: dict[str, float] = {}
 
     @property
@@ -61,13 +61,13 @@ class Pursuit:
         self._order = order
 
     def concerns(self, pod: TrackedPod) -> bool:
-        """Whether what happens to a pod may matter to the policy."""
+        """Whether a change of the pod may matter to the policy."""
         return pod.view.uid in self._touched or any(
             container_id(pod.view, container.name) in self.order.claimed for container in pod.view.containers
         )
 
     def try_refused_again(self) -> None:
-        """Somebody asks again to put everything back: what was refused may be accepted now."""
+        """Forget refused restores, so that they are sent again at once."""
         for pod in self._pods.known(self._touched):
             pod.refusals.pop((self._policy, True), None)
 
@@ -76,7 +76,7 @@ class Pursuit:
         self.again = min(self._advance(now), default=inf)
 
     def is_released(self) -> bool:
-        """Whether nothing is left to put back, or in doubt; pods that have ended need nothing."""
+        """Whether nothing is left to restore or in doubt; pods that have ended don't count."""
         kept = {uid for uid, _ in self._originals.of(self._policy)}
         return all(
             pod.view.ended or not (pod.view.uid in kept or pod.state.originator == self._policy)
@@ -84,7 +84,7 @@ class Pursuit:
         )
 
     def _advance(self, now: float) -> Iterator[float]:
-        """Yields the moments at which there may be more to do."""
+        """Yields the times at which there may be more to do."""
         wishes = list(self._wishes(now))
         self._touched.update(wish.pod.view.uid for wish in wishes)
         self._touched.update(uid for uid, _ in self._originals.of(self._policy))
@@ -98,11 +98,13 @@ class Pursuit:
         back = {pod.view.uid: self._to_put_back(pod) for pod in pods}
         bound = self._bound(pods, back, now)
         yield from (end for end in bound.values() if end > now)
+        # Decreases first: workers take patches in this order, so the room for the increases is free sooner.
         for pod in sorted(pods, key=lambda pod: _rises(pod, forward.get(pod.view.uid, {}))):
             held = bound.get(pod.view.node, -inf) > now
             uid = pod.view.uid
             ready = without_rises(pod.state, back[uid]) if held else back[uid]
             if not pod.view.ended:
+                # At most one of the two is sent: the first leaves the pod busy, and its end brings us back here.
                 yield self._request(pod, forward.get(uid, {}), now, restore=False)
                 yield self._request(pod, ready, now, restore=True)
             if not (forward.get(uid) or back[uid] or pod.state.patch):
@@ -110,7 +112,7 @@ class Pursuit:
         self._touched = {pod.view.uid for pod in pods if self._has_to_do_with(pod)}
 
     def _wishes(self, now: float) -> Iterator[Wish]:
-        """What has a share; a plan that is ordered late may have shares for what the policy has lost since."""
+        """The containers with a share. A plan ordered late may name containers that the policy has lost since."""
         for identity in self.order.shares:
             pod, container = self._pods.find(identity)
             if pod is not None and container is not None and identity in self.order.claimed and not pod.view.ended:
@@ -121,7 +123,7 @@ class Pursuit:
                 yield Wish(identity, pod, container, wanted, before, stuck)
 
     def _wake(self, pod: TrackedPod, now: float) -> float:
-        """Let a pod that has rested go on; returns when it has."""
+        """Let a pod continue after its pause; returns when the pause ends, or infinity."""
         if pod.state.due > now:
             return pod.state.due
         pod.state.wake()
@@ -130,7 +132,7 @@ class Pursuit:
         return inf
 
     def _let_go(self, pod: TrackedPod) -> None:
-        """Whatever the policy decided about and claims no more is not its any more."""
+        """Give up ownership of containers that the policy no longer claims."""
         for name, ownership in list(pod.owned.items()):
             identity = container_id(pod.view, name)
             if ownership.policy == self._policy and (pod.view.ended or identity not in self.order.claimed):
@@ -139,7 +141,7 @@ class Pursuit:
                     self._observer.on_contest(self._policy, identity, None)
 
     def _guard(self, wish: Wish, now: float) -> Iterator[float]:
-        """Tell when somebody else has resized a container of the policy, and when that is history."""
+        """Report when others resize the policy's container, and when that is over; yields when to look next."""
         pod, name = wish.pod, wish.container.name
         contest = guard.look(self._policy, wish, self._originals.at(pod.view.uid, name), now)
         if contest is not None:
@@ -155,10 +157,10 @@ class Pursuit:
             yield pod.oversight.until
 
     def _steps(self, wishes: Collection[Wish], now: float) -> dict[str, dict[str, Cpu]]:
-        """What may be set now, by pod UID.
+        """The resources that may be set now, by pod UID and container name.
 
-        Before anything is, the original of every container with a share is stored: so it costs one write for all, and
-        none when a later plan moves the next container.
+        Before the first resize, the originals of all containers with a share are stored: that costs one write for all,
+        and none when a later plan resizes the next container.
         """
         found = steps(self.order, wishes, self._leaving(), now)
         stored = {
@@ -171,7 +173,7 @@ class Pursuit:
         return stored
 
     def _note(self, wish: Wish) -> None:
-        """What somebody else has made of a container that is ours is not what it had before us."""
+        """Note the container's original. For one that we own already, a foreign change of it is not the original."""
         view, name = wish.pod.view, wish.container.name
         ownership = wish.pod.owned.get(name)
         before = ownership.cpu if ownership is not None else wish.pod.state.spec(name)
@@ -179,7 +181,7 @@ class Pursuit:
             self._originals.note(self._policy, view.uid, view.name, name, before)
 
     def _leaving(self) -> Mapping[str, int]:
-        """What the policy gave to pods that are being deleted, by node: it is theirs until their containers end."""
+        """By node, the limits that pods being deleted have from the policy: they hold until their containers end."""
         leaving: dict[str, int] = defaultdict(int)
         for uid, name in self._originals.of(self._policy):
             for pod in self._pods.known([uid]):
@@ -188,10 +190,11 @@ class Pursuit:
         return leaving
 
     def _to_put_back(self, pod: TrackedPod) -> dict[str, Cpu]:
-        """What the policy moved and claims no more; where all is as it was before already, only the note is dropped."""
+        """The originals of containers that the policy no longer claims; those restored already are just dropped."""
         uid, state = pod.view.uid, pod.state
         back = to_put_back(state, self._originals.in_pod(uid), self._policy, self.order.claimed)
         if state.ready and not pod.view.ended:
+            # In a ready pod, a spec of None means that there is no such container.
             for name in [name for name, cpu in back.items() if state.spec(name) in (cpu, None)]:
                 del back[name]
                 state.expect_back(name, self._policy)
@@ -201,19 +204,19 @@ class Pursuit:
     def _bound(
         self, pods: Iterable[TrackedPod], back: Mapping[str, Mapping[str, Cpu]], now: float
     ) -> Mapping[str, float]:
-        """The nodes on which nothing that is put back may rise, and until when."""
+        """The nodes on which no restored limit may rise yet, and until when."""
         before, restoring = self._falling, any(back.values())
         nodes = {p.view.node for p in pods if restoring and is_falling(p.state, self._policy, back[p.view.uid])}
         self._falling = {node: before.get(node, now) for node in nodes}
         return {node: since + RESTORE_PATIENCE for node, since in self._falling.items()}
 
     def _request(self, pod: TrackedPod, wanted: Mapping[str, Cpu], now: float, *, restore: bool) -> float:
-        """Ask for what one pod needs, unless it has to wait; returns until when."""
+        """Send a patch for one pod unless it has to wait; returns until when, or infinity."""
         if not wanted:
             pod.refusals.pop((self._policy, restore), None)
             return inf
         if not pod.state.ready:
-            return inf  # the end of what is under way lets us look again
+            return inf  # the end of the patch under way triggers the next pass
         moment = max(pod.state.settles_at, pod.refused_until(self._policy, wanted, restore=restore))
         if moment > now:
             return moment
@@ -232,5 +235,5 @@ class Pursuit:
 
 
 def _rises(pod: TrackedPod, step: Mapping[str, Cpu]) -> bool:
-    """Whether a step takes more than it gives: those that give are first in line."""
+    """Whether a step raises the sum of the pod's limits."""
     return sum((cpu.limit or 0) - pod.state.least_known(name) for name, cpu in step.items()) > 0

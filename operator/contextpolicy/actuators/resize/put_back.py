@@ -1,4 +1,4 @@
-"""In which order containers are put back: what is to fall has fallen before anything rises. Pure."""
+"""The order in which containers are put back: limits fall before others rise. Pure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def to_put_back(
     state: PodState, originals: Mapping[str, Original], policy: str, claimed: Collection[str]
 ) -> dict[str, Cpu]:
-    """The containers of a pod that the policy keeps the original of and claims no more; and what they had before."""
+    """The originals of the pod's containers that the policy resized and no longer claims, by container name."""
     return {
         name: original.cpu
         for name, original in originals.items()
@@ -26,9 +26,9 @@ def to_put_back(
 
 
 def is_falling(state: PodState, policy: str, back: Mapping[str, Cpu]) -> bool:
-    """Whether a container may still have more than before the policy, or the kubelet is not known to have lowered it.
+    """Whether a container may still have more than its original, or the kubelet has not confirmed lowering it.
 
-    In a pod that is being deleted it has that until it has ended.
+    A pod that is being deleted counts until its containers have ended.
     """
     if state.view.ended and not state.view.running:
         return False
@@ -37,5 +37,5 @@ def is_falling(state: PodState, policy: str, back: Mapping[str, Cpu]) -> bool:
 
 
 def without_rises(state: PodState, back: Mapping[str, Cpu]) -> dict[str, Cpu]:
-    """What of it takes no more room than the containers may have now."""
+    """The part of `back` that raises no limit above the highest that may be in force now."""
     return {name: cpu for name, cpu in back.items() if cpu.limit is None or cpu.limit <= state.highest(name)}

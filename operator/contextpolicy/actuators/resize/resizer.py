@@ -1,6 +1,6 @@
 """Make plans real by resizing pods in place (KEP-1287): decreases first, the latest plan wins, originals are kept.
 
-Level-triggered: `apply` says what should be, `observe` what is, and every difference becomes a patch. All methods run
+Level-triggered: `apply` states what should be, `observe` what is, and every difference becomes a patch. All methods run
 on the loop's thread; patches run on workers and report back to it.
 """
 
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.pods import Cpu, PodView
 
 ROUNDING = 1e-3
-"""Seconds that a timer comes later than what it is for: moments are compared as floats."""
+"""Seconds that a timer fires late on purpose: times are floats, and one that fired early would find nothing due."""
 
 
 class PodResizer:
-    """All pods that policies claim, and those that must be put back."""
+    """All pods that policies claim, and those that must be restored."""
 
     def __init__(self, api: ResizeApi, scheduler: SchedulerBase, workers: Executor, observer: Observer) -> None:
         self.originals = Originals()
@@ -54,27 +54,27 @@ class PodResizer:
         self._timer = SerialDisposable()
 
     def recall(self, policy: str, stored: object) -> None:
-        """Take what the status of a policy, when it is first heard of, says about its containers before it.
+        """Load the originals from a policy's status, when the policy first appears.
 
-        Whatever it says, a policy has to do with pods of its own namespace only.
+        Entries for pods outside the policy's own namespace are ignored, whoever wrote them.
         """
         namespace = policy.partition("/")[0]
         self.originals.recall(policy, stored, lambda uid: self._pods.belongs_to(uid, namespace))
 
     def apply(self, order: Order) -> None:
-        """Let this be what the policy wants; replaces what it wanted before."""
+        """Replace what the policy wants, and start to make it real."""
         self._pursuit(order).done = None
         self._pursue([order.policy])
 
     def release(self, policy: str, done: Callable[[], None]) -> None:
-        """Put all containers of the policy back as they were, then call `done`; asking again tries refusals again."""
+        """Restore all containers of the policy, then call `done`; calling again retries at once what was refused."""
         pursuit = self._pursuit(Order(policy, frozenset()))
         pursuit.done = done
         pursuit.try_refused_again()
         self._pursue([policy])
 
     def observe(self, view: PodView) -> None:
-        """Take a pod as the watch shows it."""
+        """Process a pod as the watch shows it."""
         pod = self._pods.get(view)
         before = {container.name: container.actual for container in pod.view.containers}
         pod.observe(view, self._now())
@@ -97,21 +97,21 @@ class PodResizer:
         return pursuit
 
     def _concerned(self, pod: TrackedPod) -> list[str]:
-        """Policies share pods: what ends for one may be what another waits for."""
+        """All policies that a change of this pod may matter to: policies share pods, and one may wait for another."""
         return [policy for policy, pursuit in self._pursuits.items() if pursuit.concerns(pod)]
 
     def _mark(self, pod: TrackedPod) -> None:
         self._mark_dirty(self._concerned(pod))
 
     def _mark_dirty(self, policies: Iterable[str]) -> None:
-        """Look at them once everything that has just happened is known: thirty answers at once cost one look."""
+        """Schedule one pass over the policies, so that thirty answers that arrive together cost one pass."""
         idle = not self._dirty
         self._dirty.update(policies)
         if idle and self._dirty:
             self._scheduler.schedule(lambda *_: self._pursue(()))
 
     def _pursue(self, policies: Iterable[str]) -> None:
-        """Send every patch that may be sent now, for these policies and all that are marked."""
+        """Send every patch that may be sent now, for these policies and all that are marked dirty."""
         marked, self._dirty = self._dirty.union(policies), set()
         now = self._now()
         for policy in sorted(marked & self._pursuits.keys()):
@@ -126,7 +126,7 @@ class PodResizer:
         self._arm(now)
 
     def _arm(self, now: float) -> None:
-        """One timer for all policies: for the next moment at which any of them may have something to do."""
+        """One timer for all policies, for the earliest time at which any of them may have something to do."""
         due = min((pursuit.again for pursuit in self._pursuits.values()), default=inf)
         if due == inf:
             self._timer.disposable = Disposable()
@@ -139,7 +139,7 @@ class PodResizer:
         self._pursue([policy for policy, pursuit in self._pursuits.items() if pursuit.again <= now])
 
     def _on_end(self, pod: TrackedPod) -> None:
-        """A patch has ended, perhaps after its pod."""
+        """A patch has ended; its pod may be gone by now."""
         if pod.state.phase is Phase.GONE:
             self.forget(pod.view.uid)
         elif self._pods.holds(pod):

@@ -1,4 +1,4 @@
-"""Write the originals into the policies' status: at once, in one write per policy, and again until it is done."""
+"""Write the originals into the policies' status: at once, one write per policy, retried until it succeeds."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 SUBJECT = "its status"
-"""What a failed write is about, where other problems name a pod."""
+"""The subject of a failed write, where other problems name a pod."""
 
 
 @dataclass(slots=True)
 class _Retry:
-    """How often in a row a policy's write has failed, and when the next may be sent."""
+    """How often in a row a policy's write has failed, and the loop time at which the next may be sent."""
 
     times: int = 0
     due: float = -inf
 
 
 class StatusRecord:
-    """One write per policy is under way at most; `on_end(policy)` is called on the loop's thread after each."""
+    """At most one write per policy is under way; calls `on_end(policy)` on the loop's thread after each."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class StatusRecord:
         self._retries: dict[str, _Retry] = {}
 
     def pursue(self, policy: str, now: float) -> float:
-        """Send what is missing; returns when it may be sent, if it only has to wait."""
+        """Send the missing changes; returns when to call again if they have to wait, else infinity."""
         retry = self._retries.setdefault(policy, _Retry())
         changes = self._originals.changes(policy)
         if not changes:
@@ -78,7 +78,7 @@ class StatusRecord:
 
     def _ended(self, policy: str, error: ActuationError | None) -> None:
         retry = self._retries.get(policy)
-        if retry is None:
+        if retry is None:  # the policy was deleted while its status was written
             return
         if error is not None or retry.times:
             self._observer.on_problem(policy, SUBJECT, error)

@@ -1,4 +1,4 @@
-"""One pod with everything that the resizer remembers of it besides the state of its patch. Pure."""
+"""One pod with everything that the resizer remembers about it besides the state of its patch. Pure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Resources that the API refused so many times in a row; they are not asked for again before `until`."""
+    """Resources that the API refused `times` times in a row; they are not requested again before `until`."""
 
     resources: Mapping[str, Cpu]
     times: int
@@ -29,9 +29,9 @@ class Refusal:
 
 @dataclass(slots=True)
 class TrackedPod:
-    """`owned` are the containers that policies decide about; `troubled` the policies that were told of a problem.
+    """`owned` are the containers that policies decide about, `troubled` the policies with a reported problem.
 
-    `refusals` are kept for each policy, apart for its plan and for what it puts back.
+    `refusals` are kept by policy and by whether the patch was a restore.
     """
 
     state: PodState
@@ -46,7 +46,7 @@ class TrackedPod:
         return self.state.view
 
     def observe(self, view: PodView, now: float) -> None:
-        """Take what the watch says. What was refused of an older spec may be accepted of a newer one."""
+        """Process the pod as the watch shows it. A new spec voids refusals: the same patch may be accepted now."""
         generation = self.view.generation
         if self.state.observe(view):
             self.oversight.look(view, now)
@@ -54,36 +54,36 @@ class TrackedPod:
                 self.refusals.clear()
 
     def find(self, view: PodView, now: float) -> bool:
-        """Take the pod as the API server has it; returns whether the patch in doubt took effect."""
+        """Process the pod as read from the API server; returns whether the patch in doubt took effect."""
         self.observe(view, now)
         return self.state.find(view, now)
 
     def give(self, policy: str, name: str, cpu: Cpu) -> None:
-        """The API server has taken what the policy wants of a container."""
+        """The API server accepted the policy's resources for a container."""
         self.owned.setdefault(name, Ownership(policy, cpu)).give(policy, cpu)
 
     def refuse(self, patch: Patch, now: float) -> None:
-        """The API server refused this."""
+        """The API server refused this patch; the same resources again have to wait longer."""
         before = self.refusals.get((patch.policy, patch.restore))
         times = before.times + 1 if before is not None and before.resources == patch.resources else 1
         self.refusals[patch.policy, patch.restore] = Refusal(patch.resources, times, now + REFUSED.after(times))
 
     def refused_until(self, policy: str, resources: Mapping[str, Cpu], *, restore: bool) -> float:
-        """Until when the same need not be asked for again; 0 when something else, or nothing, was refused."""
+        """Until when not to request the same resources again; 0 when something else, or nothing, was refused."""
         refusal = self.refusals.get((policy, restore))
         return refusal.until if refusal is not None and refusal.resources == resources else 0.0
 
     def is_stuck(self, policy: str, now: float) -> bool:
-        """Whether the API server or the kubelet refuses, for now, what the policy wants of the pod."""
+        """Whether the API server or the kubelet currently refuses what the policy wants of the pod."""
         refusal = self.refusals.get((policy, False))
         refused = refusal is not None and now < refusal.until
         return refused or self.state.keeps_failing or bool(self.view.pending)
 
     def step(self, container: ContainerView, wanted: Cpu, now: float) -> Cpu:
-        """What to ask for: what is wanted, or a nudge when the kubelet has overlooked that."""
+        """The resources to request: those wanted, or a nudge when the kubelet has overlooked them."""
         overlooked = now >= self.oversight.until and self.state.spec(container.name) == wanted
         return nudge(container, wanted) if overlooked else wanted
 
     def rests_until(self, name: str) -> float:
-        """Until when a container is left as somebody else has made it."""
+        """Until when a foreign change of the container is left in place; -inf without one."""
         return self.owned[name].rests_until if name in self.owned else -inf

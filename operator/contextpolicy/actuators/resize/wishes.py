@@ -1,4 +1,4 @@
-"""From a policy's order to what may be asked of each pod now. Pure."""
+"""From a policy's order to the resources that may be set on each pod now. Pure."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What the plan gives one container, and what it had `before` the plan came; `stuck` if it won't be lowered."""
+    """What the plan gives one container, and what it had `before` the plan; `stuck`: it can't be lowered for now."""
 
     id: str
     pod: TrackedPod
@@ -33,7 +33,7 @@ class Wish:
 
     @property
     def holding(self) -> Holding:
-        """Its limits as the node's headroom counts them."""
+        """The container's limits as the headroom computation counts them."""
         name, state, wanted = self.container.name, self.pod.state, self.cpu.limit or 0
         return Holding(
             self.id, state.least_known(name), state.highest(name), wanted, self.before.limit or 0, stuck=self.stuck
@@ -54,10 +54,10 @@ def wanted_cpu(
 
 
 def steps(order: Order, wishes: Iterable[Wish], leaving: Mapping[str, int], now: float) -> dict[str, dict[str, Cpu]]:
-    """What differs from the plan and may be set now, by pod UID.
+    """The resources that differ from the plan and may be set now, by pod UID and container name.
 
-    `leaving` is what the policy gave to pods of each node that are being deleted: it is theirs until their containers
-    have ended.
+    `leaving` is, by node, what pods that are being deleted still have from the policy: it is not free until their
+    containers have ended.
     """
     by_node: dict[str, list[Wish]] = defaultdict(list)
     for wish in wishes:
@@ -65,7 +65,7 @@ def steps(order: Order, wishes: Iterable[Wish], leaving: Mapping[str, int], now:
     found: dict[str, dict[str, Cpu]] = defaultdict(dict)
     unseen = _unseen(order, by_node)
     for node, here in by_node.items():
-        # A container that we have not seen yet may hold anything: until then nothing rises beside it.
+        # A container that the watch has not shown yet may have any limit: until it does, nothing on its node rises.
         capacity = 0 if unseen & {node, ""} else order.capacity.get(node, 0) - leaving.get(node, 0)
         go, back = _chosen(order, capacity, here)
         for wish in here:
@@ -77,7 +77,7 @@ def steps(order: Order, wishes: Iterable[Wish], leaving: Mapping[str, int], now:
 
 
 def _chosen(order: Order, capacity: int, wishes: Sequence[Wish]) -> tuple[set[str], set[str]]:
-    """The containers of a node that may have what is wanted now, and those that go back to what they had before."""
+    """The containers of a node that may get their share now, and those that must go back to what they had before."""
     if order.control is Control.WEIGHT:
         return {wish.id for wish in wishes}, set()
     holdings = [wish.holding for wish in wishes]
@@ -85,6 +85,6 @@ def _chosen(order: Order, capacity: int, wishes: Sequence[Wish]) -> tuple[set[st
 
 
 def _unseen(order: Order, by_node: Mapping[str, Iterable[Wish]]) -> set[str]:
-    """The nodes of containers that the plan counts on and the watch has not shown; empty text where nobody knows."""
+    """The nodes of containers that have a share but were not seen on the watch yet; "" when the node is unknown."""
     seen = {wish.id for wishes in by_node.values() for wish in wishes}
     return {order.nodes.get(identity, "") for identity in (order.shares.keys() & order.claimed) - seen}
