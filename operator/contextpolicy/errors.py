@@ -3,20 +3,20 @@
 ContextPolicyError
 ├── PolicyError         a policy breaks rules; carries every finding at once
 ├── TimelineError       a timeline file breaks rules; carries every finding at once
-├── SettingsError       an environment variable or flag has a value that makes no sense
+├── SettingsError       an environment variable or flag has an invalid value
 ├── DecodeError         a payload is not what its stream's encoding says
-├── DefinitionError     message definitions (.msg, .idl) that can't be used
+├── DefinitionError     unusable message definitions (.msg, .idl)
 ├── ExpressionError     a CEL expression failed on this sample
 │   └── UndecidedError  it waits for a stream
 ├── ShareError          weights and bounds that no division can satisfy
 ├── ActuationError      an actuator could not make a plan real; says whether a retry helps
 ├── OrderError          a message on the decision bus that the node agent must not obey
 ├── ModuleFileError     a module.yaml that breaks rules; carries every finding at once (policy.module_file)
-├── SigningKeyError     no key to sign plans with, or to check them by
-├── DocumentError       a file that is no YAML (validation.documents)
-├── PolicyFileError     a file that holds no valid policy (validation.policy_file)
-├── ExpectationError    expectations that make no sense (simulation.expectations)
-├── DrawingError        a picture that cannot be made
+├── SigningKeyError     no key to sign plans with or to verify them
+├── DocumentError       a file that is not YAML (validation.documents)
+├── PolicyFileError     a file without a valid policy (validation.policy_file)
+├── ExpectationError    invalid expectations (simulation.expectations)
+├── DrawingError        a picture that cannot be drawn
 └── NoAnswerError       nobody on the bus answers (commands.explain)
 """
 
@@ -30,7 +30,7 @@ class ContextPolicyError(Exception):
 
 
 MAX_VALUE = 200
-"""Characters of a refused value that a message repeats."""
+"""Characters of a refused value that a message quotes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class TimelineError(FindingsError):
 
 
 class SettingsError(FindingsError):
-    """Settings from the environment or the command line that make no sense."""
+    """Invalid settings from the environment or the command line."""
 
 
 class DecodeError(ContextPolicyError):
@@ -71,7 +71,7 @@ class DecodeError(ContextPolicyError):
 
 
 class DefinitionError(ContextPolicyError):
-    """Definitions of ROS 2 messages that can't be used; the message tells all that is wrong with them."""
+    """Unusable definitions of ROS 2 messages; the message lists everything that is wrong with them."""
 
 
 class ExpressionError(ContextPolicyError):
@@ -93,8 +93,8 @@ class ShareError(ContextPolicyError):
 class ActuationError(ContextPolicyError):
     """An actuator's refusal: `reason` is a CamelCase word for status and events.
 
-    `retriable` says whether the same may succeed in a moment, `retry_after` for how many seconds it can't. `in_doubt`
-    says that there was no usable answer: it may have been carried out all the same.
+    `retriable` says whether the same request may succeed later, but not within `retry_after` seconds. `in_doubt` says
+    that there was no usable answer: the request may have taken effect all the same.
     """
 
     def __init__(
@@ -108,12 +108,12 @@ class ActuationError(ContextPolicyError):
 
 
 def unexpected(error: Exception) -> ActuationError:
-    """What nobody foresaw, as an outcome that is told and tried again."""
+    """An unforeseen exception as an outcome that is reported and retried."""
     return ActuationError("Unexpected", f"{type(error).__name__}: {error}", retriable=True, in_doubt=True)
 
 
 class OrderError(ContextPolicyError):
-    """The node agent's refusal to obey: `reason` is a CamelCase word by which refusals are counted."""
+    """The node agent refuses a message; refusals are counted by `reason`, a CamelCase word."""
 
     def __init__(self, reason: str, message: str) -> None:
         self.reason = reason
@@ -121,11 +121,11 @@ class OrderError(ContextPolicyError):
 
 
 class SigningKeyError(ContextPolicyError):
-    """There is no key to sign plans with, or to check them by."""
+    """There is no key to sign plans with or to verify them."""
 
 
 class DrawingError(ContextPolicyError):
-    """A picture that cannot be made."""
+    """A picture that cannot be drawn."""
 
 
 def _short(value: object) -> str:
