@@ -1,4 +1,4 @@
-"""The Maestro with the arm's servos at the other end of a serial line."""
+"""Talks to the Maestro, which drives the arm's servos, over a serial line."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ ANSWER_S = 0.5
 
 
 class Controller:
-    """Sends postures as pulses; the Maestro's own speed limits hold whatever is sent."""
+    """Sends postures as pulses; the Maestro enforces its speed limits on whatever is sent."""
 
     def __init__(self, line: Line, arm: Arm) -> None:
         self._line = line
         self._arm = arm
 
     def start(self) -> None:
-        """Find out that a Maestro is there, and set its speed limits."""
+        """Check that a Maestro answers, and set its speed limits; DeviceError if none does."""
         self.errors()
         for joint in self._arm.joints.values():
             self._line.write(servos.set_speed(joint.channel, joint.pulse_speed))
 
     def posture(self) -> Posture | None:
-        """Give what the servos were told last; None: no pulses are sent, so nobody knows where they are."""
+        """Return the posture last sent; None when no pulses are sent, so the servos' positions are unknown."""
         found: Posture = {}
         for name in NAMES:
             joint = self._arm.joints[name]
@@ -41,22 +41,22 @@ class Controller:
         return found
 
     def move(self, posture: Posture) -> None:
-        """Tell all servos where to be."""
+        """Send all servos their targets."""
         joints = self._arm.joints
         self._line.write(
             b"".join(servos.set_target(joints[name].channel, joints[name].pulse_at(posture[name])) for name in NAMES)
         )
 
     def relax(self) -> None:
-        """End the pulses: the servos hold nothing any more."""
+        """Stop the pulses: the servos go limp."""
         self._line.write(b"".join(servos.set_target(joint.channel, 0) for joint in self._arm.joints.values()))
 
     def errors(self) -> int:
-        """Give the bits of what the Maestro found wrong since the last time."""
+        """Return, and clear, the Maestro's error bits."""
         return self._ask(servos.GET_ERRORS)
 
     def _ask(self, command: bytes) -> int:
-        while self._line.read(0):  # noise, or the answer to a question that was given up
+        while self._line.read(0):  # noise, or the late answer to an earlier command
             pass
         self._line.write(command)
         heard, deadline = b"", time.monotonic() + ANSWER_S

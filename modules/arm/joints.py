@@ -1,4 +1,4 @@
-"""What a person configured: the arm's measures and limits, and what they mean for servos."""
+"""The arm's configuration: its dimensions and limits, and what they mean for the servos."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 NAMES = ("base", "shoulder", "elbow", "grip")
 PULSES_US = (400, 2600)
-"""What any hobby servo takes."""
+"""The range that any hobby servo accepts."""
 TOLERANCE = 1e-6
-"""What arithmetic may add to an angle or a height that is just allowed."""
+"""Rounding error allowed in an angle (degrees) or height (mm) exactly at its limit."""
 FASTEST_DEG_S = 360
 """The MeArm's servos take half a second for half a turn."""
 
@@ -31,7 +31,7 @@ Posture = dict[str, float]
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """`pulse` are the us at both ends of `angle`, in that order, so a servo mounted the other way has them swapped."""
+    """`pulse` is in us at the two ends of `angle` (degrees), so a servo mounted in reverse has them swapped."""
 
     channel: int
     pulse: tuple[float, float]
@@ -39,24 +39,24 @@ class Joint:
     speed: float
 
     def pulse_at(self, angle: float) -> float:
-        """Give us."""
+        """Return the pulse in us."""
         part = (angle - self.angle[0]) / (self.angle[1] - self.angle[0])
         return self.pulse[0] + part * (self.pulse[1] - self.pulse[0])
 
     def angle_at(self, pulse: float) -> float:
-        """Give degrees."""
+        """Return the angle in degrees."""
         part = (pulse - self.pulse[0]) / (self.pulse[1] - self.pulse[0])
         return self.angle[0] + part * (self.angle[1] - self.angle[0])
 
     @property
     def pulse_speed(self) -> float:
-        """Give us per s at the fastest."""
+        """Return the top speed in us of pulse per second."""
         return self.speed * abs(self.pulse[1] - self.pulse[0]) / (self.angle[1] - self.angle[0])
 
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """Measures and limits."""
+    """Dimensions and limits: `lowest` and `home` in mm, `bend` in degrees between the arms."""
 
     links: Links
     joints: Mapping[str, Joint]
@@ -129,7 +129,7 @@ def _joint(reader: _Reader, field: str) -> Joint:
 
 
 class _Reader:
-    """Reads fields and collects what is wrong with them instead of ending at the first."""
+    """Reads fields and collects every problem instead of stopping at the first."""
 
     def __init__(self, document: object) -> None:
         self.problems: list[str] = []

@@ -1,7 +1,7 @@
-"""Moves in small steps, so that an arm whose controller is slow, suspended or dead stands still by itself.
+"""Moves in small steps, so that an arm whose controller is slow, suspended or dead stops by itself.
 
-Each step is sent when it is due and is short enough to be safe on its own; nothing that the servos were told reaches
-further than one step. A controller that gets little CPU moves the arm slowly, never blindly.
+Each step is sent when it is due and is short enough to be safe on its own; the servos never have a target more than one
+step away. A controller with little CPU moves the arm slowly, never blindly.
 """
 
 from __future__ import annotations

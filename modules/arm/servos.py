@@ -1,8 +1,8 @@
 """Commands of a Pololu Maestro servo controller, to which the MeArm's four servos are wired.
 
 Source: Pololu Maestro Servo Controller User's Guide, sections 4.e and 5. Compact protocol with CRC-7 (`Enable CRC`
-must be set in the Maestro), so that a byte that was hit on the way moves no servo. Pulses are in quarter microseconds;
-a speed of 1 is a quarter microsecond in 10 ms, and 0 is no limit at all.
+must be set in the Maestro), so that a corrupted byte moves no servo. Pulses are in quarter microseconds; a speed of 1
+is a quarter microsecond per 10 ms, and 0 means no limit.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def _with_value(opcode: Opcode, channel: int, value: int) -> bytes:
 
 
 class CommandParser:
-    """What the Maestro hears: commands out of bytes in any pieces, and the errors that the rest of the bytes are."""
+    """The Maestro's side: commands from bytes in pieces of any size, and error bits for invalid ones."""
 
     def __init__(self) -> None:
         self.errors = 0

@@ -23,7 +23,7 @@ PORT = "/dev/ttyACM0"
 TELL_EVERY = 5
 """Steps from one state to the next while the arm moves."""
 IDLE_S = 1.0
-"""How often an arm that rests is asked whether it is still there."""
+"""Seconds between checks that an idle arm is still connected."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -32,7 +32,7 @@ class MeArm(Task):
     """One arm on one serial line.
 
     It moves in steps of 50 ms, and nothing is sent ahead: to stop, it is enough to send no further step. So the arm
-    also stands, within one step, when this process is starved, frozen or killed.
+    also stops, within one step, when this process is starved, frozen or killed.
     """
 
     def __init__(self, arm: Arm, port: str = PORT) -> None:
@@ -101,7 +101,7 @@ class MeArm(Task):
                 step = 0
 
     def _step(self, controller: Controller) -> bool:
-        """Take one step; tells whether there is another one to come."""
+        """Take one step; returns whether more are to come."""
         with self._lock:
             if self._goal is None:
                 return False
@@ -112,7 +112,7 @@ class MeArm(Task):
             return self._goal is not None
 
     def _rest(self, controller: Controller, ended: threading.Event) -> None:
-        """Wait for an order; an arm that is unplugged meanwhile is noticed."""
+        """Wait for an order, asking for errors meanwhile, which raises DeviceError if the arm is unplugged."""
         while not ended.is_set() and not self._changed.wait(IDLE_S):
             controller.errors()
         self._changed.clear()

@@ -26,7 +26,7 @@ class Source(Protocol):
     """Gives frames with their stamps (ns since 1970) until the end."""
 
     def frames(self, ended: threading.Event) -> Frames:
-        """Open whatever it needs, and let go of it at the end."""
+        """Open the source, yield (stamp, frame), and release the source when closed."""
 
 
 class Recorded:
@@ -41,7 +41,7 @@ class Recorded:
         self._playback = Playback()
 
     def frames(self, ended: threading.Event) -> Frames:
-        """Play on from where the recording is by now."""
+        """Continue from where the recording would be by now."""
         if self._view == "stereo":
             return self._stereo(ended)
         return self._playback.play(euroc.pictures(self._mav0, self._view), ended)

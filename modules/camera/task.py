@@ -1,4 +1,4 @@
-"""A camera as a task: when it is suspended, its device is closed and nobody pays for pictures."""
+"""A camera as a task: while it is suspended, its device is closed and pictures cost nothing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Camera(Task):
         self._period = 0 if rate is None else round(1e9 / rate)
 
     def produce(self, ended: threading.Event) -> Iterator[Result]:
-        """Give frames until the end; one that comes too early is left out, and the rate is kept on average."""
+        """Yield frames until the end; frames that come too early are skipped, so the rate holds on average."""
         due = 0
         for stamp, frame in self._source.frames(ended):
             if stamp >= due - self._period // 10:

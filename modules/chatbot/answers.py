@@ -1,4 +1,4 @@
-"""Rules from questions to answers: the first whose pattern is in the question speaks. Pure: time is an argument."""
+"""Rules from questions to answers: the first rule whose pattern matches answers. Pure: time is an argument."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     Rule = Callable[[re.Match[str], Memory, float], str]
 
 STALE_S = 5.0
-"""A pose or a health message that is older tells nothing about now."""
+"""A pose or health message older than this says nothing about the present."""
 
 ACTIVITIES = {
     "listen": ("speech", "keyword-spotting", "transcript", "microphone"),

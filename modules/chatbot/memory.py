@@ -1,4 +1,4 @@
-"""What the robot knows of itself: its pose, how its tasks fare, what the policy decided for them. All times in s."""
+"""What the robot knows about itself: its pose, its tasks' health, and the policy's decisions. All times in s."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Memory:
     contexts: list[str] = field(default_factory=list)
     tasks: dict[str, TaskRecord] = field(default_factory=dict)
     misses: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """By task: when it was told, and the part of its inputs that was late."""
+    """By task: when it was reported, and the fraction of its inputs that was late."""
     _orders: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def see_pose(self, message: Message, at: float) -> None:

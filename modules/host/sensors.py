@@ -1,7 +1,7 @@
-"""How the computer itself fares, read from /proc and /sys; what a machine does not tell is None, never a guess.
+"""The computer's own state, read from /proc and /sys; what a machine does not report is None, never a guess.
 
 Kernel documentation: thermal/sysfs-api, admin-guide/pm/cpufreq, accounting/psi, ABI/testing/sysfs-class-power. The
-Raspberry Pi's firmware tells undervoltage and throttling in `get_throttled` (bits 0 to 3: what is so now).
+Raspberry Pi's firmware reports undervoltage and throttling in `get_throttled` (bits 0 to 3: the current state).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ TRIPS = frozenset({"passive", "hot", "critical"})
 FIRMWARE = "sys/devices/platform/soc/soc:firmware/get_throttled"
 UNDERVOLTAGE, SLOWED = 0b0001, 0b1110
 COLDEST, HOTTEST = -40.0, 150.0
-"""Degrees: sensors that are not connected say other things."""
+"""Plausible degrees Celsius: sensors that are not connected report values outside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Reading:
 
 
 class Host:
-    """A machine whose /proc and /sys stand under `root`; remembers the throttle counters of the last look."""
+    """A machine whose /proc and /sys are below `root`; remembers the throttle counters of the last reading."""
 
     def __init__(self, root: Path = Path("/")) -> None:
         self._root = root

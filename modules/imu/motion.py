@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 WINDOW_NS = 250_000_000
 FEWEST = 8
-"""Samples that a window must have to tell anything."""
+"""Samples that a window needs before it says anything."""
 GAP_NS = 100_000_000
-"""Without samples for so long, what was before says nothing about now."""
+"""After a gap this long, earlier samples say nothing about the present."""
 SETTLED_NS = 250_000_000
-"""A robot stands still when every window has been still for so long; it moves at once."""
+"""A robot counts as still once every window has been still for this long; it counts as moving at once."""
 
 
 class State(StrEnum):
@@ -42,9 +42,9 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """What a standing robot may show (standard deviations), and the rate from which on it turns.
+    """Limits of a standing robot: standard deviations in rad/s and m/s2, and its mean `rate` in rad/s.
 
-    `bias` is the largest rate, in rad/s, that a gyroscope at rest may show.
+    Above `turn` rad/s it is turning; `bias` is the largest rate, in rad/s, that a gyroscope at rest may show.
     """
 
     gyro: float = 0.015
@@ -72,10 +72,7 @@ class MotionDetector:
         self._shaken: int | None = None
 
     def feed(self, sample: ImuSample) -> Motion | None:
-        """Take a sample; None as long as there is too little to tell.
-
-        A gap, or a clock that goes back, starts afresh.
-        """
+        """Take a sample; returns None until there are enough samples. A gap, or a clock that goes back, starts over."""
         if self._window and not 0 <= sample.stamp - self._window[-1][0] <= GAP_NS:
             self._window.clear()
         self._window.append((sample.stamp, sample.gyro + sample.accel))

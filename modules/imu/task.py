@@ -30,7 +30,7 @@ class Imu(Task):
         self._told: int | None = None
 
     def process(self, received: Received) -> list[Result]:
-        """Take a sample; every 20 ms there is something to tell."""
+        """Take a sample; returns a result at most every 20 ms."""
         return self._results(imu(received))
 
     def produce(self, ended: threading.Event) -> Iterator[Result]:

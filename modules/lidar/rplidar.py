@@ -60,7 +60,7 @@ class AnswerType(IntEnum):
 
 
 class ProtocolError(Exception):
-    """The lidar answered something else than it was asked."""
+    """The lidar's answer does not match the request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +177,7 @@ SAMPLE_RATE_DESCRIPTOR = Descriptor(_SAMPLE_RATE.size, multiple=False, type=Answ
 
 
 class RequestParser:
-    """What the lidar hears: requests out of bytes in any pieces; what is none, or has a wrong checksum, is skipped."""
+    """The lidar's side: requests from bytes in pieces of any size; anything else, or a wrong checksum, is skipped."""
 
     def __init__(self) -> None:
         self.skipped = 0
@@ -198,7 +198,7 @@ class RequestParser:
         return requests
 
     def _size(self) -> int | None:
-        """How many bytes the request has in all; None: the byte that says it is still to come."""
+        """The request's total size in bytes; None while the byte that gives it is still to come."""
         if self._buffer and self._buffer[0] != REQUEST_START:
             return 1
         if len(self._buffer) < 2:
@@ -209,7 +209,7 @@ class RequestParser:
 
 
 def find_answer(data: bytes, wanted: Descriptor) -> int | None:
-    """Where the answer begins that this descriptor announces; None while the descriptor is not there."""
+    """Where the answer announced by this descriptor begins; None while the descriptor has not arrived."""
     at = data.find(wanted.encode())
     return None if at < 0 else at + DESCRIPTOR_SIZE
 
@@ -261,9 +261,9 @@ def decode_capsule(data: bytes) -> Capsule | None:
 
 
 def capsule_nodes(capsule: Capsule, following: Capsule) -> list[Node]:
-    """Give the samples of a capsule; between which angles they lie, only the one that follows tells.
+    """Return the samples of a capsule; the angle at which they end comes from the following capsule.
 
-    The offset counts as positive, as in the SDK; the data sheet speaks of a sign bit that devices do not use.
+    Offsets are read as unsigned, as in the SDK; the data sheet mentions a sign bit that devices do not use.
     """
     step = (following.angle - capsule.angle) % FULL_TURN / (2 * CABINS)
     return [

@@ -22,7 +22,7 @@ FEWEST_NODES = 20
 
 
 class ScanParser(Protocol):
-    """Nodes out of bytes that arrive in any pieces."""
+    """Turns bytes that arrive in pieces of any size into nodes."""
 
     skipped: int
 
@@ -76,7 +76,7 @@ class NodeParser:
 
 
 class CapsuleParser:
-    """Express scan data: capsules have a checksum; one that is lost takes its predecessor's angles with it."""
+    """Express scan data: capsules have a checksum. A lost one costs its predecessor too, whose angles need it."""
 
     def __init__(self) -> None:
         self.skipped = 0
@@ -100,9 +100,9 @@ class CapsuleParser:
 
 
 class Turns:
-    """Collects nodes into full turns; what comes before the first beginning of a turn is left out.
+    """Collects nodes into full turns; nodes before the start of the first turn are dropped.
 
-    A turn with a hole is counted in `lost` and not given: where nothing was heard, nothing would seem to stand.
+    A turn with a gap is counted in `lost` and dropped: missing nodes would look like free space.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""The RPLIDAR A1 at the other end of a serial line."""
+"""Talks to the RPLIDAR A1 over a serial line."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 
 ANSWER_S = 1.0
 SPIN_UP_S = 2.0
-"""What the motor may take until samples come."""
+"""Seconds that the motor may take until the first samples come."""
 SETTLE_S = 0.02
-"""After STOP or RESET the lidar hears nothing for 1 or 2 ms."""
+"""Seconds of silence to wait for after STOP or RESET; the lidar ignores requests for the first 1 or 2 ms."""
 CYCLE_S = 0.05
 MODES = ("standard", "express")
 
 
 class Scanner:
-    """Asks for the device's health, lets it turn, and gives turns until it is silent."""
+    """Checks the device's health, starts it, and yields turns; DeviceError when it falls silent."""
 
     def __init__(self, line: Line, mode: str) -> None:
         express = mode == "express"
@@ -84,14 +84,14 @@ class Scanner:
         return rplidar.decode_health(self._ask(rplidar.GET_HEALTH, rplidar.HEALTH_DESCRIPTOR))
 
     def _quiet(self, request: bytes) -> None:
-        """Send a request that has no answer, and forget what the lidar was saying."""
+        """Send a request that has no answer, and discard what the lidar is still sending."""
         self._line.write(request)
         deadline = time.monotonic() + ANSWER_S
         while self._line.read(SETTLE_S) and time.monotonic() < deadline:
             pass
 
     def _ask(self, request: bytes, descriptor: Descriptor, *, size: int | None = None) -> bytes:
-        """Give the answer, or what of it has arrived with the first `size` bytes."""
+        """Return the whole answer; with `size`, everything received of it once it has at least `size` bytes."""
         self._line.write(request)
         wanted = descriptor.size if size is None else size
         heard, deadline = b"", time.monotonic() + ANSWER_S

@@ -21,7 +21,7 @@ CHUNK = RATE // 10
 CHUNK_NS = 100_000_000
 BYTES_PER_SAMPLE = 2
 SILENT_S = 1.0
-"""A device that gives nothing for so long is lost."""
+"""A device that gives nothing for this many seconds is lost."""
 WAITING = 50
 """Chunks that the driver may be ahead of us: 5 s."""
 
@@ -30,7 +30,7 @@ class Source(Protocol):
     """Gives chunks with the moment of their last sample (ns since 1970) until the end."""
 
     def chunks(self, ended: threading.Event) -> Iterator[tuple[int, bytes]]:
-        """Open whatever it needs, and let go of it at the end."""
+        """Open the source, yield (stamp, chunk), and release the source when closed."""
 
 
 class Recorded:
@@ -39,11 +39,11 @@ class Recorded:
     def __init__(self, path: Path) -> None:
         self._path = path / "audio.wav" if path.is_dir() else path
         self._playback = Playback()
-        for _ in self._read():  # a file that makes no sense is refused before the module is alive
+        for _ in self._read():  # reject an invalid file before the module counts as alive
             break
 
     def chunks(self, ended: threading.Event) -> Iterator[tuple[int, bytes]]:
-        """Play on from where the recording is by now."""
+        """Continue from where the recording would be by now."""
         return self._playback.play(self._read(), ended)
 
     def _read(self) -> Iterator[tuple[int, bytes]]:
@@ -91,7 +91,7 @@ class Device:
                     raise DeviceError(f"microphone {self._name or '(default)'} gives no sound") from None
 
     def _hear(self, data: Any, _frames: int, _time: Any, _status: Any) -> None:
-        """Called on the driver's thread, which must not wait: the oldest chunk makes place."""
+        """Called on the driver's thread, which must not block: a full queue drops its oldest chunk."""
         if self._chunks.full():
             self._chunks.get_nowait()
         self._chunks.put_nowait((time.time_ns(), bytes(data)))

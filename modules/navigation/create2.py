@@ -1,4 +1,4 @@
-"""The Create 2 at the other end of a serial line: what is asked of it, and what it tells."""
+"""Talks to the Create 2 over a serial line: commands out, sensor frames in."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Create2:
         return self._parser.skipped
 
     def start(self) -> None:
-        """Wake it up in Passive mode, standing, and let it stream; whatever a predecessor left unfinished is ended."""
+        """Wake it up in Passive mode, stopped, and start the stream; completes any command a predecessor cut off."""
         self._line.write(oi.RESYNC + oi.HALT + oi.START + oi.stream(STREAMED))
 
     def arm(self) -> None:

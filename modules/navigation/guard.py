@@ -1,9 +1,9 @@
 """`python -m modules.navigation.guard`: holds the robot's serial port and stops its wheels when nobody steers.
 
 The Create 2 has no watchdog: its wheels turn at the last speed until it hears another. So the port belongs to this
-small process, which has CPU of its own, and navigation steers through it. Wheels stand when the controller says nothing
-for `PATIENCE` (killed, frozen, starved of CPU), when its connection ends, when the guard itself is told to end, and
-when the guard starts. Only whole commands of a short list pass: nobody can leave the robot waiting for half a command,
+small process, which has CPU of its own, and navigation steers through it. The wheels are stopped when the controller
+says nothing for `PATIENCE` (killed, frozen, starved of CPU), when its connection ends, and when the guard itself starts
+or stops. Only complete commands from a short list pass: nobody can leave the robot waiting for the rest of a command,
 or enter Full mode, in which it drives off cliffs.
 """
 
@@ -40,13 +40,13 @@ PASSED = {
 WAKE_EVERY, WAKE_S = 60.0, 1.0
 """A robot in Passive mode falls asleep after five minutes unless its BRC pin is held low once in a while."""
 END = oi.HALT + oi.pause_stream()
-"""What is said for a controller that is gone."""
+"""Sent on behalf of a controller that is gone."""
 
 _LOG = logging.getLogger(__name__)
 
 
 class Watch:
-    """What the controller says, and whether it still does; pure, so time is an argument, in s."""
+    """Filters the controller's commands and notices its silence. Pure: time is an argument, in s."""
 
     def __init__(self) -> None:
         self._parser = CommandParser()
@@ -54,7 +54,7 @@ class Watch:
         self._heard = 0.0
 
     def hear(self, data: bytes, now: float) -> bytes:
-        """Give of what the controller says that which may pass."""
+        """Return the part of the controller's commands that may pass."""
         passed = b""
         for command in self._parser.feed(data):
             if command.opcode not in PASSED:
@@ -66,18 +66,18 @@ class Watch:
         return passed
 
     def patience(self, now: float) -> float | None:
-        """Give how long to wait for the controller, in s; None: for ever, the wheels stand."""
+        """Return how long to wait for the controller, in s; None (forever) while the wheels stand still."""
         return max(self._heard + PATIENCE - now, 0.0) if self._moving else None
 
     def lost(self, now: float) -> bool:
-        """Tell once that the wheels turn and nobody steers."""
+        """Return True, once, when the wheels turn and the controller has been silent for PATIENCE."""
         lost = self.patience(now) == 0
         self._moving = self._moving and not lost
         return lost
 
 
 def brc_low(now: float) -> tuple[bool, float]:
-    """Tell whether to hold the robot's BRC pin low, and for how many s that is so."""
+    """Return whether to hold the robot's BRC pin low, and for how many seconds that holds."""
     phase = now % WAKE_EVERY
     return (True, WAKE_S - phase) if phase < WAKE_S else (False, WAKE_EVERY - phase)
 
@@ -124,7 +124,7 @@ class Guard:
                 line.write(END)
 
     def _wait(self, line: Line, other: socket.socket, patience: float | None) -> list[int]:
-        """Give who has something to say; the robot is kept awake meanwhile."""
+        """Wait and return the descriptors with data, keeping the robot awake meanwhile."""
         low, lasts = brc_low(time.monotonic())
         line.set_wire("rts", on=low)
         timeout = lasts if patience is None else min(lasts, patience)

@@ -103,7 +103,7 @@ class Command:
 
 
 class CommandParser:
-    """What the robot hears: commands out of bytes that arrive in any pieces; those that are no opcode are skipped."""
+    """The robot's side: commands from bytes in pieces of any size; bytes that are no opcode are skipped."""
 
     def __init__(self) -> None:
         self.skipped = 0
@@ -133,7 +133,7 @@ class CommandParser:
 
 
 def _size(opcode: Opcode, command: bytearray) -> int | None:
-    """How many bytes the command has in all; None: the byte that says it is still to come."""
+    """The command's total size in bytes; None while the byte that gives it is still to come."""
     if opcode in _LISTS:
         return 2 + command[1] if len(command) > 1 else None
     if opcode is Opcode.SONG:

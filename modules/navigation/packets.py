@@ -130,7 +130,7 @@ class Frame:
 
 
 def _positions(packets: Sequence[int]) -> list[tuple[int, int]]:
-    """Where in a frame which packet's number stands."""
+    """Offsets in a frame of the packets' ids, as (offset, packet)."""
     positions, at = [], 2
     for packet in packets:
         positions.append((at, packet))
@@ -139,7 +139,7 @@ def _positions(packets: Sequence[int]) -> list[tuple[int, int]]:
 
 
 class StreamParser:
-    """Frames out of bytes that arrive in any pieces; noise costs no frame but those that it hits."""
+    """Turns bytes that arrive in pieces of any size into frames; noise costs only the frames it hits."""
 
     def __init__(self, packets: Sequence[int]) -> None:
         self.skipped = 0

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from robotkit import Decision, Received
 
 CYCLE_S = 0.1
-"""At a tenth of a second the robot drives 2 cm in the dark; at half of it, steering alone would need more than 10m."""
+"""In a tenth of a second the robot drives 2 cm blindly; with half of it, steering alone would need more than 10m CPU."""
 ODOMETRY_EVERY, STATE_EVERY = 2, 10
 """Cycles from one result to the next."""
 SILENCE_S = 1.0
-"""A robot that has streamed nothing for so long is off, unplugged or does not hear us."""
+"""A robot that has streamed nothing for this long is off, unplugged or does not receive us."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -36,8 +36,8 @@ _LOG = logging.getLogger(__name__)
 class Navigation(Task):
     """One robot on one serial line.
 
-    Whatever stops it does so at once, on the thread that hears of it: the order is forgotten and the wheels are told
-    to stand under the same lock under which the control cycle tells them to turn.
+    Whatever stops it does so at once, on the calling thread: the order is dropped and the wheels stopped under the same
+    lock under which the control cycle sets their speed, so no late command can start them again.
     """
 
     def __init__(self, port: str) -> None:
@@ -114,7 +114,7 @@ class Navigation(Task):
                 yield Result("state", self._state(robot))
 
     def _steer(self, robot: Create2, frames: list[Sensors], now: float) -> None:
-        """Repeat the command while the robot moves: its silence would tell the guard that we are dead."""
+        """Repeat the command while the robot moves: the guard takes our silence for death."""
         with self._lock:
             motion = self._pilot.move(self._odometry.pose, frames, now)
             if motion != STILL:

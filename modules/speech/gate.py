@@ -16,7 +16,7 @@ FRAME = RATE * 30 // 1000
 BYTES_PER_SAMPLE = 2
 
 _MARGIN = 10 ** (6 / 20)
-"""How much louder than the background voice is: 6 dB."""
+"""How much louder than the background a voice must be: 6 dB."""
 _BACKGROUND = 133
 """Frames whose tenth percentile of loudness is the background: 4 s, longer than people speak without a pause."""
 _BEFORE = 10
@@ -41,7 +41,7 @@ class Gate:
     """
 
     def __init__(self, longest: float = 2.4, overlap: float = 1.0) -> None:
-        """Connected speech is cut into pieces of `longest` s, for a command must not wait for its end.
+        """Cut connected speech into pieces of `longest` s, since a command must not wait for its end.
 
         They share `overlap` s, so that each command is whole in one of them.
         """

@@ -1,6 +1,6 @@
 """Which phones sound, frame by frame: the Gaussians of PocketSphinx's model, which many people's speech trained.
 
-What comes out hardly depends on the speaker, so that a network trained on synthesised speech holds for real people.
+The output hardly depends on the speaker, so a network trained on synthesised speech works for real people too.
 The model is phonetically tied: each of 42 phones has one codebook of 128 Gaussians in each of three feature streams,
 and each of its three states weighs them anew.
 """

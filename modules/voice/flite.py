@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 VOICES = ("slt", "rms", "awb", "kal", "kal16")
 LONGEST = 500
-"""Characters that are spoken of one text: half a minute."""
+"""Characters spoken of one text at most: half a minute."""
 _PATIENCE_S = 30
 
 

@@ -2,6 +2,6 @@
 
 Zenoh sample -> stream -> score -> context -> weights -> shares -> plan -> actuator -> cgroup
 
-`planning` decides and knows no I/O, no clock, no Kubernetes and no Zenoh; `streams` reads, `actuators` writes,
-`telemetry` tells, `controller` joins them for one policy and `handlers` ties policies to their life in the cluster.
+`planning` decides, without I/O, clock, Kubernetes or Zenoh; `streams` reads, `actuators` writes, `telemetry` reports,
+`controller` joins them for one policy, and `handlers` ties policies to their life cycle in the cluster.
 """

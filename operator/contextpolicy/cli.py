@@ -1,7 +1,7 @@
 """The command line: `contextpolicy COMMAND`.
 
-Exit codes: 0 success, 1 the answer is no (a refused policy, an expectation that does not hold), 2 it could not run (a
-file that cannot be read or used, wrong usage, nobody answers), 141 the reader of the output has gone.
+Exit codes: 0 success, 1 the answer is no (a refused policy, an expectation that does not hold), 2 it could not run (an
+unusable file, wrong usage, no answer), 141 the reader of the output is gone (128 + SIGPIPE).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from contextpolicy.errors import ContextPolicyError
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Parse the arguments, run the command, print errors for people."""
+    """Parse the arguments, run the command, print errors without a traceback; returns the exit code."""
     parser = argparse.ArgumentParser(prog="contextpolicy", description="Context decides who gets the CPU.")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for command in (run, router, agent, simulate, validate, skeleton, explain, graph, top, restore):
@@ -29,7 +29,7 @@ def main(argv: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     except BrokenPipeError:
-        # Python would flush once more at its end, and complain.
+        # Python flushes stdout once more on exit and would print a second error: give it somewhere to write.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     return code

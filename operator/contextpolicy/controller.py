@@ -1,7 +1,7 @@
-"""One policy alive: joins streams, planning and actuators, and owns start, swap and stop.
+"""One running policy: joins streams, planning and actuators, and owns start, swap and stop.
 
-Everything here runs on the loop's thread. A swap hands what the old version knows to the new one, so that editing a
-policy moves only what the edit changes.
+Everything here runs on the loop's thread. A swap hands the old version's state to the new one, so that an edit moves
+only what it changes.
 """
 
 from __future__ import annotations
@@ -41,24 +41,23 @@ if TYPE_CHECKING:
 
 
 FIGURES_INTERVAL = 0.5
-"""Seconds between two messages that only say how weights and scores went on: a score that follows a sensor changes with
-every sample, and every message also costs a write of the status."""
+"""Seconds between messages that only update weights and scores: a score that follows a sensor changes with every
+sample, and every message also costs a status write."""
 
 
 class Actuator(Protocol):
     """What a controller needs of an actuator."""
 
     def apply(self, order: Order) -> None:
-        """Let this be what the policy wants."""
+        """Make this the policy's desired state, in place of its previous order; never blocks."""
 
 
 class Controller:
-    """Samples in, orders to the actuator and messages on the bus out.
+    """Samples in; orders to the actuator and messages on the bus out.
 
     Agents act on its plans only if it has a `signer`. `initiatives` are the plugged-in functions that the policy names.
-    `on_change` is called when the status has something new to tell, `on_plan` with the policy's reference and each new
-    plan, once it is ordered, `on_published` with the reference, the stamp and the nodes of each plan that agents must
-    carry out.
+    `on_change` is called when the status has changed, `on_plan` with the policy's reference and each new plan once it
+    is ordered, `on_published` with the reference, the stamp and the nodes of each plan that agents must carry out.
     """
 
     def __init__(
@@ -94,11 +93,12 @@ class Controller:
         self._told: list[tuple[str, str]] | None = None
 
     def start(self, before: Controller | None = None) -> None:
-        """Begin to listen and to plan; `before` is the controller of the policy's last version, stopped already."""
+        """Subscribe and start planning; `before` is the already stopped controller of the policy's previous version."""
         if before is not None:
-            self.run = max(self.run, before.run + 1)  # the wall clock may have been set back
+            self.run = max(self.run, before.run + 1)  # the wall clock may have been set back, but runs must increase
         self._bus = Bus(self._session, self.policy, self._scheduler, self._message, self._explain)
         self._bus.signer = self.signer
+        # An earlier, enforced version may have left a plan in force with the agents.
         if self.policy.mode is not Mode.ENFORCE:
             self._bus.withdraw()
         if self.policy.mode is Mode.PAUSED:
@@ -112,7 +112,7 @@ class Controller:
         )
 
     def stop(self) -> None:
-        """Stop listening; what was ordered stays in force."""
+        """Unsubscribe; the last order stays in force."""
         self._follower.stop()
         self._figures.stop()
         if self._subscription is not None:
@@ -121,34 +121,35 @@ class Controller:
             self._bus.close()
 
     def end(self) -> None:
-        """The policy is gone: nobody may act on its plans any more, least of all an agent."""
+        """The policy is gone: withdraw its plan, so that agents undo it, and stop."""
         if self._bus is not None:
             self._bus.withdraw()
         self.stop()
 
     def place(self, claim: Claim, pods: Collection[PodView]) -> None:
-        """Take where the containers run; `pods` stays up to date, since most updates of a pod are no new placement."""
+        """Take where the containers run. `pods` is a live view: most pod updates change it without a new placement."""
         self.claim, self._pods, self._placed = claim, pods, True
         before = self.planner.last
         self._inputs.on_next(claim.placement)
-        if self.policy.mode is not Mode.PAUSED and self.planner.last is before:  # a new plan has ordered itself
+        # If the placement led to a new plan, `_on_plan` has ordered it already.
+        if self.policy.mode is not Mode.PAUSED and self.planner.last is before:
             self._order()
             self._republish()
         self.on_change()
 
     def tell(self, stage: str, container: str, cores: float, at: float) -> None:
-        """Tell the bus that a container's new limit reached a stage: `accepted` by the API, `inForce` on the node.
+        """Publish that a container's new limit reached a stage: `accepted` by the API or `inForce` on the node.
 
-        `at` is the monotonic time of that.
+        `at` is when it did, in monotonic seconds.
         """
         if self._bus is not None and self.planner.last is not None:
             step = {"stage": stage, "container": container, "cores": cores, "time": self._moment(at)}
             self._bus.publish_applied({"run": self.run, "sequence": self.planner.last.sequence, **step})
 
     def _on_plan(self, plan: Plan) -> None:
-        """The patches first: workers send them while the bus hears of the plan.
+        """Order first, publish second: the workers send the patches while the bus message is made.
 
-        Before it is known where the containers run, a plan would say that the policy has none, and put them back.
+        Plans made before the first placement are dropped: they would claim no container, so all would be put back.
         """
         if not self._placed:
             return
@@ -164,7 +165,7 @@ class Controller:
         self.on_change()
 
     def _tell_figures(self) -> None:
-        """The shares stay; weights, scores or contexts went on."""
+        """Publish new weights, scores or contexts of a plan whose shares have not changed."""
         if self.planner.last is not None:
             self._edition += 1
             self._publish({"trigger": self.planner.last.time})
@@ -172,7 +173,7 @@ class Controller:
             self.on_change()
 
     def _message(self) -> dict[str, Any] | None:
-        """What the bus says about the plan in force, with the containers as they are now."""
+        """The bus message for the plan in force, with the containers as they are now; None before the first plan."""
         plan, containers = self.planner.last, self.claim.placement.containers
         if plan is None:
             return None
@@ -189,7 +190,7 @@ class Controller:
                 self.on_published(self.policy.reference, stamp, content["nodes"])
 
     def _republish(self) -> None:
-        """Containers that were restarted or moved need the plan that is in force already."""
+        """Publish the plan in force again if containers restarted or moved, so that agents find their cgroups."""
         content = self._message()
         if content is not None and _whereabouts(content) != self._told:
             self._edition += 1
@@ -198,7 +199,7 @@ class Controller:
     def _order(self) -> None:
         """Order the plan in force; a claimed container without a share keeps what it has.
 
-        Nodes in realtime are the agent's: their containers' CPU limits are put back, if we ever moved them.
+        Realtime nodes are left to the agent: their containers are not claimed, so limits that we moved are put back.
         """
         planned = self.planner.last.nodes if self.planner.last else {}
         realtime = {node for node, plan in planned.items() if plan.scheduler is Scheduler.REALTIME}

@@ -1,4 +1,4 @@
-"""Kopf only: start and stop, and the life of ContextPolicy objects. Parse, call, return."""
+"""Kopf handlers only: startup, shutdown, and the life cycle of ContextPolicy objects. Parse, call, return."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
 
 PLURAL, GROUP = "contextpolicies", "contextpolicy.dev"
 registry = kopf.get_default_registry()
-"""Where the decorators below put the handlers."""
+"""Where the decorators below register the handlers."""
 
 RECONNECT = (0.1, 0.2, 0.5, *[1.0] * 60)
-"""Seconds between attempts to reach the API server: kopf's own pauses grow to 21 s, a robot reboots faster."""
+"""Seconds between attempts to reach the API server: kopf's own pauses grow to 21 s, but a robot reboots faster."""
 PATCH_WORKERS = 8
-"""Patches under way at once: one robot's tasks; more would only queue in the API server."""
+"""Concurrent patches: enough for one robot's tasks; more would only queue in the API server."""
 RESTORE_TIMEOUT = 20.0
 """Seconds to wait for a restore before kopf tries again; the finalizer keeps the object until it is done."""
 
 REREAD = 10.0
-"""Seconds until kopf brings a policy again whose ConfigMap can't be read: GitOps may bring that later."""
+"""Seconds until kopf retries a policy whose ConfigMap can't be read: GitOps may create that later."""
 
 
 @kopf.on.startup()
 async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
-    """Open everything that is opened once."""
+    """Open everything that lives as long as the operator."""
     settings.persistence.finalizer = FINALIZER
     settings.persistence.progress_storage = kopf.AnnotationsProgressStorage(prefix=GROUP)
     settings.persistence.diffbase_storage = kopf.AnnotationsDiffBaseStorage(prefix=GROUP)
@@ -56,20 +56,21 @@ async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     memo.watches = _watches(api, own.namespaces, memo.runtime)
     for watch in memo.watches:
         watch.start()
-    # A policy whose containers are not known yet would seem restored, and be gone: kopf calls no handler before this.
+    # Before pods are listed, a policy being deleted would seem to have no containers left to restore and lose its
+    # finalizer. Kopf calls no other handler until startup is done.
     await asyncio.gather(*(asyncio.wrap_future(watch.listed) for watch in memo.watches))
     memo.connecting = asyncio.create_task(asyncio.to_thread(_connect, own, memo.runtime, memo.stop))
 
 
 def _watches(api: ApiServer, namespaces: Sequence[str], runtime: Runtime) -> list[ObjectWatch]:
-    """Pods and nodes; a node that went has no pods any more."""
+    """Watches for pods and nodes. Nodes that are deleted need no handling: their pods are deleted too."""
     lists = [f"/api/v1/namespaces/{namespace}/pods" for namespace in namespaces] or ["/api/v1/pods"]
     pods = [ObjectWatch(api, path, runtime.pod_changed, runtime.pod_gone) for path in lists]
     return [*pods, ObjectWatch(api, "/api/v1/nodes", runtime.node_changed, lambda _: None)]
 
 
 def _connect(settings: Settings, runtime: Runtime, stop: Event) -> None:
-    """On a thread: a router that is not there yet must not keep the operator from its other work."""
+    """Run on a thread: waiting for a router must not keep the operator from its other work."""
     session = open_client(settings.connect, stop, settings.credentials)
     if session is not None:
         runtime.connected(session)
@@ -77,7 +78,7 @@ def _connect(settings: Settings, runtime: Runtime, stop: Event) -> None:
 
 @kopf.on.cleanup()
 async def stop(memo: Any, **_: Any) -> None:
-    """Close it again."""
+    """Close everything; limits stay in force."""
     memo.stop.set()
     await memo.connecting
     await asyncio.to_thread(_close, memo.watches, memo.runtime)
@@ -93,7 +94,7 @@ def _close(watches: Sequence[ObjectWatch], runtime: Runtime) -> None:
 @kopf.on.create(GROUP, PLURAL)
 @kopf.on.update(GROUP, PLURAL)
 async def apply(body: kopf.Body, memo: Any, **_: Any) -> None:
-    """A policy exists, is new or was edited."""
+    """A policy exists at startup, is new or was edited."""
     adopted = await asyncio.to_thread(memo.runtime.policy_changed, dict(body))
     if not await asyncio.wrap_future(adopted):
         raise kopf.TemporaryError("not all that the policy names can be read", delay=REREAD)
@@ -101,7 +102,7 @@ async def apply(body: kopf.Body, memo: Any, **_: Any) -> None:
 
 @kopf.on.delete(GROUP, PLURAL)
 async def release(body: kopf.Body, memo: Any, **_: Any) -> None:
-    """Put every container back before the policy may go."""
+    """Restore every container before the finalizer is removed."""
     restored = memo.runtime.policy_deleted(dict(body))
     try:
         await asyncio.wait_for(asyncio.wrap_future(restored), RESTORE_TIMEOUT)
@@ -111,7 +112,7 @@ async def release(body: kopf.Body, memo: Any, **_: Any) -> None:
 
 @kopf.on.probe(id="loop")
 def healthy(memo: Any, **_: Any) -> float:
-    """The loop's delay in seconds: a loop that hangs, or a watch that ended, fails the liveness probe by time-out."""
+    """The loop's delay in seconds; raises when the loop hangs or a watch has ended, which fails the liveness probe."""
     for watch in memo.watches:
         watch.check()
     return float(memo.runtime.delay())

@@ -1,6 +1,6 @@
-"""One version of a policy with all that it names: message definitions, converters and plugged-in functions.
+"""Loads one version of a policy with everything it names: message definitions, converters, plugged-in functions.
 
-A ConfigMap is a round trip, and a robot's first ROS 2 types take a tenth of a second: nothing for the loop's thread.
+Never on the loop's thread: a ConfigMap costs a round trip, and parsing the first ROS 2 types a tenth of a second.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A policy that can run with the functions it names, or None with all that is wrong with it.
+    """A policy that can run, with the functions it names; or None, with everything that is wrong in `rejected`.
 
-    `unread` says that some of it could not be read; the same object may be fine in a moment.
+    `unread` says that a ConfigMap could not be read, so the same object may be valid later.
     """
 
     policy: Policy | None = None
@@ -37,7 +37,7 @@ class Loaded:
 
 
 def load(body: Mapping[str, Any], api: ApiServer) -> Loaded:
-    """Read whatever the object names; what is wrong is in the answer, never raised."""
+    """Parse the object and read what it names; findings are returned, never raised."""
     files = _ConfigMaps(api)
     try:
         policy = files.complete(parse(body, lambda policy: _findings(policy, files)))
@@ -47,7 +47,7 @@ def load(body: Mapping[str, Any], api: ApiServer) -> Loaded:
 
 
 class _ConfigMaps:
-    """Each ConfigMap is read once, with what is in it or why it could not be read."""
+    """Reads each ConfigMap once and keeps its content, or the error."""
 
     def __init__(self, api: ApiServer) -> None:
         self.unread: dict[str, ActuationError] = {}

@@ -1,4 +1,4 @@
-"""The one thread on which everything is decided: an Rx scheduler with a clock that never steps."""
+"""The one thread on which everything is decided: an Rx scheduler whose clock never steps."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 
 
 class Loop(EventLoopScheduler):
-    """Starts at the wall clock's time and then follows the monotonic clock, so a clock step moves no timer."""
+    """Takes the wall clock's time at start, then follows the monotonic clock, so setting the clock moves no timer."""
 
     def __init__(self) -> None:
         self._started = datetime.now(UTC)
@@ -32,7 +32,7 @@ class Loop(EventLoopScheduler):
         return self._started + timedelta(seconds=time.monotonic() - self._origin)
 
     def schedule_absolute(self, duetime: Any, action: Callable[..., Any], state: Any = None) -> DisposableBase:
-        """As every scheduler does; but an action that fails is logged, and the others still have their turn."""
+        """Schedule as usual, but log an action that raises: otherwise it would end the loop's thread."""
         return super().schedule_absolute(duetime, _guarded(action), state)
 
 

@@ -1,8 +1,8 @@
 """Instantiation functions that users plug in through the Python entry point group `contextpolicy.initiatives`.
 
 A function takes `streams` (name -> observable of samples' fields), `scheduler` and the activity's `with` as keyword
-arguments, and returns an observable of scores (paper IV-D). One that fails is told in the status like an expression
-without a value, and called anew.
+arguments, and returns an observable of scores (paper IV-D). A failure is reported in the status like that of an
+expression, and the function is called again.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def load(policy: Policy) -> dict[str, Instantiate]:
 
 
 def _load(name: str, installed: Mapping[str, EntryPoint], loaded: dict[str, Instantiate]) -> str:
-    """Returns what is wrong."""
+    """Load one function into `loaded`; returns what is wrong, or an empty string."""
     if name not in installed:
         return f"installed: {', '.join(sorted(installed)) or 'none'}"
     try:

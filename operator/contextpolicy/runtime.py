@@ -1,7 +1,7 @@
-"""Everything alive in one operator: policies, pods and nodes come in from the watches, controllers and patches go out.
+"""Everything alive in one operator: policies, pods and nodes come in from the watches; patches and reports go out.
 
-The watches call from their own thread; each public method hands over to the loop and returns at once, but for
-`policy_changed`, which reads first.
+Public methods may be called from any thread but the loop's: each hands its work to the loop and returns at once, except
+`policy_changed`, `connected`, `delay` and `close`, which block.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ HUNG = 5.0
 
 @dataclass(slots=True)
 class _Entry:
-    """One ContextPolicy object, with its controller once a version of it was valid."""
+    """One ContextPolicy object, with a controller once one of its versions was valid."""
 
     body: Mapping[str, Any]
     loaded: Loaded
@@ -59,15 +59,15 @@ class _Entry:
 
     @property
     def age(self) -> tuple[str, str]:
-        """Oldest first, names settle ties."""
+        """Sort key: oldest first, ties by name."""
         return self.body["metadata"].get("creationTimestamp", ""), self.body["metadata"]["name"]
 
 
 class Runtime:
     """The operator without its watches.
 
-    `patches` carries resizes out, `reports`, of one thread so that they stay in order, writes statuses and events. Both
-    are shut down with the operator.
+    `patches` sends resizes; `reports` writes statuses and events and must have one thread, which keeps them in order.
+    `close` shuts both down.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Runtime:
         self._nodes: dict[str, int] = {}
 
     def close(self) -> None:
-        """Stop; what is in force stays in force, as after a crash: the next start goes on from there."""
+        """Stop; limits stay in force, as after a crash, and the next start goes on from there."""
         if self._agents is not None:
             self._agents.close()
         self._call(self._stop_controllers).result(timeout=5)
@@ -98,26 +98,26 @@ class Runtime:
         self._api.close()
 
     def connected(self, session: zenoh.Session) -> None:
-        """The robot's bus is there: policies that waited for it begin."""
+        """The session to the robot's bus is open: start the policies that waited for it. Blocks up to a second."""
         agents = AgentWatch(session, self._loop, lambda: self._call(self._place))
         self._call(lambda: self._begin(session, agents))
 
     def policy_changed(self, body: Mapping[str, Any]) -> Future[bool]:
-        """A ContextPolicy exists, as new or edited. Whether all that it names could be read.
+        """A ContextPolicy is new, was edited or already existed; the result says whether all it names could be read.
 
-        Reads that on the caller's thread, which may take a second.
+        Reads on the caller's thread, which may take a second.
         """
         loaded = load(body, self._api)
         return self._call(lambda: self._adopt(body, loaded))
 
     def policy_deleted(self, body: Mapping[str, Any]) -> Future[None]:
-        """A ContextPolicy is being deleted; done when every container is as it was."""
+        """A ContextPolicy is being deleted; the future is done when every container is restored."""
         done: Future[None] = Future()
         self._call(lambda: self._drop(body, done))
         return done
 
     def pod_changed(self, pod: Mapping[str, Any]) -> None:
-        """A pod exists; one that makes no sense is left alone."""
+        """A pod is new or has changed; one that can't be parsed is logged and ignored."""
         try:
             seen = view(pod)
         except (ValueError, TypeError, KeyError) as error:
@@ -130,13 +130,13 @@ class Runtime:
         self._call(lambda: self._lose_pod(uid))
 
     def node_changed(self, node: Mapping[str, Any]) -> None:
-        """A node exists; what counts is its allocatable CPU."""
+        """A node is new or has changed; only its allocatable CPU matters."""
         name, cpu = node["metadata"]["name"], allocatable(node)
         if cpu is not None:
             self._call(lambda: self._take_node(name, cpu))
 
     def delay(self) -> float:
-        """Seconds that the loop takes to get to something new; an error when it hangs."""
+        """Seconds until the loop runs a new action; TimeoutError when that takes longer than HUNG."""
         asked = time.monotonic()
         self._call(lambda: None).result(timeout=HUNG)
         return time.monotonic() - asked
@@ -165,7 +165,7 @@ class Runtime:
             self._adopt(entry.body, entry.loaded)
 
     def _adopt(self, body: Mapping[str, Any], loaded: Loaded) -> bool:
-        """Swap a valid version in; an invalid one leaves the last good one in force and says why."""
+        """Swap in a valid version; an invalid one leaves the last good one in force and says why."""
         reference = _reference(body)
         self._resizer.recall(reference, (body.get("status") or {}).get("originals"))
         entry = self._policies.setdefault(reference, _Entry(body, Loaded()))
@@ -183,6 +183,8 @@ class Runtime:
         return not loaded.unread
 
     def _swap(self, reference: str, entry: _Entry, policy: Policy, session: zenoh.Session) -> None:
+        # The order matters: the old controller must be off the bus before the new one declares the same keys, and a
+        # dry run first releases what the enforced version had resized.
         before = entry.controller
         actuator = self._dry_run if policy.mode is Mode.DRY_RUN else self._resizer
         entry.controller = Controller(
@@ -229,7 +231,7 @@ class Runtime:
         self._resizer.observe(pod)
 
     def _seat(self, pod: PodView) -> tuple[object, ...]:
-        """What of a pod decides about claims: a mere status update must not cost a new placement."""
+        """The parts of a pod that claims depend on: a mere status update must not cost a new placement."""
         original = self._resizer.originals.cpu
         bounds = tuple(
             (c.name, pod.floor(c, original(pod.uid, c.name)), c.spec.limit is None, c.memory_limit, c.container_id)

@@ -1,4 +1,4 @@
-"""Settings of the operator: read once from the environment; all mistakes are reported together."""
+"""The operator's settings, read once from the environment; all mistakes are reported together."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ DEFAULT_CONNECT = "tcp/127.0.0.1:7447"
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What an operator is told from outside; `namespaces` empty means all.
+    """The operator's settings; empty `namespaces` means all.
 
-    `credentials` and `signing` are directories, of the files that `bus.credentials` and `bus.signatures` name: who we
-    are on the bus (None on a bus that is open to all), and the key of the plans (None: nobody has to prove them).
+    `credentials` and `signing` are directories with the files that `bus.credentials` and `bus.signatures` describe: our
+    identity on the bus (None on an open bus), and the key that signs plans (None: plans are not signed).
     """
 
     connect: tuple[str, ...] = (DEFAULT_CONNECT,)
@@ -35,7 +35,7 @@ class Settings:
 
 
 def read(environment: Mapping[str, str]) -> Settings:
-    """Read the settings; SettingsError names every variable that makes no sense."""
+    """Read the settings; SettingsError names every invalid variable."""
     findings: list[Finding] = []
     settings = Settings(
         connect=_words(environment.get("ZENOH_CONNECT", "")) or (DEFAULT_CONNECT,),

@@ -1,7 +1,7 @@
 """Pictures of a textured corridor, as a calibrated camera at a known place sees it.
 
-The corridor is a box. Each pixel's ray meets the wall that is nearest along it, so depth and perspective are exact; the
-lens distortion is that of the camera's calibration. The same seed gives the same pictures.
+The corridor is a box. Each pixel's ray hits the nearest wall, so depth and perspective are exact; lens distortion comes
+from the camera's calibration. The same seed gives the same pictures.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ WIDTH_AND_HEIGHT = np.array([3.2, 2.6], np.float32)
 
 @dataclass(frozen=True)
 class Corridor:
-    """A box from LOW, as long as asked, with one texture per axis and side."""
+    """A box from LOW to `high`, in metres, with one texture per axis and side."""
 
     high: Floats
     textures: tuple[tuple[Image, Image], ...]

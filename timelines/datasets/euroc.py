@@ -56,7 +56,7 @@ TRUTH_SENSOR = "sensor_type: visual-inertial\ncomment: generated, exact\n"
 
 @dataclass(frozen=True)
 class Sequence:
-    """What to record: the motion, how often the cameras look, and the seed of walls and noise."""
+    """What to record: the motion, the cameras' frame rate in Hz, and the seed of walls and noise."""
 
     motion: Motion
     camera_rate: int = 10
@@ -153,7 +153,7 @@ def _camera_poses(motion: Motion, times: Floats, camera: Camera) -> list[Floats]
 
 
 class _Viewer:
-    """Draws what a camera sees; a camera that stands still is drawn once."""
+    """Draws what a camera sees; the view is redrawn only when the camera has moved."""
 
     def __init__(self, walls: corridor.Corridor, camera: Camera) -> None:
         self._walls = walls

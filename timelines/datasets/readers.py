@@ -56,7 +56,7 @@ def _stereo(mav0: Path) -> Iterator[Recorded]:
 
 
 def _imu(mav0: Path) -> Iterator[Recorded]:
-    """Samples with the true speed, as a wheel's odometry would tell it, where the sequence knows it."""
+    """Samples, with the true speed (as wheel odometry would report it) where the sequence has ground truth."""
     samples, poses = list(euroc.imu(mav0)), euroc.truth(mav0)
     stamps = [sample.stamp for sample in samples]
     speeds = _interpolated(poses, np.array([euroc.speeds(poses)]).T, stamps)[:, 0] if poses else None
@@ -66,7 +66,7 @@ def _imu(mav0: Path) -> Iterator[Recorded]:
 
 
 def _audio(path: Path) -> Iterator[Recorded]:
-    """Chunks as a microphone delivers them: each when its last sample has been heard."""
+    """Chunks as a microphone delivers them: each at the time of its last sample."""
     with wave.open(str(path)) as audio:
         frames = round(audio.getframerate() * CHUNK_S)
         for index in range(audio.getnframes() // frames):

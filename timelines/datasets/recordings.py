@@ -41,12 +41,13 @@ _GENERATORS = {Sequence: (euroc, corridor, motion), Script: (speech,)}
 
 
 def make(root: Path, name: str, progress: Progress) -> bool:
-    """Make one recording unless it is there already; tells whether there was work to do."""
+    """Make one recording unless it is up to date; returns whether it was made."""
     folder = root / name
     stamp = fingerprint(RECORDINGS[name])
     if is_current(folder, stamp):
         return False
     folder.parent.mkdir(parents=True, exist_ok=True)
+    # Made aside and renamed, so that an interrupted run never leaves half a recording.
     with tempfile.TemporaryDirectory(dir=root, prefix=".making-") as scratch:
         made = Path(scratch, "recording")
         made.mkdir()
@@ -64,7 +65,7 @@ def is_current(folder: Path, stamp: str) -> bool:
 
 
 def fingerprint(recording: Sequence | Script) -> str:
-    """Identify a recording by its description, the code that makes it and the cameras it is seen with."""
+    """A hash of a recording's description, the code that makes it and the cameras' calibration."""
     digest = hashlib.sha256(repr(recording).encode())
     generators = [Path(module.__file__ or "") for module in _GENERATORS[type(recording)]]
     for path in [*generators, *sorted(RIG.glob("*/sensor.yaml"))]:

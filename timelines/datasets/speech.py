@@ -27,7 +27,7 @@ FLITE_VOICES = ("rms", "slt", "kal16")
 FESTIVAL_VOICES = ("kal_diphone", "cmu_us_slt_arctic_hts")
 VOICES = FLITE_VOICES + FESTIVAL_VOICES
 ESPEAK = "espeak:"
-"""Begins the name of a voice of espeak-ng, such as espeak:en-gb+f3; PocketSphinx hardly understands them."""
+"""Prefix of espeak-ng's voices, such as espeak:en-gb+f3; PocketSphinx hardly understands them."""
 COMMANDS = {
     "forward": "go forward",
     "backward": "go backward",
@@ -38,12 +38,12 @@ COMMANDS = {
 
 
 class SpeechError(Exception):
-    """A program that speaks is missing or failed."""
+    """A speech synthesizer is missing or failed."""
 
 
 @dataclass(frozen=True)
 class Utterance:
-    """A voice says the command that contains the keyword."""
+    """At `at` seconds, a voice says the command that contains the keyword."""
 
     at: float
     keyword: str
@@ -82,7 +82,7 @@ def write(folder: Path, script: Script, progress: Callable[[float], None]) -> No
 def speak(text: str, voice: str, *, size: float = 1, tempo: float = 1) -> Samples:
     """Say a text; the loudest sample is PEAK for every voice.
 
-    A `size` above 1 makes the voice that of a smaller person: higher in pitch and formants. `tempo` is its speed.
+    A `size` above 1 sounds like a smaller person: pitch and formants are higher. `tempo` is the speed of speech.
     """
     with tempfile.TemporaryDirectory() as scratch:
         raw, converted = Path(scratch, "raw.wav"), Path(scratch, "16k.wav")

@@ -55,7 +55,7 @@ def main() -> int:
 
 
 def _play() -> tuple[Recording, float]:
-    """Play the timeline, show what happens."""
+    """Play the timeline and show what happens; returns the recording and when it started (Unix time)."""
     timeline = load(TIMELINE)
     cgroups = {task: found for task, identity in deploy.containers().items() if (found := cgroup.find(identity))}
     if len(cgroups) < len(deploy.limits()):

@@ -1,4 +1,4 @@
-"""What the kernel enforces for a container, read from its cgroup (v1 or v2), whoever made it."""
+"""What the kernel enforces for a container, read from its cgroup (v1 or v2), whatever runtime created it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Cgroup:
 
 
 def find(container_id: str, root: Path = ROOT) -> Cgroup | None:
-    """The cgroup of a container by its id (`containerd://<hex>` or `<hex>`), below any kubepods hierarchy."""
+    """A container's cgroup by its id (`containerd://<hex>` or `<hex>`) anywhere below kubepods; None if not found."""
     name = container_id.rpartition("/")[2]
     v1 = (root / "cpu").is_dir()
     folder = next(_folders(root / "cpu" if v1 else root, name), None)

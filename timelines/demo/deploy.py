@@ -18,11 +18,11 @@ TIMEOUT = "180s"
 
 
 class DeployError(Exception):
-    """A step of the deployment failed; the message has the command and what it said."""
+    """A deployment step failed; the message has the command and its output."""
 
 
 def up() -> Iterator[str]:
-    """Install the operator and the robot's modules; yields each step before it is taken."""
+    """Install the operator and the robot's modules; yields each step before it runs."""
     yield "helm upgrade --install contextpolicy charts/contextpolicy"
     chart = str(REPOSITORY / "charts" / "contextpolicy")
     values = ["--set", "image.repository=contextpolicy", "--set", "image.tag=dev"]
@@ -41,7 +41,7 @@ def up() -> Iterator[str]:
 
 
 def down() -> Iterator[str]:
-    """Take the policy and then everything else away again."""
+    """Remove the robot's namespace, then the operator; yields each step before it runs."""
     yield "kubectl delete -f config/robot"
     _run("kubectl", "delete", "namespace", ROBOT, "--ignore-not-found", f"--timeout={TIMEOUT}")
     yield "helm uninstall contextpolicy"

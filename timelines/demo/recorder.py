@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from timelines.demo.cgroup import Cgroup
 
 WATCH_INTERVAL = 0.002
-"""Seconds between two looks at the quota files, the resolution of the reaction times; the kernel notifies nobody."""
+"""Seconds between reads of the quota files, hence the resolution of reaction times: the kernel notifies nobody."""
 USAGE_INTERVAL = 0.5
 
 
 @dataclass(slots=True)
 class Recording:
-    """Times are Unix seconds; plans are as the decision bus tells them (see `contextpolicy.planning.plan_json`)."""
+    """Times are Unix seconds; plans are as on the decision bus (see `contextpolicy.planning.plan_json`)."""
 
     plans: list[dict[str, Any]] = field(default_factory=list)
     applied: list[dict[str, Any]] = field(default_factory=list)
@@ -44,7 +44,7 @@ class Recording:
 
 
 class Recorder:
-    """Records from `with` to its end."""
+    """Records while its `with` block runs."""
 
     def __init__(self, session: zenoh.Session, policy: str, cgroups: Mapping[str, Cgroup]) -> None:
         self.recording = Recording()
@@ -68,7 +68,7 @@ class Recorder:
             subscriber.undeclare()
 
     def _ask_for_the_plan_in_force(self) -> None:
-        """A plan that was made before nobody repeats."""
+        """Fetch the plan in force: it was published before we subscribed, and nobody repeats it."""
         for reply in self._session.get(f"{self._base}/plan", timeout=2.0):
             if reply.ok is not None:
                 plan = json.loads(reply.ok.payload.to_bytes())
@@ -89,7 +89,7 @@ class Recorder:
 
 
 def _collect(into: list[dict[str, Any]]) -> Callable[[zenoh.Sample], None]:
-    """Messages; a policy that goes withdraws its plans, which is none."""
+    """A callback that collects messages; withdrawals, sent when a policy ends, are ignored."""
 
     def take(sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:

@@ -12,12 +12,12 @@ if TYPE_CHECKING:
     from timelines.demo.recorder import Recording
 
 SETTLED = 1.0
-"""A plan that stood at least this long must be in the cgroups when the next one comes; seconds."""
+"""Seconds: a plan in force for at least this long must be in the cgroups when the next one comes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """One plan that moved limits: milliseconds from what triggered it to each stage, None where it never got there."""
+    """A plan that moved limits: milliseconds from its trigger to each stage, None for a stage it never reached."""
 
     at: float
     cause: str
@@ -42,7 +42,7 @@ def reactions(recording: Recording, started: float) -> list[Reaction]:
 
 
 def mismatches(recording: Recording, expected_contexts: set[str]) -> list[str]:
-    """What speaks against success: contexts never seen, plans that never reached the kernel."""
+    """What went wrong: expected contexts that never held, plans that never reached the kernel."""
     seen = {context for plan in recording.plans for context in plan["contexts"]}
     problems = [f"context {name} never held" for name in sorted(expected_contexts - seen)]
     for plan, until in _spans(recording.plans):
@@ -60,7 +60,7 @@ def mismatches(recording: Recording, expected_contexts: set[str]) -> list[str]:
 
 
 def at(steps: Sequence[tuple[float, float]], moment: float) -> float | None:
-    """The value that held at a moment."""
+    """The value that held at a moment; None before the first."""
     return next((value for since, value in reversed(steps) if since <= moment), None)
 
 
@@ -73,7 +73,7 @@ def spans(recording: Recording, started: float) -> list[tuple[str, float, float]
 
 
 def medians(found: Sequence[Reaction]) -> dict[str, float]:
-    """The middle of each stage's times, in milliseconds."""
+    """The median time of each stage, in milliseconds."""
     stages = {
         "sample to plan": [r.plan_ms for r in found],
         "sample to patch": [r.patch_ms for r in found if r.patch_ms is not None],
@@ -106,7 +106,7 @@ def _reached(recording: Recording, task: str, share: float, since: float, until:
 
 
 def _spans(plans: Sequence[dict[str, Any]]) -> Iterator[tuple[dict[str, Any], float]]:
-    """Each plan with the moment at which the next one came; editions of a plan move nothing."""
+    """Each plan with the moment at which the next one came; later editions of a plan move no shares, so are skipped."""
     plans = [plan for plan in plans if plan.get("edition", 0) == 0]
     for index, plan in enumerate(plans):
         yield plan, plans[index + 1]["trigger"] if index + 1 < len(plans) else plan["trigger"] + 3600

@@ -1,7 +1,7 @@
 """Publishes a timeline's inputs when they are due.
 
-Every deadline is counted from the start of the pass, so that a late input delays no other one. The options have the
-names of `ros2 bag play`. Inputs that the bus cannot take at once are dropped, as a sensor would.
+Every deadline counts from the start of the pass, so that a late input delays no other. The options are named as in
+`ros2 bag play`. Inputs that the bus can't take at once are dropped, as a sensor would drop them.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ _ENCODINGS = {
     "cdr": zenoh.Encoding.ZENOH_BYTES,  # as rmw_zenoh leaves it
 }
 _GID = b"timeline player."
-"""Who publishes, in 16 bytes, where rmw_zenoh has an id."""
+"""The publisher's 16-byte id in rmw_zenoh's attachment."""
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Times are in seconds of the timeline, before `rate` stretches or shortens them."""
+    """Playback options; times are in seconds of the timeline, before `rate` is applied."""
 
     rate: float = 1.0
     start_offset: float = 0.0

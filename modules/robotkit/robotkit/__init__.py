@@ -1,9 +1,9 @@
 """What every module needs and none should write again: bus, queues, timing, profile, health, the policy's decisions.
 
-Two rules are built in. A task that gets no CPU never stalls the sensor that feeds it: inputs keep only the newest
-samples and count what they drop, outputs are dropped rather than waited for. A suspended task takes no input at all.
+Two rules are built in. A task without CPU never stalls the sensor that feeds it: inputs keep only the newest samples
+and count what they drop, and outputs are dropped rather than waited for. A suspended task takes no input at all.
 
-The names below are the whole interface; the files behind them may change.
+The names below are the whole public interface; the modules behind them may change.
 """
 
 from robotkit.errors import ConfigurationError, DeviceError, MessageError

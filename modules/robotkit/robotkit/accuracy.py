@@ -1,4 +1,4 @@
-"""Results against ground truth: labels that hold at every instant, and events that happen at one."""
+"""Results against ground truth: labels that hold over time, and events at one instant."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Confusion:
-    """How often each true label was told as which."""
+    """A confusion matrix: how often each true label was reported as which."""
 
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
 
@@ -27,19 +27,19 @@ class Confusion:
 
     @property
     def accuracy(self) -> float:
-        """Part of the answers that are right; 0 without answers."""
+        """Fraction of the answers that are right; 0 without answers."""
         return sum(self.counts[label, label] for label in self.labels) / max(self.counts.total(), 1)
 
     def recall(self, label: str) -> float:
-        """Part of a label's occurrences that was told as such; 0 when it never occurs."""
+        """Fraction of a label's occurrences that was reported as such; 0 when it never occurs."""
         return self.counts[label, label] / max(sum(self.counts[label, told] for told in self.labels), 1)
 
     def precision(self, label: str) -> float:
-        """Part of a label's answers that is true; 0 when it is never told."""
+        """Fraction of a label's reports that is true; 0 when it is never reported."""
         return self.counts[label, label] / max(sum(self.counts[truth, label] for truth in self.labels), 1)
 
     def table(self) -> str:
-        """A Markdown table: a row for each true label, a column for what was told, and the recall."""
+        """A Markdown table: a row for each true label, a column for each reported one, and the recall."""
         labels = self.labels
         rows = [
             [f"**{truth}**", *(str(self.counts[truth, told]) for told in labels), f"{self.recall(truth):.1%}"]
@@ -51,7 +51,7 @@ class Confusion:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happens at a moment, in seconds."""
+    """Something that happens at a moment `at`, in seconds."""
 
     at: float
     label: str
@@ -59,7 +59,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Matched:
-    """How many events were told, how many were not, and how many were invented."""
+    """How many events were found, how many were missed, and how many were invented."""
 
     found: int
     missed: int
@@ -67,17 +67,17 @@ class Matched:
 
     @property
     def recall(self) -> float:
-        """Part of the true events that was told."""
+        """Fraction of the true events that was found."""
         return self.found / max(self.found + self.missed, 1)
 
     @property
     def precision(self) -> float:
-        """Part of what was told that is true."""
+        """Fraction of the reported events that is true."""
         return self.found / max(self.found + self.invented, 1)
 
 
 def match_events(truth: Iterable[Event], told: Sequence[Event], *, early: float, late: float) -> Matched:
-    """Pair each true event with the first untaken answer of its label from `early` s before to `late` s after it."""
+    """Pair each true event with the first unpaired report of its label from `early` s before to `late` s after it."""
     left = sorted(told, key=lambda event: event.at)
     found = missed = 0
     for event in sorted(truth, key=lambda event: event.at):

@@ -1,4 +1,4 @@
-"""How often the kernel has stopped this container because its CPU share was used up."""
+"""How often the kernel has throttled this container because its CPU quota was used up."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ OWN = Path("/proc/self/cgroup")
 
 
 class Throttling(NamedTuple):
-    """Periods in which the container ran, and those in which it was stopped before it was done."""
+    """CFS periods in which the container ran, and those in which it was throttled."""
 
     periods: int
     throttled: int

@@ -1,14 +1,14 @@
-"""What can go wrong, by what follows from it.
+"""What can go wrong, by its consequence.
 
 ConfigurationError      at the start, the program ends with one clear line and exit code 2
 MessageError            one sample is dropped and counted, the module goes on
-DeviceError             the module tells it and tries again, ever more rarely, until the device is back
-any other exception     the module ends loudly, and Kubernetes restarts it
+DeviceError             the module logs it and retries, with growing pauses, until the device is back
+any other exception     the module crashes with a traceback, and Kubernetes restarts it
 """
 
 
 class ConfigurationError(Exception):
-    """The module.yaml, the environment or a file that it names makes no sense; the message says what is allowed."""
+    """The module.yaml, the environment or a file it names is invalid; the message says what is allowed."""
 
 
 class MessageError(Exception):

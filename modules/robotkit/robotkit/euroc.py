@@ -1,4 +1,4 @@
-"""Sequences in the EuRoC MAV format (ASL), as they are found in the wild.
+"""Reads sequences in the EuRoC MAV format (ASL), as found in the wild.
 
     <sequence>/mav0/cam0/data.csv, cam0/data/<ns>.png, cam1/..., imu0/data.csv, state_groundtruth_estimate0/data.csv
 
@@ -25,7 +25,7 @@ TRUTH = "state_groundtruth_estimate0"
 
 
 class DatasetError(ConfigurationError):
-    """A data set that is not there, or has a row that makes no sense."""
+    """A data set that is missing or has an invalid row."""
 
 
 class Row(NamedTuple):
@@ -37,7 +37,7 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TruePose:
-    """Where the body truly was: metres, a quaternion w x y z, m/s; `velocity` is None where the file has none."""
+    """The body's true pose: metres, a quaternion (w, x, y, z), m/s; `velocity` is None where the file has none."""
 
     stamp: int
     position: tuple[float, ...]
@@ -66,7 +66,7 @@ def rows(sensor: Path) -> Iterator[Row]:
 
 
 def stereo(mav0: Path) -> Iterator[StereoFrame]:
-    """Pairs of pictures; a left one without its partner is left out."""
+    """Pairs of pictures; a left one without a right one is skipped."""
     for stamp, cells in rows(mav0 / "cam0"):
         name = cells[0] if cells and cells[0] else f"{stamp}.png"
         left, right = (mav0 / camera / "data" / name for camera in ("cam0", "cam1"))
@@ -90,13 +90,13 @@ def imu(mav0: Path) -> Iterator[ImuSample]:
 
 
 def truth(mav0: Path) -> list[TruePose] | None:
-    """The ground truth; None for a sequence without."""
+    """The ground truth; None for a sequence without any."""
     folder = mav0 / TRUTH
     return [_pose(row, folder / "data.csv") for row in rows(folder)] if folder.is_dir() else None
 
 
 def speeds(poses: list[TruePose]) -> list[float]:
-    """Speed at each pose in m/s; from the path where the file has no velocity."""
+    """Speed at each pose in m/s, derived from the positions where the file has no velocity."""
     return [
         math.dist(pose.velocity, (0, 0, 0)) if pose.velocity else _difference(poses, index)
         for index, pose in enumerate(poses)

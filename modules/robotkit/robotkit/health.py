@@ -1,4 +1,4 @@
-"""How a task fares, told once a second on `robot/<task>/health`, so that a policy can react: `slam.misses > 0.1`."""
+"""How well a task keeps up, for `robot/<task>/health` once a second, so a policy can react: `slam.misses > 0.1`."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ if TYPE_CHECKING:
 
 EVERY_S = 1.0
 WINDOW = 5
-"""Messages that the window of a message spans: a task that is starved shows it after a second, and for five."""
+"""Messages that a window spans: a starved task shows after one second, and for five."""
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Counters since the start: `time` and `cpu` in ns; `latency` is the sum over all that is done, in ns."""
+    """Counters since the start. `time` and `cpu` are in ns; `latency` is the sum over all samples done, in ns."""
 
     time: int
     cpu: int
@@ -31,24 +31,24 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True)
 class Queue:
-    """Samples that are not done: how many, and how many of them are past their deadline."""
+    """Samples not done yet: how many, and how many of those are past their deadline."""
 
     length: int = 0
     overdue: int = 0
 
 
 class Health:
-    """Compares the newest counters with those of some seconds ago; pure, so the moments are arguments."""
+    """Compares the newest counters with those of some seconds ago. Pure: time comes with the snapshots."""
 
     def __init__(self, first: Snapshot) -> None:
         self._snapshots = deque([first], maxlen=WINDOW)
 
     def forget(self, now: Snapshot) -> None:
-        """Start the window afresh: what was before a suspension says nothing about what comes after it."""
+        """Start a new window: what came before a suspension says nothing about what comes after it."""
         self._snapshots = deque([now], maxlen=WINDOW)
 
     def message(self, now: Snapshot, queue: Queue, *, suspended: bool) -> dict[str, object]:
-        """The message of this moment."""
+        """The health message over the current window, as JSON fields."""
         then = self._snapshots[0]
         self._snapshots.append(now)
         seconds = max(now.time - then.time, 1) / 1e9
@@ -72,7 +72,7 @@ class Health:
 
 
 def _throttled(then: Throttling | None, now: Throttling | None) -> float | None:
-    """Part of the periods in which the task was stopped; None where the kernel does not tell."""
+    """Fraction of the periods in which the task was throttled; None where the kernel does not report it."""
     if then is None or now is None:
         return None
     periods = now.periods - then.periods

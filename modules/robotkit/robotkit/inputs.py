@@ -1,4 +1,4 @@
-"""The newest samples of all inputs; the bus never waits: what a slow task cannot take is dropped and counted."""
+"""The newest samples of all inputs. The bus never waits: samples that a slow task can't take are dropped and counted."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """One sample of the input `input`, with its encoding and ROS type; `key` is its own: the input's may have `*`.
+    """One sample of an input. `key` is the key it was published on, since an input's key may have wildcards.
 
-    `stamp` is when its source published it, `received` when it arrived, both in ns since 1970.
+    `stamp` is when its source published it, `received` when it arrived, both in ns since 1970. `type` is its ROS type.
     """
 
     payload: bytes
@@ -35,7 +35,7 @@ class Received:
 
 
 class _Arrived(NamedTuple):
-    """A sample as it waits: its payload is copied only when the task takes it, so what is dropped costs little."""
+    """A queued sample; its payload is copied only when the task takes it, so dropping one is cheap."""
 
     payload: zenoh.ZBytes
     stamp: int
@@ -44,12 +44,12 @@ class _Arrived(NamedTuple):
 
 
 class Inputs:
-    """A queue for each input that drops its oldest sample when it is full. They start paused."""
+    """A queue per input that drops its oldest sample when full. Inputs start paused."""
 
     def __init__(self, session: zenoh.Session, declared: Mapping[str, Input]) -> None:
         self.dropped = dict.fromkeys(declared, 0)
         self.shared = dict.fromkeys(declared, 0)
-        """How many samples came by shared memory."""
+        """How many samples came through shared memory."""
         self._session = session
         self._declared = declared
         self._queues: dict[str, deque[_Arrived]] = {
@@ -68,7 +68,7 @@ class Inputs:
             return waiting if self._taken is None else [self._taken, *waiting]
 
     def resume(self) -> None:
-        """Subscribe. Does nothing when the inputs run already."""
+        """Subscribe; does nothing if already subscribed."""
         if not self._subscribers and not self._closed:
             self._subscribers = [
                 self._session.declare_subscriber(declaration.key, self._receiver(name))
@@ -76,7 +76,7 @@ class Inputs:
             ]
 
     def pause(self) -> None:
-        """Unsubscribe, so that not even the transport costs CPU, and forget what was queued."""
+        """Unsubscribe, so that not even the transport costs CPU, and clear the queues."""
         for subscriber in self._subscribers:
             subscriber.undeclare()
         self._subscribers = []
@@ -85,7 +85,7 @@ class Inputs:
                 queue.clear()
 
     def take(self) -> Received | None:
-        """Wait for the sample that arrived first; None means that the inputs were closed."""
+        """Block until there is a sample and return the one that arrived first; None once the inputs are closed."""
         with self._changed:
             self._taken = None
             self._changed.wait_for(lambda: self._closed or any(self._queues.values()))
@@ -100,7 +100,7 @@ class Inputs:
         return Received(payload, arrived.stamp, arrived.received, name, declaration.encoding, kind, arrived.key)
 
     def close(self) -> None:
-        """Wake up whoever waits; the session undeclares the rest."""
+        """Wake up a blocked `take`; closing the session undeclares the subscribers."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

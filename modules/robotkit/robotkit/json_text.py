@@ -1,4 +1,4 @@
-"""JSON that every reader accepts: it has no NaN and no Infinity, so they leave as null, which means "no value"."""
+"""JSON that every reader accepts: NaN and Infinity, which JSON does not have, become null, "no value"."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 
 
 def dumps(value: object) -> str:
-    """Write a value; numpy's numbers and arrays are numbers and lists. TypeError for what JSON can't hold."""
+    """Serialize a value; numpy's numbers and arrays become numbers and lists. TypeError for what JSON can't hold."""
     try:
         return json.dumps(value, allow_nan=False, default=_plain)
-    except ValueError:  # rare, so only now the value is searched
+    except ValueError:  # NaN or Infinity: rare, so the value is searched only now
         return json.dumps(_finite(value), allow_nan=False)
 
 

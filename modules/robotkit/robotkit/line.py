@@ -21,7 +21,7 @@ CONNECT_S = 1.0
 
 
 class Line:
-    """Bytes to and from a device; everything that goes wrong is a DeviceError. Any thread may write."""
+    """Bytes to and from a device; every failure is a DeviceError. Any thread may write."""
 
     def __init__(self, name: str, port: serial.Serial | socket.socket) -> None:
         self.name = name
@@ -29,7 +29,7 @@ class Line:
         self._fd: int = port.fileno()
 
     def read(self, timeout: float) -> bytes:
-        """Give what has arrived, waiting for at most `timeout` s; nothing is an empty answer."""
+        """Wait at most `timeout` s and return the bytes that have arrived; empty when there are none."""
         try:
             if not select.select([self._fd], [], [], timeout)[0]:
                 return b""
@@ -43,7 +43,7 @@ class Line:
         return data
 
     def write(self, data: bytes) -> None:
-        """Send everything at once; a device that does not even take a command is as good as gone."""
+        """Send everything in one write; a device that does not even accept a whole command counts as gone."""
         try:
             written = os.write(self._fd, data)
         except OSError as error:
@@ -52,17 +52,17 @@ class Line:
             raise DeviceError(f"{self.name}: takes no more bytes")
 
     def set_wire(self, wire: Literal["dtr", "rts"], *, on: bool) -> None:
-        """Assert a wire beside the data, or not; where there is none (a pseudo-terminal, a socket), nothing happens."""
+        """Assert or deassert a control line; does nothing where there is none (a pseudo-terminal, a socket)."""
         if isinstance(self._port, serial.Serial):
             with suppress(OSError):
                 setattr(self._port, wire, on)
 
     def fileno(self) -> int:
-        """Give what `select` waits for."""
+        """Return the descriptor for `select`."""
         return self._fd
 
     def close(self) -> None:
-        """Let the device go."""
+        """Close the device."""
         self._port.close()
 
     def __enter__(self) -> Self:
@@ -73,7 +73,7 @@ class Line:
 
 
 def open_line(name: str, baud: int) -> Line:
-    """Open a serial device such as /dev/ttyUSB0, for this process alone, or `tcp://host:port`."""
+    """Open a serial device such as /dev/ttyUSB0, exclusively, or `tcp://host:port`."""
     try:
         if name.startswith("tcp://"):
             return Line(name, _connect(name))

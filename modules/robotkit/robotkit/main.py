@@ -1,4 +1,4 @@
-"""A module as a program: configured by its environment, ended by SIGTERM or SIGINT within a second."""
+"""Runs a module as a program: configured by its environment, stopped by SIGTERM or SIGINT within a second."""
 
 from __future__ import annotations
 
@@ -23,14 +23,15 @@ if TYPE_CHECKING:
     from robotkit.task import Task
 
 LONGEST_END_S = 0.4
-"""After a signal; whatever hangs longer is left to the kernel."""
+"""Seconds to shut down after a signal; then the process exits, whatever still hangs."""
 SWITCH_S = 0.001
-"""Between threads; a task at its floor has 1 ms in each 100 ms, and the thread that ends it must not wait for five."""
+"""Seconds between thread switches. A suspended task gets 1 ms of CPU per 100 ms; with Python's default of 5 ms the
+thread that ends it would wait for half a second."""
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
 def main(module_yaml: Path, build: Callable[[], Task]) -> None:
-    """Run the task that `build` makes until a signal comes; a wrong configuration is one line and exit code 2."""
+    """Run the task that `build` makes until a signal comes; a bad configuration is one line on stderr and exit code 2."""
     logging.basicConfig(level=logging.INFO, format=f"%(asctime)s {module_yaml.parent.name}: %(message)s")
     sys.setswitchinterval(SWITCH_S)
     stop = _stop_on_signal()
@@ -51,14 +52,14 @@ def _run(module_yaml: Path, build: Callable[[], Task], stop: threading.Event) ->
         if session is not None:
             policy_task, plan_key = environment.get("POLICY_TASK", ""), environment.get("PLAN_KEY", PLAN_KEY)
             Runner(session, module, task).run(stop, policy_task=policy_task, plan_key=plan_key)
-            _leave()  # the kernel closes the session's connection, and the router tells it at once
+            _leave()  # before the session closes: the kernel closes its connection, which the router sees at once
 
 
 def _stop_on_signal() -> threading.Event:
-    """An event that a signal sets, whatever thread it interrupts and whatever the main thread is doing.
+    """An event that a signal sets at once, whatever the main thread is doing.
 
-    A Python handler runs between two lines of the main thread, which may hold a lock then or be busy in a library for
-    long. So the interpreter's own handler writes into a socket, and a thread waits at its other end.
+    Python's handlers run on the main thread between two bytecodes, where it may hold a lock or be stuck in a library.
+    So the interpreter's C handler writes into a socket (`set_wakeup_fd`), and a thread reads the other end.
     """
     stop = threading.Event()
     hears, tells = socket.socketpair()
@@ -78,7 +79,7 @@ def _stop_on_signal() -> threading.Event:
 
 
 def _leave() -> None:
-    """End without taking the interpreter apart: that costs CPU which a suspended task does not have."""
+    """Exit without tearing down the interpreter: that costs CPU which a suspended task does not have."""
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)

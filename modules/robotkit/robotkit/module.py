@@ -1,4 +1,4 @@
-"""The module.yaml beside a module's code: what it takes, what it gives, what it needs.
+"""The module.yaml beside a module's code: its inputs, outputs and needs.
 
     name: slam
     description: Where the robot is, from stereo pictures.
@@ -36,7 +36,7 @@ NAME = re.compile(r"[a-z][a-z0-9-]{0,62}")
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """A stream that the module takes; of the samples that wait, the newest `depth` are kept.
+    """A stream that the module reads; its queue keeps the newest `depth` samples.
 
     `type` is the ROS 2 message type where `encoding` is `cdr`.
     """
@@ -49,7 +49,7 @@ class Input:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """A stream that the module gives; `frame` is the frame_id of a ROS message's header."""
+    """A stream that the module publishes; `frame` is the frame_id in a ROS message's header."""
 
     key: str
     encoding: str = "json"
@@ -59,7 +59,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """What the task must get to be of any use: cores, memory in bytes, seconds from a sample to its result."""
+    """What the task needs to be of any use: cores, memory in bytes, seconds from a sample to its result."""
 
     cores: int | None = None
     memory: int | None = None
@@ -79,7 +79,7 @@ class Module:
 
 
 def load_module(path: Path, environment: Mapping[str, str] | None = None) -> Module:
-    """Read a module.yaml; ConfigurationError names every field that makes no sense."""
+    """Read a module.yaml; ConfigurationError names every invalid field."""
     try:
         document = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -92,7 +92,7 @@ def load_module(path: Path, environment: Mapping[str, str] | None = None) -> Mod
 
 
 def _overridden(document: Any, environment: Mapping[str, str], reader: _Reader) -> Any:
-    """Put the environment's inputs and outputs in the place of the file's."""
+    """Replace the file's inputs and outputs by those in the environment."""
     for kind in ("input", "output"):
         entries = document.get(f"{kind}s") if isinstance(document, dict) else None
         for name, entry in entries.items() if isinstance(entries, dict) else ():
@@ -103,7 +103,7 @@ def _overridden(document: Any, environment: Mapping[str, str], reader: _Reader) 
 
 
 class _Reader:
-    """Reads field by field and gathers problems, so that all are told at once."""
+    """Reads field by field and collects problems, so that all are reported at once."""
 
     def __init__(self) -> None:
         self.problems: list[str] = []

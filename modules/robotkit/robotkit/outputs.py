@@ -1,4 +1,4 @@
-"""Results on the bus, each with the stamp that belongs to it; what the bus cannot take at once is dropped."""
+"""Publishes results, each with its stamp; a result that the bus can't take at once is dropped."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ JSON, CDR = "json", "cdr"
 
 
 def as_results(results: Results, outputs: Iterable[str]) -> Iterable[Result]:
-    """Name the output of a plain mapping: there must be one output only."""
+    """Results as `Result` objects; a plain mapping goes to the only output, TypeError when there are several."""
     if results is None:
         return ()
     if not isinstance(results, Mapping):
@@ -35,7 +35,7 @@ def as_results(results: Results, outputs: Iterable[str]) -> Iterable[Result]:
 
 
 def publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publisher:
-    """A publisher that never waits: a listener without CPU must not stall who speaks."""
+    """A publisher that never blocks: a subscriber without CPU must not stall its publisher."""
     known = {JSON: zenoh.Encoding.APPLICATION_JSON, CDR: zenoh.Encoding.APPLICATION_CDR}
     return session.declare_publisher(
         key,
@@ -57,7 +57,7 @@ class Outputs:
         }
 
     def publish(self, result: Result, timing: Mapping[str, object] | None = None) -> None:
-        """Send a result; JSON gets its `stamp`, and `timing` if there is one."""
+        """Publish a result; JSON also gets its `stamp`, and `timing` if there is one. KeyError for an unknown output."""
         if result.output not in self._declared:
             raise KeyError(f"there is no output {result.output!r} in module.yaml: {', '.join(self._declared)}")
         now = time.time_ns()
@@ -66,7 +66,7 @@ class Outputs:
         self._publishers[result.output].put(payload, attachment=self._attachment(result.output, now))
 
     def _attachment(self, output: str, now: int) -> bytes:
-        """Our own, or for ROS messages that of rmw_zenoh, which refuses messages without."""
+        """Our own attachment, or for ROS messages that of rmw_zenoh, which rejects messages without it."""
         if self._declared[output].encoding != CDR:
             return attachment(now)
         self._numbers[output] += 1

@@ -1,4 +1,4 @@
-"""What the policy decided for this task, heard on the decision bus (its fields: `planning/plan_json.py`)."""
+"""The policy's decisions for this task, received on the decision bus (its fields: `planning/plan_json.py`)."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ class _Plan:
 
 
 class Decisions:
-    """The newest decision among all policies that name the task; pure, so order is all that matters."""
+    """The newest decision among all policies that name the task. Pure: only the order of plans matters, not the time."""
 
     def __init__(self, task: str) -> None:
         self._task = task
         self._plans: dict[str, _Plan] = {}
 
     def hear(self, key: str, payload: bytes | None) -> Decision:
-        """Take one message (None: the policy is gone) and tell what holds now."""
+        """Take one message (None: the policy is gone) and return the decision that now holds."""
         if payload is None:
             self._plans.pop(key, None)
         else:
@@ -75,7 +75,7 @@ def _parse(payload: bytes, task: str) -> _Plan | None:
 
 
 class PlanListener:
-    """Calls `on_change` with each new decision, on its own thread, where it may use the bus."""
+    """Calls `on_change` with each new decision, on a thread of its own, where callbacks may use the bus."""
 
     def __init__(
         self, session: zenoh.Session, task: str, on_change: Callable[[Decision], None], *, key: str = PLAN_KEY
@@ -100,7 +100,7 @@ class PlanListener:
 
     def _hear(self, sample: zenoh.Sample) -> None:
         if "*" in str(sample.key_expr):
-            return  # whoever may not publish plans can still publish on a key with wildcards, which matches ours
+            return  # Zenoh lets clients without the right to publish plans publish on wildcard keys that match them
         gone = sample.kind == zenoh.SampleKind.DELETE
         with self._changed:
             self._heard[str(sample.key_expr)] = None if gone else sample.payload.to_bytes()
@@ -110,6 +110,7 @@ class PlanListener:
         if reply.ok is None or "*" in str(reply.ok.key_expr):
             return
         with self._changed:
+            # A plan published meanwhile is newer than the reply.
             self._heard.setdefault(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
             self._changed.notify_all()
 

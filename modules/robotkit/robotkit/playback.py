@@ -1,4 +1,4 @@
-"""Plays what was recorded at its own pace: the world goes on while a source is suspended, and it does not wait."""
+"""Plays recordings at their own pace, also while their source is suspended: the world does not wait either."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ if TYPE_CHECKING:
     Value = TypeVar("Value")
 
 LATE_NS = 1_000_000_000
-"""What is later than this was missed while the source was suspended, or starved."""
+"""A value later than this was missed while the source was suspended or starved, and is skipped."""
 
 
 class Playback:
-    """Keeps the moment of the recording's beginning; `now` is the time in ns since 1970."""
+    """Remembers when the recording began, across suspensions; `now` gives the time in ns since 1970."""
 
     def __init__(self, now: Callable[[], int] = time.time_ns) -> None:
         self._now = now
         self._began: int | None = None
 
     def play(self, recorded: Iterable[tuple[int, Value]], ended: threading.Event) -> Iterator[tuple[int, Value]]:
-        """Give each value when it is due, with that moment; `recorded` has times in ns from any beginning, in order."""
+        """Yield each value when it is due, with that moment; `recorded` has ascending times in ns from any origin."""
         first = None
         for at, value in recorded:
             first = at if first is None else first

@@ -1,4 +1,4 @@
-"""Runs `Task.produce` while the task is not suspended, and again after its device was lost."""
+"""Runs `Task.produce` while the task is not suspended, and restarts it after its device was lost."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Producer:
-    """One thread at a time; `guard` wraps its work so that a failure ends the module."""
+    """Owns the producing thread, one at a time; `guard` wraps its work so that a failure ends the module."""
 
     def __init__(
         self, task: Task, outputs: Outputs, profile: Profile, guard: Callable[[Callable[[], None]], Callable[[], None]]
@@ -37,7 +37,7 @@ class Producer:
         self._thread: threading.Thread | None = None
 
     def resume(self) -> None:
-        """Start to produce. Does nothing when it does already."""
+        """Start producing; does nothing if already started."""
         if self._thread is None:
             self._ended = ended = threading.Event()
             work = self._guard(lambda: self._produce(ended))
@@ -45,20 +45,20 @@ class Producer:
             self._thread.start()
 
     def pause(self) -> None:
-        """Tell the task to end, and wait for it a moment: its device must be free when it is resumed."""
+        """Tell the task to end and wait for it up to LONGEST_END_S, so that its device is free when it is resumed."""
         self._ended.set()
         if self._thread is not None:
             self._thread.join(LONGEST_END_S)
             self._thread = None
 
     def _produce(self, ended: threading.Event) -> None:
-        """Produce until the end; the time between attempts to reach a lost device doubles."""
+        """Produce until the end; the pause between attempts to reach a lost device doubles."""
         retry = FIRST_RETRY_S
         while not ended.is_set():
             produced = self._profile.produced.done
             try:
                 self._publish_all(ended)
-            except (DeviceError, ConfigurationError) as error:  # a recording may break in its middle
+            except (DeviceError, ConfigurationError) as error:  # a recording may turn out broken halfway
                 self._profile.failures += 1
                 retry = FIRST_RETRY_S if self._profile.produced.done > produced else min(2 * retry, LAST_RETRY_S)
                 _LOG.warning("%s; tried again in %g s", error, retry)
@@ -80,6 +80,6 @@ class Producer:
                 self._profile.produced.add(Run(stamp, ready, ready, now, cpu_now - cpu))
                 cpu = cpu_now
         finally:
-            close = getattr(results, "close", None)  # a generator lets go of its device
+            close = getattr(results, "close", None)  # a generator releases its device in `finally`
             if close is not None:
                 close()

@@ -1,6 +1,6 @@
-"""What a task costs: CPU, waiting and lateness of each input, as counts since the start and as distributions.
+"""What a task costs: CPU, waiting time and latency of each input, as counts since the start and as distributions.
 
-The profile is what experiments compare and what a prediction of misses starts from; its format is in the README.
+Experiments compare profiles, and misses are predicted from them; the format is in the README.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from robotkit.module import Module
 
 KEPT = 4096
-"""Runs whose distribution is told: the newest ones."""
+"""How many of the newest runs the distributions cover."""
 STEPS = 20
-"""Quantiles are told from 0 to 1 in this many steps."""
+"""Quantiles go from 0 to 1 in this many steps."""
 PLAUSIBLE_NS = 60_000_000_000
-"""A stamp that is further from the arrival was made by another clock."""
+"""A stamp further from the arrival than this was made by another clock."""
 
 
 class Run(NamedTuple):
-    """One input from the queue to its result; all times in ns since 1970, `cpu` in ns."""
+    """One sample from its source to its result; times are in ns since 1970, `cpu` is in ns."""
 
     stamp: int
     received: int
@@ -37,13 +37,13 @@ class Run(NamedTuple):
 
     @property
     def latency(self) -> int:
-        """Time from the source to the result; from the arrival, where the source's clock is not ours."""
+        """Time from the source to the result in ns; from the arrival where the source has another clock."""
         known = 0 <= self.received - self.stamp <= PLAUSIBLE_NS
         return self.finished - (self.stamp if known else self.received)
 
 
 class Record:
-    """The runs of one input, or of what the task produces by itself."""
+    """The runs of one input, or of what the task produces unasked; `deadline` is in seconds."""
 
     def __init__(self, deadline: float | None) -> None:
         self.done = self.missed = self.broken = self.latency = self.cpu = 0
@@ -51,7 +51,7 @@ class Record:
         self._runs: deque[Run] = deque(maxlen=KEPT)
 
     def add(self, run: Run) -> bool:
-        """Count a run; tells whether it missed the deadline."""
+        """Count a run; returns whether it missed the deadline."""
         late = run.latency > self._deadline
         self._runs.append(run)
         self.done += 1
@@ -61,7 +61,7 @@ class Record:
         return late
 
     def overdue(self, since: int, now: int) -> bool:
-        """Whether a sample that arrived at `since` and is not done has missed its deadline already."""
+        """Whether an unfinished sample that arrived at `since` has already missed its deadline (both in ns)."""
         return now - since > self._deadline
 
     def as_json(self, dropped: int = 0, shared: int = 0) -> dict[str, object]:
@@ -81,7 +81,7 @@ class Record:
 
 
 def distribution(nanoseconds: Iterable[int]) -> dict[str, object]:
-    """Mean, standard deviation and quantiles in seconds; an empty one has no numbers."""
+    """Mean, standard deviation and quantiles in seconds; without values None, None and an empty list."""
     values = sorted(value / 1e9 for value in nanoseconds)
     if not values:
         return {"mean": None, "std": None, "quantiles": []}
@@ -106,11 +106,11 @@ class Profile:
 
     @property
     def records(self) -> tuple[Record, ...]:
-        """Those of all inputs, and of what is produced."""
+        """The records of all inputs, and of what is produced."""
         return (*self.inputs.values(), self.produced)
 
     def as_json(self, task: str, dropped: Mapping[str, int], shared: Mapping[str, int]) -> dict[str, object]:
-        """The document; `background` is the CPU in cores that was used besides the runs: bus, queues, health."""
+        """The profile document; `background` is the CPU in cores used outside the runs: bus, queues, health."""
         elapsed = max(time.monotonic_ns() - self._started, 1)
         total, runs = time.process_time_ns(), sum(record.cpu for record in self.records)
         return {
@@ -127,7 +127,7 @@ class Profile:
 
 
 def _processor() -> str:
-    """The model where Linux tells it, else the architecture."""
+    """The CPU model if Linux reports it, else the architecture."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:

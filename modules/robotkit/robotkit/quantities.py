@@ -14,7 +14,7 @@ MEMORY_ALLOWED = 'a memory quantity such as "150Mi"'
 
 
 def duration(text: str) -> float:
-    """Seconds; ValueError when it is no duration above 0."""
+    """Parse seconds; ValueError unless it is a duration above 0."""
     match = _DURATION.fullmatch(text)
     seconds = float(match[1]) * _SECONDS[match[2]] if match else 0.0
     if seconds <= 0:
@@ -23,7 +23,7 @@ def duration(text: str) -> float:
 
 
 def memory(text: str) -> int:
-    """Bytes; ValueError when it is no memory quantity above 0."""
+    """Parse bytes; ValueError unless it is a memory quantity above 0."""
     match = _MEMORY.fullmatch(text)
     size = int(match[1]) * _BYTES[match[2] or ""] if match else 0
     if size <= 0:

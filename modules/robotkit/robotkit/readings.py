@@ -1,4 +1,4 @@
-"""What modules work with, whatever the wire says: a picture, an IMU sample, sound; from our own formats or from ROS."""
+"""What modules work with, whatever the wire format: a picture, an IMU sample, sound; from our own formats or ROS."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def imu(received: Received) -> ImuSample:
 
 
 def sound(received: Received) -> bytes:
-    """16 kHz, 16 bit, mono samples, from a payload of just these or from audio_common_msgs/AudioData(Stamped)."""
+    """16 kHz, 16 bit, mono samples, from a raw payload or from audio_common_msgs/AudioData(Stamped)."""
     samples = received.payload
     if received.encoding == "cdr":
         from robotkit import ros  # noqa: PLC0415 - an extra
@@ -75,8 +75,8 @@ def picture(received: Received, *, gray: bool = False) -> tuple[Image, int]:
 
 
 def decoded(encoded: bytes, *, gray: bool) -> Image:
-    """PNG, JPEG or whatever OpenCV reads."""
-    import cv2  # noqa: PLC0415 - only modules that see have it
+    """Decode PNG, JPEG or whatever else OpenCV reads; MessageError when it can't."""
+    import cv2  # noqa: PLC0415 - only modules that process pictures install it
     import numpy as np  # noqa: PLC0415
 
     mode = cv2.IMREAD_GRAYSCALE if gray else cv2.IMREAD_COLOR_BGR
@@ -117,7 +117,7 @@ def _coloured(pixels: Image, encoding: str, *, gray: bool) -> Image:
 
 
 def _ros(received: Received, *allowed: str) -> tuple[Any, int]:
-    """The message and its stamp, which is that of the sample when the header has none."""
+    """The message and its stamp; the sample's stamp when the header has none."""
     from robotkit import ros  # noqa: PLC0415 - an extra
 
     if received.type not in allowed:

@@ -1,4 +1,4 @@
-"""Tells how the task fares: `robot/<task>/health` once a second, `robot/<task>/profile` to whoever asks."""
+"""Publishes `robot/<task>/health` once a second and answers queries for `robot/<task>/profile`."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class Reporter:
         self._thread.start()
 
     def suspended(self, *, suspended: bool) -> None:
-        """Note a decision."""
+        """Note whether the task is suspended; a change starts a new health window."""
         if suspended != self._suspended:
             self._suspended = suspended
             self._health.forget(self._snapshot())
 
     def close(self) -> None:
-        """Tell nothing more."""
+        """Stop reporting."""
         self._closed.set()
         self._queryable.undeclare()
 

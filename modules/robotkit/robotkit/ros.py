@@ -1,10 +1,10 @@
 """ROS 2 messages (CDR) in and out, without a ROS installation; needs the extra `robotkit[ros]`.
 
-In: an input of encoding `cdr` with a `type`, as rmw_zenoh and zenoh-bridge-ros2dds send it. `decode` gives the message,
-`readings` turns the usual ones into what modules work with.
+In: an input of encoding `cdr` with a `type`, as rmw_zenoh and zenoh-bridge-ros2dds send it. `decode` returns the
+message, `readings` turns the common types into what modules work with.
 
-Out: an output of encoding `cdr` with a `type`. A result is a mapping of the message's own fields; what it leaves out is
-zero, a vector or quaternion may be a list, and the header is filled in.
+Out: an output of encoding `cdr` with a `type`. A result maps the message's own fields; missing ones are zero, a vector
+or quaternion may be a list, and the header is filled in.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ HEADER = "std_msgs/msg/Header"
 AUDIO = "audio_common_msgs/msg/AudioData"
 AUDIO_STAMPED = "audio_common_msgs/msg/AudioDataStamped"
 _AUDIO_DEFINITIONS = {AUDIO: "uint8[] data", AUDIO_STAMPED: f"{HEADER} header\n{AUDIO} audio"}
-"""Not among the standard messages: audio_common is a package of its own."""
+"""Not among the standard messages: audio_common is a separate package."""
 
 
 @cache
@@ -51,7 +51,7 @@ def decode(payload: bytes, type_name: str) -> Any:
 
 
 def encode(fields: Mapping[str, object], type_name: str, *, stamp: int, frame: str = "") -> bytes:
-    """Write a message; a field that the type does not have is a TypeError."""
+    """Serialize a message; TypeError for a field that the type does not have. `stamp` is in ns since 1970."""
     header = {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}, "frame_id": frame}
     store = type_store()
     if ("header", (Nodetype.NAME, HEADER)) in store.fielddefs[type_name][1]:
@@ -67,7 +67,7 @@ def topic_key(topic: str, type_name: str, *, domain: int = 0) -> str:
 
 
 def stamp_of(message: Any) -> int | None:
-    """The header's stamp in ns since 1970; None when there is no header, or it was never set."""
+    """The header's stamp in ns since 1970; None when there is no header or its stamp was never set."""
     header = getattr(message, "header", None)
     return header.stamp.sec * 10**9 + header.stamp.nanosec or None if header is not None else None
 

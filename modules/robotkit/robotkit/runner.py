@@ -1,4 +1,4 @@
-"""The loop of a module: take a sample, process it, publish the results; obey the policy; end when told."""
+"""A module's main loop: take a sample, process it, publish the results; obey the policy; stop when asked to."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from robotkit.task import Task
 
 LONGEST_RUN_S = 0.1
-"""How long the end waits for a run that is under way."""
+"""How long shutdown waits for the run in progress."""
 
 _LOG = logging.getLogger(__name__)
 
 
 class Runner:
-    """One task on one session."""
+    """Runs one task on one session."""
 
     def __init__(self, session: zenoh.Session, module: Module, task: Task) -> None:
         self._session = session
@@ -47,9 +47,9 @@ class Runner:
         self._producer = Producer(task, self._outputs, self._profile, self._guarded)
 
     def run(self, stop: threading.Event, *, policy_task: str = "", plan_key: str = PLAN_KEY) -> None:
-        """Work until `stop` is set, whoever sets it, and make the robot safe; raises what the task failed with.
+        """Work until `stop` is set, then make the robot safe; raises the exception that the task failed with.
 
-        `policy_task` is the task's name in the policy.
+        `policy_task` is the task's name in the policy, the module's own by default.
         """
         self._stop = stop
         name = policy_task or self._module.name
@@ -72,7 +72,7 @@ class Runner:
             raise self._failure
 
     def _guarded(self, work: Callable[[], None]) -> Callable[[], None]:
-        """Wrap a thread's work: its failure ends the module loudly."""
+        """Wrap a thread's work so that an exception stops the module and is raised by `run`."""
 
         def guarded() -> None:
             try:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 ATTEMPT_MS = 1000
 LEASE_MS = 1000
 QUEUE = 16
-"""Messages that wait for the network; with Zenoh's default of 2 a busy robot drops some."""
+"""Messages queued for the network, per priority; with Zenoh's default of 2 a busy robot drops some."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -33,7 +33,7 @@ def endpoints(environment: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def credentials(environment: Mapping[str, str]) -> Path | None:
-    """Read ZENOH_CREDENTIALS: a mounted Secret that says who we are, on a bus that asks."""
+    """Read ZENOH_CREDENTIALS: the directory of a mounted Secret that authenticates us; None on an open bus."""
     text = environment.get("ZENOH_CREDENTIALS", "")
     if text and not Path(text).is_dir():
         raise ConfigurationError(f"ZENOH_CREDENTIALS: {text!r} is not allowed: a directory, such as a mounted Secret")
@@ -41,7 +41,7 @@ def credentials(environment: Mapping[str, str]) -> Path | None:
 
 
 def shared_memory(environment: Mapping[str, str]) -> bool:
-    """Whether SHARED_MEMORY says that modules, sensors and router have one /dev/shm."""
+    """Whether SHARED_MEMORY says that modules, sensors and router share one /dev/shm."""
     value = environment.get("SHARED_MEMORY", "false")
     if value not in ("true", "false"):
         raise ConfigurationError(f"SHARED_MEMORY: {value!r} is not allowed: true or false")
@@ -49,10 +49,10 @@ def shared_memory(environment: Mapping[str, str]) -> bool:
 
 
 def client_config(addresses: Sequence[str], *, shared_memory: bool = False, secret: Path | None = None) -> zenoh.Config:
-    """Connect to the addresses only; a peer that hangs is noticed after a second, not after ten.
+    """Connect to these addresses only; a hung peer is noticed after one second, not ten.
 
-    `secret` holds ca.crt, and tls.crt and tls.key or username and password: who we are. With `shared_memory`, payloads
-    of 3 KiB and more stay where they are: Zenoh sends the others only their place.
+    `secret` holds ca.crt, and either tls.crt and tls.key or username and password. With `shared_memory`, payloads of
+    3 KiB and more stay in shared memory and Zenoh sends only a reference.
     """
     config = zenoh.Config()
     for key, value in (
@@ -70,7 +70,7 @@ def client_config(addresses: Sequence[str], *, shared_memory: bool = False, secr
 
 
 def _identity(secret: Path) -> Iterator[tuple[str, object]]:
-    """Zenoh reads certificates anew each time it connects: renewed ones need no restart."""
+    """Settings that authenticate us. Zenoh reads certificates on each connect, so renewed ones need no restart."""
     tls = "transport/link/tls"
     if (secret / "ca.crt").is_file():
         yield f"{tls}/root_ca_certificate", str(secret / "ca.crt")
@@ -88,7 +88,7 @@ def _identity(secret: Path) -> Iterator[tuple[str, object]]:
 def open_session(
     addresses: Sequence[str], stop: threading.Event, *, shared_memory: bool = False, secret: Path | None = None
 ) -> Iterator[zenoh.Session | None]:
-    """Try until a router answers; gives None when `stop` is set first."""
+    """Retry until a router answers; yields None when `stop` is set first."""
     session = _connect(client_config(addresses, shared_memory=shared_memory, secret=secret), stop)
     try:
         yield session
@@ -98,7 +98,7 @@ def open_session(
 
 
 def _connect(config: zenoh.Config, stop: threading.Event) -> zenoh.Session | None:
-    # Zenoh could wait by itself, but no signal handler runs during that wait.
+    # Zenoh could wait by itself, but nothing could interrupt that wait, not even a signal handler.
     while not stop.is_set():
         try:
             return zenoh.open(config)

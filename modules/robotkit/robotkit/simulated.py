@@ -1,4 +1,4 @@
-"""Puts the simulator of a device where the device would be: on a pseudo-terminal, or on a TCP port for another pod."""
+"""Serves a simulated device where the real one would be: on a pseudo-terminal, or on a TCP port for another pod."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ if TYPE_CHECKING:
 
 CHUNK = 4096
 LONGEST_STEP_S = 0.1
-"""On a busy machine a device lags behind rather than send more at once than its line can hold."""
+"""On a busy machine a device falls behind instead of sending more at once than its line can hold."""
 
 
 class Device(Protocol):
-    """A device as its data sheet describes it; it knows no clock, only how much time has passed."""
+    """A device as its data sheet describes it; it has no clock and is told how much time has passed."""
 
     period: float
-    """s between two calls of `advance`."""
+    """Seconds between two calls of `advance`."""
 
     def receive(self, data: bytes) -> bytes:
-        """Hear bytes and give the answer to them."""
+        """Take bytes and return the device's answer."""
 
     def advance(self, seconds: float) -> bytes:
-        """Let time pass and give what the device sends by itself."""
+        """Let time pass and return what the device sends unasked."""
 
 
 def serve(device: Device, fd: int, stop: threading.Event) -> None:
-    """Be the device on `fd` until `stop` is set or the other side is gone for good."""
+    """Act as the device on `fd` until `stop` is set or the other side closes for good."""
     then = time.monotonic()
     while not stop.is_set():
         try:
@@ -46,7 +46,7 @@ def serve(device: Device, fd: int, stop: threading.Event) -> None:
                 if not data:
                     return
                 _send(fd, device.receive(data))
-        except OSError:  # nobody has the other end open right now
+        except OSError:  # a pseudo-terminal gives EIO while nobody has the other end open
             stop.wait(device.period)
         now = time.monotonic()
         if now - then >= device.period:
@@ -63,7 +63,7 @@ def _send(fd: int, data: bytes) -> None:
 
 @contextmanager
 def on_a_pseudo_terminal(device: Device) -> Iterator[str]:
-    """Serve the device on a thread; gives the path that stands for the serial port."""
+    """Serve the device on a thread; yields the path to use as its serial port."""
     ours, theirs = pty.openpty()
     tty.setraw(theirs)
     os.set_blocking(ours, False)
@@ -71,7 +71,7 @@ def on_a_pseudo_terminal(device: Device) -> Iterator[str]:
     thread = threading.Thread(target=serve, args=(device, ours, stop), name="device", daemon=True)
     thread.start()
     try:
-        yield os.ttyname(theirs)  # our hold on it spares the device a hang-up between two users
+        yield os.ttyname(theirs)  # we keep it open ourselves, so the device sees no hang-up between two users
     finally:
         stop.set()
         thread.join()
@@ -108,7 +108,7 @@ def _listen(device: Device, port: int, stop: threading.Event) -> None:
                 connection, _ = server.accept()
             except TimeoutError:
                 now = time.monotonic()
-                device.advance(min(now - then, LONGEST_STEP_S))  # a robot does not stand still because nobody listens
+                device.advance(min(now - then, LONGEST_STEP_S))  # a robot does not stop because nobody listens
                 then = now
                 continue
             with connection:

@@ -1,4 +1,4 @@
-"""When a source published a sample, told in the sample's attachment: `{"stamp": ns since 1970}`."""
+"""When a source published a sample, in the sample's attachment: `{"stamp": ns since 1970}`."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ _RMW_ZENOH = struct.Struct("<qqB16s")
 
 
 def attachment(stamp: int) -> bytes:
-    """Write a stamp."""
+    """Our own attachment; `stamp` is in ns since 1970."""
     return json.dumps({"stamp": stamp}).encode()
 
 
 def ros_attachment(number: int, stamp: int, publisher: bytes) -> bytes:
-    """Write what rmw_zenoh's subscriptions ask for: the publisher's message number, the stamp, its id of 16 bytes."""
+    """What rmw_zenoh's subscriptions require: the publisher's message number, the stamp in ns, its 16-byte id."""
     return _RMW_ZENOH.pack(number, stamp, len(publisher), publisher)
 
 
 def stamp_of(sample: zenoh.Sample) -> int | None:
-    """Read the stamp of our own or of rmw_zenoh's attachment; None when there is neither."""
+    """The stamp in our own or rmw_zenoh's attachment, in ns since 1970; None when there is neither."""
     if sample.attachment is None:
         return None
     raw = sample.attachment.to_bytes()

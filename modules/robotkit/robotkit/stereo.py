@@ -1,7 +1,7 @@
 """The stereo frame: both pictures of one instant in one message, so that they cannot be paired wrongly.
 
-Layout, little endian: "STR1", stamp of the exposure in ns (int64), sizes of both pictures in bytes (uint32 each), the
-left picture, the right picture; pictures are PNG or any other format with a header of its own.
+Layout, little-endian: "STR1", stamp of the exposure in ns (int64), sizes of both pictures in bytes (uint32 each), the
+left picture, the right picture. Pictures are PNG or any other self-describing format.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _MAGIC = b"STR1"
 
 @dataclass(frozen=True, slots=True)
 class StereoFrame:
-    """Two encoded pictures; `stamp` is that of the recording when the frame is replayed."""
+    """Two encoded pictures; in a replay, `stamp` is the recording's."""
 
     stamp: int
     left: bytes

@@ -1,4 +1,4 @@
-"""What a module's author writes: one class that turns samples into results, or produces them."""
+"""What a module's author writes: one class that turns samples into results, or produces results by itself."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class Result:
     """A value for one of the module's outputs: a mapping for `json` and `cdr`, bytes for every other encoding.
 
-    `stamp`, in ns since 1970, is when the value was true; without it, the stamp of the sample that led to it, or now.
+    `stamp`, in ns since 1970, is when the value was true; by default the stamp of the sample that led to it, or now.
     """
 
     output: str
@@ -27,27 +27,27 @@ class Result:
 
 
 Results: TypeAlias = Mapping[str, object] | Iterable[Result] | None
-"""A mapping is for a module with one output; None means that there is nothing to tell."""
+"""A mapping is for a module with one output; None means that there is nothing to publish."""
 
 
 class Task:
     """A robot's task; override what it needs. `process` and `produce` run on threads of their own."""
 
     def process(self, received: Received) -> Results:
-        """Turn one sample into results. MessageError drops the sample; DeviceError too, and is counted as a failure."""
+        """Turn one sample into results. MessageError drops the sample; so does DeviceError, which counts as a failure."""
         raise NotImplementedError(f"{type(self).__name__} takes inputs, so it must override process()")
 
     def produce(self, ended: threading.Event) -> Iterator[Result]:
-        """Give results without being asked, as sensors do, until `ended` is set; wait with `ended.wait(seconds)`.
+        """Yield results unasked, as sensors do, until `ended` is set; wait with `ended.wait(seconds)`.
 
-        Called when the task starts and each time it is resumed; when it is suspended or stopped, `ended` is set and the
-        generator closed, so `finally` is the place to let go of the device. DeviceError leads to another call, later.
+        Called when the task starts and each time it is resumed. When it is suspended or stopped, `ended` is set and the
+        generator closed, so release the device in `finally`. After a DeviceError it is called again later.
         """
         del ended
         yield from ()
 
     def adapt(self, decision: Decision) -> None:
-        """Match the work to a new decision, before the task is suspended or resumed; called on the plan's thread."""
+        """Adapt to a new decision, before the task is suspended or resumed; called on the plan listener's thread."""
 
     def close(self) -> None:
-        """Make the robot safe: the last thing that is called, within a second after SIGTERM."""
+        """Make the robot safe; called last, within a second after SIGTERM."""

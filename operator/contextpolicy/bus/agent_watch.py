@@ -28,29 +28,29 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 PATIENCE = 1.0
-"""Seconds in which the agents that live already must be known: a plan made without them would move them to and fro."""
+"""Seconds to wait at start for the running agents: a plan made without them would be reversed once they are known."""
 LONG_PATIENCE = 10.0
-"""Seconds for which an agent that did not answer at first is heard out: its node may be busy, or just booting."""
+"""Seconds allowed for each later answer: the agent's node may be busy or still booting."""
 PAUSE = 1.0
-"""Seconds until an agent that did not answer is asked again."""
+"""Seconds before asking an agent again that did not answer."""
 RETURN = 10.0
-"""Seconds that an agent may be gone, as for an upgrade, before its node counts as without. To fall back and return at
-once would be a quick revert of every limit, which kubelets get wrong (kubernetes#125205)."""
+"""Seconds an agent may be gone, for an upgrade say, before its node counts as having none. Falling back and returning
+at once would quickly revert every limit, which kubelets get wrong (kubernetes#125205)."""
 
 BOUND = 0.5
-"""Seconds in which a plan must be confirmed: agents take milliseconds, and the resizes follow after as long anyway."""
+"""Seconds an agent has to confirm a plan. It needs milliseconds, and the resizes follow after half a second anyway."""
 
 
 class AgentWatch:
     """Follows the agents' liveliness tokens; `on_change` is called on the loop's thread.
 
-    A token says that an agent lives, its answer what it can do. One that owes its answer is asked until it gives it;
-    until then its node has no agent that plans could count on. The same goes for one that does not confirm a plan in
-    time: it may live, but be frozen, and a token says nothing of that.
+    The token says that an agent is alive, its answer what it can do. An agent is asked until it answers; until then
+    plans can't count on it. The same holds for an agent that does not confirm a plan in time: a frozen process keeps
+    its token.
     """
 
     def __init__(self, session: zenoh.Session, scheduler: SchedulerBase, on_change: Callable[[], object]) -> None:
-        """Waits for the agents' first answers: never call it on the loop's thread."""
+        """Blocks up to PATIENCE for the agents' first answers: never call it on the loop's thread."""
         self._session, self._scheduler, self._on_change = session, scheduler, on_change
         self.reports = dict(self._ask_all())
         self._owing: set[str] = set()
@@ -62,14 +62,15 @@ class AgentWatch:
         ]
 
     def close(self) -> None:
-        """Stop following; what was heard already may still use the session, on the loop."""
+        """Stop following. Messages already received may still use the session, on the loop."""
         for subscriber in self._subscribers:
             subscriber.undeclare()
 
     def expect(self, policy: str, stamp: Stamp, nodes: Iterable[str]) -> None:
-        """A plan was published: the agents that can carry it out must say soon that they have, or did a later one."""
+        """A plan was published: each capable agent on `nodes` must confirm it, or a later plan, within BOUND."""
         for node in nodes:
             report = self.reports.get(node)
+            # `limits` and `realtime` hold what the agent lacks; with both set it carries out nothing to confirm.
             if report is None or (report.limits and report.realtime):
                 continue
             waiting = self._unconfirmed.get((node, policy))
@@ -79,7 +80,7 @@ class AgentWatch:
                 waiting.last = stamp
 
     def forget(self, policy: str) -> None:
-        """Nobody makes plans for the policy any more."""
+        """Expect no more confirmations for this policy: nobody makes plans for it any more."""
         for node, other in [key for key in self._unconfirmed if key[1] == policy]:
             self._unconfirmed.pop((node, other)).timer.dispose()
 
@@ -96,13 +97,14 @@ class AgentWatch:
         if waiting is None or said.stamp < waiting.first:
             return
         waiting.timer.dispose()
+        # A confirmation of a plan between `first` and `last` proves the agent is alive: the clock restarts for `last`.
         if said.stamp >= waiting.last:
             del self._unconfirmed[node, said.policy]
         else:
             waiting.first, waiting.timer = waiting.last, self._arm(node, said.policy)
 
     def _doubt(self, node: str, policy: str) -> None:
-        """Plans count on the node's agent no more; it is asked after a while what it can do, and has to answer."""
+        """Stop counting on the node's agent; after RETURN it is asked again what it can do, until it answers."""
         del self._unconfirmed[node, policy]
         if node not in self.reports or node in self._missed or node in self._owing:
             return
@@ -130,17 +132,20 @@ class AgentWatch:
         self._missed[node] = self._scheduler.schedule_relative(RETURN, lambda *_: self._give_up(node))
 
     def _give_up(self, node: str) -> None:
-        """The agent was away for too long; the next one may live already, but what it can do is not known."""
+        """The agent was gone for too long. A new one may be alive already, but has not said what it can do."""
         del self._missed[node]
         self._set(node, NO_ANSWER if node in self._owing else None)
 
     def _forgive(self, node: str) -> None:
-        """An agent that was missed is back, or gone anew."""
+        """Cancel the countdown for a missing agent: it is back, or gone again."""
         if node in self._missed:
             self._missed.pop(node).dispose()
 
     def _ask(self, node: str, patience: float) -> None:
-        """A question that nobody answers ends with an error, one that nobody hears with nothing: both end it."""
+        """Ask one agent, without blocking.
+
+        A query that times out ends with an error reply, one without any queryable with no reply: `_on_end` sees both.
+        """
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok:
@@ -157,7 +162,7 @@ class AgentWatch:
             self._set(node, report)
 
     def _on_end(self, node: str) -> None:
-        """Ask again if it brought no answer; what the agent before it could do holds until that one is given up."""
+        """Ask again if no answer came; until RETURN is over, the report of the agent's predecessor still holds."""
         if node not in self._owing:
             return
         if node not in self.reports:
@@ -183,7 +188,7 @@ class AgentWatch:
 
 @dataclass(slots=True)
 class _Unconfirmed:
-    """The first and the last plan of a policy that a node's agent owes an answer to."""
+    """The first and the last plan of a policy that a node's agent has yet to confirm."""
 
     first: Stamp
     last: Stamp

@@ -3,15 +3,15 @@
 ===========================  ==========================================================================================
 file                         meaning
 ===========================  ==========================================================================================
-ca.crt                       whoever has a certificate of this authority may speak; a router's is checked against it
+ca.crt                       the authority that signs every client's and router's certificate
 tls.crt, tls.key             our own certificate; its common name is our role (see `bus.roles`)
-username, password           in place of a certificate, as in a Secret of type kubernetes.io/basic-auth
-users.txt                    a router's: one `name:password` per line; it then asks for a password, not a certificate
+username, password           instead of a certificate, as in a Secret of type kubernetes.io/basic-auth
+users.txt                    routers only: one `name:password` per line; clients then need a password, no certificate
 ===========================  ==========================================================================================
 
-A client reads its certificate anew each time it connects, so one that is renewed is used without a restart: the router
-closes a link when its certificate ends, and the client connects again. A listener never reads its own again, so a
-router is opened anew (`commands.router`).
+A client reads its certificate on each connect, so a renewed one needs no restart: the router closes a link when its
+certificate expires, and the client reconnects. A listener never rereads its own, so the router has to be reopened
+(`commands.router`).
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ _TLS = "transport/link/tls"
 
 
 def is_complete(directory: Path) -> bool:
-    """Whether a client could say who it is."""
+    """Whether the directory holds enough for a client to authenticate: a certificate with its key, or a password."""
     pairs = (CERTIFICATE, KEY), (USER, PASSWORD)
     return any(all((directory / name).is_file() for name in pair) for pair in pairs)
 
 
 def client_settings(directory: Path | None) -> dict[str, object]:
-    """What a client must know to be let in; nothing where the bus is open to all."""
+    """Zenoh settings that authenticate a client; empty where the bus is open to all."""
     if directory is None:
         return {}
     settings: dict[str, object] = {f"{_TLS}/close_link_on_expiration": True}
@@ -52,7 +52,7 @@ def client_settings(directory: Path | None) -> dict[str, object]:
 
 
 def router_settings(directory: Path) -> dict[str, object]:
-    """What a router must know to let in only those who say who they are."""
+    """Zenoh settings for a router that admits only authenticated clients."""
     settings: dict[str, object] = {
         f"{_TLS}/root_ca_certificate": str(directory / CA),
         f"{_TLS}/listen_certificate": str(directory / CERTIFICATE),

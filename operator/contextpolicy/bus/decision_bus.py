@@ -29,7 +29,7 @@ def plan_key(namespace: str, name: str) -> str:
 
 
 def policy_of(key: str) -> str:
-    """The policy that a key of the bus is about, as `namespace/name`."""
+    """The policy that a key of the decision bus belongs to, as `namespace/name`."""
     return "/".join(key.split("/")[1:3])
 
 
@@ -39,12 +39,12 @@ def agent_key(node: str) -> str:
 
 
 def confirmed_key(node: str) -> str:
-    """The key on which a node's agent says which plan it has carried out."""
+    """The key on which a node's agent confirms the plans that it has carried out."""
     return f"{agent_key(node)}/confirmed"
 
 
 def applied_key(namespace: str, name: str) -> str:
-    """The key that tells which limits the API accepted and the node put in force."""
+    """The key that reports which limits the API has accepted and the node has put in force."""
     return f"contextpolicy/{namespace}/{name}/applied"
 
 
@@ -56,12 +56,12 @@ def explain_key(namespace: str, name: str) -> str:
 def message(
     policy: Policy, run: int, plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]
 ) -> dict[str, Any]:
-    """A plan as the bus carries it (see `plan_json`), but for `edition` and `trigger`, which the controller adds."""
+    """A plan as the bus carries it (see `plan_json`), without `edition` and `trigger`: the controller adds those."""
     return {**plan_json(policy, plan), "run": run, "targets": list(_targets(plan, containers, pods))}
 
 
 def _targets(plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]) -> Iterator[dict[str, Any]]:
-    """What each container gets, with all that an agent on its node needs to find the cgroup."""
+    """What each container gets, with everything an agent on its node needs to find the cgroup."""
     tasks = {container.id: container.task for container in containers}
     shares = plan.containers
     for pod in pods:
@@ -83,7 +83,7 @@ def _targets(plan: Plan, containers: Iterable[Container], pods: Iterable[PodView
 
 
 class Bus:
-    """One policy's place on the decision bus: publishes plans, answers queries for the last one and for its reasons."""
+    """One policy's place on the decision bus: publishes plans, answers queries for the last one and its explanation."""
 
     def __init__(
         self,
@@ -93,10 +93,10 @@ class Bus:
         current: Callable[[], dict[str, Any] | None],
         explain: Callable[[], dict[str, Any]],
     ) -> None:
-        """`current`, the message as of now, and `explain` are called on the scheduler's thread, where all stands still.
+        """`current` gives the message as of now; it and `explain` are called on the scheduler's thread only.
 
-        The token on the plans' key tells who acts on them that somebody still makes them. Without a `signer` no agent
-        acts on them.
+        The liveliness token on the plans' key shows agents that an operator still makes plans. Agents ignore plans
+        published without a `signer`.
         """
         self.signer: Signer | None = None
         self._scheduler = scheduler
@@ -114,16 +114,16 @@ class Bus:
         self._token = session.liveliness().declare_token(key)
 
     def publish(self, plan: dict[str, Any]) -> None:
-        """Tell everyone; a listener that is slow loses messages, it never slows the loop."""
+        """Publish a plan. A slow listener loses messages; it never slows the loop."""
         payload = json.dumps(plan).encode()
         self._publisher.put(payload, encoding=zenoh.Encoding.APPLICATION_JSON, attachment=self._signature(payload))
 
     def withdraw(self) -> None:
-        """Tell everyone that no plan of this policy counts any more."""
+        """Declare that no plan of this policy holds any more."""
         self._publisher.delete(attachment=self._signature(None))
 
     def publish_applied(self, step: dict[str, Any]) -> None:
-        """Tell that a container's limit reached the next stage."""
+        """Report that a container's limit reached the next stage."""
         self._applied.put(json.dumps(step), encoding=zenoh.Encoding.APPLICATION_JSON)
 
     def close(self) -> None:
@@ -135,13 +135,13 @@ class Bus:
         self._publisher.undeclare()
 
     def _signature(self, payload: bytes | None) -> bytes | None:
-        """What proves to agents that a plan, or its withdrawal, is the operator's."""
+        """The attachment that proves to agents that a plan, or its withdrawal (None), comes from the operator."""
         return self.signer.sign(self._key, payload, time.time_ns()) if self.signer else None
 
     def _answer(self, key: str, content: Callable[[], dict[str, Any] | None]) -> Callable[[zenoh.Query], None]:
-        """Zenoh's callbacks must not call Zenoh: the reply is sent from the loop.
+        """A query callback that replies from the loop, since Zenoh's callbacks must not call Zenoh.
 
-        It names its own key: a question may be about all policies at once.
+        The reply names its own key because a query with wildcards may address all policies at once.
         """
 
         def reply(query: zenoh.Query) -> None:

@@ -1,4 +1,4 @@
-"""How often something that may change with every sample is told."""
+"""Limits how often something that may change with every sample is reported."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 class Pacing:
-    """Tells news at once after a rest, else when `interval` seconds have passed: never late, never a flood.
+    """Calls `tell` at once for the first news, then at most every `interval` seconds (leading and trailing edge).
 
-    What comes in between is told together, so the last word always comes through. Nothing runs without news.
+    News in between shares one call, so the latest state always gets through. Without news no timer runs.
     """
 
     def __init__(self, scheduler: SchedulerBase, interval: float, tell: Callable[[], None]) -> None:
@@ -26,7 +26,7 @@ class Pacing:
         self._told_at = -math.inf
 
     def ask(self) -> None:
-        """There is news."""
+        """There is news: call `tell` now or when the interval is over."""
         if self._waiting:
             return
         rest = self._told_at + self._interval - self._now()
@@ -37,13 +37,13 @@ class Pacing:
             self._wake.disposable = self._scheduler.schedule_relative(rest, self._act)
 
     def rest(self) -> None:
-        """All news has just been told in another way."""
+        """Start a new interval: all news has just been reported some other way."""
         self._waiting = False
         self._told_at = self._now()
         self._wake.disposable = Disposable()
 
     def stop(self) -> None:
-        """Tell nothing more."""
+        """Cancel the pending call."""
         self._wake.dispose()
 
     def _act(self, *_: object) -> None:

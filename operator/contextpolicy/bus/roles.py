@@ -1,19 +1,19 @@
-"""Who may say and hear what on the bus, as Zenoh's access control. Pure.
+"""Who may publish and receive what on the bus, as Zenoh's access control. Pure.
 
 ========  =============================================================================================================
 role      what it does
 ========  =============================================================================================================
-sensor    publishes samples, hears nothing
-module    publishes and hears samples, answers for itself (its profile), hears plans and asks for them
-operator  hears samples and agents, makes plans, answers why
-agent     hears plans and asks for them, says what its node can do, confirms plans
-viewer    hears what the operator and the agents say, and asks: `contextpolicy top` and `explain`
+sensor    publishes samples, receives nothing
+module    publishes and receives samples, answers queries for its profile, receives and queries plans
+operator  receives samples and agents' reports, publishes plans, explains them
+agent     receives and queries plans, reports what its node can do, confirms plans
+viewer    receives and queries whatever operator and agents publish: `contextpolicy top` and `explain`
 ========  =============================================================================================================
 
-Nobody else is heard, and nobody hears anything that is not in the table. The keys that matter are listed, never carved
-out of `**`: Zenoh lets anybody publish on a key with wildcards, and a denial of `contextpolicy/**` does not cover
-`*/robot/delivery/plan`, which is delivered to whoever listens to plans. So the denial below is only half of it: agents
-are sent nothing but `contextpolicy/*/*/plan`, which a wildcard is not part of, and the plans themselves are signed.
+Everything else is denied. The keys that matter are listed, never carved out of `**`: Zenoh lets anybody publish on a
+key with wildcards, and a denial of `contextpolicy/**` does not cover `*/robot/delivery/plan`, which reaches everyone
+who subscribes to plans. So the denial below is only half the protection: agents are sent nothing outside
+`contextpolicy/*/*/plan`, which does not include such a key, and the plans themselves are signed.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ _RULES = {
 
 
 def access_control(samples: Sequence[str] = ("**",), *, by: str = "cert_common_names") -> dict[str, Any]:
-    """Zenoh's `access_control`: samples on these keys; roles are told `by` their cert_common_names or usernames."""
+    """Zenoh's `access_control`: samples on these keys; `by` is what names a role, cert_common_names or usernames."""
     keys = list(samples)
-    # Latched topics of ROS 2 (and of Zenoh's advanced publishers): no wildcard covers a chunk that begins with @.
+    # Latched ROS 2 topics (Zenoh's advanced publishers) use @adv, and no wildcard matches a chunk that begins with @.
     latched = [f"{key}/@adv/**" for key in keys]
     return {
         "enabled": True,

@@ -1,4 +1,4 @@
-"""Zenoh sessions with bounds: no multicast, quick detection of dead peers, a start that can be stopped."""
+"""Zenoh sessions with bounds: no multicast, fast detection of dead peers, a start that can be interrupted."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 ATTEMPT = 1.0
-"""Seconds."""
+"""Seconds that one attempt to connect may take, and the pause before the next."""
 QUEUE = 16
-"""Messages that wait for the network, per priority; the most that Zenoh allows. With its default of 2, two
-busy cores lost 3 % of 200 samples a second and 5 % of the plans: a message that finds no place for 1 ms is dropped."""
+"""Messages queued for the network, per priority; the most that Zenoh allows. With its default of 2, two busy cores
+lost 3 % of 200 samples a second and 5 % of the plans: Zenoh drops a message that finds no place within 1 ms."""
 PRIORITIES = (
     *("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low", "background"),
 )
 LEASE_MS = 1000
-"""A hung peer is declared dead within this; the default of 10 s is longer than a robot can wait."""
+"""A hung peer is declared dead within this time; the default of 10 s is longer than a robot can wait."""
 
 
 def open_client(endpoints: Sequence[str], stop: Event, credentials: Path | None = None) -> zenoh.Session | None:
-    """A client of the router at `endpoints`, as soon as it answers; None when `stop` is set first.
+    """Block until the router at `endpoints` answers, and return a client of it; None when `stop` is set first.
 
-    Zenoh could wait by itself, but then nothing could end the wait; an open session reconnects by itself.
+    Zenoh could wait by itself, but nothing could interrupt it. Once open, a session reconnects by itself.
     """
     while not stop.is_set():
         try:
@@ -45,9 +45,9 @@ def open_client(endpoints: Sequence[str], stop: Event, credentials: Path | None 
 
 
 def open_visitor(endpoints: Sequence[str], *, patience: float, credentials: Path | None = None) -> zenoh.Session:
-    """A client for one question, of a person who waits: zenoh.ZError when no router answers for `patience` seconds.
+    """A client for one-off queries from the command line; zenoh.ZError when no router answers in `patience` seconds.
 
-    `credentials` is a directory (see `bus.credentials`); None on a bus that is open to all.
+    `credentials` is a directory (see `bus.credentials`), or None on a bus that is open to all.
     """
     settings = {"mode": "client", "connect/endpoints": list(endpoints), "connect/timeout_ms": int(patience * 1000)}
     return zenoh.open(_config({**settings, **client_settings(credentials)}))
@@ -56,10 +56,10 @@ def open_visitor(endpoints: Sequence[str], *, patience: float, credentials: Path
 def open_router(
     endpoints: Sequence[str], credentials: Path | None = None, samples: Sequence[str] = ("**",)
 ) -> zenoh.Session:
-    """A session that routes between its clients, at `endpoints`.
+    """A router that listens at `endpoints`.
 
-    With `credentials` it lets in who has a role, and lets each say and hear what its role may: samples on the keys
-    `samples`. Without, it takes anything from anybody.
+    With `credentials` it admits only clients with a role and enforces the rights of that role (`bus.roles`), with
+    samples on the keys `samples`. Without credentials it accepts anything from anybody.
     """
     settings: dict[str, object] = {"mode": "router", "listen/endpoints": list(endpoints)}
     if credentials is not None:

@@ -1,8 +1,8 @@
-"""Signed plans: who decides is proven by an Ed25519 signature in the attachment of a message, whatever way it came.
+"""Signed plans: an Ed25519 signature in a message's attachment proves that the operator sent it, whatever its route.
 
 The attachment is the time of signing (eight bytes, big-endian nanoseconds since 1970) and the signature (64 bytes) over
-that time, the key and the payload. A withdrawal has no payload and is signed as well: a forged one would undo a plan.
-The payload stays what it is for everybody else. For a plan of 4 kB signing takes 51 us and verifying 135 us (medians).
+that time, the key and the payload. A withdrawal has no payload and is signed too: a forged one would undo a plan. The
+payload itself is unchanged. For a plan of 4 kB signing takes 51 us and verifying 135 us (medians).
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 PRIVATE_KEY, CERTIFICATES = "tls.key", "tls.crt"
-"""The files of a Secret of type kubernetes.io/tls, as cert-manager writes it too. A certificate is only the public
-key's envelope here: the key in it is trusted because it stands in that file, not because of its issuer or dates."""
+"""The files of a Secret of type kubernetes.io/tls, as cert-manager writes it. The certificate is only the public key's
+envelope: its key is trusted because it is in that file; issuer and dates are not checked."""
 MAX_AGE = 10.0
-"""Seconds, by the reader's clock and in both directions: plans take milliseconds, nodes' clocks may differ by more."""
+"""Seconds, by the verifier's clock, in either direction: plans arrive in milliseconds, but nodes' clocks differ."""
 
 _DOMAIN = b"contextpolicy plan, version 1\n"
 _TIME = struct.Struct(">Q")
@@ -35,7 +35,7 @@ _SIGNATURE = 64
 
 
 class _KeyFile(Generic[T]):
-    """What a file holds, read anew when the file was replaced: kubelets bring a Secret's new version in place."""
+    """A parsed file, reread when it is replaced: the kubelet swaps a mounted Secret's files when the Secret changes."""
 
     def __init__(self, path: Path, parse: Callable[[bytes], T]) -> None:
         self._path, self._parse = path, parse
@@ -43,8 +43,9 @@ class _KeyFile(Generic[T]):
         self.content = self.renewed() or self._read()
 
     def renewed(self) -> T | None:
-        """The new content if there is one; a version that makes no sense leaves the last good one in force."""
+        """The new content if the file was replaced, else None; an unreadable version leaves the last good one."""
         try:
+            # `stat` follows the kubelet's symlinks, so a swapped Secret shows as another inode.
             status = self._path.stat()
             version = status.st_ino, status.st_mtime_ns
             if version == self._version:
@@ -70,7 +71,7 @@ class Signer:
         self._key = _KeyFile(directory / PRIVATE_KEY, _private_key)
 
     def sign(self, key: str, payload: bytes | None, now: int) -> bytes:
-        """The attachment of a message on `key`; None is a withdrawal, `now` in nanoseconds since 1970."""
+        """The attachment for a message on `key`; a `payload` of None is a withdrawal, `now` is in ns since 1970."""
         self._key.renewed()
         return _TIME.pack(now) + self._key.content.sign(_signed(key, payload, now))
 
@@ -83,7 +84,7 @@ class Verifier:
         self._keys = _KeyFile(directory / CERTIFICATES, _public_keys)
 
     def check(self, key: str, payload: bytes | None, attachment: bytes | None, now: int) -> int:
-        """When the message was signed; OrderError when nobody can know that it is the operator's."""
+        """Return the time of signing, in ns since 1970 like `now`; OrderError when the sender is not proven."""
         if attachment is None or len(attachment) != _TIME.size + _SIGNATURE:
             raise OrderError("Unsigned", f"{key}: a message without the operator's signature")
         [signed] = _TIME.unpack_from(attachment)
@@ -97,7 +98,7 @@ class Verifier:
         return int(signed)
 
     def _proven(self, signature: bytes, content: bytes) -> bool:
-        """A signature that fails is the moment to look for new keys."""
+        """Look for new keys only when a signature fails: a valid message costs no `stat`."""
         return _by_any(self._keys.content, signature, content) or _by_any(
             self._keys.renewed() or (), signature, content
         )
@@ -126,7 +127,7 @@ def _private_key(pem: bytes) -> Ed25519PrivateKey:
 
 
 def _public_keys(pem: bytes) -> tuple[Ed25519PublicKey, ...]:
-    """More than one while a key is being replaced."""
+    """The keys of all certificates in the file: more than one while a key is being replaced."""
     keys = [certificate.public_key() for certificate in load_pem_x509_certificates(pem)]
     if not all(isinstance(key, Ed25519PublicKey) for key in keys):
         raise TypeError

@@ -1,4 +1,4 @@
-"""The decision bus as a person follows it: the last plan of every policy, and how far the node is with it. Pure."""
+"""The decision bus for a human reader: the last plan of every policy, and how far it has been applied. Pure."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 STAGES = {"planned": 0, "accepted": 1, "inForce": 2}
-"""How far a container's limit has come, as the bus calls it: decided, in the API, on the node."""
+"""How far a container's limit has come, in the bus's words: decided, accepted by the API, in force on the node."""
 WORDS = {"planned": "planned", "accepted": "accepted", "inForce": "in force"}
 
 
 @dataclass(slots=True)
 class ShownTarget:
-    """One container of a task; `stage` says how far it has come with its `cores`, where it is `resized` at all."""
+    """One container of a task; `stage` says how far its new `cores` have come, if its node is `resized` at all."""
 
     task: str
     cores: float
@@ -33,7 +33,7 @@ class ShownTarget:
 
 @dataclass(slots=True)
 class PolicyView:
-    """The last plan of one policy; `order` only moves forward."""
+    """The last plan of one policy; `order` is (run, sequence, edition) and never goes back. `time` is Unix seconds."""
 
     policy: str
     order: tuple[int, int, int]
@@ -47,7 +47,7 @@ class PolicyView:
     targets: dict[str, ShownTarget]
 
     def stage(self, task: str) -> str | None:
-        """How far the task's slowest container has come; None where nothing is resized, or nothing to resize."""
+        """The stage of the task's slowest container; None where the policy resizes nothing or the task has none."""
         if self.mode != Mode.ENFORCE:
             return None
         stages = [target.stage for target in self.targets.values() if target.task == task and target.resized]
@@ -70,14 +70,14 @@ class PolicyView:
 
 @dataclass(slots=True)
 class BusView:
-    """All policies that were heard of."""
+    """All policies that have published a plan."""
 
     policies: dict[str, PolicyView] = field(default_factory=dict)
 
     def take(self, key: str, payload: bytes | None) -> dict[str, Any] | None:
         """Take a message, None when a plan was withdrawn; returns the new state of its policy if it has changed.
 
-        A message that can't be read is nobody's plan: anybody may speak on the bus.
+        Unreadable messages are ignored: on an open bus anybody may publish.
         """
         policy, topic = policy_of(key), key.rpartition("/")[2]
         if payload is None:
@@ -96,6 +96,7 @@ class BusView:
             return False
         for identity, target in new.targets.items():
             before = known.targets.get(identity) if known else None
+            # A republished plan must not show a container as merely planned whose limit is already in force.
             if before is not None and before.cores == target.cores:
                 target.stage = max(target.stage, before.stage, key=STAGES.__getitem__)
         self.policies[policy] = new
@@ -107,7 +108,7 @@ class BusView:
         if known is None or target is None or STAGES[step["stage"]] <= STAGES[target.stage]:
             return False
         if known.control == Control.LIMIT and step["cores"] != target.cores:
-            return False  # a limit on the way to the planned one, or that of an earlier plan
+            return False  # an intermediate limit, or one from an earlier plan
         target.stage = step["stage"]
         return True
 
@@ -147,7 +148,7 @@ def live(view: BusView, now: float) -> Group | Text:
 
 
 def _headline(policy: PolicyView, now: float) -> Text:
-    """Above the table and not its title, which would wrap at the table's width; a cause may have [brackets]."""
+    """A line above the table: a title would wrap at its width. `Text`, because a cause may contain [brackets]."""
     mode = "" if policy.mode == Mode.ENFORCE else f"   {policy.mode}"
     contexts = ", ".join(policy.contexts) or "-"
     age = max(0.0, now - policy.time)
@@ -164,7 +165,7 @@ def _tasks(policy: PolicyView) -> Table:
 
 
 def titled(title: str, headings: Sequence[str], *, left: Sequence[str]) -> Table:
-    """An empty table; numbers stand at the right, what is named in `left` is text."""
+    """An empty table; the columns named in `left` hold text, the others right-aligned numbers."""
     table = Table(title=Text(title) if title else None, title_justify="left")
     for heading in headings:
         table.add_column(heading, justify="left" if heading in left else "right")
@@ -172,5 +173,5 @@ def titled(title: str, headings: Sequence[str], *, left: Sequence[str]) -> Table
 
 
 def cores(value: float | None) -> str:
-    """Thousandths of a core, as Kubernetes writes them."""
+    """Cores as Kubernetes' thousandths, such as 150m; a dash for None."""
     return "-" if value is None else f"{value * 1000:.0f}m"

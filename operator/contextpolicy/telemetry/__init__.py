@@ -1,1 +1,1 @@
-"""I/O out that changes nothing: status, events, metrics and logs tell what was decided and why."""
+"""Reporting only: status, events, metrics and logs say what was decided and why, and change nothing."""

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 MAX_MESSAGE = 1024
 MAX_NAME = 240
-"""Of a policy's name, which may have 253 letters, as an event's may."""
+"""Characters of the policy's name in the event's: both may have 253, and the digest needs 13."""
 
 
 def event(policy: Mapping[str, Any], *, reason: str, message: str, now: float, warning: bool = True) -> dict[str, Any]:

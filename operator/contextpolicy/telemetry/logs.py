@@ -1,4 +1,4 @@
-"""Log lines of programs that kopf does not set up: for people, or as JSON for collectors."""
+"""Logging for the programs where kopf does not set it up: text for people, or JSON for collectors."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import logging
 
 
 def configure(log_format: str, level: str) -> None:
-    """Write to stderr from now on."""
+    """Log to stderr from now on; `log_format` is text or json."""
     handler = logging.StreamHandler()
     formatter = _Json() if log_format == "json" else logging.Formatter("[%(asctime)s] %(levelname)s %(message)s")
     handler.setFormatter(formatter)

@@ -1,4 +1,4 @@
-"""Which resize is the reaction to which sample, so that the way from one to the other is measured, and once. Pure."""
+"""Matches each resize to the sample that caused it, so that every reaction is measured exactly once. Pure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STAGES = ("patch", "status")
 
 @dataclass(slots=True)
 class _Change:
-    """A container's new share, with the stages that it has still to reach."""
+    """A container's new share in millicores, when its sample arrived (monotonic s), and the stages still ahead."""
 
     share: int
     arrived: float
@@ -25,10 +25,9 @@ class _Change:
 
 
 class Reactions:
-    """What samples changed, by policy and container, until it is in force.
+    """The changes that samples caused, by policy and container, until they are in force.
 
-    What is resized to the same share again, because somebody else had changed it or a container was moved, is the
-    reaction to no sample, however long ago the last one came.
+    Resizing to the same share again, because somebody else changed it or a container moved, is no reaction to a sample.
     """
 
     def __init__(self) -> None:
@@ -36,9 +35,9 @@ class Reactions:
         self._changes: dict[str, dict[str, _Change]] = {}
 
     def plan(self, policy: str, plan: Plan) -> None:
-        """A new plan counts; what an earlier one changed and this one leaves alone is still on its way."""
+        """Take a new plan; changes of an earlier plan that this one keeps are still being tracked."""
         before = self._plans.get(policy)
-        # The first plan of a run says nothing about what the containers had: it may change none of them.
+        # After the first plan of a run nothing is known about the containers' shares before it: it may change none.
         known = before.containers if before is not None and plan.sequence > before.sequence else {}
         kept = self._changes.get(policy, {})
         changes: dict[str, _Change] = {}
@@ -50,9 +49,9 @@ class Reactions:
         self._plans[policy], self._changes[policy] = plan, changes
 
     def reach(self, policy: str, container: str, stage: str, cpu: Cpu) -> float | None:
-        """When the sample arrived that asked for this, if it did and this is the first time that `stage` is reached.
+        """The sample's arrival (monotonic s) if it caused this and reaches `stage` for the first time, else None.
 
-        A patch that an older plan sent, or one on the way to the share, is not what the sample asked for.
+        A patch from an older plan, or an intermediate step towards the share, does not count.
         """
         change = self._changes.get(policy, {}).get(container)
         if change is None or stage not in change.ahead or change.share not in (cpu.limit, cpu.request):
@@ -61,7 +60,7 @@ class Reactions:
         return change.arrived
 
     def drop(self, policy: str, container: str) -> None:
-        """Somebody else changed the container: what is resized from now on is no reaction to a sample."""
+        """Somebody else changed the container: its next resize is no reaction to a sample."""
         self._changes.get(policy, {}).pop(container, None)
 
     def forget(self, policy: str) -> None:
@@ -71,6 +70,6 @@ class Reactions:
 
 
 def _resized(plan: Plan) -> dict[str, int]:
-    """The shares that become limits or requests; those in realtime are the agent's."""
+    """The shares that become limits or requests; realtime nodes are left to the agent."""
     nodes = (node for node in plan.nodes.values() if node.scheduler is Scheduler.CFS)
     return {identity: share for node in nodes for identity, share in node.containers.items()}

@@ -52,7 +52,7 @@ _ONE_DECIDES = "let one of them decide: take the container out of its hands, or 
 
 
 def for_refusal(error: ActuationError) -> str:
-    """What to do about a refused patch; empty when its message says all that is known."""
+    """What to do about a refused patch; empty when its message already says it all."""
     return next((remedy for pattern, remedy in _REFUSALS if re.search(pattern, str(error))), "")
 
 

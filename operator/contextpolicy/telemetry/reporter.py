@@ -18,13 +18,13 @@ log = logging.getLogger(__name__)
 STATUS_INTERVAL = 0.2
 """Seconds between two status writes of one policy: a storm of plans must not become a storm of writes."""
 STATUS_DELAY = 0.1
-"""Seconds until a status is written: the resizes of the plan that it tells of come first, on two cores they compete."""
+"""Seconds before a status is written: the plan's resizes go first, since on two cores both compete for CPU."""
 STATUS_RETRY = 2.0
-"""Seconds until a status that could not be written is tried again."""
+"""Seconds before a failed status write is retried."""
 
 
 class ReportApi(Protocol):
-    """What the reporter needs of the API server."""
+    """What the reporter needs of the API server; both raise ActuationError."""
 
     def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
         """Write a policy's status."""
@@ -34,7 +34,7 @@ class ReportApi(Protocol):
 
 
 class Reporter:
-    """Called on the loop's thread; `worker` writes, and has one thread, so that the newest status is the last."""
+    """Called on the loop's thread. `worker` must have one thread, so that the newest status is written last."""
 
     def __init__(self, api: ReportApi, scheduler: SchedulerBase, worker: Executor) -> None:
         self._api, self._scheduler, self._worker = api, scheduler, worker
@@ -43,23 +43,26 @@ class Reporter:
         self._sent: dict[str, dict[str, Any]] = {}
 
     def status(self, policy: str, make: Callable[[], dict[str, Any]]) -> None:
-        """Let `make` tell the policy's status soon; only the last of several gets written."""
+        """Have the status that `make` returns written soon; of several calls only the last counts.
+
+        `make` is called on the loop's thread.
+        """
         self._pending[policy] = make
         if policy not in self._resting:
             self._resting.add(policy)
             self._scheduler.schedule_relative(STATUS_DELAY, lambda *_: self._rested(policy))
 
     def forget(self, policy: str) -> None:
-        """The policy is gone: write nothing more about it."""
+        """The policy is gone: write nothing more for it."""
         self._pending.pop(policy, None)
         self._sent.pop(policy, None)
 
     def event(self, event: Mapping[str, Any]) -> None:
-        """Post an event; who calls knows that it is news."""
+        """Post an event. There is no deduplication here: the caller knows that it is news."""
         self._worker.submit(self._post, event)
 
     def close(self) -> None:
-        """Finish what is under way."""
+        """Finish the write in progress and drop the queued ones."""
         self._worker.shutdown(wait=True, cancel_futures=True)
 
     def _write(self, policy: str) -> None:
@@ -79,7 +82,7 @@ class Reporter:
         self._scheduler.schedule_relative(rest, lambda *_: self._rested(policy))
 
     def _keep(self, policy: str, status: dict[str, Any]) -> None:
-        """Write it again later, unless there is a newer one or the policy is gone."""
+        """Queue the failed status again, unless there is a newer one or the policy is gone."""
         if self._sent.get(policy) is status:
             self._pending.setdefault(policy, lambda: status)
 
@@ -95,7 +98,11 @@ class Reporter:
 
 
 def _outcome(write: Callable[[], None]) -> ActuationError | None:
-    """Why it failed. Whatever goes wrong is an outcome: a worker that raised would never write this policy's again."""
+    """Why the write failed, or None.
+
+    Unexpected exceptions are outcomes too: if one escaped, `_rested` would never run and the policy's status would
+    never be written again.
+    """
     try:
         write()
     except ActuationError as error:

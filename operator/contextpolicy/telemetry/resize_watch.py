@@ -1,4 +1,4 @@
-"""How resizing goes: stage times for the metrics, problems for status and events."""
+"""Follows the resizes: stage times for the metrics, problems for status and events."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from contextpolicy.planning.plan import Plan
 
 RECOVERED = "ResizeRecovered"
-"""Reason of the event that a problem is over."""
+"""Reason of the event which says that a problem is over."""
 
 
 class ResizeWatch:
-    """Hears of every patch.
+    """Notified of every patch, on the loop's thread.
 
-    `on_problem(policy, reason, message)` is called once per new problem and when one ends, `on_stage(policy, stage,
-    container, cores, at)` when the API accepted a limit (`accepted`) and when the node has it (`inForce`). Times are
-    monotonic.
+    `on_problem(policy, reason, message)` is called once per new problem and once when it is over, `on_stage(policy,
+    stage, container, cores, at)` when the API accepts a limit (`accepted`) and when the node applies it (`inForce`).
+    Times are monotonic seconds.
     """
 
     def __init__(
@@ -45,19 +45,19 @@ class ResizeWatch:
         _measure(policy, "plan", plan.arrived, time.monotonic())
 
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
-        """The API has the new resources."""
+        """The API has accepted new resources; `answered` is when its answer came."""
         self._on_stage(policy, "accepted", container, (cpu.limit or 0) / 1000, answered)
         metrics.RESIZES.labels(policy, "accepted").inc()
         _measure(policy, "patch", self._reactions.reach(policy, container, "patch", cpu), answered)
 
     def on_in_force(self, policy: str, container: str, limit: int) -> None:
-        """The kubelet reports the limit that the plan wants."""
+        """The kubelet reports the plan's limit, in millicores."""
         now = time.monotonic()
         self._on_stage(policy, "inForce", container, limit / 1000, now)
         _measure(policy, "status", self._reactions.reach(policy, container, "status", Cpu(None, limit)), now)
 
     def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
-        """A patch failed, or after a failure works again."""
+        """A patch failed, or (None) succeeded again after a failure."""
         failed = self._failed.setdefault(policy, {})
         if error is None:
             if failed.pop(pod, None):
@@ -70,7 +70,7 @@ class ResizeWatch:
             self._on_problem(policy, "ResizeFailed", message)
 
     def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:
-        """Somebody else resized a container, or has not done so for a while."""
+        """Somebody else resized a container, or (None) has not done so for a while."""
         contested = self._contested.setdefault(policy, {})
         if contest is None:
             if contested.pop(container, None):
@@ -86,7 +86,7 @@ class ResizeWatch:
             self._on_problem(policy, "ResizedByOther", message)
 
     def observe(self, pod: PodView, policies: Collection[str]) -> None:
-        """Take what the kubelet says about resizes that it holds back; `policies` are those that moved the pod."""
+        """Note whether the kubelet holds back a resize of the pod; `policies` are those that have resized it."""
         identity = f"{pod.namespace}/{pod.name}"
         asking = set(policies) if pod.pending else set()
         for policy in asking - self._held.keys():
@@ -113,7 +113,7 @@ class ResizeWatch:
                 failed.pop(pod.name, None)
 
     def problems(self, policy: str) -> dict[str, str]:
-        """What can't be applied now, or does not stay applied, by pod or container."""
+        """What can't be applied now, or does not stay applied: messages by pod or container."""
         every = (self._failed, self._held, self._contested)
         return {subject: message for known in every for subject, message in known.get(policy, {}).items()}
 

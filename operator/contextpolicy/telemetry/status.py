@@ -22,7 +22,7 @@ _UNITS = (("years", 365.25 * 86400), ("days", 86400.0), ("h", 3600.0), ("s", 0.0
 
 @dataclass(frozen=True, slots=True)
 class ConditionFinding:
-    """One condition: `problems` empty means that all is well."""
+    """One condition; without `problems` it is True with reason `good`, else False with reason `bad`."""
 
     type: str
     good: str
@@ -42,7 +42,7 @@ class StatusFacts:
 
 
 def status(planner: Planner, facts: StatusFacts, previous: Sequence[Mapping[str, Any]], now: float) -> dict[str, Any]:
-    """The whole status; `previous` are the conditions as they stand, whose transition times are kept."""
+    """The whole status; `previous` are the current conditions, whose transition times are kept. `now` is Unix time."""
     plan, policy = planner.last, planner.policy
     contexts = list(plan.contexts) if plan else []
     bound = {container.task for container in facts.claim.placement.containers}
@@ -62,7 +62,7 @@ def status(planner: Planner, facts: StatusFacts, previous: Sequence[Mapping[str,
 def waiting(
     rejected: Sequence[str], generation: int, previous: Sequence[Mapping[str, Any]], now: float
 ) -> dict[str, Any]:
-    """The status of a policy of which no version was ever valid, or whose samples can't come yet."""
+    """The status of a policy without a controller: no version was ever valid, or the bus is not connected yet."""
     no_router = () if rejected else ("no Zenoh router answers yet",)
     findings = [
         ConditionFinding("Accepted", "Valid", "Invalid", rejected),
@@ -74,7 +74,7 @@ def waiting(
 def conditions(
     findings: Sequence[ConditionFinding], generation: int, previous: Sequence[Mapping[str, Any]], now: float
 ) -> list[dict[str, Any]]:
-    """Kubernetes conditions; `Ready` sums the others up."""
+    """Kubernetes conditions, `Ready` first: it sums up the others."""
     broken = [finding for finding in findings if finding.problems]
     ready = ConditionFinding("Ready", "Working", "Degraded", [f"{f.type}: {f.problems[0]}" for f in broken])
     before = {condition["type"]: condition for condition in previous}
@@ -166,7 +166,7 @@ def _task(planner: Planner, facts: StatusFacts, name: str) -> dict[str, Any]:
 
 
 def _streams(planner: Planner) -> list[dict[str, Any]]:
-    """Each stream's health, what waits for it, and what of it was dropped."""
+    """Each stream's health, what waits for it, and how many of its samples were dropped."""
     waits: dict[str, dict[str, str]] = defaultdict(dict)
     for who, waiting_for in planner.waits():
         told = f"{who} waits since {timestamp(waiting_for.since)}: {waiting_for.reason}"
