@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from robotkit import Decision, Received
 
 CYCLE_S = 0.1
-"""In a tenth of a second the robot drives 2 cm blindly; with half of it, steering alone would need more than 10m CPU."""
+"""In a tenth of a second the robot drives 2 cm blindly; at half of that, steering alone would need more than 10m."""
 ODOMETRY_EVERY, STATE_EVERY = 2, 10
 """Cycles from one result to the next."""
 SILENCE_S = 1.0

@@ -1,4 +1,4 @@
-"""The newest samples of all inputs. The bus never waits: samples that a slow task can't take are dropped and counted."""
+"""The newest samples of all inputs. The bus never waits: samples a slow task can't take are dropped and counted."""
 
 from __future__ import annotations
 

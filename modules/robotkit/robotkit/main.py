@@ -31,7 +31,7 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
 def main(module_yaml: Path, build: Callable[[], Task]) -> None:
-    """Run the task that `build` makes until a signal comes; a bad configuration is one line on stderr and exit code 2."""
+    """Run the task that `build` makes until a signal comes; a bad configuration is one line and exit code 2."""
     logging.basicConfig(level=logging.INFO, format=f"%(asctime)s {module_yaml.parent.name}: %(message)s")
     sys.setswitchinterval(SWITCH_S)
     stop = _stop_on_signal()

@@ -57,7 +57,7 @@ class Outputs:
         }
 
     def publish(self, result: Result, timing: Mapping[str, object] | None = None) -> None:
-        """Publish a result; JSON also gets its `stamp`, and `timing` if there is one. KeyError for an unknown output."""
+        """Publish a result; JSON also gets its `stamp`, and `timing` if given. KeyError for an unknown output."""
         if result.output not in self._declared:
             raise KeyError(f"there is no output {result.output!r} in module.yaml: {', '.join(self._declared)}")
         now = time.time_ns()

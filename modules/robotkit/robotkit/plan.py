@@ -37,7 +37,7 @@ class _Plan:
 
 
 class Decisions:
-    """The newest decision among all policies that name the task. Pure: only the order of plans matters, not the time."""
+    """The newest decision among all policies that name the task. Pure: the order of plans matters, not the time."""
 
     def __init__(self, task: str) -> None:
         self._task = task

@@ -34,7 +34,7 @@ class Task:
     """A robot's task; override what it needs. `process` and `produce` run on threads of their own."""
 
     def process(self, received: Received) -> Results:
-        """Turn one sample into results. MessageError drops the sample; so does DeviceError, which counts as a failure."""
+        """Turn one sample into results. MessageError drops the sample; so does DeviceError, counted as a failure."""
         raise NotImplementedError(f"{type(self).__name__} takes inputs, so it must override process()")
 
     def produce(self, ended: threading.Event) -> Iterator[Result]:
