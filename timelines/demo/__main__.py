@@ -84,11 +84,13 @@ def _show(recording: Recording, player: threading.Thread, started: float, durati
 
 
 def _show_lines(recording: Recording, player: threading.Thread, started: float) -> None:
-    """Without a terminal: one line per plan."""
+    """Without a terminal: one line per plan; its later editions move no share."""
     shown = 0
     while player.is_alive():
         player.join(timeout=0.25)
         for plan in recording.plans[shown:]:
+            if plan.get("edition", 0):
+                continue
             shares = " ".join(f"{name}={task['share'] * 1000:.0f}m" for name, task in plan["tasks"].items())
             line = (
                 f"{plan['trigger'] - started:6.2f} s  {','.join(plan['contexts']) or '-':10} {shares}  {plan['cause']}"
