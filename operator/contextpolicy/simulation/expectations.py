@@ -176,9 +176,6 @@ class _Reader:
         self._names(path, list(raw), tasks)
         return {str(task): self._range(f"{path}.{task}", value, number, allowed) for task, value in raw.items()}
 
-    def _plans(self, path: str, raw: Any) -> Range | None:
-        return None if raw is None else self._range(path, raw, _number, "a number")
-
     def _range(self, path: str, raw: Any, number: Callable[[object], float], allowed: str) -> Range:
         """An exact number, or min and max."""
         bounds = raw if isinstance(raw, dict) else {"min": raw, "max": raw}
