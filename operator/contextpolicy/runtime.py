@@ -1,13 +1,12 @@
 """Everything alive in one operator: policies, pods and nodes come in from the watches; patches and reports go out.
 
 Public methods may be called from any thread but the loop's: each hands its work to the loop and returns at once, except
-`policy_changed`, `connected`, `delay` and `close`, which block.
+`policy_changed`, `connected` and `close`, which block.
 """
 
 from __future__ import annotations
 
 import logging
-import time
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -16,6 +15,7 @@ from contextpolicy.actuators.dry_run import DryRun
 from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.resizer import PodResizer
 from contextpolicy.bus.agent_watch import AgentWatch
+from contextpolicy.bus.connection import Connection
 from contextpolicy.cluster.agent_reports import with_agents
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.nodes import allocatable
@@ -43,9 +43,6 @@ if TYPE_CHECKING:
 Answer = TypeVar("Answer")
 
 log = logging.getLogger(__name__)
-
-HUNG = 5.0
-"""Seconds after which a loop that does not answer counts as hung."""
 
 
 @dataclass(slots=True)
@@ -75,6 +72,8 @@ class Runtime:
     ) -> None:
         self._session: zenoh.Session | None = None
         self._agents: AgentWatch | None = None
+        self._connection: Connection | None = None
+        self._connected = False
         self._loop, self._api = loop, api
         self._patches, self._signer = patches, signer
         self._reporter = Reporter(api, loop, reports)
@@ -87,6 +86,8 @@ class Runtime:
 
     def close(self) -> None:
         """Stop; limits stay in force, as after a crash, and the next start goes on from there."""
+        if self._connection is not None:
+            self._connection.close()
         if self._agents is not None:
             self._agents.close()
         self._call(self._stop_controllers).result(timeout=5)
@@ -95,12 +96,12 @@ class Runtime:
         self._reporter.close()
         if self._session is not None:
             self._session.close()
-        self._api.close()
 
     def connected(self, session: zenoh.Session) -> None:
         """The session to the robot's bus is open: start the policies that waited for it. Blocks up to a second."""
         agents = AgentWatch(session, self._loop, lambda: self._call(self._place))
         self._call(lambda: self._begin(session, agents))
+        self._connection = Connection(session, lambda connected: self._call(lambda: self._link(connected=connected)))
 
     def policy_changed(self, body: Mapping[str, Any]) -> Future[bool]:
         """A ContextPolicy is new, was edited or already existed; the result says whether all it names could be read.
@@ -115,6 +116,14 @@ class Runtime:
         done: Future[None] = Future()
         self._call(lambda: self._drop(body, done))
         return done
+
+    def abandon(self, namespace: str) -> None:
+        """Another operator serves this namespace now: forget its policies, and change nothing."""
+        self._call(lambda: self._forget(namespace))
+
+    def resume(self) -> None:
+        """We may act again after an interruption, and nobody else did meanwhile: say again what is in force."""
+        self._call(self._speak)
 
     def pod_changed(self, pod: Mapping[str, Any]) -> None:
         """A pod is new or has changed; one that can't be parsed is logged and ignored."""
@@ -135,11 +144,10 @@ class Runtime:
         if cpu is not None:
             self._call(lambda: self._take_node(name, cpu))
 
-    def delay(self) -> float:
-        """Seconds until the loop runs a new action; TimeoutError when that takes longer than HUNG."""
-        asked = time.monotonic()
-        self._call(lambda: None).result(timeout=HUNG)
-        return time.monotonic() - asked
+    @property
+    def has_router(self) -> bool:
+        """Whether the bus is there."""
+        return self._connected
 
     def _call(self, action: Callable[[], Answer]) -> Future[Answer]:
         """Run `action` on the loop."""
@@ -163,6 +171,12 @@ class Runtime:
         self._session, self._agents = session, agents
         for entry in list(self._policies.values()):
             self._adopt(entry.body, entry.loaded)
+
+    def _link(self, *, connected: bool) -> None:
+        self._connected = connected
+        log.log(logging.INFO if connected else logging.WARNING, "the bus is %s", "there" if connected else "lost")
+        for reference in self._policies:
+            self._report(reference)
 
     def _adopt(self, body: Mapping[str, Any], loaded: Loaded) -> bool:
         """Swap in a valid version; an invalid one leaves the last good one in force and says why."""
@@ -191,6 +205,7 @@ class Runtime:
             policy, session=session, scheduler=self._loop, actuator=actuator, initiatives=entry.loaded.initiatives
         )
         entry.controller.signer = self._signer
+        entry.controller.may_act = lambda: self._api.may_act(policy.namespace)
         entry.controller.on_change = lambda: self._report(reference)
         entry.controller.on_plan = self._watch.planned
         if self._agents is not None:
@@ -216,6 +231,24 @@ class Runtime:
         self._watch.forget(reference)
         self._resizer.release(reference, lambda: _fulfil(done))
         self._place()
+
+    def _forget(self, namespace: str) -> None:
+        for reference in [one for one in self._policies if one.partition("/")[0] == namespace]:
+            controller = self._policies.pop(reference).controller
+            if controller is not None:
+                controller.stop()
+            if self._agents is not None:
+                self._agents.forget(reference)
+            self._reporter.forget(reference)
+            self._watch.forget(reference)
+            self._resizer.abandon(reference)
+        self._place()
+
+    def _speak(self) -> None:
+        for reference, entry in self._policies.items():
+            if entry.controller is not None:
+                entry.controller.repeat()
+            self._report(reference)
 
     def _stop_controllers(self) -> None:
         for entry in self._policies.values():
@@ -274,12 +307,13 @@ class Runtime:
         generation = entry.body["metadata"].get("generation", 0)
         now = self._loop.to_seconds(self._loop.now)
         if entry.controller is None:
-            made = waiting(entry.loaded.rejected, generation, entry.conditions, now)
+            made = waiting(entry.loaded.rejected, generation, entry.conditions, now, connected=self._connected)
         else:
             facts = StatusFacts(
                 generation,
                 entry.controller.run,
                 entry.controller.claim,
+                self._connected,
                 entry.loaded.rejected,
                 self._watch.problems(reference),
             )

@@ -10,6 +10,7 @@ from contextpolicy.actuators.following import SETTLED
 from contextpolicy.bus.agent_watch import BOUND
 from contextpolicy.cluster.agent_reports import NO_AGENT
 from contextpolicy.telemetry import metrics
+from contextpolicy.telemetry.status import NO_ROUTER
 from tests.cluster.builders import NODE
 from tests.runtime.builders import IMU, a_policy
 
@@ -56,7 +57,7 @@ def test_policies_wait_for_the_router_and_say_so(operator):
     operator.list_all()
     operator.apply(a_policy())
     operator.turn(0.5)
-    assert operator.condition("StreamsHealthy") == ("False", "NoRouter", "no Zenoh router answers yet")
+    assert operator.condition("Connected") == ("False", "NoRouter", NO_ROUTER)
     assert operator.condition("Accepted")[0] == "True"
     assert operator.cluster.calls == []
     operator.connect()
@@ -70,7 +71,17 @@ def test_an_invalid_policy_is_told_without_a_router(operator):
     operator.apply(a_policy(tasks=[]))
     operator.turn(0.5)
     assert operator.condition("Accepted")[:2] == ("False", "Invalid")
-    assert operator.condition("StreamsHealthy")[0] == "True"
+    assert operator.condition("Connected")[0] == "False"
+
+
+def test_a_bus_that_is_lost_after_it_was_there_is_told_at_once(running):
+    running.session.lose_router()
+    running.turn(0.5)
+    assert running.condition("Connected") == ("False", "NoRouter", NO_ROUTER)
+    assert running.condition("Ready")[0] == "False"
+    running.session.find_router("another")
+    running.turn(0.5)
+    assert running.condition("Connected")[0] == running.condition("Ready")[0] == "True"
 
 
 # agents

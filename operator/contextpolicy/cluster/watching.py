@@ -72,6 +72,10 @@ class ObjectWatch:
                 response.shutdown()
         self._thread.join(timeout=5)
 
+    def __str__(self) -> str:
+        """What it follows."""
+        return self._path
+
     def check(self) -> None:
         """RuntimeError when the thread has ended."""
         if not self._thread.is_alive():
