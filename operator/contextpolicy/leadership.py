@@ -106,17 +106,21 @@ class Leadership:
         claims = dict(self._claims)
         for namespace, claim in claims.items():
             self._tell_other(namespace, claim)
-        if not all(claim.held or claim.holder or claim.lost for claim in claims.values()):
+        if not all(claim.held or claim.holder or claim.lost or claim.refused for claim in claims.values()):
             return None
         return frozenset(namespace for namespace, claim in claims.items() if claim.held)
 
     def _tell_other(self, namespace: str, claim: Candidacy) -> None:
-        """Say once who serves a namespace in our place."""
-        other = "" if claim.held else claim.holder
-        if other != self._told.get(namespace, ""):
-            self._told[namespace] = other
-            if other and other != self._release:
-                log.warning("namespace %s is served by %s: it is left alone until that one ends", namespace, other)
+        """Say once why a namespace is not served: by whom it is, or what is missing."""
+        told = ""
+        if claim.refused:
+            told = f"namespace {namespace} can't be served: {claim.refused}"
+        elif claim.holder not in ("", self._release):
+            told = f"namespace {namespace} is served by {claim.holder}: it is left alone until that one ends"
+        if told != self._told.get(namespace, ""):
+            self._told[namespace] = told
+            if told:
+                log.warning("%s", told)
 
     def _tell(self) -> None:
         self.on_news()

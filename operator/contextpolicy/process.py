@@ -36,6 +36,11 @@ PATCH_WORKERS = 8
 PAUSES = (0.1, 0.2, 0.5, 1.0)
 """Seconds between attempts to find the API server at the start; the last one repeats."""
 NOT_INSTALLED = "the custom resource is not installed: kubectl apply -f crds/"
+CLOSED = (
+    "namespace %s is not served: its pods may not be listed. Upgrade the release if its Role is missing. If the namespace "
+    "is being deleted, the Role is gone already, and policies that are left there hold it up: let them go with "
+    "`contextpolicy restore --namespace %s --remove-finalizers`"
+)
 POLICIES = "/apis/contextpolicy.dev/v1alpha1/contextpolicies"
 
 
@@ -77,6 +82,8 @@ class OperatorProcess:
         self._homes: dict[str, str] = {}
         """Namespace of each policy by UID, where all namespaces are served."""
         self._watches = _watches(api, settings.namespaces, self._runtime)
+        self._pod_lists = {pods_of(namespace): namespace for namespace in settings.namespaces}
+        self._refused: frozenset[str] = frozenset()
         if not settings.namespaces:
             self._watches.append(ObjectWatch(api, POLICIES, self._on_policy, self._on_policy_gone))
         self._news, self._woken = Condition(), False
@@ -90,6 +97,7 @@ class OperatorProcess:
         """Run until `stop` is set, then give the Lease back; the exit code."""
         for watch in self._watches:
             watch.listed.add_done_callback(lambda _: self._wake())
+            watch.on_refused = self._wake
             watch.start()
         self._connecting.start()
         self._leadership.start()
@@ -108,7 +116,7 @@ class OperatorProcess:
 
     def unready(self) -> list[str]:
         """Why this replica does not decide, or could not as soon as it leads."""
-        unlisted = [str(watch) for watch in self._watches if not watch.listed.done()]
+        unlisted = [str(watch) for watch in self._watches if self._is_unlisted(watch)]
         problems = [f"not listed yet: {', '.join(unlisted)}"] if unlisted else []
         if not self._runtime.has_router:
             problems.append("no Zenoh router answers")
@@ -124,15 +132,29 @@ class OperatorProcess:
         if self._leadership.deposed:
             log.warning("another replica leads: starting anew as its standby")
             self._restart()
-        if not self._leadership.leads or not all(watch.listed.done() for watch in self._watches):
+        if not self._leadership.leads or any(self._is_unlisted(watch) for watch in self._watches):
             return
-        self._leadership.serve(self._settings.namespaces or set(self._homes.values()))
+        self._leadership.serve((set(self._settings.namespaces) or set(self._homes.values())) - self._closed_to_us())
         served = self._leadership.served
         if served is not None and served != (self._kopf.namespaces if self._kopf else frozenset()):
             self._serve(served)
         if self._leadership.interruptions != self._interruptions:
             self._interruptions = self._leadership.interruptions
             self._runtime.resume()
+
+    def _is_unlisted(self, watch: ObjectWatch) -> bool:
+        """A namespace of several that lets us see no pods must not keep us from the others."""
+        return not watch.listed.done() and not (watch.refused and str(watch) in self._pod_lists)
+
+    def _closed_to_us(self) -> set[str]:
+        """The namespaces whose pods we may not see: their roles are missing, or went with the namespace."""
+        refused = frozenset(
+            self._pod_lists[str(watch)] for watch in self._watches if watch.refused and str(watch) in self._pod_lists
+        )
+        for namespace in sorted(refused - self._refused):
+            log.warning(CLOSED, namespace, namespace)
+        self._refused = refused
+        return set(refused)
 
     def _serve(self, namespaces: frozenset[str]) -> None:
         log.info("serving %s", ", ".join(sorted(namespaces)) or "no namespace")
@@ -206,9 +228,14 @@ def start_anew() -> NoReturn:
 
 def _watches(api: ApiServer, namespaces: Iterable[str], runtime: Runtime) -> list[ObjectWatch]:
     """Watches for pods and nodes. Nodes that are deleted need no handling: their pods are deleted too."""
-    lists = [f"/api/v1/namespaces/{namespace}/pods" for namespace in namespaces] or ["/api/v1/pods"]
+    lists = [pods_of(namespace) for namespace in namespaces] or ["/api/v1/pods"]
     pods = [ObjectWatch(api, path, runtime.pod_changed, runtime.pod_gone) for path in lists]
     return [*pods, ObjectWatch(api, "/api/v1/nodes", runtime.node_changed, lambda _: None)]
+
+
+def pods_of(namespace: str) -> str:
+    """The list of a namespace's pods."""
+    return f"/api/v1/namespaces/{namespace}/pods"
 
 
 def _pauses() -> Iterable[float]:

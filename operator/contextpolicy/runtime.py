@@ -25,8 +25,8 @@ from contextpolicy.loading import Loaded, load
 from contextpolicy.policy.spec import Mode
 from contextpolicy.telemetry.events import event
 from contextpolicy.telemetry.reporter import Reporter
-from contextpolicy.telemetry.resize_watch import RECOVERED, ResizeWatch
-from contextpolicy.telemetry.status import StatusFacts, status, waiting
+from contextpolicy.telemetry.resize_watch import FAILED, RECOVERED, ResizeWatch
+from contextpolicy.telemetry.status import GIVE_UP, StatusFacts, releasing, status, waiting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -60,6 +60,14 @@ class _Entry:
         return self.body["metadata"].get("creationTimestamp", ""), self.body["metadata"]["name"]
 
 
+@dataclass(slots=True)
+class _Leaving:
+    """A ContextPolicy that is being deleted, until all its containers are restored."""
+
+    body: Mapping[str, Any]
+    conditions: list[dict[str, Any]]
+
+
 class Runtime:
     """The operator without its watches.
 
@@ -81,6 +89,7 @@ class Runtime:
         self._resizer = PodResizer(api, loop, patches, self._watch)
         self._dry_run = DryRun()
         self._policies: dict[str, _Entry] = {}
+        self._leaving: dict[str, _Leaving] = {}
         self._pods: dict[str, PodView] = {}
         self._nodes: dict[str, int] = {}
 
@@ -181,6 +190,7 @@ class Runtime:
     def _adopt(self, body: Mapping[str, Any], loaded: Loaded) -> bool:
         """Swap in a valid version; an invalid one leaves the last good one in force and says why."""
         reference = _reference(body)
+        self._leaving.pop(reference, None)
         self._resizer.recall(reference, (body.get("status") or {}).get("originals"))
         entry = self._policies.setdefault(reference, _Entry(body, Loaded()))
         known = loaded.rejected == entry.loaded.rejected
@@ -222,15 +232,23 @@ class Runtime:
     def _drop(self, body: Mapping[str, Any], done: Future[None]) -> None:
         reference = _reference(body)
         self._resizer.recall(reference, (body.get("status") or {}).get("originals"))
-        entry = self._policies.pop(reference, None)
-        if entry is not None and entry.controller is not None:
-            entry.controller.end()
-        if self._agents is not None:
-            self._agents.forget(reference)
+        if reference not in self._leaving:
+            self._leaving[reference] = _Leaving(body, list((body.get("status") or {}).get("conditions") or []))
+            entry = self._policies.pop(reference, None)
+            if entry is not None and entry.controller is not None:
+                entry.controller.end()
+            if self._agents is not None:
+                self._agents.forget(reference)
+            self._reporter.forget(reference)
+            self._watch.forget(reference)
+        self._resizer.release(reference, lambda: self._released(reference, done))
+        self._place()
+
+    def _released(self, reference: str, done: Future[None]) -> None:
+        self._leaving.pop(reference, None)
         self._reporter.forget(reference)
         self._watch.forget(reference)
-        self._resizer.release(reference, lambda: _fulfil(done))
-        self._place()
+        _fulfil(done)
 
     def _forget(self, namespace: str) -> None:
         for reference in [one for one in self._policies if one.partition("/")[0] == namespace]:
@@ -241,6 +259,9 @@ class Runtime:
                 self._agents.forget(reference)
             self._reporter.forget(reference)
             self._watch.forget(reference)
+            self._resizer.abandon(reference)
+        for reference in [one for one in self._leaving if one.partition("/")[0] == namespace]:
+            del self._leaving[reference]
             self._resizer.abandon(reference)
         self._place()
 
@@ -303,9 +324,11 @@ class Runtime:
         self._reporter.status(reference, lambda: self._status(reference))
 
     def _status(self, reference: str) -> dict[str, Any]:
+        now = self._loop.to_seconds(self._loop.now)
+        if reference in self._leaving:
+            return self._last_status(reference, now)
         entry = self._policies[reference]
         generation = entry.body["metadata"].get("generation", 0)
-        now = self._loop.to_seconds(self._loop.now)
         if entry.controller is None:
             made = waiting(entry.loaded.rejected, generation, entry.conditions, now, connected=self._connected)
         else:
@@ -321,9 +344,19 @@ class Runtime:
         entry.conditions = made["conditions"]
         return made
 
+    def _last_status(self, reference: str, now: float) -> dict[str, Any]:
+        """What a policy that is being deleted waits for."""
+        leaving = self._leaving[reference]
+        generation = leaving.body["metadata"].get("generation", 0)
+        made = releasing(self._watch.problems(reference).values(), generation, leaving.conditions, now)
+        leaving.conditions = made["conditions"]
+        return made
+
     def _on_problem(self, policy: str, reason: str, message: str) -> None:
+        if policy in self._leaving and reason == FAILED:
+            reason, message = "RestoreFailed", f"{message}; {GIVE_UP}"
         self._tell(policy, reason, message)
-        if policy in self._policies:
+        if policy in self._policies or policy in self._leaving:
             self._report(policy)
 
     def _on_stage(self, policy: str, stage: str, container: str, cores: float, at: float) -> None:
@@ -332,7 +365,7 @@ class Runtime:
             entry.controller.tell(stage, container, cores, at)
 
     def _tell(self, reference: str, reason: str, message: str) -> None:
-        entry = self._policies.get(reference)
+        entry = self._policies.get(reference) or self._leaving.get(reference)
         log.warning("%s: %s: %s", reference, reason, message)
         if entry is not None:
             now = self._loop.to_seconds(self._loop.now)

@@ -133,7 +133,7 @@ def test_closing_ends_everything_and_leaves_the_limits(running):
     running.settle()
     running.close()
     assert running.session.everything_declared() == []
-    assert (running.session.closed, running.cluster.closed) == (True, True)
+    assert running.session.closed
     assert (running.loop.disposed, running.patches.ended, running.reports.ended) == (True, True, True)
     assert running.limits() == {"slam": 800, "speech": 200}
 
@@ -141,12 +141,7 @@ def test_closing_ends_everything_and_leaves_the_limits(running):
 def test_closing_before_the_router_was_found(operator):
     operator.list_all()
     operator.close()
-    assert operator.cluster.closed
-
-
-def test_a_loop_that_answers_is_healthy(running):
-    running.loop.inline = True
-    assert 0 <= running.runtime.delay() < 1
+    assert operator.loop.disposed
 
 
 def test_plans_that_min_dwell_held_back_are_counted(operator):

@@ -27,6 +27,8 @@ ACT = 0.8
 that are on their way then: they arrive before anybody else starts."""
 AGAIN = 0.2
 """Seconds after which a request that failed is sent again."""
+REFUSED = 5.0
+"""Seconds after which a refused request is sent again: nothing tells when a right or a namespace is there."""
 LONGEST = LONGEST_LEASE
 """Seconds that a holder may ask for at most: whatever a Lease says, it is not waited for any longer."""
 
@@ -84,6 +86,8 @@ class Candidacy:
         """Another holds the Lease that we held: whatever we know about the cluster may be wrong by now."""
         self.interruptions = 0
         """How often a renewal came too late for us to act without a pause, though nobody else held it meanwhile."""
+        self.refused = ""
+        """Why we may not even run for it, if so: no right, or no such namespace."""
         self.wanted = True
         self._seen: Lease | None = None
         self._seen_at = -inf
@@ -142,14 +146,20 @@ class Candidacy:
         """The API server took what was sent at `sent`, as it has it now."""
         if self.lost:
             return
-        self._seen, self._seen_at = written, sent
+        self._seen, self._seen_at, self.refused = written, sent, ""
         self.interruptions += -inf < self.acts_until < now
         self.acts_until = sent + ACT * self.seconds
         self._due = sent + RENEW * self.seconds
 
-    def fail(self, now: float) -> None:
-        """The write failed, or its answer was lost; the Lease as it is then is told to `see`, if it can be read."""
-        if self._seen is None or self._seen.holder in ("", self.identity) or self._due <= now:
+    def fail(self, now: float, refused: str = "") -> None:
+        """The write failed, or its answer was lost; the Lease as it is then is told to `see`, if it can be read.
+
+        `refused` says why asking again soon is of no use.
+        """
+        self.refused = refused
+        if refused:
+            self._due = now + REFUSED
+        elif self._seen is None or self._seen.holder in ("", self.identity) or self._due <= now:
             self._due = now + AGAIN
 
     def resign(self) -> Lease | None:

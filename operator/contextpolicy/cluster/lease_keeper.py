@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+TERMINATING = "because it is being terminated"
+"""How the API server refuses new objects in a namespace that is being deleted. Nobody can hold a Lease there any more, and
+all that is left to do is to let its policies go, so whoever serves the namespace goes on."""
+
 
 class LeaseApi(ListWatch, Protocol):
     """What keeping Leases needs of the API server."""
@@ -125,6 +129,10 @@ class LeaseKeeper:
             timeout = max(0.5, candidacy.seconds / 2)
             written = self._api.write_lease(namespace, self._name, wanted, timeout)
         except ActuationError as error:
+            if wanted is not None and TERMINATING in str(error):
+                with self._news:
+                    candidacy.succeed(wanted, sent, clock())
+                return
             level = logging.DEBUG if error.reason == "Conflict" else logging.WARNING
             log.log(level, "%s: %s", self._told(namespace), error)
             self._failed(namespace, candidacy, error)
@@ -144,7 +152,7 @@ class LeaseKeeper:
             except ActuationError as unread:
                 log.warning("%s: %s", self._told(namespace), unread)
         with self._news:
-            candidacy.fail(clock())
+            candidacy.fail(clock(), "" if error.retriable else f"{error.reason}: {error}")
 
     def _look(self, namespace: str, candidacy: Candidacy) -> None:
         found = self._api.lease(namespace, self._name)

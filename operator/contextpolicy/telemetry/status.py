@@ -23,6 +23,10 @@ NO_ROUTER = "no Zenoh router answers: no sample is heard, the last plan stays in
 NEEDED = ("Accepted", "Connected", "Applied")
 """The conditions that `Ready` consists of. A sleeping microphone or a floor that does not fit are told, but they are no
 failure of the policy."""
+GIVE_UP = (
+    "the policy is deleted once its containers are as they were; to give up, remove its finalizer "
+    "contextpolicy.dev/restore, and they keep what they have"
+)
 _UNITS = (("years", 365.25 * 86400), ("days", 86400.0), ("h", 3600.0), ("s", 0.0))
 
 
@@ -72,6 +76,15 @@ def waiting(
     """The status of a policy without a controller: no version was ever valid, or the bus was never connected."""
     findings = [ConditionFinding("Accepted", "Valid", "Invalid", rejected), _connection(connected=connected)]
     return {"observedGeneration": generation, "conditions": conditions(findings, generation, previous, now)}
+
+
+def releasing(
+    problems: Iterable[str], generation: int, previous: Sequence[Mapping[str, Any]], now: float
+) -> dict[str, Any]:
+    """The status of a policy that is being deleted, while its containers are put back."""
+    told = [f"{problem}; {GIVE_UP}" for problem in problems]
+    finding = ConditionFinding("Applied", "Restored", "NotRestored", told)
+    return {"observedGeneration": generation, "conditions": conditions([finding], generation, previous, now)}
 
 
 def conditions(
