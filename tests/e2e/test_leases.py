@@ -194,6 +194,29 @@ def test_a_rollout_leaves_no_gap(governed):
     assert max(flipping.sums) <= 1000
 
 
+def test_an_operator_alone_is_started_again_by_its_kubelet(governed):
+    install("lease", SYSTEM, free_address(52), **{"operator.replicas": "1"})
+    until("one is left", all_ready(1), patience=180)
+    times = []
+    for _ in range(int(os.environ.get("KILLS", "3"))):
+        with Flipping(governed) as flipping:
+            until("limits follow", lambda flipping=flipping: len(flipping.changes) > 2)
+            killed = time.monotonic()
+            send(pods("lease", SYSTEM)[0], signal.SIGKILL)
+            until("limits follow again", lambda f=flipping, at=killed: f.first(at + 0.3) is not None, patience=400)
+            times.append(flipping.first(killed + 0.3) + 0.3)
+        assert max(flipping.sums) <= 1000
+        until("it is ready", all_ready(1), patience=60)
+    report("restart after SIGKILL, no standby", times)
+    with Flipping(governed) as flipping:
+        until("limits follow", lambda: len(flipping.changes) > 2)
+        begun = time.monotonic()
+        run("kubectl", "rollout", "restart", "deployment/lease", "-n", SYSTEM)
+        run("kubectl", "rollout", "status", "deployment/lease", "-n", SYSTEM, "--timeout=180s", timeout=200)
+        time.sleep(1)
+    report("longest gap in a rollout, no standby", [flipping.gap(begun)])
+
+
 def test_a_second_release_leaves_the_namespace_alone(governed):
     """It has a router of its own, where nobody moves: if it decided, both tasks would share alike."""
     install("second", SECOND, free_address(53))
