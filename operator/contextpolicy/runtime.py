@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from contextpolicy.bus.signatures import Signer
     from contextpolicy.cluster.api import ApiServer
+    from contextpolicy.cluster.claims import Claim
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.loop import Loop
     from contextpolicy.policy.spec import Policy
@@ -260,11 +261,18 @@ class Runtime:
         for controller in controllers:
             reports = self._agents.reports if self._agents else {}
             own = with_agents(controller.policy, claims[controller.policy.reference], reports)
-            if own.conflicts and own.conflicts != controller.claim.conflicts:
-                self._tell(controller.policy.reference, "Conflicted", "; ".join(own.conflicts))
-            if own.realtime and own.realtime != controller.claim.realtime:
-                self._tell(controller.policy.reference, "RealtimeUnavailable", "; ".join(own.realtime))
+            self._tell_news(controller.policy.reference, controller.claim, own)
             controller.place(own, self._pods.values())
+
+    def _tell_news(self, reference: str, before: Claim, now: Claim) -> None:
+        """One Event for each kind of problem that a new claim has and the one before had not."""
+        for reason, had, have in (
+            ("Conflicted", before.conflicts, now.conflicts),
+            ("NotResizable", list(before.obstacles.values()), list(now.obstacles.values())),
+            ("RealtimeUnavailable", before.realtime, now.realtime),
+        ):
+            if have and have != had:
+                self._tell(reference, reason, "; ".join(have))
 
     def _report(self, reference: str) -> None:
         self._reporter.status(reference, lambda: self._status(reference))

@@ -135,6 +135,16 @@ def test_an_obstacle_is_told_by_task_and_hinders_no_other():
     assert list(result.obstacles) == ["speech"]
 
 
+def test_a_task_may_accept_the_restarts_that_others_refuse():
+    pods = [a_pod("slam"), a_pod("speech")]
+    for pod in pods:
+        pod["spec"]["containers"][0]["resizePolicy"] = [{"resourceName": "cpu", "restartPolicy": "RestartContainer"}]
+    policy = policy_of("robot", a_task("slam", restartOnResize=True), "speech")
+    result = claim([policy], [view(pod) for pod in pods], NODES)["lab/robot"]
+    assert held(result) == {"lab/slam/slam": "slam"}
+    assert list(result.obstacles) == ["speech"]
+
+
 def test_an_obstacle_of_one_pod_leaves_the_tasks_other_pods():
     stuck = a_pod("slam-0", {"slam": cpu("1m", None)}, labels={"app": "slam"})
     result = claim([policy_of("robot", "slam")], [view(stuck), *views("slam")], NODES)["lab/robot"]

@@ -59,6 +59,21 @@ def test_a_restarted_container_is_told_to_agents_with_the_plan_in_force(running)
     assert "trigger" in plan
 
 
+def test_a_container_that_a_resize_would_restart_is_left_alone_and_told_once(running):
+    delicate = a_pod("slam-2", {"slam": resources()}, labels={"app": "slam"})
+    delicate["spec"]["containers"][0]["resizePolicy"] = [{"resourceName": "cpu", "restartPolicy": "RestartContainer"}]
+    running.cluster.create(delicate)
+    for speed in (0.3, 0.0, 0.3):
+        running.sample(IMU, speed=speed)
+        running.settle()
+    assert "slam-2" not in [pod for pod, _ in running.cluster.resizes()]
+    assert running.condition("Applied")[:2] == ("False", "NotApplied")
+    [(reason, message)] = running.told()
+    assert reason == "NotResizable"
+    assert message in running.condition("Applied")[2]
+    assert "slam-2/slam restarts whenever its CPU changes" in message
+
+
 def test_a_pod_that_makes_no_sense_is_left_alone(running, caplog):
     running.runtime.pod_changed(a_pod("odd", {"odd": cpu("1m", "many")}))
     running.sample(IMU, speed=0.3)

@@ -65,7 +65,7 @@ class _Registry:
         for task, pod, container in _matches(policy, pods):
             absent.discard(task.name)
             identity = container_id(pod, container.name)
-            obstacle = pod.obstacle(container)
+            obstacle = pod.obstacle(container, may_restart=task.restart_on_resize)
             owner = held[identity].task if identity in held else self._owners.get(identity)
             if owner is not None:
                 result.conflicts.append(f"{identity} belongs to {owner}, task {task.name} can't have it too")
