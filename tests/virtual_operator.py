@@ -8,6 +8,7 @@ from reactivex.disposable import Disposable
 from reactivex.testing import TestScheduler
 
 from contextpolicy.errors import ActuationError
+from contextpolicy.policy.tenants import Tenants
 from contextpolicy.runtime import Runtime
 from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.actuators.resize.rig import MOMENT, Workers
@@ -84,12 +85,19 @@ class VirtualOperator:
 
     def __init__(self, *pods: dict[str, Any]) -> None:
         self.cluster, self.session = ClusterWithPolicies(*pods), FakeSession()
+        self.tenants = Tenants()
         self.start()
 
     def start(self) -> None:
         """Begin anew, as after a crash."""
         self.loop, self.patches, self.reports = VirtualLoop(), Pool(), Pool()
-        self.runtime = Runtime(self.cluster, self.loop, patches=self.patches, reports=self.reports)  # type: ignore[arg-type]
+        self.runtime = Runtime(
+            self.cluster,  # type: ignore[arg-type]
+            self.loop,  # type: ignore[arg-type]
+            patches=self.patches,  # type: ignore[arg-type]
+            reports=self.reports,  # type: ignore[arg-type]
+            tenants=self.tenants,
+        )
 
     def list_all(self, cpu: str = "1") -> None:
         """What the watches tell first: nodes and pods."""

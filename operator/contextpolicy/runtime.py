@@ -23,6 +23,7 @@ from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller
 from contextpolicy.loading import Loaded, load
 from contextpolicy.policy.spec import Mode
+from contextpolicy.policy.tenants import Tenants
 from contextpolicy.telemetry.events import event
 from contextpolicy.telemetry.reporter import Reporter
 from contextpolicy.telemetry.resize_watch import RECOVERED, ResizeWatch
@@ -61,7 +62,7 @@ class _Entry:
     @property
     def age(self) -> tuple[str, str]:
         """Sort key: oldest first, ties by name."""
-        return self.body["metadata"].get("creationTimestamp", ""), self.body["metadata"]["name"]
+        return self.body["metadata"].get("creationTimestamp", ""), _reference(self.body)
 
 
 class Runtime:
@@ -71,13 +72,21 @@ class Runtime:
     `close` shuts both down.
     """
 
-    def __init__(
-        self, api: ApiServer, loop: Loop, *, patches: Executor, reports: Executor, signer: Signer | None = None
+    def __init__(  # noqa: PLR0913 - what an operator is made of
+        self,
+        api: ApiServer,
+        loop: Loop,
+        *,
+        patches: Executor,
+        reports: Executor,
+        signer: Signer | None = None,
+        tenants: Tenants | None = None,
     ) -> None:
         self._session: zenoh.Session | None = None
         self._agents: AgentWatch | None = None
         self._loop, self._api = loop, api
         self._patches, self._signer = patches, signer
+        self._tenants = tenants or Tenants()
         self._reporter = Reporter(api, loop, reports)
         self._watch = ResizeWatch(self._on_problem, self._on_stage)
         self._resizer = PodResizer(api, loop, patches, self._watch)
@@ -108,7 +117,7 @@ class Runtime:
 
         Reads on the caller's thread, which may take a second.
         """
-        loaded = load(body, self._api)
+        loaded = load(body, self._api, self._tenants)
         return self._call(lambda: self._adopt(body, loaded))
 
     def policy_deleted(self, body: Mapping[str, Any]) -> Future[None]:
@@ -253,11 +262,12 @@ class Runtime:
             self._place()
 
     def _place(self) -> None:
-        """Tell every controller what it may claim, the oldest policy first."""
+        """Tell every controller what it may claim."""
         entries = sorted(self._policies.values(), key=lambda entry: entry.age)
         controllers = [entry.controller for entry in entries if entry.controller is not None]
         originals = self._resizer.originals.cpu
-        claims = claim([controller.policy for controller in controllers], self._pods.values(), self._nodes, originals)
+        policies = [controller.policy for controller in controllers]
+        claims = claim(policies, self._pods.values(), self._nodes, originals, self._tenants)
         for controller in controllers:
             reports = self._agents.reports if self._agents else {}
             own = with_agents(controller.policy, claims[controller.policy.reference], reports)

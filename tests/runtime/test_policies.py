@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from contextpolicy.policy.tenants import Tenant, Tenants
 from tests.actuators.resize.fake_cluster import UNREACHABLE
-from tests.cluster.builders import a_pod
+from tests.cluster.builders import a_pod, cpu
 from tests.planning.builders import a_context, a_stream, a_task
 from tests.runtime.builders import IMU, a_policy
 
@@ -192,6 +193,38 @@ def two_policies(operator):
     old = a_policy("old", **tasks["slam"])
     young = a_policy("young", created="2026-02-01T00:00:00Z", **tasks["speech"])
     return old, young
+
+
+def test_a_tiny_pod_in_another_namespace_leaves_the_robot_alone(operator):
+    """Its policy is older than the robot's, reserves nothing, and its pod was on the node first."""
+    tiny = a_pod("tiny", {"tiny": cpu("10m", "10m")}, namespace="elsewhere")
+    older = a_policy("older", created="2020-01-01T00:00:00Z", tasks=[a_task("tiny")], contexts=[], streams=[])
+    older["metadata"]["namespace"] = "elsewhere"
+    operator.list_all("2")
+    operator.connect()
+    operator.cluster.create(tiny)
+    operator.settle()
+    operator.apply(older)
+    operator.apply(a_policy())
+    operator.sample(IMU, speed=0.3)
+    operator.settle()
+    assert operator.condition("Accepted")[0] == "True"
+    assert operator.limits() == {"slam": 640, "speech": 160, "tiny": 10}
+
+
+def test_streams_beyond_what_the_administrator_allows_are_refused(operator):
+    operator.tenants = Tenants({"lab": Tenant(stream_prefixes=("robot",))})
+    operator.start()
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(streams=[a_stream("imu", key="other/imu")]))
+    operator.turn(1.0)
+    told = "spec.streams[0].key: 'other/imu' is not allowed: the administrator lets namespace lab read robot/**"
+    assert operator.condition("Accepted") == ("False", "Invalid", told)
+    assert "other/imu" not in operator.session.everything_declared()
+    operator.apply(a_policy(generation=2))
+    operator.turn(1.0)
+    assert operator.condition("Accepted")[0] == "True"
 
 
 def test_two_policies_share_a_node(operator):

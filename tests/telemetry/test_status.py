@@ -29,6 +29,7 @@ def made(story, *, previous=(), **facts):
     """The status, as the API server would store it."""
     claim = Claim(story.planner.placement, facts.pop("conflicts", []), facts.pop("obstacles", {}))
     claim.realtime = facts.pop("realtime", [])
+    claim.shared = facts.pop("shared", {})
     content = status(story.planner, StatusFacts(3, 17, claim, **facts), previous, NOW)
     stored = {name: value for name, value in json.loads(json.dumps(content)).items() if value is not None}
     jsonschema.validate(stored, SCHEMA)
@@ -64,6 +65,8 @@ def test_a_robot_at_work():
     assert content["plan"]["run"] == 17
     assert content["plan"]["time"] == timestamp(START + 1)
     assert content["nodes"] == [{"name": "robot", "capacity": "1", "allocatable": "1", "dividedBy": "Weight"}]
+    [node] = made(moving(), shared={"robot": "lab/other come first"})["nodes"]
+    assert node["message"] == "lab/other come first"
     slam, speech = content["tasks"]
     assert (slam["weight"], slam["share"], slam["suspended"], slam["pods"]) == (1, "990m", False, 1)
     assert (speech["weight"], speech["share"], speech["suspended"], speech["pods"]) == (0, "10m", True, 1)

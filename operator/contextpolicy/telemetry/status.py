@@ -145,6 +145,7 @@ def _nodes(planner: Planner, claim: Claim) -> list[dict[str, Any]]:
             "capacity": format_cpu(node.capacity),
             "allocatable": format_cpu(claim.placement.allocatable.get(name, 0)),
             "dividedBy": node.basis,
+            **({"message": claim.shared[name][:MAX_MESSAGE]} if name in claim.shared else {}),
         }
         for name, node in sorted(nodes.items())
     ]
