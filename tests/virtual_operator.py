@@ -10,6 +10,7 @@ from reactivex.testing import TestScheduler
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.tenants import Tenants
 from contextpolicy.runtime import Runtime
+from contextpolicy.telemetry.reporter import STATUS_INTERVAL
 from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.actuators.resize.rig import MOMENT, Workers
 from tests.bus.fake_session import FakeSession
@@ -175,7 +176,8 @@ class VirtualOperator:
         return self.cluster.resizes()[before:]
 
     def condition(self, kind: str, policy: str = "lab/robot") -> tuple[str, str, str]:
-        """Status, reason and message."""
+        """Status, reason and message, once what is news has been written."""
+        self.turn(STATUS_INTERVAL)
         [found] = [one for one in self.cluster.statuses[policy]["conditions"] if one["type"] == kind]
         return found["status"], found["reason"], found["message"]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from prometheus_client import REGISTRY
 
 from contextpolicy.policy.tenants import Tenant, Tenants
 from tests.actuators.resize.fake_cluster import UNREACHABLE
@@ -110,6 +111,19 @@ def test_deletion_is_done_when_all_is_as_it_was(running):
     assert done.done()
     assert running.limits() == {"slam": 400, "speech": 400}
     assert running.session.plans()[-1] is None, "whoever acts on its plans must stop"
+
+
+def test_what_was_measured_of_a_policy_goes_with_it(running):
+    def measured():
+        samples = (sample for family in REGISTRY.collect() for sample in family.samples)
+        return {s.name for s in samples if (s.labels.get("namespace"), s.labels.get("name")) == ("lab", "robot")}
+
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert {"contextpolicy_task_weight", "contextpolicy_plans_total", "contextpolicy_resizes_total"} <= measured()
+    running.delete(a_policy())
+    running.settle()
+    assert measured() == set()
 
 
 def test_deletion_before_the_first_sample_has_nothing_to_do(operator):

@@ -19,7 +19,7 @@ from contextpolicy.telemetry.status import (
     waiting,
 )
 from tests.crds.schema import schema, strict
-from tests.planning.builders import START, Story, a_context, a_parent, a_policy, a_stream, a_task, on_node
+from tests.planning.builders import START, Story, a_context, a_parent, a_policy, a_stream, a_task, on_node, together
 
 SCHEMA = strict(schema())["properties"]["status"]
 NOW = START + 100
@@ -74,6 +74,16 @@ def test_a_robot_at_work():
     assert [(one["type"], one["status"]) for one in content["conditions"]] == [
         (name, "True") for name in ("Ready", "Accepted", "StreamsHealthy", "Feasible", "Applied")
     ]
+
+
+def test_more_nodes_than_the_definition_allows_are_counted():
+    nodes = [on_node("slam", node=f"node-{number:03}") for number in range(70)]
+    story = Story(a_robot(), together(*nodes))
+    story.sample("imu", at=1, speed=0.3)
+    content = made(story)
+    assert [node["name"] for node in content["nodes"]] == [f"node-{number:03}" for number in range(64)]
+    assert content["moreNodes"] == 6
+    assert "moreNodes" not in made(moving())
 
 
 def test_before_the_first_plan():

@@ -55,9 +55,11 @@ def claim(
     container's name to what the container had before any policy. Only enforcing policies take anything.
     """
     tenants = tenants or Tenants()
-    live = sorted((pod for pod in pods if pod.node in nodes and not pod.ended), key=lambda p: (p.namespace, p.name))
+    live: dict[str, list[PodView]] = defaultdict(list)
+    for pod in sorted((pod for pod in pods if pod.node in nodes and not pod.ended), key=lambda pod: pod.name):
+        live[pod.namespace].append(pod)
     ordered = sorted(policies, key=lambda policy: -tenants.priority(policy.namespace))
-    found = [(policy, _find(policy, live, original)) for policy in ordered]
+    found = [(policy, _find(policy, live[policy.namespace], original)) for policy in ordered]
     registry = _Registry(nodes, _equals(found, tenants))
     return {policy.reference: registry.admit(policy, matches) for policy, matches in found}
 
@@ -136,6 +138,7 @@ class _Registry:
 
 
 def _find(policy: Policy, pods: Sequence[PodView], original: Original) -> list[_Match]:
+    """`pods` are those of the policy's own namespace: no other is its business."""
     found = []
     for task, pod, container in _matches(policy, pods):
         before = original(pod.uid, container.name)
@@ -171,7 +174,7 @@ def _least(policy: Policy, container: Container) -> int:
 def _matches(policy: Policy, pods: Sequence[PodView]) -> Iterator[tuple[Task, PodView, ContainerView]]:
     for task in policy.leaves:
         for pod in pods:
-            if pod.namespace == policy.namespace and task.selector is not None and task.selector.matches(pod.labels):
+            if task.selector is not None and task.selector.matches(pod.labels):
                 container = pod.container(task.container)
                 if container is not None:
                     yield task, pod, container
