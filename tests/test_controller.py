@@ -254,7 +254,7 @@ def test_nodes_in_realtime_are_not_resized_and_put_back():
 
 def test_a_sample_that_is_not_used_is_counted_and_told_once():
     robot = Robot().begin()
-    labels = {"policy": "lab/robot", "stream": "imu", "reason": "undecodable"}
+    labels = {"namespace": "lab", "name": "robot", "stream": "imu", "reason": "undecodable"}
     before = REGISTRY.get_sample_value("contextpolicy_samples_dropped_total", labels) or 0.0
     robot.changes.clear()
     for _ in range(3):
@@ -270,7 +270,7 @@ def test_a_plan_is_measured():
     robot.sample(speed=0.3)
 
     def gauge(name, **labels):
-        return REGISTRY.get_sample_value(f"contextpolicy_{name}", {"policy": "lab/robot", **labels})
+        return REGISTRY.get_sample_value(f"contextpolicy_{name}", {"namespace": "lab", "name": "robot", **labels})
 
     assert gauge("context_active", context="moving") == 1.0
     assert gauge("task_share_cores", task="slam") == 0.8
@@ -347,7 +347,7 @@ class TestFigures:
         assert robot.session.plans()[-1]["cause"] == "imu: true is 0.5"
         assert len(robot.orders.all) == ordered
         assert robot.changes
-        labels = {"policy": "lab/robot", "task": "slam"}
+        labels = {"namespace": "lab", "name": "robot", "task": "slam"}
         assert REGISTRY.get_sample_value("contextpolicy_task_weight", labels) == 0.5
 
     def test_a_flutter_is_told_at_a_bounded_rate_and_its_end_always(self):

@@ -91,11 +91,13 @@ class Controller:
         self._held_back = 0
         self._placed = False
         self._told: list[tuple[str, str]] | None = None
+        self._labels = metrics.labels(policy.reference)
 
     def start(self, before: Controller | None = None) -> None:
         """Subscribe and start planning; `before` is the already stopped controller of the policy's previous version."""
         if before is not None:
             self.run = max(self.run, before.run + 1)  # the wall clock may have been set back, but runs must increase
+            metrics.replace(before.policy, self.policy)
         self._bus = Bus(self._session, self.policy, self._scheduler, self._message, self._explain)
         self._bus.signer = self.signer
         # An earlier, enforced version may have left a plan in force with the agents.
@@ -225,24 +227,23 @@ class Controller:
         )
 
     def _count(self) -> None:
-        metrics.PLANS.labels(self.policy.reference).inc()
-        metrics.HELD_BACK.labels(self.policy.reference).inc(self.planner.held_back - self._held_back)
+        metrics.PLANS.labels(*self._labels).inc()
+        metrics.HELD_BACK.labels(*self._labels).inc(self.planner.held_back - self._held_back)
         self._held_back = self.planner.held_back
 
     def _measure(self, plan: Plan) -> None:
-        reference = self.policy.reference
         for context in self.policy.contexts:
-            metrics.CONTEXT_ACTIVE.labels(reference, context.name).set(context.name in plan.contexts)
+            metrics.CONTEXT_ACTIVE.labels(*self._labels, context.name).set(context.name in plan.contexts)
         for name, task in plan.tasks.items():
-            metrics.TASK_SHARE.labels(reference, name).set(task.share / 1000)
-            metrics.TASK_WEIGHT.labels(reference, name).set(task.weight)
+            metrics.TASK_SHARE.labels(*self._labels, name).set(task.share / 1000)
+            metrics.TASK_WEIGHT.labels(*self._labels, name).set(task.weight)
 
     def _tell_health(self) -> None:
         self.on_change()
 
     def _drop(self, stream: str, reason: str) -> None:
         self.planner.on_drop(stream, reason)
-        metrics.DROPS.labels(self.policy.reference, stream, reason).inc()
+        metrics.DROPS.labels(*self._labels, stream, reason).inc()
         if self.planner.drops[stream, reason] == 1:
             self.on_change()
 
