@@ -1,5 +1,8 @@
-"""What a sample costs at the least, in Python with this CEL library: read the JSON, show CEL what the policy's expressions
-read of it, evaluate those that read its stream. No order, no age, no memory, no plan."""
+"""What a sample costs at the least, in Python with this CEL library.
+
+Read the JSON, show CEL what the policy's expressions read of it, evaluate those that read its stream: no order, no age,
+no memory, no plan.
+"""
 
 from __future__ import annotations
 

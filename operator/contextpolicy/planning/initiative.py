@@ -11,7 +11,7 @@ from contextpolicy.planning import expressions
 from contextpolicy.planning.timers import SAME_INSTANT
 
 if TYPE_CHECKING:
-    from contextpolicy.planning.expressions import Scope
+    from contextpolicy.planning.scope import Scope
     from contextpolicy.planning.stream import StreamState
     from contextpolicy.planning.timers import Timers
     from contextpolicy.policy.spec import Activity

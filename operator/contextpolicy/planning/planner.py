@@ -7,13 +7,13 @@ from collections import Counter, defaultdict
 from typing import TYPE_CHECKING
 
 from contextpolicy.planning.context import ContextState
-from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.inheritance import Inheritance
 from contextpolicy.planning.initiative import Initiative
 from contextpolicy.planning.inputs import Gone, Input, Score
 from contextpolicy.planning.placement import Placement
 from contextpolicy.planning.plan_maker import PlanMaker
 from contextpolicy.planning.sample import Sample
+from contextpolicy.planning.scope import Scope
 from contextpolicy.planning.scores import Scores
 from contextpolicy.planning.stream import StreamState
 from contextpolicy.planning.timers import SAME_INSTANT, Timers

@@ -56,7 +56,7 @@ class Timers:
             self.set(owner, due)
 
     def next_due(self, by: float = math.inf) -> float | None:
-        """The earliest deadline; None when nothing is due by then. Nearly every call asks about now, and costs nothing."""
+        """The earliest deadline; None when nothing is due by then."""
         heap = self._heap
         while heap and heap[0][0] <= by:
             at, _, owner = heap[0]

@@ -116,7 +116,7 @@ def _refuse_constant(name: str) -> object:
 
 
 _FAST_JSON = msgspec.json.Decoder()
-"""Takes a quarter of the time, and whatever it accepts has the very same value. It refuses more: lone surrogates, `1e400`."""
+"""Takes a quarter of the time. What it accepts has the very same value; it refuses more, such as `1e400`."""
 _JSON = json.JSONDecoder(parse_constant=_refuse_constant)
 """Decides about what the other refuses, in its own words."""
 
