@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from contextpolicy.planning.decision import Decider, Situation
 from contextpolicy.planning.placement import Placement
@@ -14,10 +14,15 @@ from contextpolicy.planning.timers import SAME_INSTANT
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from contextpolicy.planning.decision import Decision
+    from contextpolicy.planning.plan import TaskPlan
     from contextpolicy.planning.scores import Scores
     from contextpolicy.planning.timers import Timers
     from contextpolicy.planning.weights import Weight
     from contextpolicy.policy.spec import Context, Policy
+
+Substance: TypeAlias = tuple[object, ...]
+"""All of a plan that must be carried out; a new time, cause or weight alone does not count."""
 
 
 class PlanMaker:
@@ -40,7 +45,8 @@ class PlanMaker:
         self._layout = Seating()
         self._causes: dict[object, str] = {}
         self._urgent = False
-        self._held: Plan | None = None
+        self._in_force: Substance | None = None
+        self._held: Substance | None = None
         self._dwell = _Dwell(self)
 
     def begin(self, source: object) -> None:
@@ -67,17 +73,25 @@ class PlanMaker:
 
     def make(self, scores: Scores, contexts: Sequence[Context], now: float, arrived: float | None) -> Plan | None:
         """The plan of this instant; None if it shows nothing new. Until minDwell is over the shares in force stand."""
-        plan, decided = self._decide(scores, contexts, now, arrived), self.decided
-        changes = plan.changes(decided)
+        decision, names = self._decide(scores, contexts), tuple(context.name for context in contexts)
+        self.weights = decision.weights
+        substance = names, decision.suspended, decision.division.nodes, decision.shortfalls
+        changes, decided = substance != self._in_force, self.decided
+        cause = "; ".join(dict.fromkeys(self._causes.values()))
         if changes and decided is not None and self._stands(decided, now):
-            self._hold_back(plan, decided.time + self._policy.min_dwell)
-            plan, changes = _with_shares_of(decided, plan), False
+            self._hold_back(substance, decided.time + self._policy.min_dwell)
+            tasks = _with_shares_of(decided, decision.tasks)
+            plan = replace(decided, time=now, cause=cause, contexts=names, tasks=tasks, arrived=arrived)
+            changes = False
         else:
             self._causes.clear()
             self._held = None
+            sequence = changes + (decided.sequence if decided else 0)
+            nodes, shortfalls = decision.division.nodes, decision.shortfalls
+            plan = Plan(sequence, now, cause, names, decision.tasks, nodes, shortfalls, arrived)
         self.changed = self._urgent = False
         if changes:
-            plan = self.decided = replace(plan, sequence=plan.sequence + 1)
+            self.decided, self._in_force = plan, substance
         elif not plan.tells(self.last):
             return None
         self.last = plan
@@ -86,27 +100,15 @@ class PlanMaker:
     def _stands(self, decided: Plan, now: float) -> bool:
         return not self._urgent and now < decided.time + self._policy.min_dwell - SAME_INSTANT
 
-    def _hold_back(self, plan: Plan, until: float) -> None:
+    def _hold_back(self, substance: Substance, until: float) -> None:
         # Counts the different plans held back, not each sample that leads to the same one.
-        self.held_back += plan.changes(self._held)
-        self._held = plan
+        self.held_back += substance != self._held
+        self._held = substance
         self._timers.set(self._dwell, until)
 
-    def _decide(self, scores: Scores, contexts: Sequence[Context], now: float, arrived: float | None) -> Plan:
-        decided = self.decided
-        situation = Situation(scores.of, scores.unmet, contexts, self._layout, decided.nodes if decided else {})
-        decision = self._decider.decide(situation)
-        self.weights = decision.weights
-        return Plan(
-            sequence=decided.sequence if decided else 0,
-            time=now,
-            cause="; ".join(dict.fromkeys(self._causes.values())),
-            contexts=tuple(context.name for context in contexts),
-            tasks=decision.tasks,
-            nodes=decision.division.nodes,
-            shortfalls=decision.shortfalls,
-            arrived=arrived,
-        )
+    def _decide(self, scores: Scores, contexts: Sequence[Context]) -> Decision:
+        nodes = self.decided.nodes if self.decided else {}
+        return self._decider.decide(Situation(scores.of, scores.unmet, contexts, self._layout, nodes))
 
 
 class _Dwell:
@@ -120,10 +122,9 @@ class _Dwell:
         self._maker.changed = True
 
 
-def _with_shares_of(decided: Plan, plan: Plan) -> Plan:
-    """What is true while minDwell holds a plan back: its weights and contexts, and the shares that stay in force."""
-    tasks = {
+def _with_shares_of(decided: Plan, tasks: Mapping[str, TaskPlan]) -> dict[str, TaskPlan]:
+    """The tasks while minDwell holds a plan back: their weights of now, and the shares that stay in force."""
+    return {
         name: task._replace(share=decided.tasks[name].share, suspended=decided.tasks[name].suspended)
-        for name, task in plan.tasks.items()
+        for name, task in tasks.items()
     }
-    return replace(plan, tasks=tasks, nodes=decided.nodes, shortfalls=decided.shortfalls)

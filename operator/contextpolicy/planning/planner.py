@@ -159,8 +159,7 @@ class Planner:
     def on_score(self, initiative: Initiative, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """An activity or a pre-condition changed."""
         self._scores.update(initiative)
-        source = ", ".join(stream.spec.name for stream in initiative.streams) or initiative.spec.initiative or "start"
-        self._maker.note(initiative, f"{source}: {initiative.spec.when} is {initiative.value:g}")
+        self._maker.note(initiative, f"{initiative.source}: {initiative.spec.when} is {initiative.value:g}")
 
     def on_context(self, context: ContextState, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """A context began or ceased to hold."""
