@@ -44,8 +44,8 @@ simulate: setup  ## without root or cluster: what would POLICY decide on TIMELIN
 bench: setup  ## measure the decision engine: samples per second, sample to plan, memory
 	$(PYTHON) -m tests.bench.engine
 
-bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives
-	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction
+bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives (RESUME=--resume goes on)
+	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction $(RESUME)
 
 bench-devices: setup  ## measure what navigation, lidar and arm cost, and how exact they are
 	$(PYTHON) -m tests.bench.device_modules
