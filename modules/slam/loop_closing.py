@@ -6,12 +6,11 @@ import logging
 from collections import deque
 from typing import TYPE_CHECKING
 
-from modules.slam.geometry import inverse
 from modules.slam.pose_graph import Edge, Kind
 
 if TYPE_CHECKING:
     from modules.slam.keyframes import Keyframe
-    from modules.slam.local_map import Map
+    from modules.slam.map import Map
     from modules.slam.relocalisation import Relocaliser
 
 RECENT = 20
@@ -49,9 +48,8 @@ class LoopCloser:
         fix = self._relocaliser.find(keyframe.features, known)
         if fix is None:
             return False
-        number = fix.mainly
-        between = inverse(self._map.keyframes[number].world_from_camera) @ fix.world_from_camera
-        loop = Edge(number, keyframe.number, between, len(fix), Kind.LOOP)
+        number = fix.keyframe.number
+        loop = Edge(number, keyframe.number, fix.keyframe_from_camera, fix.inliers, Kind.LOOP)
         closed = self._map.close(loop)
         self.closed += closed
         _LOG.info("keyframes %d and %d: a loop %s", number, keyframe.number, "closed" if closed else "that cannot be")

@@ -16,8 +16,8 @@ import numpy as np
 
 from modules.slam.features import detect, measure
 from modules.slam.geometry import inverse
-from modules.slam.keyframes import shows_new
-from modules.slam.local_map import Map
+from modules.slam.keyframes import has_moved
+from modules.slam.map import Map
 from modules.slam.loop_closing import LoopCloser
 from modules.slam.places import Places
 from modules.slam.relocalisation import Relocaliser
@@ -36,6 +36,8 @@ CAPACITY = 1000
 """Keyframes that are remembered; each takes about 0.1 MB."""
 PATIENCE = 10
 """Pictures without a known place after which a lost camera starts anew."""
+BESIDE = 2
+"""Keyframes beside the reference that are tried when its view is left."""
 MIN_POINTS = 50
 """Points with depth that a picture needs to start from."""
 
@@ -65,6 +67,7 @@ class Pose:
     world_from_body: Floats
     inliers: int
     state: State
+    is_keyframe: bool
 
 
 class StereoSlam:
@@ -87,14 +90,12 @@ class StereoSlam:
         """Take a pair of raw pictures; the right one is asked for only when it is needed, for a new keyframe."""
         image = self._rectifier.left(left)
         features = detect(image, self.effort.features)
-        fix = self._locate(features)
-        if self._is_needed(fix):
-            points = measure(self._rectifier, image, self._rectifier.right(right()), features)
-            self._follow(fix)
-            self._keep(features, points, fix)
-        else:
-            self._follow(fix)
-        return self._pose(fix)
+        fixes = self._locate(features)
+        needed = self._is_needed(fixes)
+        points = measure(self._rectifier, image, self._rectifier.right(right()), features) if needed else None
+        self._follow(fixes)
+        kept = points is not None and self._keep(features, points, fixes)
+        return self._pose(fixes, is_keyframe=kept)
 
     def close_loop(self) -> bool:
         """Look for a loop, in spare time; returns whether one was closed."""
@@ -106,53 +107,64 @@ class StereoSlam:
         known = self._reference
         return self._reference_from_camera if known is None else known.world_from_camera @ self._reference_from_camera
 
-    def _locate(self, features: Features) -> Fix | None:
-        """By the landmarks around; else, or after it was lost, anywhere in the map."""
+    def _locate(self, features: Features) -> list[Fix]:
+        """Seen from the reference; from others beside it too, if its view is left; best first. Else anywhere."""
         if self._reference is None:
-            return None
-        fix = None
-        if not self._lost:
-            expected = self.world_from_camera @ self._motion
-            fix = self._tracker.track(features, self.map.around(self._reference.number), expected)
-        return fix or self._relocaliser.find(features, self.map.keyframes)
+            return []
+        fixes = [] if self._lost else self._fixes(features, self._reference)
+        if not fixes:
+            found = self._relocaliser.find(features, self.map.keyframes)
+            fixes = [] if found is None else [found]
+        return sorted(fixes, key=lambda fix: -fix.inliers)
 
-    def _is_needed(self, fix: Fix | None) -> bool:
+    def _fixes(self, features: Features, reference: Keyframe) -> list[Fix]:
+        expected = self.world_from_camera @ self._motion
+        fix = self._tracker.track(features, reference, expected)
+        if fix is not None and not self._is_left(fix):
+            return [fix]
+        beside = self.map.beside(reference, expected if fix is None else fix.world_from_camera, BESIDE)
+        others = [self._tracker.track(features, other, expected) for other in beside]
+        return [one for one in (fix, *others) if one is not None]
+
+    def _is_left(self, fix: Fix) -> bool:
+        """Whether too little of a keyframe's view is in the picture."""
+        return fix.inliers < self.effort.overlap * len(fix.keyframe)
+
+    def _is_needed(self, fixes: list[Fix]) -> bool:
         """Whether the picture should become a keyframe: to begin with, to start anew, or because it shows new things."""
-        if fix is None or self._reference is None:
+        if not fixes:
             return self._reference is None or self._lost >= PATIENCE
-        last, expected = self.map.newest, len(self._reference.known)
-        return shows_new(fix.world_from_camera, last, inliers=len(fix), expected=expected, overlap=self.effort.overlap)
+        return self._is_left(fixes[0]) and has_moved(fixes[0].world_from_camera, self.map.newest)
 
-    def _follow(self, fix: Fix | None) -> None:
-        """Go to where the fix is, seen from the keyframe whose landmarks it sees most of."""
-        if fix is None:
+    def _follow(self, fixes: list[Fix]) -> None:
+        """Go to where the best fix is."""
+        if not fixes:
             self._lost += self._reference is not None
             self._motion = np.eye(4)
             return
-        self._motion = np.eye(4) if self._lost else inverse(self.world_from_camera) @ fix.world_from_camera
+        best = fixes[0]
+        self._motion = np.eye(4) if self._lost else inverse(self.world_from_camera) @ best.world_from_camera
         self._lost = 0
-        self._refer(self.map.keyframes[fix.mainly], fix.world_from_camera)
+        self._reference, self._reference_from_camera = best.keyframe, best.keyframe_from_camera
 
-    def _refer(self, keyframe: Keyframe, world_from_camera: Floats) -> None:
-        self._reference = keyframe
-        self._reference_from_camera = inverse(keyframe.world_from_camera) @ world_from_camera
-
-    def _keep(self, features: Features, points: Floats, fix: Fix | None) -> None:
+    def _keep(self, features: Features, points: Floats, fixes: list[Fix]) -> bool:
         """Make a picture with enough depth a keyframe; without a fix it starts anew from the last pose."""
         if np.isfinite(points[:, 2]).sum() < MIN_POINTS:
-            return
-        keyframe = self.map.add(self.world_from_camera, features, points, fix)
+            return False
+        keyframe = self.map.add(self.world_from_camera, features, points, fixes)
         self._places.add(keyframe.number, features.descriptors)
         self.loops.remember(keyframe)
-        self._refer(keyframe, keyframe.world_from_camera)
+        self._reference, self._reference_from_camera = keyframe, np.eye(4)
         self._lost = 0
         forgotten = self.map.forget()
         if forgotten is not None:
             self._places.forget(forgotten)
+        return True
 
-    def _pose(self, fix: Fix | None) -> Pose:
+    def _pose(self, fixes: list[Fix], *, is_keyframe: bool) -> Pose:
         world_from_body = self.world_from_camera @ inverse(self._rectifier.body_from_camera)
         if self._reference is None or self._lost:
-            return Pose(world_from_body, 0, State.LOST)
-        inliers = len(self._reference.known) if fix is None else len(fix)  # a new start is where it is by definition
-        return Pose(world_from_body, inliers, State.ADRIFT if self._reference.segment else State.TRACKING)
+            return Pose(world_from_body, 0, State.LOST, is_keyframe=False)
+        inliers = fixes[0].inliers if fixes else len(self._reference)  # a new start is where it is by definition
+        state = State.ADRIFT if self._reference.segment else State.TRACKING
+        return Pose(world_from_body, inliers, state, is_keyframe)

@@ -1,4 +1,4 @@
-"""Where the camera is: features of a picture against landmarks whose places are known."""
+"""Where the camera is, seen from a keyframe: its landmarks are looked for in the picture."""
 
 from __future__ import annotations
 
@@ -12,56 +12,33 @@ from modules.slam.features import match
 from modules.slam.geometry import apply, floats, inverse, transform
 
 if TYPE_CHECKING:
-    from modules.slam.features import Descriptors, Features, Indices, Mask
+    from modules.slam.features import Features, Indices, Mask
     from modules.slam.geometry import Floats
+    from modules.slam.keyframes import Keyframe
 
-MAX_REPROJECTION = 1.5
-"""Pixels between where a landmark is seen and where it should be."""
+MAX_REPROJECTION = 3.0
+"""Pixels between where a landmark is seen and where it should be; ORB's coarser corners are no more exact."""
 MIN_INLIERS = 15
 SURE_INLIERS = 40
-"""With fewer than this, the landmarks are looked for in the whole picture, not only where they are expected."""
-SEARCH_RADIUS = 40.0
-"""Pixels around the place where a landmark is expected."""
+"""With fewer, the landmarks are looked for in the whole picture, not only where they are expected."""
+WIDE, NARROW = 100.0, 12.0
+"""Pixels around the place where a landmark is expected: before and after the camera's turn is known."""
 MIN_DEPTH = 0.1
 MARGIN = 20
 
 
 @dataclass(frozen=True)
-class Landmarks:
-    """N landmarks of several keyframes: places in the world, descriptors, and whose they are (keyframe and row)."""
-
-    places: Floats
-    descriptors: Descriptors
-    keyframes: Indices
-    rows: Indices
-
-    def __len__(self) -> int:
-        return len(self.places)
-
-
-@dataclass(frozen=True)
 class Fix:
-    """A camera that was located by landmarks: which features they are, whose, and in which row of their keyframe."""
+    """Where a camera is, seen from a keyframe, and how many of its landmarks say so."""
 
-    world_from_camera: Floats
-    features: Indices
-    keyframes: Indices
-    rows: Indices
-
-    def __len__(self) -> int:
-        return len(self.features)
+    keyframe: Keyframe
+    keyframe_from_camera: Floats
+    inliers: int
 
     @property
-    def owners(self) -> dict[int, int]:
-        """How many of the landmarks each keyframe owns."""
-        owners, counts = np.unique(self.keyframes, return_counts=True)
-        return dict(zip(owners.tolist(), counts.tolist(), strict=True))
-
-    @property
-    def mainly(self) -> int:
-        """The keyframe that owns most of the landmarks."""
-        owners = self.owners
-        return max(owners, key=lambda number: owners[number])
+    def world_from_camera(self) -> Floats:
+        """Where the camera is in the map."""
+        return self.keyframe.world_from_camera @ self.keyframe_from_camera
 
 
 class Tracker:
@@ -71,60 +48,57 @@ class Tracker:
         self._matrix = matrix
         self._size = size
 
-    def track(self, features: Features, landmarks: Landmarks, expected: Floats) -> Fix | None:
-        """Locate the camera near `expected` (`world_from_camera`), or anywhere if it is not there."""
-        fix = self.confirm(features, landmarks, expected)
-        return fix if fix is not None and len(fix) >= SURE_INLIERS else self.locate(features, landmarks) or fix
+    def track(self, features: Features, keyframe: Keyframe, world_from_camera: Floats) -> Fix | None:
+        """Locate the camera, probably near this pose."""
+        fix = self._around(features, keyframe, inverse(keyframe.world_from_camera) @ world_from_camera, WIDE)
+        return fix if fix is not None and fix.inliers >= SURE_INLIERS else self.search(features, keyframe) or fix
 
-    def confirm(self, features: Features, landmarks: Landmarks, expected: Floats) -> Fix | None:
-        """Locate the camera with the landmarks that appear near where they should."""
-        pixels, visible = self._project(landmarks.places, expected)
+    def search(self, features: Features, keyframe: Keyframe) -> Fix | None:
+        """Locate the camera without knowing anything; then count all landmarks that are where they should be."""
+        fix = self._solve(features, keyframe, np.arange(len(keyframe)), None)
+        return fix and self._around(features, keyframe, fix.keyframe_from_camera, NARROW)
+
+    def _around(self, features: Features, keyframe: Keyframe, expected: Floats, radius: float) -> Fix | None:
+        pixels, visible = self._project(keyframe.points, expected)
         rows = np.flatnonzero(visible)
-        return self._solve(features, landmarks, rows, _near(features.pixels, pixels[rows]))
+        return self._solve(features, keyframe, rows, _near(features.pixels, pixels[rows], radius))
 
-    def locate(self, features: Features, landmarks: Landmarks) -> Fix | None:
-        """Locate the camera without knowing anything."""
-        return self._solve(features, landmarks, np.arange(len(landmarks)), None)
-
-    def _project(self, places: Floats, world_from_camera: Floats) -> tuple[Floats, Mask]:
-        """Pixels of places, and which of them are in the picture or a little beside it."""
-        seen = apply(inverse(world_from_camera), places)
+    def _project(self, points: Floats, keyframe_from_camera: Floats) -> tuple[Floats, Mask]:
+        """Pixels of a keyframe's points, and which of them are in the picture or a little beside it."""
+        seen = apply(inverse(keyframe_from_camera), points)
         ahead = seen[:, 2] > MIN_DEPTH
         flat = seen / np.where(ahead, seen[:, 2], 1)[:, None]
         pixels: Floats = flat @ self._matrix[:2].T
         inside = ((pixels > -MARGIN) & (pixels < np.add(self._size, MARGIN))).all(axis=1)
         return pixels, ahead & inside
 
-    def _solve(self, features: Features, landmarks: Landmarks, rows: Indices, allowed: Mask | None) -> Fix | None:
-        """Match, and find the camera that explains most matches."""
-        seen, known = match(features.descriptors, landmarks.descriptors[rows], allowed)
+    def _solve(self, features: Features, keyframe: Keyframe, rows: Indices, allowed: Mask | None) -> Fix | None:
+        """Match these landmarks, and find the camera that explains most matches."""
+        seen, known = match(features.descriptors, keyframe.descriptors[rows], allowed)
         if len(seen) < MIN_INLIERS:
             return None
-        solution = _perspective(landmarks.places[rows[known]], features.pixels[seen], self._matrix)
-        if solution is None:
-            return None
-        camera_from_world, inliers = solution
-        chosen = rows[known[inliers]]
-        return Fix(inverse(camera_from_world), seen[inliers], landmarks.keyframes[chosen], landmarks.rows[chosen])
+        solution = _perspective(keyframe.points[rows[known]], features.pixels[seen], self._matrix)
+        return None if solution is None else Fix(keyframe, *solution)
 
 
-def _near(first: Floats, second: Floats) -> Mask:
-    """Which pixels are within the search radius of which others."""
+def _near(first: Floats, second: Floats, radius: float) -> Mask:
+    """Which pixels are near which others."""
     columns, rows = (
-        np.abs(np.subtract.outer(*(pixels[:, axis].astype(np.float32) for pixels in (first, second)))) < SEARCH_RADIUS
+        np.abs(np.subtract.outer(*(pixels[:, axis].astype(np.float32) for pixels in (first, second)))) < radius
         for axis in (0, 1)
     )
     return columns & rows
 
 
-def _perspective(places: Floats, pixels: Floats, matrix: Floats) -> tuple[Floats, Indices] | None:
-    """Find the camera that sees the places at the pixels: `camera_from_world`, and the inliers."""
+def _perspective(points: Floats, pixels: Floats, matrix: Floats) -> tuple[Floats, int] | None:
+    """Find the camera that sees the points at the pixels: `points_from_camera`, and how many agree."""
     found, rotation, translation, inliers = cv2.solvePnPRansac(
-        places, pixels, matrix, None, reprojectionError=MAX_REPROJECTION, iterationsCount=100, confidence=0.999
-    )
+        points, pixels, matrix, None, reprojectionError=MAX_REPROJECTION, iterationsCount=100, confidence=0.999,
+        flags=cv2.SOLVEPNP_SQPNP,
+    )  # fmt: skip
     if not found or inliers is None or len(inliers) < MIN_INLIERS:
         return None
-    chosen = inliers.ravel().astype(np.intp)
-    rotation, translation = cv2.solvePnPRefineLM(places[chosen], pixels[chosen], matrix, None, rotation, translation)
-    camera_from_world = transform(floats(cv2.Rodrigues(rotation)[0]), floats(translation))
-    return (camera_from_world, chosen) if np.isfinite(camera_from_world).all() else None
+    chosen = inliers.ravel()
+    rotation, translation = cv2.solvePnPRefineLM(points[chosen], pixels[chosen], matrix, None, rotation, translation)
+    camera_from_points = transform(floats(cv2.Rodrigues(rotation)[0]), floats(translation))
+    return (inverse(camera_from_points), len(chosen)) if np.isfinite(camera_from_points).all() else None
