@@ -37,9 +37,9 @@ PAUSES = (0.1, 0.2, 0.5, 1.0)
 """Seconds between attempts to find the API server at the start; the last one repeats."""
 NOT_INSTALLED = "the custom resource is not installed: kubectl apply -f crds/"
 CLOSED = (
-    "namespace %s is not served: its pods may not be listed. Upgrade the release if its Role is missing. If the namespace "
-    "is being deleted, the Role is gone already, and policies that are left there hold it up: let them go with "
-    "`contextpolicy restore --namespace %s --remove-finalizers`"
+    "namespace %s is not served: its pods may not be listed. Upgrade the release if its Role is missing. If the "
+    "namespace is being deleted, the Role is gone already, and policies that are left there hold it up: let them go "
+    "with `contextpolicy restore --namespace %s --remove-finalizers`"
 )
 POLICIES = "/apis/contextpolicy.dev/v1alpha1/contextpolicies"
 
@@ -77,7 +77,7 @@ class OperatorProcess:
         reports = ThreadPoolExecutor(1, thread_name_prefix="report")
         signer = Signer(settings.signing) if settings.signing else None
         loop = Loop()
-        self._runtime = Runtime(api, loop, patches=patches, reports=reports, signer=signer)
+        self._runtime = Runtime(api, loop, patches=patches, reports=reports, signer=signer, tenants=settings.tenants)
         self._pulse = Pulse(lambda beat: loop.schedule(lambda *_: beat()))
         self._homes: dict[str, str] = {}
         """Namespace of each policy by UID, where all namespaces are served."""

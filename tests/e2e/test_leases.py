@@ -9,6 +9,7 @@ import json
 import os
 import signal
 import statistics
+import sys
 import threading
 import time
 
@@ -148,7 +149,9 @@ def governed():
 
 def report(what, seconds):
     seconds = sorted(seconds)
-    print(f"\n{what}: median {statistics.median(seconds):.2f} s, worst {seconds[-1]:.2f} s of {len(seconds)}")
+    sys.stdout.write(
+        f"\n{what}: median {statistics.median(seconds):.2f} s, worst {seconds[-1]:.2f} s of {len(seconds)}\n"
+    )
 
 
 def test_a_standby_takes_over_from_a_killed_operator(governed):

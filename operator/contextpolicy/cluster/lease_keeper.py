@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 TERMINATING = "because it is being terminated"
-"""How the API server refuses new objects in a namespace that is being deleted. Nobody can hold a Lease there any more, and
-all that is left to do is to let its policies go, so whoever serves the namespace goes on."""
+"""How the API server refuses new objects in a namespace that is being deleted. Nobody can hold a Lease there any more,
+and all that is left to do is to let its policies go, so whoever serves the namespace goes on."""
 
 
 class LeaseApi(ListWatch, Protocol):

@@ -24,7 +24,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="run the operator",
         description="Run the operator: watch ContextPolicy objects and sensor streams, resize the tasks' pods. "
         "Settings come from the environment: ZENOH_CONNECT, ZENOH_CREDENTIALS, PLAN_SIGNING, WATCH_NAMESPACES, "
-        "HEALTH_PORT, METRICS_PORT, LEASE (namespace/name, for which replicas run), LEASE_SECONDS, IDENTITY, "
+        "TENANTS, HEALTH_PORT, METRICS_PORT, LEASE (namespace/name, for which replicas run), LEASE_SECONDS, IDENTITY, "
         "LOG_FORMAT, LOG_LEVEL.",
     )
     parser.set_defaults(main=main)

@@ -27,6 +27,8 @@ GIVE_UP = (
     "the policy is deleted once its containers are as they were; to give up, remove its finalizer "
     "contextpolicy.dev/restore, and they keep what they have"
 )
+MAX_NODES = 64
+"""How many nodes the status lists: the definition's limit, so that the object stays small."""
 _UNITS = (("years", 365.25 * 86400), ("days", 86400.0), ("h", 3600.0), ("s", 0.0))
 
 
@@ -63,7 +65,8 @@ def status(planner: Planner, facts: StatusFacts, previous: Sequence[Mapping[str,
         "contexts": ", ".join(contexts) or "-",
         "boundTasks": f"{len(bound)}/{len(policy.leaves)}",
         "plan": _plan(planner, facts.run),
-        "nodes": _nodes(planner, facts.claim),
+        "nodes": _nodes(planner, facts.claim)[:MAX_NODES],
+        "moreNodes": max(0, len(plan.nodes if plan else ()) - MAX_NODES) or None,
         "tasks": [_task(planner, facts, task.name) for task in policy.tasks],
         "streams": _streams(planner),
         "conditions": conditions(_findings(planner, facts), facts.generation, previous, now),
@@ -171,6 +174,7 @@ def _nodes(planner: Planner, claim: Claim) -> list[dict[str, Any]]:
             "capacity": format_cpu(node.capacity),
             "allocatable": format_cpu(claim.placement.allocatable.get(name, 0)),
             "dividedBy": node.basis,
+            **({"message": claim.shared[name][:MAX_MESSAGE]} if name in claim.shared else {}),
         }
         for name, node in sorted(nodes.items())
     ]
