@@ -9,7 +9,7 @@ TIMELINE ?= timelines/demo.json
 CORES ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint unit e2e simulate bench bench-devices bench-reaction bench-wheels cluster cluster-down images recordings crds format clean
+.PHONY: help setup demo test lint unit e2e simulate bench bench-devices bench-fleet bench-reaction bench-wheels cluster cluster-down images recordings crds format clean
 
 help:  ## show this help
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -46,6 +46,9 @@ bench: setup  ## measure the decision engine: samples per second, sample to plan
 
 bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction
+
+bench-fleet: cluster  ## measure what 5000 pods and 50 policies cost the operator, on a real API server
+	$(PYTHON) -m tests.bench.fleet
 
 bench-devices: setup  ## measure what navigation, lidar and arm cost, and how exact they are
 	$(PYTHON) -m tests.bench.device_modules
