@@ -102,6 +102,46 @@ def test_a_plan_becomes_an_order_and_a_message():
     assert message["trigger"] == pytest.approx(START, abs=1.0)
 
 
+def stormy():
+    """A robot on which nearly every sample makes a plan."""
+    follow = {"activity": [{"stream": "imu", "scoreFrom": "imu.speed"}], "idle": 0.1}
+    robot = Robot(tasks=[a_task("slam", **follow), a_task("speech")], contexts=[]).begin()
+    robot.loop.advance_by(1.0)
+    return robot, len(robot.orders.all), len(robot.session.plans())
+
+
+def test_in_a_storm_of_plans_the_first_is_carried_out_at_once_and_then_the_newest():
+    robot, orders, messages = stormy()
+    for speed in (1.0, 2.0, 3.0, 4.0):
+        robot.session.deliver(IMU, speed=speed)
+        robot.loop.advance_by(0.001)
+    assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500]
+    robot.loop.advance_by(0.002)
+    assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500, 800]
+    told = robot.session.plans()[messages:]
+    assert [plan["tasks"]["slam"]["share"] for plan in told] == [0.5, 0.8]
+    assert told[1]["sequence"] == told[0]["sequence"] + 3
+    assert robot.orders.last.shares == {"lab/slam/slam": 800, "lab/speech/speech": 200}
+
+
+def test_a_plan_that_no_sample_made_does_not_wait():
+    robot, orders, _ = stormy()
+    robot.session.deliver(IMU, speed=1.0)
+    robot.loop.advance_by(0.001)
+    robot.place("slam", "speech", cpu=2000)
+    assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500, 1000]
+
+
+def test_a_controller_that_was_stopped_carries_nothing_out():
+    robot, orders, _ = stormy()
+    for speed in (1.0, 2.0):
+        robot.session.deliver(IMU, speed=speed)
+        robot.loop.advance_by(0.001)
+    robot.controller.stop()
+    robot.loop.advance_by(1.0)
+    assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500]
+
+
 def test_a_policy_without_any_container_is_still_on_the_bus():
     robot = Robot()
     robot.controller.start()

@@ -163,7 +163,8 @@ class VirtualOperator:
             self.turn()
             if not self.patches.jobs:
                 self.turn(0.25)
-                return
+                if not self.patches.jobs:
+                    return
         raise AssertionError("never settles")
 
     def limits(self) -> dict[str, int]:

@@ -44,6 +44,10 @@ FIGURES_INTERVAL = 0.5
 """Seconds between messages that only update weights and scores: a score that follows a sensor changes with every
 sample, and every message also costs a status write."""
 
+PLAN_INTERVAL = 0.005
+"""Seconds between two plans made by samples; of those in between only the newest is carried out. The first of a storm
+does not wait. A limit takes longer to be in force, and an order that is overtaken costs more than deciding."""
+
 
 class Actuator(Protocol):
     """What a controller needs of an actuator."""
@@ -85,6 +89,7 @@ class Controller:
         self._pods: Collection[PodView] = ()
         self._bus: Bus | None = None
         self._follower = Follower(scheduler, self._order)
+        self._plans = Pacing(scheduler, PLAN_INTERVAL, self._carry_out)
         self._figures = Pacing(scheduler, FIGURES_INTERVAL, self._tell_figures)
         self._ordered = 0
         self._edition = 0
@@ -116,6 +121,7 @@ class Controller:
     def stop(self) -> None:
         """Unsubscribe; the last order stays in force."""
         self._follower.stop()
+        self._plans.stop()
         self._figures.stop()
         if self._subscription is not None:
             self._subscription.dispose()
@@ -149,15 +155,22 @@ class Controller:
             self._bus.publish_applied({"run": self.run, "sequence": self.planner.last.sequence, **step})
 
     def _on_plan(self, plan: Plan) -> None:
-        """Order first, publish second: the workers send the patches while the bus message is made.
-
-        Plans made before the first placement are dropped: they would claim no container, so all would be put back.
-        """
+        # Plans made before the first placement are dropped: they would claim no container, so all would be put back.
         if not self._placed:
             return
         if plan.sequence == self._ordered:
             self._figures.ask()
+        elif plan.arrived is None:
+            self._carry_out()
+        else:
+            self._plans.ask()
+
+    def _carry_out(self) -> None:
+        """Order first, publish second: the workers send the patches while the bus message is made."""
+        plan = self.planner.decided
+        if plan is None or plan.sequence == self._ordered:
             return
+        self._plans.rest()
         self._ordered, self._edition = plan.sequence, 0
         self._order()
         self.on_plan(self.policy.reference, plan)

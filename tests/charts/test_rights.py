@@ -6,9 +6,9 @@ import pytest
 
 from tests.charts.test_chart import EVERYTHING, container
 
-NODES = {("", "nodes"): {"get", "list", "watch"}}
+NODES = {("", "nodes"): {"list", "watch"}}
 IN_A_NAMESPACE = {
-    ("contextpolicy.dev", "contextpolicies"): {"get", "list", "watch", "patch"},
+    ("contextpolicy.dev", "contextpolicies"): {"list", "watch", "patch"},
     ("contextpolicy.dev", "contextpolicies/status"): {"patch"},
     ("", "pods"): {"get", "list", "watch"},
     ("", "pods/resize"): {"patch"},
