@@ -33,7 +33,15 @@ def test_comments_blank_lines_and_other_ends_of_line_are_read(tmp_path):
 
 @pytest.mark.parametrize(
     "line",
-    ["1 2 3", "1 1 2 3 0 0 0 x", "1 1 2 nan 0 0 0 1", "1 1 2 3 0 0 0 0", "inf 1 2 3 0 0 0 1", "1 1 2 3 0 0 0 1 9", "\0"],
+    [
+        "1 2 3",
+        "1 1 2 3 0 0 0 x",
+        "1 1 2 nan 0 0 0 1",
+        "1 1 2 3 0 0 0 0",
+        "inf 1 2 3 0 0 0 1",
+        "1 1 2 3 0 0 0 1 9",
+        "\0",
+    ],
 )
 def test_a_line_that_is_no_pose_is_named(tmp_path, line):
     (tmp_path / "a.tum").write_text(f"# ok\n1 1 2 3 0 0 0 1\n{line}\n")

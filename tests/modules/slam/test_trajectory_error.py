@@ -53,9 +53,8 @@ def test_the_drift_of_the_end_is_that_since_the_first_pose():
 
 @pytest.mark.filterwarnings("ignore")  # evo's, and those of what it brings along
 def test_the_figures_are_evos():
-    metrics = pytest.importorskip("evo.core.metrics")
-    from evo.core import sync
-    from evo.core.trajectory import PoseTrajectory3D
+    from evo.core import metrics, sync  # noqa: PLC0415 - slow, and it warns
+    from evo.core.trajectory import PoseTrajectory3D  # noqa: PLC0415
 
     def theirs(ours):
         turned = np.roll(ours.orientations, 1, axis=1)
@@ -71,7 +70,9 @@ def test_the_figures_are_evos():
         for relation, errors in zip(relations, relative_errors(estimated, true, delta, unit), strict=True):
             rpe = metrics.RPE(relation, delta, their_unit)
             rpe.process_data((reference, estimate))
-            assert statistics(errors) == pytest.approx({name: rpe.get_all_statistics()[name] for name in statistics(errors)})
+            assert statistics(errors) == pytest.approx(
+                {name: rpe.get_all_statistics()[name] for name in statistics(errors)}
+            )
     estimate.align(reference)
     ape = metrics.APE(metrics.PoseRelation.translation_part)
     ape.process_data((reference, estimate))
