@@ -10,8 +10,9 @@ import math
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.planning.scope import Scope
+
 from contextpolicy.errors import DecodeError, DefinitionError, ExpressionError, PolicyError
-from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy import parsing
