@@ -11,6 +11,7 @@ import json
 import time
 from collections import Counter
 from dataclasses import dataclass, field
+from itertools import takewhile
 from operator import itemgetter
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -120,8 +121,8 @@ def _window(timeline: Timeline, datasets: Path, options: Options) -> Iterator[Ti
 def _samples(entry: TimelineEntry, datasets: Path) -> Iterator[Timed]:
     if entry.dataset is None:
         return ((timed.at, entry.key, timed.message or timed.value) for timed in entry.inputs())
-    recorded = ((entry.start + at, entry.key, payload) for at, payload in read(datasets, entry.dataset))
-    return (timed for timed in recorded if timed[0] < entry.end)
+    recorded = ((entry.start + at - entry.offset, entry.key, payload) for at, payload in read(datasets, entry.dataset))
+    return takewhile(lambda timed: timed[0] < entry.end, (timed for timed in recorded if timed[0] >= entry.start))
 
 
 def _publishers(timeline: Timeline, session: zenoh.Session) -> Mapping[str, zenoh.Publisher]:

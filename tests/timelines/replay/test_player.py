@@ -64,6 +64,12 @@ def test_a_part_of_the_timeline_can_be_played(datasets):
     assert keys(datasets, options) == [(0.15, "battery"), (0.2, "imu"), (0.2, "microphone")]
 
 
+def test_a_stretch_of_a_recording_can_be_played(datasets):
+    stretch = {**TIMELINE["inputs"][2], "offset": 0.75}
+    timed = list(_window(parse({**TIMELINE, "inputs": [stretch]}), datasets, Options()))
+    assert [round(at, 3) for at, _, _ in timed] == [0.15, 0.25]
+
+
 def test_samples_arrive_with_their_stamp(bus, datasets):
     _, player, robot = bus
     heard = queue.Queue()
