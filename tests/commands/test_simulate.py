@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 
 from contextpolicy.cli import main
+from contextpolicy.streams.timeline import load
+from timelines.recording.mcap_file import McapWriter
 
 ROOT = Path(__file__).parents[2]
 POLICY = str(ROOT / "config/policies/delivery-robot.yaml")
@@ -326,3 +328,28 @@ def test_a_long_run_says_how_far_it_is_on_a_terminal_only(
     out, err = capsys.readouterr()
     assert ("simulating" in err) is tty
     assert "simulating" not in out
+
+
+def test_a_robots_recording_gives_the_plans_that_its_timeline_gives(tmp_path, capsys):
+    recording = tmp_path / "run.mcap"
+    inputs = load(DEMO).inputs()
+    with McapWriter(recording) as file:
+        for timed in inputs:
+            if timed.value is not None:
+                at = 1_795_300_000_000_000_000 + round(timed.at * 1e9)
+                payload = json.dumps({"stamp": at, **timed.value}).encode()
+                file.heard(timed.key, "json", payload, received=at, stamp=at)
+    assert main(["simulate", POLICY, str(DEMO), "--output", "csv", "--until", "29"]) == 0
+    expected = capsys.readouterr().out
+    assert main(["simulate", POLICY, str(recording), "--output", "csv", "--until", "29"]) == 0
+    assert capsys.readouterr().out == expected
+    assert main(["simulate", POLICY, str(recording), "--start-offset", "99"]) == 2
+    assert "start offset 99 is not allowed" in capsys.readouterr().err
+
+
+def test_the_options_of_recordings_are_refused_with_a_timeline(capsys):
+    assert main(["simulate", POLICY, str(DEMO), "--use-sim-time", "--topics", "robot/imu"]) == 2
+    assert capsys.readouterr().err.count("with a recording only") == 2
+    with pytest.raises(SystemExit):
+        main(["simulate", POLICY, "run.mcap", "--topics", "robot/b*"])
+    assert "a topic or a key expression" in capsys.readouterr().err

@@ -129,9 +129,8 @@ def _ranges(x: float, y: float, heading: float, ahead: float) -> list[float]:
     for beam in range(BEAMS):
         angle = heading + 2 * math.pi * beam / BEAMS
         along, across = math.cos(angle), math.sin(angle)
-        walls = (((ahead if along > 0 else float(corridor.LOW[0])) - x, along),)
-        walls += (((left if across > 0 else float(corridor.LOW[1])) - y, across),)
-        nearest = min(gap / part for gap, part in walls if abs(part) > 1e-9)
+        end, side = (ahead if along > 0 else float(corridor.LOW[0])), (left if across > 0 else float(corridor.LOW[1]))
+        nearest = min(gap / part for gap, part in ((end - x, along), (side - y, across)) if abs(part) > 1e-9)
         ranges.append(round(nearest, 2) if nearest <= REACH else 0.0)
     return ranges
 

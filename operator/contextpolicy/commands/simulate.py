@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.commands import robot_arguments
+from contextpolicy.commands import recording_arguments, robot_arguments
 from contextpolicy.commands.robot_arguments import robot_of, seconds
 
 if TYPE_CHECKING:
@@ -21,12 +21,15 @@ if TYPE_CHECKING:
 
 DESCRIPTION = """\
 Run a policy against a timeline in virtual time, with the very planning code that runs on the robot, and print each plan
-with its cause. Inputs whose key a stream selects become its samples, whatever the stream's encoding; recordings (inputs
-without a value) are skipped. What the plans do not show (inputs that nobody reads, streams that get none, samples and
-expressions that failed, needs that are not met) is noted on standard error, and in JSON.
+with its cause. Inputs whose key a stream selects become its samples, whatever the stream's encoding; data sets (inputs
+without a value) are skipped. TIMELINE can be a recording of a robot as well: topics of ROS 2 are found by streams on
+rmw_zenoh's keys (in domain 0) and on those of zenoh-bridge-ros2dds. What the plans do not show (inputs that nobody
+reads, streams that get none, samples and expressions that failed, needs that are not met) is noted on standard error,
+and in JSON.
 
-Virtual time begins at 2000-01-01 00:00 UTC, so that a context forced until some day is in force. Where a stream's
-timestamps are a real clock's (2000 to 2100), it begins so that the first of them is of its own moment."""
+Virtual time begins when the recording did; with a timeline at 2000-01-01 00:00 UTC, so that a context forced until some
+day is in force. Where a stream's timestamps are a real clock's (2000 to 2100), it begins so that the first of them is
+of its own moment."""
 
 DETAILS = """\
 output (--output): a table; or the fields
@@ -65,8 +68,11 @@ def add(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("policy", metavar="POLICY", type=_file, help="a file with one ContextPolicy, - for stdin")
-    parser.add_argument("timeline", metavar="TIMELINE", type=_file, help="a timeline file, - for stdin")
+    parser.add_argument(
+        "timeline", metavar="TIMELINE", type=_file, help="a timeline, an MCAP file or a rosbag2 folder; - for stdin"
+    )
     robot_arguments.add(parser)
+    recording_arguments.add(parser)
     parser.add_argument("--until", type=seconds, metavar="S", help="stop after S seconds (default: the whole timeline)")
     parser.add_argument("--output", choices=("table", "json", "csv"), default="table", help="default: table")
     parser.add_argument(
@@ -101,10 +107,10 @@ def read_files(arguments: argparse.Namespace) -> tuple[Policy, Timeline]:
     """The policy and the timeline that the command line names."""
     from contextpolicy.policy.definition_files import of_folder
     from contextpolicy.policy.validation.policy_file import load_policy
-    from contextpolicy.streams import timeline
 
     types = of_folder(arguments.types) if arguments.types else None
-    return load_policy(arguments.policy, types), timeline.load(arguments.timeline, types or ())
+    policy = load_policy(arguments.policy, types)
+    return policy, recording_arguments.load_inputs(arguments, policy, types or ())
 
 
 def run_policy(policy: Policy, inputs: Timeline, *, robot: Robot, until: float | None) -> Simulation:

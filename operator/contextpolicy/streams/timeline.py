@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     Check: TypeAlias = tuple[Callable[[Any], bool], str]
 
 MAX_RATE = 1000.0
+RECORDED = "recorded"
+"""The encoding of inputs whose payload is what came over the bus: each stream decodes it by its own encoding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,7 @@ class TimedInput:
     value: object | None
     dataset: str | None
     message: RosMessage | None = None
+    payload: bytes | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +65,8 @@ class TimelineEntry:
     """Samples of the data set a second: what can be known of it without having it."""
     offset: float = 0.0
     """Seconds of the data set that are left out at its begin."""
+    payload: bytes | None = None
+    """A recorded message, as it came over the bus."""
 
     def inputs(self) -> Iterator[TimedInput]:
         """All inputs of this entry; each time is computed from the start, so that a long entry does not drift."""
@@ -69,7 +74,7 @@ class TimelineEntry:
         count = math.ceil((self.end - self.start) * self.rate - 1e-9) if self.rate else 1
         for index in range(count):
             at = self.start + index / self.rate if self.rate else self.start
-            yield TimedInput(at, self.key, self.encoding, self.value, self.dataset, self.message)
+            yield TimedInput(at, self.key, self.encoding, self.value, self.dataset, self.message, self.payload)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +95,8 @@ class Timeline:
     duration: float
     entries: tuple[TimelineEntry, ...]
     phases: tuple[Phase, ...] = ()
+    begin: float | None = None
+    """When a recording began, in Unix seconds or of simulated time; a timeline can begin at any time."""
 
     def inputs(self) -> Iterator[TimedInput]:
         """All inputs in time order; those of one instant in the order of the file."""
