@@ -12,9 +12,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from contextpolicy.policy.parsing import parse as parse_policy
 from contextpolicy.streams.recordings import (
+    Excerpt,
     RecordingError,
     Topic,
-    Window,
     bridge_key,
     is_recording,
     keys_for,
@@ -76,7 +76,7 @@ def ticks(recording):
 
 
 def test_a_files_messages_come_as_they_were_recorded(mcap):
-    recording = open_recording(mcap, Window())
+    recording = open_recording(mcap, Excerpt())
     assert recording.topics == {
         "robot/imu": Topic("robot/imu", "json", "", 10),
         "robot/other": Topic("robot/other", "cbor", "", 1),
@@ -88,7 +88,7 @@ def test_a_files_messages_come_as_they_were_recorded(mcap):
 @pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
 def test_a_bag_of_either_storage_is_read(tmp_path, plugin):
     messages = [(0, "/door", "std_msgs/msg/Bool", OPEN), (2.5, "/door", "std_msgs/msg/Bool", SHUT)]
-    recording = open_recording(bag(tmp_path / "bag", plugin, messages), Window())
+    recording = open_recording(bag(tmp_path / "bag", plugin, messages), Excerpt())
     assert recording.topics == {"/door": Topic("/door", "cdr", "std_msgs/msg/Bool", 2)}
     found = list(recording.messages(["/door"], recording.begin, recording.end))
     assert [(message.at - BEGIN, message.payload) for message in found] == [(0, OPEN), (25 * 10**8, SHUT)]
@@ -102,14 +102,14 @@ def test_simulated_time_is_what_the_clock_told_last(tmp_path):
         (1.5, "/clock", "rosgraph_msgs/msg/Clock", clock(100.25)),
         (1.6, "/door", "std_msgs/msg/Bool", OPEN),
     ]
-    recording = open_recording(bag(tmp_path / "bag", StoragePlugin.MCAP, messages), Window(use_sim_time=True))
+    recording = open_recording(bag(tmp_path / "bag", StoragePlugin.MCAP, messages), Excerpt(use_sim_time=True))
     assert (recording.begin, recording.end) == (100 * 10**9, 100_250_000_000)
     assert [tick for tick in ticks(recording) if tick[1] == "/door"] == [(0.0, "/door"), (0.25, "/door")]
 
 
 def test_without_a_clock_there_is_no_simulated_time(mcap):
     with pytest.raises(RecordingError, match="no messages on /clock"):
-        open_recording(mcap, Window(use_sim_time=True))
+        open_recording(mcap, Excerpt(use_sim_time=True))
 
 
 @pytest.mark.parametrize("content", [b"", b"not mcap", b"\x89MCAP0\r\n" * 3])
@@ -117,13 +117,13 @@ def test_a_broken_file_is_refused_with_its_name(tmp_path, content):
     path = tmp_path / "broken.mcap"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=r"broken\.mcap"):
-        open_recording(path, Window())
+        open_recording(path, Excerpt())
 
 
 def test_a_folder_is_a_recording_only_with_metadata(tmp_path):
     assert not is_recording(tmp_path)
     with pytest.raises(RecordingError, match="cannot be read"):
-        open_recording(tmp_path, Window())
+        open_recording(tmp_path, Excerpt())
 
 
 def test_topics_get_the_keys_that_the_policys_streams_select():
@@ -154,30 +154,30 @@ def test_names_of_topics_and_types():
 
 
 @pytest.mark.parametrize(
-    ("window", "numbers"),
+    ("excerpt", "numbers"),
     [
-        (Window(), range(10)),
-        (Window(start_offset=0.45), range(5, 10)),
-        (Window(start_offset=0.2, playback_duration=0.3), range(2, 6)),
-        (Window(topics=["robot/imu"]), range(10)),
-        (Window(topics=["robot/**"]), range(10)),
-        (Window(topics=["robot/other"]), ()),
+        (Excerpt(), range(10)),
+        (Excerpt(start_offset=0.45), range(5, 10)),
+        (Excerpt(start_offset=0.2, playback_duration=0.3), range(2, 6)),
+        (Excerpt(topics=["robot/imu"]), range(10)),
+        (Excerpt(topics=["robot/**"]), range(10)),
+        (Excerpt(topics=["robot/other"]), ()),
     ],
 )
-def test_a_part_of_a_recording_becomes_a_timeline(mcap, window, numbers):
-    timeline = timeline_of(open_recording(mcap, window), window, bridge_key, name="run", wanted=["robot/imu"])
+def test_a_part_of_a_recording_becomes_a_timeline(mcap, excerpt, numbers):
+    timeline = timeline_of(open_recording(mcap, excerpt), excerpt, bridge_key, name="run", wanted=["robot/imu"])
     taken = [json.loads(timed.payload)["n"] for timed in timeline.inputs() if timed.payload]
     assert taken == list(numbers)
-    assert timeline.begin == pytest.approx(BEGIN / 1e9 + window.start_offset)
+    assert timeline.begin == pytest.approx(BEGIN / 1e9 + excerpt.start_offset)
     assert {timed.encoding for timed in timeline.inputs()} <= {RECORDED}
 
 
 def test_what_nobody_reads_is_named_but_not_loaded(mcap):
-    timeline = timeline_of(open_recording(mcap, Window()), Window(), bridge_key, name="run", wanted=["robot/imu"])
+    timeline = timeline_of(open_recording(mcap, Excerpt()), Excerpt(), bridge_key, name="run", wanted=["robot/imu"])
     assert [timed.key for timed in timeline.inputs() if timed.payload is None] == ["robot/other"]
 
 
 def test_an_offset_beyond_the_end_is_refused(mcap):
-    window = Window(start_offset=5)
+    excerpt = Excerpt(start_offset=5)
     with pytest.raises(RecordingError, match="the recording has 1 s"):
-        timeline_of(open_recording(mcap, window), window, bridge_key, name="run", wanted=[])
+        timeline_of(open_recording(mcap, excerpt), excerpt, bridge_key, name="run", wanted=[])

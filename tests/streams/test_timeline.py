@@ -15,7 +15,7 @@ from contextpolicy.policy.ros_types import type_store
 from contextpolicy.policy.spec import RosRelease
 from contextpolicy.streams import cdr
 from contextpolicy.streams.ros_message import RosMessage
-from contextpolicy.streams.timeline import Phase, TimedInput, _runs, load, parse
+from contextpolicy.streams.timeline import StoryPhase, TimedInput, _runs, load, parse
 
 TIMELINES = Path(__file__).parents[2] / "timelines"
 SCHEMA = Draft202012Validator(json.loads((TIMELINES / "schema.json").read_text(encoding="utf-8")))
@@ -80,7 +80,7 @@ def test_phases_tell_the_story():
     phases = [{"name": "stands", "from": 0, "to": 1}, {"name": "drives", "from": 1, "to": 2, "truth": {"moving": True}}]
     document = {**a_document(ONCE), "phases": phases}
     SCHEMA.validate(document)
-    assert parse(document).phases == (Phase("stands", 0, 1), Phase("drives", 1, 2, {"moving": True}))
+    assert parse(document).phases == (StoryPhase("stands", 0, 1), StoryPhase("drives", 1, 2, {"moving": True}))
 
 
 def test_every_mistake_in_a_phase_is_told():

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from contextpolicy.commands.recording_arguments import topic
 from contextpolicy.errors import ContextPolicyError
 from contextpolicy.policy.definition_files import of_folder
-from contextpolicy.streams.recordings import Window, bridge_key, is_recording, rmw_key
+from contextpolicy.streams.recordings import Excerpt, bridge_key, is_recording, rmw_key
 from contextpolicy.streams.timeline import load
 from robotkit import ConfigurationError
 from robotkit.euroc import DatasetError
@@ -49,8 +49,8 @@ def main(arguments: list[str] | None = None) -> int:
 def _inputs(options: argparse.Namespace) -> Inputs:
     """The timeline with its data sets, or the recording."""
     if is_recording(options.timeline):
-        window = Window(topics=options.topics, use_sim_time=options.use_sim_time)
-        return RecordedInputs(options.timeline, window, _KEYS[options.ros_keys])
+        excerpt = Excerpt(topics=options.topics, use_sim_time=options.use_sim_time)
+        return RecordedInputs(options.timeline, excerpt, _KEYS[options.ros_keys])
     definitions = of_folder(options.types) if options.types else ()
     return TimelineInputs(load(options.timeline, definitions), options.datasets, options.topics)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from contextpolicy.streams.recordings import Window, bounds, open_recording
+from contextpolicy.streams.recordings import Excerpt, bounds, open_recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 
 class RecordedInputs:
-    """The topics that the window wants, on the keys that `key` gives them; RecordingError if it can't be read."""
+    """The topics that the excerpt wants, on the keys that `key` gives them; RecordingError if it can't be read."""
 
-    def __init__(self, path: Path, window: Window, key: Callable[[Topic], str]) -> None:
-        self._recording = open_recording(path, window)
-        self._begin, end = bounds(self._recording, Window())
-        topics = [topic for topic in self._recording.topics.values() if window.wants(topic.name)]
+    def __init__(self, path: Path, excerpt: Excerpt, key: Callable[[Topic], str]) -> None:
+        self._recording = open_recording(path, excerpt)
+        self._begin, end = bounds(self._recording, Excerpt())
+        topics = [topic for topic in self._recording.topics.values() if excerpt.wants(topic.name)]
         self._keys = {topic.name: key(topic) for topic in topics}
         self.name, self.duration = path.stem, max((end - self._begin) / 1e9, 1e-9)
         self.encodings = {self._keys[topic.name]: _ENCODINGS.get(topic.encoding, "binary") for topic in topics}

@@ -183,8 +183,11 @@ class _Phase:
 
 
 def _above_zero(fields: Fields, name: str, default: float | None, *, most: float, unit: str) -> float:
-    value = fields.number(name) if name in fields else default
+    given = name in fields
+    value = fields.number(name) if given else default
     fields.raw(name)
+    if value is None and given:
+        return most  # refused already
     if value is None or not 0 < value <= most:
         fields.refuse(name, value, f"{unit}, above 0 to {most:g}")
         return most

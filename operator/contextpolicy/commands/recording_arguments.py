@@ -42,12 +42,12 @@ def load_inputs(arguments: argparse.Namespace, policy: Policy, definitions: Defi
 
     path = Path(arguments.timeline)
     if recordings.is_recording(path):
-        window = recordings.Window(
+        excerpt = recordings.Excerpt(
             arguments.start_offset, arguments.playback_duration, arguments.topics, arguments.use_sim_time
         )
-        recording = recordings.open_recording(path, window)
+        recording = recordings.open_recording(path, excerpt)
         wanted = [stream.key for stream in policy.streams]
-        return recordings.timeline_of(recording, window, recordings.keys_for(policy), name=path.stem, wanted=wanted)
+        return recordings.timeline_of(recording, excerpt, recordings.keys_for(policy), name=path.stem, wanted=wanted)
     used = {
         "--start-offset": arguments.start_offset,
         "--playback-duration": arguments.playback_duration,

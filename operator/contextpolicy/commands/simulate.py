@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from contextpolicy.policy.spec import Policy
+    from contextpolicy.simulation.forecast import Forecast
     from contextpolicy.simulation.robot import Robot
     from contextpolicy.simulation.run import Simulation
     from contextpolicy.streams.timeline import Timeline
@@ -53,6 +54,13 @@ expectations (--assert FILE): a YAML or JSON list; exit code 1 and a line for ea
     weights: {slam: 10}
     feasible: true                 # every need and floor is met
   - {from: 0, to: 30, plans: {max: 8}}     # at most 8 plans begin: a bound on flapping
+  - {from: 0, to: 30, misses: {slam: {max: 0.01}}}   # with --profiles: at most 1 % of its inputs are late or dropped
+
+prediction (--profiles FILE, as robotkit.profiles writes it): work arrives with the timeline's inputs (a data set's by
+the rate that the timeline tells), waits in queues that drop their oldest, and is served as CFS does, 30 ms after each
+plan. By task and context it tells inputs; those done, late, dropped, and suspended; misses (late, dropped, or overdue
+at the end, as a part of those due); response time p50 and p99; how many an input found waiting; and the cores that
+stay idle. What one task publishes for another is not predicted; nor does a task that adapts to its share cost less.
 
 exit codes: 0 it ran and is as expected, 1 an expectation does not hold, 2 it could not run (wrong usage, a file that
 cannot be read or is refused, a picture that cannot be drawn)"""
@@ -81,6 +89,9 @@ def add(subparsers: Any) -> None:
     parser.add_argument(
         "--assert", dest="expected", metavar="FILE", type=_file, help="compare with expected plans, - for stdin"
     )
+    parser.add_argument(
+        "--profiles", metavar="FILE", help="predict queues, response times and misses from what the tasks cost"
+    )
     parser.set_defaults(main=main)
 
 
@@ -92,15 +103,27 @@ def main(arguments: argparse.Namespace) -> int:
     policy, inputs = read_files(arguments)
     expected = _expected(arguments.expected, policy) if arguments.expected else None
     robot = robot_of(arguments, policy)
+    _refuse_unpredicted(arguments, expected)
     run = run_policy(policy, inputs, robot=robot, until=arguments.until)
-    told = notes(policy, robot, run)
+    predicted = predict(arguments.profiles, policy, inputs, run, robot) if arguments.profiles else None
+    told = [*notes(policy, robot, run), *(predicted.notes if predicted else ())]
     if expected is None or arguments.output != "table":
-        _print(arguments.output, policy, inputs, run, about={"cores": sum(robot.nodes.values()) / 1000, "notes": told})
+        about: dict[str, Any] = {"cores": sum(robot.nodes.values()) / 1000, "notes": told}
+        _print(arguments.output, policy, inputs, run, predicted, about=about)
     if arguments.plot:
         _draw(arguments.plot, policy, inputs, run)
     for note in told:
         print(f"note: {note}", file=sys.stderr)
-    return 0 if expected is None else _compare(arguments, run, expected)
+    return 0 if expected is None else _compare(arguments, run, predicted, expected)
+
+
+def predict(path: str, policy: Policy, inputs: Timeline, run: Simulation, robot: Robot) -> Forecast:
+    """What the plans of a run do to each task's inputs."""
+    from contextpolicy.simulation.forecast import forecast
+    from contextpolicy.simulation.profiles import load_profiles
+
+    profiles = load_profiles(path)
+    return forecast(policy, inputs, run.plans, profiles, processors=robot.nodes, until=run.until)
 
 
 def read_files(arguments: argparse.Namespace) -> tuple[Policy, Timeline]:
@@ -153,6 +176,16 @@ def _refuse_two_readers(arguments: argparse.Namespace) -> None:
         )
 
 
+def _refuse_unpredicted(arguments: argparse.Namespace, expected: Any) -> None:
+    """Misses that nobody predicts would pass unchecked."""
+    from contextpolicy.errors import Finding, SettingsError
+
+    lines = [str(one.line) for one in expected or () if one.misses is not None]
+    if lines and not arguments.profiles:
+        allowed = f"a file of profiles: line {', '.join(lines)} of {arguments.expected} expects misses"
+        raise SettingsError("arguments", (Finding("--profiles", None, allowed),))
+
+
 def _picture(text: str) -> Path:
     path = Path(text)
     if path.suffix not in (".svg", ".png"):
@@ -160,16 +193,28 @@ def _picture(text: str) -> Path:
     return path
 
 
-def _print(output: str, policy: Policy, inputs: Timeline, run: Simulation, *, about: dict[str, Any]) -> None:
-    from contextpolicy.simulation import report
+def _print(  # noqa: PLR0913 - all that a run gives
+    output: str,
+    policy: Policy,
+    inputs: Timeline,
+    run: Simulation,
+    predicted: Forecast | None,
+    *,
+    about: dict[str, Any],
+) -> None:
+    from contextpolicy.simulation import forecast_report, report
 
     match output:
         case "json":
+            if predicted is not None:
+                about["forecast"] = forecast_report.as_fields(predicted)
             print(report.as_json(policy, run.plans, timeline=inputs.name, until=run.until, **about))
         case "csv":
             print(report.as_csv(run.plans))
         case _:
             print(report.table(run.plans))
+            if predicted is not None:
+                print(f"\n{forecast_report.as_table(predicted)}")
 
 
 def _draw(path: Path, policy: Policy, inputs: Timeline, run: Simulation) -> None:
@@ -198,13 +243,14 @@ def _expected(path: str, policy: Policy) -> Any:
     return parse(text, policy, subject=path)
 
 
-def _compare(arguments: argparse.Namespace, run: Simulation, expected: Any) -> int:
+def _compare(arguments: argparse.Namespace, run: Simulation, predicted: Forecast | None, expected: Any) -> int:
     from contextpolicy.simulation.comparison import differences
 
     # After the end the last plan would be taken for in force, and such an expectation might pass unchecked.
     beyond = [e for e in expected if e.end > run.until]
+    within = [e for e in expected if e not in beyond]
     found = [*(f"line {e.line}: expects something at {e.end:g} s, after the end at {run.until:g} s" for e in beyond)]
-    found += [str(difference) for difference in differences(run.plans, [e for e in expected if e not in beyond])]
+    found += [str(difference) for difference in differences(run.plans, within, predicted)]
     for difference in found:
         print(f"{arguments.expected}: {difference}", file=sys.stderr)
     verdict = f"{len(found)} differences" if found else "as expected"

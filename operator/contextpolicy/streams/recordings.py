@@ -63,7 +63,7 @@ class Recording(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class Excerpt:
     """Which part of a recording counts, in the terms of `ros2 bag play`: seconds, and topics or key expressions."""
 
     start_offset: float = 0.0
@@ -81,10 +81,10 @@ def is_recording(path: Path) -> bool:
     return path.suffix == ".mcap" or (path / "metadata.yaml").is_file()
 
 
-def open_recording(path: Path, window: Window) -> Recording:
+def open_recording(path: Path, excerpt: Excerpt) -> Recording:
     """Open a recording, in simulated time if asked for; RecordingError says why it can't be read."""
     recording = McapFile(path) if path.suffix == ".mcap" else RosBag(path)
-    return SimulatedTime(recording) if window.use_sim_time else recording
+    return SimulatedTime(recording) if excerpt.use_sim_time else recording
 
 
 class McapFile:
@@ -221,11 +221,11 @@ def keys_for(policy: Policy) -> Callable[[Topic], str]:
 
 
 def timeline_of(
-    recording: Recording, window: Window, key: Callable[[Topic], str], *, name: str, wanted: Sequence[str]
+    recording: Recording, excerpt: Excerpt, key: Callable[[Topic], str], *, name: str, wanted: Sequence[str]
 ) -> Timeline:
     """The messages that the key expressions `wanted` select, as a timeline; of other topics, that they exist."""
-    begin, end = bounds(recording, window)
-    keys = {topic.name: key(topic) for topic in recording.topics.values() if window.wants(topic.name)}
+    begin, end = bounds(recording, excerpt)
+    keys = {topic.name: key(topic) for topic in recording.topics.values() if excerpt.wants(topic.name)}
     read = [topic for topic, named in keys.items() if any(selects(expression, named) for expression in wanted)]
     blank = TimelineEntry(0.0, 0.0, "", RECORDED, None, None, None, None)
     entries = [replace(blank, key=named) for topic, named in keys.items() if topic not in read]
@@ -237,12 +237,12 @@ def timeline_of(
     return Timeline(name, max((end - begin) / 1e9, 1e-9), tuple(entries), begin=begin / 1e9)
 
 
-def bounds(recording: Recording, window: Window) -> tuple[int, int]:
-    """The window's first and last moment, in the recording's ns; RecordingError if it begins after the end."""
-    begin = recording.begin + round(window.start_offset * 1e9)
+def bounds(recording: Recording, excerpt: Excerpt) -> tuple[int, int]:
+    """The excerpt's first and last moment, in the recording's ns; RecordingError if it begins after the end."""
+    begin = recording.begin + round(excerpt.start_offset * 1e9)
     if begin > recording.end:
         length = (recording.end - recording.begin) / 1e9
-        raise RecordingError(f"start offset {window.start_offset:g} is not allowed: the recording has {length:g} s")
-    if window.playback_duration is None:
+        raise RecordingError(f"start offset {excerpt.start_offset:g} is not allowed: the recording has {length:g} s")
+    if excerpt.playback_duration is None:
         return begin, recording.end
-    return begin, min(recording.end, begin + round(window.playback_duration * 1e9))
+    return begin, min(recording.end, begin + round(excerpt.playback_duration * 1e9))

@@ -78,7 +78,7 @@ class TimelineEntry:
 
 
 @dataclass(frozen=True, slots=True)
-class Phase:
+class StoryPhase:
     """A stretch of the story, with what is true in it: reports and pictures show it, nothing is decided by it."""
 
     name: str
@@ -94,7 +94,7 @@ class Timeline:
     name: str
     duration: float
     entries: tuple[TimelineEntry, ...]
-    phases: tuple[Phase, ...] = ()
+    phases: tuple[StoryPhase, ...] = ()
     begin: float | None = None
     """When a recording began, in Unix seconds or of simulated time; a timeline can begin at any time."""
 
@@ -165,7 +165,9 @@ def parse(document: object, definitions: Definitions = (), *, subject: str = "ti
     entries = tuple(_entry(raw, definitions, f"inputs[{i}]", findings) for i, raw in enumerate(document["inputs"]))
     if findings:
         raise TimelineError(subject, tuple(findings))
-    phases = tuple(Phase(raw["name"], raw["from"], raw["to"], raw.get("truth")) for raw in document.get("phases", ()))
+    phases = tuple(
+        StoryPhase(raw["name"], raw["from"], raw["to"], raw.get("truth")) for raw in document.get("phases", ())
+    )
     return Timeline(document["name"], float(document["duration"]), entries, phases)
 
 

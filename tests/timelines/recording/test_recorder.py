@@ -9,7 +9,7 @@ import threading
 import pytest
 from mcap.reader import make_reader
 
-from contextpolicy.streams.recordings import Window, bridge_key
+from contextpolicy.streams.recordings import Excerpt, bridge_key
 from contextpolicy.streams.timeline import parse
 from robotkit.stereo import StereoFrame, encode
 from tests.modules.robotkit.bus import client, router
@@ -76,7 +76,7 @@ def test_what_is_recorded_plays_again_byte_for_byte(tmp_path, cgroup):
     assert json.loads(imu[0])["speed"] == 0.3
     counters = [json.loads(message.data) for channel, message in heard if channel.topic == "cgroup/slam"]
     assert counters[0] == {"limit": 0.5, "usage": 2.0, "periods": 9.0, "throttled": 3.0, "throttledTime": 0.5}
-    inputs = RecordedInputs(path, Window(topics=["robot/imu", f"{SCAN}"]), bridge_key)
+    inputs = RecordedInputs(path, Excerpt(topics=["robot/imu", f"{SCAN}"]), bridge_key)
     assert inputs.encodings == {"robot/imu": "json", SCAN: "cdr"}
     again = list(inputs.timed(0))
     assert [payload for _, key, payload in again if key == "robot/imu"] == imu
