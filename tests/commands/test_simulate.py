@@ -353,3 +353,30 @@ def test_the_options_of_recordings_are_refused_with_a_timeline(capsys):
     with pytest.raises(SystemExit):
         main(["simulate", POLICY, "run.mcap", "--topics", "robot/b*"])
     assert "a topic or a key expression" in capsys.readouterr().err
+
+
+@pytest.fixture
+def profiles(tmp_path):
+    own = {"key": "robot/imu", "depth": 1, "cpu": {"quantiles": [0.05]}}
+    path = tmp_path / "profiles.json"
+    path.write_text(json.dumps({"tasks": {"slam": {"deadline": 0.1, "inputs": {"imu": own}}}}), encoding="utf-8")
+    return str(path)
+
+
+def test_misses_are_predicted_and_can_be_expected(profiles, tmp_path, capsys):
+    expected = tmp_path / "expected.yaml"
+    expected.write_text("- {from: 0, to: 5, misses: {slam: {max: 0.01}}}\n", encoding="utf-8")
+    assert main([*TWO_CORES, "--assert", str(expected)]) == 2
+    assert "line 1 of" in capsys.readouterr().err
+    assert main([*TWO_CORES, "--assert", str(expected), "--profiles", profiles]) == 1
+    assert "misses of slam: expected at most 0.01, but" in capsys.readouterr().err
+
+
+def test_the_prediction_follows_the_plans(profiles, capsys):
+    assert main([*TWO_CORES, "--profiles", profiles]) == 0
+    printed = capsys.readouterr()
+    assert "\nTASK  CONTEXT  INPUTS" in printed.out
+    assert "there is no profile of speech" in printed.err
+    assert main([*TWO_CORES, "--profiles", profiles, "--output", "json"]) == 0
+    forecast = json.loads(capsys.readouterr().out)["forecast"]
+    assert forecast["tasks"]["slam"]["contexts"]["all"]["inputs"] == 1500

@@ -141,13 +141,13 @@ def run_policy(policy: Policy, inputs: Timeline, *, robot: Robot, until: float |
     from contextpolicy import plugins
     from contextpolicy.simulation.run import simulate
 
-    with _progress(inputs.duration if until is None else until) as tell:
+    with progress(inputs.duration if until is None else until, "simulating") as tell:
         return simulate(policy, inputs, robot=robot, until=until, initiatives=plugins.load(policy), on_progress=tell)
 
 
 @contextmanager
-def _progress(until: float) -> Iterator[Callable[[float], None] | None]:
-    """A function that moves a progress bar on standard error to a virtual time; None if that is no terminal."""
+def progress(until: float, doing: str) -> Iterator[Callable[[float], None] | None]:
+    """A function that moves a progress bar on standard error, towards `until`; None if that is no terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -155,7 +155,7 @@ def _progress(until: float) -> Iterator[Callable[[float], None] | None]:
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("simulating", total=until)
+        task = bar.add_task(doing, total=until)
         yield lambda at: bar.update(task, completed=at)
 
 

@@ -57,6 +57,8 @@ class Forecast:
     outcomes: Mapping[str, Sequence[Outcome]]
     tasks: Mapping[str, Mapping[str, Stats]]
     idle: Mapping[str, float]
+    plans: float
+    """Plans a second that change a share."""
     notes: tuple[str, ...] = ()
 
 
@@ -74,10 +76,11 @@ def forecast(  # noqa: PLR0913 - what a run consists of, by keyword
     *,
     processors: Mapping[str, int],
     until: float,
+    deadlines: Mapping[str, float] | None = None,
 ) -> Forecast:
     """Predict a run whose plans are known; `processors` are each node's, in thousandths of a core.
 
-    Of a task on several nodes, the first node counts.
+    Of a task on several nodes, the first node counts. `deadlines` in seconds replace those of policy and profiles.
     """
     plans = [plan for plan in plans if plan.nodes]
     notes: list[str] = []
@@ -91,12 +94,13 @@ def forecast(  # noqa: PLR0913 - what a run consists of, by keyword
         server.serve([work for work in arrivals if homes[work.task] == name], changes, until)
         used += server.used
         outcomes += server.outcomes
-    deadlines = _deadlines(policy, profiles)
+    limits = _deadlines(policy, profiles, deadlines or {})
     by_task = {task: [one for one in outcomes if one.work.task == task] for task in homes if task in profiles.tasks}
     contexts = _Contexts(plans)
-    tasks = {task: _by_context(own, contexts, deadlines[task]) for task, own in by_task.items()}
+    tasks = {task: _by_context(own, contexts, limits[task]) for task, own in by_task.items()}
     idle = _idle(used, contexts, sum(node.cores for node in nodes.values()), until, len(nodes))
-    return Forecast(deadlines, by_task, tasks, idle, (*notes, *_unknown(policy, profiles)))
+    rate = len({plan.sequence for plan in plans}) / until if until else 0.0
+    return Forecast(limits, by_task, tasks, idle, rate, (*notes, *_unknown(policy, profiles)))
 
 
 def stats(outcomes: Iterable[Outcome], deadline: float | None) -> Stats:
@@ -238,9 +242,9 @@ def _times(entry: TimelineEntry) -> Iterator[float]:
     return (timed.at for timed in entry.inputs())
 
 
-def _deadlines(policy: Policy, profiles: Profiles) -> dict[str, float | None]:
-    """The policy's word, or else what the module said of itself."""
-    said = {task.name: task.needs.deadline for task in policy.tasks if task.needs.deadline is not None}
+def _deadlines(policy: Policy, profiles: Profiles, given: Mapping[str, float]) -> dict[str, float | None]:
+    """What is given, or the policy's word, or else what the module said of itself."""
+    said = {task.name: task.needs.deadline for task in policy.tasks if task.needs.deadline is not None} | dict(given)
     return {name: said.get(name, profile.deadline) for name, profile in profiles.tasks.items()}
 
 
