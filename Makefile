@@ -7,9 +7,10 @@ VOICES := flite festival festvox-kallpc16k festvox-us-slt-hts espeak-ng sox
 MODULES := $(patsubst modules/%/Dockerfile,%,$(wildcard modules/*/Dockerfile))
 TIMELINE ?= timelines/demo.json
 CORES ?= 2
+DURATION ?= 3600
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint unit e2e simulate bench bench-devices bench-reaction bench-wheels cluster cluster-down images recordings crds format clean
+.PHONY: $(shell sed -n 's/^\([a-z0-9-]*\):.*## .*/\1/p' $(MAKEFILE_LIST))
 
 help:  ## show this help
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -26,6 +27,8 @@ demo: images recordings  ## show the main job on a real node: a timeline of sens
 
 test: lint unit e2e  ## run everything: lint, unit tests, end-to-end tests on a real node
 
+test-all: test soak  ## the same and what takes hours: the soak
+
 lint: setup  ## check style and types
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
@@ -38,14 +41,17 @@ e2e: images  ## run the tests that need a real node
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e --ignore tests/e2e/test_reboot.py
 	$(PYTHON) -m pytest -q tests/e2e/test_reboot.py
 
+soak: images  ## contexts, pods and killed parts at random for DURATION seconds (3600), told again by SEED
+	SOAK_SECONDS=$(DURATION) SOAK_SEED=$(SEED) $(CLUSTER) exec -- $(PYTHON) -m pytest -q -s tests/e2e/test_soak.py
+
 simulate: setup  ## without root or cluster: what would POLICY decide on TIMELINE
 	$(PYTHON) -m contextpolicy simulate $(POLICY) $(TIMELINE) --cores $(CORES)
 
 bench: setup  ## measure the decision engine: samples per second, sample to plan, memory
 	$(PYTHON) -m tests.bench.engine
 
-bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives
-	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction
+bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives (RESUME=--resume goes on)
+	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction $(RESUME)
 
 bench-devices: setup  ## measure what navigation, lidar and arm cost, and how exact they are
 	$(PYTHON) -m tests.bench.device_modules
@@ -66,6 +72,16 @@ images: cluster  ## build the images and import them into the node
 recordings: setup  ## make the demo's recordings: a rendered EuRoC sequence and synthesised speech
 	dpkg --status $(VOICES) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(VOICES); }
 	$(PYTHON) -m timelines.datasets
+
+pictures: setup  ## draw what each sample policy does on its timeline, for the cookbook
+	@for file in config/expectations/*.yaml; do \
+	  command=$$(sed -n 's/^# contextpolicy \(simulate .*\) --assert.*/\1/p' $$file); \
+	  $(PYTHON) -m contextpolicy $$command --plot config/policies/pictures/$$(basename $$file .yaml).svg >/dev/null || exit 1; \
+	done
+
+lock: setup  ## lock the versions and hashes of what goes into the operator's image
+	.venv/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
+	  --no-annotate --upgrade pyproject.toml --output-file operator/requirements.txt
 
 crds:  ## copy the canonical CRD into the chart and into the package
 	cp crds/contextpolicies.contextpolicy.dev.yaml charts/contextpolicy/files/

@@ -124,12 +124,11 @@ def _scans(scenario: Scenario) -> Iterator[Entry]:
 
 def _ranges(x: float, y: float, heading: float, ahead: float) -> list[float]:
     """Distances to the walls in m, counter-clockwise from straight ahead; 0 where nothing is in reach."""
-    left = float(corridor.LOW[1] + corridor.WIDTH_AND_HEIGHT[0])
     ranges = []
     for beam in range(BEAMS):
         angle = heading + 2 * math.pi * beam / BEAMS
         along, across = math.cos(angle), math.sin(angle)
-        end, side = (ahead if along > 0 else float(corridor.LOW[0])), (left if across > 0 else float(corridor.LOW[1]))
+        end, side = (ahead if along > 0 else corridor.LOW[0]), (corridor.HIGH_SIDE if across > 0 else corridor.LOW[1])
         nearest = min(gap / part for gap, part in ((end - x, along), (side - y, across)) if abs(part) > 1e-9)
         ranges.append(round(nearest, 2) if nearest <= REACH else 0.0)
     return ranges

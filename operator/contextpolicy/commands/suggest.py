@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy
     from contextpolicy.simulation.forecast import Forecast
     from contextpolicy.simulation.knobs import Values
-    from contextpolicy.simulation.search import SearchResult, Goal
+    from contextpolicy.simulation.search import Goal, SearchResult
     from contextpolicy.simulation.trial import Trial
 
 DESCRIPTION = """\
