@@ -81,9 +81,7 @@ class PoseGraph:
         """Take a keyframe out: its neighbours are connected through its strongest neighbour instead."""
         edges = [_from(number, edge) for edge in self._edges.pop(number, [])]
         for edge in edges:
-            self._edges[edge.second] = [
-                old for old in self._edges[edge.second] if number not in (old.first, old.second)
-            ]
+            self._edges[edge.second] = [old for old in self._edges[edge.second] if number not in (old.first, old.second)]
         if edges:
             hub = max(edges, key=lambda edge: edge.inliers)
             for edge in edges:

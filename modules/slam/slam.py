@@ -17,8 +17,8 @@ import numpy as np
 from modules.slam.features import detect, measure
 from modules.slam.geometry import inverse
 from modules.slam.keyframes import has_moved
-from modules.slam.loop_closing import LoopCloser
 from modules.slam.map import Map
+from modules.slam.loop_closing import LoopCloser
 from modules.slam.places import Places
 from modules.slam.relocalisation import Relocaliser
 from modules.slam.tracking import Tracker

@@ -61,7 +61,5 @@ class Slam(Task):
         picture = decoded(encoded, gray=True)
         width, height = self._slam.size
         if picture.shape != (height, width):
-            raise MessageError(
-                f"a picture of {picture.shape[1]} x {picture.shape[0]}: the cameras have {width} x {height}"
-            )
+            raise MessageError(f"a picture of {picture.shape[1]} x {picture.shape[0]}: the cameras have {width} x {height}")
         return picture
