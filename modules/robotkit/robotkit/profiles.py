@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-PATIENCE_S = 5.0
+PATIENCE_S = 10.0
 KEY = "robot/*/profile"
 
 
