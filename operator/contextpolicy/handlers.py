@@ -81,7 +81,7 @@ async def configure(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> Non
     settings.posting.enabled = False
     settings.scanning.disabled = True
     settings.networking.error_backoffs = RECONNECT
-    settings.batching.exit_timeout = EXIT_TIMEOUT
+    settings.queueing.exit_timeout = EXIT_TIMEOUT
     memo.loop = asyncio.get_running_loop()
 
 
