@@ -202,6 +202,8 @@ class Runtime:
             self._adopt(entry.body, entry.loaded)
 
     def _link(self, *, connected: bool) -> None:
+        if connected is self._connected:
+            return
         self._connected = connected
         log.log(logging.INFO if connected else logging.WARNING, "the bus is %s", "there" if connected else "lost")
         for reference in self._policies:
