@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from contextpolicy.errors import ActuationError
     from contextpolicy.planning.plan import Plan
 
+FAILED = "ResizeFailed"
+"""Reason of the event which says that the API server refused a resize, or did not answer."""
 RECOVERED = "ResizeRecovered"
 """Reason of the event which says that a problem is over."""
 
@@ -67,7 +69,7 @@ class ResizeWatch:
         message = _advised(f"{pod}: {error.reason}: {error}", remedies.for_refusal(error))
         if failed.get(pod) != message:
             failed[pod] = message
-            self._on_problem(policy, "ResizeFailed", message)
+            self._on_problem(policy, FAILED, message)
 
     def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:
         """Somebody else resized a container, or (None) has not done so for a while."""
