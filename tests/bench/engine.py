@@ -7,9 +7,9 @@ that is new with each sample (so each of its samples makes a plan), the others' 
 Samples per second are of one core's time; sample to plan is wall time. Both are of the quietest of several rounds: what
 the engine costs, not what else the machine does.
 
-Machines differ, and one differs from day to day, so each case takes its floor in the same run: decoding the samples with
-`json.loads`, and the CEL evaluations that they need (`engine_floor`). `engine_over_floor` is of samples that change
-nothing. The resizer's figures are the loop's own time for a plan, until every limit is in force, and for news about a
+Machines differ, and one differs from day to day, so each case takes its floor in the same run: decoding the samples
+with `json.loads`, and the CEL evaluations that they need (`engine_floor`). `engine_over_floor` is of samples that
+change nothing. The resizer's figures are the loop's own time for a plan, until every limit is in force, and for news about a
 pod that no policy has to do with.
 """
 

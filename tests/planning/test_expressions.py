@@ -278,10 +278,10 @@ class Told:
     def __init__(self):
         self.errors = []
 
-    def on_expression_error(self, source, reason):
+    def on_expression_error(self, _, reason):
         self.errors.append(reason)
 
-    def on_expression_recovery(self, source):
+    def on_expression_recovery(self, _):
         self.errors.append("recovered")
 
 

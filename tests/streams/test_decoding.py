@@ -11,6 +11,8 @@ import cbor2
 import numpy as np
 import ormsgpack
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from contextpolicy.errors import DecodeError
