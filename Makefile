@@ -50,6 +50,9 @@ simulate: setup  ## without root or cluster: what would POLICY decide on TIMELIN
 bench: setup  ## measure the decision engine: samples per second, sample to plan, memory
 	$(PYTHON) -m tests.bench.engine
 
+bench-live: setup  ## measure what a sample costs the running operator, beside the bare callback and hand-over
+	$(PYTHON) -m tests.bench.live
+
 bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives (RESUME=--resume goes on)
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction $(RESUME)
 
