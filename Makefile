@@ -17,9 +17,10 @@ help:  ## show this help
 
 setup: .venv/ready  ## install the Python packages into .venv
 
-.venv/ready: pyproject.toml modules/robotkit/pyproject.toml
+.venv/ready: pyproject.toml modules/robotkit/pyproject.toml modules/signs/models.txt
 	python3 -m venv .venv
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable 'modules/robotkit[ros,serial]'
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --requirement modules/signs/models.txt
 	touch $@
 
 demo: images recordings  ## show the main job on a real node: a timeline of sensor input moves CPU between pods
