@@ -19,7 +19,7 @@ import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from contextpolicy.simulation.forecast import PHASES, stats
 from contextpolicy.simulation.profiles import Cost
@@ -70,7 +70,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=20.0, help="of each case (%(default)g)")
     seconds = parser.parse_args().seconds
     say(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors, {seconds:g} s each, {RATE:g} Hz")
-    say("quota  depth   p50 measured predicted    p99 measured predicted    misses measured predicted")
+    say("quota  depth   p50 measured predicted    max measured, p99 predicted    misses measured predicted")
     for case in CASES:
         measured, background = _measure(case, seconds)
         predicted = predict(case, seconds, background)
@@ -105,7 +105,7 @@ def _measure(case: Case, seconds: float) -> tuple[dict[str, float], float]:
         group = stack.enter_context(_group(case.quota))
         stack.enter_context(_task(address, case.depth, group))
         publisher = session.declare_publisher("work")
-        before = _profile(session)
+        _profile(session)  # it is up
         start = time.monotonic()
         for number in range(round(seconds * RATE)):
             time.sleep(max(start + number / RATE - time.monotonic(), 0))
@@ -118,17 +118,14 @@ def _measure(case: Case, seconds: float) -> tuple[dict[str, float], float]:
     due = max(round(seconds * RATE), 1)
     quantiles = own["latency"]["quantiles"]
     misses = (late + dropped + max(due - done - dropped, 0)) / due
-    assert before["inputs"]["work"]["done"] == 0
-    return {"p50": quantiles[10], "p99": quantiles[20], "misses": misses}, after["background"]
+    return {"p50": quantiles[10], "p99": quantiles[20], "misses": misses}, float(after["background"])
 
 
-def _profile(session: zenoh.Session) -> dict[str, dict[str, dict[str, dict[str, list[float]]]]]:
+def _profile(session: zenoh.Session) -> dict[str, Any]:
     for _ in range(50):
         for reply in session.get("robot/burn/profile", timeout=2):
             if reply.ok is not None:
-                answer: dict[str, dict[str, dict[str, dict[str, list[float]]]]] = json.loads(
-                    reply.ok.payload.to_bytes()
-                )
+                answer: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
                 return answer
         time.sleep(0.2)
     raise SystemExit("the task does not answer")
