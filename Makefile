@@ -63,6 +63,9 @@ bench-fleet: cluster  ## measure what 5000 pods and 50 policies cost the operato
 bench-devices: setup  ## measure what navigation, lidar and arm cost, and how exact they are
 	$(PYTHON) -m tests.bench.device_modules
 
+bench-prediction: setup  ## measure how well `simulate --profiles` predicts what the kernel does (needs root)
+	$(PYTHON) -m tests.bench.prediction
+
 bench-wheels: setup  ## measure how fast a robot's wheels stop, also at a CPU limit of 10m (needs root)
 	$(PYTHON) -m tests.bench.wheel_stop
 
