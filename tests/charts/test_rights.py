@@ -63,6 +63,14 @@ def test_it_may_read_the_message_definitions_that_are_named_and_nothing_else(ren
     }
 
 
+@pytest.mark.parametrize("aggregated", [False, True])
+def test_who_may_edit_a_namespace_may_write_policies_only_if_the_administrator_says_so(render, aggregated):
+    rendered = render(*(["rbac.aggregateToUserRoles=true"] if aggregated else []))
+    for name in ("viewer", "editor"):
+        labels = rendered["ClusterRole", f"contextpolicy-{name}"]["metadata"]["labels"]
+        assert any("aggregate-to" in label for label in labels) is aggregated
+
+
 def test_users_get_policies_and_nothing_else(render):
     rendered = render()
     for name in ("viewer", "editor"):
@@ -78,7 +86,7 @@ def test_no_rule_has_a_wildcard(render):
 
 
 def test_rights_can_be_left_to_others(render):
-    kinds = {kind for kind, _ in render("rbac.create=false", "rbac.aggregateToUserRoles=false")}
+    kinds = {kind for kind, _ in render("rbac.create=false")}
     assert not kinds & {"Role", "RoleBinding", "ClusterRole", "ClusterRoleBinding"}
 
 

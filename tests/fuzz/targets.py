@@ -18,20 +18,23 @@ import urllib3
 from rich.console import Console
 
 from contextpolicy.bus.view import BusView, live
-from contextpolicy.cluster.agent_reports import read_confirmation, read_report
-MOST_PROCESSORS = 8192
+from contextpolicy.cluster.agent_reports import (
+    LONGEST_PERIOD,
+    MOST_PROCESSORS,
+    SHORTEST_PERIOD,
+    read_confirmation,
+    read_report,
+)
 from contextpolicy.cluster.api import _refusal, _version
 from contextpolicy.cluster.pods import view
 from contextpolicy.cluster.watching import ObjectWatch
 from contextpolicy.errors import ActuationError, DecodeError, DefinitionError, ExpressionError, PolicyError
-from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
+from contextpolicy.planning.scope import Scope
 from contextpolicy.policy import parsing
-from contextpolicy.policy.bandwidth import LONGEST, SHORTEST
 from contextpolicy.policy.ros_types import type_store
 from contextpolicy.policy.spec import Encoding, RosRelease, Stream
-UNREADABLE = (ValueError, TypeError, KeyError)
 from contextpolicy.streams.decoding import Decoder, seconds
 
 if TYPE_CHECKING:
@@ -252,7 +255,7 @@ def report(payload: bytes) -> None:
     """Anything as an agent's report: what is made of it is a number of processors and a period that a node can have."""
     found = read_report(payload)
     assert found.processors is None or 1 <= found.processors <= MOST_PROCESSORS
-    assert found.quota_period is None or SHORTEST <= found.quota_period <= LONGEST
+    assert found.quota_period is None or SHORTEST_PERIOD <= found.quota_period <= LONGEST_PERIOD
     read_confirmation(payload)
 
 
@@ -305,13 +308,13 @@ def event(line: bytes) -> None:
 
 def pod(document: Any) -> None:
     """A pod as decoded JSON: a view of it, or an error that the operator logs with the pod's name."""
-    with suppress(*UNREADABLE):
+    with suppress(ValueError):
         view(document)
 
 
 def answer(status: int, body: bytes) -> None:
     """Anything as the API server's answer to a PATCH: a version, or an ActuationError that can be told."""
-    response = urllib3.HTTPResponse(body=body, status=status)
+    response = urllib3.HTTPResponse(io.BytesIO(body), status=status)
     if status >= 300:
         assert str(_refusal(response))
         return

@@ -29,6 +29,9 @@ def told():
     return Told()
 
 
+LABELS = dict(zip(("namespace", "name"), POLICY.split("/"), strict=True))
+
+
 def held_back(message="node is full"):
     condition = {"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": message}
     return view(a_pod("slam", conditions=[condition]))
@@ -39,16 +42,16 @@ def a_plan(sequence, *, arrived=None, **shares):
 
 
 def count(stage, of="count"):
-    labels = {"policy": POLICY, "stage": stage}
+    labels = {**LABELS, "stage": stage}
     return REGISTRY.get_sample_value(f"contextpolicy_stage_seconds_{of}", labels) or 0.0
 
 
 def contests():
-    return REGISTRY.get_sample_value("contextpolicy_contests_total", {"policy": POLICY}) or 0.0
+    return REGISTRY.get_sample_value("contextpolicy_contests_total", LABELS) or 0.0
 
 
 def resizes(result):
-    return REGISTRY.get_sample_value("contextpolicy_resizes_total", {"policy": POLICY, "result": result}) or 0.0
+    return REGISTRY.get_sample_value("contextpolicy_resizes_total", {**LABELS, "result": result}) or 0.0
 
 
 def test_each_stage_is_told_and_measured(told):

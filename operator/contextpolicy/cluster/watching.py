@@ -14,6 +14,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Protocol
+from urllib.parse import quote
 
 import urllib3
 from kubernetes.watch.watch import iter_resp_lines
@@ -21,12 +22,17 @@ from kubernetes.watch.watch import iter_resp_lines
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
 log = logging.getLogger(__name__)
 
 PAUSES = (0.1, 0.2, 0.5, 1.0)
 """Seconds between attempts to reach the API server; the last one repeats."""
+
+
+PAGE = 500
+"""Objects in one page of a list: 5000 pods at once take 200 MiB to decode. All pages show one moment, whose version the
+watch starts from; when the server no longer has it (410) the list begins anew."""
 
 
 class ListWatch(Protocol):
@@ -43,13 +49,16 @@ class ObjectWatch:
     """One list, followed on a thread of its own.
 
     `on_change(object)` and `on_gone(uid)` are called on that thread. `listed` is done once `on_change` was called for
-    everything that existed at the start.
+    everything that existed at the start. `refused` says why the server lets us see nothing, if it does not;
+    `on_refused` is called when that changes.
     """
 
     def __init__(
         self, api: ListWatch, path: str, on_change: Callable[[Mapping[str, Any]], None], on_gone: Callable[[str], None]
     ) -> None:
         self.listed: Future[None] = Future()
+        self.refused = ""
+        self.on_refused: Callable[[], object] = lambda: None
         self._api, self._path = api, path
         self._on_change, self._on_gone = on_change, on_gone
         self._known: set[str] = set()
@@ -72,6 +81,10 @@ class ObjectWatch:
                 response.shutdown()
         self._thread.join(timeout=5)
 
+    def __str__(self) -> str:
+        """What it follows."""
+        return self._path
+
     def check(self) -> None:
         """RuntimeError when the thread has ended."""
         if not self._thread.is_alive():
@@ -88,18 +101,30 @@ class ObjectWatch:
                 self._rest(error)
 
     def _list(self) -> None:
-        found = self._api.read(self._path)
-        for item in found["items"]:
-            self._on_change(item)
-        uids = {item["metadata"]["uid"] for item in found["items"]}
+        uids: set[str] = set()
+        for page in self._pages():
+            uids |= {item["metadata"]["uid"] for item in page["items"]}
+            self._known |= uids  # should a later page fail, these are known all the same
+            for item in page["items"]:
+                self._on_change(item)
+            self._version = page["metadata"]["resourceVersion"]
         for uid in self._known - uids:
             self._on_gone(uid)
-        self._known, self._version = uids, found["metadata"]["resourceVersion"]
+        self._known = uids
         if self._failures:
             log.info("%s is told again", self._path)
         self._failures = 0
+        self._note_refusal("")
         if not self.listed.done():
             self.listed.set_result(None)
+
+    def _pages(self) -> Iterator[dict[str, Any]]:
+        path = f"{self._path}{'&' if '?' in self._path else '?'}limit={PAGE}"
+        page = self._api.read(path)
+        yield page
+        while more := page["metadata"].get("continue"):
+            page = self._api.read(f"{path}&continue={quote(more)}")
+            yield page
 
     def _follow(self) -> None:
         """Watch until the server ends it, as it does every few minutes; the next one resumes from the last version."""
@@ -129,5 +154,12 @@ class ObjectWatch:
             return
         if self._failures == 0:
             log.warning("%s can't be watched, trying again: %s", self._path, error)
+        if isinstance(error, ActuationError) and error.reason == "Forbidden":
+            self._note_refusal(str(error))
         self._stop.wait(PAUSES[min(self._failures, len(PAUSES) - 1)])
         self._failures += 1
+
+    def _note_refusal(self, why: str) -> None:
+        if self.refused != why:
+            self.refused = why
+            self.on_refused()

@@ -1,24 +1,73 @@
-"""Prometheus metrics: base units, no pod names or uids as labels."""
+"""Prometheus metrics: base units, no pod names or uids as labels.
+
+`namespace` and `name` are the policy's, so that they join with what other exporters say about either.
+"""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from prometheus_client import Counter, Gauge, Histogram
 
+from contextpolicy.policy.spec import Mode
+
+if TYPE_CHECKING:
+    from contextpolicy.policy.spec import Policy
+
+POLICY = ("namespace", "name")
 _LATENCY = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
 
 STAGE_SECONDS = Histogram(
     "contextpolicy_stage_seconds",
     "Time from a sample's arrival until the plan that it made is there, its patch accepted, its limit in force.",
-    ["policy", "stage"],
+    [*POLICY, "stage"],
     buckets=_LATENCY,
 )
-PLANS = Counter("contextpolicy_plans_total", "Plans made.", ["policy"])
-DROPS = Counter("contextpolicy_samples_dropped_total", "Samples not used.", ["policy", "stream", "reason"])
-HELD_BACK = Counter("contextpolicy_plans_held_back_total", "Plans that minDwell held back.", ["policy"])
-CONTEXT_ACTIVE = Gauge("contextpolicy_context_active", "1 while the context has effects.", ["policy", "context"])
-TASK_SHARE = Gauge("contextpolicy_task_share_cores", "What the plan gives the task.", ["policy", "task"])
-TASK_WEIGHT = Gauge("contextpolicy_task_weight", "The task's weight.", ["policy", "task"])
-RESIZES = Counter("contextpolicy_resizes_total", "Patches of pods/resize by result.", ["policy", "result"])
+PLANS = Counter("contextpolicy_plans_total", "Plans made.", POLICY)
+DROPS = Counter("contextpolicy_samples_dropped_total", "Samples not used.", [*POLICY, "stream", "reason"])
+HELD_BACK = Counter("contextpolicy_plans_held_back_total", "Plans that minDwell held back.", POLICY)
+CONTEXT_ACTIVE = Gauge("contextpolicy_context_active", "1 while the context has effects.", [*POLICY, "context"])
+TASK_SHARE = Gauge("contextpolicy_task_share_cores", "What the plan gives the task.", [*POLICY, "task"])
+TASK_WEIGHT = Gauge("contextpolicy_task_weight", "The task's weight.", [*POLICY, "task"])
+RESIZES = Counter("contextpolicy_resizes_total", "Patches of pods/resize by result.", [*POLICY, "result"])
 CONTESTS = Counter(
-    "contextpolicy_contests_total", "Times that somebody else changed the CPU of a container of the policy.", ["policy"]
+    "contextpolicy_contests_total",
+    "Times that somebody else changed the CPU of a container of the policy.",
+    POLICY,
 )
+
+_OF_A_POLICY = (
+    STAGE_SECONDS,
+    PLANS,
+    DROPS,
+    HELD_BACK,
+    CONTEXT_ACTIVE,
+    TASK_SHARE,
+    TASK_WEIGHT,
+    RESIZES,
+    CONTESTS,
+)
+
+
+def labels(policy: str) -> tuple[str, str]:
+    """The first two labels of everything here, from the policy's `namespace/name`."""
+    namespace, _, name = policy.partition("/")
+    return namespace, name
+
+
+def forget(policy: str) -> None:
+    """The policy is gone, and all that was measured of it."""
+    namespace, name = labels(policy)
+    for metric in _OF_A_POLICY:
+        metric.remove_by_labels({"namespace": namespace, "name": name})
+
+
+def replace(before: Policy, after: Policy) -> None:
+    """The policy was edited: tasks and contexts that it lost are gone; a paused one gives none of them anything."""
+    own = {"namespace": before.namespace, "name": before.name}
+    kept = after if after.mode is not Mode.PAUSED else None
+    for context in {one.name for one in before.contexts} - {one.name for one in (kept.contexts if kept else ())}:
+        CONTEXT_ACTIVE.remove_by_labels({**own, "context": context})
+    for task in {one.name for one in before.tasks} - {one.name for one in (kept.tasks if kept else ())}:
+        TASK_SHARE.remove_by_labels({**own, "task": task})
+        TASK_WEIGHT.remove_by_labels({**own, "task": task})

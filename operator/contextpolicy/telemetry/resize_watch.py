@@ -47,7 +47,7 @@ class ResizeWatch:
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
         """The API has accepted new resources; `answered` is when its answer came."""
         self._on_stage(policy, "accepted", container, (cpu.limit or 0) / 1000, answered)
-        metrics.RESIZES.labels(policy, "accepted").inc()
+        metrics.RESIZES.labels(*metrics.labels(policy), "accepted").inc()
         _measure(policy, "patch", self._reactions.reach(policy, container, "patch", cpu), answered)
 
     def on_in_force(self, policy: str, container: str, limit: int) -> None:
@@ -63,7 +63,7 @@ class ResizeWatch:
             if failed.pop(pod, None):
                 self._on_problem(policy, RECOVERED, f"{pod} can be resized again")
             return
-        metrics.RESIZES.labels(policy, error.reason).inc()
+        metrics.RESIZES.labels(*metrics.labels(policy), error.reason).inc()
         message = _advised(f"{pod}: {error.reason}: {error}", remedies.for_refusal(error))
         if failed.get(pod) != message:
             failed[pod] = message
@@ -77,7 +77,7 @@ class ResizeWatch:
                 self._on_problem(policy, RECOVERED, f"{container}: nobody else has resized it for a while")
             return
         self._reactions.drop(policy, container)
-        metrics.CONTESTS.labels(policy).inc()
+        metrics.CONTESTS.labels(*metrics.labels(policy)).inc()
         by, changes = contest.by or "somebody", ", ".join(_changes(contest))
         message = f"{container}: {by} changed its {changes}; it gets what the plan says again"
         message = _advised(message, remedies.for_writer(contest.by))
@@ -126,7 +126,7 @@ class ResizeWatch:
 
 def _measure(policy: str, stage: str, arrived: float | None, at: float) -> None:
     if arrived is not None:
-        metrics.STAGE_SECONDS.labels(policy, stage).observe(at - arrived)
+        metrics.STAGE_SECONDS.labels(*metrics.labels(policy), stage).observe(at - arrived)
 
 
 def _advised(message: str, remedy: str) -> str:
