@@ -16,13 +16,14 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import quote
 
-import urllib3
 from kubernetes.watch.watch import iter_resp_lines
 
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
+
+    import urllib3
 
 log = logging.getLogger(__name__)
 
@@ -49,16 +50,13 @@ class ObjectWatch:
     """One list, followed on a thread of its own.
 
     `on_change(object)` and `on_gone(uid)` are called on that thread. `listed` is done once `on_change` was called for
-    everything that existed at the start. `refused` says why the server lets us see nothing, if it does not;
-    `on_refused` is called when that changes.
+    everything that existed at the start.
     """
 
     def __init__(
         self, api: ListWatch, path: str, on_change: Callable[[Mapping[str, Any]], None], on_gone: Callable[[str], None]
     ) -> None:
         self.listed: Future[None] = Future()
-        self.refused = ""
-        self.on_refused: Callable[[], object] = lambda: None
         self._api, self._path = api, path
         self._on_change, self._on_gone = on_change, on_gone
         self._known: set[str] = set()
@@ -81,10 +79,6 @@ class ObjectWatch:
                 response.shutdown()
         self._thread.join(timeout=5)
 
-    def __str__(self) -> str:
-        """What it follows."""
-        return self._path
-
     def check(self) -> None:
         """RuntimeError when the thread has ended."""
         if not self._thread.is_alive():
@@ -97,7 +91,7 @@ class ObjectWatch:
                     self._list()
                 self._follow()
                 self._stop.wait(PAUSES[0])  # don't hammer a server or proxy that ends every watch at once
-            except (ActuationError, urllib3.exceptions.HTTPError, OSError, ValueError, LookupError, TypeError) as error:
+            except Exception as error:  # noqa: BLE001 - whatever an answer is, everything is listed again
                 self._rest(error)
 
     def _list(self) -> None:
@@ -114,16 +108,14 @@ class ObjectWatch:
         if self._failures:
             log.info("%s is told again", self._path)
         self._failures = 0
-        self._note_refusal("")
         if not self.listed.done():
             self.listed.set_result(None)
 
     def _pages(self) -> Iterator[dict[str, Any]]:
-        path = f"{self._path}{'&' if '?' in self._path else '?'}limit={PAGE}"
-        page = self._api.read(path)
+        page = self._api.read(f"{self._path}?limit={PAGE}")
         yield page
         while more := page["metadata"].get("continue"):
-            page = self._api.read(f"{path}&continue={quote(more)}")
+            page = self._api.read(f"{self._path}?limit={PAGE}&continue={quote(more)}")
             yield page
 
     def _follow(self) -> None:
@@ -154,12 +146,5 @@ class ObjectWatch:
             return
         if self._failures == 0:
             log.warning("%s can't be watched, trying again: %s", self._path, error)
-        if isinstance(error, ActuationError) and error.reason == "Forbidden":
-            self._note_refusal(str(error))
         self._stop.wait(PAUSES[min(self._failures, len(PAUSES) - 1)])
         self._failures += 1
-
-    def _note_refusal(self, why: str) -> None:
-        if self.refused != why:
-            self.refused = why
-            self.on_refused()
