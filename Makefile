@@ -53,6 +53,9 @@ bench: setup  ## measure the decision engine: samples per second, sample to plan
 bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives (RESUME=--resume goes on)
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction $(RESUME)
 
+bench-fleet: cluster  ## measure what 5000 pods and 50 policies cost the operator, on a real API server
+	$(PYTHON) -m tests.bench.fleet
+
 bench-devices: setup  ## measure what navigation, lidar and arm cost, and how exact they are
 	$(PYTHON) -m tests.bench.device_modules
 

@@ -79,9 +79,10 @@ class PoseGraph:
 
     def bypass(self, number: int) -> None:
         """Take a keyframe out: its neighbours are connected through its strongest neighbour instead."""
-        edges = [_from(number, edge) for edge in self._edges.pop(number, [])]
-        for edge in edges:
-            self._edges[edge.second] = [old for old in self._edges[edge.second] if number not in (old.first, old.second)]
+        edges = [_from(number, edge) for edge in self._edges.get(number, [])]
+        for edge in list(self._edges.pop(number, [])):
+            other = edge.second if edge.first == number else edge.first
+            self._edges[other] = [kept for kept in self._edges[other] if kept is not edge]
         if edges:
             hub = max(edges, key=lambda edge: edge.inliers)
             for edge in edges:

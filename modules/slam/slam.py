@@ -17,8 +17,8 @@ import numpy as np
 from modules.slam.features import detect, measure
 from modules.slam.geometry import inverse
 from modules.slam.keyframes import has_moved
-from modules.slam.map import Map
 from modules.slam.loop_closing import LoopCloser
+from modules.slam.map import Map
 from modules.slam.places import Places
 from modules.slam.relocalisation import Relocaliser
 from modules.slam.tracking import Tracker
@@ -75,6 +75,8 @@ class StereoSlam:
 
     def __init__(self, rectifier: Rectifier, effort: Effort = Effort()) -> None:
         self.effort = effort
+        self.size = rectifier.size
+        """Width and height of the raw pictures."""
         self.map = Map(CAPACITY)
         self._rectifier = rectifier
         self._tracker = Tracker(rectifier.matrix, rectifier.size)
@@ -131,7 +133,7 @@ class StereoSlam:
         return fix.inliers < self.effort.overlap * len(fix.keyframe)
 
     def _is_needed(self, fixes: list[Fix]) -> bool:
-        """Whether the picture should become a keyframe: to begin with, to start anew, or because it shows new things."""
+        """Whether the picture should become a keyframe: to begin with, to start anew, or because it shows much new."""
         if not fixes:
             return self._reference is None or self._lost >= PATIENCE
         return self._is_left(fixes[0]) and has_moved(fixes[0].world_from_camera, self.map.newest)

@@ -82,6 +82,7 @@ class Controller:
         self.on_plan: Callable[[str, Plan], None] = lambda *_: None
         self.on_published: Callable[[str, Stamp, Iterable[str]], None] = lambda *_: None
         self.signer: Signer | None = None
+        self.may_act: Callable[[], bool] = lambda: True
         self._session, self._scheduler = session, scheduler
         self._actuator, self._initiatives = actuator, initiatives
         self._inputs: Subject[Input] = Subject()
@@ -104,7 +105,7 @@ class Controller:
             self.run = max(self.run, before.run + 1)  # the wall clock may have been set back, but runs must increase
             metrics.replace(before.policy, self.policy)
         self._bus = Bus(self._session, self.policy, self._scheduler, self._message, self._explain)
-        self._bus.signer = self.signer
+        self._bus.signer, self._bus.may_speak = self.signer, self.may_act
         # An earlier, enforced version may have left a plan in force with the agents.
         if self.policy.mode is not Mode.ENFORCE:
             self._bus.withdraw()
@@ -144,6 +145,11 @@ class Controller:
             self._order()
             self._republish()
         self.on_change()
+
+    def repeat(self) -> None:
+        """Publish the plan in force again: the bus may have missed some."""
+        self._edition += 1
+        self._publish({"trigger": self._now()})
 
     def tell(self, stage: str, container: str, cores: float, at: float) -> None:
         """Publish that a container's new limit reached a stage: `accepted` by the API or `inForce` on the node.

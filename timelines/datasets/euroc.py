@@ -137,9 +137,7 @@ def _write_index(folder: Path, stamps: list[int]) -> None:
     (folder / "data.csv").write_text("\n".join(["#timestamp [ns],filename", *lines, ""]), encoding="utf-8")
 
 
-def _write_pictures(
-    folder: Path, sequence: Sequence, walls: corridor.Walls, progress: Callable[[float], None]
-) -> None:
+def _write_pictures(folder: Path, sequence: Sequence, walls: corridor.Walls, progress: Callable[[float], None]) -> None:
     camera = calibration.load_camera(folder / "sensor.yaml")
     times = _times(sequence.motion.duration, sequence.camera_rate)
     poses = _camera_poses(sequence.motion, times, camera)

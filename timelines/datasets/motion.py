@@ -41,7 +41,8 @@ class Motion:
         """Yaw, pitch and roll in radians; none changes while the robot stands."""
         pace = self.speed_at(times) / self.speed
         sway = 0.12 * np.sin(1.1 * times) + 0.04 * np.sin(2.7 * times)
-        return self._headings_at(times) + pace * sway, pace * 0.008 * np.sin(11.0 * times), pace * 0.006 * np.sin(8.3 * times + 1)
+        pitch, roll = 0.008 * np.sin(11.0 * times), 0.006 * np.sin(8.3 * times + 1)
+        return self._headings_at(times) + pace * sway, pace * pitch, pace * roll
 
     def rotations_at(self, times: Floats) -> Floats:
         """World-from-body rotations, N x 3 x 3."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from contextpolicy.actuators.resize.contest import YIELDED, Contest
 from contextpolicy.cluster.pods import Cpu
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.telemetry import metrics, remedies
@@ -13,11 +14,12 @@ from contextpolicy.telemetry.reactions import Reactions
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
 
-    from contextpolicy.actuators.resize.contest import Contest
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.errors import ActuationError
     from contextpolicy.planning.plan import Plan
 
+FAILED = "ResizeFailed"
+"""Reason of the event which says that the API server refused a resize, or did not answer."""
 RECOVERED = "ResizeRecovered"
 """Reason of the event which says that a problem is over."""
 
@@ -67,7 +69,7 @@ class ResizeWatch:
         message = _advised(f"{pod}: {error.reason}: {error}", remedies.for_refusal(error))
         if failed.get(pod) != message:
             failed[pod] = message
-            self._on_problem(policy, "ResizeFailed", message)
+            self._on_problem(policy, FAILED, message)
 
     def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:
         """Somebody else resized a container, or (None) has not done so for a while."""
@@ -79,7 +81,7 @@ class ResizeWatch:
         self._reactions.drop(policy, container)
         metrics.CONTESTS.labels(*metrics.labels(policy)).inc()
         by, changes = contest.by or "somebody", ", ".join(_changes(contest))
-        message = f"{container}: {by} changed its {changes}; it gets what the plan says again"
+        message = f"{container}: {by} changed its {changes}; {_answer(contest)}"
         message = _advised(message, remedies.for_writer(contest.by))
         if contested.get(container) != message:
             contested[container] = message
@@ -131,6 +133,12 @@ def _measure(policy: str, stage: str, arrived: float | None, at: float) -> None:
 
 def _advised(message: str, remedy: str) -> str:
     return f"{message}; {remedy}" if remedy else message
+
+
+def _answer(contest: Contest) -> str:
+    if contest.yielded:
+        return f"that goes on, so it is left like that, and the plan's value tried again every {YIELDED / 60:g} min"
+    return "it gets what the plan says again"
 
 
 def _changes(contest: Contest) -> Iterator[str]:
