@@ -301,7 +301,7 @@ class _NoWait:
 def event(line: bytes) -> None:
     """Anything as a line of a watch: its thread goes on, and reads the list anew or watches on."""
     server = _Server(line)
-    watch = ObjectWatch(server, "/api/v1/pods", pod, lambda _uid: None)  # type: ignore[arg-type]
+    watch = ObjectWatch(server, "/api/v1/pods", pod, lambda _uid: None)
     watch._stop = _NoWait(server)  # type: ignore[assignment]
     watch._run()
 
