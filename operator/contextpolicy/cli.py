@@ -11,7 +11,19 @@ import os
 import signal
 import sys
 
-from contextpolicy.commands import agent, explain, graph, restore, router, run, simulate, skeleton, top, validate
+from contextpolicy.commands import (
+    agent,
+    explain,
+    graph,
+    restore,
+    router,
+    run,
+    simulate,
+    skeleton,
+    suggest,
+    top,
+    validate,
+)
 from contextpolicy.errors import ContextPolicyError
 
 
@@ -19,7 +31,7 @@ def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, run the command, print errors without a traceback; returns the exit code."""
     parser = argparse.ArgumentParser(prog="contextpolicy", description="Context decides who gets the CPU.")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (run, router, agent, simulate, validate, skeleton, explain, graph, top, restore):
+    for command in (run, router, agent, simulate, suggest, validate, skeleton, explain, graph, top, restore):
         command.add(subparsers)
     arguments = parser.parse_args(argv)
     try:

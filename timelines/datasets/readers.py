@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import wave
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -24,10 +25,12 @@ CHUNK_S = 0.1
 
 
 def read(root: Path, name: str) -> Iterator[Recorded]:
-    """Open `<recording>/<stream>` of a EuRoC sequence, or a folder with `audio.wav`."""
+    """Open `<recording>/<stream>` of a EuRoC sequence, or a folder with `audio.wav` or with pictures and `data.csv`."""
     folder, _, stream = name.rpartition("/")
     if (root / name / "audio.wav").is_file():
         return _audio(root / name / "audio.wav")
+    if (root / name / "data.csv").is_file():
+        return _pictures(root / name)
     if stream in _EUROC and (root / folder / "mav0").is_dir():
         return _EUROC[stream](root / folder / "mav0")
     raise DatasetError(f"data set {name} is not in {root}: make it with `python -m timelines.datasets`")
@@ -71,6 +74,13 @@ def _audio(path: Path) -> Iterator[Recorded]:
         frames = round(audio.getframerate() * CHUNK_S)
         for index in range(audio.getnframes() // frames):
             yield (index + 1) * CHUNK_S, audio.readframes(frames)
+
+
+def _pictures(folder: Path) -> Iterator[Recorded]:
+    with (folder / "data.csv").open(encoding="utf-8", newline="") as file:
+        for row in csv.reader(file):
+            if row and not row[0].startswith("#"):
+                yield float(row[0]), (folder / "data" / row[1]).read_bytes()
 
 
 _EUROC: dict[str, Callable[[Path], Iterator[Recorded]]] = {"stereo": _stereo, "imu": _imu}

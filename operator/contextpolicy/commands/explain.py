@@ -7,7 +7,7 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.commands import robot_arguments
+from contextpolicy.commands import recording_arguments, robot_arguments
 from contextpolicy.commands.credentials import add_credentials
 from contextpolicy.commands.robot_arguments import seconds
 from contextpolicy.commands.simulate import read_files, run_policy
@@ -41,11 +41,12 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument("policy", metavar="POLICY", help="a policy file; with --connect NAMESPACE/NAME")
     parser.add_argument("task", metavar="TASK", nargs="?", help="one task (default: all)")
     source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument("--timeline", metavar="FILE", help="simulate this timeline")
+    source.add_argument("--timeline", metavar="FILE", help="simulate this timeline or recording")
     source.add_argument("--connect", metavar="ENDPOINTS", help="ask the operator, through the router at tcp/HOST:7447")
     add_credentials(parser)
     parser.add_argument("--at", type=seconds, metavar="S", help="with --timeline: when (default: at its end)")
     robot_arguments.add(parser)
+    recording_arguments.add(parser)
     parser.add_argument("--output", choices=("text", "json"), default="text", help="default: text")
     parser.set_defaults(main=main)
 
