@@ -24,7 +24,6 @@ from tests.e2e.cluster import CommandError, apply, delete, run, until
 from tests.e2e.conftest import SYSTEM
 from tests.e2e.robot import IDLE, pod, policy, task
 from tests.node import access, components, lifecycle, processes
-from tests.node.errors import ClusterError
 from tests.soak import growth, oracle, story
 from tests.soak.growth import Size
 from tests.soak.story import Coming, Flip, Killing
@@ -150,8 +149,11 @@ class Stage:
         for event in events:
             time.sleep(max(0.0, began + event.at - time.monotonic()))
             self._carry_out(event)
+        until("every part is back", lambda: not self._missing() or self._missing(), RECOVERY)
+        for name in components.names():
+            lifecycle.start(name)  # waits until it serves
         until("every pod has come", lambda: self._wanted.unfinished_tasks == 0, RECOVERY)
-        until("everything is back", lambda: not self._missing() and all(map(main_processes, story.PODS)), RECOVERY)
+        until("our own processes are back", lambda: all(map(main_processes, story.PODS)), RECOVERY)
 
     def _carry_out(self, event):
         match event:
@@ -178,8 +180,8 @@ class Stage:
         while not self._stop.wait(1.0):
             for name in self._missing():
                 if time.monotonic() >= self._away.get(name, 0.0):
-                    with contextlib.suppress(ClusterError):  # it needs another one that is away: next time
-                        lifecycle.start(name)
+                    # Not waited for: it may need another one that is away, and ends itself until that is back.
+                    processes.start(name, lifecycle.component(name).argv)
             for part in story.PODS:
                 if self.watch.pids.get(part) is None and (pids := main_processes(part)):
                     self.watch.pids[part] = min(pids)
