@@ -17,9 +17,10 @@ help:  ## show this help
 
 setup: .venv/ready  ## install the Python packages into .venv
 
-.venv/ready: pyproject.toml modules/robotkit/pyproject.toml
+.venv/ready: pyproject.toml modules/robotkit/pyproject.toml modules/signs/models.txt
 	python3 -m venv .venv
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable 'modules/robotkit[ros,serial]'
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --requirement modules/signs/models.txt
 	touch $@
 
 demo: images recordings  ## show the main job on a real node: a timeline of sensor input moves CPU between pods
@@ -61,6 +62,9 @@ bench-fleet: cluster  ## measure what 5000 pods and 50 policies cost the operato
 
 bench-devices: setup  ## measure what navigation, lidar and arm cost, and how exact they are
 	$(PYTHON) -m tests.bench.device_modules
+
+bench-prediction: setup  ## measure how well `simulate --profiles` predicts what the kernel does (needs root)
+	$(PYTHON) -m tests.bench.prediction
 
 bench-wheels: setup  ## measure how fast a robot's wheels stop, also at a CPU limit of 10m (needs root)
 	$(PYTHON) -m tests.bench.wheel_stop
