@@ -1,7 +1,7 @@
 """`python -m modules.signs.accuracy`: how many numbers are read right, by both networks.
 
 FILE ...           SVHN's digitStruct.mat (format 1) or *_32x32.mat (format 2)
---rendered FOLDER  draws signs in fonts that no network was trained on, writes them there in both formats, and reads them
+--rendered FOLDER  draws signs in fonts that no network was trained on, writes them in both formats, and reads them
 --drives N         drives along signs and back N times: is each told once each time it passes?
 """
 

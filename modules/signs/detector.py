@@ -28,7 +28,6 @@ _MULTIPLE = 32
 _MOST = 12
 """Texts that are looked at in one picture, the largest ones."""
 _BRIGHT, _MOST_GAIN = 200, 8
-_EDGE = 1.5
 _SMALLEST = 3
 
 
@@ -62,7 +61,7 @@ class Region:
 
 
 class Detector:
-    """Finds texts. `side` is the longer side, in pixels, that a picture is shrunk to: the work grows with its square."""
+    """Finds texts. `side` is the longer side, in pixels, that a picture is shrunk to: work grows with its square."""
 
     def __init__(self, network: cv2.dnn.Net, region: Region = Region(), side: int = 736) -> None:
         self._network = network
@@ -120,10 +119,12 @@ def _clockwise(corners: Array) -> Array:
 
 
 def _inside(corners: Array, width: int, height: int) -> bool:
-    """Whether all of a text is seen; the box of one that is not would hold half a number."""
+    """Whether all of a text is seen; one that the left or right edge cuts would be half a number."""
     low, high = corners.min(axis=0), corners.max(axis=0)
-    grown = 0.1 * min(float(high[0] - low[0]), float(high[1] - low[1])) + _EDGE
-    return bool(low[0] > -grown and low[1] > -grown and high[0] < width + grown and high[1] < height + grown)
+    tall = float(np.linalg.norm(corners[3] - corners[0]))
+    beside, above = 0.03 * tall + 1, 0.1 * tall + 1
+    across = low[0] > -beside and high[0] < width + beside
+    return bool(across and low[1] > -above and high[1] < height + above)
 
 
 def _area(corners: Array) -> float:

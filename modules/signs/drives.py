@@ -1,4 +1,4 @@
-"""A robot that drives along a wall with signs and back, as its side camera sees it: is each sign told once each time?"""
+"""A robot drives along a wall with signs and back, as its side camera sees it, to count how often each is told."""
 
 from __future__ import annotations
 

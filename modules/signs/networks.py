@@ -60,22 +60,27 @@ def find(folder: str) -> Networks:
 def metadata(path: Path) -> dict[str, str]:
     """What an ONNX file says about itself."""
     content = memoryview(path.read_bytes())
-    entries = (dict(_fields(bytes(value))) for number, value in _fields(content) if number == _METADATA)
-    return {bytes(entry[1]).decode(): bytes(entry[2]).decode() for entry in entries}
+    try:
+        entries = [dict(_fields(value)) for number, value in _fields(content) if number == _METADATA]
+        return {bytes(entry[1]).decode(): bytes(entry[2]).decode() for entry in entries}
+    except (IndexError, KeyError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{path} does not say which characters it knows: {error!r}") from error
 
 
-def _fields(message: bytes | memoryview) -> Iterator[tuple[int, bytes | memoryview]]:
+def _fields(message: memoryview) -> Iterator[tuple[int, memoryview]]:
     """Number and content of a message's length-delimited fields (Protocol Buffers, "Encoding")."""
     at = 0
     while at < len(message):
         tag, at = _varint(message, at)
         value, at = _varint(message, at)
         if tag & 7 == _LENGTH_DELIMITED:
+            if at + value > len(message):
+                raise IndexError("it ends within a field")
             yield tag >> 3, message[at : at + value]
             at += value
 
 
-def _varint(message: bytes | memoryview, at: int) -> tuple[int, int]:
+def _varint(message: memoryview, at: int) -> tuple[int, int]:
     value = shift = 0
     while True:
         byte = message[at]

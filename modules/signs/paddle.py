@@ -31,7 +31,7 @@ class Paddle:
         self._labels = ["", *signs]
 
     def read(self, text: Image) -> Reading:
-        """All characters that numbers are made of; others lower the confidence of the columns where they are likelier."""
+        """All characters that numbers are made of; where another one is likelier, their confidence is low."""
         width = max(round(text.shape[1] * HEIGHT / text.shape[0]), 1)
         sized = cv2.resize(text, (width, HEIGHT))
         right = -width % _MULTIPLE

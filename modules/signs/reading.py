@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
 import cv2
@@ -79,9 +80,9 @@ def decode(columns: Array, labels: Sequence[str], blank: int) -> Reading:
     best = columns.argmax(axis=1)
     edges = np.flatnonzero(np.diff(best, prepend=-1, append=-1))
     found = []
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in pairwise(edges.tolist()):
         label = int(best[begin])
         if label != blank:
-            middle = (int(begin) + int(end)) / 2 / len(columns)
+            middle = (begin + end) / 2 / len(columns)
             found.append(Character(labels[label], float(columns[begin:end, label].max()), middle))
     return Reading(tuple(found))

@@ -1,4 +1,4 @@
-"""Pictures of number signs for training and measuring: plates on walls, seen from a distance, at an angle, in bad light.
+"""Pictures of signs for training and measuring: plates on walls, seen from a distance, at an angle, in bad light.
 
 The box of every character is known, as SVHN's are.
 """
@@ -75,7 +75,7 @@ class _Plate:
     boxes: tuple[Box, ...]
 
 
-def render(
+def render(  # noqa: PLR0913 - what, how, and where
     text: str,
     font: str,
     conditions: Conditions,
@@ -84,7 +84,7 @@ def render(
     size: tuple[int, int] | None = None,
     middle: tuple[float, float] | None = None,
 ) -> Rendered:
-    """Draw a sign; the picture has `size` (width, height) with the sign's `middle` somewhere in it, or fits the sign."""
+    """Draw a sign with its `middle` somewhere in a picture of `size` (width, height), or in one that fits the sign."""
     plate = _plate(text, font, conditions.height, rng)
     homography, extent = _projection(plate, conditions)
     if size is None:

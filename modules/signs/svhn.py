@@ -1,6 +1,6 @@
 """SVHN's two published formats (Netzer et al., "Reading Digits in Natural Images", 2011), read and written.
 
-Format 1: a folder of pictures `1.png`, ... with `digitStruct.mat` (MATLAB 7.3, so HDF5): the box and label of each digit.
+Format 1: pictures `1.png`, ... beside `digitStruct.mat` (MATLAB 7.3, so HDF5): the box and label of each digit.
 Format 2: `test_32x32.mat` (MATLAB 5): pictures of 32 x 32 around one digit; what is beside it may be seen too.
 In both, the label of the digit 0 is 10.
 """

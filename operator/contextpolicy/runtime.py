@@ -158,8 +158,8 @@ class Runtime:
         """A pod is new or has changed; one that can't be parsed is logged and ignored."""
         try:
             seen = view(pod)
-        except (ValueError, TypeError, KeyError) as error:
-            log.warning("pod %s can't be read: %r", pod["metadata"].get("name"), error)
+        except ValueError as error:
+            log.warning("a pod can't be read: %s: %.200r", error, pod)
             return
         self._call(lambda: self._take_pod(seen))
 
@@ -202,6 +202,8 @@ class Runtime:
             self._adopt(entry.body, entry.loaded)
 
     def _link(self, *, connected: bool) -> None:
+        if connected is self._connected:
+            return
         self._connected = connected
         log.log(logging.INFO if connected else logging.WARNING, "the bus is %s", "there" if connected else "lost")
         for reference in self._policies:

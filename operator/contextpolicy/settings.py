@@ -39,7 +39,7 @@ class Settings:
     metrics_port: int = 8081
     lease: tuple[str, str] | None = None
     lease_seconds: int = 15
-    identity: str = ""
+    identity: str = field(default_factory=gethostname)
     log_format: str = "text"
     log_level: str = "info"
 

@@ -41,7 +41,6 @@ def test_a_text_is_cut_out_upright(angle):
     picture = np.zeros((200, 300, 3), np.uint8)
     corners = cv2.boxPoints(((150, 100), (120, 40), angle))
     ordered = np.roll(corners, -1, axis=0).astype(np.float32)  # OpenCV begins at the lower left
-    cv2.fillPoly(picture, [ordered[[0, 1]].mean(axis=0).astype(int)[None].repeat(1, 0)], (0, 0, 0))
     left = ordered + (ordered[[1, 0, 3, 2]] - ordered) * np.array([[0], [0.5], [0.5], [0]])
     cv2.fillPoly(picture, [left.astype(np.int32)], (255, 255, 255))
     cut = upright(picture, ordered, 48)

@@ -102,7 +102,7 @@ def test_a_box_that_makes_no_sense_is_told_with_its_entry(folder, field, value, 
 def test_a_field_that_is_missing_is_told(folder):
     with h5py.File(digit_struct(folder), "r+") as file:
         del file[file["digitStruct/bbox"][0][0]]["top"]
-    with pytest.raises(SvhnError, match="entry 1.*top"):
+    with pytest.raises(SvhnError, match=r"entry 1.*top"):
         list(svhn.numbers(digit_struct(folder)))
 
 
