@@ -9,7 +9,7 @@ TIMELINE ?= timelines/demo.json
 CORES ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint unit e2e simulate bench bench-devices bench-reaction bench-wheels cluster cluster-down images recordings crds format clean
+.PHONY: help setup demo test lint unit e2e simulate bench bench-devices bench-reaction bench-wheels test-all heavy cluster cluster-down images recordings crds format clean
 
 help:  ## show this help
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -24,6 +24,8 @@ setup: .venv/ready  ## install the Python packages into .venv
 demo: images recordings  ## show the main job on a real node: a timeline of sensor input moves CPU between pods
 	$(CLUSTER) exec -- $(PYTHON) -m timelines.demo
 
+test-all: test heavy  ## `test`, and what needs a minute-long build or a browser besides
+
 test: lint unit e2e  ## run everything: lint, unit tests, end-to-end tests on a real node
 
 lint: setup  ## check style and types
@@ -32,7 +34,11 @@ lint: setup  ## check style and types
 	.venv/bin/mypy
 
 unit: setup recordings cluster  ## run the tests that need no cluster (helm comes with the node)
-	$(CLUSTER) exec -- $(PYTHON) -m pytest -q --ignore tests/e2e
+	$(CLUSTER) exec -- $(PYTHON) -m pytest -q --ignore tests/e2e --ignore tests/heavy
+
+heavy: setup  ## promtool on the alert rules, the live page in chromium
+	dpkg --status chromium >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends chromium; }
+	$(PYTHON) -m pytest -q tests/heavy
 
 e2e: images  ## run the tests that need a real node
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e --ignore tests/e2e/test_reboot.py

@@ -24,6 +24,7 @@ from contextpolicy.planning.planner import Planner
 from contextpolicy.policy.spec import Control, Mode, Scheduler
 from contextpolicy.streams import subscription
 from contextpolicy.telemetry import metrics
+from contextpolicy.telemetry.logs import log_plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
@@ -56,7 +57,8 @@ class Controller:
     """Samples in; orders to the actuator and messages on the bus out.
 
     Agents act on its plans only if it has a `signer`. `initiatives` are the plugged-in functions that the policy names.
-    `on_change` is called when the status has changed, `on_plan` with the policy's reference and each new plan once it
+    `on_change` is called when the status has changed, `on_context` with a context that began (True) or ceased to hold
+    and the cause, `on_plan` with the policy's reference and each new plan once it
     is ordered, `on_published` with the reference, the stamp and the nodes of each plan that agents must carry out.
     """
 
@@ -76,6 +78,7 @@ class Controller:
         self.run = int(time.time() * 1000)
         self.on_change: Callable[[], None] = lambda: None
         self.on_plan: Callable[[str, Plan], None] = lambda *_: None
+        self.on_context: Callable[[str, bool, str], None] = lambda *_: None
         self.on_published: Callable[[str, Stamp, Iterable[str]], None] = lambda *_: None
         self.signer: Signer | None = None
         self._session, self._scheduler = session, scheduler
@@ -90,11 +93,18 @@ class Controller:
         self._edition = 0
         self._held_back = 0
         self._placed = False
+        self._contexts: tuple[str, ...] = ()
         self._told: list[tuple[str, str]] | None = None
+
+    @property
+    def held(self) -> tuple[Planner, Claim]:
+        """What it knows and what it claims, to look at."""
+        return self.planner, self.claim
 
     def start(self, before: Controller | None = None) -> None:
         """Subscribe and start planning; `before` is the already stopped controller of the policy's previous version."""
         if before is not None:
+            self._contexts = before._contexts  # noqa: SLF001 - the same class
             self.run = max(self.run, before.run + 1)  # the wall clock may have been set back, but runs must increase
         self._bus = Bus(self._session, self.policy, self._scheduler, self._message, self._explain)
         self._bus.signer = self.signer
@@ -155,6 +165,7 @@ class Controller:
             return
         if plan.sequence == self._ordered:
             self._figures.ask()
+            self._tell_contexts(plan)
             return
         self._ordered, self._edition = plan.sequence, 0
         self._order()
@@ -162,7 +173,17 @@ class Controller:
         self._publish({"trigger": plan.time if plan.arrived is None else self._moment(plan.arrived)})
         self._count()
         self._measure(plan)
+        log_plan(self.policy, plan)
+        self._tell_contexts(plan)
         self.on_change()
+
+    def _tell_contexts(self, plan: Plan) -> None:
+        before, self._contexts = self._contexts, plan.contexts
+        if before != plan.contexts:
+            for context in self.policy.contexts:
+                held, holds = context.name in before, context.name in plan.contexts
+                if held is not holds:
+                    self.on_context(context.name, holds, plan.cause)
 
     def _tell_figures(self) -> None:
         """Publish new weights, scores or contexts of a plan whose shares have not changed."""

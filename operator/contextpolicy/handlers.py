@@ -8,6 +8,7 @@ from threading import Event
 from typing import TYPE_CHECKING, Any
 
 import kopf
+from prometheus_client import REGISTRY
 
 from contextpolicy.bus.session import open_client
 from contextpolicy.bus.signatures import Signer
@@ -15,6 +16,8 @@ from contextpolicy.cluster.api import FINALIZER, ApiServer
 from contextpolicy.cluster.watching import ObjectWatch
 from contextpolicy.loop import Loop
 from contextpolicy.runtime import Runtime
+from contextpolicy.telemetry import metrics
+from contextpolicy.telemetry.scrape import Scrape
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,12 +50,14 @@ async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     settings.networking.error_backoffs = RECONNECT
     own: Settings = memo.settings
     api = ApiServer()
+    api.on_answer = lambda method, code: metrics.API_REQUESTS.labels(method, code).inc()
     if not await asyncio.to_thread(api.serves_policies):
         raise kopf.PermanentError("the custom resource is not installed: kubectl apply -f crds/, then start again")
     patches = ThreadPoolExecutor(PATCH_WORKERS, thread_name_prefix="patch")
     reports = ThreadPoolExecutor(1, thread_name_prefix="report")
     signer = Signer(own.signing) if own.signing else None
     memo.runtime, memo.stop = Runtime(api, Loop(), patches=patches, reports=reports, signer=signer), Event()
+    REGISTRY.register(Scrape(memo.runtime.scrape))
     memo.watches = _watches(api, own.namespaces, memo.runtime)
     for watch in memo.watches:
         watch.start()

@@ -23,9 +23,12 @@ from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller
 from contextpolicy.loading import Loaded, load
 from contextpolicy.policy.spec import Mode
+from contextpolicy.telemetry import metrics
+from contextpolicy.telemetry.event_budget import EventBudget
 from contextpolicy.telemetry.events import event
 from contextpolicy.telemetry.reporter import Reporter
 from contextpolicy.telemetry.resize_watch import RECOVERED, ResizeWatch
+from contextpolicy.telemetry.scrape import Scraped, ScrapedPolicy
 from contextpolicy.telemetry.status import StatusFacts, status, waiting
 
 if TYPE_CHECKING:
@@ -56,6 +59,7 @@ class _Entry:
     loaded: Loaded
     controller: Controller | None = None
     conditions: list[dict[str, Any]] = field(default_factory=list)
+    events: EventBudget = field(default_factory=EventBudget)
 
     @property
     def age(self) -> tuple[str, str]:
@@ -141,6 +145,25 @@ class Runtime:
         self._call(lambda: None).result(timeout=HUNG)
         return time.monotonic() - asked
 
+    def scrape(self) -> Scraped | None:
+        """Everything as it is now, for the metrics; None when the loop does not answer."""
+        try:
+            return self._call(self._scrape).result(timeout=HUNG)
+        except TimeoutError:
+            return None
+
+    def _scrape(self) -> Scraped:
+        return Scraped(
+            now=self._loop.to_seconds(self._loop.now),
+            connected=self._session is not None and bool(self._session.info.routers_zid()),
+            policies=[
+                ScrapedPolicy(reference, entry.conditions, entry.controller and entry.controller.held)
+                for reference, entry in self._policies.items()
+            ],
+            pods=list(self._pods.values()),
+            agents=dict(self._agents.reports) if self._agents else {},
+        )
+
     def _call(self, action: Callable[[], Answer]) -> Future[Answer]:
         """Run `action` on the loop."""
         future: Future[Answer] = Future()
@@ -193,6 +216,9 @@ class Runtime:
         entry.controller.signer = self._signer
         entry.controller.on_change = lambda: self._report(reference)
         entry.controller.on_plan = self._watch.planned
+        entry.controller.on_context = lambda context, active, cause: self._tell_context(
+            reference, context, cause, active=active
+        )
         if self._agents is not None:
             self._agents.forget(reference)
             entry.controller.on_published = self._agents.expect
@@ -301,9 +327,23 @@ class Runtime:
         entry = self._policies.get(reference)
         log.warning("%s: %s: %s", reference, reason, message)
         if entry is not None:
-            now = self._loop.to_seconds(self._loop.now)
-            warning = reason != RECOVERED
-            self._reporter.event(event(entry.body, reason=reason, message=message, now=now, warning=warning))
+            self._post(entry, reason, message, warning=reason != RECOVERED)
+
+    def _tell_context(self, reference: str, context: str, cause: str, *, active: bool) -> None:
+        """The plan's own line in the log says it already."""
+        entry = self._policies.get(reference)
+        if entry is not None:
+            reason = "ContextEntered" if active else "ContextExited"
+            self._post(entry, reason, f"{context}: {cause}", warning=False)
+
+    def _post(self, entry: _Entry, reason: str, message: str, *, warning: bool) -> None:
+        now = self._loop.to_seconds(self._loop.now)
+        if entry.events.spend(now):
+            told = entry.events.admit_to(message)
+            self._reporter.event(event(entry.body, reason=reason, message=told, now=now, warning=warning))
+        else:
+            metadata = entry.body["metadata"]
+            metrics.EVENTS_LEFT_OUT.labels(metadata["namespace"], metadata["name"]).inc()
 
 
 def _fulfil(done: Future[None]) -> None:

@@ -12,7 +12,9 @@ EVERYTHING = (
     "agent.enabled=true",
     "agent.realtime=true",
     "networkPolicy.enabled=true",
-    "metrics.serviceMonitor.enabled=true",
+    "metrics.podMonitor.enabled=true",
+    "metrics.alerts.enabled=true",
+    "metrics.dashboard.enabled=true",
     "imagePullSecrets[0].name=secret",
     "commonLabels.robot=one",
     "router.hostPort=7447",
@@ -65,7 +67,9 @@ def test_everything_at_once_renders(render):
         ("NetworkPolicy", "contextpolicy-restore"),
         ("NetworkPolicy", "contextpolicy-router"),
         ("ServiceAccount", "contextpolicy-agent"),
-        ("ServiceMonitor", "contextpolicy"),
+        ("PodMonitor", "contextpolicy"),
+        ("PrometheusRule", "contextpolicy"),
+        ("ConfigMap", "contextpolicy-dashboard"),
     }
 
 
@@ -152,10 +156,6 @@ def test_network_policies_let_the_operator_reach_another_router(render):
     [
         (("zenoh.connect={tcp/a:7447}",), "so set router.enabled=false; or leave zenoh.connect empty"),
         (("router.enabled=false",), "there is no Zenoh router to listen to: set router.enabled=true"),
-        (
-            ("metrics.serviceMonitor.enabled=true", "metrics.service.enabled=false"),
-            "set metrics.service.enabled=true",
-        ),
         (("operator.logLevel=LOUD",), "operator/logLevel"),
         (("router.enabled=false", "zenoh.connect={robot.local:7447}"), "zenoh/connect/0"),
         (("agent.enabld=true",), "enabld"),

@@ -17,7 +17,7 @@ from contextpolicy.cluster.writers import FIELD_MANAGER
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
 JSON = "application/json"
 STRATEGIC = "application/strategic-merge-patch+json"
@@ -49,6 +49,8 @@ class ApiServer:
 
     def __init__(self) -> None:
         """Find the cluster as kubectl does: the pod's service account, else KUBECONFIG."""
+        self.on_answer: Callable[[str, str], object] = lambda *_: None
+        """Called with the HTTP method and the status code of each answer; the code is `none` if there was none."""
         _configure()
         settings = client.Configuration.get_default_copy()
         settings.connection_pool_maxsize = POOL
@@ -146,12 +148,15 @@ class ApiServer:
         headers = {"Accept": JSON, "Content-Type": how.pop("content_type", JSON), "User-Agent": FIELD_MANAGER}
         try:
             self._client.update_params_for_auth(headers, [], ["BearerToken"], target, method, content)
-            return self._pool.urlopen(method, self._prefix + target, body=content, headers=headers, **how)
+            response = self._pool.urlopen(method, self._prefix + target, body=content, headers=headers, **how)
         except config.ConfigException as error:  # the token could not be renewed
             raise ActuationError("NoToken", str(error), retriable=True) from error
         except (urllib3.exceptions.HTTPError, OSError) as error:
+            self.on_answer(method, "none")
             path = target.partition("?")[0]
             raise ActuationError("Unreachable", f"{method} {path}: {error}", retriable=True, in_doubt=True) from error
+        self.on_answer(method, str(response.status))
+        return response
 
 
 def _configure() -> None:

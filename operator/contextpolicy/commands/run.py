@@ -39,6 +39,7 @@ def run(settings: Settings) -> None:
     import prometheus_client
 
     from contextpolicy import handlers
+    from contextpolicy.telemetry.build_info import tell_build
 
     formats = {"text": kopf.LogFormat.FULL, "json": kopf.LogFormat.JSON}
     kopf.configure(
@@ -48,6 +49,7 @@ def run(settings: Settings) -> None:
     )
     for chatty in ("kopf.objects", "aiohttp.access"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
+    tell_build("operator")
     prometheus_client.start_http_server(settings.metrics_port)
     kopf.run(
         registry=handlers.registry,

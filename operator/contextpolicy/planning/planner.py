@@ -43,6 +43,8 @@ class Planner:
         self.drops: Counter[tuple[str, str]] = Counter()
         self.errors: dict[str, str] = {}
         self.held_back = 0
+        self.transitions: Counter[str] = Counter()
+        """How often each context began or ceased to hold."""
         self.started = False
         self.last: Plan | None = None
         """What is true now: the shares in force, the weights and contexts of this moment."""
@@ -182,6 +184,7 @@ class Planner:
 
     def on_context(self, context: ContextState, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """A context began or ceased to hold."""
+        self.transitions[context.spec.name] += 1
         source = ", ".join(stream.spec.name for stream in context.streams) or "policy"
         self._note(context, f"{source}: context {context.spec.name} {'entered' if context.active else 'exited'}")
 
