@@ -247,7 +247,7 @@ def running(server, monkeypatch, told):
             "standalone": True,
             "clusterwide": True,
             "stop_flag": stop,
-            "memo": kopf.Memo(settings=Settings()),
+            "memo": kopf.Memo(settings=Settings(live_port=0)),
         },
         daemon=True,  # one that hangs must fail its test, not keep the test run from ending
     )

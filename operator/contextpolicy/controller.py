@@ -17,11 +17,12 @@ from contextpolicy.actuators.order import Order
 from contextpolicy.bus.decision_bus import Bus, message
 from contextpolicy.bus.pacing import Pacing
 from contextpolicy.cluster.claims import Claim
-from contextpolicy.explain.explanation import explain
+from contextpolicy.explain.explanation import explain as explanation_of
 from contextpolicy.planning.observable import plans
 from contextpolicy.planning.placement import Placement
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy.spec import Control, Mode, Scheduler
+from contextpolicy.recorder.flight_recorder import FlightRecorder, PlanRecord, SampleRecord
 from contextpolicy.streams import subscription
 from contextpolicy.telemetry import metrics
 from contextpolicy.telemetry.logs import log_plan
@@ -80,7 +81,10 @@ class Controller:
         self.on_plan: Callable[[str, Plan], None] = lambda *_: None
         self.on_context: Callable[[str, bool, str], None] = lambda *_: None
         self.on_published: Callable[[str, Stamp, Iterable[str]], None] = lambda *_: None
+        self.board: Callable[[], dict[str, Any] | None] = lambda: None
+        """What a query for the policy's board is answered with."""
         self.signer: Signer | None = None
+        self.recorder = FlightRecorder()
         self._session, self._scheduler = session, scheduler
         self._actuator, self._initiatives = actuator, initiatives
         self._inputs: Subject[Input] = Subject()
@@ -106,7 +110,8 @@ class Controller:
         if before is not None:
             self._contexts = before._contexts  # noqa: SLF001 - the same class
             self.run = max(self.run, before.run + 1)  # the wall clock may have been set back, but runs must increase
-        self._bus = Bus(self._session, self.policy, self._scheduler, self._message, self._explain)
+        answers = {"plan": self.message, "explain": self.explain, "board": self.board}
+        self._bus = Bus(self._session, self.policy, self._scheduler, answers)
         self._bus.signer = self.signer
         # An earlier, enforced version may have left a plan in force with the agents.
         if self.policy.mode is not Mode.ENFORCE:
@@ -116,7 +121,12 @@ class Controller:
             return
         former = before.planner if before else None
         planned = plans(self.planner, self._inputs, self._scheduler, self._initiatives, former)
-        samples = subscription.inputs(self._session, self.policy.streams, self._scheduler, self._drop)
+        take, records = self.recorder.take_sample, self.recorder.begin(self.policy.reference)
+
+        def tap(*sample: Any) -> None:
+            take(records, SampleRecord(*sample))
+
+        samples = subscription.inputs(self._session, self.policy.streams, self._scheduler, self._drop, tap)
         self._subscription = CompositeDisposable(
             planned.subscribe(self._on_plan), samples.subscribe(self._inputs.on_next)
         )
@@ -193,7 +203,7 @@ class Controller:
             self._measure(self.planner.last)
             self.on_change()
 
-    def _message(self) -> dict[str, Any] | None:
+    def message(self) -> dict[str, Any] | None:
         """The bus message for the plan in force, with the containers as they are now; None before the first plan."""
         plan, containers = self.planner.last, self.claim.placement.containers
         if plan is None:
@@ -201,18 +211,20 @@ class Controller:
         return {**message(self.policy, self.run, plan, containers, self._pods), "edition": self._edition}
 
     def _publish(self, more: Mapping[str, Any]) -> None:
-        content = self._message()
+        content = self.message()
         if self._bus is not None and content is not None:
             self._told = _whereabouts(content)
             self._figures.rest()
-            self._bus.publish({**content, **more})
+            payload = self._bus.publish({**content, **more})
+            records = self.recorder.begin(self.policy.reference)
+            self.recorder.take_plan(records, PlanRecord(time.monotonic(), payload))
             if self.policy.mode is Mode.ENFORCE:
                 stamp = content["run"], content["sequence"], content["edition"]
                 self.on_published(self.policy.reference, stamp, content["nodes"])
 
     def _republish(self) -> None:
         """Publish the plan in force again if containers restarted or moved, so that agents find their cgroups."""
-        content = self._message()
+        content = self.message()
         if content is not None and _whereabouts(content) != self._told:
             self._edition += 1
             self._publish({"trigger": self._now()})
@@ -267,8 +279,9 @@ class Controller:
         if self.planner.drops[stream, reason] == 1:
             self.on_change()
 
-    def _explain(self) -> dict[str, Any]:
-        return explain(self.planner, self._now())
+    def explain(self) -> dict[str, Any]:
+        """Why each task has its share."""
+        return explanation_of(self.planner, self._now())
 
     def _moment(self, monotonic: float) -> float:
         return self._now() - (time.monotonic() - monotonic)

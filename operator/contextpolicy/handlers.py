@@ -14,6 +14,7 @@ from contextpolicy.bus.session import open_client
 from contextpolicy.bus.signatures import Signer
 from contextpolicy.cluster.api import FINALIZER, ApiServer
 from contextpolicy.cluster.watching import ObjectWatch
+from contextpolicy.live.page_server import PageServer
 from contextpolicy.loop import Loop
 from contextpolicy.runtime import Runtime
 from contextpolicy.telemetry import metrics
@@ -57,7 +58,10 @@ async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     reports = ThreadPoolExecutor(1, thread_name_prefix="report")
     signer = Signer(own.signing) if own.signing else None
     memo.runtime, memo.stop = Runtime(api, Loop(), patches=patches, reports=reports, signer=signer), Event()
-    REGISTRY.register(Scrape(memo.runtime.scrape))
+    memo.scrape = Scrape(memo.runtime.scrape)
+    REGISTRY.register(memo.scrape)
+    memo.live = PageServer(own.live_port, memo.runtime)
+    memo.live.start()
     memo.watches = _watches(api, own.namespaces, memo.runtime)
     for watch in memo.watches:
         watch.start()
@@ -86,6 +90,8 @@ async def stop(memo: Any, **_: Any) -> None:
     """Close everything; limits stay in force."""
     memo.stop.set()
     await memo.connecting
+    REGISTRY.unregister(memo.scrape)
+    await asyncio.to_thread(memo.live.close)
     await asyncio.to_thread(_close, memo.watches, memo.runtime)
 
 

@@ -6,6 +6,7 @@ Public methods may be called from any thread but the loop's: each hands its work
 
 from __future__ import annotations
 
+import json
 import logging
 import time
 from concurrent.futures import Future
@@ -16,13 +17,18 @@ from contextpolicy.actuators.dry_run import DryRun
 from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.resizer import PodResizer
 from contextpolicy.bus.agent_watch import AgentWatch
+from contextpolicy.bus.usage_watch import UsageWatch
 from contextpolicy.cluster.agent_reports import with_agents
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.nodes import allocatable
 from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller
+from contextpolicy.live.board import Alive, board
 from contextpolicy.loading import Loaded, load
+from contextpolicy.planning.timers import SAME_INSTANT
 from contextpolicy.policy.spec import Mode
+from contextpolicy.recorder.flight_recorder import FlightRecorder
+from contextpolicy.recorder.recording import bare, recording
 from contextpolicy.telemetry import metrics
 from contextpolicy.telemetry.event_budget import EventBudget
 from contextpolicy.telemetry.events import event
@@ -42,6 +48,7 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.loop import Loop
     from contextpolicy.policy.spec import Policy
+    from contextpolicy.recorder.flight_recorder import Records
 
 Answer = TypeVar("Answer")
 
@@ -79,12 +86,14 @@ class Runtime:
     ) -> None:
         self._session: zenoh.Session | None = None
         self._agents: AgentWatch | None = None
+        self._usage: UsageWatch | None = None
         self._loop, self._api = loop, api
         self._patches, self._signer = patches, signer
         self._reporter = Reporter(api, loop, reports)
         self._watch = ResizeWatch(self._on_problem, self._on_stage)
         self._resizer = PodResizer(api, loop, patches, self._watch)
         self._dry_run = DryRun()
+        self._recorder = FlightRecorder()
         self._policies: dict[str, _Entry] = {}
         self._pods: dict[str, PodView] = {}
         self._nodes: dict[str, int] = {}
@@ -164,6 +173,53 @@ class Runtime:
             agents=dict(self._agents.reports) if self._agents else {},
         )
 
+    def boards(self) -> list[dict[str, Any]]:
+        """All policies as they are now (see `live.board`); TimeoutError when the loop does not answer."""
+        return self._call(lambda: [self._board(reference) for reference in sorted(self._policies)]).result(HUNG)
+
+    def plans(self, policy: str, since: float) -> list[dict[str, Any]]:
+        """The recorded plans of a policy after `since`, each with when it was `published`, in Unix seconds."""
+        ahead = self._loop.to_seconds(self._loop.now) - time.monotonic()
+        records = self._call(lambda: list(self._recorder.plans_since(policy, since - ahead + SAME_INSTANT)))
+        return [{**json.loads(plan.payload), "published": plan.published + ahead} for plan in records.result(HUNG)]
+
+    def explanation(self, policy: str) -> dict[str, Any] | None:
+        """Why each task of a policy has its share; None when no version of it runs."""
+        return self._call(lambda: self._explain(policy)).result(HUNG)
+
+    def recording(self, policy: str, last: float) -> dict[str, Any] | None:
+        """The last seconds of a policy, and the policy itself; None when no version of it runs."""
+        found = self._call(lambda: self._recorded(policy)).result(HUNG)
+        if found is None:
+            return None
+        body, running, records = found
+        # Not on the loop: it may decode tens of thousands of samples.
+        return {"policy": bare(body), **recording(running, records, time.monotonic(), last)}
+
+    def _explain(self, reference: str) -> dict[str, Any] | None:
+        entry = self._policies.get(reference)
+        return entry.controller.explain() if entry is not None and entry.controller is not None else None
+
+    def _recorded(self, reference: str) -> tuple[Mapping[str, Any], Policy, Records] | None:
+        entry, records = self._policies.get(reference), self._recorder.of(reference)
+        if entry is None or entry.controller is None or records is None:
+            return None
+        return entry.body, entry.controller.policy, records.copy()
+
+    def _board(self, reference: str) -> dict[str, Any]:
+        entry = self._policies[reference]
+        return board(
+            Alive(
+                policy=reference,
+                now=self._loop.to_seconds(self._loop.now),
+                conditions=entry.conditions,
+                planner=entry.controller.planner if entry.controller else None,
+                plan=entry.controller.message() if entry.controller else None,
+                reactions=self._watch.recent(reference),
+                usage=self._usage.now() if self._usage else {},
+            )
+        )
+
     def _call(self, action: Callable[[], Answer]) -> Future[Answer]:
         """Run `action` on the loop."""
         future: Future[Answer] = Future()
@@ -183,7 +239,7 @@ class Runtime:
         return future
 
     def _begin(self, session: zenoh.Session, agents: AgentWatch) -> None:
-        self._session, self._agents = session, agents
+        self._session, self._agents, self._usage = session, agents, UsageWatch(session, self._loop)
         for entry in list(self._policies.values()):
             self._adopt(entry.body, entry.loaded)
 
@@ -213,8 +269,9 @@ class Runtime:
         entry.controller = Controller(
             policy, session=session, scheduler=self._loop, actuator=actuator, initiatives=entry.loaded.initiatives
         )
-        entry.controller.signer = self._signer
+        entry.controller.signer, entry.controller.recorder = self._signer, self._recorder
         entry.controller.on_change = lambda: self._report(reference)
+        entry.controller.board = lambda: self._board(reference)
         entry.controller.on_plan = self._watch.planned
         entry.controller.on_context = lambda context, active, cause: self._tell_context(
             reference, context, cause, active=active
@@ -239,6 +296,7 @@ class Runtime:
         if self._agents is not None:
             self._agents.forget(reference)
         self._reporter.forget(reference)
+        self._recorder.forget(reference)
         self._watch.forget(reference)
         self._resizer.release(reference, lambda: _fulfil(done))
         self._place()

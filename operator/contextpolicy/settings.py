@@ -30,6 +30,7 @@ class Settings:
     namespaces: tuple[str, ...] = ()
     health_port: int = 8080
     metrics_port: int = 8081
+    live_port: int = 8082
     log_format: str = "text"
     log_level: str = "info"
 
@@ -44,6 +45,7 @@ def read(environment: Mapping[str, str]) -> Settings:
         namespaces=_words(environment.get("WATCH_NAMESPACES", "")),
         health_port=_port(environment, "HEALTH_PORT", 8080, findings),
         metrics_port=_port(environment, "METRICS_PORT", 8081, findings),
+        live_port=_port(environment, "LIVE_PORT", 8082, findings),
         log_format=_word(environment, "LOG_FORMAT", LOG_FORMATS, "text", findings),
         log_level=_word(environment, "LOG_LEVEL", LOG_LEVELS, "info", findings),
     )

@@ -128,7 +128,7 @@ def session():
 
 
 def a_bus(session, scheduler, current=lambda: {"n": 1}, explain=lambda: {"why": "so"}):
-    return Bus(session, POLICY, scheduler, current, explain)
+    return Bus(session, POLICY, scheduler, {"plan": current, "explain": explain})
 
 
 def test_what_is_published_goes_to_the_policys_keys(session, scheduler):

@@ -29,6 +29,7 @@ DEFAULTS = {
     ("Deployment", "contextpolicy-router"),
     ("Service", "contextpolicy-metrics"),
     ("Service", "contextpolicy-router"),
+    ("Role", "contextpolicy-live"),
     ("ServiceAccount", "contextpolicy"),
     ("ClusterRole", "contextpolicy-restore"),
     ("ClusterRoleBinding", "contextpolicy-restore"),
@@ -100,6 +101,7 @@ def test_the_operator_is_told_all_it_needs(render):
         "WATCH_NAMESPACES": "robot,lab",
         "HEALTH_PORT": "8080",
         "METRICS_PORT": "8081",
+        "LIVE_PORT": "8082",
         "LOG_FORMAT": "text",
         "LOG_LEVEL": "INFO",
     }

@@ -35,7 +35,11 @@ def rights(role):
 def test_the_operator_may_do_this_everywhere(render):
     rendered = render()
     assert rights(rendered["ClusterRole", "contextpolicy"]) == NODES | IN_A_NAMESPACE
-    assert not [key for key in rendered if key[0] == "Role"]
+    assert [key for key in rendered if key[0] == "Role"] == [("Role", "contextpolicy-live")]
+    assert rights(rendered["Role", "contextpolicy-live"]) == {
+        ("", "pods"): {"get", "list"},
+        ("", "pods/portforward"): {"create"},
+    }
     assert rights(rendered["ClusterRole", "contextpolicy-restore"]) == RESTORE
 
 
