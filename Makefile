@@ -9,7 +9,7 @@ TIMELINE ?= timelines/demo.json
 CORES ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint unit e2e simulate bench bench-devices bench-reaction bench-wheels test-all heavy cluster cluster-down images recordings crds format clean
+.PHONY: help setup demo test lint unit e2e simulate bench bench-devices bench-reaction bench-wheels test-all heavy cluster cluster-down images recordings pictures lock crds format clean
 
 help:  ## show this help
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -72,6 +72,16 @@ images: cluster  ## build the images and import them into the node
 recordings: setup  ## make the demo's recordings: a rendered EuRoC sequence and synthesised speech
 	dpkg --status $(VOICES) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(VOICES); }
 	$(PYTHON) -m timelines.datasets
+
+pictures: setup  ## draw what each sample policy does on its timeline, for the cookbook
+	@for file in config/expectations/*.yaml; do \
+	  command=$$(sed -n 's/^# contextpolicy \(simulate .*\) --assert.*/\1/p' $$file); \
+	  $(PYTHON) -m contextpolicy $$command --plot config/policies/pictures/$$(basename $$file .yaml).svg >/dev/null || exit 1; \
+	done
+
+lock: setup  ## lock the versions and hashes of what goes into the operator's image
+	.venv/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
+	  --no-annotate --upgrade pyproject.toml --output-file operator/requirements.txt
 
 crds:  ## copy the canonical CRD into the chart and into the package
 	cp crds/contextpolicies.contextpolicy.dev.yaml charts/contextpolicy/files/

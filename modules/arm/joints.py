@@ -65,18 +65,18 @@ class Arm:
     home: Point
 
     def posture_at(self, point: Point, *, grip: float) -> Posture:
-        """Give the posture that brings the grip to a point, or raise Unreachable with every limit in its way."""
+        """Return the posture that brings the grip to a point, or raise Unreachable with every limit in its way."""
         angles = inverse(self.links, point)
         return self.checked({"base": angles.base, "shoulder": angles.shoulder, "elbow": angles.elbow, "grip": grip})
 
     def checked(self, posture: Posture) -> Posture:
-        """Give the posture back if it is allowed, or raise Unreachable with every limit that it breaks."""
+        """Return the posture back if it is allowed, or raise Unreachable with every limit that it breaks."""
         if problems := "; ".join(self._problems(posture)):
             raise Unreachable(problems)
         return posture
 
     def grip_at(self, posture: Posture) -> Point:
-        """Give where the grip is."""
+        """Return where the grip is."""
         return forward(self.links, Angles(posture["base"], posture["shoulder"], posture["elbow"]))
 
     def _problems(self, posture: Posture) -> Iterator[str]:

@@ -36,7 +36,7 @@ class Angles:
 
 
 def forward(links: Links, angles: Angles) -> Point:
-    """Give the place of the grip."""
+    """Return the place of the grip."""
     base, shoulder, elbow = map(math.radians, (angles.base, angles.shoulder, angles.elbow))
     reach = links.offset + links.upper_arm * math.cos(shoulder) + links.forearm * math.cos(elbow)
     height = links.upper_arm * math.sin(shoulder) + links.forearm * math.sin(elbow)
@@ -44,7 +44,7 @@ def forward(links: Links, angles: Angles) -> Point:
 
 
 def inverse(links: Links, point: Point) -> Angles:
-    """Give the joint angles, elbow up, that bring the grip to a point in front of the base, or raise Unreachable."""
+    """Return the joint angles, elbow up, that bring the grip to a point in front of the base, or raise Unreachable."""
     x, y, z = point
     reach = math.hypot(x, y) - links.offset
     distance = math.hypot(reach, z)
@@ -59,7 +59,7 @@ def inverse(links: Links, point: Point) -> Angles:
 
 
 def _corner(side: float, other: float, opposite: float) -> float:
-    """Give the angle between two sides of a triangle by the law of cosines."""
+    """Return the angle between two sides of a triangle by the law of cosines."""
     cosine = (side**2 + other**2 - opposite**2) / (2 * side * other)
     return math.acos(min(max(cosine, -1.0), 1.0))
 

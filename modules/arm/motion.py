@@ -18,7 +18,7 @@ STEP_S = 0.05
 
 
 def stepped(arm: Arm, current: Posture, goal: Posture) -> Posture:
-    """Give the next posture on the way: all joints arrive together, none moves faster than it may."""
+    """Return the next posture on the way: all joints arrive together, none moves faster than it may."""
     steps = max(abs(goal[name] - current[name]) / (arm.joints[name].speed * STEP_S) for name in NAMES)
     if steps <= 1:
         return dict(goal)

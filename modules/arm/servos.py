@@ -43,7 +43,7 @@ _CHANNEL_AND_VALUE = {Opcode.SET_TARGET, Opcode.SET_SPEED, Opcode.SET_ACCELERATI
 
 
 def crc7(data: bytes) -> int:
-    """Give the remainder that the Maestro expects as the last byte."""
+    """Return the remainder that the Maestro expects as the last byte."""
     remainder = 0
     for byte in data:
         remainder ^= byte
@@ -61,7 +61,7 @@ class Command:
     value: int = 0
 
     def encode(self) -> bytes:
-        """Give the bytes with their CRC."""
+        """Return the bytes with their CRC."""
         body = bytes([self.opcode])
         if self.opcode in _CHANNEL_AND_VALUE:
             body += bytes([self.channel, self.value & 0x7F, self.value >> 7])
@@ -123,7 +123,7 @@ class CommandParser:
         return commands
 
     def take_errors(self) -> int:
-        """Give the error bits and forget them."""
+        """Return the error bits and forget them."""
         errors, self.errors = self.errors, 0
         return errors
 

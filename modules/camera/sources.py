@@ -62,7 +62,7 @@ class Devices:
         self._capture = capture
 
     def frames(self, ended: threading.Event) -> Frames:
-        """Look until the end; DeviceError when a device can't be opened or gives nothing more."""
+        """Yield pictures until the end; DeviceError when a device can't be opened or gives nothing more."""
         captures = [self._capture(path, cv2.CAP_V4L2) for path in self._paths]
         try:
             for path, capture in zip(self._paths, captures, strict=True):

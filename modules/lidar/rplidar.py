@@ -72,7 +72,7 @@ class Descriptor:
     type: int
 
     def encode(self) -> bytes:
-        """Give the seven bytes."""
+        """Return the seven bytes."""
         return _DESCRIPTOR.pack(DESCRIPTOR_START, self.size | self.multiple << 30, self.type)
 
 
@@ -86,7 +86,7 @@ class Info:
     serial: bytes
 
     def encode(self) -> bytes:
-        """Give the 20 bytes."""
+        """Return the 20 bytes."""
         return _INFO.pack(self.model, self.firmware[1], self.firmware[0], self.hardware, self.serial)
 
 
@@ -98,7 +98,7 @@ class Health:
     error: int
 
     def encode(self) -> bytes:
-        """Give the three bytes."""
+        """Return the three bytes."""
         return _HEALTH.pack(self.status, self.error)
 
 
@@ -110,7 +110,7 @@ class SampleRate:
     express: int
 
     def encode(self) -> bytes:
-        """Give the four bytes."""
+        """Return the four bytes."""
         return _SAMPLE_RATE.pack(self.standard, self.express)
 
 
@@ -124,7 +124,7 @@ class Node:
     start: bool = False
 
     def encode(self) -> bytes:
-        """Give the five bytes."""
+        """Return the five bytes."""
         flags = self.quality << 2 | (not self.start) << 1 | self.start
         return _NODE.pack(flags, round(self.angle * 64) << 1 | 1, round(self.distance * 4))
 
@@ -139,7 +139,7 @@ class Capsule:
     start: bool = False
 
     def encode(self) -> bytes:
-        """Give the 84 bytes."""
+        """Return the 84 bytes."""
         body = struct.pack("<H", round(self.angle * 64) | self.start << 15)
         for at in range(0, 2 * CABINS, 2):
             (first, second), (turn, other) = self.distances[at : at + 2], self.offsets[at : at + 2]

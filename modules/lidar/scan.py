@@ -27,7 +27,7 @@ class ScanParser(Protocol):
     skipped: int
 
     def feed(self, data: bytes) -> list[Node]:
-        """Take the next bytes and give the nodes that are complete now."""
+        """Take the next bytes and return the nodes that are complete now."""
 
 
 class NodeParser:
@@ -39,7 +39,7 @@ class NodeParser:
         self._last: Node | None = None
 
     def feed(self, data: bytes) -> list[Node]:
-        """Take the next bytes and give the nodes that are complete now; `skipped` counts the bytes of none."""
+        """Take the next bytes and return the nodes that are complete now; `skipped` counts the bytes of none."""
         self._buffer += data
         nodes: list[Node] = []
         at = 0
@@ -56,7 +56,7 @@ class NodeParser:
         return nodes
 
     def _next(self, at: int) -> Node | None:
-        """Give the node at this byte if it fits its predecessor, or, when there is none, its successors."""
+        """Return the node at this byte if it fits its predecessor, or, when there is none, its successors."""
         node = self._node(at)
         if node is None or (self._last is not None and not _fits(self._last, node)):
             return None
@@ -84,7 +84,7 @@ class CapsuleParser:
         self._last: Capsule | None = None
 
     def feed(self, data: bytes) -> list[Node]:
-        """Take the next bytes and give the nodes whose angles are known now."""
+        """Take the next bytes and return the nodes whose angles are known now."""
         self._buffer += data
         nodes: list[Node] = []
         while len(self._buffer) >= CAPSULE_SIZE:
@@ -112,7 +112,7 @@ class Turns:
         self._whole = True
 
     def add(self, nodes: Iterable[Node]) -> list[list[Node]]:
-        """Take the next nodes and give the turns that they complete."""
+        """Take the next nodes and return the turns that they complete."""
         turns = []
         for node in nodes:
             follows = not self._nodes or _fits(self._nodes[-1], node)
@@ -133,7 +133,7 @@ class Turns:
 
 
 def ranges(turn: Sequence[Node], *, forward: float = 0.0) -> list[float]:
-    """Give the nearest distance in m in each degree, counter-clockwise from straight ahead; 0: nothing there.
+    """Return the nearest distance in m in each degree, counter-clockwise from straight ahead; 0: nothing there.
 
     `forward` is the lidar's angle that points ahead on the robot.
     """

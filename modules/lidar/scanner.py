@@ -63,7 +63,7 @@ class Scanner:
         return info
 
     def turns(self, ended: threading.Event) -> Iterator[list[Node]]:
-        """Give full turns until `ended` is set."""
+        """Return full turns until `ended` is set."""
         heard, patience = time.monotonic(), SPIN_UP_S
         while not ended.wait(CYCLE_S):
             data = self._line.read(0)

@@ -80,12 +80,12 @@ class RplidarA1:
         return (rplidar.EXPRESS_DESCRIPTOR if express else rplidar.SCAN_DESCRIPTOR).encode()
 
     def _measure(self, angle: float) -> int:
-        """Give mm."""
+        """Return the distance in mm; 0 where the lidar sees nothing."""
         metres = self._distance(angle)
         return round(metres * 1000) if NEAR <= metres <= FAR else 0
 
     def _step(self, step: float) -> tuple[float, bool]:
-        """Give the angle of the next sample, and whether a turn begins with it."""
+        """Return the angle of the next sample, and whether a turn begins with it."""
         angle = math.floor(self._angle * 64) / 64
         start, self._first = self._first or self._angle < step, False
         self._angle = (self._angle + step) % rplidar.FULL_TURN
@@ -104,7 +104,7 @@ class RplidarA1:
 
 
 def seen(walls: Sequence[Wall], x: float, y: float, direction: float) -> float:
-    """Give the m from a point to the nearest wall in a direction (rad, counter-clockwise); infinity for none."""
+    """Return the distance in m to the nearest wall in a direction (rad, counter-clockwise); infinity for none."""
     return min((_hit(wall, x, y, direction) for wall in walls), default=math.inf)
 
 

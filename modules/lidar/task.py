@@ -32,7 +32,7 @@ class Lidar(Task):
         self._forward = forward
 
     def produce(self, ended: threading.Event) -> Iterator[Result]:
-        """Give a scan per turn until `ended` is set, or DeviceError."""
+        """Return a scan per turn until `ended` is set, or DeviceError."""
         with open_line(self._port, BAUD) as line:
             scanner = Scanner(line, self._mode)
             try:

@@ -45,7 +45,7 @@ class Sensors(NamedTuple):
 
 
 def read_sensors(values: Mapping[int, int]) -> Sensors:
-    """Interpret a frame of STREAMED."""
+    """Decode a frame of STREAMED."""
     contacts, capacity = values[packets.BUMPS_AND_DROPS], values[packets.CAPACITY]
     return Sensors(
         left=values[packets.LEFT_ENCODER],
@@ -82,7 +82,7 @@ class Create2:
         self._line.write(oi.SAFE)
 
     def sensors(self) -> list[Sensors]:
-        """Give all frames that have arrived, the newest last."""
+        """Return all frames that have arrived, the newest last."""
         return [read_sensors(values) for values in self._parser.feed(self._line.read(0))]
 
     def drive(self, left: int, right: int) -> None:

@@ -23,7 +23,7 @@ LEAST_SPEED = 0.0285
 
 
 def gap(ranges: Sequence[float], *, backward: bool = False) -> float:
-    """Give the free metres before the robot's edge, on the strip that its body sweeps when it drives straight.
+    """Return the free metres before the robot's edge, on the strip that its body sweeps when it drives straight.
 
     `ranges` are in m, counter-clockwise from straight ahead in equal steps over the full turn; 0 means nothing seen.
     """
@@ -38,7 +38,7 @@ def gap(ranges: Sequence[float], *, backward: bool = False) -> float:
 
 @lru_cache(maxsize=4)
 def _directions(count: int) -> list[tuple[float, float]]:
-    """Give cosine and sine of each range's angle."""
+    """Return cosine and sine of each range's angle."""
     return [(math.cos(index * math.tau / count), math.sin(index * math.tau / count)) for index in range(count)]
 
 

@@ -32,7 +32,7 @@ def moved(pose: Pose, left: float, right: float, *, wheel_base: float = WHEEL_BA
 
 
 def wrapped(angle: float) -> float:
-    """Give the same angle within +-pi."""
+    """Return the same angle within +-pi."""
     return math.remainder(angle, math.tau)
 
 

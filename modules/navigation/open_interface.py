@@ -92,7 +92,7 @@ class Command:
     arguments: tuple[int, ...] = ()
 
     def encode(self) -> bytes:
-        """Give the bytes for the robot."""
+        """Return the bytes for the robot."""
         head = bytes([self.opcode])
         if self.opcode in _LISTS:
             return head + bytes([len(self.arguments), *self.arguments])

@@ -86,7 +86,7 @@ class Reading:
         return self._struct.size
 
     def decode(self, data: bytes) -> Values:
-        """Give the value of each packet."""
+        """Return the value of each packet."""
         return dict(zip(self._members, self._struct.unpack(data), strict=True))
 
     def encode(self, values: Mapping[int, int]) -> bytes:
@@ -118,7 +118,7 @@ class Frame:
         return sum(data) % 256 == 0 and all(data[position] == packet for position, packet in self._ids)
 
     def decode(self, data: bytes | bytearray) -> Values:
-        """Give the value of each packet."""
+        """Return the value of each packet."""
         return dict(zip(self._members, self._values.unpack(data), strict=True))
 
     def encode(self, values: Mapping[int, int]) -> bytes:

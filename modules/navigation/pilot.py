@@ -73,7 +73,7 @@ class Pilot:
         self._seen = when
 
     def move(self, pose: Pose, sensors: Sequence[Sensors], now: float) -> Motion:
-        """Give the motion for this moment; of several frames of sensors, none is overlooked."""
+        """Return the motion for this moment; of several frames of sensors, none is overlooked."""
         if self._order is None:
             return STILL
         if hazard := self._hazard(sensors, now):

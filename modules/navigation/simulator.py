@@ -176,7 +176,7 @@ class Create2:
 
 
 def _stepped(speed: float) -> float:
-    """Give the speed in m/s that the controller makes of one in mm/s."""
+    """Return the speed in m/s that the controller makes of one in mm/s."""
     held = min(max(speed, -500.0), 500.0)
     return round(held / SPEED_STEP) * SPEED_STEP / 1000
 
@@ -198,7 +198,7 @@ def _bumps(pose: Pose, walls: Sequence[Wall]) -> int:
 
 
 def _nearest(pose: Pose, wall: Wall) -> tuple[float, float]:
-    """Give the point of the wall that is nearest to the robot."""
+    """Return the point of the wall that is nearest to the robot."""
     x, y, end_x, end_y = wall
     along_x, along_y = end_x - x, end_y - y
     length = along_x**2 + along_y**2

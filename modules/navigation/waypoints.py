@@ -61,7 +61,7 @@ class Route:
         return len(self._left)
 
     def next_motion(self, pose: Pose) -> Motion | None:
-        """Give the motion towards the next waypoint that is not reached yet, or None at the end."""
+        """Return the motion towards the next waypoint that is not reached yet, or None at the end."""
         while self._left and math.dist((pose.x, pose.y), self._left[0]) < REACHED:
             del self._left[0]
         return _towards(self._left[0], pose) if self._left else None

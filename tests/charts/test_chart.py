@@ -153,6 +153,77 @@ def test_network_policies_let_the_operator_reach_another_router(render):
     assert last["ports"] == [{"port": 7500, "protocol": "UDP"}]
 
 
+def test_who_lists_the_routers_clients_does_not_lock_our_own_out(render):
+    settings = ("networkPolicy.enabled=true", "networkPolicy.routerFrom[0].podSelector.matchLabels.app=camera")
+    (rule,) = render(*settings)["NetworkPolicy", "contextpolicy-router"]["spec"]["ingress"]
+    clients = [peer["podSelector"]["matchLabels"] for peer in rule["from"]]
+    assert clients[0] == {"app": "camera"}
+    assert [labels["app.kubernetes.io/component"] for labels in clients[1:]] == ["operator", "agent"]
+
+
+WORKLOADS = {
+    "operator": ("Deployment", "contextpolicy"),
+    "router": ("Deployment", "contextpolicy-router"),
+    "agent": ("DaemonSet", "contextpolicy-agent"),
+}
+
+
+@pytest.mark.parametrize("component", WORKLOADS)
+@pytest.mark.parametrize("closed", ["true", "null"])
+def test_each_pod_takes_extras(render, component, closed):
+    """Beside what the component itself needs, which depends on whether the bus is closed."""
+    bare = {"agent.enabled=true", "security.enabled=true"} if closed == "true" or component == "agent" else set()
+    extras = (
+        *bare,
+        f"{component}.extraEnv[0].name=RUST_LOG",
+        f"{component}.extraEnv[0].value=debug",
+        f"{component}.extraArgs={{--more}}",
+        f"{component}.extraVolumes[0].name=data",
+        f"{component}.extraVolumeMounts[0].name=data",
+        f"{component}.extraVolumeMounts[0].mountPath=/data",
+        f"{component}.podLabels.team=robots",
+        "commonLabels.site=hall",
+    )
+    kind = WORKLOADS[component]
+    template, before = (rendered[kind]["spec"]["template"] for rendered in (render(*extras), render(*bare)))
+    (changed,), (own,) = template["spec"]["containers"], before["spec"]["containers"]
+    assert changed["args"] == [*own["args"], "--more"]
+    assert changed["env"] == [*own.get("env", []), {"name": "RUST_LOG", "value": "debug"}]
+    assert changed["volumeMounts"] == [*own.get("volumeMounts", []), {"name": "data", "mountPath": "/data"}]
+    assert template["spec"]["volumes"] == [*before["spec"].get("volumes", []), {"name": "data"}]
+    assert template["metadata"]["labels"].items() >= {"team": "robots", "site": "hall"}.items()
+
+
+def test_selectors_stay_when_labels_are_added(render):
+    """A selector can't be changed, so an upgrade that adds labels would fail."""
+    added = ("agent.enabled=true", "commonLabels.site=hall", "operator.podLabels.team=robots")
+    labelled, plain = render(*added), render("agent.enabled=true")
+    for workload in WORKLOADS.values():
+        assert labelled[workload]["spec"]["selector"] == plain[workload]["spec"]["selector"]
+
+
+def test_an_image_can_be_pinned(render):
+    digest = f"sha256:{'a' * 64}"
+    rendered = render("image.tag=1.0", f"image.digest={digest}", "agent.enabled=true")
+    for workload in (*WORKLOADS.values(), ("Job", "contextpolicy-restore")):
+        assert container(rendered[workload])["image"] == f"contextpolicy:1.0@{digest}"
+
+
+def test_agents_can_wait_for_the_robot_to_be_parked(render):
+    spec = render("agent.enabled=true", "agent.updateStrategy.type=OnDelete")["DaemonSet", "contextpolicy-agent"][
+        "spec"
+    ]
+    assert spec["updateStrategy"] == {"type": "OnDelete"}
+
+
+@pytest.mark.parametrize("closed", ["true", "false"])
+def test_the_router_listens_on_all_addresses_of_both_families(render, closed):
+    rendered = render(f"security.enabled={closed}", "router.service.ipFamilyPolicy=PreferDualStack")
+    protocol = "tls" if closed == "true" else "tcp"
+    assert f"--listen={protocol}/*:7447" in container(rendered["Deployment", "contextpolicy-router"])["args"]
+    assert rendered["Service", "contextpolicy-router"]["spec"]["ipFamilyPolicy"] == "PreferDualStack"
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -168,6 +239,9 @@ def test_network_policies_let_the_operator_reach_another_router(render):
         (("agent.enabled=true", "security.enabled=false"), "leave security.enabled empty or set it to true"),
         (("security.enabled=true", "security.routerSecret=mine"), "one authority signs all"),
         (("security.sampleKeys={robot//imu}",), "security/sampleKeys/0"),
+        (("image.digest=latest",), "image/digest"),
+        ((r"commonLabels.app\.kubernetes\.io/name=mine",), "app.kubernetes.io/name"),
+        ((r"agent.podLabels.app\.kubernetes\.io/component=mine",), "app.kubernetes.io/component"),
     ],
 )
 def test_it_refuses(refusal, settings, message):

@@ -51,11 +51,7 @@ def volumes(workload):
 def test_without_agents_the_bus_is_open_and_there_is_no_secret(render):
     rendered = render()
     assert not [key for key in rendered if key[0] == "Secret"]
-    assert container(rendered["Deployment", "contextpolicy-router"])["args"] == [
-        "router",
-        "--listen",
-        "tcp/0.0.0.0:7447",
-    ]
+    assert container(rendered["Deployment", "contextpolicy-router"])["args"] == ["router", "--metrics-port=8081", "--listen=tcp/*:7447"]
     assert not volumes(rendered["Deployment", "contextpolicy"])
 
 
@@ -141,7 +137,7 @@ def test_plans_are_signed_on_another_router_too(render):
 
 def test_the_router_holds_publishers_to_their_keys(render):
     rendered = render("security.enabled=true", "security.sampleKeys={robot/**,lab/*/imu}")
-    assert container(rendered["Deployment", "contextpolicy-router"])["args"][-2:] == ["--samples", "robot/**,lab/*/imu"]
+    assert container(rendered["Deployment", "contextpolicy-router"])["args"][-1] == "--samples=robot/**,lab/*/imu"
 
 
 def test_no_secret_is_an_argument_or_in_the_environment(secured):

@@ -110,7 +110,7 @@ def test_rest_protection_and_edges(
 
 def test_no_plan_yet_says_what_it_waits_for(capsys: pytest.CaptureFixture[str]) -> None:
     text = explain(capsys, "patrol-robot", "--at", "0.1")
-    assert text.startswith("There is no plan yet: it waits until each stream is heard or silent, and ")
+    assert text.startswith("There is no plan yet: it waits until each stream is heard or silent; neither so far: ")
 
 
 def test_json_is_the_structure_of_the_bus(capsys: pytest.CaptureFixture[str]) -> None:

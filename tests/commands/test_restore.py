@@ -118,7 +118,7 @@ def test_what_gives_cpu_back_comes_first(restore: Any) -> None:
 
 def test_a_note_left_by_an_interrupted_restore_is_only_taken_away(restore: Any) -> None:
     server = Server(a_pod(), policies=[policy(originals=before("slam"))])
-    assert restore(server) == (0, "lab/slam/slam: is as it was\n")
+    assert restore(server) == (0, "lab/slam/slam: already as it was\n")
     assert [call for call, *_ in server.cluster.calls] == ["store"]
 
 
@@ -160,7 +160,7 @@ def test_policies_are_released_and_other_finalizers_stay(restore: Any) -> None:
     server = Server(moved(), policies=[policy("robot", "example.com/backup", originals=before("slam"))])
     code, out = restore(server, "--remove-finalizers")
     assert code == 0
-    assert out.splitlines()[1:] == ["ContextPolicy lab/robot: its finalizer -> none"]
+    assert out.splitlines()[1:] == ["ContextPolicy lab/robot: finalizer removed"]
     assert server.objects[0]["metadata"]["finalizers"] == ["example.com/backup"]
     assert restore(server, "--remove-finalizers") == (0, "nothing to restore\n")
 
@@ -178,7 +178,7 @@ def test_a_policy_is_held_while_one_of_its_containers_is_not_back(restore: Any) 
     assert code == 1
     assert out.splitlines()[1:] == [
         "ContextPolicy lab/robot: NOT released: not all of its containers are restored",
-        "ContextPolicy lab/other: its finalizer -> none",
+        "ContextPolicy lab/other: finalizer removed",
     ]
 
 
@@ -201,7 +201,7 @@ def test_namespaces_bound_it_and_one_that_is_closed_keeps_nobody_from_the_others
         "closed: NOT restored: Forbidden: you may not (HTTP 403)",
         "lab/slam/slam: limit 990m -> 500m",
         "ContextPolicy closed: NOT released: Forbidden: you may not (HTTP 403)",
-        "ContextPolicy lab/robot: its finalizer -> none",
+        "ContextPolicy lab/robot: finalizer removed",
     ]
     assert server.cluster.limit("speech") == 990
 

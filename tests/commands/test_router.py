@@ -25,7 +25,9 @@ def program(monkeypatch):
     monkeypatch.setattr(router, "LOOK", 0.02)
 
     def start(endpoint, credentials):
-        arguments = argparse.Namespace(listen=endpoint, credentials=credentials, samples="**", metrics_port=None)
+        arguments = argparse.Namespace(
+            listen=router.endpoints(endpoint), credentials=credentials, samples="**", metrics_port=None
+        )
         threads.append(threading.Thread(target=router.main, args=[arguments]))
         threads[0].start()
 
@@ -65,3 +67,17 @@ def test_credentials_must_be_there(tmp_path):
     assert directory(str(tmp_path)) == tmp_path
     with pytest.raises(argparse.ArgumentTypeError, match="/no/such is no directory"):
         directory("/no/such")
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "[::1]"])
+def test_it_listens_on_all_addresses_of_both_families(address, program):
+    port = free_port()
+    program(f"tcp/*:{port}", None)
+    with open_client([f"tcp/{address}:{port}"], threading.Event(), None) as session:
+        until(lambda: [*session.info.routers_zid()])
+
+
+@pytest.mark.parametrize(("dual", "listened"), [(True, "tls/[::]:7447"), (False, "tls/0.0.0.0:7447")])
+def test_without_ipv6_in_the_kernel_it_listens_on_ipv4(dual, listened, monkeypatch):
+    monkeypatch.setattr(router.socket, "has_dualstack_ipv6", lambda: dual)
+    assert router.endpoints("tls/*:7447,tcp/127.0.0.1:7448") == [listened, "tcp/127.0.0.1:7448"]

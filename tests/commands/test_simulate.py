@@ -185,7 +185,7 @@ def test_each_file_may_come_from_standard_input() -> None:
 
 def test_standard_input_is_read_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "-", "-"]) == 2
-    assert "timeline: '-' is not allowed: a file: - stands once" in capsys.readouterr().err
+    assert "timeline: '-' is not allowed: a file: - may be given only once" in capsys.readouterr().err
 
 
 def test_a_reader_that_has_gone_is_no_traceback() -> None:

@@ -37,6 +37,12 @@ def apply(*objects: dict[str, Any]) -> None:
     run("kubectl", "apply", "-f", "-", stdin=json.dumps({"apiVersion": "v1", "kind": "List", "items": list(objects)}))
 
 
+def apply_definition() -> None:
+    """The custom resource, whoever installed it before."""
+    definition = REPOSITORY / "crds" / "contextpolicies.contextpolicy.dev.yaml"
+    run("kubectl", "apply", "--server-side", "--force-conflicts", "-f", str(definition))
+
+
 def get(kind: str, name: str, namespace: str) -> dict[str, Any]:
     """One object."""
     found: dict[str, Any] = json.loads(run("kubectl", "get", kind, name, "-n", namespace, "-o", "json"))

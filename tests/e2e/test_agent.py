@@ -88,7 +88,8 @@ def test_the_agent_is_ahead_of_the_resize_which_agrees(governed, session):
     assert len(trace.limits) <= 4, "somebody changed the limits again"
 
 
-def test_a_storm_of_contexts_ends_in_agreement_without_excess(governed, session, agent):
+def test_a_storm_of_contexts_ends_in_agreement_without_lasting_excess(governed, session, agent):
+    """The kubelet may write a limit of an older plan late; until the agent has corrected that, limits sum above N."""
     restarts = agent.restarts()
     with Trace(governed, session, "slam", "speech") as trace:
         storm = zip(itertools.cycle([0.3, 0.0]), itertools.cycle([0.02, 0.05, 0.1, 0.3, 0.7]), strict=False)
@@ -100,8 +101,10 @@ def test_a_storm_of_contexts_ends_in_agreement_without_excess(governed, session,
             time.sleep(pause)
         governed.drive(0.3)
         settled(governed, MOVING)
-    excess = [sum(seen.values()) for _, seen in trace.limits if sum(seen.values()) > 1000]
-    assert not excess
+    ends = [at for at, _ in trace.limits[1:]]
+    excess = [end - at for (at, seen), end in zip(trace.limits, ends, strict=False) if sum(seen.values()) > 1000]
+    assert sum(excess) <= 0.01 * (trace.limits[-1][0] - trace.limits[0][0])
+    assert sum(trace.limits[-1][1].values()) <= 1000
     assert agent.restarts() == restarts
 
 

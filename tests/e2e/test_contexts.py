@@ -188,7 +188,8 @@ def test_a_loud_stream_decides_without_the_one_that_was_never_heard(governed):
     governed.policy(streams=streams, contexts=[alarm])
     governed.drive(0.0)
     until(
-        "the status tells what is waited for", lambda: "context alarm waits since" in str(governed.status()["streams"])
+        "the status tells what is waited for",
+        lambda: "context alarm has been waiting since" in str(governed.status()["streams"]),
     )
     governed.drive(0.3)
     governed.expect(slam=990, speech=10)

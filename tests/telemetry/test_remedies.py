@@ -25,7 +25,7 @@ from contextpolicy.telemetry import remedies
         ),
         (
             'pods "slam" is forbidden: User "u" cannot patch resource "pods/resize" in API group ""',
-            "give the operator's role",
+            "allow the operator's role",
         ),
         (
             "node didn't have enough allocatable resources: cpu, requested: 3000, allocatable: 2000",

@@ -241,7 +241,7 @@ def test_it_is_told_which_stream_a_condition_waits_for_and_since_when():
     )
     health = []
     story.planner.on_health = lambda: health.append(made(story)["streams"])
-    told = f"context alarm waits since {timestamp(START)}: button has no value"
+    told = f"context alarm has been waiting since {timestamp(START)}: button has no value"
     assert [stream["message"] for stream in made(story)["streams"]] == ["", told]
     assert condition(made(story), "StreamsHealthy")[0] == "True"
     story.sample("button", at=1.5, pressed=False)

@@ -30,14 +30,15 @@ app.kubernetes.io/managed-by: {{ $root.Release.Service }}
 
 {{/* The labels of the pods of one component. Takes a list: root, component. */}}
 {{- define "contextpolicy.podLabels" -}}
+{{- $own := (get (index . 0).Values (index . 1) | default dict).podLabels -}}
 {{ include "contextpolicy.selectorLabels" . }}
-{{- with (index . 0).Values.commonLabels }}
+{{- with merge (dict) ($own | default dict) (index . 0).Values.commonLabels }}
 {{ toYaml . }}
 {{- end }}
 {{- end -}}
 
 {{- define "contextpolicy.image" -}}
-{{ .Values.image.repository }}:{{ .Values.image.tag | default .Chart.AppVersion }}
+{{ .Values.image.repository }}:{{ .Values.image.tag | default .Chart.AppVersion }}{{ with .Values.image.digest }}@{{ . }}{{ end }}
 {{- end -}}
 
 {{- define "contextpolicy.serviceAccountName" -}}
@@ -111,8 +112,8 @@ true
 {{ dict "hosts" $hosts "addresses" $addresses | toJson }}
 {{- end -}}
 
-{{/* The environment, mounts and volumes of a component's Secrets. Each takes a list: root, role. */}}
-{{- define "contextpolicy.secretEnvironment" -}}
+{{/* The environment, mounts and volumes of a component: its Secrets and its extras. Each takes a list: root, role. */}}
+{{- define "contextpolicy.environment" -}}
 {{- if include "contextpolicy.busSecret" . }}
 - name: ZENOH_CREDENTIALS
   value: /etc/contextpolicy/bus
@@ -121,9 +122,12 @@ true
 - name: PLAN_SIGNING
   value: /etc/contextpolicy/signing
 {{- end }}
+{{- with (get (index . 0).Values (index . 1)).extraEnv }}
+{{ toYaml . }}
+{{- end }}
 {{- end -}}
 
-{{- define "contextpolicy.secretMounts" -}}
+{{- define "contextpolicy.mounts" -}}
 {{- if include "contextpolicy.busSecret" . }}
 - name: bus
   mountPath: /etc/contextpolicy/bus
@@ -134,9 +138,12 @@ true
   mountPath: /etc/contextpolicy/signing
   readOnly: true
 {{- end }}
+{{- with (get (index . 0).Values (index . 1)).extraVolumeMounts }}
+{{ toYaml . }}
+{{- end }}
 {{- end -}}
 
-{{- define "contextpolicy.secretVolumes" -}}
+{{- define "contextpolicy.volumes" -}}
 {{- with include "contextpolicy.busSecret" . }}
 - name: bus
   secret:
@@ -151,6 +158,9 @@ true
     items:
     - {key: tls.crt, path: tls.crt}
     {{- end }}
+{{- end }}
+{{- with (get (index . 0).Values (index . 1)).extraVolumes }}
+{{ toYaml . }}
 {{- end }}
 {{- end -}}
 

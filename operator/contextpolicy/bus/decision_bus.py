@@ -53,9 +53,9 @@ def applied_key(namespace: str, name: str) -> str:
     return f"contextpolicy/{namespace}/{name}/applied"
 
 
-def topic_key(policy: Policy, topic: str) -> str:
+def topic_key(namespace: str, name: str, topic: str) -> str:
     """The key of a policy for `plan`, `explain` (answers with the explanation of the plan) or `board`."""
-    return f"contextpolicy/{policy.namespace}/{policy.name}/{topic}"
+    return f"contextpolicy/{namespace}/{name}/{topic}"
 
 
 def message(
@@ -113,7 +113,8 @@ class Bus:
         )
         self._queryables = [
             session.declare_queryable(of, self._answer(of, content))
-            for of, content in ((topic_key(policy, topic), content) for topic, content in answers.items())
+            for topic, content in answers.items()
+            for of in [topic_key(policy.namespace, policy.name, topic)]
         ]
         self._token = session.liveliness().declare_token(key)
 

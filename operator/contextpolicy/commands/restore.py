@@ -1,4 +1,4 @@
-"""`contextpolicy restore`: every container as it was before any policy, without a running operator."""
+"""`contextpolicy restore`: puts every container back as it was before any policy, when no operator runs."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = subparsers.add_parser(
         "restore",
         help="put containers back when there is no operator",
-        description="Put every container that a policy resized back as it was. For a cluster whose operator is gone: "
-        "one that runs would resize them again. Exit codes: 0 all restored, 1 something is not; run it again then.",
+        description="Put every container that a policy resized back as it was. Use it when the operator "
+        "is gone: a running one would resize them again. Exit codes: 0 all restored, 1 some are not: run it again.",
     )
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--namespace", metavar="NS", action="append", help="only there; may be given several times")
-    where.add_argument("--all-namespaces", action="store_true", help="everywhere (default)")
+    where.add_argument("--namespace", metavar="NS", action="append", help="only in this namespace; may be repeated")
+    where.add_argument("--all-namespaces", action="store_true", help="in every namespace (default)")
     parser.add_argument(
         "--remove-finalizers",
         action="store_true",
-        help="then let policies be deleted at once: nobody else would take off the finalizer that holds them",
+        help="then remove the policies' finalizers, which an absent operator can't, so that they can be deleted",
     )
-    parser.add_argument("--dry-run", action="store_true", help="only tell what would be done")
+    parser.add_argument("--dry-run", action="store_true", help="only print what would be done")
     parser.add_argument("--output", choices=("text", "json"), default="text", help="default: text")
     parser.set_defaults(main=main)
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Restore and tell."""
+    """Restore, and print what was done."""
     from contextpolicy.cluster.api import ApiServer
 
     api = ApiServer()
@@ -47,7 +47,10 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def run(api: RestoreApi, arguments: argparse.Namespace) -> int:
-    """Containers first: as long as one is not back, the policy that moved it stays held."""
+    """Restore containers first: a policy keeps its finalizer while one that it resized is not back.
+
+    Its status has the only record of what that container had.
+    """
     from contextpolicy.actuators.resize import offline_restore
 
     namespaces: Sequence[str | None] = arguments.namespace or [None]
@@ -68,7 +71,7 @@ def _print_text(restored: Sequence[Restored], released: Sequence[Released]) -> N
     for container in restored:
         print(f"{container.container}: {_deed(container)}")
     for policy in released:
-        deed = f"NOT released: {policy.error}" if policy.error else "its finalizer -> none"
+        deed = f"NOT released: {policy.error}" if policy.error else "finalizer removed"
         print(f"ContextPolicy {policy.policy}: {deed}")
     if not restored and not released:
         print("nothing to restore")
@@ -78,7 +81,7 @@ def _deed(container: Restored) -> str:
     if container.error:
         return f"NOT restored: {container.error}"
     changes = [f"{kind} {old} -> {new}" for kind, old, new in _differences(container.moved, container.original)]
-    return ", ".join(changes) or "is as it was"
+    return ", ".join(changes) or "already as it was"
 
 
 def _differences(moved: Cpu | None, original: Cpu | None) -> Iterator[tuple[str, str, str]]:

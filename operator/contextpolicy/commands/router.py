@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import socket
 import threading
 from typing import TYPE_CHECKING
 
@@ -29,7 +30,11 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "operator, agent or viewer, the common name of the certificate or the user's name.",
     )
     parser.add_argument(
-        "--listen", default="tcp/0.0.0.0:7447", help="endpoints, comma separated (default: %(default)s)"
+        "--listen",
+        default="tcp/*:7447",
+        type=endpoints,
+        metavar="ENDPOINTS",
+        help="comma separated; the host * is every address of this machine, of IPv4 and IPv6 (default: %(default)s)",
     )
     add_credentials(parser)
     parser.add_argument(
@@ -59,13 +64,20 @@ def main(arguments: argparse.Namespace) -> int:
         signal.signal(number, lambda *_: stop.set())
     while not stop.is_set():
         files = _files(arguments.credentials)
-        with open_router(arguments.listen.split(","), arguments.credentials, arguments.samples.split(",")) as session:
+        with open_router(arguments.listen, arguments.credentials, arguments.samples.split(",")) as session:
             _count_clients(session)
-            print(f"routing at {arguments.listen}", flush=True)
+            print(f"routing at {','.join(arguments.listen)}", flush=True)
             while not stop.wait(LOOK if arguments.credentials else None) and _files(arguments.credentials) == files:
                 pass
             _count_clients(None)
     return 0
+
+
+def endpoints(text: str) -> list[str]:
+    """Read endpoints; the host `*` becomes every address of this machine."""
+    # A kernel can be booted without IPv6; then there is no [::] to listen on.
+    everywhere = "[::]" if socket.has_dualstack_ipv6() else "0.0.0.0"  # noqa: S104 - a router is there to be reached
+    return [endpoint.replace("/*:", f"/{everywhere}:") for endpoint in text.split(",")]
 
 
 def _serve_metrics(port: int) -> None:

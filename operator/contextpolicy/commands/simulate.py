@@ -142,7 +142,9 @@ def _refuse_two_readers(arguments: argparse.Namespace) -> None:
 
     names = [name for name in ("policy", "timeline", "expected") if getattr(arguments, name) == STANDARD_INPUT]
     if len(names) > 1:
-        raise SettingsError("arguments", tuple(Finding(name, "-", "a file: - stands once") for name in names[1:]))
+        raise SettingsError(
+            "arguments", tuple(Finding(name, "-", "a file: - may be given only once") for name in names[1:])
+        )
 
 
 def _picture(text: str) -> Path:

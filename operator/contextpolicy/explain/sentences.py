@@ -86,7 +86,7 @@ def _waiting(explanation: Mapping[str, Any]) -> str:
         n for n, s in explanation["streams"].items() if s["staleAfter"] and not s["counts"] and not s["silent"]
     ]
     if open_streams:
-        return f"it waits until each stream is heard or silent, and {', '.join(open_streams)} is neither"
+        return f"it waits until each stream is heard or silent; neither so far: {', '.join(open_streams)}"
     return "nothing has happened that asks for one"
 
 

@@ -32,7 +32,7 @@ def _names(policy: Policy) -> Iterator[Finding]:
     for kind, items in (("streams", policy.streams), ("tasks", policy.tasks), ("contexts", policy.contexts)):
         for name, count in Counter(item.name for item in items).items():
             if count > 1:
-                yield Finding(f"spec.{kind}", name, f"each name once, this one stands {count} times")
+                yield Finding(f"spec.{kind}", name, f"each name once; this one appears {count} times")
     for index, stream in enumerate(policy.streams):
         if stream.name in CEL_WORDS:
             yield Finding(f"spec.streams[{index}].name", stream.name, "a name that is no word of CEL")

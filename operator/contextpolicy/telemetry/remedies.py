@@ -19,7 +19,7 @@ _REFUSALS = (
         f"widen the LimitRange or lower the task's max; {_AGAIN}",
     ),
     (r"enough allocatable resources", f"raise the policy's reserve or lower the task's max; {_AGAIN}"),
-    (r"cannot (patch|update) resource", f"give the operator's role patch of pods and pods/resize; {_AGAIN}"),
+    (r"cannot (patch|update) resource", f"allow the operator's role to patch pods/resize; {_AGAIN}"),
     (r"denied (the )?request", f"let that admission policy or webhook pass the operator's resizes; {_AGAIN}"),
 )
 _NO_ROOM = (

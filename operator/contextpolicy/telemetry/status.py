@@ -169,7 +169,7 @@ def _streams(planner: Planner) -> list[dict[str, Any]]:
     """Each stream's health, what waits for it, and how many of its samples were dropped."""
     waits: dict[str, dict[str, str]] = defaultdict(dict)
     for who, waiting_for in planner.waits():
-        told = f"{who} waits since {timestamp(waiting_for.since)}: {waiting_for.reason}"
+        told = f"{who} has been waiting since {timestamp(waiting_for.since)}: {waiting_for.reason}"
         waits[waiting_for.stream].setdefault(who, told)
     return [_stream(planner, name, waits[name].values()) for name in planner.streams]
 

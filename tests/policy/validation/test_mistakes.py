@@ -135,7 +135,7 @@ def test_two_policies_of_one_name():
     assert [(p.field, p.position.line > 20) for p in together] == [("metadata.name", True)]
     apart = [p for p in check([("a.yaml", text), ("b.yaml", other)]).problems if p.field == "metadata.name"]
     assert [(p.file, p.severity) for p in apart] == [("b.yaml", Severity.WARNING)]
-    assert "robot/p stands at a.yaml:" in apart[0].message
+    assert "robot/p is also defined at a.yaml:" in apart[0].message
 
 
 EXAMPLE = ("spec", "streams", 1, "example")

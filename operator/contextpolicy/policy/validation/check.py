@@ -179,7 +179,7 @@ def _repeated(report: CheckReport) -> Iterator[Problem]:
         if other is source:
             continue
         line = other.position("metadata.name").line
-        message = f"{policy.reference} stands at {other.file}:{line} too: of policies of one name the last one wins"
+        message = f"{policy.reference} is also defined at {other.file}:{line}: of two with one name the last one wins"
         severity = Severity.ERROR if other.file == source.file else Severity.WARNING
         place = source.position("metadata.name")
         yield Problem(source.file, place, message, policy.name, "metadata.name", policy.name, severity=severity)
