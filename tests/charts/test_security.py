@@ -51,7 +51,11 @@ def volumes(workload):
 def test_without_agents_the_bus_is_open_and_there_is_no_secret(render):
     rendered = render()
     assert not [key for key in rendered if key[0] == "Secret"]
-    assert container(rendered["Deployment", "contextpolicy-router"])["args"] == ["router", "--metrics-port=8081", "--listen=tcp/*:7447"]
+    assert container(rendered["Deployment", "contextpolicy-router"])["args"] == [
+        "router",
+        "--metrics-port=8081",
+        "--listen=tcp/*:7447",
+    ]
     assert not volumes(rendered["Deployment", "contextpolicy"])
 
 

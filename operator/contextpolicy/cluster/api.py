@@ -91,6 +91,25 @@ class ApiServer:
         path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}/status"
         self._send("PATCH", path, {"status": dict(status)}, MERGE)
 
+    def change_policy(self, namespace: str, name: str, spec: Mapping[str, Any]) -> None:
+        """Merge into the spec of a ContextPolicy; None removes a field."""
+        path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}"
+        self._send("PATCH", path, {"spec": dict(spec)}, MERGE)
+
+    def may(self, user: str, right: Mapping[str, str]) -> bool:
+        """Whether somebody has a right, as the attributes of a SubjectAccessReview."""
+        review = {
+            "apiVersion": "authorization.k8s.io/v1",
+            "kind": "SubjectAccessReview",
+            "spec": {"user": user, "resourceAttributes": dict(right)},
+        }
+        answer = json.loads(self._send("POST", "/apis/authorization.k8s.io/v1/subjectaccessreviews", review, JSON))
+        return bool(answer["status"].get("allowed"))
+
+    def read_text(self, path: str) -> str:
+        """GET something that is no object, such as a kubelet's metrics."""
+        return self._send("GET", path, None, JSON).decode(errors="replace")
+
     def read(self, path: str) -> dict[str, Any]:
         """GET an object or a list."""
         found: dict[str, Any] = json.loads(self._send("GET", path, None, JSON))
