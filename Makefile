@@ -7,9 +7,10 @@ VOICES := flite festival festvox-kallpc16k festvox-us-slt-hts espeak-ng sox
 MODULES := $(patsubst modules/%/Dockerfile,%,$(wildcard modules/*/Dockerfile))
 TIMELINE ?= timelines/demo.json
 CORES ?= 2
+DURATION ?= 3600
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint unit e2e simulate bench bench-devices bench-reaction bench-wheels test-all heavy cluster cluster-down images recordings pictures lock crds format clean
+.PHONY: $(shell sed -n 's/^\([a-z0-9-]*\):.*## .*/\1/p' $(MAKEFILE_LIST))
 
 help:  ## show this help
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -24,9 +25,9 @@ setup: .venv/ready  ## install the Python packages into .venv
 demo: images recordings  ## show the main job on a real node: a timeline of sensor input moves CPU between pods
 	$(CLUSTER) exec -- $(PYTHON) -m timelines.demo
 
-test-all: test heavy  ## `test`, and what needs a minute-long build or a browser besides
-
 test: lint unit e2e  ## run everything: lint, unit tests, end-to-end tests on a real node
+
+test-all: test heavy soak  ## the same and what takes long: promtool, a browser, hours of soak
 
 lint: setup  ## check style and types
 	.venv/bin/ruff check .
@@ -44,14 +45,17 @@ e2e: images  ## run the tests that need a real node
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e --ignore tests/e2e/test_reboot.py
 	$(PYTHON) -m pytest -q tests/e2e/test_reboot.py
 
+soak: images  ## contexts, pods and killed parts at random for DURATION seconds (3600), told again by SEED
+	SOAK_SECONDS=$(DURATION) SOAK_SEED=$(SEED) $(CLUSTER) exec -- $(PYTHON) -m pytest -q -s tests/e2e/test_soak.py
+
 simulate: setup  ## without root or cluster: what would POLICY decide on TIMELINE
 	$(PYTHON) -m contextpolicy simulate $(POLICY) $(TIMELINE) --cores $(CORES)
 
 bench: setup  ## measure the decision engine: samples per second, sample to plan, memory
 	$(PYTHON) -m tests.bench.engine
 
-bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives
-	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction
+bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives (RESUME=--resume goes on)
+	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction $(RESUME)
 
 bench-devices: setup  ## measure what navigation, lidar and arm cost, and how exact they are
 	$(PYTHON) -m tests.bench.device_modules

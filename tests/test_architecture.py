@@ -14,8 +14,8 @@ PLANNING = sorted((PACKAGE / "planning").glob("**/*.py"))
 
 LAYERS = (
     ("errors",),
-    ("policy", "settings", "loop"),
-    ("planning",),
+    ("policy", "loop"),
+    ("planning", "settings"),
     ("plugins", "cluster", "streams", "explain"),
     ("actuators", "bus", "simulation", "loading", "recorder"),
     ("telemetry", "agent"),

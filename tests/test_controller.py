@@ -102,6 +102,46 @@ def test_a_plan_becomes_an_order_and_a_message():
     assert message["trigger"] == pytest.approx(START, abs=1.0)
 
 
+def stormy():
+    """A robot on which nearly every sample makes a plan."""
+    follow = {"activity": [{"stream": "imu", "scoreFrom": "imu.speed"}], "idle": 0.1}
+    robot = Robot(tasks=[a_task("slam", **follow), a_task("speech")], contexts=[]).begin()
+    robot.loop.advance_by(1.0)
+    return robot, len(robot.orders.all), len(robot.session.plans())
+
+
+def test_in_a_storm_of_plans_the_first_is_carried_out_at_once_and_then_the_newest():
+    robot, orders, messages = stormy()
+    for speed in (1.0, 2.0, 3.0, 4.0):
+        robot.session.deliver(IMU, speed=speed)
+        robot.loop.advance_by(0.001)
+    assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500]
+    robot.loop.advance_by(0.002)
+    assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500, 800]
+    told = robot.session.plans()[messages:]
+    assert [plan["tasks"]["slam"]["share"] for plan in told] == [0.5, 0.8]
+    assert told[1]["sequence"] == told[0]["sequence"] + 3
+    assert robot.orders.last.shares == {"lab/slam/slam": 800, "lab/speech/speech": 200}
+
+
+def test_a_plan_that_no_sample_made_does_not_wait():
+    robot, orders, _ = stormy()
+    robot.session.deliver(IMU, speed=1.0)
+    robot.loop.advance_by(0.001)
+    robot.place("slam", "speech", cpu=2000)
+    assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500, 1000]
+
+
+def test_a_controller_that_was_stopped_carries_nothing_out():
+    robot, orders, _ = stormy()
+    for speed in (1.0, 2.0):
+        robot.session.deliver(IMU, speed=speed)
+        robot.loop.advance_by(0.001)
+    robot.controller.stop()
+    robot.loop.advance_by(1.0)
+    assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500]
+
+
 def test_a_policy_without_any_container_is_still_on_the_bus():
     robot = Robot()
     robot.controller.start()
@@ -254,7 +294,7 @@ def test_nodes_in_realtime_are_not_resized_and_put_back():
 
 def test_a_sample_that_is_not_used_is_counted_and_told_once():
     robot = Robot().begin()
-    labels = {"policy": "lab/robot", "stream": "imu", "reason": "undecodable"}
+    labels = {"namespace": "lab", "name": "robot", "stream": "imu", "reason": "undecodable"}
     before = REGISTRY.get_sample_value("contextpolicy_samples_dropped_total", labels) or 0.0
     robot.changes.clear()
     for _ in range(3):
@@ -270,7 +310,7 @@ def test_a_plan_is_measured():
     robot.sample(speed=0.3)
 
     def gauge(name, **labels):
-        return REGISTRY.get_sample_value(f"contextpolicy_{name}", {"policy": "lab/robot", **labels})
+        return REGISTRY.get_sample_value(f"contextpolicy_{name}", {"namespace": "lab", "name": "robot", **labels})
 
     assert gauge("context_active", context="moving") == 1.0
     assert gauge("task_share_cores", task="slam") == 0.8
@@ -347,7 +387,7 @@ class TestFigures:
         assert robot.session.plans()[-1]["cause"] == "imu: true is 0.5"
         assert len(robot.orders.all) == ordered
         assert robot.changes
-        labels = {"policy": "lab/robot", "task": "slam"}
+        labels = {"namespace": "lab", "name": "robot", "task": "slam"}
         assert REGISTRY.get_sample_value("contextpolicy_task_weight", labels) == 0.5
 
     def test_a_flutter_is_told_at_a_bounded_rate_and_its_end_always(self):

@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 from contextpolicy.errors import SettingsError
+from contextpolicy.policy.tenants import Tenant, Tenants
 from contextpolicy.settings import DEFAULT_CONNECT, Settings, read
 
 
@@ -11,7 +12,7 @@ def test_without_any_variable_the_defaults_hold():
 
 
 def test_an_empty_variable_is_as_good_as_none():
-    names = ("ZENOH_CONNECT", "WATCH_NAMESPACES", "HEALTH_PORT", "METRICS_PORT", "LOG_FORMAT", "LOG_LEVEL")
+    names = ("ZENOH_CONNECT", "WATCH_NAMESPACES", "TENANTS", "HEALTH_PORT", "METRICS_PORT", "LOG_FORMAT", "LOG_LEVEL")
     assert read(dict.fromkeys(names, "")) == Settings()
 
 
@@ -19,6 +20,7 @@ def test_every_variable_is_read():
     environment = {
         "ZENOH_CONNECT": "tcp/router:7447, tls/10.0.0.1:7448",
         "WATCH_NAMESPACES": "robot,,lab ",
+        "TENANTS": '{"lab": {"priority": 10, "streamPrefixes": ["robot"]}}',
         "HEALTH_PORT": "9080",
         "METRICS_PORT": "9081",
         "LOG_FORMAT": "JSON",
@@ -28,6 +30,7 @@ def test_every_variable_is_read():
     assert read(environment) == Settings(
         connect=("tcp/router:7447", "tls/10.0.0.1:7448"),
         namespaces=("robot", "lab"),
+        tenants=Tenants({"lab": Tenant(10, ("robot",))}),
         health_port=9080,
         metrics_port=9081,
         log_format="json",
@@ -56,9 +59,11 @@ def test_a_value_that_makes_no_sense_is_named_with_what_is_allowed(name, value, 
 
 def test_all_mistakes_are_told_at_once():
     with pytest.raises(SettingsError) as caught:
-        read({"HEALTH_PORT": "x", "METRICS_PORT": "y", "LOG_LEVEL": "z", "ZENOH_CONNECT": "a,tcp/b:1,c"})
+        read(
+            {"TENANTS": "x", "HEALTH_PORT": "x", "METRICS_PORT": "y", "LOG_LEVEL": "z", "ZENOH_CONNECT": "a,tcp/b:1,c"}
+        )
     assert [f.field for f in caught.value.findings] == [
-        *("HEALTH_PORT", "METRICS_PORT", "LOG_LEVEL", "ZENOH_CONNECT", "ZENOH_CONNECT")
+        *("TENANTS", "HEALTH_PORT", "METRICS_PORT", "LOG_LEVEL", "ZENOH_CONNECT", "ZENOH_CONNECT")
     ]
 
 

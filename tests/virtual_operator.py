@@ -8,7 +8,9 @@ from reactivex.disposable import Disposable
 from reactivex.testing import TestScheduler
 
 from contextpolicy.errors import ActuationError
+from contextpolicy.policy.tenants import Tenants
 from contextpolicy.runtime import Runtime
+from contextpolicy.telemetry.reporter import STATUS_INTERVAL
 from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.actuators.resize.rig import MOMENT, Workers
 from tests.bus.fake_session import FakeSession
@@ -84,12 +86,19 @@ class VirtualOperator:
 
     def __init__(self, *pods: dict[str, Any]) -> None:
         self.cluster, self.session = ClusterWithPolicies(*pods), FakeSession()
+        self.tenants = Tenants()
         self.start()
 
     def start(self) -> None:
         """Begin anew, as after a crash."""
         self.loop, self.patches, self.reports = VirtualLoop(), Pool(), Pool()
-        self.runtime = Runtime(self.cluster, self.loop, patches=self.patches, reports=self.reports)  # type: ignore[arg-type]
+        self.runtime = Runtime(
+            self.cluster,  # type: ignore[arg-type]
+            self.loop,  # type: ignore[arg-type]
+            patches=self.patches,  # type: ignore[arg-type]
+            reports=self.reports,  # type: ignore[arg-type]
+            tenants=self.tenants,
+        )
 
     def list_all(self, cpu: str = "1") -> None:
         """What the watches tell first: nodes and pods."""
@@ -154,7 +163,8 @@ class VirtualOperator:
             self.turn()
             if not self.patches.jobs:
                 self.turn(0.25)
-                return
+                if not self.patches.jobs:
+                    return
         raise AssertionError("never settles")
 
     def limits(self) -> dict[str, int]:
@@ -167,7 +177,8 @@ class VirtualOperator:
         return self.cluster.resizes()[before:]
 
     def condition(self, kind: str, policy: str = "lab/robot") -> tuple[str, str, str]:
-        """Status, reason and message."""
+        """Status, reason and message, once what is news has been written."""
+        self.turn(STATUS_INTERVAL)
         [found] = [one for one in self.cluster.statuses[policy]["conditions"] if one["type"] == kind]
         return found["status"], found["reason"], found["message"]
 

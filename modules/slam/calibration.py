@@ -80,18 +80,24 @@ def _camera(document: dict[str, Any]) -> Camera:
     model, lens = document["camera_model"], document["distortion_model"]
     if model != "pinhole" or lens not in LENSES:
         raise ValueError(f"{model} cameras with {lens} distortion are not allowed: pinhole with {' or '.join(LENSES)}")
-    fu, fv, cu, cv = document["intrinsics"]
-    width, height = document["resolution"]
-    distortion = np.array(document["distortion_coefficients"], dtype=np.float64)
-    if distortion.shape != (4,):
-        raise ValueError(f"{distortion.size} distortion coefficients are not allowed: 4")
+    fu, fv, cu, cv = _numbers(document, "intrinsics", 4)
+    width, height = _numbers(document, "resolution", 2)
+    if min(fu, fv, width, height) <= 0:
+        raise ValueError(f"intrinsics {fu, fv, cu, cv} of {width:g} x {height:g} pixels are not allowed: above 0")
     return Camera(
-        matrix=np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]], dtype=np.float64),
-        distortion=distortion,
-        body_from_camera=np.array(document["T_BS"]["data"], dtype=np.float64).reshape(4, 4),
+        matrix=np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1]]),
+        distortion=_numbers(document, "distortion_coefficients", 4),
+        body_from_camera=_numbers(document["T_BS"], "data", 16).reshape(4, 4),
         size=(int(width), int(height)),
         fisheye=LENSES[lens],
     )
+
+
+def _numbers(document: dict[str, Any], field: str, count: int) -> Floats:
+    values = np.array(document[field], dtype=np.float64)
+    if values.shape != (count,) or not np.isfinite(values).all():
+        raise ValueError(f"{field} {document[field]} is not allowed: {count} numbers")
+    return values
 
 
 class Rectifier:
@@ -100,9 +106,12 @@ class Rectifier:
     def __init__(self, rig: Rig) -> None:
         right_from_left = np.linalg.inv(rig.right.body_from_camera) @ rig.left.body_from_camera
         left, right = rig.left, rig.right
+        self.size = left.size
         turn_left, turn_right, left_projection, right_projection = _rectification(left, right, right_from_left)
         self.matrix: Floats = left_projection[:, :3]
         self.baseline = float(-right_projection[0, 3] / right_projection[0, 0])
+        if not self.baseline > 0:
+            raise CalibrationError(f"cam1 is {self.baseline:g} m to the right of cam0, and must be right of it")
         self.body_from_camera: Floats = left.body_from_camera.copy()
         self.body_from_camera[:3, :3] = left.body_from_camera[:3, :3] @ turn_left.T
         self._left_maps = _maps(left, turn_left, left_projection)

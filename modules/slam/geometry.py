@@ -25,9 +25,47 @@ def transform(rotation: Floats, translation: Floats) -> Floats:
     return matrix
 
 
+def inverse(matrix: Floats) -> Floats:
+    """`source_from_target`, for one transform or N of them."""
+    turned = np.swapaxes(matrix[..., :3, :3], -1, -2)
+    inverted = np.zeros_like(matrix)
+    inverted[..., :3, :3] = turned
+    inverted[..., :3, 3:] = -turned @ matrix[..., :3, 3:]
+    inverted[..., 3, 3] = 1
+    return inverted
+
+
+def apply(matrix: Floats, points: Floats) -> Floats:
+    """Move N x 3 points."""
+    there: Floats = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return there
+
+
+def moved(matrix: Floats) -> float:
+    """How far a transform shifts, in metres."""
+    return float(np.linalg.norm(matrix[:3, 3]))
+
+
+def angle(matrix: Floats) -> float:
+    """How far a transform turns, in radians."""
+    sine = np.linalg.norm(matrix[:3, :3] - matrix[:3, :3].T) / np.sqrt(8)
+    return float(np.arctan2(sine, (np.trace(matrix[:3, :3]) - 1) / 2))
+
+
 def quaternion(rotation: Floats) -> tuple[float, float, float, float]:
     """Turn a 3x3 rotation into x, y, z, w with w >= 0."""
     vector = cv2.Rodrigues(rotation)[0].ravel()
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector * (np.sin(angle / 2) / angle if angle > 0 else 0.5)
-    return float(x), float(y), float(z), float(np.cos(angle / 2))
+    turn = float(np.linalg.norm(vector))
+    x, y, z = vector * (np.sin(turn / 2) / turn if turn > 0 else 0.5)
+    return float(x), float(y), float(z), float(np.cos(turn / 2))
+
+
+def rotations(quaternions: Floats) -> Floats:
+    """Turn N quaternions x, y, z, w of any length but 0 into N x 3 x 3 rotations."""
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)

@@ -1,4 +1,4 @@
-"""Microphone chunks as one stream of sound: their length is checked, gaps start it afresh, and its times are known."""
+"""Microphone chunks as one stream of sound: whatever their format, gaps start it afresh, and its times are known."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from modules.speech.gate import BYTES_PER_SAMPLE
 from modules.speech.spectrum import RATE
-from robotkit import MessageError
+from robotkit import readings
 
 if TYPE_CHECKING:
     from modules.speech.gate import Gate, Utterance
@@ -25,9 +25,7 @@ class SoundStream:
 
     def feed(self, received: Received) -> list[Utterance]:
         """Take a chunk, whose stamp is that of its end: a microphone delivers it when it is full."""
-        samples = received.payload
-        if len(samples) % BYTES_PER_SAMPLE:
-            raise MessageError(f"{len(samples)} bytes are not 16 bit samples")
+        samples = readings.sound(received)
         count = len(samples) // BYTES_PER_SAMPLE
         if self._end is not None and received.stamp - count * 1_000_000_000 // RATE - self._end > MAX_GAP_NS:
             self._gate.restart()

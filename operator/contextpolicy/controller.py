@@ -46,6 +46,10 @@ FIGURES_INTERVAL = 0.5
 """Seconds between messages that only update weights and scores: a score that follows a sensor changes with every
 sample, and every message also costs a status write."""
 
+PLAN_INTERVAL = 0.005
+"""Seconds between two plans made by samples; of those in between only the newest is carried out. The first of a storm
+does not wait. A limit takes longer to be in force, and an order that is overtaken costs more than deciding."""
+
 
 class Actuator(Protocol):
     """What a controller needs of an actuator."""
@@ -92,6 +96,7 @@ class Controller:
         self._pods: Collection[PodView] = ()
         self._bus: Bus | None = None
         self._follower = Follower(scheduler, self._order)
+        self._plans = Pacing(scheduler, PLAN_INTERVAL, self._carry_out)
         self._figures = Pacing(scheduler, FIGURES_INTERVAL, self._tell_figures)
         self._ordered = 0
         self._edition = 0
@@ -99,6 +104,7 @@ class Controller:
         self._placed = False
         self._contexts: tuple[str, ...] = ()
         self._told: list[tuple[str, str]] | None = None
+        self._labels = metrics.labels(policy.reference)
 
     @property
     def held(self) -> tuple[Planner, Claim]:
@@ -110,6 +116,7 @@ class Controller:
         if before is not None:
             self._contexts = before._contexts  # noqa: SLF001 - the same class
             self.run = max(self.run, before.run + 1)  # the wall clock may have been set back, but runs must increase
+            metrics.replace(before.policy, self.policy)
         answers = {"plan": self.message, "explain": self.explain, "board": self.board}
         self._bus = Bus(self._session, self.policy, self._scheduler, answers)
         self._bus.signer = self.signer
@@ -134,6 +141,7 @@ class Controller:
     def stop(self) -> None:
         """Unsubscribe; the last order stays in force."""
         self._follower.stop()
+        self._plans.stop()
         self._figures.stop()
         if self._subscription is not None:
             self._subscription.dispose()
@@ -167,16 +175,23 @@ class Controller:
             self._bus.publish_applied({"run": self.run, "sequence": self.planner.last.sequence, **step})
 
     def _on_plan(self, plan: Plan) -> None:
-        """Order first, publish second: the workers send the patches while the bus message is made.
-
-        Plans made before the first placement are dropped: they would claim no container, so all would be put back.
-        """
+        # Plans made before the first placement are dropped: they would claim no container, so all would be put back.
         if not self._placed:
             return
         if plan.sequence == self._ordered:
             self._figures.ask()
             self._tell_contexts(plan)
+        elif plan.arrived is None:
+            self._carry_out()
+        else:
+            self._plans.ask()
+
+    def _carry_out(self) -> None:
+        """Order first, publish second: the workers send the patches while the bus message is made."""
+        plan = self.planner.decided
+        if plan is None or plan.sequence == self._ordered:
             return
+        self._plans.rest()
         self._ordered, self._edition = plan.sequence, 0
         self._order()
         self.on_plan(self.policy.reference, plan)
@@ -258,24 +273,23 @@ class Controller:
         )
 
     def _count(self) -> None:
-        metrics.PLANS.labels(self.policy.reference).inc()
-        metrics.HELD_BACK.labels(self.policy.reference).inc(self.planner.held_back - self._held_back)
+        metrics.PLANS.labels(*self._labels).inc()
+        metrics.HELD_BACK.labels(*self._labels).inc(self.planner.held_back - self._held_back)
         self._held_back = self.planner.held_back
 
     def _measure(self, plan: Plan) -> None:
-        reference = self.policy.reference
         for context in self.policy.contexts:
-            metrics.CONTEXT_ACTIVE.labels(reference, context.name).set(context.name in plan.contexts)
+            metrics.CONTEXT_ACTIVE.labels(*self._labels, context.name).set(context.name in plan.contexts)
         for name, task in plan.tasks.items():
-            metrics.TASK_SHARE.labels(reference, name).set(task.share / 1000)
-            metrics.TASK_WEIGHT.labels(reference, name).set(task.weight)
+            metrics.TASK_SHARE.labels(*self._labels, name).set(task.share / 1000)
+            metrics.TASK_WEIGHT.labels(*self._labels, name).set(task.weight)
 
     def _tell_health(self) -> None:
         self.on_change()
 
     def _drop(self, stream: str, reason: str) -> None:
         self.planner.on_drop(stream, reason)
-        metrics.DROPS.labels(self.policy.reference, stream, reason).inc()
+        metrics.DROPS.labels(*self._labels, stream, reason).inc()
         if self.planner.drops[stream, reason] == 1:
             self.on_change()
 

@@ -57,7 +57,8 @@ async def start(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     patches = ThreadPoolExecutor(PATCH_WORKERS, thread_name_prefix="patch")
     reports = ThreadPoolExecutor(1, thread_name_prefix="report")
     signer = Signer(own.signing) if own.signing else None
-    memo.runtime, memo.stop = Runtime(api, Loop(), patches=patches, reports=reports, signer=signer), Event()
+    memo.stop = Event()
+    memo.runtime = Runtime(api, Loop(), patches=patches, reports=reports, signer=signer, tenants=own.tenants)
     memo.scrape = Scrape(memo.runtime.scrape)
     REGISTRY.register(memo.scrape)
     memo.live = PageServer(own.live_port, memo.runtime)

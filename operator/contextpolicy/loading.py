@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.observable import Instantiate
     from contextpolicy.policy.definition_files import Definitions
     from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.tenants import Tenants
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +37,11 @@ class Loaded:
     unread: bool = False
 
 
-def load(body: Mapping[str, Any], api: ApiServer) -> Loaded:
+def load(body: Mapping[str, Any], api: ApiServer, tenants: Tenants) -> Loaded:
     """Parse the object and read what it names; findings are returned, never raised."""
     files = _ConfigMaps(api)
     try:
-        policy = files.complete(parse(body, lambda policy: _findings(policy, files)))
+        policy = files.complete(parse(body, tenants.findings, lambda policy: _findings(policy, files)))
         return Loaded(policy, plugins.load(policy))
     except FindingsError as error:
         return Loaded(rejected=tuple(str(finding) for finding in error.findings), unread=bool(files.unread))

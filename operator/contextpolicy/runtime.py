@@ -11,6 +11,7 @@ import logging
 import time
 from concurrent.futures import Future
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from contextpolicy.actuators.dry_run import DryRun
@@ -21,12 +22,14 @@ from contextpolicy.bus.usage_watch import UsageWatch
 from contextpolicy.cluster.agent_reports import with_agents
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.nodes import allocatable
+from contextpolicy.cluster.pod_directory import PodDirectory
 from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller
 from contextpolicy.live.board import Alive, board
 from contextpolicy.loading import Loaded, load
 from contextpolicy.planning.timers import SAME_INSTANT
 from contextpolicy.policy.spec import Mode
+from contextpolicy.policy.tenants import Tenants
 from contextpolicy.recorder.flight_recorder import FlightRecorder
 from contextpolicy.recorder.recording import bare, recording
 from contextpolicy.telemetry import metrics
@@ -38,13 +41,14 @@ from contextpolicy.telemetry.scrape import Scraped, ScrapedPolicy
 from contextpolicy.telemetry.status import StatusFacts, status, waiting
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
     from concurrent.futures import Executor
 
     import zenoh
 
     from contextpolicy.bus.signatures import Signer
     from contextpolicy.cluster.api import ApiServer
+    from contextpolicy.cluster.claims import Claim
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.loop import Loop
     from contextpolicy.policy.spec import Policy
@@ -69,9 +73,14 @@ class _Entry:
     events: EventBudget = field(default_factory=EventBudget)
 
     @property
+    def namespace(self) -> str:
+        """Where the policy and its pods live."""
+        return str(self.body["metadata"]["namespace"])
+
+    @property
     def age(self) -> tuple[str, str]:
         """Sort key: oldest first, ties by name."""
-        return self.body["metadata"].get("creationTimestamp", ""), self.body["metadata"]["name"]
+        return self.body["metadata"].get("creationTimestamp", ""), _reference(self.body)
 
 
 class Runtime:
@@ -81,21 +90,31 @@ class Runtime:
     `close` shuts both down.
     """
 
-    def __init__(
-        self, api: ApiServer, loop: Loop, *, patches: Executor, reports: Executor, signer: Signer | None = None
+    def __init__(  # noqa: PLR0913 - what an operator is made of
+        self,
+        api: ApiServer,
+        loop: Loop,
+        *,
+        patches: Executor,
+        reports: Executor,
+        signer: Signer | None = None,
+        tenants: Tenants | None = None,
     ) -> None:
         self._session: zenoh.Session | None = None
         self._agents: AgentWatch | None = None
         self._usage: UsageWatch | None = None
         self._loop, self._api = loop, api
         self._patches, self._signer = patches, signer
+        self._tenants = tenants or Tenants()
         self._reporter = Reporter(api, loop, reports)
         self._watch = ResizeWatch(self._on_problem, self._on_stage)
         self._resizer = PodResizer(api, loop, patches, self._watch)
         self._dry_run = DryRun()
         self._recorder = FlightRecorder()
         self._policies: dict[str, _Entry] = {}
-        self._pods: dict[str, PodView] = {}
+        self._pods = PodDirectory()
+        self._moved: set[str] = set()
+        """Namespaces whose pods came, went or moved since the last placement."""
         self._nodes: dict[str, int] = {}
 
     def close(self) -> None:
@@ -120,7 +139,7 @@ class Runtime:
 
         Reads on the caller's thread, which may take a second.
         """
-        loaded = load(body, self._api)
+        loaded = load(body, self._api, self._tenants)
         return self._call(lambda: self._adopt(body, loaded))
 
     def policy_deleted(self, body: Mapping[str, Any]) -> Future[None]:
@@ -162,6 +181,7 @@ class Runtime:
             return None
 
     def _scrape(self) -> Scraped:
+        namespaces = {entry.namespace for entry in self._policies.values()}
         return Scraped(
             now=self._loop.to_seconds(self._loop.now),
             connected=self._session is not None and bool(self._session.info.routers_zid()),
@@ -169,7 +189,7 @@ class Runtime:
                 ScrapedPolicy(reference, entry.conditions, entry.controller and entry.controller.held)
                 for reference, entry in self._policies.items()
             ],
-            pods=list(self._pods.values()),
+            pods=[pod for namespace in namespaces for pod in self._pods.of(namespace)],
             agents=dict(self._agents.reports) if self._agents else {},
         )
 
@@ -298,8 +318,13 @@ class Runtime:
         self._reporter.forget(reference)
         self._recorder.forget(reference)
         self._watch.forget(reference)
-        self._resizer.release(reference, lambda: _fulfil(done))
+        self._resizer.release(reference, lambda: self._released(reference, done))
         self._place()
+
+    def _released(self, reference: str, done: Future[None]) -> None:
+        if reference not in self._policies:
+            metrics.forget(reference)
+        _fulfil(done)
 
     def _stop_controllers(self) -> None:
         for entry in self._policies.values():
@@ -307,10 +332,9 @@ class Runtime:
                 entry.controller.stop()
 
     def _take_pod(self, pod: PodView) -> None:
-        before = self._pods.get(pod.uid)
-        self._pods[pod.uid] = pod
+        before = self._pods.put(pod)
         if before is None or self._seat(before) != self._seat(pod):
-            self._place()
+            self._move(pod.namespace)
         self._watch.observe(pod, {original.policy for original in self._resizer.originals.in_pod(pod.uid).values()})
         self._resizer.observe(pod)
 
@@ -324,31 +348,52 @@ class Runtime:
         return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds
 
     def _lose_pod(self, uid: str) -> None:
-        pod = self._pods.pop(uid, None)
+        pod = self._pods.pop(uid)
         if pod is not None:
             self._watch.lose(pod)
             self._resizer.forget(uid)
-            self._place()
+            self._move(pod.namespace)
+
+    def _move(self, namespace: str) -> None:
+        """Schedule one placement, so that a list of thousands of pods costs one and not thousands."""
+        idle = not self._moved
+        self._moved.add(namespace)
+        if idle:
+            self._loop.schedule(lambda *_: self._place(self._moved))
 
     def _take_node(self, name: str, cpu: int) -> None:
         if self._nodes.get(name) != cpu:
             self._nodes[name] = cpu
             self._place()
 
-    def _place(self) -> None:
-        """Tell every controller what it may claim, the oldest policy first."""
+    def _place(self, moved: Collection[str] | None = None) -> None:
+        """Tell controllers what they may claim: all, or those that pods of the `moved` namespaces concern."""
+        if moved is not None and not any(entry.namespace in moved for entry in self._policies.values()):
+            self._moved = set()
+            return
         entries = sorted(self._policies.values(), key=lambda entry: entry.age)
         controllers = [entry.controller for entry in entries if entry.controller is not None]
         originals = self._resizer.originals.cpu
-        claims = claim([controller.policy for controller in controllers], self._pods.values(), self._nodes, originals)
+        policies = [controller.policy for controller in controllers]
+        pods = chain.from_iterable(self._pods.of(namespace) for namespace in {own.namespace for own in policies})
+        claims = claim(policies, pods, self._nodes, originals, self._tenants)
+        self._moved = set()
         for controller in controllers:
             reports = self._agents.reports if self._agents else {}
             own = with_agents(controller.policy, claims[controller.policy.reference], reports)
-            if own.conflicts and own.conflicts != controller.claim.conflicts:
-                self._tell(controller.policy.reference, "Conflicted", "; ".join(own.conflicts))
-            if own.realtime and own.realtime != controller.claim.realtime:
-                self._tell(controller.policy.reference, "RealtimeUnavailable", "; ".join(own.realtime))
-            controller.place(own, self._pods.values())
+            if moved is None or controller.policy.namespace in moved or own != controller.claim:
+                self._tell_news(controller.policy.reference, controller.claim, own)
+                controller.place(own, self._pods.of(controller.policy.namespace))
+
+    def _tell_news(self, reference: str, before: Claim, now: Claim) -> None:
+        """One Event for each kind of problem that a new claim has and the one before had not."""
+        for reason, had, have in (
+            ("Conflicted", before.conflicts, now.conflicts),
+            ("NotResizable", list(before.obstacles.values()), list(now.obstacles.values())),
+            ("RealtimeUnavailable", before.realtime, now.realtime),
+        ):
+            if have and have != had:
+                self._tell(reference, reason, "; ".join(have))
 
     def _report(self, reference: str) -> None:
         self._reporter.status(reference, lambda: self._status(reference))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding, SettingsError
+from contextpolicy.policy.tenants import Tenants, read_tenants
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -28,6 +29,7 @@ class Settings:
     credentials: Path | None = None
     signing: Path | None = None
     namespaces: tuple[str, ...] = ()
+    tenants: Tenants = field(default_factory=Tenants)
     health_port: int = 8080
     metrics_port: int = 8081
     live_port: int = 8082
@@ -43,6 +45,7 @@ def read(environment: Mapping[str, str]) -> Settings:
         credentials=_directory(environment, "ZENOH_CREDENTIALS", findings),
         signing=_directory(environment, "PLAN_SIGNING", findings),
         namespaces=_words(environment.get("WATCH_NAMESPACES", "")),
+        tenants=read_tenants(environment.get("TENANTS", "") or "{}", findings),
         health_port=_port(environment, "HEALTH_PORT", 8080, findings),
         metrics_port=_port(environment, "METRICS_PORT", 8081, findings),
         live_port=_port(environment, "LIVE_PORT", 8082, findings),

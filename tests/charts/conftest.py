@@ -56,4 +56,9 @@ def refusal(helm):
 
 
 def set_all(settings):
-    return [part for setting in settings for part in ("--set", setting)]
+    """`name=value` as helm reads it; `name:=json` takes JSON."""
+    return [
+        part
+        for setting in settings
+        for part in (("--set-json", setting.replace(":=", "=", 1)) if ":=" in setting else ("--set", setting))
+    ]

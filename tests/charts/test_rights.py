@@ -6,9 +6,9 @@ import pytest
 
 from tests.charts.test_chart import EVERYTHING, container
 
-NODES = {("", "nodes"): {"get", "list", "watch"}}
+NODES = {("", "nodes"): {"list", "watch"}}
 IN_A_NAMESPACE = {
-    ("contextpolicy.dev", "contextpolicies"): {"get", "list", "watch", "patch"},
+    ("contextpolicy.dev", "contextpolicies"): {"list", "watch", "patch"},
     ("contextpolicy.dev", "contextpolicies/status"): {"patch"},
     ("", "pods"): {"get", "list", "watch"},
     ("", "pods/resize"): {"patch"},
@@ -67,6 +67,14 @@ def test_it_may_read_the_message_definitions_that_are_named_and_nothing_else(ren
     }
 
 
+@pytest.mark.parametrize("aggregated", [False, True])
+def test_who_may_edit_a_namespace_may_write_policies_only_if_the_administrator_says_so(render, aggregated):
+    rendered = render(*(["rbac.aggregateToUserRoles=true"] if aggregated else []))
+    for name in ("viewer", "editor"):
+        labels = rendered["ClusterRole", f"contextpolicy-{name}"]["metadata"]["labels"]
+        assert any("aggregate-to" in label for label in labels) is aggregated
+
+
 def test_users_get_policies_and_nothing_else(render):
     rendered = render()
     for name in ("viewer", "editor"):
@@ -82,7 +90,7 @@ def test_no_rule_has_a_wildcard(render):
 
 
 def test_rights_can_be_left_to_others(render):
-    kinds = {kind for kind, _ in render("rbac.create=false", "rbac.aggregateToUserRoles=false")}
+    kinds = {kind for kind, _ in render("rbac.create=false")}
     assert not kinds & {"Role", "RoleBinding", "ClusterRole", "ClusterRoleBinding"}
 
 

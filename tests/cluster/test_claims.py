@@ -7,8 +7,9 @@ from dataclasses import replace
 import pytest
 
 from contextpolicy.cluster.claims import claim, container_id
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.pods import Cpu, view
 from contextpolicy.policy.spec import Mode
+from contextpolicy.policy.tenants import Tenant, Tenants
 from tests.cluster.builders import NODE, a_pod, cpu
 from tests.planning.builders import a_policy, a_task
 
@@ -102,14 +103,93 @@ def test_policies_may_share_a_node_that_is_big_enough_for_both():
     assert claims["lab/young"].conflicts == []
 
 
-def test_the_younger_policy_yields_a_node_that_is_too_small_and_is_told_what_would_do():
+def test_the_younger_policy_divides_what_the_older_one_leaves():
     policies = [policy_of("old", "slam", reserve="500m"), policy_of("young", "speech", reserve="300m")]
-    claims = claim(policies, views("slam", "speech"), NODES)
-    assert held(claims["lab/young"]) == {}
-    assert claims["lab/young"].placement.allocatable == {}
-    assert claims["lab/young"].conflicts == [
-        f"node {NODE}: older policies leave 500m of 2000m; reserve 300m is not allowed: at least 1500m"
+    young = claim(policies, views("slam", "speech"), NODES)["lab/young"]
+    assert held(young) == {"lab/speech/speech": "speech"}
+    assert (young.placement.allocatable, young.placement.left) == (NODES, {NODE: 500})
+    assert young.shared == {NODE: f"node {NODE}: lab/old come first and leave 500m of 2000m"}
+    assert young.conflicts == []
+
+
+def test_a_policy_yields_a_node_where_too_little_is_left_for_its_containers():
+    policies = [policy_of("old", "slam", reserve="90m"), policy_of("young", "speech")]
+    young = claim(policies, views("slam", "speech"), NODES)["lab/young"]
+    assert held(young) == {}
+    assert young.placement.allocatable == {}
+    assert young.conflicts == [
+        f"node {NODE}: lab/old come first and leave 90m of 2000m; its containers there need at least 100m"
     ]
+
+
+# several namespaces
+
+
+def tenants(**priorities):
+    return Tenants({name: Tenant(priority) for name, priority in priorities.items()})
+
+
+def two_tenants(**limits):
+    """Pods of the same size of node, by namespace; their policies, the first one oldest."""
+    pods = [view(a_pod("slam", {"slam": cpu("10m", limit)}, namespace=ns, uid=ns)) for ns, limit in limits.items()]
+    return [replace(policy_of("robot", "slam"), namespace=namespace) for namespace in limits], pods
+
+
+def test_a_tiny_pod_in_another_namespace_takes_nothing_from_a_robot():
+    """Its policy is the older one and reserves nothing: by age alone it would have all of the node."""
+    claims = claim(*two_tenants(elsewhere="10m", lab="800m"), NODES)
+    assert held(claims["lab/robot"]) == {"lab/slam/slam": "slam"}
+    assert claims["lab/robot"].conflicts == []
+    assert claims["lab/robot"].placement.left == {NODE: 800}
+    assert claims["elsewhere/robot"].placement.left == {NODE: 10}
+    assert claims["elsewhere/robot"].shared == {
+        NODE: f"node {NODE}: no priority says whether elsewhere comes before lab, so it divides the 10m that its "
+        "containers' limits add up to"
+    }
+
+
+def test_the_administrators_priority_comes_before_age():
+    claims = claim(*two_tenants(elsewhere="10m", lab="800m"), NODES, tenants=tenants(lab=10))
+    assert claims["lab/robot"].placement.left == {}
+    assert claims["lab/robot"].shared == {}
+    assert held(claims["elsewhere/robot"]) == {}
+    assert claims["elsewhere/robot"].conflicts == [
+        f"node {NODE}: lab/robot come first and leave 0m of 2000m; its containers there need at least 10m"
+    ]
+
+
+def test_of_equals_that_want_more_than_there_is_the_older_one_comes_first():
+    claims = claim(*two_tenants(elsewhere="1500m", lab="800m"), NODES)
+    assert claims["elsewhere/robot"].placement.left == {NODE: 1500}
+    assert claims["lab/robot"].placement.left == {NODE: 500}
+
+
+def test_what_a_container_got_from_a_policy_does_not_count_as_its_own():
+    policies, pods = two_tenants(elsewhere="1500m", lab="800m")
+    claims = claim(policies, pods, NODES, lambda uid, _: Cpu(10, 100) if uid == "elsewhere" else None)
+    assert claims["elsewhere/robot"].placement.left == {NODE: 100}
+
+
+@pytest.mark.parametrize("mode", [Mode.DRY_RUN, Mode.PAUSED])
+def test_a_neighbour_that_does_not_enforce_changes_nothing(mode):
+    [elsewhere, lab], pods = two_tenants(elsewhere="10m", lab="800m")
+    assert claim([replace(elsewhere, mode=mode), lab], pods, NODES)["lab/robot"].placement.left == {}
+
+
+def test_a_neighbour_on_another_node_changes_nothing():
+    policies, [there, here] = two_tenants(elsewhere="10m", lab="800m")
+    claims = claim(policies, [replace(there, node="robot-2"), here], {**NODES, "robot-2": 1000})
+    assert [own.placement.left for own in claims.values()] == [{}, {}]
+
+
+def test_a_neighbour_whose_pods_cannot_be_resized_changes_nothing():
+    policies, [there, here] = two_tenants(elsewhere="10m", lab="800m")
+    assert claim(policies, [replace(there, qos="BestEffort"), here], NODES)["lab/robot"].placement.left == {}
+
+
+def test_two_policies_of_one_namespace_divide_as_if_it_were_alone():
+    policies = [policy_of("old", "slam", reserve="500m"), policy_of("young", "speech")]
+    assert claim(policies, views("slam", "speech"), NODES)["lab/old"].placement.left == {}
 
 
 def test_a_policy_yields_only_the_node_that_is_too_small():
@@ -131,6 +211,16 @@ def test_a_policy_that_does_not_enforce_takes_nothing(mode):
 def test_an_obstacle_is_told_by_task_and_hinders_no_other():
     pods = [*views("slam"), view(a_pod("speech", {"speech": {}}, qos="BestEffort"))]
     result = claim([policy_of("robot", "slam", "speech")], pods, NODES)["lab/robot"]
+    assert held(result) == {"lab/slam/slam": "slam"}
+    assert list(result.obstacles) == ["speech"]
+
+
+def test_a_task_may_accept_the_restarts_that_others_refuse():
+    pods = [a_pod("slam"), a_pod("speech")]
+    for pod in pods:
+        pod["spec"]["containers"][0]["resizePolicy"] = [{"resourceName": "cpu", "restartPolicy": "RestartContainer"}]
+    policy = policy_of("robot", a_task("slam", restartOnResize=True), "speech")
+    result = claim([policy], [view(pod) for pod in pods], NODES)["lab/robot"]
     assert held(result) == {"lab/slam/slam": "slam"}
     assert list(result.obstacles) == ["speech"]
 

@@ -151,6 +151,12 @@ def test_what_is_no_quantity_is_a_value_error(raw):
 # what can be changed, and how far
 
 
+def restarting(resource="cpu", restart="RestartContainer"):
+    pod = a_pod("slam")
+    pod["spec"]["containers"][0]["resizePolicy"] = [{"resourceName": resource, "restartPolicy": restart}]
+    return view(pod)
+
+
 @pytest.mark.parametrize(
     ("pod", "said"),
     [
@@ -169,6 +175,19 @@ def test_what_is_no_quantity_is_a_value_error(raw):
 def test_what_is_in_the_way_of_a_resize(pod, said):
     seen = view(pod)
     assert (seen.obstacle(seen.containers[0]) or "").startswith(said)
+
+
+def test_a_restart_with_every_resize_is_in_the_way_unless_the_task_accepts_it():
+    pod = restarting()
+    assert (pod.obstacle(pod.containers[0]) or "").startswith("slam/slam restarts whenever its CPU changes")
+    assert "restartOnResize: true" in (pod.obstacle(pod.containers[0]) or "")
+    assert pod.obstacle(pod.containers[0], may_restart=True) is None
+
+
+@pytest.mark.parametrize("policy", [("cpu", "NotRequired"), ("memory", "RestartContainer")])
+def test_other_resize_policies_are_not_in_the_way(policy):
+    pod = restarting(*policy)
+    assert pod.obstacle(pod.containers[0]) is None
 
 
 @pytest.mark.parametrize("qos", ["Burstable", "Guaranteed"])

@@ -20,8 +20,12 @@ def an_item(name, version=1):
     return {"metadata": {"name": name, "uid": f"uid-{name}", "resourceVersion": str(version)}}
 
 
-def a_list(*items, version=1):
-    return {"metadata": {"resourceVersion": str(version)}, "items": list(items)}
+LIST = f"/pods?limit={watching.PAGE}"
+
+
+def a_list(*items, version=1, more=None):
+    """A list, or one page of it: `more` is the token for the next."""
+    return {"metadata": {"resourceVersion": str(version), **({"continue": more} if more else {})}, "items": list(items)}
 
 
 def an_event(kind, item):
@@ -104,7 +108,22 @@ def test_what_exists_is_told_then_each_change():
     events = an_event("ADDED", an_item("speech", 5)) + an_event("MODIFIED", an_item("slam", 6))
     told, asked = follow(a_list(an_item("slam"), version=4), Response(events, an_event("DELETED", an_item("slam", 7))))
     assert told == ["slam", "speech", "slam", "-uid-slam"]
-    assert asked == ["/pods", "/pods since 4", "/pods since 7"]
+    assert asked == [LIST, "/pods since 4", "/pods since 7"]
+
+
+def test_a_long_list_is_read_in_pages_and_watched_from_the_moment_that_all_of_them_show():
+    pages = a_list(an_item("slam"), version=4, more="a/b=="), a_list(an_item("speech"), version=4)
+    told, asked = follow(*pages)
+    assert told == ["slam", "speech"]
+    assert asked == [LIST, f"{LIST}&continue=a/b%3D%3D", "/pods since 4"]
+
+
+def test_a_list_whose_pages_have_expired_begins_anew_and_forgets_nothing():
+    gone = ActuationError("Expired", "the continue token is too old", retriable=True)
+    first = a_list(an_item("slam"), version=4, more="next")
+    told, asked = follow(first, gone, a_list(an_item("speech"), version=9))
+    assert told == ["slam", "speech", "-uid-slam"], "it went between the two lists"
+    assert asked[-1] == "/pods since 9"
 
 
 def test_events_may_come_in_any_pieces():
@@ -145,7 +164,7 @@ def test_after_a_failure_all_is_listed_anew_and_what_is_missing_has_gone():
 def test_a_watch_that_fails_in_any_way_is_begun_anew(broken):
     told, asked = follow(a_list(version=4), broken, a_list(an_item("slam"), version=8))
     assert told == ["slam"]
-    assert asked[2:] == ["/pods", "/pods since 8"]
+    assert asked[2:] == [LIST, "/pods since 8"]
 
 
 def test_failures_are_logged_once_and_their_end(caplog):

@@ -7,7 +7,7 @@ import json
 import pytest
 import yaml
 
-from tests.e2e.cluster import REPOSITORY, apply, until
+from tests.e2e.cluster import REPOSITORY, apply, run, until
 from tests.e2e.conftest import router
 
 PATIENCE_S = 90
@@ -37,20 +37,24 @@ class Heard:
         self._session.put(f"robot/{module}/order", json.dumps(order))
 
 
-def pod(module, namespace):
-    """The pod of the module's deployment, so that it can be named."""
-    deployment = yaml.safe_load((REPOSITORY / f"config/robot/{module}.yaml").read_text(encoding="utf-8"))
-    template = deployment["spec"]["template"]
-    labels = template["metadata"]["labels"]
-    metadata = {"name": module, "namespace": namespace, "labels": labels}
-    return {"apiVersion": "v1", "kind": "Pod", "metadata": metadata, "spec": template["spec"]}
+MODULES = ("navigation", "lidar", "arm")
+
+
+def pods(namespace):
+    """The pods of the modules' deployments, so that they can be named."""
+    settings = ("--set", "image.tag=dev", "--set", f"zenoh.connect={router()}")
+    rendered = run("helm", "template", "robot", str(REPOSITORY / "charts" / "robot"), *settings)
+    for deployment in yaml.safe_load_all(rendered):
+        name = deployment["metadata"]["name"]
+        if name in MODULES:
+            template = deployment["spec"]["template"]
+            metadata = {"name": name, "namespace": namespace, **template["metadata"]}
+            yield {"apiVersion": "v1", "kind": "Pod", "metadata": metadata, "spec": template["spec"]}
 
 
 @pytest.fixture
 def heard(empty, session):
-    bus = {"name": "zenoh", "namespace": empty.namespace}
-    apply({"apiVersion": "v1", "kind": "ConfigMap", "metadata": bus, "data": {"connect": router()}})
-    apply(*(pod(module, empty.namespace) for module in ("navigation", "lidar", "arm")))
+    apply(*pods(empty.namespace))
     heard = Heard(session)
     heard.until("the lidar scans", "robot/lidar/scan", lambda scan: scan["nearest"] > 1)
     heard.until("the robot tells where it is", "robot/navigation/odometry", lambda told: told["travelled"] == 0)

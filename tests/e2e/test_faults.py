@@ -127,11 +127,11 @@ def test_part_of_the_node_gone_and_back(governed, faults, component):
 @own_node
 def test_all_of_k3s_restarts(governed, faults):
     """Its one process is all of these, and its API takes the next plan before its kubelet is back."""
-    parts = ("apiserver", "controller-manager", "scheduler", "containerd", "kubelet", "proxy")
+    parts = components.names()
     governed.drive(0.3)
     governed.expect(slam=990, speech=10)
     cgroups = [governed.container("slam"), governed.container("speech")]
-    with faults("all of k3s restarted (all but etcd)", "the last good plan stays, then the newest is in force") as seen:
+    with faults("all of k3s restarted", "the last good plan stays, then the newest is in force") as seen:
         for part in reversed(parts):
             lifecycle.stop(part)
         try:

@@ -46,6 +46,44 @@ def test_pod_that_cannot_be_resized_is_reported_and_left_alone(robot, given, sai
     assert resources(robot, "speech") == given
 
 
+def start_restarting(robot, name):
+    """A pod whose container restarts whenever its CPU changes."""
+    delicate = pod(name, robot.namespace, IDLE, None)
+    policy = {"resourceName": "cpu", "restartPolicy": "RestartContainer"}
+    delicate["spec"]["containers"][0]["resizePolicy"] = [policy]
+    apply(delicate)
+    run("kubectl", "wait", f"pod/{name}", "-n", robot.namespace, "--for=condition=Ready", "--timeout=60s")
+
+
+def test_container_that_a_resize_restarts_is_reported_and_left_alone(robot):
+    robot.start("slam")
+    start_restarting(robot, "speech")
+    robot.policy()
+    for speed in (0.3, 0.0, 0.3):
+        robot.drive(speed)
+        robot.expect(slam=1000)
+    said = "speech/speech restarts whenever its CPU changes"
+    until("the status tells", lambda: said in robot.condition("Applied")[1])
+    assert any(said in message for message in robot.told("NotResizable"))
+    assert resources(robot, "speech")["limits"]["cpu"] == "500m"
+    assert robot.restarts("speech") == 0
+
+
+def test_task_that_accepts_restarts_is_restarted_once_for_each_share(robot):
+    robot.start("slam")
+    start_restarting(robot, "speech")
+    robot.policy(tasks=[task("slam"), task("speech", restartOnResize=True)])
+    robot.expect(slam=500, speech=500)
+    before = robot.restarts("speech")
+    robot.drive(0.3)
+    robot.expect(slam=990, speech=10)
+    until("it was restarted once", lambda: robot.restarts("speech") == before + 1)
+    until("the status is well", lambda: robot.condition("Applied")[0] == "True")
+    delete("ctxp", "robot", robot.namespace)
+    robot.expect(slam=500, speech=500)
+    until("it was restarted once more", lambda: robot.restarts("speech") == before + 2)
+
+
 def test_request_in_the_way_is_named(robot):
     robot.start("slam")
     robot.start("speech", resources=BIG_REQUEST)

@@ -11,9 +11,9 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import DecodeError, DefinitionError, ExpressionError, PolicyError
-from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
+from contextpolicy.planning.scope import Scope
 from contextpolicy.policy import parsing
 from contextpolicy.policy.ros_types import type_store
 from contextpolicy.policy.spec import Encoding, RosRelease, Stream

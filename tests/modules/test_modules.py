@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import yaml
 
 from robotkit import load_module
 
@@ -39,15 +38,3 @@ def test_its_image_runs_as_nobody_and_starts_the_module(module):
     lines = (module / "Dockerfile").read_text(encoding="utf-8").splitlines()
     assert "USER 65532:65532" in lines
     assert lines[-1] == f'ENTRYPOINT ["/opt/module/bin/python", "-m", "modules.{module.name}"]'
-
-
-def test_its_manifest_lets_the_policy_resize_it(module):
-    (path,) = (ROOT.parent / "config/robot").rglob(f"{module.name}.yaml")
-    deployment = yaml.safe_load(path.read_text(encoding="utf-8"))
-    assert deployment["spec"]["template"]["metadata"]["labels"] == {"app": module.name}
-    (container,) = deployment["spec"]["template"]["spec"]["containers"]
-    assert container["name"] == module.name
-    assert {"resourceName": "cpu", "restartPolicy": "NotRequired"} in container["resizePolicy"]
-    requests, limits = container["resources"]["requests"], container["resources"]["limits"]
-    assert (requests["cpu"], limits["cpu"]) == ("10m", "1")
-    assert requests["memory"] != limits["memory"]  # equal ones make the pod Guaranteed once CPU agrees

@@ -33,9 +33,8 @@ def parser() -> argparse.ArgumentParser:
 
 def main() -> int:
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    arguments = parser().parse_args()
     try:
-        return dispatch(arguments)
+        return dispatch(parser().parse_args())
     except ClusterError as error:
         logging.getLogger(__name__).error("error: %s", error)  # noqa: TRY400, the message is the explanation
         return 1

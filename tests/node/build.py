@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING
 
 from tests.node import cache
 from tests.node.errors import ClusterError
-from tests.node.layout import BIN, CACHE, CONTAINERD_VERSION, HELM_VERSION, KUBERNETES_VERSION, RUNC_VERSION, SOURCES
+from tests.node.layout import (
+    BIN,
+    CACHE,
+    CONTAINERD_VERSION,
+    HELM_VERSION,
+    KINE_VERSION,
+    KUBERNETES_VERSION,
+    RUNC_VERSION,
+    SOURCES,
+)
 from tests.node.shell import run, run_long, succeeds
 
 if TYPE_CHECKING:
@@ -57,6 +66,8 @@ CONTAINERD = "github.com/containerd/containerd/v2/cmd"
 PROGRAMS = (
     Program("node", (".",), source="program", ldflags=kubernetes_ldflags(KUBERNETES_VERSION)),
     Program("pause", ("./pause",), source="program"),
+    # As in k3s: with SQLite itself, where the build without cgo has a translation of it to Go.
+    Program("kine", (f"github.com/k3s-io/kine@{KINE_VERSION}",), cgo=True),
     Program(
         "containerd",
         (

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import dataclass
 
 from tests.node.certificates import AUTHORITY, TOKENS, certificate, private_key
+from tests.node.errors import ClusterError
 from tests.node.layout import (
     API_URL,
+    AUDIT_LOG,
     BIN,
     CONFIG,
     CONTAINERD_SOCKET,
+    DATASTORE_VARIABLE,
+    KINE_SOCKET,
     NODE_ADDRESS,
     NODE_NAME,
     POD_CIDR,
@@ -54,19 +59,46 @@ def etcd() -> Component:
         listen_peer_urls=peer,
         initial_advertise_peer_urls=peer,
         initial_cluster=f"node={peer}",
-        unsafe_no_fsync="true",  # the page cache outlives the process, and nobody pulls this node's plug
     )
     return Component("etcd", (NODE_BINARY, "etcd", *flags), _answers(f"{client}/health"))
+
+
+def kine() -> Component:
+    """SQLite behind etcd's API, with the parameters that k3s leaves at kine's default."""
+    parameters = "_journal_mode=WAL&_busy_timeout=30000&_synchronous=NORMAL&_txlock=immediate&_stmt_cache_size=20"
+    metrics = "127.0.0.1:2381"
+    flags = _flags(
+        endpoint=f"sqlite://{ROOT}/kine/state.db?{parameters}&cache=shared",
+        listen_address=f"unix://{KINE_SOCKET}",
+        metrics_bind_address=metrics,
+    )
+    return Component("kine", (str(BIN / "kine"), *flags), _answers(f"http://{metrics}/metrics"))
+
+
+DATASTORES = {"kine": (kine, f"unix://{KINE_SOCKET}"), "etcd": (etcd, "http://127.0.0.1:2379")}
+"""What serves the API server's objects, and where."""
+
+
+def datastore() -> str:
+    """The datastore that the environment chose: kine, as on a single-node k3s, if it says nothing."""
+    chosen = os.environ.get(DATASTORE_VARIABLE) or "kine"
+    if chosen not in DATASTORES:
+        raise ClusterError(f"{DATASTORE_VARIABLE}={chosen}: it is one of {', '.join(DATASTORES)}")
+    return chosen
 
 
 def apiserver() -> Component:
     flags = _flags(
         advertise_address=NODE_ADDRESS,
         allow_privileged="true",
+        audit_log_maxbackup=1,
+        audit_log_maxsize=50,  # megabytes
+        audit_log_path=AUDIT_LOG,
+        audit_policy_file=CONFIG / "audit-policy.json",
         authorization_mode="Node,RBAC",
         client_ca_file=certificate(AUTHORITY),
         enable_admission_plugins="NodeRestriction",
-        etcd_servers="http://127.0.0.1:2379",
+        etcd_servers=DATASTORES[datastore()][1],
         kubelet_client_certificate=certificate("apiserver-client"),
         kubelet_client_key=private_key("apiserver-client"),
         kubelet_preferred_address_types="InternalIP",
@@ -141,7 +173,8 @@ def proxy() -> Component:
 
 def all_components() -> tuple[Component, ...]:
     """Return the components in the order in which they start; they stop in the opposite order."""
-    return (etcd(), apiserver(), controller_manager(), scheduler(), containerd(), kubelet(), proxy())
+    serve, _ = DATASTORES[datastore()]
+    return (serve(), apiserver(), controller_manager(), scheduler(), containerd(), kubelet(), proxy())
 
 
 def names() -> tuple[str, ...]:

@@ -14,10 +14,13 @@ ROOT = Path("/var/lib/contextpolicy-node")
 BIN = ROOT / "bin"
 CONFIG = ROOT / "config"
 LOGS = ROOT / "logs"
+AUDIT_LOG = LOGS / "audit.log"
 MANIFESTS = ROOT / "manifests"
 PKI = ROOT / "pki"
 RUN = ROOT / "run"
 KUBECONFIG = ROOT / "kubeconfig"
+DATASTORE_VARIABLE = "CONTEXTPOLICY_NODE_DATASTORE"
+KINE_SOCKET = RUN / "kine.sock"
 CONTAINERD_SOCKET = RUN / "containerd.sock"
 NETWORK_NAMESPACE = RUN / "net"
 
@@ -32,6 +35,7 @@ CNI_PLUGINS = "/usr/lib/cni"
 
 KUBERNETES_VERSION = "v1.36.3"
 CONTAINERD_VERSION = "v2.4.2"
+KINE_VERSION = "v0.17.5"
 RUNC_VERSION = "v1.5.2"
 HELM_VERSION = "v4.3.1"
 

@@ -131,13 +131,14 @@ def _start() -> None:
 def _write_configuration() -> None:
     build.link_binaries()
     certificates.create()
-    for folder in (MANIFESTS, CONFIG / "cni"):
+    for folder in (MANIFESTS, CONFIG / "cni", ROOT / "kine"):
         folder.mkdir(parents=True, exist_ok=True)
     for identity in certificates.CLIENTS:
         (CONFIG / f"{identity.name}.kubeconfig").write_text(configuration.kubeconfig(identity))
     KUBECONFIG.write_text(configuration.kubeconfig(certificates.ADMIN))
     KUBECONFIG.chmod(0o600)
     (CONFIG / "containerd.toml").write_text(configuration.CONTAINERD_TOML)
+    (CONFIG / "audit-policy.json").write_text(configuration.audit_policy())
     (CONFIG / "kubelet.json").write_text(configuration.kubelet())
     (CONFIG / "cni" / "10-node.conflist").write_text(configuration.cni())
 

@@ -47,6 +47,11 @@ def alive(name: str) -> int | None:
     return int(pid) if start_time(int(pid)) == started else None
 
 
+def started() -> list[str]:
+    """Return the components that were started and not stopped, whatever the environment says now."""
+    return sorted(file.name for file in PIDS.iterdir()) if PIDS.exists() else []
+
+
 def start_time(pid: int) -> str | None:
     """Return when the process started, in ticks since boot: with the id it names a process for good."""
     try:

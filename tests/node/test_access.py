@@ -54,7 +54,7 @@ def test_a_missing_node_is_said(monkeypatch, tmp_path):
 
 def test_an_unknown_component_is_refused_with_the_known_ones(monkeypatch):
     monkeypatch.delenv("KUBECONFIG", raising=False)
-    with pytest.raises(ClusterError, match=r"'dns'.*one of etcd, apiserver"):
+    with pytest.raises(ClusterError, match=r"'dns'.*one of kine, apiserver"):
         lifecycle.component("dns")
 
 

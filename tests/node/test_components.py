@@ -3,6 +3,7 @@ import tomllib
 
 import pytest
 
+from tests.node import __main__ as command_line
 from tests.node import certificates, components, configuration, layout
 
 
@@ -16,14 +17,45 @@ def test_each_component_has_its_own_name():
 
 def test_the_kubelet_starts_after_what_it_needs_and_so_stops_before():
     order = components.names()
-    assert order.index("etcd") < order.index("apiserver") < order.index("kubelet")
+    assert order.index("kine") < order.index("apiserver") < order.index("kubelet")
     assert order.index("containerd") < order.index("kubelet")
 
 
-@pytest.mark.parametrize("component", components.all_components(), ids=components.names())
+@pytest.mark.parametrize("component", [*components.all_components(), components.etcd()], ids=lambda one: one.name)
 def test_every_file_that_a_component_names_is_below_the_root(component):
     paths = [value for value in flags(component).values() if value.startswith("/")]
     assert all(path.startswith(f"{layout.ROOT}/") for path in paths)
+
+
+@pytest.mark.parametrize(("chosen", "served"), [("", "kine"), ("kine", "kine"), ("etcd", "etcd")])
+def test_the_api_server_uses_the_datastore_that_the_environment_chose(monkeypatch, chosen, served):
+    monkeypatch.setenv(layout.DATASTORE_VARIABLE, chosen)
+    _, endpoint = components.DATASTORES[served]
+    assert components.names()[0] == served
+    assert flags(components.apiserver())["etcd-servers"] == endpoint
+    first = components.all_components()[0]
+    assert endpoint in (flags(first).get("listen-address"), flags(first).get("listen-client-urls"))
+
+
+def test_an_unknown_datastore_is_refused_with_the_known_ones(monkeypatch, caplog):
+    monkeypatch.setenv(layout.DATASTORE_VARIABLE, "mysql")
+    monkeypatch.setattr("sys.argv", ["tests.node", "status"])
+    assert command_line.main() == 1
+    assert "CONTEXTPOLICY_NODE_DATASTORE=mysql: it is one of kine, etcd" in caplog.text
+
+
+def test_sqlite_keeps_its_promises_to_the_robots_flash_as_in_k3s():
+    """A commit is not synchronised to the disk, a checkpoint is; a write never waits for readers."""
+    endpoint = next(word for word in components.kine().argv if word.startswith("--endpoint="))
+    assert "_journal_mode=WAL" in endpoint
+    assert "_synchronous=NORMAL" in endpoint
+
+
+def test_calls_of_pods_are_audited_and_the_nodes_own_are_not():
+    policy = json.loads(configuration.audit_policy())
+    levels = [(rule.get("userGroups"), rule["level"]) for rule in policy["rules"]]
+    assert levels[-2:] == [(["system:serviceaccounts"], "Metadata"), (None, "None")]
+    assert flags(components.apiserver())["audit-log-path"] == str(layout.AUDIT_LOG)
 
 
 def test_node_name_is_one_for_kubelet_proxy_and_certificate():

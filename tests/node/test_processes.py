@@ -39,6 +39,11 @@ def test_stop_of_a_stopped_component_does_nothing(tmp_path, monkeypatch):
     processes.stop("nobody")
 
 
+def test_what_was_started_is_known_whatever_the_environment_says(sleeper):
+    assert processes.alive("sleeper") == sleeper.pid
+    assert processes.started() == ["sleeper"]
+
+
 def test_own_start_time_is_stable():
     assert processes.start_time(os.getpid()) == processes.start_time(os.getpid()) is not None
 

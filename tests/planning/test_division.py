@@ -36,6 +36,12 @@ def test_the_reserve_is_kept_back_on_each_node_and_capacity_is_whole_quanta():
     assert sum(nodes["robot"].shares.values()) == 1690
 
 
+@pytest.mark.parametrize(("left", "capacity"), [(705, 700), (1900, 1690)])
+def test_what_other_policies_leave_bounds_n_as_the_reserve_does(left, capacity):
+    placement = replace(on_node("slam", "speech", cores=2), left={"robot": left})
+    assert divided(two_tasks(reserve="305m"), placement).nodes["robot"].capacity == capacity
+
+
 def test_several_pods_of_a_task_share_its_part_equally():
     placement = Placement(
         {"robot": 1000},

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contextpolicy.errors import ExpressionError
-from contextpolicy.planning.expressions import Guarded, Scope
+from contextpolicy.planning.expressions import Guarded
+from contextpolicy.planning.scope import Scope
 from contextpolicy.policy import cel_cost, cel_syntax
 from contextpolicy.policy.cel import Expression
 

@@ -93,7 +93,7 @@ def test_what_is_not_finite_harms_nobody_outside(operator):
         a_context("crowded", "mood.near < 1.0", {"slam": {"weight": 8}}),
         a_context("alone", "mood.ranges.all(r, r > 10.0)", {"slam": {"weight": 2}, "speech": {"weight": 8}}),
     ]
-    stream = a_stream("mood", encoding="cdr", type=scan, staleAfter="1s", features=[near])
+    stream = a_stream("mood", encoding="cdr", type=scan, staleAfter="9s", features=[near])
     operator.apply(a_policy(streams=[stream], contexts=contexts))
     for ranges in (["Infinity", "Infinity"], ["NaN", 0.5], ["NaN"], ["-Infinity"], ["Infinity", "Infinity"]):
         hear(operator, RosMessage(scan, type_store(), {"ranges": ranges}).payload(0))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextpolicy import runtime
+from contextpolicy.cluster.claims import claim
 from tests.cluster.builders import a_pod, cpu
 from tests.planning.builders import a_context, a_task
 from tests.runtime.builders import IMU, a_policy, resources
@@ -57,6 +59,48 @@ def test_a_restarted_container_is_told_to_agents_with_the_plan_in_force(running)
     assert plan["edition"] == 1
     assert "containerd://again" in [target["containerId"] for target in plan["targets"]]
     assert "trigger" in plan
+
+
+def test_a_container_that_a_resize_would_restart_is_left_alone_and_told_once(running):
+    delicate = a_pod("slam-2", {"slam": resources()}, labels={"app": "slam"})
+    delicate["spec"]["containers"][0]["resizePolicy"] = [{"resourceName": "cpu", "restartPolicy": "RestartContainer"}]
+    running.cluster.create(delicate)
+    for speed in (0.3, 0.0, 0.3):
+        running.sample(IMU, speed=speed)
+        running.settle()
+    assert "slam-2" not in [pod for pod, _ in running.cluster.resizes()]
+    assert running.condition("Applied")[:2] == ("False", "NotApplied")
+    [(reason, message)] = running.told()
+    assert reason == "NotResizable"
+    assert message in running.condition("Applied")[2]
+    assert "slam-2/slam restarts whenever its CPU changes" in message
+
+
+def test_thousands_of_pods_that_come_at_once_cost_one_placement(running, monkeypatch):
+    placements = []
+    monkeypatch.setattr(runtime, "claim", lambda *arguments: placements.append(1) or claim(*arguments))
+    for number in range(300):
+        namespace = "lab" if number % 3 == 0 else "elsewhere"
+        running.runtime.pod_changed(a_pod(f"other-{number}", {"other": resources()}, namespace=namespace))
+    running.turn()
+    assert len(placements) == 1
+    running.runtime.pod_changed(a_pod("far", namespace="elsewhere"))
+    running.turn()
+    assert len(placements) == 1, "no policy is there"
+
+
+def test_a_change_in_one_namespace_leaves_the_policies_of_others_alone(running):
+    other = a_policy("other", tasks=[a_task("arm")], contexts=[], streams=[])
+    other["metadata"]["namespace"] = "elsewhere"
+    running.apply(other)
+    running.settle()
+    before = len(running.session.plans())
+    running.cluster.create(a_pod("arm", {"arm": resources()}, namespace="elsewhere"))
+    running.settle()
+    [*_, last] = running.session.plans()[before:]
+    assert {plan["policy"] for plan in running.session.plans()[before:] if plan} <= {"elsewhere/other", "lab/robot"}
+    assert running.limits()["arm"] > 0
+    assert last is not None
 
 
 def test_a_pod_that_makes_no_sense_is_left_alone(running, caplog):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from prometheus_client import REGISTRY
 
+from contextpolicy.policy.tenants import Tenant, Tenants
 from tests.actuators.resize.fake_cluster import UNREACHABLE
-from tests.cluster.builders import a_pod
+from tests.cluster.builders import a_pod, cpu
 from tests.planning.builders import a_context, a_stream, a_task
 from tests.runtime.builders import IMU, a_policy
 
@@ -111,6 +113,19 @@ def test_deletion_is_done_when_all_is_as_it_was(running):
     assert running.session.plans()[-1] is None, "whoever acts on its plans must stop"
 
 
+def test_what_was_measured_of_a_policy_goes_with_it(running):
+    def measured():
+        samples = (sample for family in REGISTRY.collect() for sample in family.samples)
+        return {s.name for s in samples if (s.labels.get("namespace"), s.labels.get("name")) == ("lab", "robot")}
+
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert {"contextpolicy_task_weight", "contextpolicy_plans_total", "contextpolicy_resizes_total"} <= measured()
+    running.delete(a_policy())
+    running.settle()
+    assert measured() == set()
+
+
 def test_deletion_before_the_first_sample_has_nothing_to_do(operator):
     operator.list_all()
     operator.connect()
@@ -192,6 +207,38 @@ def two_policies(operator):
     old = a_policy("old", **tasks["slam"])
     young = a_policy("young", created="2026-02-01T00:00:00Z", **tasks["speech"])
     return old, young
+
+
+def test_a_tiny_pod_in_another_namespace_leaves_the_robot_alone(operator):
+    """Its policy is older than the robot's, reserves nothing, and its pod was on the node first."""
+    tiny = a_pod("tiny", {"tiny": cpu("10m", "10m")}, namespace="elsewhere")
+    older = a_policy("older", created="2020-01-01T00:00:00Z", tasks=[a_task("tiny")], contexts=[], streams=[])
+    older["metadata"]["namespace"] = "elsewhere"
+    operator.list_all("2")
+    operator.connect()
+    operator.cluster.create(tiny)
+    operator.settle()
+    operator.apply(older)
+    operator.apply(a_policy())
+    operator.sample(IMU, speed=0.3)
+    operator.settle()
+    assert operator.condition("Accepted")[0] == "True"
+    assert operator.limits() == {"slam": 640, "speech": 160, "tiny": 10}
+
+
+def test_streams_beyond_what_the_administrator_allows_are_refused(operator):
+    operator.tenants = Tenants({"lab": Tenant(stream_prefixes=("robot",))})
+    operator.start()
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(streams=[a_stream("imu", key="other/imu")]))
+    operator.turn(1.0)
+    told = "spec.streams[0].key: 'other/imu' is not allowed: the administrator lets namespace lab read robot/**"
+    assert operator.condition("Accepted") == ("False", "Invalid", told)
+    assert "other/imu" not in operator.session.everything_declared()
+    operator.apply(a_policy(generation=2))
+    operator.turn(1.0)
+    assert operator.condition("Accepted")[0] == "True"
 
 
 def test_two_policies_share_a_node(operator):

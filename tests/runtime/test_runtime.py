@@ -10,6 +10,7 @@ from contextpolicy.actuators.following import SETTLED
 from contextpolicy.bus.agent_watch import BOUND
 from contextpolicy.cluster.agent_reports import NO_AGENT
 from contextpolicy.telemetry import metrics
+from contextpolicy.telemetry.reporter import STATUS_INTERVAL
 from tests.cluster.builders import NODE
 from tests.runtime.builders import IMU, a_policy
 
@@ -27,6 +28,7 @@ def test_samples_become_limits(running):
 def test_status_and_bus_tell_the_same(running):
     running.sample(IMU, speed=0.3)
     running.settle()
+    running.turn(STATUS_INTERVAL)
     status, plan = running.cluster.statuses["lab/robot"], running.session.plans()[-1]
     assert status["activeContexts"] == plan["contexts"] == ["moving"]
     assert status["plan"]["sequence"] == plan["sequence"]
@@ -140,7 +142,7 @@ def test_a_loop_that_answers_is_healthy(running):
 
 def test_plans_that_min_dwell_held_back_are_counted(operator):
     def counted():
-        return metrics.HELD_BACK.labels("lab/robot")._value.get()
+        return metrics.HELD_BACK.labels("lab", "robot")._value.get()
 
     before = counted()
     operator.list_all()

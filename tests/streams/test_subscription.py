@@ -270,7 +270,7 @@ def test_beyond_the_backlog_the_oldest_are_dropped_and_counted(monkeypatch):
 
 
 def test_a_storm_leaves_others_their_turn():
-    """As many samples come in as are taken out: timers and finished patches still act."""
+    """A new sample for each that is taken: timers and finished patches still act."""
     scheduler, heard = TestScheduler(), Heard()
     inbox, decoder, others = an_inbox(scheduler, heard), Decoder(IMU), []
     put_again = heard.on_next
@@ -285,7 +285,34 @@ def test_a_storm_leaves_others_their_turn():
     scheduler.schedule(lambda *_: others.append("a patch"))
     scheduler.advance_by(1)
     assert others == ["a patch"]
-    assert len(heard.inputs) == BATCH + 1
+    assert len(heard.inputs) == 2
+
+
+def test_a_backlog_leaves_others_their_turn_after_each_batch():
+    scheduler, heard, turns = TestScheduler(), Heard(), []
+    inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
+    for n in range(2 * BATCH + 1):
+        inbox.put(decoder, b'{"n": %d}' % n)
+    for _ in range(2):
+        scheduler.schedule(lambda *_: turns.append(len(heard.inputs)))
+    scheduler.advance_by(1)
+    assert turns == [BATCH, BATCH]
+    assert heard.values() == [{"n": n} for n in range(2 * BATCH + 1)]
+
+
+def test_a_batch_keeps_the_order_across_streams_and_ends(monkeypatch):
+    clock = iter(range(100))
+    monkeypatch.setattr(subscription.time, "monotonic", lambda: float(next(clock)))
+    scheduler, heard = TestScheduler(), Heard()
+    inbox, imu, mic = an_inbox(scheduler, heard), Decoder(IMU), Decoder(MIC)
+    inbox.put(mic, b'{"level": 1}')
+    inbox.put(imu, b'{"n": 1}')
+    inbox.put_gone("mic")
+    inbox.put(imu, b'{"n": 2}')
+    inbox.put(mic, b'{"level": 2}')
+    scheduler.advance_by(1)
+    told = [event if isinstance(event, Gone) else (event.stream, event.arrived) for event in heard.inputs]
+    assert told == [("mic", 0.0), ("imu", 1.0), Gone("mic"), ("imu", 2.0), ("mic", 3.0)]
 
 
 def test_the_loop_is_woken_once_for_all_that_wait():

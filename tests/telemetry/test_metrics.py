@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 import importlib
+from dataclasses import replace
 
 import pytest
 from prometheus_client import REGISTRY, generate_latest
 from prometheus_client.metrics import MetricWrapperBase
 
+from contextpolicy.policy.spec import Mode
 from contextpolicy.telemetry import metrics
+from tests.planning.builders import a_context, a_policy, a_task
 
 NAMES = {
     *("contextpolicy_sample_to_plan_seconds", "contextpolicy_plan_to_patch_seconds"),
@@ -19,7 +22,7 @@ NAMES = {
 
 
 LABELS = {
-    *("policy", "namespace", "name", "stream", "reason", "context", "task", "result", "le"),
+    *("namespace", "name", "stream", "reason", "context", "task", "result", "le"),
     *("method", "code"),
 }
 
@@ -39,12 +42,46 @@ def test_every_metric_is_there_with_a_text():
 
 def test_names_and_labels_keep_the_conventions():
     metrics.REACTION.labels("lab", "robot").observe(0.003)
-    metrics.PLANS.labels("lab/robot").inc()
+    metrics.PLANS.labels("lab", "robot").inc()
     text = generate_latest().decode()
-    assert 'contextpolicy_plans_total{policy="lab/robot"}' in text
+    assert 'contextpolicy_plans_total{name="robot",namespace="lab"}' in text
     assert 'contextpolicy_reaction_seconds_bucket{le="0.005",name="robot",namespace="lab"}' in text
     labels = {label for family in ours().values() for sample in family.samples for label in sample.labels}
     assert labels <= LABELS
+
+
+def of(name):
+    """All series of a policy in namespace `gone`."""
+    families = (sample for family in ours().values() for sample in family.samples)
+    return {
+        (s.name, s.labels.get("task", ""))
+        for s in families
+        if s.labels == {**s.labels, "namespace": "gone", "name": name}
+    }
+
+
+def test_what_was_measured_goes_with_its_policy():
+    for name in ("one", "two"):
+        metrics.PLANS.labels("gone", name).inc()
+        metrics.TASK_SHARE.labels("gone", name, "slam").set(1)
+        metrics.REACTION.labels("gone", name).observe(1)
+    metrics.forget("gone/one")
+    assert of("one") == set()
+    assert ("contextpolicy_task_share_cores", "slam") in of("two")
+
+
+def test_gauges_go_with_the_tasks_and_contexts_that_an_edit_removes():
+    before = replace(
+        a_policy(tasks=[a_task("slam"), a_task("speech")], contexts=[a_context("moving")]), namespace="gone"
+    )
+    after = replace(before, tasks=before.tasks[:1], contexts=())
+    metrics.CONTEXT_ACTIVE.labels("gone", "robot", "moving").set(1)
+    for task in before.tasks:
+        metrics.TASK_SHARE.labels("gone", "robot", task.name).set(1)
+    metrics.replace(before, after)
+    assert of("robot") == {("contextpolicy_task_share_cores", "slam")}
+    metrics.replace(after, replace(after, mode=Mode.PAUSED))
+    assert of("robot") == set()
 
 
 def test_they_are_registered_once():

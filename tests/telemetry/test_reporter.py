@@ -76,13 +76,36 @@ def test_of_many_statuses_the_newest_is_written_at_most_once_per_interval(desk):
     assert len(written) <= 1 / STATUS_INTERVAL + 2
 
 
+def test_a_storm_costs_one_write_a_second():
+    desk = Desk()
+    for n in range(1000):
+        desk.status(n)
+        desk.wait(0.01)
+    assert 10 <= len(desk.statuses) <= 11
+
+
+def test_what_is_no_news_is_not_written(desk):
+    for n in (1, 1, 2, 1, 1):
+        desk.status(n)
+        desk.wait(3)
+    assert [n for _, _, n in desk.statuses] == [1, 2, 1]
+
+
+def test_what_was_refused_is_news_still(desk):
+    desk.faults += [refusal("Invalid")]
+    for _ in range(2):
+        desk.status(1)
+        desk.wait(3)
+    assert [n for _, _, n in desk.statuses] == [1]
+
+
 def test_a_status_is_made_when_it_is_written_not_when_it_is_announced(desk):
     desk.status(0)
     desk.wait(STATUS_DELAY + 0.05)
     facts = {"n": 1}
     desk.reporter.status(POLICY, lambda: dict(facts))
     facts["n"] = 2
-    desk.wait(1)
+    desk.wait(STATUS_INTERVAL + 0.1)
     assert [n for _, _, n in desk.statuses] == [0, 2]
 
 

@@ -32,6 +32,9 @@ def told():
     return Told()
 
 
+LABELS = dict(zip(("namespace", "name"), POLICY.split("/"), strict=True))
+
+
 def held_back(message="node is full"):
     condition = {"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": message}
     return view(a_pod("slam", conditions=[condition]))
@@ -45,16 +48,15 @@ LEGS = ("sample_to_plan", "plan_to_patch", "patch_to_in_force", "reaction")
 
 
 def count(leg, of="count"):
-    labels = {"namespace": "lab", "name": "watched"}
-    return REGISTRY.get_sample_value(f"contextpolicy_{leg}_seconds_{of}", labels) or 0.0
+    return REGISTRY.get_sample_value(f"contextpolicy_{leg}_seconds_{of}", LABELS) or 0.0
 
 
 def contests():
-    return REGISTRY.get_sample_value("contextpolicy_contests_total", {"policy": POLICY}) or 0.0
+    return REGISTRY.get_sample_value("contextpolicy_contests_total", LABELS) or 0.0
 
 
 def resizes(result):
-    return REGISTRY.get_sample_value("contextpolicy_resizes_total", {"policy": POLICY, "result": result}) or 0.0
+    return REGISTRY.get_sample_value("contextpolicy_resizes_total", {**LABELS, "result": result}) or 0.0
 
 
 @pytest.fixture

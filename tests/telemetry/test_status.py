@@ -19,7 +19,7 @@ from contextpolicy.telemetry.status import (
     waiting,
 )
 from tests.crds.schema import schema, strict
-from tests.planning.builders import START, Story, a_context, a_parent, a_policy, a_stream, a_task, on_node
+from tests.planning.builders import START, Story, a_context, a_parent, a_policy, a_stream, a_task, on_node, together
 
 SCHEMA = strict(schema())["properties"]["status"]
 NOW = START + 100
@@ -29,6 +29,7 @@ def made(story, *, previous=(), **facts):
     """The status, as the API server would store it."""
     claim = Claim(story.planner.placement, facts.pop("conflicts", []), facts.pop("obstacles", {}))
     claim.realtime = facts.pop("realtime", [])
+    claim.shared = facts.pop("shared", {})
     content = status(story.planner, StatusFacts(3, 17, claim, **facts), previous, NOW)
     stored = {name: value for name, value in json.loads(json.dumps(content)).items() if value is not None}
     jsonschema.validate(stored, SCHEMA)
@@ -64,6 +65,8 @@ def test_a_robot_at_work():
     assert content["plan"]["run"] == 17
     assert content["plan"]["time"] == timestamp(START + 1)
     assert content["nodes"] == [{"name": "robot", "capacity": "1", "allocatable": "1", "dividedBy": "Weight"}]
+    [node] = made(moving(), shared={"robot": "lab/other come first"})["nodes"]
+    assert node["message"] == "lab/other come first"
     slam, speech = content["tasks"]
     assert (slam["weight"], slam["share"], slam["suspended"], slam["pods"]) == (1, "990m", False, 1)
     assert (speech["weight"], speech["share"], speech["suspended"], speech["pods"]) == (0, "10m", True, 1)
@@ -71,6 +74,16 @@ def test_a_robot_at_work():
     assert [(one["type"], one["status"]) for one in content["conditions"]] == [
         (name, "True") for name in ("Ready", "Accepted", "StreamsHealthy", "Feasible", "Applied")
     ]
+
+
+def test_more_nodes_than_the_definition_allows_are_counted():
+    nodes = [on_node("slam", node=f"node-{number:03}") for number in range(70)]
+    story = Story(a_robot(), together(*nodes))
+    story.sample("imu", at=1, speed=0.3)
+    content = made(story)
+    assert [node["name"] for node in content["nodes"]] == [f"node-{number:03}" for number in range(64)]
+    assert content["moreNodes"] == 6
+    assert "moreNodes" not in made(moving())
 
 
 def test_before_the_first_plan():

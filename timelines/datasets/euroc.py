@@ -1,4 +1,4 @@
-"""Writes a EuRoC sequence (cam0, cam1, imu0, ground truth) of a robot that moves through a generated corridor."""
+"""Writes a EuRoC sequence (cam0, cam1, imu0, ground truth) of a robot that moves through a generated building."""
 
 from __future__ import annotations
 
@@ -56,11 +56,15 @@ TRUTH_SENSOR = "sensor_type: visual-inertial\ncomment: generated, exact\n"
 
 @dataclass(frozen=True)
 class Sequence:
-    """What to record: the motion, the cameras' frame rate in Hz, and the seed of walls and noise."""
+    """What to record: the motion, the cameras' frame rate in Hz, the seed of walls and noise, and the hall.
+
+    Without a hall it is a corridor, as long as the path needs.
+    """
 
     motion: Motion
     camera_rate: int = 10
     seed: int = 7
+    hall: corridor.Hall | None = None
 
 
 def write(folder: Path, sequence: Sequence, progress: Callable[[float], None]) -> None:
@@ -114,8 +118,8 @@ def _write_truth(folder: Path, motion: Motion, bias: Floats) -> None:
 def _write_cameras(mav0: Path, sequence: Sequence, progress: Callable[[float], None]) -> None:
     motion = sequence.motion
     times = _times(motion.duration, sequence.camera_rate)
-    length = float(motion.positions_at(times)[:, 0].max()) + 5
-    walls = corridor.build(length=length, seed=sequence.seed)
+    hall = sequence.hall or corridor.corridor(float(motion.positions_at(times)[:, 0].max()) + 5)
+    walls = corridor.build(hall, seed=sequence.seed)
     for index, name in enumerate(("cam0", "cam1")):
         folder = mav0 / name
         (folder / "data").mkdir(parents=True)
@@ -134,7 +138,7 @@ def _write_index(folder: Path, stamps: list[int]) -> None:
 
 
 def _write_pictures(
-    folder: Path, sequence: Sequence, walls: corridor.Corridor, progress: Callable[[float], None]
+    folder: Path, sequence: Sequence, walls: corridor.Walls, progress: Callable[[float], None]
 ) -> None:
     camera = calibration.load_camera(folder / "sensor.yaml")
     times = _times(sequence.motion.duration, sequence.camera_rate)
@@ -155,7 +159,7 @@ def _camera_poses(motion: Motion, times: Floats, camera: Camera) -> list[Floats]
 class _Viewer:
     """Draws what a camera sees; the view is redrawn only when the camera has moved."""
 
-    def __init__(self, walls: corridor.Corridor, camera: Camera) -> None:
+    def __init__(self, walls: corridor.Walls, camera: Camera) -> None:
         self._walls = walls
         self._size = camera.size
         self._rays = corridor.rays(camera)
@@ -163,7 +167,7 @@ class _Viewer:
 
     def __call__(self, pose: Floats) -> NDArray[np.uint8]:
         if self._last is None or not np.array_equal(self._last[0], pose):
-            turned = self._rays @ pose[:3, :3].T.astype(np.float32)
+            turned = pose[:3, :3].astype(np.float32) @ self._rays
             place = pose[:3, 3].astype(np.float32)
             self._last = (pose, corridor.picture(self._walls, turned, place, self._size))
         return self._last[1]

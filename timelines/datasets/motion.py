@@ -1,4 +1,4 @@
-"""How the robot of a generated recording moves: it stands, rolls along a corridor and stands again."""
+"""How the robot of a generated recording moves: it stands, rolls along a corridor or a course, and stands again."""
 
 from __future__ import annotations
 
@@ -20,11 +20,16 @@ STEP = 0.001
 
 @dataclass(frozen=True)
 class Motion:
-    """A planar path with the sway of wheels; `moving` lists intervals in seconds."""
+    """A planar path with the sway of wheels; `moving` lists intervals in seconds.
+
+    `course` is where it heads: metres to roll and radians to turn left meanwhile, piece by piece; straight on after the
+    last one.
+    """
 
     duration: float
     moving: tuple[tuple[float, float], ...]
     speed: float = 0.3
+    course: tuple[tuple[float, float], ...] = ()
 
     def speed_at(self, times: Floats) -> Floats:
         """Forward speed in m/s; it ramps up and down within each interval."""
@@ -33,10 +38,10 @@ class Motion:
         return total
 
     def angles_at(self, times: Floats) -> tuple[Floats, Floats, Floats]:
-        """Yaw, pitch and roll in radians; all are zero while the robot stands."""
+        """Yaw, pitch and roll in radians; none changes while the robot stands."""
         pace = self.speed_at(times) / self.speed
-        yaw = 0.12 * np.sin(1.1 * times) + 0.04 * np.sin(2.7 * times)
-        return pace * yaw, pace * 0.008 * np.sin(11.0 * times), pace * 0.006 * np.sin(8.3 * times + 1)
+        sway = 0.12 * np.sin(1.1 * times) + 0.04 * np.sin(2.7 * times)
+        return self._headings_at(times) + pace * sway, pace * 0.008 * np.sin(11.0 * times), pace * 0.006 * np.sin(8.3 * times + 1)
 
     def rotations_at(self, times: Floats) -> Floats:
         """World-from-body rotations, N x 3 x 3."""
@@ -66,12 +71,30 @@ class Motion:
         felt: Floats = np.einsum("nij,ni->nj", self.rotations_at(times), change + GRAVITY)
         return felt
 
+    def _headings_at(self, times: Floats) -> Floats:
+        """Where the course leads, as yaw in radians."""
+        metres, turns = np.cumsum([(0.0, 0.0), *self.course], axis=0).T
+        grid, rolled = self._rolled
+        headings: Floats = np.interp(np.interp(times, grid, rolled), metres, turns)
+        return headings
+
+    @cached_property
+    def _rolled(self) -> tuple[Floats, Floats]:
+        """A grid of times, and the metres rolled by then."""
+        grid = np.arange(0.0, self.duration + STEP, STEP)
+        return grid, _integrated(self.speed_at(grid))
+
     @cached_property
     def _path(self) -> tuple[Floats, Floats]:
         grid = np.arange(0.0, self.duration + STEP, STEP)
-        velocities = self.velocities_at(grid)
-        steps = (velocities[1:] + velocities[:-1]) / 2 * STEP
-        return grid, np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+        return grid, _integrated(self.velocities_at(grid))
+
+
+def _integrated(rates: Floats) -> Floats:
+    """Sums from zero of what changes at these rates, by the trapezoidal rule."""
+    steps = (rates[1:] + rates[:-1]) / 2 * STEP
+    sums: Floats = np.concatenate([np.zeros_like(rates[:1]), np.cumsum(steps, axis=0)])
+    return sums
 
 
 def _turn(axis: int, angles: Floats) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -20,8 +21,19 @@ if TYPE_CHECKING:
 Progress: TypeAlias = Callable[[float], None]
 
 ROOT = Path("build/datasets")
+QUARTER = (0.8 * math.pi / 2, math.pi / 2)
+"""A left turn with a radius of 0.8 m."""
+LAP = ((2, 0), QUARTER, (3, 0), QUARTER, (4, 0), QUARTER, (3, 0), QUARTER, (2, 0))
+"""Once around the block, 19 m."""
+LOOPS = Sequence(
+    Motion(duration=74, moving=((1, 18), (20, 45), (48, 73)), speed=0.58, course=LAP * 2),
+    camera_rate=5,
+    hall=corridor.Hall((-3.9, -1.2), (3.9, 5.8), (((-1.7, 1.2), (1.7, 3.4)),)),
+)
+"""Two laps around a block, with stops: where SLAM must find out that it has been here before."""
 RECORDINGS: Mapping[str, Sequence | Script] = {
     "euroc": Sequence(Motion(duration=30, moving=((10, 20),))),
+    "loops": LOOPS,
     "speech/demo": Script(
         duration=30,
         utterances=(

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 REPOSITORY = Path(__file__).resolve().parents[2]
 SYSTEM, ROBOT = "contextpolicy-system", "robot"
 POLICY = REPOSITORY / "config" / "policies" / "delivery-robot.yaml"
-MODULES = REPOSITORY / "config" / "robot"
+MODULES = REPOSITORY / "charts" / "robot"
 TIMEOUT = "180s"
 
 
@@ -32,17 +32,18 @@ def up() -> Iterator[str]:
         *(*values, "--take-ownership", "--force-conflicts", "--wait", "--timeout", TIMEOUT),
     )
     _run("kubectl", "delete", "-f", str(POLICY), "--ignore-not-found", f"--timeout={TIMEOUT}")
-    yield "kubectl apply -f config/robot"
-    _run("kubectl", "apply", "-f", str(MODULES / "namespace.yaml"))
-    _run("kubectl", "apply", "-f", str(MODULES))
-    _run("kubectl", "apply", "-f", "-", stdin=json.dumps(_zenoh_map(router())))
-    for task in ("slam", "speech"):
-        _run("kubectl", "rollout", "status", f"deployment/{task}", "-n", ROBOT, f"--timeout={TIMEOUT}")
+    yield "helm upgrade --install robot charts/robot"
+    _run(
+        *("helm", "upgrade", "--install", "robot", str(MODULES), "--namespace", ROBOT, "--create-namespace"),
+        *("--set", "image.tag=dev", "--set", f"zenoh.connect={router()}"),
+        *("--take-ownership", "--force-conflicts", "--wait", "--timeout", TIMEOUT),
+    )
 
 
 def down() -> Iterator[str]:
     """Remove the robot's namespace, then the operator; yields each step before it runs."""
-    yield "kubectl delete -f config/robot"
+    yield "helm uninstall robot"
+    _run("helm", "uninstall", "robot", "--namespace", ROBOT, "--ignore-not-found", "--wait", "--timeout", TIMEOUT)
     _run("kubectl", "delete", "namespace", ROBOT, "--ignore-not-found", f"--timeout={TIMEOUT}")
     yield "helm uninstall contextpolicy"
     _run("helm", "uninstall", "contextpolicy", "--namespace", SYSTEM, "--wait", "--timeout", TIMEOUT)
@@ -94,14 +95,9 @@ def _running(pods: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
                 yield status["name"], status["containerID"]
 
 
-def _zenoh_map(endpoint: str) -> dict[str, Any]:
-    metadata = {"name": "zenoh", "namespace": ROBOT}
-    return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": metadata, "data": {"connect": endpoint}}
-
-
-def _run(*argv: str, stdin: str | None = None) -> str:
+def _run(*argv: str) -> str:
     try:
-        done = subprocess.run(argv, input=stdin, capture_output=True, text=True, timeout=300, check=False)
+        done = subprocess.run(argv, capture_output=True, text=True, timeout=300, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise DeployError(f"{' '.join(argv)}: {error}") from error
     if done.returncode != 0:

@@ -212,7 +212,7 @@ affinity:
 # Policies are read; patched for the finalizer that lets the operator restore containers before a policy goes.
 - apiGroups: [contextpolicy.dev]
   resources: [contextpolicies]
-  verbs: [get, list, watch, patch]
+  verbs: [list, watch, patch]
 - apiGroups: [contextpolicy.dev]
   resources: [contextpolicies/status]
   verbs: [patch]

@@ -44,6 +44,8 @@ class ContainerView:
     container_id: str
     allocated: int | None = None
     writers: Writers = NOBODY
+    restarts: bool = False
+    """Whether its `resizePolicy` makes the kubelet restart it whenever its CPU changes."""
 
     @property
     def in_force(self) -> bool:
@@ -107,8 +109,11 @@ class PodView:
         equal_memory = container.memory_limit is not None and container.memory_request == container.memory_limit
         return request + 1 if equal_memory and cpu.request != cpu.limit else request
 
-    def obstacle(self, container: ContainerView) -> str | None:
-        """Why this container's CPU can't be changed in place, with what to do about it; None when it can."""
+    def obstacle(self, container: ContainerView, *, may_restart: bool = False) -> str | None:
+        """Why this container's CPU can't be changed in place, with what to do about it; None when it can.
+
+        `may_restart`: its task accepts that a resize restarts it, if that is what its `resizePolicy` says.
+        """
         if self.mirror:
             return f"{self.name} is a static pod, which can't be resized; run it as a Deployment"
         if self.qos == "BestEffort":
@@ -117,6 +122,11 @@ class PodView:
             return (
                 f"{self.name}/{container.name} has no CPU limit, and one that is set can't be taken back; "
                 "give it a CPU limit in its pod template"
+            )
+        if container.restarts and not may_restart:
+            return (
+                f"{self.name}/{container.name} restarts whenever its CPU changes (resizePolicy RestartContainer); "
+                "set NotRequired in its pod template, or accept restarts with restartOnResize: true on its task"
             )
         return None
 
@@ -180,6 +190,10 @@ def _container(container: Mapping[str, Any], field: str, status: Mapping[str, An
         container_id=status.get("containerID") or "",
         allocated=millicores((status.get("allocatedResources") or {}).get("cpu")),
         writers=by,
+        restarts=any(
+            policy.get("resourceName") == "cpu" and policy.get("restartPolicy") == "RestartContainer"
+            for policy in container.get("resizePolicy") or []
+        ),
     )
 
 

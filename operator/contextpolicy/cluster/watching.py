@@ -14,6 +14,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Protocol
+from urllib.parse import quote
 
 import urllib3
 from kubernetes.watch.watch import iter_resp_lines
@@ -21,12 +22,17 @@ from kubernetes.watch.watch import iter_resp_lines
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
 log = logging.getLogger(__name__)
 
 PAUSES = (0.1, 0.2, 0.5, 1.0)
 """Seconds between attempts to reach the API server; the last one repeats."""
+
+
+PAGE = 500
+"""Objects in one page of a list: 5000 pods at once take 200 MiB to decode. All pages show one moment, whose version the
+watch starts from; when the server no longer has it (410) the list begins anew."""
 
 
 class ListWatch(Protocol):
@@ -88,18 +94,28 @@ class ObjectWatch:
                 self._rest(error)
 
     def _list(self) -> None:
-        found = self._api.read(self._path)
-        for item in found["items"]:
-            self._on_change(item)
-        uids = {item["metadata"]["uid"] for item in found["items"]}
+        uids: set[str] = set()
+        for page in self._pages():
+            uids |= {item["metadata"]["uid"] for item in page["items"]}
+            self._known |= uids  # should a later page fail, these are known all the same
+            for item in page["items"]:
+                self._on_change(item)
+            self._version = page["metadata"]["resourceVersion"]
         for uid in self._known - uids:
             self._on_gone(uid)
-        self._known, self._version = uids, found["metadata"]["resourceVersion"]
+        self._known = uids
         if self._failures:
             log.info("%s is told again", self._path)
         self._failures = 0
         if not self.listed.done():
             self.listed.set_result(None)
+
+    def _pages(self) -> Iterator[dict[str, Any]]:
+        page = self._api.read(f"{self._path}?limit={PAGE}")
+        yield page
+        while more := page["metadata"].get("continue"):
+            page = self._api.read(f"{self._path}?limit={PAGE}&continue={quote(more)}")
+            yield page
 
     def _follow(self) -> None:
         """Watch until the server ends it, as it does every few minutes; the next one resumes from the last version."""

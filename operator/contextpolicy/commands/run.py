@@ -21,8 +21,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="run the operator",
         description="Run the operator: watch ContextPolicy objects and sensor streams, resize the tasks' pods. "
         "Settings come from the environment: ZENOH_CONNECT, ZENOH_CREDENTIALS, PLAN_SIGNING, WATCH_NAMESPACES, "
-        "HEALTH_PORT, METRICS_PORT, LIVE_PORT (the live page, on the loopback), "
-        "LOG_FORMAT, LOG_LEVEL.",
+        "TENANTS, HEALTH_PORT, METRICS_PORT, LIVE_PORT (the live page, on the loopback), LOG_FORMAT, LOG_LEVEL.",
     )
     parser.set_defaults(main=main)
 

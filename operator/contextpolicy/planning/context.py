@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 from contextpolicy.planning import expressions
 
 if TYPE_CHECKING:
-    from contextpolicy.planning.expressions import Scope
+    from contextpolicy.planning.scope import Scope
     from contextpolicy.planning.stream import StreamState
     from contextpolicy.planning.timers import Timers
     from contextpolicy.policy.spec import Context

@@ -13,6 +13,7 @@ from contextpolicy.policy.spec import Enforce
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from collections.abc import Set as AbstractSet
 
     from contextpolicy.planning.division import Division
     from contextpolicy.planning.plan import NodePlan
@@ -41,6 +42,7 @@ class Decision(NamedTuple):
     tasks: Mapping[str, TaskPlan]
     division: Division
     shortfalls: tuple[Shortfall, ...]
+    suspended: AbstractSet[str]
 
 
 class Decider:
@@ -94,7 +96,7 @@ class Decider:
             for name, (score, weight, because, _) in weights.items()
         }
         tasks |= {name: tasks[name]._replace(because=AT_REST) for name in division.resting}
-        return Decision(weights, tasks, division, (*division.shortfalls, *yielded, *unmet))
+        return Decision(weights, tasks, division, (*division.shortfalls, *yielded, *unmet), suspended)
 
     def _lightest_unmet(self, decision: Decision) -> tuple[str, str] | None:
         """The lightest task that may yield and has an unmet need, with that need; ties go to the policy's first."""

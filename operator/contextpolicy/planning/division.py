@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -70,9 +69,10 @@ def divide_nodes(
             shortfalls.append(Shortfall("", f"node {node.name} keeps its last plan: {error}"))
             if node.name in last:
                 nodes[node.name] = last[node.name]
-    shares: Counter[str] = Counter()
+    shares: dict[str, int] = {}
     for made in nodes.values():
-        shares.update(made.shares)
+        for name, share in made.shares.items():
+            shares[name] = shares.get(name, 0) + share
     return Division(nodes, shares, tuple(shortfalls), resting)
 
 

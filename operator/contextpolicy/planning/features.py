@@ -12,7 +12,7 @@ from contextpolicy.policy.spec import FeatureOp
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from contextpolicy.planning.expressions import Scope
+    from contextpolicy.planning.scope import Scope
     from contextpolicy.policy.spec import Feature
 
 MAX_SAMPLES = 10_000

@@ -11,7 +11,7 @@ from contextpolicy.planning import expressions
 from contextpolicy.planning.timers import SAME_INSTANT
 
 if TYPE_CHECKING:
-    from contextpolicy.planning.expressions import Scope
+    from contextpolicy.planning.scope import Scope
     from contextpolicy.planning.stream import StreamState
     from contextpolicy.planning.timers import Timers
     from contextpolicy.policy.spec import Activity
@@ -50,6 +50,8 @@ class Initiative:
         asked = [own.expression for own in (self.when, self.score) if own]
         names = {name for own in asked for name in own.variables} | ({spec.stream} if spec.stream else set())
         self.streams = tuple(streams[name] for name in sorted(names))
+        self.source = ", ".join(stream.spec.name for stream in self.streams) or spec.initiative or "start"
+        """What moves it, for people to read."""
         self._timers, self._listener = timers, listener
         self.carrier = streams[spec.stream] if spec.stream else None
         ages = [age for own in asked for age in own.ages]

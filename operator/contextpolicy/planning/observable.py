@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from reactivex import Observable, Subject
@@ -54,7 +55,7 @@ class _Run:
     def __init__(self, planner: Planner, observer: ObserverBase[Plan], scheduler: SchedulerBase) -> None:
         self._planner, self._observer, self._scheduler = planner, observer, scheduler
         self._wake = SerialDisposable()
-        self._armed: float | None = None
+        self._armed = math.inf
         self._plug_ins: list[_PlugIn] = []
 
     def begin(
@@ -89,15 +90,15 @@ class _Run:
 
     def _on_wake(self, *_: object) -> None:
         """Schedulers round to microseconds and may fire early: then act as of the deadline, so that it is due."""
-        armed, self._armed = self._armed or 0.0, None
+        armed, self._armed = self._armed, math.inf
         self._emit(self._planner.advance(max(armed, self._now())))
 
     def _emit(self, new: list[Plan]) -> None:
         for plan in new:
             self._observer.on_next(plan)
-        due = self._planner.next_due()
         # Nearly every sample moves a deadline later. The armed timer stays: it finds nothing due then, and rearms.
-        if due is not None and (self._armed is None or due < self._armed):
+        due = self._planner.next_due(self._armed)
+        if due is not None and due < self._armed:
             self._armed = due
             self._wake.disposable = self._scheduler.schedule_absolute(self._scheduler.to_datetime(due), self._on_wake)
 

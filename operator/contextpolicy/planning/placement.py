@@ -49,6 +49,8 @@ class Placement:
     """As counted by the nodes' agents; without an agent, as many as the allocatable CPU needs."""
     quota_periods: Mapping[str, float] = field(default_factory=dict)
     """The kubelets' CFS periods in seconds, as the nodes' agents found them."""
+    left: Mapping[str, int] = field(default_factory=dict)
+    """What other policies leave of a node, in thousandths of a core; a node not named is all there."""
 
     def processors_of(self, node: str) -> int:
         """Over how many processors a realtime budget is spread."""

@@ -78,15 +78,6 @@ class Plan:
         """Each container's share, over all nodes."""
         return {identity: share for node in self.nodes.values() for identity, share in node.containers.items()}
 
-    def changes(self, last: Plan | None) -> bool:
-        """Whether it must be carried out after `last`; a new time, cause or weight alone does not count."""
-        return last is None or _substance(self) != _substance(last)
-
     def tells(self, last: Plan | None) -> bool:
         """Whether it shows anything that `last` did not."""
         return last is None or (self.contexts, self.tasks) != (last.contexts, last.tasks)
-
-
-def _substance(plan: Plan) -> tuple[object, ...]:
-    suspended = frozenset(name for name, task in plan.tasks.items() if task.suspended)
-    return plan.contexts, suspended, plan.nodes, plan.shortfalls

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter, defaultdict
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from contextpolicy.planning.context import ContextState
-from contextpolicy.planning.decision import Decider, Situation
-from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.inheritance import Inheritance
 from contextpolicy.planning.initiative import Initiative
 from contextpolicy.planning.inputs import Gone, Input, Score
 from contextpolicy.planning.placement import Placement
-from contextpolicy.planning.plan import Plan
+from contextpolicy.planning.plan_maker import PlanMaker
 from contextpolicy.planning.sample import Sample
+from contextpolicy.planning.scope import Scope
 from contextpolicy.planning.scores import Scores
-from contextpolicy.planning.seating import Seating, seat_tasks
 from contextpolicy.planning.stream import StreamState
 from contextpolicy.planning.timers import SAME_INSTANT, Timers
 from contextpolicy.policy.fields import LARGEST
@@ -25,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from contextpolicy.planning.expressions import Waiting
+    from contextpolicy.planning.plan import Plan
     from contextpolicy.planning.weights import Weight
     from contextpolicy.policy.spec import Policy
 
@@ -42,30 +41,20 @@ class Planner:
         self.timers = Timers()
         self.drops: Counter[tuple[str, str]] = Counter()
         self.errors: dict[str, str] = {}
-        self.held_back = 0
         self.transitions: Counter[str] = Counter()
         """How often each context began or ceased to hold."""
         self.started = False
-        self.last: Plan | None = None
-        """What is true now: the shares in force, the weights and contexts of this moment."""
-        self.decided: Plan | None = None
-        """The plan with which the shares in force began."""
         self.on_health: Callable[[], None] = lambda: None
         """Called when a stream fell silent, is heard again or changed its clock, or an expression began or ceased to
         fail: the status has news even when no plan changes."""
-        self.weights: Mapping[str, Weight] = {}
+        self._maker = PlanMaker(policy, self.timers)
         scope = Scope()
         self.streams = {s.name: StreamState(s, scope, self.timers, self) for s in policy.streams}
         self._scores = Scores(policy, lambda spec: Initiative(spec, self.streams, scope, self.timers, self))
         self.initiatives, self.requirements = self._scores.initiatives, self._scores.requirements
         self.contexts = [ContextState(c, self.streams, scope, self.timers, self) for c in policy.contexts]
         self._readers = self._index()
-        self._decider = Decider(policy)
-        self._placement, self._layout = Placement(), Seating()
-        self._causes: dict[object, str] = {}
-        self._changed = self._urgent = False
-        self._held: Plan | None = None
-        self._dwell, self._release = _Dwell(self), _Release(self)
+        self._release = _Release(self)
 
     def start(self, now: float, before: Planner | None = None) -> list[Plan]:
         """Start the watchdogs, and decide what needs no sample.
@@ -87,8 +76,7 @@ class Planner:
             if not former.pass_on_context(context, now):
                 context.start(now)
         self._force(now)
-        self._causes = {self: "start"}
-        self._changed = True
+        self._maker.begin(self)
         return self._conclude(now)
 
     def handle(self, event: Input, now: float) -> list[Plan]:
@@ -97,24 +85,22 @@ class Planner:
         What is due at this very instant acts after it, so that an event that comes just in time counts.
         """
         plans: list[Plan] = []
-        next_due = self._let_act(now - SAME_INSTANT, plans)
+        self._let_act(now - SAME_INSTANT, plans)
+        due_now = self.timers.next_due(now) is not None
         arrived = None
         match event:
             case Sample():
                 arrived = event.arrived
                 self._observe(event, now)
             case Placement():
-                if event != self._placement:
-                    self._placement, self._layout = event, seat_tasks(self.policy, event)
-                    self._note(Placement, "containers changed")
-                    self._urgent = True
+                self._maker.place(event)
             case Gone():
                 if event.stream in self.streams:
                     self.streams[event.stream].lose(now)
             case Score():
                 arrived = event.arrived
                 self._set_score(event, now)
-        if next_due is not None and next_due <= now:
+        if due_now:
             self.timers.fire(now)
         return plans + self._conclude(now, arrived)
 
@@ -124,13 +110,9 @@ class Planner:
         self._let_act(now, plans)
         return plans
 
-    def reconsider(self) -> None:
-        """Make a new plan at the next conclusion."""
-        self._changed = True
-
-    def next_due(self) -> float | None:
-        """When `advance` is to be called next, if nothing else happens."""
-        return self.timers.next_due()
+    def next_due(self, by: float = math.inf) -> float | None:
+        """When `advance` is to be called next, if nothing else happens; None when that is not before `by`."""
+        return self.timers.next_due(by)
 
     def on_value(self, stream: StreamState, now: float) -> None:
         """A stream has a new value: ask its readers only."""
@@ -142,13 +124,13 @@ class Planner:
         for reader in self._readers[stream.spec.name]:
             reader.on_value(now)
         self._fall_back(now)
-        self._note(stream, f"{stream.spec.name}: silent")
+        self._maker.note(stream, f"{stream.spec.name}: silent")
         self.on_health()
 
     def on_recovery(self, stream: StreamState, now: float) -> None:
         """A silent stream is heard again."""
         self._fall_back(now)
-        self._note(stream, f"{stream.spec.name}: heard again")
+        self._maker.note(stream, f"{stream.spec.name}: heard again")
         self.on_health()
 
     def on_first_value(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature
@@ -179,23 +161,42 @@ class Planner:
     def on_score(self, initiative: Initiative, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """An activity or a pre-condition changed."""
         self._scores.update(initiative)
-        source = ", ".join(stream.spec.name for stream in initiative.streams) or initiative.spec.initiative or "start"
-        self._note(initiative, f"{source}: {initiative.spec.when} is {initiative.value:g}")
+        self._maker.note(initiative, f"{initiative.source}: {initiative.spec.when} is {initiative.value:g}")
 
     def on_context(self, context: ContextState, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """A context began or ceased to hold."""
         self.transitions[context.spec.name] += 1
         source = ", ".join(stream.spec.name for stream in context.streams) or "policy"
-        self._note(context, f"{source}: context {context.spec.name} {'entered' if context.active else 'exited'}")
+        self._maker.note(context, f"{source}: context {context.spec.name} {'entered' if context.active else 'exited'}")
 
     def at_rest(self) -> Mapping[str, Weight]:
         """What the tasks would weigh now if all were active."""
-        return self._decider.at_rest()
+        return self._maker.at_rest()
 
     @property
     def placement(self) -> Placement:
         """Where the containers run, as of the last placement received."""
-        return self._placement
+        return self._maker.placement
+
+    @property
+    def last(self) -> Plan | None:
+        """What is true now: the shares in force, the weights and contexts of this moment."""
+        return self._maker.last
+
+    @property
+    def decided(self) -> Plan | None:
+        """The plan with which the shares in force began."""
+        return self._maker.decided
+
+    @property
+    def held_back(self) -> int:
+        """How many plans minDwell held back."""
+        return self._maker.held_back
+
+    @property
+    def weights(self) -> Mapping[str, Weight]:
+        """The weights of this moment."""
+        return self._maker.weights
 
     def scores(self) -> dict[str, float]:
         """Each task's score now."""
@@ -219,12 +220,11 @@ class Planner:
         """The contexts that have effects now, in list order."""
         return [context for context in self.contexts if context.active]
 
-    def _let_act(self, now: float, plans: list[Plan]) -> float | None:
-        """Let every timer due by now act, collecting the plans; returns when the next one is due."""
-        while (due := self.timers.next_due()) is not None and due <= now:
+    def _let_act(self, now: float, plans: list[Plan]) -> None:
+        """Let every timer due by now act, collecting the plans."""
+        while (due := self.timers.next_due(now)) is not None:
             self.timers.fire(due)
             plans += self._conclude(due)
-        return due
 
     def _index(self) -> dict[str, list[Initiative | ContextState]]:
         readers: dict[str, list[Initiative | ContextState]] = defaultdict(list)
@@ -262,86 +262,16 @@ class Planner:
                 self.timers.set(self._release, force.until)
 
     def _conclude(self, now: float, arrived: float | None = None) -> list[Plan]:
-        """The new plan, if something changed; until minDwell is over, one that keeps the shares in force.
+        """The new plan, if something changed.
 
         The first plan waits until each stream with a watchdog is heard or silent: until then a restarted operator
         leaves the limits as they are.
         """
-        if not self._changed or (self.last is None and any(stream.unknown for stream in self.streams.values())):
+        maker = self._maker
+        if not maker.changed or (maker.last is None and any(stream.unknown for stream in self.streams.values())):
             return []
-        plan, decided = self._plan(now, arrived), self.decided
-        # minDwell damps flapping sensors. A container that came or went can't wait: shares must sum to N again.
-        stands_until = decided.time + self.policy.min_dwell - SAME_INSTANT if decided else now
-        dwells = decided is not None and not self._urgent and now < stands_until
-        self._changed = self._urgent = False
-        if decided is not None and dwells and plan.changes(decided):
-            self._hold_back(plan, decided.time + self.policy.min_dwell)
-            plan = _with_shares_of(decided, plan)
-        else:
-            self._causes.clear()
-            self._held = None
-            if plan.changes(decided):
-                plan = replace(plan, sequence=plan.sequence + 1)
-                self.decided = plan
-        if plan.sequence == (decided.sequence if decided else 0) and not plan.tells(self.last):
-            return []
-        self.last = plan
-        return [plan]
-
-    def _hold_back(self, plan: Plan, until: float) -> None:
-        # Counts the different plans held back, not each sample that leads to the same one.
-        self.held_back += plan.changes(self._held)
-        self._held = plan
-        self.timers.set(self._dwell, until)
-
-    def _note(self, source: object, cause: str) -> None:
-        """Note a change; only the latest of each source is kept, so that the cause of a plan held back stays short."""
-        self._causes.pop(source, None)
-        self._causes[source] = cause
-        self._changed = True
-
-    def _plan(self, now: float, arrived: float | None) -> Plan:
-        active, decided = self.active_contexts(), self.decided
-        decision = self._decider.decide(
-            Situation(
-                self._scores.of,
-                self._scores.unmet,
-                [context.spec for context in active],
-                self._layout,
-                decided.nodes if decided else {},
-            )
-        )
-        self.weights = decision.weights
-        return Plan(
-            sequence=decided.sequence if decided else 0,
-            time=now,
-            cause="; ".join(dict.fromkeys(self._causes.values())),
-            contexts=tuple(context.spec.name for context in active),
-            tasks=decision.tasks,
-            nodes=decision.division.nodes,
-            shortfalls=decision.shortfalls,
-            arrived=arrived,
-        )
-
-
-def _with_shares_of(decided: Plan, plan: Plan) -> Plan:
-    """What is true while minDwell holds a plan back: its weights and contexts, and the shares that stay in force."""
-    tasks = {
-        name: task._replace(share=decided.tasks[name].share, suspended=decided.tasks[name].suspended)
-        for name, task in plan.tasks.items()
-    }
-    return replace(plan, tasks=tasks, nodes=decided.nodes, shortfalls=decided.shortfalls)
-
-
-class _Dwell:
-    """The end of minDwell."""
-
-    def __init__(self, planner: Planner) -> None:
-        self._planner = planner
-
-    def on_due(self, now: float) -> None:  # noqa: ARG002 - the timer's signature
-        """Let the planner conclude again; the causes of the plan held back are still noted."""
-        self._planner.reconsider()
+        plan = maker.make(self._scores, [context.spec for context in self.active_contexts()], now, arrived)
+        return [] if plan is None else [plan]
 
 
 class _Release:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
+class Sample(NamedTuple):
     """A decoded payload; `timestamp` is when it was taken, if the sender says so, in seconds on the planner's clock.
 
     `arrived` is when it reached the operator, in seconds on the monotonic clock: planning never decides by it, only

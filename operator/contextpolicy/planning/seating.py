@@ -102,7 +102,8 @@ def _on(node: str, policy: Policy, placement: Placement) -> Policy:
 def _node(
     policy: Policy, name: str, placement: Placement, seated: Sequence[tuple[Task, Sequence[Container]]]
 ) -> SeatedNode:
-    divisible = max(0, placement.allocatable[name] - policy.reserve)
+    allocatable = placement.allocatable[name]
+    divisible = max(0, min(allocatable - policy.reserve, placement.left.get(name, allocatable)))
     processors = placement.processors_of(name)
     if policy.scheduler is Scheduler.REALTIME:
         capacity, quantum, step = min(REALTIME_BUDGET, divisible // processors), 1, processors

@@ -38,17 +38,17 @@ def divide(total: int, claims: Sequence[Demand]) -> dict[str, int]:
     Floors above the total (see `floors_exceed`) are scaled down in proportion, with no claim below its `least`.
     ShareError when the total is less than the sum of `least`.
     """
-    needed = sum(claim.least for claim in claims)
-    if total < needed:
-        raise ShareError(f"{total} units cannot be divided over {len(claims)} tasks: they need {needed}")
     if not claims:
         return {}
-    if floors_exceed(total, claims):
+    names, weights, floors, ceilings, leasts = zip(*claims, strict=True)
+    if total < sum(leasts):
+        raise ShareError(f"{total} units cannot be divided over {len(claims)} tasks: they need {sum(leasts)}")
+    if sum(floors) > total:
         return _scaled_floors(total, claims)
-    weights = _whole_weights(claims)
-    fixed = _clamped(total, claims, weights)
-    free = sorted((c for c in claims if c.name not in fixed), key=lambda c: c.name)
-    return fixed | _largest_remainder(total - sum(fixed.values()), free, weights)
+    division = _Division(total, names, _whole(weights), floors, ceilings)
+    division.clamp()
+    division.settle()
+    return dict(zip(names, division.units, strict=True))
 
 
 def floors_exceed(total: int, claims: Sequence[Demand]) -> bool:
@@ -56,49 +56,66 @@ def floors_exceed(total: int, claims: Sequence[Demand]) -> bool:
     return sum(claim.floor for claim in claims) > total
 
 
-def _whole_weights(claims: Sequence[Demand]) -> dict[str, int]:
-    heaviest = max(claim.weight for claim in claims)
-    return {
-        claim.name: max(1, round(claim.weight / heaviest * RESOLUTION)) if claim.weight > 0 else 0 for claim in claims
-    }
+def _whole(weights: Sequence[float]) -> list[int]:
+    heaviest = max(weights)
+    return [max(1, round(weight / heaviest * RESOLUTION)) if weight > 0 else 0 for weight in weights]
 
 
-def _clamped(total: int, claims: Sequence[Demand], weights: dict[str, int]) -> dict[str, int]:
-    """The claims held at a bound, with their units.
+class _Division:
+    """One division under way, in columns with a place for each claim: it is made anew with nearly every plan."""
 
-    Water filling: in each round either the claims below their floor or those above their ceiling leave, whichever
-    violations sum to more; those would persist in every later round, so each claim leaves at most once.
-    """
-    fixed = {c.name: c.floor for c in claims if c.weight <= 0 or c.floor == c.ceiling}
-    free = [c for c in claims if c.name not in fixed]
-    while True:
-        left, weight = total - sum(fixed.values()), sum(weights[c.name] for c in free)
-        low, high, missing, excess = [], [], 0, 0
-        for claim in free:
-            part = left * weights[claim.name]
-            if part < claim.floor * weight:
-                low.append(claim)
-                missing += claim.floor * weight - part
-            elif part > claim.ceiling * weight:
-                high.append(claim)
-                excess += part - claim.ceiling * weight
-        if not low and not high:
-            return fixed
-        if missing >= excess:
-            fixed |= {claim.name: claim.floor for claim in low}
-        if excess >= missing:
-            fixed |= {claim.name: claim.ceiling for claim in high}
-        free = [claim for claim in free if claim.name not in fixed]
+    def __init__(
+        self, total: int, names: Sequence[str], weights: list[int], floors: Sequence[int], ceilings: Sequence[int]
+    ) -> None:
+        self._names, self._weights, self._floors, self._ceilings = names, weights, floors, ceilings
+        self.units = list(floors)
+        """What each claim gets; of a free one its floor until it is settled."""
+        self._free = [place for place, weight in enumerate(weights) if weight > 0 and floors[place] != ceilings[place]]
+        self._left = total - sum(floors) + sum(floors[place] for place in self._free)
+        """What is left for the free claims."""
 
+    def clamp(self) -> None:
+        """Hold the claims whose part is out of bounds at that bound.
 
-def _largest_remainder(total: int, claims: Sequence[Demand], weights: dict[str, int]) -> dict[str, int]:
-    weight = sum(weights[claim.name] for claim in claims)
-    if weight == 0:
-        return {}
-    parts = {c.name: divmod(total * weights[c.name], weight) for c in claims}
-    order = sorted(claims, key=lambda c: (-parts[c.name][1], -weights[c.name], c.name))
-    extra = {claim.name for claim in order[: total - sum(whole for whole, _ in parts.values())]}
-    return {c.name: parts[c.name][0] + (c.name in extra) for c in claims}
+        Water filling: in each round either the claims below their floor or those above their ceiling leave, whichever
+        violations sum to more; those would persist in every later round, so each claim leaves at most once.
+        """
+        floors, ceilings, weights = self._floors, self._ceilings, self._weights
+        while True:
+            left, weight = self._left, sum(weights[place] for place in self._free)
+            low, high, missing, excess = [], [], 0, 0
+            for place in self._free:
+                part = left * weights[place]
+                if part < floors[place] * weight:
+                    low.append(place)
+                    missing += floors[place] * weight - part
+                elif part > ceilings[place] * weight:
+                    high.append(place)
+                    excess += part - ceilings[place] * weight
+            if not low and not high:
+                return
+            if missing >= excess:
+                self._hold(low, floors)
+            if excess >= missing:
+                self._hold(high, ceilings)
+
+    def _hold(self, places: Sequence[int], bounds: Sequence[int]) -> None:
+        for place in places:
+            self.units[place] = bounds[place]
+            self._left -= bounds[place]
+        self._free = [place for place in self._free if place not in places]
+
+    def settle(self) -> None:
+        """Divide what is left over the free claims, by largest remainder."""
+        weights, total = self._weights, self._left
+        weight = sum(weights[place] for place in self._free)
+        order = []
+        for place in self._free:
+            self.units[place], remainder = divmod(total * weights[place], weight)
+            self._left -= self.units[place]
+            order.append((-remainder, -weights[place], self._names[place], place))
+        for *_, place in sorted(order)[: self._left]:
+            self.units[place] += 1
 
 
 def _scaled_floors(total: int, claims: Sequence[Demand]) -> dict[str, int]:

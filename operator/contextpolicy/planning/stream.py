@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.errors import ExpressionError
-from contextpolicy.planning.expressions import Scope
 from contextpolicy.planning.features import Window
+from contextpolicy.planning.scope import Scope
 from contextpolicy.planning.source_clock import IGNORED, SourceClock
 from contextpolicy.planning.timers import SAME_INSTANT
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 from typing import Protocol
 
 SAME_INSTANT = 1e-6
@@ -54,14 +55,15 @@ class Timers:
         else:
             self.set(owner, due)
 
-    def next_due(self) -> float | None:
-        """The earliest deadline, None when nothing waits."""
-        while self._heap:
-            at, _, owner = self._heap[0]
+    def next_due(self, by: float = math.inf) -> float | None:
+        """The earliest deadline; None when nothing is due by then."""
+        heap = self._heap
+        while heap and heap[0][0] <= by:
+            at, _, owner = heap[0]
             due = self._due.get(owner)
             if due == at:
                 return at
-            heapq.heappop(self._heap)
+            heapq.heappop(heap)
             if self._queued.get(owner) == at:
                 del self._queued[owner]
                 if due is not None:
@@ -70,7 +72,7 @@ class Timers:
 
     def fire(self, now: float) -> None:
         """Let everything due by `now` act, in order of deadline, including what they set meanwhile."""
-        while (due := self.next_due()) is not None and due <= now:
+        while self.next_due(now) is not None:
             owner = heapq.heappop(self._heap)[2]
             del self._due[owner], self._queued[owner]
             owner.on_due(now)

@@ -48,7 +48,7 @@ class Weigher:
         groups = [task for task in policy.tasks if task.subtasks]
         self._groups = sorted(groups, key=lambda task: len(self._tree.ancestors(task.name)))
         self._contexts: Sequence[Context] = ()
-        self._own: dict[str, tuple[float, Weight]] = {}
+        self._own: dict[str, Weight] = {}
         self._seen: tuple[object, ...] | None = None
         self._blocked: dict[str, str] = {}
 
@@ -60,7 +60,12 @@ class Weigher:
         `scores` has every task; `contexts` are the active ones in list order: the last one that names a task decides.
         """
         self._look_at(obstacles, contexts)
-        return self._spread({task.name: self._own_weight(task, scores[task.name]) for task in self._policy.tasks})
+        own = self._own
+        for task in self._policy.tasks:
+            name = task.name
+            if name not in own or own[name].score != scores[name]:
+                own[name] = _own_weight(task, scores[name], contexts)
+        return self._spread(dict(own))
 
     def weigh_at_rest(self) -> dict[str, Weight]:
         """What the tasks would weigh if all scored 1, with the last obstacles: in effect, their priorities."""
@@ -94,14 +99,6 @@ class Weigher:
                 if one in blocked:
                     return f"waits for task {required}; {one}: {blocked[one]}"
         return None
-
-    def _own_weight(self, task: Task, score: float) -> Weight:
-        known = self._own.get(task.name)
-        if known is not None and known[0] == score:
-            return known[1]
-        weight = _own_weight(task, score, self._contexts)
-        self._own[task.name] = score, weight
-        return weight
 
     def _spread(self, own: dict[str, Weight]) -> dict[str, Weight]:
         """Zero the tasks that can't run, and split each parent's weight over its subtasks."""

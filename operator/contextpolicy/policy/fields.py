@@ -54,7 +54,7 @@ class Fields:
 
     def at(self, name: str) -> str:
         """The field's full path."""
-        return f"{self.path}.{name}" if name else self.path
+        return ".".join(filter(None, (self.path, name)))
 
     def raw(self, name: str) -> Any:
         """The field's raw value; None when it is absent."""

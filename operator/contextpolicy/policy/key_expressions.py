@@ -10,6 +10,14 @@ def selects(expression: str, key: str) -> bool:
     return zenoh.KeyExpr(expression).includes(zenoh.KeyExpr(key))
 
 
+def meet(one: str, other: str) -> bool:
+    """Whether some key is selected by both expressions; False if one of them is invalid."""
+    try:
+        return zenoh.KeyExpr(one).intersects(zenoh.KeyExpr(other))
+    except (zenoh.ZError, UnicodeEncodeError):
+        return False
+
+
 def refusal(expression: str) -> str:
     """Why Zenoh refuses the expression; empty when it does not."""
     try:

@@ -157,6 +157,7 @@ def _task(fields: Fields) -> policy.Task:
         subtasks=fields.texts("subtasks", limit=16),
         satisfied_by=fields.choice("satisfiedBy", policy.SatisfiedBy.ALL),
         protected=fields.flag("protected"),
+        restart_on_resize=fields.flag("restartOnResize"),
     )
     if (result.selector is None) == (not result.subtasks):
         fields.refuse(
@@ -165,7 +166,7 @@ def _task(fields: Fields) -> policy.Task:
             "a selector for a task in a container, subtasks for one without",
         )
     if result.subtasks:
-        for group_less in ("min", "max", "needs", "container"):
+        for group_less in ("min", "max", "needs", "container", "restartOnResize"):
             if group_less in fields:
                 fields.refuse(group_less, fields.raw(group_less), "only on a task in a container: a group has subtasks")
     if result.max is not None and not result.min <= result.max:

@@ -194,7 +194,8 @@ class Needs:
 class Task:
     """A robot function; `idle` is its score while no activity is fresh, None where it has no activity at all.
 
-    Contexts can weight a `protected` one, but nothing can suspend it or put it below its `min`.
+    Contexts can weight a `protected` one, but nothing can suspend it or put it below its `min`. With
+    `restart_on_resize` it accepts that a new share restarts a container whose `resizePolicy` is RestartContainer.
     """
 
     name: str
@@ -210,6 +211,7 @@ class Task:
     subtasks: tuple[str, ...] = ()
     satisfied_by: SatisfiedBy = SatisfiedBy.ALL
     protected: bool = False
+    restart_on_resize: bool = False
 
     @property
     def preconditions(self) -> tuple[Requirement, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import Counter, deque
+from collections import deque
 from threading import Lock
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -105,7 +105,7 @@ class _Inbox:
         self._waiting: deque[_Arrived | Gone] = deque()
         self._lock = Lock()
         self._awake = False
-        self._overrun: Counter[str] = Counter()
+        self._overrun: dict[str, int] = {}
 
     def put(self, decoder: Decoder, payload: bytes, attachment: bytes = b"", key: str = "") -> None:
         """Take a sample; called on a Zenoh thread."""
@@ -119,38 +119,41 @@ class _Inbox:
         """Wake the loop only if it is not awake already: it empties the whole inbox."""
         with self._lock:
             if len(self._waiting) >= BACKLOG:
-                self._overrun[_stream(self._waiting.popleft())] += 1
+                stream = _stream(self._waiting.popleft())
+                self._overrun[stream] = self._overrun.get(stream, 0) + 1
             self._waiting.append(item)
             wake, self._awake = not self._awake, True
         if wake:
             self._scheduler.schedule(self._drain)
 
     def _drain(self, *_: object) -> None:
+        batch = self._take()
         try:
-            for _turn in range(BATCH):
-                item = self._next()
-                if item is None:
-                    return
-                self._deliver(item)
+            while batch:
+                self._deliver(batch.popleft())
         # Even after an exception: the inbox would stay marked awake and never be drained again.
         finally:
-            self._rest()
+            self._rest(batch)
 
-    def _rest(self) -> None:
+    def _take(self) -> deque[_Arrived | Gone]:
+        """What has arrived, oldest first, up to a batch: one hand-over for all of it."""
+        with self._lock:
+            waiting = self._waiting
+            batch = deque(waiting.popleft() for _ in range(min(BATCH, len(waiting))))
+            overrun, self._overrun = self._overrun, {}
+        for stream, count in overrun.items():
+            for _ in range(count):
+                self._on_drop(stream, "overrun")
+        return batch
+
+    def _rest(self, untaken: deque[_Arrived | Gone]) -> None:
         """Queue behind the loop's other work if there is more, else sleep."""
         # Under the lock: a sample put meanwhile is either seen here or finds us asleep and wakes us.
         with self._lock:
+            self._waiting.extendleft(reversed(untaken))
             self._awake = awake = bool(self._waiting)
         if awake:
             self._scheduler.schedule(self._drain)
-
-    def _next(self) -> _Arrived | Gone | None:
-        with self._lock:
-            overrun, self._overrun = self._overrun, Counter()
-            item = self._waiting.popleft() if self._waiting else None
-        for stream in overrun.elements():
-            self._on_drop(stream, "overrun")
-        return item
 
     def _deliver(self, item: _Arrived | Gone) -> None:
         if isinstance(item, Gone):

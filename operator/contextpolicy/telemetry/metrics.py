@@ -1,49 +1,58 @@
 """Prometheus metrics of what happens: base units, and labels that name policies and their parts, never a pod's UID.
 
-What is the case at the moment of a scrape (silent streams, limits, conditions) is read then: see `scrape`.
+`namespace` and `name` are the policy's, so that they join with what other exporters say about either. What is the case
+at the moment of a scrape (silent streams, limits, conditions) is read then: see `scrape`.
 """
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from prometheus_client import Counter, Gauge, Histogram
 
-_LATENCY = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
+from contextpolicy.policy.spec import Mode
 
-_POLICY = ["namespace", "name"]
+if TYPE_CHECKING:
+    from contextpolicy.policy.spec import Policy
+
+POLICY = ("namespace", "name")
+_LATENCY = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
 
 SAMPLE_TO_PLAN = Histogram(
     "contextpolicy_sample_to_plan_seconds",
     "Time from a sample's arrival until the plan that it caused is ordered.",
-    _POLICY,
+    POLICY,
     buckets=_LATENCY,
 )
 PLAN_TO_PATCH = Histogram(
     "contextpolicy_plan_to_patch_seconds",
     "Time from such a plan until the API has accepted a new limit of a container.",
-    _POLICY,
+    POLICY,
     buckets=_LATENCY,
 )
 PATCH_TO_IN_FORCE = Histogram(
     "contextpolicy_patch_to_in_force_seconds",
     "Time from then until the kubelet reports the limit in force.",
-    _POLICY,
+    POLICY,
     buckets=_LATENCY,
 )
 REACTION = Histogram(
     "contextpolicy_reaction_seconds",
     "Time from a sample's arrival until the kubelet reports a limit that it caused in force.",
-    _POLICY,
+    POLICY,
     buckets=_LATENCY,
 )
-PLANS = Counter("contextpolicy_plans_total", "Plans made.", ["policy"])
-DROPS = Counter("contextpolicy_samples_dropped_total", "Samples not used.", ["policy", "stream", "reason"])
-HELD_BACK = Counter("contextpolicy_plans_held_back_total", "Plans that minDwell held back.", ["policy"])
-CONTEXT_ACTIVE = Gauge("contextpolicy_context_active", "1 while the context has effects.", ["policy", "context"])
-TASK_SHARE = Gauge("contextpolicy_task_share_cores", "What the plan gives the task.", ["policy", "task"])
-TASK_WEIGHT = Gauge("contextpolicy_task_weight", "The task's weight.", ["policy", "task"])
-RESIZES = Counter("contextpolicy_resizes_total", "Patches of pods/resize by result.", ["policy", "result"])
+PLANS = Counter("contextpolicy_plans_total", "Plans made.", POLICY)
+DROPS = Counter("contextpolicy_samples_dropped_total", "Samples not used.", [*POLICY, "stream", "reason"])
+HELD_BACK = Counter("contextpolicy_plans_held_back_total", "Plans that minDwell held back.", POLICY)
+CONTEXT_ACTIVE = Gauge("contextpolicy_context_active", "1 while the context has effects.", [*POLICY, "context"])
+TASK_SHARE = Gauge("contextpolicy_task_share_cores", "What the plan gives the task.", [*POLICY, "task"])
+TASK_WEIGHT = Gauge("contextpolicy_task_weight", "The task's weight.", [*POLICY, "task"])
+RESIZES = Counter("contextpolicy_resizes_total", "Patches of pods/resize by result.", [*POLICY, "result"])
 CONTESTS = Counter(
-    "contextpolicy_contests_total", "Times that somebody else changed the CPU of a container of the policy.", ["policy"]
+    "contextpolicy_contests_total",
+    "Times that somebody else changed the CPU of a container of the policy.",
+    POLICY,
 )
 API_REQUESTS = Counter(
     "contextpolicy_api_requests_total",
@@ -51,5 +60,45 @@ API_REQUESTS = Counter(
     ["method", "code"],
 )
 EVENTS_LEFT_OUT = Counter(
-    "contextpolicy_events_left_out_total", "Events on a policy that were not posted, because it had too many.", _POLICY
+    "contextpolicy_events_left_out_total", "Events on a policy that were not posted, because it had too many.", POLICY
 )
+
+_OF_A_POLICY = (
+    SAMPLE_TO_PLAN,
+    PLAN_TO_PATCH,
+    PATCH_TO_IN_FORCE,
+    REACTION,
+    PLANS,
+    DROPS,
+    HELD_BACK,
+    CONTEXT_ACTIVE,
+    TASK_SHARE,
+    TASK_WEIGHT,
+    RESIZES,
+    CONTESTS,
+    EVENTS_LEFT_OUT,
+)
+
+
+def labels(policy: str) -> tuple[str, str]:
+    """The first two labels of everything here, from the policy's `namespace/name`."""
+    namespace, _, name = policy.partition("/")
+    return namespace, name
+
+
+def forget(policy: str) -> None:
+    """The policy is gone, and all that was measured of it."""
+    namespace, name = labels(policy)
+    for metric in _OF_A_POLICY:
+        metric.remove_by_labels({"namespace": namespace, "name": name})
+
+
+def replace(before: Policy, after: Policy) -> None:
+    """The policy was edited: tasks and contexts that it lost are gone; a paused one gives none of them anything."""
+    own = {"namespace": before.namespace, "name": before.name}
+    kept = after if after.mode is not Mode.PAUSED else None
+    for context in {one.name for one in before.contexts} - {one.name for one in (kept.contexts if kept else ())}:
+        CONTEXT_ACTIVE.remove_by_labels({**own, "context": context})
+    for task in {one.name for one in before.tasks} - {one.name for one in (kept.tasks if kept else ())}:
+        TASK_SHARE.remove_by_labels({**own, "task": task})
+        TASK_WEIGHT.remove_by_labels({**own, "task": task})

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-STATUS_INTERVAL = 0.2
+STATUS_INTERVAL = 1.0
 """Seconds between two status writes of one policy: a storm of plans must not become a storm of writes."""
 STATUS_DELAY = 0.1
 """Seconds before a status is written: the plan's resizes go first, since on two cores both compete for CPU."""
@@ -41,6 +41,7 @@ class Reporter:
         self._pending: dict[str, Callable[[], dict[str, Any]]] = {}
         self._resting: set[str] = set()
         self._sent: dict[str, dict[str, Any]] = {}
+        self._written: dict[str, dict[str, Any]] = {}
 
     def status(self, policy: str, make: Callable[[], dict[str, Any]]) -> None:
         """Have the status that `make` returns written soon; of several calls only the last counts.
@@ -56,6 +57,7 @@ class Reporter:
         """The policy is gone: write nothing more for it."""
         self._pending.pop(policy, None)
         self._sent.pop(policy, None)
+        self._written.pop(policy, None)
 
     def event(self, event: Mapping[str, Any]) -> None:
         """Post an event. There is no deduplication here: the caller knows that it is news."""
@@ -66,7 +68,10 @@ class Reporter:
         self._worker.shutdown(wait=True, cancel_futures=True)
 
     def _write(self, policy: str) -> None:
-        status = self._sent[policy] = self._pending.pop(policy)()
+        status = self._pending.pop(policy)()
+        if status == self._written.get(policy):
+            return
+        self._sent[policy] = status
         self._resting.add(policy)
         self._worker.submit(self._send, policy, status)
 
@@ -79,7 +84,14 @@ class Reporter:
             log.log(logging.INFO if error.reason == "NotFound" else logging.WARNING, "status of %s: %s", policy, error)
             if error.retriable:
                 self._scheduler.schedule(lambda *_: self._keep(policy, status))
+        else:
+            self._scheduler.schedule(lambda *_: self._note(policy, status))
         self._scheduler.schedule_relative(rest, lambda *_: self._rested(policy))
+
+    def _note(self, policy: str, status: dict[str, Any]) -> None:
+        """The API server has this status: the same again would be no news."""
+        if self._sent.get(policy) is status:
+            self._written[policy] = status
 
     def _keep(self, policy: str, status: dict[str, Any]) -> None:
         """Queue the failed status again, unless there is a newer one or the policy is gone."""

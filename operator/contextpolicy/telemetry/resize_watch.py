@@ -49,16 +49,16 @@ class ResizeWatch:
         now = time.monotonic()
         self._reactions.plan(policy, plan, now)
         if plan.arrived is not None:
-            metrics.SAMPLE_TO_PLAN.labels(*policy.split("/")).observe(now - plan.arrived)
+            metrics.SAMPLE_TO_PLAN.labels(*metrics.labels(policy)).observe(now - plan.arrived)
 
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
         """The API has accepted new resources; `answered` is when its answer came."""
         self._on_stage(policy, "accepted", container, (cpu.limit or 0) / 1000, answered)
-        metrics.RESIZES.labels(policy, "accepted").inc()
+        metrics.RESIZES.labels(*metrics.labels(policy), "accepted").inc()
         reaction = self._reactions.reach(policy, container, "patch", cpu)
         if reaction is not None:
             reaction.accepted = answered
-            metrics.PLAN_TO_PATCH.labels(*policy.split("/")).observe(answered - reaction.planned)
+            metrics.PLAN_TO_PATCH.labels(*metrics.labels(policy)).observe(answered - reaction.planned)
 
     def on_in_force(self, policy: str, container: str, limit: int) -> None:
         """The kubelet reports the plan's limit, in millicores."""
@@ -69,7 +69,7 @@ class ResizeWatch:
             self._on_reaction(policy, reaction, now)
 
     def _on_reaction(self, policy: str, reaction: Reaction, now: float) -> None:
-        labels = policy.split("/")
+        labels = metrics.labels(policy)
         self._recent.setdefault(policy, deque(maxlen=RECENT)).append(now - reaction.arrived)
         metrics.REACTION.labels(*labels).observe(now - reaction.arrived)
         if reaction.accepted is not None:
@@ -82,7 +82,7 @@ class ResizeWatch:
             if failed.pop(pod, None):
                 self._on_problem(policy, RECOVERED, f"{pod} can be resized again")
             return
-        metrics.RESIZES.labels(policy, error.reason).inc()
+        metrics.RESIZES.labels(*metrics.labels(policy), error.reason).inc()
         message = _advised(f"{pod}: {error.reason}: {error}", remedies.for_refusal(error))
         if failed.get(pod) != message:
             failed[pod] = message
@@ -96,7 +96,7 @@ class ResizeWatch:
                 self._on_problem(policy, RECOVERED, f"{container}: nobody else has resized it for a while")
             return
         self._reactions.drop(policy, container)
-        metrics.CONTESTS.labels(policy).inc()
+        metrics.CONTESTS.labels(*metrics.labels(policy)).inc()
         by, changes = contest.by or "somebody", ", ".join(_changes(contest))
         message = f"{container}: {by} changed its {changes}; it gets what the plan says again"
         message = _advised(message, remedies.for_writer(contest.by))

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from contextpolicy.planning.planner import Planner
 
 MAX_MESSAGE = 1024
+MAX_NODES = 64
+"""How many nodes the status lists: the definition's limit, so that the object stays small."""
 _UNITS = (("years", 365.25 * 86400), ("days", 86400.0), ("h", 3600.0), ("s", 0.0))
 
 
@@ -52,7 +54,8 @@ def status(planner: Planner, facts: StatusFacts, previous: Sequence[Mapping[str,
         "contexts": ", ".join(contexts) or "-",
         "boundTasks": f"{len(bound)}/{len(policy.leaves)}",
         "plan": _plan(planner, facts.run),
-        "nodes": _nodes(planner, facts.claim),
+        "nodes": _nodes(planner, facts.claim)[:MAX_NODES],
+        "moreNodes": max(0, len(plan.nodes if plan else ()) - MAX_NODES) or None,
         "tasks": [_task(planner, facts, task.name) for task in policy.tasks],
         "streams": _streams(planner),
         "conditions": conditions(_findings(planner, facts), facts.generation, previous, now),
@@ -145,6 +148,7 @@ def _nodes(planner: Planner, claim: Claim) -> list[dict[str, Any]]:
             "capacity": format_cpu(node.capacity),
             "allocatable": format_cpu(claim.placement.allocatable.get(name, 0)),
             "dividedBy": node.basis,
+            **({"message": claim.shared[name][:MAX_MESSAGE]} if name in claim.shared else {}),
         }
         for name, node in sorted(nodes.items())
     ]

@@ -63,6 +63,18 @@ def test_a_request_that_is_overlooked_counts_as_well():
     assert rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]["requests"]["cpu"] == "300m"
 
 
+def test_a_container_that_a_resize_restarts_is_not_nudged():
+    pod = a_pod("slam", {"slam": cpu("100m", "500m")})
+    pod["spec"]["containers"][0]["resizePolicy"] = [{"resourceName": "cpu", "restartPolicy": "RestartContainer"}]
+    rig = Rig(pod)
+    rig.plan(slam=300)
+    rig.work()
+    rig.watch()
+    overlook(rig)
+    rig.wait(60)
+    assert asked(rig) == [300]
+
+
 def test_a_kubelet_that_goes_on_overlooking_is_nudged_less_and_less_often():
     rig, moments = planned(300), []
     for _ in range(600):

@@ -1,10 +1,13 @@
 """How long from a sample to the CPU limit in the kernel, side by side with the alternatives, on a real node.
 
     python -m tests.node exec -- python -m tests.bench.reaction [--only table,storm,priority,control] [--rounds 20]
+    python -m tests.node exec -- python -m tests.bench.reaction --resume
 
 Needs the image contextpolicy:dev on the node (`make bench-reaction` sees to that) and to run as root on that node.
-Prints tables, writes build/bench/reaction.json (with --only: reaction-<parts>.json); progress goes to stderr. What it
-creates has names that begin with bench-, and is removed at the end.
+Prints tables, writes build/bench/reaction.json (with --only: reaction-<parts>.json); progress goes to stderr. Each step
+is in reaction.jsonl as soon as it is measured: a run that ended early loses nothing, and goes on with --resume. A
+reaction that misses a stage is counted as missed. What it creates has names that begin with bench-, and is removed at
+the end.
 """
 
 # ruff: noqa: T201 - a command prints
@@ -19,10 +22,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tests.bench.engine_measure import machine
-from tests.bench.reaction import control, priority, report, storm
+from tests.bench.reaction import control, priority, report, rounds, storm
 from tests.bench.reaction.figures import AGENT as AGENT_PATH
 from tests.bench.reaction.figures import Figures
-from tests.bench.reaction.rounds import Rounds
+from tests.bench.reaction.journal import Journal, OtherRunError
 from tests.bench.reaction.site import AGENT, PLAIN, Site
 from tests.bench.reaction.stopwatch import MissedError, Stopwatch
 from tests.e2e.cluster import CommandError
@@ -37,12 +40,19 @@ PARTS = ("table", "storm", "priority", "control")
 def main() -> int:
     options = _options()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    result = _measure(options)
-    OUTPUT.mkdir(parents=True, exist_ok=True)
-    partly = "" if options.only == PARTS else "-" + "-".join(options.only)
-    (OUTPUT / f"reaction{partly}.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    file = OUTPUT / f"reaction{'' if options.only == PARTS else '-' + '-'.join(options.only)}.json"
+    try:
+        journal = Journal(file.with_suffix(".jsonl"), _kept(options), _steps(options), resume=options.resume)
+    except OtherRunError as error:
+        sys.exit(f"{error}: leave --resume out to measure anew")
+    problems: dict[str, Any] = {"unmeasured": {}, "disturbed": 0}
+    try:
+        _measure(options, journal, problems)
+    finally:
+        result = _result(options, journal, problems)
+        file.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     print(json.dumps(result, indent=2) if options.output == "json" else report.text(result))
-    return 0
+    return 1 if journal.left() else 0
 
 
 def _options() -> argparse.Namespace:
@@ -54,6 +64,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--output", choices=("table", "json"), default="table")
     parser.add_argument("--only", type=_parts, default=PARTS, help=f"some of {','.join(PARTS)}")
     parser.add_argument("--rounds", type=int, default=20, help="reactions of each path in each case (%(default)s)")
+    parser.add_argument("--resume", action="store_true", help="go on with a run of the same options that ended early")
     parser.add_argument("--no-agent", action="store_true", help="leave the node agent's path out")
     return parser.parse_args()
 
@@ -65,28 +76,62 @@ def _parts(text: str) -> tuple[str, ...]:
     return chosen
 
 
-def _measure(options: argparse.Namespace) -> dict[str, Any]:
-    figures = Figures()
-    parts: dict[str, list[dict[str, Any]]] = {}
+def _kept(options: argparse.Namespace) -> dict[str, Any]:
+    """What has to be the same in a run that goes on."""
+    return {"only": list(options.only), "rounds": options.rounds, "no_agent": options.no_agent}
+
+
+def _steps(options: argparse.Namespace) -> list[str]:
+    """What the parts are measured in, in order."""
+    made = {
+        "table": [rounds.step(node, size) for size in rounds.SIZES for node in rounds.NODES],
+        "storm": [storm.step(namespace) for namespace in _namespaces(options)],
+        "priority": [case.step for case in priority.cases()],
+        "control": [control.step(name) for name in control.CONTROLS],
+    }
+    return [step for part in options.only for step in made[part]]
+
+
+def _namespaces(options: argparse.Namespace) -> list[str]:
+    """One for each operator: with an agent, where a part uses it."""
+    agents = not options.no_agent and bool({"table", "storm"} & set(options.only))
+    return [PLAIN, AGENT] if agents else [PLAIN]
+
+
+def _measure(options: argparse.Namespace, journal: Journal, problems: dict[str, Any]) -> None:
+    """Fill the journal with the steps that are left; what can't be measured is told in the problems."""
+    if not journal.left():
+        return
+    if options.no_agent:
+        problems["unmeasured"][AGENT_PATH] = "left out by --no-agent"
     with Stopwatch() as stopwatch, Site(stopwatch) as site:
-        buses = {PLAIN: site.operator(PLAIN)}
-        if options.no_agent:
-            figures.unmeasured[AGENT_PATH] = "left out by --no-agent"
-        elif {"table", "storm"} & set(options.only):
-            buses[AGENT] = site.operator(AGENT, agent=True)
-        made: dict[str, Callable[[], list[dict[str, Any]]]] = {
-            "table": lambda: Rounds(site, stopwatch, figures, options.rounds).measure(buses),
-            "storm": lambda: storm.measure(site, stopwatch, buses),
-            "priority": lambda: priority.measure(site, stopwatch, buses[PLAIN]),
-            "control": lambda: control.measure(site),
+        buses = {namespace: site.operator(namespace, agent=namespace == AGENT) for namespace in _namespaces(options)}
+        made: dict[str, Callable[[], None]] = {
+            "table": lambda: rounds.Rounds(site, stopwatch, journal, problems, options.rounds).measure(buses),
+            "storm": lambda: storm.measure(site, stopwatch, buses, journal),
+            "priority": lambda: priority.measure(site, stopwatch, buses[PLAIN], journal),
+            "control": lambda: control.measure(site, journal),
         }
         for part in options.only:
             try:
-                parts[part] = made[part]()
-            except (MissedError, CommandError) as error:  # the minutes of the others' figures must not be lost with it
-                figures.unmeasured[part] = str(error)
-    problems = {"unmeasured": figures.unmeasured, "missed": figures.missed, "disturbed": site.quiet.disturbed}
-    return {**figures.keys(), "machine": machine(), "table": figures.rows(), **parts, **problems}
+                made[part]()
+            except (MissedError, CommandError) as error:  # the others can still be measured
+                problems["unmeasured"][part] = str(error)
+            problems["disturbed"] = site.quiet.disturbed
+
+
+def _result(options: argparse.Namespace, journal: Journal, problems: dict[str, Any]) -> dict[str, Any]:
+    """All that was measured, in this run and in those that it goes on with."""
+    figures = Figures()
+    for size, node in ((size, node) for size in rounds.SIZES for node in rounds.NODES):
+        figures.note(node, size, journal.found(rounds.step(node, size)))
+    parts = {
+        part: [row for step in _steps(options) if step.startswith(f"{part}:") for row in journal.found(step)]
+        for part in options.only
+        if part != "table"
+    }
+    told = {**problems, "missed": figures.missed, "left": journal.left()}
+    return {**figures.keys(), "machine": machine(), "table": figures.rows(), **parts, **told}
 
 
 if __name__ == "__main__":

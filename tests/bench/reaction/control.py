@@ -7,11 +7,12 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from tests.bench.reaction import objects
-from tests.bench.reaction.figures import percentile
-from tests.bench.reaction.site import PLAIN, say
+from tests.bench.reaction.figures import rounded
+from tests.bench.reaction.site import PLAIN
 from tests.e2e.cluster import apply, run, until
 
 if TYPE_CHECKING:
+    from tests.bench.reaction.journal import Journal
     from tests.bench.reaction.site import Site
     from timelines.demo.cgroup import Cgroup
 
@@ -22,15 +23,20 @@ RESERVE = "1"
 """Weights are CPU requests, and those of all pods of the node must fit: the operator's are among them."""
 
 
-def measure(site: Site) -> list[dict[str, Any]]:
+def step(control: str) -> str:
+    """The name of one control's rows in the journal."""
+    return f"control: {control}"
+
+
+def measure(site: Site, journal: Journal) -> None:
     """One row for each task and control."""
+    for control in CONTROLS:
+        journal.once(step(control), lambda control=control: _rows(site, control))  # type: ignore[misc]
+
+
+def _rows(site: Site, control: str) -> list[dict[str, Any]]:
     site.workers(PLAIN, {BUSY: (2, 1.0), HALF: (1, 0.5)})
     groups = {name: site.groups[PLAIN][name] for name in (BUSY, HALF)}
-    return [row for control in CONTROLS for row in _rows(site, control, groups)]
-
-
-def _rows(site: Site, control: str, groups: dict[str, Cgroup]) -> list[dict[str, Any]]:
-    say(f"control: {control}")
     apply(objects.policy_of(PLAIN, {**_spec(), "control": control}))
     until(f"control {control} is in force", lambda: _in_force(control, groups))
     site.quiet.wait()
@@ -57,8 +63,8 @@ def _row(
         "task": name,
         "cores": round(grown["usage"] / (ended - began), 2),
         "jobs_per_second": round(len(jobs) / (ended - began), 1),
-        "job_ms_p50": round(percentile(jobs, 50), 1),
-        "job_ms_p99": round(percentile(jobs, 99), 1),
+        "job_ms_p50": rounded(jobs, 50),
+        "job_ms_p99": rounded(jobs, 99),
         "throttled_periods_percent": round(100 * grown["nr_throttled"] / max(1, grown["nr_periods"])),
     }
 

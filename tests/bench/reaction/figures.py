@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    Reaction = dict[str, Any]
+    """A `path` with its `stages` in milliseconds, or with what it `missed`."""
+
 IDLE, SATURATED = "idle", "saturated"
 RESIZE, AGENT = "operator, resize", "operator, agent"
 
@@ -43,13 +46,15 @@ class Figures:
     def __init__(self) -> None:
         self._cells: dict[tuple[str, int, str, str], Cell] = {}
         self.missed: list[str] = []
-        self.unmeasured: dict[str, str] = {}
 
-    def note(self, node: str, pods: int, path: str, stages: Mapping[str, float]) -> None:
-        """Add one reaction."""
-        for stage, milliseconds in stages.items():
-            key = node, pods, path, stage
-            self._cells.setdefault(key, Cell(*key)).times.append(milliseconds)
+    def note(self, node: str, pods: int, reactions: Sequence[Reaction]) -> None:
+        """Add the reactions of one case."""
+        for reaction in reactions:
+            if "missed" in reaction:
+                self.missed.append(f"{node}, {pods} pods, {reaction['path']}: {reaction['missed']}")
+            for stage, milliseconds in reaction.get("stages", {}).items():
+                key = node, pods, reaction["path"], stage
+                self._cells.setdefault(key, Cell(*key)).times.append(milliseconds)
 
     def rows(self) -> list[dict[str, Any]]:
         """The table."""
@@ -74,10 +79,21 @@ class Figures:
         }
 
 
+def medians(reactions: Sequence[Mapping[str, float]], stages: Sequence[str]) -> dict[str, float | None]:
+    """The median of each stage; None for one that no reaction got to."""
+    times = {stage: [one[stage] for one in reactions if stage in one] for stage in stages}
+    return {f"{stage} ms p50": rounded(found, 50) for stage, found in times.items()}
+
+
+def rounded(times: Sequence[float], percent: int) -> float | None:
+    """A percentile for a table; None when nothing was measured."""
+    return round(percentile(times, percent), 1) if times else None
+
+
 def percentile(times: Sequence[float], percent: int) -> float:
     """A percentile, interpolated."""
-    if len(times) < 2:
-        return times[0]
+    if len(times) < 2 or percent == 100:
+        return max(times)
     return statistics.quantiles(times, n=100, method="inclusive")[percent - 1]
 
 

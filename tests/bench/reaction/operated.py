@@ -10,7 +10,7 @@ from tests.bench.reaction.hearing import Hearing
 from tests.bench.reaction.stopwatch import MissedError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     import zenoh
 
@@ -55,25 +55,25 @@ class Operated:
         """Milliseconds from a sample to each stage, when all of them are over."""
         before = self._limits()
         began = self.turn()
-        planned, plan = self._plans.wait(_is_new, began, PATIENCE)
+        planned, plan = self._plans.wait(_of_sample(began), began, PATIENCE)
         wanted = {i: cores for i, cores in _cores(plan).items() if abs(cores - before[i]) > EXACT}
         seen = self._stopwatch.wait({self._groups[i]: cores for i, cores in wanted.items()}, began, PATIENCE)
         lower = [seen[self._groups[i]] for i, cores in wanted.items() if cores < before[i]]
         accepted, in_force = self._resized(wanted, began)
-        moments = {
+        moments = {  # of a plan that only raises limits no decrease can be told
             "sample at the operator": plan["trigger"],
             "plan on the bus": planned,
             "first patch accepted": accepted,
             "first cgroup": min(seen.values()),
-            "all decreases": max(lower, default=began),
+            **({"all decreases": max(lower)} if lower else {}),
             "all cgroups": max(seen.values()),
             "status": in_force,
         }
-        return {stage: (at - began) * 1e3 for stage, at in moments.items() if at > began}
+        return {stage: (at - began) * 1e3 for stage, at in moments.items()}
 
     def await_limits(self, began: float) -> None:
         """Wait until the kernel has what the newest plan says, which is one of a sample from `began` or later."""
-        self._plans.wait(_is_new, began, PATIENCE)
+        self._plans.wait(_of_sample(began), began, PATIENCE)
         deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline:
             wanted = _cores(self._plans.since(began)[-1][1])
@@ -110,7 +110,8 @@ class Operated:
         """When the API accepted the first of these limits, and when the status had the last of them."""
 
         def told(messages: list[dict[str, Any]], stage: str) -> list[float]:
-            return [m["time"] for m in messages if m["stage"] == stage and m["cores"] in wanted.values()]
+            own = (m for m in messages if m["time"] >= began)  # what is heard late is of the sample before
+            return [m["time"] for m in own if m["stage"] == stage and m["cores"] in wanted.values()]
 
         def complete(messages: list[dict[str, Any]]) -> bool:
             return min(len(told(messages, stage)) for stage in ("accepted", "inForce")) >= len(wanted)
@@ -122,6 +123,11 @@ class Operated:
 
 def _cores(plan: Mapping[str, Any]) -> dict[str, float]:
     return {target["containerId"]: target["cores"] for target in plan["targets"]}
+
+
+def _of_sample(began: float) -> Callable[[Mapping[str, Any]], bool]:
+    """Whether a plan is a new one, of a sample from that moment on: one heard late is of the sample before."""
+    return lambda plan: _is_new(plan) and plan.get("trigger", 0) >= began
 
 
 def _is_new(plan: Mapping[str, Any]) -> bool:

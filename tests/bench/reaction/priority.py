@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from tests.bench.reaction.figures import percentile
+from tests.bench.reaction.figures import medians
 from tests.bench.reaction.rounds import PAUSE, RESTING, WORKING, operated
 from tests.bench.reaction.site import LOAD, LOADS, PLAIN, say
 from tests.bench.reaction.stopwatch import MissedError
@@ -16,6 +17,7 @@ from tests.node import cgroups
 if TYPE_CHECKING:
     import zenoh
 
+    from tests.bench.reaction.journal import Journal
     from tests.bench.reaction.operated import Operated
     from tests.bench.reaction.site import Site
     from tests.bench.reaction.stopwatch import Stopwatch
@@ -29,33 +31,53 @@ CONTROL_PLANE = (1, 8)
 STAGES = ("sample at the operator", "plan on the bus", "first patch accepted", "first cgroup", "all cgroups")
 
 
-def measure(site: Site, stopwatch: Stopwatch, bus: zenoh.Session) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class Case:
+    """One choice of weights."""
+
+    tasks_request: str
+    operator_request: str
+    control_plane: int
+
+    @property
+    def step(self) -> str:
+        """Its name in the journal."""
+        return f"priority: tasks {self.tasks_request}, operator {self.operator_request}, node x{self.control_plane}"
+
+
+def cases() -> list[Case]:
+    """Each request of the tasks with each of the operator; then the control plane's weight alone."""
+    found = [Case(tasks, operator, CONTROL_PLANE[1]) for tasks in TASKS for operator in OPERATOR]
+    weights = CONTROL_PLANE if _own_node() else ()
+    return list(dict.fromkeys([*found, *(Case(TASKS[0], OPERATOR[1], weight) for weight in weights)]))
+
+
+def measure(site: Site, stopwatch: Stopwatch, bus: zenoh.Session, journal: Journal) -> None:
     """One row for each choice of weights; they are moved in place, nothing restarts."""
+    if not journal.left_of(case.step for case in cases()):
+        return
     names = [f"task-{number}" for number in range(PODS)]
     site.pods(PLAIN, names)
     site.load()
     path = operated(site, stopwatch, PLAIN, bus, names)
-    rows = []
     try:
-        for tasks in TASKS:
-            _request_tasks(tasks)
-            for operator in OPERATOR:
-                _request_own(operator)
-                rows.append(_row(tasks, operator, CONTROL_PLANE[1], _saturated(site, path)))
-        _request_tasks(TASKS[0])  # what requests they hold, others of this node can't have
-        _request_own(OPERATOR[1])
-        for weight in CONTROL_PLANE if _own_node() else ():
-            _weigh_control_plane(weight)
-            rows.append(_row(TASKS[0], OPERATOR[1], weight, _saturated(site, path)))
+        for case in cases():
+            journal.once(case.step, lambda case=case: [_row(site, path, case)])  # type: ignore[misc]
     finally:
         path.close()
-        if _own_node():
-            _weigh_control_plane(CONTROL_PLANE[1])
-    return rows
+        _weigh(Case(TASKS[0], OPERATOR[1], CONTROL_PLANE[1]))  # what requests they hold, others of this node can't have
 
 
-def _row(tasks: str, operator: str, control_plane: int, measured: dict[str, Any]) -> dict[str, Any]:
-    return {"tasks_request": tasks, "operator_request": operator, "control_plane": control_plane, **measured}
+def _row(site: Site, path: Operated, case: Case) -> dict[str, Any]:
+    _weigh(case)
+    return {**asdict(case), **_saturated(site, path)}
+
+
+def _weigh(case: Case) -> None:
+    _request_tasks(case.tasks_request)
+    _request_own(case.operator_request)
+    if _own_node():
+        _weigh_control_plane(case.control_plane)
 
 
 def _own_node() -> bool:
@@ -83,23 +105,23 @@ def _request_own(cpu: str) -> None:
 
 
 def _saturated(site: Site, path: Operated) -> dict[str, Any]:
-    """Medians of one stretch of work."""
+    """Medians of one stretch of work, and how many of its rounds missed a stage."""
     time.sleep(RESTING)
     site.quiet.wait()
     site.saturate(on=True)
     until = time.monotonic() + WORKING
-    found = []
+    found, missed = [], 0
     try:
         while time.monotonic() < until:
             time.sleep(PAUSE)
             try:
                 found.append(path.go())
             except MissedError as error:
+                missed += 1
                 say(str(error))
     finally:
         site.saturate(on=False)
-    medians = {f"{stage} ms p50": round(percentile([one[stage] for one in found], 50), 1) for stage in STAGES}
-    return {**medians, "n": len(found)}
+    return {**medians(found, STAGES), "n": len(found), "missed": missed}
 
 
 def _own_pods() -> list[str]:

@@ -21,6 +21,7 @@ def text(result: Mapping[str, Any]) -> str:
         parts[1:1] = [_part("table", result["table"]), _keys(result)]
     parts += [f"not measured: {path}: {reason}" for path, reason in result["unmeasured"].items()]
     parts += [f"missed: {reason}" for reason in result["missed"]]
+    parts += [f"left to measure, with --resume: {step}" for step in result["left"]]
     parts += [f"{result['disturbed']} measurements began beside other work on this machine"]
     return "\n\n".join(part for part in parts if part)
 

@@ -21,11 +21,13 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from tests.bench.reaction.figures import Figures
+    from tests.bench.reaction.figures import Reaction
+    from tests.bench.reaction.journal import Journal
     from tests.bench.reaction.site import Site
     from tests.bench.reaction.stopwatch import Stopwatch
 
 SIZES = (1, 8, 30)
+NODES = (IDLE, SATURATED)
 FIXED = ("written", "patched")
 """The pods of the paths that are the same for any number of pods."""
 KEY_SIZE, KEY_TIMES = 1, 3
@@ -56,22 +58,26 @@ class Contender(Protocol):
 class Rounds:
     """The contenders that stay, and those that are made anew for each number of pods."""
 
-    def __init__(self, site: Site, stopwatch: Stopwatch, figures: Figures, rounds: int) -> None:
-        self._site, self._stopwatch, self._figures, self._rounds = site, stopwatch, figures, rounds
+    def __init__(
+        self, site: Site, stopwatch: Stopwatch, journal: Journal, problems: dict[str, Any], rounds: int
+    ) -> None:
+        self._site, self._stopwatch, self._journal, self._problems = site, stopwatch, journal, problems
+        self._rounds = rounds
 
-    def measure(self, buses: dict[str, zenoh.Session]) -> list[dict[str, Any]]:
-        """The table; what was measured before a failure is in the figures.
-
-        Pods join as they are needed: each of them costs the kubelet time.
-        """
+    def measure(self, buses: dict[str, zenoh.Session]) -> None:
+        """Each case that the journal has not got. Pods join as they are needed: each of them costs the kubelet time."""
+        sizes = [size for size in SIZES if self._journal.left_of(step(node, size) for node in NODES)]
+        if not sizes:
+            return
         self._site.pods(SPARE, FIXED)
         self._site.load()
         with ExitStack() as stack:
             fixed = self._fixed(stack)
-            for size in SIZES:
+            for size in sizes:
                 with self._sized(buses, size) as sized:
-                    self._both(size, [*fixed, *sized])
-        return self._figures.rows()
+                    contenders = [*fixed, *sized]
+                    self._journal.once(step(IDLE, size), lambda: self._idle(size, contenders))  # noqa: B023
+                    self._journal.once(step(SATURATED, size), lambda: self._saturated(contenders))  # noqa: B023
 
     def _fixed(self, stack: ExitStack) -> list[Contender]:
         written, patched = FIXED
@@ -84,7 +90,7 @@ class Rounds:
             docker = stack.enter_context(Docker())
             made += [DockerUpdate(docker, self._stopwatch), DockerRequest(docker, self._stopwatch)]
         except DockerError as error:
-            self._figures.unmeasured["docker update"] = str(error)
+            self._problems["unmeasured"]["docker update"] = str(error)
         for contender in made:
             stack.callback(contender.close)
         return made
@@ -107,43 +113,54 @@ class Rounds:
                 stack.callback(contender.close)
             yield made
 
-    def _both(self, size: int, contenders: list[Contender]) -> None:
-        rounds = self._rounds * (KEY_TIMES if size == KEY_SIZE else 1)
-        say(f"{size} pods, idle node: {rounds} rounds")
-        for number in range(-WARM_UP, rounds):
+    def _idle(self, size: int, contenders: list[Contender]) -> list[Reaction]:
+        for number in range(-WARM_UP, 0):
+            self._round(rotated(contenders, number))
+        found = []
+        for number in range(self._rounds * (KEY_TIMES if size == KEY_SIZE else 1)):
             self._site.quiet.wait()
-            self._round(IDLE, size, rotated(contenders, number), counts=number >= 0)
-        left = self._rounds
-        while left > 0:
-            say(f"{size} pods, saturated node: {left} rounds")
-            self._site.quiet.wait()
-            left -= self._saturated(size, contenders, left)
-            time.sleep(RESTING)
+            found += self._round(rotated(contenders, number))
+        return found
 
-    def _saturated(self, size: int, contenders: list[Contender], rounds: int) -> int:
+    def _saturated(self, contenders: list[Contender]) -> list[Reaction]:
+        found: list[Reaction] = []
+        while (left := self._rounds - len(found) // len(contenders)) > 0:
+            say(f"{left} rounds left")
+            self._site.quiet.wait()
+            found += self._stretch(contenders, left)
+            time.sleep(RESTING)
+        return found
+
+    def _stretch(self, contenders: list[Contender], rounds: int) -> list[Reaction]:
         """As many rounds as one stretch of work lasts."""
         self._site.saturate(on=True)
         until = time.monotonic() + WORKING
-        done = 0
+        found: list[Reaction] = []
         try:
-            while done < rounds and time.monotonic() < until:
-                self._round(SATURATED, size, rotated(contenders, done))
-                done += 1
+            for number in range(rounds):
+                found += self._round(rotated(contenders, number))
+                if time.monotonic() > until:
+                    break
         finally:
             self._site.saturate(on=False)
-        return done
+        return found
 
-    def _round(self, node: str, size: int, contenders: Sequence[Contender], *, counts: bool = True) -> None:
+    def _round(self, contenders: Sequence[Contender]) -> list[Reaction]:
         self._stopwatch.forget()
-        for contender in contenders:
-            time.sleep(PAUSE)
-            try:
-                stages = contender.go()
-                if counts:
-                    self._figures.note(node, size, contender.name, stages)
-            except MissedError as error:
-                self._figures.missed.append(f"{node}, {size} pods, {contender.name}: {error}")
-                say(self._figures.missed[-1])
+        return [self._reaction(contender) for contender in contenders]
+
+    def _reaction(self, contender: Contender) -> Reaction:
+        time.sleep(PAUSE)
+        try:
+            return {"path": contender.name, "stages": contender.go()}
+        except MissedError as error:
+            say(f"{contender.name}: {error}")
+            return {"path": contender.name, "missed": str(error)}
+
+
+def step(node: str, size: int) -> str:
+    """The name of a case in the journal."""
+    return f"table: {size} pods, {node} node"
 
 
 def rotated(contenders: list[Contender], number: int) -> list[Contender]:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
-from tests.bench.reaction.figures import percentile
+from tests.bench.reaction.figures import rounded
 from tests.bench.reaction.rounds import PAUSE, operated
 from tests.bench.reaction.site import say
+from tests.bench.reaction.stopwatch import MissedError
 
 if TYPE_CHECKING:
     import zenoh
 
+    from tests.bench.reaction.journal import Journal
     from tests.bench.reaction.operated import Operated
     from tests.bench.reaction.site import Site
     from tests.bench.reaction.stopwatch import Stopwatch
@@ -21,37 +23,49 @@ STORMS = 10
 LENGTH, INTERVAL = 2.0, 0.005
 
 
-def measure(site: Site, stopwatch: Stopwatch, buses: dict[str, zenoh.Session]) -> list[dict[str, Any]]:
+def step(namespace: str) -> str:
+    """The name of one path's storms in the journal."""
+    return f"storm: {namespace}"
+
+
+def measure(site: Site, stopwatch: Stopwatch, buses: dict[str, zenoh.Session], journal: Journal) -> None:
     """One row for each of our paths."""
-    names = [f"task-{number}" for number in range(PODS)]
-    rows = []
     for namespace, bus in buses.items():
-        site.pods(namespace, names)
-        path = operated(site, stopwatch, namespace, bus, names)
-        try:
-            rows.append(_row(site, path))
-        finally:
-            path.close()
-    return rows
+        journal.once(step(namespace), lambda at=(namespace, bus): [_row(site, stopwatch, *at)])  # type: ignore[misc]
 
 
-def _row(site: Site, path: Operated) -> dict[str, Any]:
-    say(f"storms: {path.name}")
+def _row(site: Site, stopwatch: Stopwatch, namespace: str, bus: zenoh.Session) -> dict[str, Any]:
+    names = [f"task-{number}" for number in range(PODS)]
+    site.pods(namespace, names)
+    path = operated(site, stopwatch, namespace, bus, names)
+    try:
+        return _storms(site, path)
+    finally:
+        path.close()
+
+
+def _storms(site: Site, path: Operated) -> dict[str, Any]:
     calm, storms = [], []
     for _ in range(STORMS):
         site.quiet.wait()
-        calm.append(path.go()["all cgroups"])
-        storms.append(_storm(path))
+        try:
+            before = path.go()["all cgroups"]
+            storms.append(_storm(path))
+            calm.append(before)
+        except MissedError as error:
+            say(str(error))
+    after = [after for after, *_ in storms]
     return {
         "path": path.name,
         "pods": PODS,
-        "calm_all_cgroups_ms_p50": round(percentile(calm, 50), 1),
-        "calm_all_cgroups_ms_max": round(max(calm), 1),
-        "after_storm_ms_p50": round(percentile([after for after, *_ in storms], 50), 1),
-        "after_storm_ms_max": round(max(after for after, *_ in storms), 1),
-        "plans": sum(plans for _, plans, _ in storms) // STORMS,
-        "resizes": sum(resizes for *_, resizes in storms) // STORMS,
-        "n": STORMS,
+        "calm_all_cgroups_ms_p50": rounded(calm, 50),
+        "calm_all_cgroups_ms_max": rounded(calm, 100),
+        "after_storm_ms_p50": rounded(after, 50),
+        "after_storm_ms_max": rounded(after, 100),
+        "plans": rounded([plans for _, plans, _ in storms], 50),
+        "resizes": rounded([resizes for *_, resizes in storms], 50),
+        "n": len(storms),
+        "missed": STORMS - len(storms),
     }
 
 

@@ -63,6 +63,7 @@ FULL = {
                 "idle": 1,
                 "min": "10m",
                 "max": 2,
+                "restartOnResize": True,
                 "selector": {
                     "matchLabels": {"app": "slam"},
                     "matchExpressions": [{"key": "tier", "operator": "In", "values": ["a"]}],
@@ -324,3 +325,19 @@ spec:
 """
     fields = [problem.field for problem in check([("policy.yaml", text)]).errors]
     assert fields == ["spec.streams[0].key", "spec.streams[1].type"]
+
+
+def test_restarts_that_nothing_bounds_are_warned_of():
+    text = """
+apiVersion: contextpolicy.dev/v1alpha1
+kind: ContextPolicy
+metadata: {name: p, namespace: robot}
+spec:
+  streams: [{name: imu, key: robot/imu}]
+  tasks: [{name: slam, selector: {matchLabels: {app: slam}}, restartOnResize: true}]
+  contexts: [{name: moving, when: imu.speed > 1, enterAfter: 1s, tasks: {slam: {weight: 2}}}]
+"""
+    [problem] = check([("policy.yaml", text)]).problems
+    assert (problem.severity, problem.field) == (Severity.WARNING, "spec.tasks[0].restartOnResize")
+    assert "minDwell bounds how often" in problem.message
+    assert check([("policy.yaml", text.replace("spec:", "spec:\n  minDwell: 10s"))]).problems == []

@@ -55,8 +55,17 @@ def test_the_base_is_sound():
     assert told() == []
 
 
+@pytest.mark.parametrize("key", ["**/mic", "*/*/mic", "contextpolicy/robot/delivery/plan"])
+def test_wildcards_and_the_plans_of_ones_own_namespace_are_fine(key):
+    assert told((("spec", "streams", 1, "key"), key)) == []
+
+
 RMW = "0/imu/data/sensor_msgs::msg::dds_::Imu_"
+HEARS_DECISIONS = "leaves out what the operator says to other namespaces"
 REFUSED = [
+    pytest.param([(("spec", "streams", 1, "key"), "**")], HEARS_DECISIONS, id="everything"),
+    pytest.param([(("spec", "streams", 1, "key"), "*/*/*/plan")], HEARS_DECISIONS, id="all plans"),
+    pytest.param([(("spec", "streams", 1, "key"), "contextpolicy/lab/*/applied")], HEARS_DECISIONS, id="others"),
     pytest.param([((*TASK, "activity", 0, "when"), "imu.gyro > 1")], "imu has no field gyro", id="no such field"),
     pytest.param([((*STREAM, "timestamp"), "header.stampp")], "did you mean stamp?", id="timestamp misspelt"),
     pytest.param([((*STREAM, "filter"), "imu.header.seq > 1")], "imu.header has no field seq", id="inner field"),

@@ -80,8 +80,13 @@ class TrackedPod:
         return refused or self.state.keeps_failing or bool(self.view.pending)
 
     def step(self, container: ContainerView, wanted: Cpu, now: float) -> Cpu:
-        """The resources to request: those wanted, or a nudge when the kubelet has overlooked them."""
+        """The resources to request: those wanted, or a nudge when the kubelet has overlooked them.
+
+        A container that every resize restarts is not nudged: half a minute until the kubelet looks by itself is the
+        lesser evil.
+        """
         overlooked = now >= self.oversight.until and self.state.spec(container.name) == wanted
+        overlooked = overlooked and not container.restarts
         return nudge(container, wanted) if overlooked else wanted
 
     def rests_until(self, name: str) -> float:

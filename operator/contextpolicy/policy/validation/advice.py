@@ -63,6 +63,9 @@ def _task(policy: Policy, field: str, task: Task) -> Iterator[Finding]:
     for number, activity in enumerate(task.activity):
         if activity.score == 0 and not activity.score_from and not activity.initiative:
             yield Finding(f"{field}.activity[{number}].score", 0, "an activity with score 0 never counts")
+    if task.restart_on_resize and not policy.min_dwell:
+        told = "every plan that changes its share may restart it: minDwell bounds how often"
+        yield Finding(f"{field}.restartOnResize", task.restart_on_resize, told)
     if task.protected:
         yield from _suspending(policy, task)
     if task.max is None:

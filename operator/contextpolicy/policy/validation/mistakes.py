@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
+from contextpolicy.policy.key_expressions import meet
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.policy.ros_types import type_findings
 from contextpolicy.policy.spec import Scheduler
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
     from contextpolicy.policy.spec import Policy
 
+DECISIONS = ("plan", "applied", "explain")
+"""The last chunk of the decision bus's keys."""
 STEP = 10
 """Thousandths of a core: CPU limits move in steps of 10m, the kubelet's smallest quota."""
 
@@ -25,10 +28,20 @@ def mistakes_in(policy: Policy) -> tuple[Finding, ...]:
     return (
         *type_findings(policy),
         *ros_key_findings(policy),
+        *_decisions(policy),
         *expression_findings(policy),
         *_debounce(policy),
         *_steps(policy),
     )
+
+
+def _decisions(policy: Policy) -> Iterator[Finding]:
+    """Streams that hear what the operator decides for other namespaces, as one with the key `**` does."""
+    own = f"contextpolicy/{policy.namespace}/"
+    for index, stream in enumerate(policy.streams):
+        if not stream.key.startswith(own) and any(meet(stream.key, f"contextpolicy/*/*/{what}") for what in DECISIONS):
+            allowed = "a key that leaves out what the operator says to other namespaces (contextpolicy/**)"
+            yield Finding(f"spec.streams[{index}].key", stream.key, allowed)
 
 
 def _debounce(policy: Policy) -> Iterator[Finding]:

@@ -1,0 +1,49 @@
+"""Keyframes: the pictures that are kept, and when a new one is worth keeping."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from modules.slam.geometry import angle, inverse, moved
+
+if TYPE_CHECKING:
+    from modules.slam.features import Descriptors, Features
+    from modules.slam.geometry import Floats
+
+STEP_M, STEP_RAD = 0.05, np.radians(3)
+"""A camera that moved less than both sees nothing new."""
+
+
+@dataclass
+class Keyframe:
+    """A kept picture; features whose depth is known are its landmarks, and move along when it does.
+
+    `points` are the landmarks' places in the camera's frame, N x 3 metres. The segment is 0 in the map that began with
+    the first picture, and higher where a lost camera started anew.
+    """
+
+    number: int
+    segment: int
+    world_from_camera: Floats
+    features: Features
+    points: Floats
+    descriptors: Descriptors
+
+    def __len__(self) -> int:
+        """How many landmarks it has."""
+        return len(self.points)
+
+
+def make(number: int, segment: int, world_from_camera: Floats, features: Features, points: Floats) -> Keyframe:
+    """Make a keyframe of features and their places, NaN where unknown."""
+    known = np.isfinite(points[:, 2])
+    return Keyframe(number, segment, world_from_camera, features, points[known], features.descriptors[known])
+
+
+def has_moved(world_from_camera: Floats, last: Keyframe) -> bool:
+    """Whether a camera moved since a keyframe, so that it can see something new."""
+    change = inverse(last.world_from_camera) @ world_from_camera
+    return moved(change) > STEP_M or angle(change) > STEP_RAD

@@ -1,0 +1,170 @@
+"""Simultaneous localisation and mapping with two cameras: the steps, in their order.
+
+A picture is located by the landmarks around (tracking). If it shows enough new, it becomes a keyframe, and its corners
+become landmarks with the depth that the second picture gives. When there is time, keyframes are compared with older
+ones; a place that is recognised closes a loop, and the map is straightened. A camera that is lost looks for a place
+that it knows; if it finds none, it starts anew beside the old map, until a loop joins both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from modules.slam.features import detect, measure
+from modules.slam.geometry import inverse
+from modules.slam.keyframes import has_moved
+from modules.slam.map import Map
+from modules.slam.loop_closing import LoopCloser
+from modules.slam.places import Places
+from modules.slam.relocalisation import Relocaliser
+from modules.slam.tracking import Tracker
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from modules.slam.calibration import Rectifier
+    from modules.slam.features import Features
+    from modules.slam.geometry import Floats, Image
+    from modules.slam.keyframes import Keyframe
+    from modules.slam.tracking import Fix
+
+CAPACITY = 1000
+"""Keyframes that are remembered; each takes about 0.1 MB."""
+PATIENCE = 10
+"""Pictures without a known place after which a lost camera starts anew."""
+BESIDE = 2
+"""Keyframes beside the reference that are tried when its view is left."""
+MIN_POINTS = 50
+"""Points with depth that a picture needs to start from."""
+
+
+class State(Enum):
+    """How much the pose can be trusted."""
+
+    TRACKING = "tracking"
+    LOST = "lost"
+    """The pose is the last that was known."""
+    ADRIFT = "adrift"
+    """The camera was lost and started anew from its last pose; a loop will tell where that is."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much work a picture gets: corners to look for, and the part of a keyframe's view that must be left."""
+
+    features: int = 800
+    overlap: float = 0.5
+
+
+@dataclass(frozen=True)
+class Pose:
+    """The robot's body in the frame of its first picture; `inliers` is 0 when it is lost."""
+
+    world_from_body: Floats
+    inliers: int
+    state: State
+    is_keyframe: bool
+
+
+class StereoSlam:
+    """Takes pictures one by one; `effort` may change between them."""
+
+    def __init__(self, rectifier: Rectifier, effort: Effort = Effort()) -> None:
+        self.effort = effort
+        self.map = Map(CAPACITY)
+        self._rectifier = rectifier
+        self._tracker = Tracker(rectifier.matrix, rectifier.size)
+        self._places = Places()
+        self._relocaliser = Relocaliser(self.map, self._places, self._tracker)
+        self.loops = LoopCloser(self.map, self._relocaliser)
+        self._reference: Keyframe | None = None
+        self._reference_from_camera = rectifier.body_from_camera
+        self._motion = np.eye(4)
+        self._lost = 0
+
+    def track(self, left: Image, right: Callable[[], Image]) -> Pose:
+        """Take a pair of raw pictures; the right one is asked for only when it is needed, for a new keyframe."""
+        image = self._rectifier.left(left)
+        features = detect(image, self.effort.features)
+        fixes = self._locate(features)
+        needed = self._is_needed(fixes)
+        points = measure(self._rectifier, image, self._rectifier.right(right()), features) if needed else None
+        self._follow(fixes)
+        kept = points is not None and self._keep(features, points, fixes)
+        return self._pose(fixes, is_keyframe=kept)
+
+    def close_loop(self) -> bool:
+        """Look for a loop, in spare time; returns whether one was closed."""
+        return self.loops.work()
+
+    @property
+    def world_from_camera(self) -> Floats:
+        """Where the left camera is; it moves with the keyframe that it is seen from when the map is straightened."""
+        known = self._reference
+        return self._reference_from_camera if known is None else known.world_from_camera @ self._reference_from_camera
+
+    def _locate(self, features: Features) -> list[Fix]:
+        """Seen from the reference; from others beside it too, if its view is left; best first. Else anywhere."""
+        if self._reference is None:
+            return []
+        fixes = [] if self._lost else self._fixes(features, self._reference)
+        if not fixes:
+            found = self._relocaliser.find(features, self.map.keyframes)
+            fixes = [] if found is None else [found]
+        return sorted(fixes, key=lambda fix: -fix.inliers)
+
+    def _fixes(self, features: Features, reference: Keyframe) -> list[Fix]:
+        expected = self.world_from_camera @ self._motion
+        fix = self._tracker.track(features, reference, expected)
+        if fix is not None and not self._is_left(fix):
+            return [fix]
+        beside = self.map.beside(reference, expected if fix is None else fix.world_from_camera, BESIDE)
+        others = [self._tracker.track(features, other, expected) for other in beside]
+        return [one for one in (fix, *others) if one is not None]
+
+    def _is_left(self, fix: Fix) -> bool:
+        """Whether too little of a keyframe's view is in the picture."""
+        return fix.inliers < self.effort.overlap * len(fix.keyframe)
+
+    def _is_needed(self, fixes: list[Fix]) -> bool:
+        """Whether the picture should become a keyframe: to begin with, to start anew, or because it shows new things."""
+        if not fixes:
+            return self._reference is None or self._lost >= PATIENCE
+        return self._is_left(fixes[0]) and has_moved(fixes[0].world_from_camera, self.map.newest)
+
+    def _follow(self, fixes: list[Fix]) -> None:
+        """Go to where the best fix is."""
+        if not fixes:
+            self._lost += self._reference is not None
+            self._motion = np.eye(4)
+            return
+        best = fixes[0]
+        self._motion = np.eye(4) if self._lost else inverse(self.world_from_camera) @ best.world_from_camera
+        self._lost = 0
+        self._reference, self._reference_from_camera = best.keyframe, best.keyframe_from_camera
+
+    def _keep(self, features: Features, points: Floats, fixes: list[Fix]) -> bool:
+        """Make a picture with enough depth a keyframe; without a fix it starts anew from the last pose."""
+        if np.isfinite(points[:, 2]).sum() < MIN_POINTS:
+            return False
+        keyframe = self.map.add(self.world_from_camera, features, points, fixes)
+        self._places.add(keyframe.number, features.descriptors)
+        self.loops.remember(keyframe)
+        self._reference, self._reference_from_camera = keyframe, np.eye(4)
+        self._lost = 0
+        forgotten = self.map.forget()
+        if forgotten is not None:
+            self._places.forget(forgotten)
+        return True
+
+    def _pose(self, fixes: list[Fix], *, is_keyframe: bool) -> Pose:
+        world_from_body = self.world_from_camera @ inverse(self._rectifier.body_from_camera)
+        if self._reference is None or self._lost:
+            return Pose(world_from_body, 0, State.LOST, is_keyframe=False)
+        inliers = fixes[0].inliers if fixes else len(self._reference)  # a new start is where it is by definition
+        state = State.ADRIFT if self._reference.segment else State.TRACKING
+        return Pose(world_from_body, inliers, state, is_keyframe)

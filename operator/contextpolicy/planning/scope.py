@@ -1,0 +1,225 @@
+"""What CEL expressions see: the variables, brought up to date with each sample."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+import cel
+
+from contextpolicy.errors import ExpressionError
+from contextpolicy.policy import cel_cost, cel_numbers
+from contextpolicy.policy.cel import FUNCTIONS, Expression
+from contextpolicy.policy.cel_rewriting import HEARD, PASSED, REACHED, SINCE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Mapping
+
+    from contextpolicy.policy.cel_rewriting import Age
+
+Value = TypeVar("Value")
+
+
+class Watcher(Protocol):
+    """Something whose value depends on what expressions see."""
+
+    changed: bool
+    """Set to true when that has changed."""
+
+
+class Scope:
+    """The variables that expressions see: what they read of the latest sample of each stream.
+
+    Only that is handed to CEL: converting a whole ROS message costs more than all evaluations on it. A stream without
+    a value is no variable: CEL's own rules then decide, so `a.x || b.y` holds when one side does.
+    """
+
+    __slots__ = (
+        *("_aged", "_asked", "_lacking", "_normal", "_parts", "_reads", "_since", "_values", "_watchers"),
+        *("context", "now", "whole"),
+    )
+
+    def __init__(self) -> None:
+        self.now = -math.inf
+        self.whole: set[str] = set()
+        self._normal = cel_numbers.Normal()
+        self._reads: dict[str, dict[str, Any]] = {}
+        self._parts: dict[str, object] = {}
+        self._values: dict[str, object] = {}
+        """The same parts as CEL sees them: with numbers in their one form."""
+        self._watchers: dict[str, list[Watcher]] = defaultdict(list)
+        self._lacking: dict[str, Collection[str]] = {}
+        self._since: dict[str, float] = {}
+        self._asked: set[str] = set()
+        self._aged: set[str] = set()
+        self.context = self._context()
+
+    def compile(self, source: str) -> Expression:
+        """An expression to be evaluated in this scope; ValueError says what is wrong with the source."""
+        expression = Expression(source)
+        for path in expression.reads:
+            _grow(self._reads, path)
+        self._aged |= {age.stream for age in expression.ages}
+        for stream in expression.asked - self._asked:
+            self._asked.add(stream)
+            self.context.add_variable(HEARD + stream, stream in self._values)
+        return expression
+
+    def watch(self, watcher: Watcher, streams: Iterable[str]) -> None:
+        """Tell an expression when what it sees of one of these streams changes."""
+        for stream in streams:
+            self._watchers[stream].append(watcher)
+
+    def bind(self, stream: str, value: dict[str, Any], now: float = 0.0, lacking: Collection[str] = ()) -> None:
+        """Make `value` the stream's latest sample as of `now`; ExpressionError when CEL can't represent it.
+
+        `lacking` are its features that have no value.
+        """
+        reads = self._reads.get(stream)
+        if reads is None and stream not in self._asked and stream not in self._aged:
+            return
+        part = {} if reads is None else _prune(value, reads)
+        # Converting a sample for CEL costs more than all else that is done with it.
+        if stream not in self._values or lacking != self._lacking[stream] or not is_same(part, self._parts[stream]):
+            self._show(stream, part)
+            self._parts[stream], self._lacking[stream] = part, lacking
+        if stream in self._aged:
+            self._since[stream] = now
+            self.context.add_variable(SINCE + stream, now)
+
+    def _show(self, stream: str, part: object) -> None:
+        normal = self._normal
+        normal.whole = False
+        try:
+            value = normal.value(part)
+            if stream in self._reads:
+                self.context.add_variable(stream, value)
+        except (ValueError, TypeError, OverflowError, RecursionError) as error:
+            raise ExpressionError(f"{stream}: {error}") from error
+        if stream in self._asked and stream not in self._values:
+            self.context.add_variable(HEARD + stream, True)  # noqa: FBT003 - the library's signature
+        self._values[stream] = value
+        if normal.whole:
+            self.whole.add(stream)
+        elif self.whole:
+            self.whole.discard(stream)
+        self._tell(stream)
+
+    def unbind(self, stream: str) -> None:
+        """The stream has no value any more."""
+        if self._values.pop(stream, None) is not None:
+            self.whole.discard(stream)
+            self.context = self._context()
+            self._tell(stream)
+
+    def _tell(self, stream: str) -> None:
+        for watcher in self._watchers[stream]:
+            watcher.changed = True
+
+    def size(self, stream: str) -> int:
+        """How many values expressions see of the stream."""
+        return cel_cost.size(self._values.get(stream))
+
+    def lacks(self, stream: str, feature: str) -> bool:
+        """Whether the stream has this feature, but its window holds no sample."""
+        return feature in self._lacking.get(stream, ())
+
+    def next_age(self, ages: Iterable[Age], now: float) -> float | None:
+        """When one of these ages is reached or passed next."""
+        moments = []
+        for age in ages:
+            if age.stream in self._since:
+                reached = self._since[age.stream] + age.seconds
+                # `>` turns true just after the instant that `>=` does.
+                moments.append(math.nextafter(reached, math.inf) if age.passed else reached)
+        return min((moment for moment in moments if moment > now), default=None)
+
+    def _context(self) -> cel.Context:
+        """A new context with all that expressions see: the library can't remove a variable from one."""
+        asking = {REACHED: self._reached, PASSED: self._passed}
+        variables = dict(self._values)
+        variables |= {HEARD + stream: stream in self._values for stream in self._asked}
+        variables |= {SINCE + stream: since for stream, since in self._since.items()}
+        return cel.Context(variables, FUNCTIONS | cel_numbers.FUNCTIONS | asking)
+
+    def _reached(self, since: float, seconds: float) -> bool:
+        return since + seconds <= self.now
+
+    def _passed(self, since: float, seconds: float) -> bool:
+        return since + seconds < self.now
+
+    def holds_nan(self, streams: Iterable[str]) -> bool:
+        """Whether expressions see a NaN in any of these streams."""
+        return any(_holds_nan(self._values.get(stream)) for stream in streams)
+
+    def at_extremes(self, streams: Iterable[str], read: Callable[[Scope], Value]) -> list[Value]:
+        """What `read` returns with -inf, then with +inf, in place of each NaN; puts the NaNs back afterwards."""
+        values = {stream: self._values[stream] for stream in streams if stream in self._values}
+        try:
+            return [read(self._with(values, number)) for number in (-math.inf, math.inf)]
+        finally:
+            for stream, value in values.items():
+                self.context.add_variable(stream, value)
+
+    def _with(self, values: Mapping[str, object], number: float) -> Scope:
+        for stream, value in values.items():
+            self.context.add_variable(stream, _without_nan(value, number))
+        return self
+
+
+def _holds_nan(value: object) -> bool:
+    match value:
+        case float():
+            return math.isnan(value)
+        case dict():
+            return any(map(_holds_nan, value.values()))
+        case list():
+            return any(map(_holds_nan, value))
+    return False
+
+
+def _without_nan(value: Any, number: float) -> Any:
+    match value:
+        case float():
+            return number if math.isnan(value) else value
+        case dict():
+            return {name: _without_nan(inner, number) for name, inner in value.items()}
+        case list():
+            return [_without_nan(inner, number) for inner in value]
+    return value
+
+
+def is_same(value: Any, other: Any) -> bool:
+    """Whether expressions can't tell two parts of samples apart: `True` equals 1 in Python, and -0.0 equals 0.0."""
+    if value is other:
+        return True
+    kind = type(value)
+    if kind is not type(other) or value != other:
+        return False
+    if kind is float:
+        return value != 0 or math.copysign(1, value) == math.copysign(1, other)
+    if kind is list:
+        return all(map(is_same, value, other))
+    return kind is not dict or all(is_same(inner, other[name]) for name, inner in value.items())
+
+
+def _grow(reads: dict[str, dict[str, Any]], path: cel_cost.Path) -> None:
+    """Add a path to a tree; an empty branch means all below it."""
+    whole = False
+    for name in path:
+        if whole:
+            return
+        known = name in reads
+        reads = reads.setdefault(name, {})
+        whole = known and not reads
+    reads.clear()
+
+
+def _prune(value: Any, reads: dict[str, dict[str, Any]]) -> Any:
+    """The part of a sample that the tree names; anything but a map is kept, so that CEL can say what is wrong."""
+    if not reads or not isinstance(value, dict):
+        return value
+    return {
+        name: _prune(value[name], below) if below else value[name] for name, below in reads.items() if name in value
+    }

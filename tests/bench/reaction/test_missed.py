@@ -1,0 +1,132 @@
+"""Rounds that miss a stage, or hear what belongs to the round before, on a machine that is too slow."""
+
+import contextlib
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from tests.bench.reaction import __main__ as command
+from tests.bench.reaction import priority, storm
+from tests.bench.reaction.figures import Figures, medians, rounded
+from tests.bench.reaction.operated import Operated
+from tests.bench.reaction.stopwatch import MissedError
+
+BEGAN = 100.0
+PLAN = {"edition": 0, "trigger": BEGAN + 0.001, "targets": [{"containerId": "a", "cores": 0.2}]}
+
+
+class Group:
+    """Stand in for a cgroup."""
+
+    def limit(self):
+        return 0.1
+
+
+class Heard:
+    """Stand in for the bus: these messages came after the round began."""
+
+    def __init__(self, *messages):
+        self.messages = messages
+
+    def since(self, _moment):
+        return [(BEGAN + 0.002, message) for message in self.messages]
+
+    def wait(self, wanted, _since, _patience):
+        found = [message for message in self.messages if wanted(message)]
+        if not found:
+            raise MissedError("not heard")
+        return BEGAN + 0.002, found[0]
+
+    def await_all(self, complete, _since, _patience):
+        if not complete(list(self.messages)):
+            raise MissedError("not heard")
+
+
+@pytest.fixture
+def path():
+    """One container whose limit rises from 0.1 to 0.2 cores."""
+    group = Group()
+    made = object.__new__(Operated)
+    made._stopwatch = SimpleNamespace(wait=lambda *_: {group: BEGAN + 0.004})
+    made._groups, made.turn = {"a": group}, lambda: BEGAN
+    return made
+
+
+def stages(at):
+    return [{"stage": stage, "cores": 0.2, "time": at} for stage in ("accepted", "inForce")]
+
+
+def test_every_stage_of_a_round_is_told(path):
+    path._plans, path._applied = Heard(PLAN), Heard(*stages(BEGAN + 0.003))
+    assert path.go()["first patch accepted"] == pytest.approx(3)
+
+
+def test_what_was_accepted_before_the_round_is_none_of_its_stages(path):
+    path._plans, path._applied = Heard(PLAN), Heard(*stages(BEGAN - 0.5))
+    with pytest.raises(MissedError):
+        path.go()
+
+
+def test_a_plan_of_the_sample_before_is_not_this_rounds(path):
+    path._plans, path._applied = Heard({**PLAN, "trigger": BEGAN - 0.5}), Heard(*stages(BEGAN + 0.003))
+    with pytest.raises(MissedError):
+        path.go()
+
+
+def test_rounds_without_a_stage_leave_the_other_medians():
+    reactions = [{"plan on the bus": 2.0}, {"plan on the bus": 4.0, "first patch accepted": 9.0}]
+    assert medians(reactions, ["plan on the bus", "first patch accepted", "all cgroups"]) == {
+        "plan on the bus ms p50": 3.0,
+        "first patch accepted ms p50": 9.0,
+        "all cgroups ms p50": None,
+    }
+    assert rounded([], 50) is None
+
+
+def test_missed_reactions_are_counted_and_the_others_stay():
+    figures = Figures()
+    figures.note("idle", 8, [{"path": "p", "stages": {"cgroup": 5.0}}, {"path": "p", "missed": "2 of 8 limits"}])
+    assert figures.rows()[0]["n"] == 1
+    assert figures.missed == ["idle, 8 pods, p: 2 of 8 limits"]
+
+
+def missing(*_):
+    raise MissedError("slow")
+
+
+@pytest.fixture
+def site(monkeypatch):
+    """Nothing is waited for."""
+    for module in (priority, storm):
+        monkeypatch.setattr(module.time, "sleep", lambda _seconds: None)
+    return SimpleNamespace(quiet=SimpleNamespace(wait=lambda: None), saturate=lambda **_: None)
+
+
+def test_weights_under_which_every_round_is_missed_are_a_row_all_the_same(site, monkeypatch):
+    clock = iter(range(1000))
+    monkeypatch.setattr(priority.time, "monotonic", lambda: next(clock))
+    row = priority._saturated(site, SimpleNamespace(go=missing))
+    assert (row["n"], row["first patch accepted ms p50"]) == (0, None)
+    assert row["missed"] > 0
+
+
+def test_storms_that_are_missed_are_a_row_all_the_same(site):
+    row = storm._storms(site, SimpleNamespace(name="operator, resize", go=missing))
+    assert (row["n"], row["missed"], row["after_storm_ms_p50"]) == (0, storm.STORMS, None)
+
+
+def test_figures_are_written_whatever_ends_the_run(monkeypatch, tmp_path):
+    def measure(_options, journal, _problems):
+        journal.once("control: Limit", lambda: [{"control": "Limit"}])
+        raise KeyError("first patch accepted")
+
+    monkeypatch.setattr(command, "OUTPUT", tmp_path)
+    monkeypatch.setattr(command, "_measure", measure)
+    monkeypatch.setattr(command.signal, "signal", lambda *_: None)
+    monkeypatch.setattr(sys, "argv", ["reaction", "--only", "control"])
+    with contextlib.suppress(KeyError):
+        command.main()
+    written = (tmp_path / "reaction-control.json").read_text()
+    assert '"control": "Limit"' in written
+    assert '"control: Weight"' in written

@@ -1,0 +1,50 @@
+"""What the chart makes of the administrator's word about namespaces; tests/e2e tries it on an API server."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from contextpolicy.policy.tenants import Tenant, Tenants
+from contextpolicy.settings import read
+from tests.charts.test_chart import container
+
+TENANTS = {"lab": {"priority": 10, "streamPrefixes": ["robot"]}, "*": {"streamPrefixes": ["{namespace}"]}}
+SET = f"tenants:={json.dumps(TENANTS)}"
+POLICY = ("ValidatingAdmissionPolicy", "contextpolicy-streams")
+
+
+def environment(rendered):
+    return {one["name"]: one.get("value", "") for one in container(rendered["Deployment", "contextpolicy"])["env"]}
+
+
+def test_the_operator_reads_what_the_chart_writes(render):
+    environ = {"TENANTS": environment(render(SET))["TENANTS"]}
+    assert read(environ).tenants == Tenants({"lab": Tenant(10, ("robot",)), "*": Tenant(0, ("{namespace}",))})
+
+
+@pytest.mark.parametrize("settings", [(), ("tenants.lab.priority=10",)])
+def test_without_prefixes_the_api_server_is_not_asked_to_refuse_anything(render, settings):
+    assert POLICY not in render(*settings)
+
+
+def test_it_is_asked_only_about_namespaces_that_the_operator_serves(render):
+    everywhere, there = render(SET)[POLICY]["spec"], render(SET, "watchNamespaces={lab}")[POLICY]["spec"]
+    assert "namespaceSelector" not in everywhere["matchConstraints"]
+    [expression] = there["matchConstraints"]["namespaceSelector"]["matchExpressions"]
+    assert expression == {"key": "kubernetes.io/metadata.name", "operator": "In", "values": ["lab"]}
+
+
+@pytest.mark.parametrize(
+    ("tenants", "named"),
+    [
+        ({"lab": {"streamPrefixes": ["robot/**"]}}, "/tenants/lab/streamPrefixes"),
+        ({"lab": {"streamPrefixes": ["/robot"]}}, "/tenants/lab/streamPrefixes"),
+        ({"lab": {"priority": -1}}, "/tenants/lab/priority"),
+        ({"lab": {"prio": 1}}, "prio"),
+        ({"Lab!": {"priority": 1}}, "Lab!"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(refusal, tenants, named):
+    assert named in refusal(f"tenants:={json.dumps(tenants)}")

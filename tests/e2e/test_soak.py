@@ -1,0 +1,262 @@
+"""An hour, or a minute, of everything at once: contexts twice a second, pods that come and go, parts that are killed.
+
+    make soak [DURATION=3600] [SEED=7]
+
+Afterwards nothing may have leaked, no limit was wrong at any moment, and every container is as it came.
+"""
+
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import randrange
+
+import pytest
+
+from tests.e2e.cluster import CommandError, apply, delete, run, until
+from tests.e2e.conftest import SYSTEM
+from tests.e2e.robot import IDLE, pod, policy, task
+from tests.node import access, components, lifecycle, processes
+from tests.soak import growth, oracle, story
+from tests.soak.growth import Size
+from tests.soak.story import Coming, Flip, Killing
+from timelines.demo.cgroup import Cgroup, find
+
+pytestmark = pytest.mark.skipif(access.user_cluster() is not None, reason="kills parts of the node: not on yours")
+
+DURATION = float(os.environ.get("SOAK_SECONDS") or 75)
+SEED = int(os.environ.get("SOAK_SEED") or randrange(1_000_000))  # noqa: S311 - no secret, a story
+CORES = 2
+LOOK = 0.05
+"""Seconds between two looks at the limits in the kernel."""
+SIZE = 5.0
+"""Seconds between two looks at the processes."""
+RECOVERY = 420.0
+"""Seconds in which everything is back: a container that was killed several times waits up to five minutes."""
+
+
+def soak_policy(namespace):
+    """Three tasks, and contexts that overlap."""
+    effects = {"speech": {"suspend": True}, "slam": {"scale": 2}}
+    moving = {"name": "moving", "when": "imu.speed > 0.05", "tasks": effects}
+    loud = {"name": "loud", "when": "mic.level > 0.5", "tasks": {"speech": {"scale": 3}, "arm": {"suspend": True}}}
+    streams = [{"name": name, "key": f"{namespace}/{name}"} for name in ("imu", "mic")]
+    return policy(namespace, streams=streams, tasks=[task(name) for name in story.TASKS], contexts=[moving, loud])
+
+
+def readings():
+    """All that the sensors can say, and what they have not said yet."""
+    imu = ({}, *({"imu": {"speed": speed}} for speed in (0.0, 0.3)))
+    mic = ({}, *({"mic": {"level": level}} for level in (0.0, 0.9)))
+    return [{**one, **other} for one in imu for other in mic]
+
+
+@dataclass
+class Living:
+    """A task's container, with the limit that it came with."""
+
+    task: str
+    cgroup: Cgroup
+    original: int
+
+    def limit(self):
+        """In thousandths of a core; None when the container is gone."""
+        try:
+            cores = self.cgroup.limit()
+        except OSError:
+            return None
+        return None if cores is None else round(cores * 1000)
+
+
+@dataclass
+class Watch:
+    """Looks at limits and processes all the time, from a thread of its own."""
+
+    planned: dict[str, set[int]]
+    living: dict[str, Living] = field(default_factory=dict)
+    wrong: list[str] = field(default_factory=list)
+    sizes: dict[str, list[Size]] = field(default_factory=lambda: {part: [] for part in story.PODS})
+    pids: dict[str, int] = field(default_factory=dict)
+    looks: int = 0
+
+    def __post_init__(self):
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="soak", daemon=True)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._stop.set()
+        self._thread.join(timeout=10)
+
+    def _watch(self):
+        due = 0.0
+        while not self._stop.wait(LOOK):
+            for one in list(self.living.values()):
+                self._look(one)
+            if time.monotonic() >= due:
+                due = time.monotonic() + SIZE
+                self._measure()
+
+    def _look(self, one):
+        limit = one.limit()
+        self.looks += limit is not None
+        if limit is not None and oracle.wrong(limit, one.original, self.planned[one.task]):
+            self.wrong.append(f"{one.task}: {limit}m, came with {one.original}m")
+
+    def _measure(self):
+        for part, pid in list(self.pids.items()):
+            try:
+                self.sizes[part].append(Size.of(pid, time.monotonic()))
+            except OSError:
+                self.pids.pop(part, None)
+
+
+class Stage:
+    """Carries out what the story says; a part that is away comes back when its time is over."""
+
+    def __init__(self, robot, watch):
+        self.robot, self.watch = robot, watch
+        self.away: dict[str, float] = {}
+        self.killed: list[str] = []
+        self.originals: dict[str, int] = {}
+        self.wanted: dict[str, int] = {}
+
+    def play(self, events):
+        """All of the story, in its own time; what comes late because the machine is slow is not left out."""
+        began = time.monotonic()
+        for event in events:
+            self._bring_back(time.monotonic())
+            time.sleep(max(0.0, began + event.at - time.monotonic()))
+            self._carry_out(event)
+        self.bring_all_back()
+
+    def _carry_out(self, event):
+        match event:
+            case Flip(speed=speed, level=level):
+                self.robot.drive(speed)
+                self.robot.hear(level)
+            case Coming(task=name, limit=limit):
+                self.wanted[name] = limit
+            case Killing(part=part, away=away):
+                self._kill(part, away)
+        self._replace_pods()
+
+    def _kill(self, part, away):
+        if part in self.away:
+            return
+        if part in story.PODS:
+            pids = main_processes(part)
+        else:
+            pids = {pid} if (pid := processes.alive(part)) else set()
+            self.away[part] = time.monotonic() + away
+        for pid in pids:
+            os.kill(pid, signal.SIGKILL)
+        self.killed.append(part)
+
+    def _bring_back(self, now):
+        """In the node's own order: the API server needs its datastore. One that ended itself comes back too."""
+        if self.away and now >= max(self.away.values()):
+            self.bring_all_back()
+
+    def bring_all_back(self):
+        """Start what is away, and what could not live without it."""
+        for name in components.names():
+            lifecycle.start(name)
+        self.away.clear()
+        for part in story.PODS:
+            if pids := main_processes(part):
+                self.watch.pids[part] = min(pids)
+
+    def _replace_pods(self):
+        """Only while the API and the kubelet are there; else when they are back."""
+        if self.away:
+            return
+        for name in [*self.wanted]:
+            self.replace(name, self.wanted.pop(name))
+
+    def replace(self, name, limit):
+        """The task's pod goes, and another one comes."""
+        self.watch.living.pop(name, None)
+        self.robot.stop(name)
+        resources = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"cpu": f"{limit}m", "memory": "64Mi"}}
+        apply(pod(name, self.robot.namespace, IDLE, resources))
+        run("kubectl", "wait", f"pod/{name}", "-n", self.robot.namespace, "--for=condition=Ready", "--timeout=120s")
+        cgroup = self.robot.container(name)
+        assert cgroup is not None
+        self.originals[name] = limit
+        self.watch.living[name] = Living(name, cgroup, limit)
+
+
+def main_processes(part):
+    """The processes of a part that runs in a pod, by its cgroup; none while it is away, or nobody can be asked."""
+    labels = f"app.kubernetes.io/component={part}"
+    try:
+        found = json.loads(run("kubectl", "get", "pods", "-n", SYSTEM, "-l", labels, "-o", "json", timeout=20))
+    except (CommandError, OSError, ValueError):
+        return set()
+    statuses = [status for one in found["items"] for status in one["status"].get("containerStatuses", [])]
+    groups = [find(status["containerID"]) for status in statuses if "running" in status["state"]]
+    return {pid for group in groups if group is not None for pid in group.processes()}
+
+
+@pytest.fixture(scope="module")
+def soaked(robot):
+    """The robot after its soak: what was seen, and the stage on which it was."""
+    planned = oracle.plans(soak_policy(robot.namespace), CORES, readings())
+    apply(soak_policy(robot.namespace))
+    with Watch(planned) as watch:
+        stage = Stage(robot, watch)
+        for name in story.TASKS:
+            stage.replace(name, 400)
+        stage.bring_all_back()
+        print(f"soak: {DURATION:.0f} s, SOAK_SEED={SEED}", file=sys.stderr)  # noqa: T201 - to tell it again
+        stage.play(story.story(SEED, DURATION))
+        yield stage
+    robot.stop("arm")
+
+
+def test_no_limit_was_ever_wrong(soaked):
+    assert soaked.watch.looks > DURATION
+    assert sorted(set(soaked.watch.wrong)) == []
+
+
+def test_the_newest_plan_is_in_force_afterwards(soaked):
+    robot = soaked.robot
+    for speed, level, expected in (
+        (0.3, 0.0, {"slam": 660, "speech": 10, "arm": 330}),
+        (0.0, 0.9, {"slam": 250, "speech": 740, "arm": 10}),
+    ):
+        robot.drive(speed)
+        robot.hear(level)
+        until(f"the kernel enforces {expected}", lambda want=expected: _now(soaked) == want or _now(soaked), RECOVERY)
+
+
+def test_nothing_leaked(soaked):
+    found = []
+    lines = [f"soak of {DURATION:.0f} s, SOAK_SEED={SEED}, killed: {', '.join(soaked.killed)}"]
+    for part, sizes in soaked.watch.sizes.items():
+        life = growth.last_life(sizes)
+        lines.append(growth.told(part, life))
+        found += growth.leaks(part, life)
+    file = Path("build/e2e/soak.txt")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text("\n".join(lines) + "\n")
+    print("\n".join(lines), file=sys.stderr)  # noqa: T201 - a slope is to be seen
+    assert found == []
+
+
+def test_every_container_is_as_it_came_when_the_policy_goes(soaked):
+    delete("ctxp", "robot", soaked.robot.namespace)
+    expected = soaked.originals
+    until(f"the kernel enforces {expected}", lambda: _now(soaked) == expected or _now(soaked))
+
+
+def _now(stage):
+    return {name: one.limit() for name, one in stage.watch.living.items()}

@@ -1,0 +1,96 @@
+"""What administrators decide about namespaces, and what is said to policies that go beyond it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from contextpolicy.policy.tenants import Tenant, Tenants, read_tenants
+from tests.planning.builders import a_policy, a_stream, a_task
+
+
+def of(**listed):
+    """Tenants as the operator's environment has them; `others` stands for `*`."""
+    findings = []
+    tenants = read_tenants(
+        json.dumps({"*" if name == "others" else name: own for name, own in listed.items()}), findings
+    )
+    assert findings == []
+    return tenants
+
+
+def policy(*keys, namespace="lab", **stream):
+    streams = [a_stream(f"stream{index}", key=key, **stream) for index, key in enumerate(keys)]
+    return replace(a_policy(tasks=[a_task("slam")], streams=streams), namespace=namespace)
+
+
+def refused(tenants, *keys, **more):
+    return [finding.value for finding in tenants.findings(policy(*keys, **more))]
+
+
+def test_by_default_all_are_alike_and_read_everything():
+    assert Tenants().priority("lab") == 0
+    assert refused(Tenants(), "robot/imu", "**") == []
+
+
+def test_a_priority_counts_for_those_that_are_listed():
+    tenants = of(lab={"priority": 10}, others={"priority": 2})
+    assert [tenants.priority(name) for name in ("lab", "elsewhere")] == [10, 2]
+    assert refused(tenants, "robot/imu") == [], "it says nothing about streams"
+
+
+def test_streams_read_below_the_prefixes_of_their_namespace():
+    tenants = of(lab={"streamPrefixes": ["robot", "rt/arm"]})
+    keys = ("robot", "robot/imu", "robot/**", "rt/arm/joints")
+    assert refused(tenants, *keys) == []
+    wider = ("**", "*/imu", "robots/imu", "robot$*/imu", "rt/*/joints", "rt", "arm")
+    assert refused(tenants, *wider) == list(wider)
+
+
+def test_a_refusal_names_the_field_and_what_is_allowed():
+    [finding] = of(lab={"streamPrefixes": ["robot"]}).findings(policy("robot/imu", "**"))
+    assert str(finding) == (
+        "spec.streams[1].key: '**' is not allowed: the administrator lets namespace lab read robot/**"
+    )
+
+
+def test_the_liveliness_of_others_is_none_of_its_business_either():
+    [finding] = of(lab={"streamPrefixes": ["robot"]}).findings(policy("robot/imu", liveliness="other/imu"))
+    assert (finding.field, finding.value) == ("spec.streams[0].liveliness", "other/imu")
+
+
+def test_once_a_namespace_is_restricted_those_without_prefixes_read_nothing():
+    [finding] = of(lab={"streamPrefixes": ["robot"]}, dock={"priority": 1}).findings(policy("dock/x", namespace="dock"))
+    assert finding.allowed == "the administrator lets namespace dock read no stream"
+
+
+def test_what_is_said_of_the_others_holds_for_each_under_its_own_name():
+    tenants = of(lab={"priority": 1}, others={"streamPrefixes": ["{namespace}"]})
+    assert refused(tenants, "lab/imu", "dock/imu") == ["dock/imu"]
+    assert refused(tenants, "lab/imu", "dock/imu", namespace="dock") == ["lab/imu"]
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        ("lab=10", "TENANTS"),
+        ("[]", "TENANTS"),
+        ('{"lab": 10}', "TENANTS.lab"),
+        ('{"lab": {"priority": "high"}}', "TENANTS.lab.priority"),
+        ('{"lab": {"priority": 1.5}}', "TENANTS.lab.priority"),
+        ('{"lab": {"prefixes": []}}', "TENANTS.lab.prefixes"),
+        ('{"lab": {"streamPrefixes": "robot"}}', "TENANTS.lab.streamPrefixes"),
+        ('{"lab": {"streamPrefixes": ["robot/**"]}}', "TENANTS.lab.streamPrefixes"),
+        ('{"lab": {"streamPrefixes": ["/robot"]}}', "TENANTS.lab.streamPrefixes"),
+    ],
+)
+def test_what_makes_no_sense_is_named(text, field):
+    findings = []
+    read_tenants(text, findings)
+    assert [finding.field for finding in findings] == [field]
+
+
+def test_no_prefixes_at_all_are_not_the_same_as_none_listed():
+    assert Tenants({"lab": Tenant(stream_prefixes=())}).stream_prefixes("lab") == ()

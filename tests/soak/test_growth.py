@@ -1,0 +1,66 @@
+import os
+import socket
+
+import pytest
+
+from tests.soak import growth
+from tests.soak.growth import MIB, Size
+
+
+def life(pid=1, hours=1.0, threads=lambda _: 20, sockets=lambda _: 10, memory=lambda _: 90.0):
+    """A process that is looked at each minute; what it has is told by the part of the time that has passed."""
+    moments = [minute / (60 * hours) for minute in range(int(60 * hours))]
+    return [Size(part * hours * 3600, pid, threads(part), sockets(part), round(memory(part) * MIB)) for part in moments]
+
+
+def test_what_stays_as_it_is_does_not_leak():
+    assert growth.leaks("operator", life()) == []
+    assert growth.slope(life()) == pytest.approx(0)
+
+
+@pytest.mark.parametrize(
+    ("grown", "words"),
+    [
+        ({"threads": lambda part: 20 + int(part * 10)}, "threads went from 20 to 29"),
+        ({"sockets": lambda part: 10 + int(part * 100)}, "sockets went from 1"),
+        ({"memory": lambda part: 90 + part * 20}, "memory went from"),
+    ],
+)
+def test_what_grows_all_the_time_leaks(grown, words):
+    [told] = growth.leaks("operator", life(**grown))
+    assert words in told
+
+
+def test_one_moment_is_no_leak():
+    assert growth.leaks("operator", life(sockets=lambda part: 100 if part == 0.5 else 10)) == []
+
+
+def test_the_slope_is_in_mebibytes_an_hour():
+    assert growth.slope(life(memory=lambda part: 90 + 6 * part)) == pytest.approx(6, rel=0.01)
+
+
+def test_only_the_last_life_counts_and_only_when_it_has_settled():
+    sizes = [*life(pid=1), *(Size(3600 + 10 * n, 2, 20, 10, 90 * MIB) for n in range(10))]
+    own = growth.last_life(sizes)
+    assert {size.pid for size in own} == {2}
+    assert own[0].at == 3630
+    assert growth.last_life([]) == []
+
+
+def test_a_life_that_is_too_short_is_said_to_be():
+    assert growth.told("router", []) == "router: too short a life to tell"
+    assert growth.leaks("router", []) == []
+
+
+def test_the_line_shows_what_was_measured():
+    assert growth.told("operator", life()) == (
+        "operator: 3540 s, threads 20 -> 20, sockets 10 -> 10, memory 90.0 -> 90.0 MiB, +0.0 MiB an hour"
+    )
+
+
+def test_this_very_process_can_be_read():
+    before = Size.of(os.getpid(), 0.0)
+    with socket.socket():
+        assert Size.of(os.getpid(), 0.0).sockets == before.sockets + 1
+    assert before.threads >= 1
+    assert before.memory > MIB

@@ -1,0 +1,24 @@
+from tests.soak import oracle
+
+POLICY = {
+    "metadata": {"name": "soak", "namespace": "lab"},
+    "spec": {
+        "reserve": "1",
+        "streams": [{"name": "imu", "key": "lab/imu"}],
+        "tasks": [{"name": name, "selector": {"matchLabels": {"app": name}}} for name in ("slam", "speech")],
+        "contexts": [{"name": "moving", "when": "imu.speed > 0.05", "tasks": {"speech": {"suspend": True}}}],
+    },
+}
+READINGS = ({}, {"imu": {"speed": 0.0}}, {"imu": {"speed": 0.3}})
+
+
+def test_the_limits_are_those_of_any_pods_and_any_readings():
+    assert oracle.plans(POLICY, 2, READINGS) == {"slam": {500, 990, 1000}, "speech": {10, 500, 1000}}
+
+
+def test_a_limit_is_right_when_a_plan_or_its_pod_says_so():
+    assert not oracle.wrong(990, 300, {500, 990})
+    assert not oracle.wrong(300, 300, {500, 990})
+    assert not oracle.wrong(989, 300, {500, 990})
+    assert not oracle.wrong(340, 500, {330})
+    assert oracle.wrong(700, 300, {500, 990})
