@@ -186,7 +186,7 @@ class Runtime:
             now=self._loop.to_seconds(self._loop.now),
             connected=self._session is not None and bool(self._session.info.routers_zid()),
             policies=[
-                ScrapedPolicy(reference, entry.conditions, entry.controller and entry.controller.held)
+                ScrapedPolicy(reference, entry.conditions, entry.controller.held if entry.controller else None)
                 for reference, entry in self._policies.items()
             ],
             pods=[pod for namespace in namespaces for pod in self._pods.of(namespace)],

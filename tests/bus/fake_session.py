@@ -61,9 +61,9 @@ class FakeSession:
         self.publishers: list[_Declared] = []
         self.agents: dict[str, bytes | None] = {}
         self.questions: list[tuple[str, zenoh.handlers.Callback[Any]]] = []
+        self.routed = True
         self.info = SimpleNamespace(routers_zid=lambda: ["router"] if self.routed else [])
         self.closed = False
-        self.routed = True
         self.confirming = True
 
     # what the operator calls

@@ -35,6 +35,7 @@ def test_an_edit_does_not_tell_again_what_holds(running):
 def test_a_flapping_context_posts_a_burst_and_then_says_what_it_left_out(running):
     for turn in range(2 * BURST):
         running.sample(IMU, speed=0.3 if turn % 2 == 0 else 0.0)
+        running.turn(0.1)
     running.settle()
     assert len(running.told()) == BURST
     running.turn(60.0)

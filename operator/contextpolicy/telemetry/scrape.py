@@ -154,14 +154,17 @@ def _split(policy: ScrapedPolicy) -> list[str]:
 
 
 def _gauge(name: str, text: str, labels: Sequence[str], rows: Iterable[Row]) -> GaugeMetricFamily:
-    return _filled(GaugeMetricFamily(name, text, labels=labels), rows)
+    family = GaugeMetricFamily(name, text, labels=labels)
+    _fill(family, rows)
+    return family
 
 
 def _counter(name: str, text: str, labels: Sequence[str], rows: Iterable[Row]) -> CounterMetricFamily:
-    return _filled(CounterMetricFamily(name, text, labels=labels), rows)
+    family = CounterMetricFamily(name, text, labels=labels)
+    _fill(family, rows)
+    return family
 
 
-def _filled(family: Any, rows: Iterable[Row]) -> Any:
+def _fill(family: GaugeMetricFamily | CounterMetricFamily, rows: Iterable[Row]) -> None:
     for labels, value in rows:
         family.add_metric(list(labels), float(value))
-    return family
