@@ -86,6 +86,7 @@ def operator(monkeypatch, cluster):  # noqa: ARG001 - the commands find the oper
     for speed in (0.0, 0.3):
         started.sample(IMU, speed=speed)
         started.settle()
+    started.turn(2.0)
     started.loop.inline = True
     server = PageServer(0, started.runtime)
     server.start()

@@ -90,7 +90,7 @@ def test_nobody_reaches_the_page_over_the_network(moving):
 
 
 @pytest.mark.usefixtures("moving")
-def test_the_commands_of_kubectl_ctxp(tmp_path, capsys, monkeypatch):
+def test_the_commands_of_kubectl_ctxp(capsys, monkeypatch):
     monkeypatch.delenv("ZENOH_CONNECT", raising=False)
     assert main(["explain", POLICY, "slam"]) == 0
     assert capsys.readouterr().out.startswith("slam gets 990m on node ")
