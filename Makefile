@@ -17,9 +17,10 @@ help:  ## show this help
 
 setup: .venv/ready  ## install the Python packages into .venv
 
-.venv/ready: pyproject.toml modules/robotkit/pyproject.toml
+.venv/ready: pyproject.toml modules/robotkit/pyproject.toml modules/signs/models.txt
 	python3 -m venv .venv
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable 'modules/robotkit[ros,serial]'
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --requirement modules/signs/models.txt
 	touch $@
 
 demo: images recordings  ## show the main job on a real node: a timeline of sensor input moves CPU between pods
@@ -54,11 +55,20 @@ simulate: setup  ## without root or cluster: what would POLICY decide on TIMELIN
 bench: setup  ## measure the decision engine: samples per second, sample to plan, memory
 	$(PYTHON) -m tests.bench.engine
 
+bench-live: setup  ## measure what a sample costs the running operator, beside the bare callback and hand-over
+	$(PYTHON) -m tests.bench.live
+
 bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives (RESUME=--resume goes on)
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction $(RESUME)
 
+bench-fleet: cluster  ## measure what 5000 pods and 50 policies cost the operator, on a real API server
+	$(PYTHON) -m tests.bench.fleet
+
 bench-devices: setup  ## measure what navigation, lidar and arm cost, and how exact they are
 	$(PYTHON) -m tests.bench.device_modules
+
+bench-prediction: setup  ## measure how well `simulate --profiles` predicts what the kernel does (needs root)
+	$(PYTHON) -m tests.bench.prediction
 
 bench-wheels: setup  ## measure how fast a robot's wheels stop, also at a CPU limit of 10m (needs root)
 	$(PYTHON) -m tests.bench.wheel_stop

@@ -63,7 +63,7 @@ class ClusterWithPolicies(FakeCluster):
         self.statuses: dict[str, dict[str, Any]] = {}
         self.events: list[dict[str, Any]] = []
         self.config_maps: dict[str, dict[str, str]] = {}
-        self.closed = False
+        self.may_act: Callable[[str], bool] = lambda _: True
 
     def config_map(self, namespace: str, name: str) -> dict[str, str]:
         try:
@@ -76,9 +76,6 @@ class ClusterWithPolicies(FakeCluster):
 
     def post_event(self, _: str, event: dict[str, Any]) -> None:
         self.events.append(event)
-
-    def close(self) -> None:
-        self.closed = True
 
 
 class VirtualOperator:

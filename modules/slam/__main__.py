@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 
 from modules.slam.calibration import Rectifier, load_rig
-from modules.slam.odometry import Odometry
+from modules.slam.slam import StereoSlam
 from modules.slam.task import Slam
 from robotkit import main
 
@@ -16,7 +16,7 @@ HERE = Path(__file__).parent
 def build() -> Slam:
     """Make the task with the cameras of this robot."""
     cv2.setNumThreads(1)  # its share is what the policy gives, not all cores
-    return Slam(Odometry(Rectifier(load_rig(Path(os.environ.get("RIG_DIR", HERE / "rig"))))))
+    return Slam(StereoSlam(Rectifier(load_rig(Path(os.environ.get("RIG_DIR", HERE / "rig"))))))
 
 
 main(HERE / "module.yaml", build)

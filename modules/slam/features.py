@@ -74,7 +74,7 @@ def measure(rectifier: Rectifier, left: Image, right: Image, features: Features)
 
 
 def _disparities(left: Image, right: Image, pixels: Floats, guesses: Floats) -> Floats:
-    """Sharpen matches to parts of a pixel: an ORB corner is only as exact as its pyramid level; NaN where that fails."""
+    """Sharpen matches to parts of a pixel, as ORB is only as exact as its pyramid level; NaN where that fails."""
     if not len(pixels):
         return np.empty(0)
     start = pixels.astype(np.float32)

@@ -40,7 +40,8 @@ class Edge:
     @property
     def sigmas(self) -> Floats:
         """Standard deviations of three angles and three shifts: GTSAM's order."""
-        return np.repeat(self.kind.value, 3) * np.sqrt(100 / max(self.inliers, 1))
+        sigmas: Floats = np.repeat(self.kind.value, 3) * np.sqrt(100 / max(self.inliers, 1))
+        return sigmas
 
     def misfit(self, poses: Mapping[int, Floats]) -> float:
         """Square of how far the poses are from what the edge says, in standard deviations."""
@@ -79,9 +80,10 @@ class PoseGraph:
 
     def bypass(self, number: int) -> None:
         """Take a keyframe out: its neighbours are connected through its strongest neighbour instead."""
-        edges = [_from(number, edge) for edge in self._edges.pop(number, [])]
-        for edge in edges:
-            self._edges[edge.second] = [old for old in self._edges[edge.second] if number not in (old.first, old.second)]
+        edges = [_from(number, edge) for edge in self._edges.get(number, [])]
+        for edge in list(self._edges.pop(number, [])):
+            other = edge.second if edge.first == number else edge.first
+            self._edges[other] = [kept for kept in self._edges[other] if kept is not edge]
         if edges:
             hub = max(edges, key=lambda edge: edge.inliers)
             for edge in edges:

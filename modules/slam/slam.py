@@ -17,8 +17,8 @@ import numpy as np
 from modules.slam.features import detect, measure
 from modules.slam.geometry import inverse
 from modules.slam.keyframes import has_moved
-from modules.slam.map import Map
 from modules.slam.loop_closing import LoopCloser
+from modules.slam.map import Map
 from modules.slam.places import Places
 from modules.slam.relocalisation import Relocaliser
 from modules.slam.tracking import Tracker
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from modules.slam.tracking import Fix
 
 CAPACITY = 1000
-"""Keyframes that are remembered; each takes about 0.1 MB."""
+"""Keyframes that are remembered; each takes about 70 kB."""
 PATIENCE = 10
 """Pictures without a known place after which a lost camera starts anew."""
 BESIDE = 2
@@ -75,6 +75,8 @@ class StereoSlam:
 
     def __init__(self, rectifier: Rectifier, effort: Effort = Effort()) -> None:
         self.effort = effort
+        self.size = rectifier.size
+        """Width and height of the raw pictures."""
         self.map = Map(CAPACITY)
         self._rectifier = rectifier
         self._tracker = Tracker(rectifier.matrix, rectifier.size)
@@ -127,11 +129,11 @@ class StereoSlam:
         return [one for one in (fix, *others) if one is not None]
 
     def _is_left(self, fix: Fix) -> bool:
-        """Whether too little of a keyframe's view is in the picture."""
-        return fix.inliers < self.effort.overlap * len(fix.keyframe)
+        """Whether too little of a keyframe's view is in the picture, as far as its corners were looked for."""
+        return fix.inliers < self.effort.overlap * min(len(fix.keyframe), self.effort.features)
 
     def _is_needed(self, fixes: list[Fix]) -> bool:
-        """Whether the picture should become a keyframe: to begin with, to start anew, or because it shows new things."""
+        """Whether the picture should become a keyframe: to begin with, to start anew, or because it shows much new."""
         if not fixes:
             return self._reference is None or self._lost >= PATIENCE
         return self._is_left(fixes[0]) and has_moved(fixes[0].world_from_camera, self.map.newest)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from modules.slam.geometry import Image
-    from modules.slam.slam import StereoSlam
+    from modules.slam.slam import Pose, StereoSlam
     from robotkit import Decision, Received
 
 FEWEST_FEATURES, MOST_FEATURES = 300, 800
@@ -31,23 +31,18 @@ class Slam(Task):
         self._finished = 0
 
     def adapt(self, decision: Decision) -> None:
-        """Match the work to the share: one core pays for all features and frequent keyframes."""
-        share = min(1.0 if decision.share is None else decision.share, 1.0)
-        self._slam.effort = Effort(
-            features=round(max(share * MOST_FEATURES, FEWEST_FEATURES)),
-            overlap=LEAST_OVERLAP + share * (MOST_OVERLAP - LEAST_OVERLAP),
-        )
+        """Match the work to the share."""
+        self._slam.effort = effort(decision.share)
 
     def process(self, received: Received) -> dict[str, object]:
         """Give the pose of the body in the frame of the first picture, with the picture's stamp."""
         in_time = received.received >= self._finished
-        frame = decode(received.payload)
-        pose = self._slam.track(self._picture(frame.left), lambda: self._picture(frame.right))
-        if in_time and not pose.is_keyframe:
+        pose, stamp = track(self._slam, received.payload)
+        if in_time and not pose.is_keyframe:  # else other pictures wait, or a keyframe has taken the time already
             self._slam.close_loop()
         self._finished = self._now()
         return {
-            "frame": frame.stamp,
+            "frame": stamp,
             "position": pose.world_from_body[:3, 3].tolist(),
             "orientation": quaternion(pose.world_from_body[:3, :3]),
             "inliers": pose.inliers,
@@ -57,9 +52,26 @@ class Slam(Task):
             "loops": self._slam.loops.closed,
         }
 
-    def _picture(self, encoded: bytes) -> Image:
-        picture = decoded(encoded, gray=True)
-        width, height = self._slam.size
-        if picture.shape != (height, width):
-            raise MessageError(f"a picture of {picture.shape[1]} x {picture.shape[0]}: the cameras have {width} x {height}")
-        return picture
+
+def effort(share: float | None) -> Effort:
+    """The work that a share in cores pays for: with one core all features and frequent keyframes."""
+    part = 1.0 if share is None else min(share, 1.0)
+    return Effort(
+        features=round(max(part * MOST_FEATURES, FEWEST_FEATURES)),
+        overlap=LEAST_OVERLAP + part * (MOST_OVERLAP - LEAST_OVERLAP),
+    )
+
+
+def track(slam: StereoSlam, payload: bytes) -> tuple[Pose, int]:
+    """Locate a stereo frame; returns the frame's stamp too. MessageError if it can't be read."""
+    frame = decode(payload)
+    pose = slam.track(_picture(frame.left, slam.size), lambda: _picture(frame.right, slam.size))
+    return pose, frame.stamp
+
+
+def _picture(encoded: bytes, size: tuple[int, int]) -> Image:
+    picture = decoded(encoded, gray=True)
+    height, width = picture.shape
+    if (width, height) != size:
+        raise MessageError(f"a picture of {width} x {height} pixels; the calibration is for {size[0]} x {size[1]}")
+    return picture

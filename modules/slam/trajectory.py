@@ -71,8 +71,11 @@ def load(path: Path) -> Trajectory:
 def save(path: Path, poses: Trajectory) -> None:
     """Write a TUM file."""
     values = np.hstack([poses.positions, poses.orientations])
-    lines = [f"{tum_stamp(stamp)} {' '.join(f'{value:.9f}' for value in row)}" for stamp, row in zip(poses.stamps.tolist(), values, strict=True)]
-    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    lines = [
+        f"{tum_stamp(stamp)} {' '.join(f'{value:.9f}' for value in row)}\n"
+        for stamp, row in zip(poses.stamps.tolist(), values, strict=True)
+    ]
+    path.write_text("".join(lines), encoding="utf-8")
 
 
 def tum_stamp(stamp: int) -> str:

@@ -26,6 +26,7 @@ from contextpolicy.commands import (
     simulate,
     skeleton,
     status,
+    suggest,
     top,
     validate,
     why_not,
@@ -33,7 +34,7 @@ from contextpolicy.commands import (
 from contextpolicy.errors import ContextPolicyError
 
 ON_THE_CLUSTER = (status, top, explain, why_not, force, mode, doctor, record, restore)
-ON_THE_DESK = (validate, simulate, skeleton, graph, completion)
+ON_THE_DESK = (validate, simulate, suggest, skeleton, graph, completion)
 IN_THE_CLUSTER = (run, router, agent)
 PLUGIN = "kubectl-ctxp"
 """The name under which kubectl finds this program as `kubectl ctxp`."""
@@ -48,11 +49,16 @@ def build_parser(prog: str) -> argparse.ArgumentParser:
     return parser
 
 
+def complete() -> int:
+    """The program `kubectl_complete-ctxp`, which kubectl asks what may follow `kubectl ctxp`."""
+    return completion.reply(build_parser("contextpolicy"), sys.argv[1:], directive=True)
+
+
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, run the command, print errors without a traceback; returns the exit code."""
     words = sys.argv[1:] if argv is None else argv
     if words[:1] == ["__complete"]:
-        return completion.reply(words[1:])
+        return completion.reply(build_parser("contextpolicy"), words[1:])
     called = os.path.basename(sys.argv[0]) if argv is None else "contextpolicy"  # noqa: PTH119 - a name, not a path
     arguments = build_parser("kubectl ctxp" if called == PLUGIN else "contextpolicy").parse_args(words)
     try:

@@ -89,6 +89,7 @@ class Controller:
         """What a query for the policy's board is answered with."""
         self.signer: Signer | None = None
         self.recorder = FlightRecorder()
+        self.may_act: Callable[[], bool] = lambda: True
         self._session, self._scheduler = session, scheduler
         self._actuator, self._initiatives = actuator, initiatives
         self._inputs: Subject[Input] = Subject()
@@ -119,7 +120,7 @@ class Controller:
             metrics.replace(before.policy, self.policy)
         answers = {"plan": self.message, "explain": self.explain, "board": self.board}
         self._bus = Bus(self._session, self.policy, self._scheduler, answers)
-        self._bus.signer = self.signer
+        self._bus.signer, self._bus.may_speak = self.signer, self.may_act
         # An earlier, enforced version may have left a plan in force with the agents.
         if self.policy.mode is not Mode.ENFORCE:
             self._bus.withdraw()
@@ -164,6 +165,11 @@ class Controller:
             self._order()
             self._republish()
         self.on_change()
+
+    def repeat(self) -> None:
+        """Publish the plan in force again: the bus may have missed some."""
+        self._edition += 1
+        self._publish({"trigger": self._now()})
 
     def tell(self, stage: str, container: str, cores: float, at: float) -> None:
         """Publish that a container's new limit reached a stage: `accepted` by the API or `inForce` on the node.
@@ -231,8 +237,9 @@ class Controller:
             self._told = _whereabouts(content)
             self._figures.rest()
             payload = self._bus.publish({**content, **more})
-            records = self.recorder.begin(self.policy.reference)
-            self.recorder.take_plan(records, PlanRecord(time.monotonic(), payload))
+            if payload is not None:
+                records = self.recorder.begin(self.policy.reference)
+                self.recorder.take_plan(records, PlanRecord(time.monotonic(), payload))
             if self.policy.mode is Mode.ENFORCE:
                 stamp = content["run"], content["sequence"], content["edition"]
                 self.on_published(self.policy.reference, stamp, content["nodes"])

@@ -16,6 +16,7 @@ ContextPolicyError
 ├── DocumentError       a file that is not valid YAML (validation.documents)
 ├── PolicyFileError     a file without a valid policy (validation.policy_file)
 ├── ExpectationError    invalid expectations (simulation.expectations)
+├── RecordingError      a recording that can't be read (streams.recordings)
 ├── DrawingError        a diagram that can't be drawn
 └── NoAnswerError       nobody on the bus answers (commands.explain)
 """

@@ -1,7 +1,7 @@
 """Everything alive in one operator: policies, pods and nodes come in from the watches; patches and reports go out.
 
 Public methods may be called from any thread but the loop's: each hands its work to the loop and returns at once, except
-`policy_changed`, `connected`, `delay` and `close`, which block.
+`policy_changed`, `connected` and `close`, which block.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from contextpolicy.actuators.dry_run import DryRun
 from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.resizer import PodResizer
 from contextpolicy.bus.agent_watch import AgentWatch
+from contextpolicy.bus.connection import Connection
 from contextpolicy.bus.usage_watch import UsageWatch
 from contextpolicy.cluster.agent_reports import with_agents
 from contextpolicy.cluster.claims import claim
@@ -36,9 +37,9 @@ from contextpolicy.telemetry import metrics
 from contextpolicy.telemetry.event_budget import EventBudget
 from contextpolicy.telemetry.events import event
 from contextpolicy.telemetry.reporter import Reporter
-from contextpolicy.telemetry.resize_watch import RECOVERED, ResizeWatch
+from contextpolicy.telemetry.resize_watch import FAILED, RECOVERED, ResizeWatch
 from contextpolicy.telemetry.scrape import Scraped, ScrapedPolicy
-from contextpolicy.telemetry.status import StatusFacts, status, waiting
+from contextpolicy.telemetry.status import GIVE_UP, StatusFacts, releasing, status, waiting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -58,8 +59,8 @@ Answer = TypeVar("Answer")
 
 log = logging.getLogger(__name__)
 
-HUNG = 5.0
-"""Seconds after which a loop that does not answer counts as hung."""
+PATIENCE = 5.0
+"""Seconds that people who watch, and scrapes, wait for the loop."""
 
 
 @dataclass(slots=True)
@@ -83,6 +84,15 @@ class _Entry:
         return self.body["metadata"].get("creationTimestamp", ""), _reference(self.body)
 
 
+@dataclass(slots=True)
+class _Leaving:
+    """A ContextPolicy that is being deleted, until all its containers are restored."""
+
+    body: Mapping[str, Any]
+    conditions: list[dict[str, Any]]
+    events: EventBudget = field(default_factory=EventBudget)
+
+
 class Runtime:
     """The operator without its watches.
 
@@ -103,6 +113,8 @@ class Runtime:
         self._session: zenoh.Session | None = None
         self._agents: AgentWatch | None = None
         self._usage: UsageWatch | None = None
+        self._connection: Connection | None = None
+        self._connected = False
         self._loop, self._api = loop, api
         self._patches, self._signer = patches, signer
         self._tenants = tenants or Tenants()
@@ -112,6 +124,7 @@ class Runtime:
         self._dry_run = DryRun()
         self._recorder = FlightRecorder()
         self._policies: dict[str, _Entry] = {}
+        self._leaving: dict[str, _Leaving] = {}
         self._pods = PodDirectory()
         self._moved: set[str] = set()
         """Namespaces whose pods came, went or moved since the last placement."""
@@ -119,6 +132,8 @@ class Runtime:
 
     def close(self) -> None:
         """Stop; limits stay in force, as after a crash, and the next start goes on from there."""
+        if self._connection is not None:
+            self._connection.close()
         if self._agents is not None:
             self._agents.close()
         self._call(self._stop_controllers).result(timeout=5)
@@ -127,12 +142,12 @@ class Runtime:
         self._reporter.close()
         if self._session is not None:
             self._session.close()
-        self._api.close()
 
     def connected(self, session: zenoh.Session) -> None:
         """The session to the robot's bus is open: start the policies that waited for it. Blocks up to a second."""
         agents = AgentWatch(session, self._loop, lambda: self._call(self._place))
         self._call(lambda: self._begin(session, agents))
+        self._connection = Connection(session, lambda connected: self._call(lambda: self._link(connected=connected)))
 
     def policy_changed(self, body: Mapping[str, Any]) -> Future[bool]:
         """A ContextPolicy is new, was edited or already existed; the result says whether all it names could be read.
@@ -147,6 +162,14 @@ class Runtime:
         done: Future[None] = Future()
         self._call(lambda: self._drop(body, done))
         return done
+
+    def abandon(self, namespace: str) -> None:
+        """Another operator serves this namespace now: forget its policies, and change nothing."""
+        self._call(lambda: self._forget(namespace))
+
+    def resume(self) -> None:
+        """We may act again after an interruption, and nobody else did meanwhile: say again what is in force."""
+        self._call(self._speak)
 
     def pod_changed(self, pod: Mapping[str, Any]) -> None:
         """A pod is new or has changed; one that can't be parsed is logged and ignored."""
@@ -167,16 +190,15 @@ class Runtime:
         if cpu is not None:
             self._call(lambda: self._take_node(name, cpu))
 
-    def delay(self) -> float:
-        """Seconds until the loop runs a new action; TimeoutError when that takes longer than HUNG."""
-        asked = time.monotonic()
-        self._call(lambda: None).result(timeout=HUNG)
-        return time.monotonic() - asked
+    @property
+    def has_router(self) -> bool:
+        """Whether the bus is there."""
+        return self._connected
 
     def scrape(self) -> Scraped | None:
         """Everything as it is now, for the metrics; None when the loop does not answer."""
         try:
-            return self._call(self._scrape).result(timeout=HUNG)
+            return self._call(self._scrape).result(timeout=PATIENCE)
         except TimeoutError:
             return None
 
@@ -184,7 +206,7 @@ class Runtime:
         namespaces = {entry.namespace for entry in self._policies.values()}
         return Scraped(
             now=self._loop.to_seconds(self._loop.now),
-            connected=self._session is not None and bool(self._session.info.routers_zid()),
+            connected=self._connected,
             policies=[
                 ScrapedPolicy(reference, entry.conditions, entry.controller.held if entry.controller else None)
                 for reference, entry in self._policies.items()
@@ -195,21 +217,21 @@ class Runtime:
 
     def boards(self) -> list[dict[str, Any]]:
         """All policies as they are now (see `live.board`); TimeoutError when the loop does not answer."""
-        return self._call(lambda: [self._board(reference) for reference in sorted(self._policies)]).result(HUNG)
+        return self._call(lambda: [self._board(reference) for reference in sorted(self._policies)]).result(PATIENCE)
 
     def plans(self, policy: str, since: float) -> list[dict[str, Any]]:
         """The recorded plans of a policy after `since`, each with when it was `published`, in Unix seconds."""
         ahead = self._loop.to_seconds(self._loop.now) - time.monotonic()
         records = self._call(lambda: list(self._recorder.plans_since(policy, since - ahead + SAME_INSTANT)))
-        return [{**json.loads(plan.payload), "published": plan.published + ahead} for plan in records.result(HUNG)]
+        return [{**json.loads(plan.payload), "published": plan.published + ahead} for plan in records.result(PATIENCE)]
 
     def explanation(self, policy: str) -> dict[str, Any] | None:
         """Why each task of a policy has its share; None when no version of it runs."""
-        return self._call(lambda: self._explain(policy)).result(HUNG)
+        return self._call(lambda: self._explain(policy)).result(PATIENCE)
 
     def recording(self, policy: str, last: float) -> dict[str, Any] | None:
         """The last seconds of a policy, and the policy itself; None when no version of it runs."""
-        found = self._call(lambda: self._recorded(policy)).result(HUNG)
+        found = self._call(lambda: self._recorded(policy)).result(PATIENCE)
         if found is None:
             return None
         body, running, records = found
@@ -263,9 +285,18 @@ class Runtime:
         for entry in list(self._policies.values()):
             self._adopt(entry.body, entry.loaded)
 
+    def _link(self, *, connected: bool) -> None:
+        if connected is self._connected:
+            return
+        self._connected = connected
+        log.log(logging.INFO if connected else logging.WARNING, "the bus is %s", "there" if connected else "lost")
+        for reference in self._policies:
+            self._report(reference)
+
     def _adopt(self, body: Mapping[str, Any], loaded: Loaded) -> bool:
         """Swap in a valid version; an invalid one leaves the last good one in force and says why."""
         reference = _reference(body)
+        self._leaving.pop(reference, None)
         self._resizer.recall(reference, (body.get("status") or {}).get("originals"))
         entry = self._policies.setdefault(reference, _Entry(body, Loaded()))
         known = loaded.rejected == entry.loaded.rejected
@@ -290,6 +321,7 @@ class Runtime:
             policy, session=session, scheduler=self._loop, actuator=actuator, initiatives=entry.loaded.initiatives
         )
         entry.controller.signer, entry.controller.recorder = self._signer, self._recorder
+        entry.controller.may_act = lambda: self._api.may_act(policy.namespace)
         entry.controller.on_change = lambda: self._report(reference)
         entry.controller.board = lambda: self._board(reference)
         entry.controller.on_plan = self._watch.planned
@@ -310,21 +342,48 @@ class Runtime:
     def _drop(self, body: Mapping[str, Any], done: Future[None]) -> None:
         reference = _reference(body)
         self._resizer.recall(reference, (body.get("status") or {}).get("originals"))
-        entry = self._policies.pop(reference, None)
-        if entry is not None and entry.controller is not None:
-            entry.controller.end()
-        if self._agents is not None:
-            self._agents.forget(reference)
-        self._reporter.forget(reference)
-        self._recorder.forget(reference)
-        self._watch.forget(reference)
+        if reference not in self._leaving:
+            self._leaving[reference] = _Leaving(body, list((body.get("status") or {}).get("conditions") or []))
+            entry = self._policies.pop(reference, None)
+            if entry is not None and entry.controller is not None:
+                entry.controller.end()
+            if self._agents is not None:
+                self._agents.forget(reference)
+            self._reporter.forget(reference)
+            self._recorder.forget(reference)
+            self._watch.forget(reference)
         self._resizer.release(reference, lambda: self._released(reference, done))
         self._place()
 
     def _released(self, reference: str, done: Future[None]) -> None:
+        self._leaving.pop(reference, None)
+        self._reporter.forget(reference)
+        self._watch.forget(reference)
         if reference not in self._policies:
             metrics.forget(reference)
         _fulfil(done)
+
+    def _forget(self, namespace: str) -> None:
+        for reference in [one for one in self._policies if one.partition("/")[0] == namespace]:
+            controller = self._policies.pop(reference).controller
+            if controller is not None:
+                controller.stop()
+            if self._agents is not None:
+                self._agents.forget(reference)
+            self._reporter.forget(reference)
+            self._watch.forget(reference)
+            self._resizer.abandon(reference)
+            metrics.forget(reference)
+        for reference in [one for one in self._leaving if one.partition("/")[0] == namespace]:
+            del self._leaving[reference]
+            self._resizer.abandon(reference)
+        self._place()
+
+    def _speak(self) -> None:
+        for reference, entry in self._policies.items():
+            if entry.controller is not None:
+                entry.controller.repeat()
+            self._report(reference)
 
     def _stop_controllers(self) -> None:
         for entry in self._policies.values():
@@ -399,16 +458,19 @@ class Runtime:
         self._reporter.status(reference, lambda: self._status(reference))
 
     def _status(self, reference: str) -> dict[str, Any]:
+        now = self._loop.to_seconds(self._loop.now)
+        if reference in self._leaving:
+            return self._last_status(reference, now)
         entry = self._policies[reference]
         generation = entry.body["metadata"].get("generation", 0)
-        now = self._loop.to_seconds(self._loop.now)
         if entry.controller is None:
-            made = waiting(entry.loaded.rejected, generation, entry.conditions, now)
+            made = waiting(entry.loaded.rejected, generation, entry.conditions, now, connected=self._connected)
         else:
             facts = StatusFacts(
                 generation,
                 entry.controller.run,
                 entry.controller.claim,
+                self._connected,
                 entry.loaded.rejected,
                 self._watch.problems(reference),
             )
@@ -416,9 +478,19 @@ class Runtime:
         entry.conditions = made["conditions"]
         return made
 
+    def _last_status(self, reference: str, now: float) -> dict[str, Any]:
+        """What a policy that is being deleted waits for."""
+        leaving = self._leaving[reference]
+        generation = leaving.body["metadata"].get("generation", 0)
+        made = releasing(self._watch.problems(reference).values(), generation, leaving.conditions, now)
+        leaving.conditions = made["conditions"]
+        return made
+
     def _on_problem(self, policy: str, reason: str, message: str) -> None:
+        if policy in self._leaving and reason == FAILED:
+            reason, message = "RestoreFailed", f"{message}; {GIVE_UP}"
         self._tell(policy, reason, message)
-        if policy in self._policies:
+        if policy in self._policies or policy in self._leaving:
             self._report(policy)
 
     def _on_stage(self, policy: str, stage: str, container: str, cores: float, at: float) -> None:
@@ -427,7 +499,7 @@ class Runtime:
             entry.controller.tell(stage, container, cores, at)
 
     def _tell(self, reference: str, reason: str, message: str) -> None:
-        entry = self._policies.get(reference)
+        entry = self._policies.get(reference) or self._leaving.get(reference)
         log.warning("%s: %s: %s", reference, reason, message)
         if entry is not None:
             self._post(entry, reason, message, warning=reason != RECOVERED)
@@ -439,7 +511,7 @@ class Runtime:
             reason = "ContextEntered" if active else "ContextExited"
             self._post(entry, reason, f"{context}: {cause}", warning=False)
 
-    def _post(self, entry: _Entry, reason: str, message: str, *, warning: bool) -> None:
+    def _post(self, entry: _Entry | _Leaving, reason: str, message: str, *, warning: bool) -> None:
         now = self._loop.to_seconds(self._loop.now)
         if entry.events.spend(now):
             told = entry.events.admit_to(message)

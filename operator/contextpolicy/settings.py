@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from socket import gethostname
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding, SettingsError
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 LOG_FORMATS = ("text", "json")
 LOG_LEVELS = ("debug", "info", "warning", "error")
 DEFAULT_CONNECT = "tcp/127.0.0.1:7447"
+LONGEST_LEASE = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +25,9 @@ class Settings:
 
     `credentials` and `signing` are directories with the files that `bus.credentials` and `bus.signatures` describe: our
     identity on the bus (None on an open bus), and the key that signs plans (None: plans are not signed).
+
+    `lease` is the namespace and name of the Lease for which this operator's replicas run (None: it has none), held for
+    `lease_seconds` at a time by the replica that calls itself `identity`.
     """
 
     connect: tuple[str, ...] = (DEFAULT_CONNECT,)
@@ -33,6 +38,9 @@ class Settings:
     health_port: int = 8080
     metrics_port: int = 8081
     live_port: int = 8082
+    lease: tuple[str, str] | None = None
+    lease_seconds: int = 15
+    identity: str = field(default_factory=gethostname)
     log_format: str = "text"
     log_level: str = "info"
 
@@ -49,6 +57,9 @@ def read(environment: Mapping[str, str]) -> Settings:
         health_port=_port(environment, "HEALTH_PORT", 8080, findings),
         metrics_port=_port(environment, "METRICS_PORT", 8081, findings),
         live_port=_port(environment, "LIVE_PORT", 8082, findings),
+        lease=_lease(environment, findings),
+        lease_seconds=_seconds(environment, findings),
+        identity=environment.get("IDENTITY", "") or gethostname(),
         log_format=_word(environment, "LOG_FORMAT", LOG_FORMATS, "text", findings),
         log_level=_word(environment, "LOG_LEVEL", LOG_LEVELS, "info", findings),
     )
@@ -81,6 +92,22 @@ def _port(environment: Mapping[str, str], name: str, default: int, findings: lis
         return int(text)
     findings.append(Finding(name, text, "a port from 1 to 65535"))
     return default
+
+
+def _lease(environment: Mapping[str, str], findings: list[Finding]) -> tuple[str, str] | None:
+    text = environment.get("LEASE", "")
+    namespace, _, name = text.partition("/")
+    if text and not (namespace and name and "/" not in name):
+        findings.append(Finding("LEASE", text, "a namespace and a name, such as contextpolicy-system/contextpolicy"))
+    return (namespace, name) if text else None
+
+
+def _seconds(environment: Mapping[str, str], findings: list[Finding]) -> int:
+    text = environment.get("LEASE_SECONDS", "") or "15"
+    if text.isdecimal() and 0 < int(text) <= LONGEST_LEASE:
+        return int(text)
+    findings.append(Finding("LEASE_SECONDS", text, f"whole seconds from 1 to {LONGEST_LEASE}"))
+    return 15
 
 
 def _word(

@@ -61,8 +61,8 @@ class FakeSession:
         self.publishers: list[_Declared] = []
         self.agents: dict[str, bytes | None] = {}
         self.questions: list[tuple[str, zenoh.handlers.Callback[Any]]] = []
-        self.routed = True
-        self.info = SimpleNamespace(routers_zid=lambda: ["router"] if self.routed else [])
+        self.listeners: list[_Declared] = []
+        self.router: str | None = "router"
         self.closed = False
         self.confirming = True
 
@@ -81,6 +81,10 @@ class FakeSession:
             delete=lambda **more: self._publish(key, None, **more),
             undeclare=declared.undeclare,
         )
+
+    @property
+    def info(self) -> Any:
+        return SimpleNamespace(declare_transport_events_listener=self._listen)
 
     def liveliness(self) -> Any:
         return SimpleNamespace(
@@ -134,6 +138,16 @@ class FakeSession:
         del self.agents[node]
         self._tell_token(node, zenoh.SampleKind.DELETE)
 
+    def lose_router(self) -> None:
+        """The router ends."""
+        self._tell_transport(zenoh.SampleKind.DELETE)
+        self.router = None
+
+    def find_router(self, zid: str = "router") -> None:
+        """A router is there again."""
+        self.router = zid
+        self._tell_transport(zenoh.SampleKind.PUT)
+
     def deliver(self, key: str, **value: Any) -> None:
         """A sample arrives."""
         self.deliver_bytes(key, json.dumps(value).encode())
@@ -160,7 +174,7 @@ class FakeSession:
         return [message for key, message in self.published if key == f"contextpolicy/{policy}/plan"]
 
     def everything_declared(self) -> list[str]:
-        lists = (self.subscribers, self.queryables, self.tokens, self.watchers, self.publishers)
+        lists = (self.listeners, self.subscribers, self.queryables, self.tokens, self.watchers, self.publishers)
         return sorted(one.key for declared in lists for one in declared)
 
     def _watch_tokens(self, key: str, callback: Callable[[Any], None], *, history: bool = False) -> _Declared:
@@ -168,6 +182,18 @@ class FakeSession:
         for node in self._asked(key) if history else ():
             callback(_token(node, zenoh.SampleKind.PUT))
         return declared
+
+    def _listen(self, callback: Callable[[Any], None], *, history: bool) -> _Declared:
+        declared = self._declare("transports", callback, self.listeners)
+        if history and self.router is not None:
+            self._tell_transport(zenoh.SampleKind.PUT)
+        return declared
+
+    def _tell_transport(self, kind: zenoh.SampleKind) -> None:
+        event = SimpleNamespace(kind=kind, transport=SimpleNamespace(zid=self.router))
+        for listener in self.listeners:
+            if listener.callback is not None:
+                listener.callback(event)
 
     def _tell_token(self, node: str, kind: zenoh.SampleKind) -> None:
         for watcher in [one for one in self.watchers if _meet(one.key, agent_key(node))]:

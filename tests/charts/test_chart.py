@@ -20,6 +20,8 @@ EVERYTHING = (
     "router.hostPort=7447",
 )
 DEFAULTS = {
+    ("Role", "contextpolicy-lease"),
+    ("RoleBinding", "contextpolicy-lease"),
     ("ClusterRole", "contextpolicy"),
     ("ClusterRole", "contextpolicy-editor"),
     ("ClusterRole", "contextpolicy-viewer"),
@@ -99,6 +101,11 @@ def test_the_operator_is_told_all_it_needs(render):
     assert environment(operator) == {
         "ZENOH_CONNECT": "tcp/contextpolicy-router.contextpolicy-system:7447",
         "WATCH_NAMESPACES": "robot,lab",
+        "LEASE": "contextpolicy-system/contextpolicy",
+        "LEASE_SECONDS": "15",
+        "POD_NAME": None,
+        "POD_UID": None,
+        "IDENTITY": "$(POD_NAME)_$(POD_UID)",
         "HEALTH_PORT": "8080",
         "METRICS_PORT": "8081",
         "LIVE_PORT": "8082",
@@ -107,9 +114,26 @@ def test_the_operator_is_told_all_it_needs(render):
     }
 
 
-def test_there_is_never_a_second_operator(render):
+def test_a_rollout_needs_no_room_for_another_operator(render):
     spec = render()["Deployment", "contextpolicy"]["spec"]
     assert (spec["replicas"], spec["strategy"]) == (1, {"type": "Recreate"})
+    spec = render("operator.replicas=2")["Deployment", "contextpolicy"]["spec"]
+    one_by_one = {"type": "RollingUpdate", "rollingUpdate": {"maxSurge": 0, "maxUnavailable": 1}}
+    assert (spec["replicas"], spec["strategy"]) == (2, one_by_one)
+
+
+def test_a_standby_notices_a_killed_operator_within_a_second(render):
+    assert environment(render("operator.replicas=2")["Deployment", "contextpolicy"])["LEASE_SECONDS"] == "1"
+
+
+def test_ready_means_more_than_alive(render):
+    operator = container(render()["Deployment", "contextpolicy"])
+    pages = {probe: operator[f"{probe}Probe"]["httpGet"]["path"] for probe in ("startup", "liveness", "readiness")}
+    assert pages == {"startup": "/healthz", "liveness": "/healthz", "readiness": "/readyz"}
+
+
+def test_metrics_of_an_operator_without_a_router_can_be_read(render):
+    assert render()["Service", "contextpolicy-metrics"]["spec"]["publishNotReadyAddresses"] is True
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+
 import pytest
 
 from tests.charts.test_chart import EVERYTHING, container
@@ -13,6 +15,7 @@ IN_A_NAMESPACE = {
     ("", "pods"): {"get", "list", "watch"},
     ("", "pods/resize"): {"patch"},
     ("", "events"): {"create"},
+    ("coordination.k8s.io", "leases"): {"get", "update", "create"},
 }
 RESTORE = {
     ("contextpolicy.dev", "contextpolicies"): {"list", "patch"},
@@ -24,18 +27,18 @@ RESTORE = {
 
 def rights(role):
     """The verbs of a role by API group and resource."""
-    return {
-        (group, resource): set(rule["verbs"])
-        for rule in role["rules"]
-        for group in rule["apiGroups"]
-        for resource in rule["resources"]
-    }
+    found = defaultdict(set)
+    for rule in role["rules"]:
+        for group in rule["apiGroups"]:
+            for resource in rule["resources"]:
+                found[group, resource] |= set(rule["verbs"])
+    return found
 
 
 def test_the_operator_may_do_this_everywhere(render):
     rendered = render()
     assert rights(rendered["ClusterRole", "contextpolicy"]) == NODES | IN_A_NAMESPACE
-    assert [key for key in rendered if key[0] == "Role"] == [("Role", "contextpolicy-live")]
+    assert [name for kind, name in rendered if kind == "Role"] == ["contextpolicy-lease", "contextpolicy-live"]
     assert rights(rendered["Role", "contextpolicy-live"]) == {
         ("", "pods"): {"get", "list"},
         ("", "pods/portforward"): {"create"},
@@ -65,6 +68,18 @@ def test_it_may_read_the_message_definitions_that_are_named_and_nothing_else(ren
         "resourceNames": ["robot-types", "vision"],
         "verbs": ["get"],
     }
+
+
+@pytest.mark.parametrize("settings", [(), ("watchNamespaces={robot}",)])
+def test_it_may_change_only_its_own_leases(render, settings):
+    """A Lease of its namespaces' other tenants, or of the control plane, is none of its business."""
+    rendered = render(*settings)
+    own = rendered["Role", "contextpolicy-lease"]
+    served = rendered["Role" if settings else "ClusterRole", "contextpolicy"]
+    assert own["metadata"]["namespace"] == "contextpolicy-system"
+    assert rights(own) == {("coordination.k8s.io", "leases"): {"get", "list", "watch", "update", "create"}}
+    rules = [rule for role in (own, served) for rule in role["rules"] if rule["resources"] == ["leases"]]
+    assert all(rule.get("resourceNames") == ["contextpolicy"] or rule["verbs"] == ["create"] for rule in rules)
 
 
 @pytest.mark.parametrize("aggregated", [False, True])
@@ -120,7 +135,7 @@ def test_only_the_operator_and_what_cleans_up_after_it_get_a_token(render):
         False,
     ]
     bound = [s["name"] for (kind, _), item in rendered.items() if kind.endswith("Binding") for s in item["subjects"]]
-    assert sorted(bound) == ["contextpolicy", "contextpolicy-restore"]
+    assert sorted(set(bound)) == ["contextpolicy", "contextpolicy-restore"]
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,13 @@ from contextpolicy.cluster.checkup import ClusterFacts, Verdict, checkup
 METRICS = "# HELP kubelet_cgroup_version x\nkubelet_cgroup_version 2\n"
 
 
-def a_program(name, *, ready=True, restarts=0):
+def a_program(name, *, ready=True, restarts=0, of="contextpolicy"):
     return {
-        "metadata": {"namespace": "contextpolicy-system", "name": name},
+        "metadata": {
+            "namespace": "contextpolicy-system",
+            "name": name,
+            "labels": {"app.kubernetes.io/instance": of},
+        },
         "status": {
             "phase": "Running",
             "conditions": [{"type": "Ready", "status": str(ready)}],
@@ -61,7 +65,7 @@ def test_a_cluster_on_which_all_is_well():
         ({"policies": None}, ("ContextPolicy definition", "bad")),
         ({"operators": []}, ("operator", "bad")),
         ({"operators": None}, ("operator", "unknown")),
-        ({"operators": [a_program("a"), a_program("b")]}, ("operator", "warning")),
+        ({"operators": [a_program("a", of="x"), a_program("b", of="y")]}, ("operator", "warning")),
         ({"operators": [a_program("a", ready=False)]}, ("operator contextpolicy-system/a", "bad")),
         ({"operators": [a_program("a", restarts=3)]}, ("operator contextpolicy-system/a", "warning")),
         ({"routers": [a_program("router", ready=False)]}, ("bus", "bad")),

@@ -48,7 +48,7 @@ def test_without_a_cluster_nothing_breaks(monkeypatch, capsys):
 
 def test_kubectl_is_told_not_to_offer_files(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["kubectl_complete-ctxp", "wh"])
-    assert completion.answer() == 0
+    assert cli.complete() == 0
     assert capsys.readouterr().out == "why-not\n:4\n"
 
 

@@ -90,7 +90,7 @@ def operator(monkeypatch, cluster):  # noqa: ARG001 - the commands find the oper
     started.loop.inline = True
     server = PageServer(0, started.runtime)
     server.start()
-    monkeypatch.setattr(cluster_access, "_pod", lambda _: ("lab", "operator", 8082))
+    monkeypatch.setattr(cluster_access, "_pods", lambda _: [("lab", "operator", 8082)])
     monkeypatch.setattr(cluster_access, "_local_port", lambda _: server.server_port)
     monkeypatch.setattr(cluster_access.shutil, "which", lambda _: sys.executable)
     yield started

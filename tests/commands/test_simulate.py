@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 
 from contextpolicy.cli import main
+from contextpolicy.streams.timeline import load
+from timelines.recording.mcap_file import McapWriter
 
 ROOT = Path(__file__).parents[2]
 POLICY = str(ROOT / "config/policies/delivery-robot.yaml")
@@ -326,3 +328,55 @@ def test_a_long_run_says_how_far_it_is_on_a_terminal_only(
     out, err = capsys.readouterr()
     assert ("simulating" in err) is tty
     assert "simulating" not in out
+
+
+def test_a_robots_recording_gives_the_plans_that_its_timeline_gives(tmp_path, capsys):
+    recording = tmp_path / "run.mcap"
+    inputs = load(DEMO).inputs()
+    with McapWriter(recording) as file:
+        for timed in inputs:
+            if timed.value is not None:
+                at = 1_795_300_000_000_000_000 + round(timed.at * 1e9)
+                payload = json.dumps({"stamp": at, **timed.value}).encode()
+                file.heard(timed.key, "json", payload, received=at, stamp=at)
+    assert main(["simulate", POLICY, str(DEMO), "--output", "csv", "--until", "29"]) == 0
+    expected = capsys.readouterr().out
+    assert main(["simulate", POLICY, str(recording), "--output", "csv", "--until", "29"]) == 0
+    assert capsys.readouterr().out == expected
+    assert main(["simulate", POLICY, str(recording), "--start-offset", "99"]) == 2
+    assert "start offset 99 is not allowed" in capsys.readouterr().err
+
+
+def test_the_options_of_recordings_are_refused_with_a_timeline(capsys):
+    assert main(["simulate", POLICY, str(DEMO), "--use-sim-time", "--topics", "robot/imu"]) == 2
+    assert capsys.readouterr().err.count("with a recording only") == 2
+    with pytest.raises(SystemExit):
+        main(["simulate", POLICY, "run.mcap", "--topics", "robot/b*"])
+    assert "a topic or a key expression" in capsys.readouterr().err
+
+
+@pytest.fixture
+def profiles(tmp_path):
+    own = {"key": "robot/imu", "depth": 1, "cpu": {"quantiles": [0.05]}}
+    path = tmp_path / "profiles.json"
+    path.write_text(json.dumps({"tasks": {"slam": {"deadline": 0.1, "inputs": {"imu": own}}}}), encoding="utf-8")
+    return str(path)
+
+
+def test_misses_are_predicted_and_can_be_expected(profiles, tmp_path, capsys):
+    expected = tmp_path / "expected.yaml"
+    expected.write_text("- {from: 0, to: 5, misses: {slam: {max: 0.01}}}\n", encoding="utf-8")
+    assert main([*TWO_CORES, "--assert", str(expected)]) == 2
+    assert "line 1 of" in capsys.readouterr().err
+    assert main([*TWO_CORES, "--assert", str(expected), "--profiles", profiles]) == 1
+    assert "misses of slam: expected at most 0.01, but" in capsys.readouterr().err
+
+
+def test_the_prediction_follows_the_plans(profiles, capsys):
+    assert main([*TWO_CORES, "--profiles", profiles]) == 0
+    printed = capsys.readouterr()
+    assert "\nTASK  CONTEXT  INPUTS" in printed.out
+    assert "there is no profile of speech" in printed.err
+    assert main([*TWO_CORES, "--profiles", profiles, "--output", "json"]) == 0
+    forecast = json.loads(capsys.readouterr().out)["forecast"]
+    assert forecast["tasks"]["slam"]["contexts"]["all"]["inputs"] == 1500

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 import yaml
 
 from tests.crds.schema import definition
+from tests.node import configuration
 
 ROOT = Path(__file__).parents[2]
 GITOPS = sorted(path for path in (ROOT / "config" / "gitops").rglob("*.yaml") if path.name != "kustomization.yaml")
@@ -33,6 +35,13 @@ def test_gitops_points_at_the_chart_and_a_sample():
     assert text.count("charts/contextpolicy\n") == 2
     assert (ROOT / "charts" / "contextpolicy").is_dir()
     assert (ROOT / "config" / "policies" / "delivery-robot.yaml").exists()
+
+
+def test_the_kubelet_is_told_to_start_a_crashed_operator_again_soon():
+    config = yaml.safe_load((ROOT / "config" / "k3s" / "kubelet.conf").read_text(encoding="utf-8"))
+    tested = json.loads(configuration.kubelet())
+    for own in ("apiVersion", "kind", "crashLoopBackOff"):
+        assert config[own] == tested[own], "the node of the tests has the same"
 
 
 def test_k3s_is_told_nothing_that_stops_resizes():

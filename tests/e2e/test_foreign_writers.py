@@ -37,14 +37,31 @@ def test_writer_who_insists_gets_growing_pauses(governed):
     """
     governed.drive(0.3)
     governed.expect(slam=990, speech=10)
-    before, attempts, began = generation(governed, "slam"), 0, time.monotonic()
-    while attempts < 20 or time.monotonic() < began + 10:
+    before, began = generation(governed, "slam"), time.monotonic()
+    while time.monotonic() < began + 10:
         resize(governed, "slam", "300m", "vpa-updater")
-        attempts += 1
     written, elapsed = generation(governed, "slam") - before, time.monotonic() - began
     assert 4 <= written <= 2 * (6 + elapsed / 5)
     assert "vpa-updater" in governed.condition("Applied")[1]
     governed.expect(slam=990, speech=10)
+
+
+def test_writer_who_never_stops_gets_its_way_and_that_is_told(governed):
+    """After ten answers, half a minute here; nothing is put back while it is told."""
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    deadline = time.monotonic() + 150
+    while "that goes on, so it is left like that" not in governed.condition("Applied")[1]:
+        assert time.monotonic() < deadline
+        resize(governed, "slam", "300m", "vpa-updater")
+    told = generation(governed, "slam")
+    for speed in (0.0, 0.3):
+        governed.drive(speed)
+        governed.expect(slam=300, speech=10 if speed else 500)
+    assert generation(governed, "slam") == told
+    assert any("tried again every 10 min" in message for message in governed.told("ResizedByOther"))
+    delete("ctxp", "robot", governed.namespace)
+    governed.expect(slam=500, speech=500)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.3], ids=["where the plan had changed nothing", "where it had"])

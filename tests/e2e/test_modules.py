@@ -6,8 +6,11 @@ import json
 import queue
 from typing import TYPE_CHECKING
 
+import cv2
+import numpy as np
 import pytest
 
+from modules.signs.rendering import TEST_FONTS, Conditions, render
 from tests.e2e.cluster import apply, until
 from tests.e2e.conftest import router
 from tests.e2e.robot import pod, task
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 HOST = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"cpu": "200m", "memory": "128Mi"}}
+SIGNS = {"requests": {"cpu": "10m", "memory": "64Mi"}, "limits": {"cpu": "1", "memory": "512Mi"}}
 SLAM = {"requests": {"cpu": "10m", "memory": "64Mi"}, "limits": {"cpu": "1", "memory": "512Mi"}}
 
 
@@ -53,6 +57,26 @@ def test_the_host_tells_its_pressure_from_inside_a_pod(session, empty):
     assert reading["memory"] > 0
     assert reading["load"] is not None
     assert set(reading["pressure"]) == {"cpu", "memory", "io"}
+
+
+def test_a_sign_is_read_once_in_a_pod(session, empty):
+    """PP-OCR's networks out of the image, on a read-only file system."""
+    signs, subscriber = heard(session, "robot/signs/number")
+    health, listener = heard(session, "robot/signs/health")
+    apply(module("signs", empty.namespace, SIGNS))
+    health.get(timeout=120)
+    camera = session.declare_publisher("robot/camera/side")
+    seen = Conditions(height=32, tilt=15)
+    for x in range(280, 320, 4):
+        sign = render("214", TEST_FONTS[1], seen, np.random.default_rng(6), size=(752, 480), middle=(x, 200))
+        camera.put(cv2.imencode(".jpg", sign.picture)[1].tobytes())
+        until("the picture is done", lambda: health.get(timeout=10)["queue"] == 0, patience=60)
+    told = [signs.get(timeout=30)["text"]]
+    while not signs.empty():
+        told.append(signs.get()["text"])
+    for one in (subscriber, listener):
+        one.undeclare()
+    assert told == ["214"]
 
 
 def test_a_task_that_misses_its_deadlines_gets_more(session, empty, frames):

@@ -84,6 +84,23 @@ def test_task_that_accepts_restarts_is_restarted_once_for_each_share(robot):
     until("it was restarted once more", lambda: robot.restarts("speech") == before + 2)
 
 
+def test_limit_of_the_whole_pod_bounds_its_container_and_is_told(robot):
+    """Pod-level resources (KEP-2837): the API server refuses a container more than its pod has."""
+    bounded = pod("slam", robot.namespace, IDLE, None)
+    bounded["spec"]["resources"] = {"limits": {"cpu": "600m", "memory": "64Mi"}}
+    apply(bounded)
+    robot.start("speech")
+    robot.policy()
+    robot.expect(slam=500, speech=500)
+    robot.drive(0.3)
+    robot.expect(slam=500, speech=10)
+    until("the status tells", lambda: "pod limits of 600m" in robot.condition("Applied")[1])
+    assert "set the task's max to its CPU limit" in robot.condition("Applied")[1]
+    robot.policy(tasks=[task("slam", max="600m"), task("speech")])
+    robot.expect(slam=600, speech=10)
+    until("the status is well", lambda: robot.condition("Applied")[0] == "True")
+
+
 def test_request_in_the_way_is_named(robot):
     robot.start("slam")
     robot.start("speech", resources=BIG_REQUEST)

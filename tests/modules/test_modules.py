@@ -19,7 +19,7 @@ def module(request):
 
 
 def test_there_are_modules():
-    assert {"chatbot", "slam", "speech", "transcript", "voice"} <= {folder.name for folder in MODULES}
+    assert {"chatbot", "signs", "slam", "speech", "transcript", "voice"} <= {folder.name for folder in MODULES}
 
 
 def test_it_has_the_same_files(module):

@@ -112,6 +112,8 @@ def kubelet() -> str:
         "podLogsDir": f"{ROOT}/pods",
         "volumePluginDir": f"{ROOT}/volume-plugins",
         "resolvConf": "",
+        # As config/k3s/kubelet.conf tells robots.
+        "crashLoopBackOff": {"maxContainerRestartPeriod": "2s"},
         # Images come from no registry: a collected one is gone. The host's full disk must not evict pods.
         "imageGCHighThresholdPercent": 100,
         "evictionHard": {"memory.available": "100Mi", "nodefs.available": "1%", "imagefs.available": "1%"},

@@ -13,6 +13,7 @@ from contextpolicy.planning.placement import Container, Placement
 from contextpolicy.planning.plan import NodePlan, Plan
 from contextpolicy.planning.planner import Planner
 from contextpolicy.planning.sample import Sample
+from contextpolicy.planning.stream import UNHEARD
 from contextpolicy.policy import parsing
 from contextpolicy.policy.spec import Scheduler
 
@@ -102,6 +103,11 @@ class Story:
 
     def wait(self, until: float) -> None:
         self.plans += self.planner.advance(START + until)
+
+    def next_decision(self) -> float | None:
+        """When something is due next; the hour after which a stream is told to be unheard decides nothing."""
+        due = self.planner.next_due()
+        return None if due is None or due > START + UNHEARD - 1 else due
 
     @property
     def last(self) -> Plan:

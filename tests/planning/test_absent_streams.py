@@ -105,7 +105,7 @@ def test_an_age_decides_by_itself_as_time_passes(when, expected):
     story.sample("mic", at=1, peak=0.0)
     story.wait(30)
     assert story.contexts_over_time() == expected
-    assert story.planner.next_due() is None
+    assert story.next_decision() is None
 
 
 def test_an_age_goes_on_through_silence_and_waits_for_the_first_sample():

@@ -190,7 +190,7 @@ class TestForce:
     def test_an_expired_one_is_no_force(self):
         story = self.story(-1)
         assert story.contexts_over_time() == [(0, ())]
-        assert story.planner.next_due() is None
+        assert story.next_decision() is None
 
     def test_it_holds_whatever_its_own_condition_says(self):
         story = self.story(60, when=MOVING)

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from contextpolicy.planning.planner import Planner
+from contextpolicy.planning.stream import UNHEARD
 from contextpolicy.policy import parsing
 from tests.planning.builders import START, Story, a_body, a_context, a_policy, a_stream, a_task
 
@@ -50,7 +51,7 @@ def edited(**changes):
 def course(story):
     """Contexts, scores and pre-conditions at each later instant at which something happens."""
     seen = {}
-    while (due := story.planner.next_due()) is not None:
+    while (due := story.next_decision()) is not None:
         story.wait(due - START)
         contexts = [context.spec.name for context in story.planner.active_contexts()]
         seen[round(due - START, 6)] = (contexts, story.planner.scores(), dict(story.planner._scores.unmet))
@@ -138,7 +139,7 @@ def test_silence_and_the_fallback_last_through_an_edit():
     planner = Planner(a_policy(**spec, reserve="10m"))
     plans = planner.start(START + 40, story.planner)
     assert plans[-1].contexts == ("blind",)
-    assert planner.next_due() is None
+    assert planner.next_due() == START + UNHEARD
 
 
 def test_what_new_expressions_read_of_an_old_sample_they_see_at_once():

@@ -242,7 +242,7 @@ def test_a_window_slides_with_time():
     for at in (0.1, 0.2, 0.9):
         story.sample("imu", at=at, speed=1.0)
     seen = {}
-    while (due := story.planner.next_due()) is not None:
+    while (due := story.next_decision()) is not None:
         story.wait(due - START)
         seen[round(due - START, 6)] = story.planner.scores()["slam"]
     assert seen == {1.1: 2.0, 1.2: 1.0, 1.9: 0.0}
@@ -291,7 +291,7 @@ def test_a_silent_streams_window_waits_for_nothing():
     story = watching(stream, "imu.f > 1")
     story.sample("imu", at=1, speed=1.0)
     story.wait(3)
-    assert story.planner.next_due() is None
+    assert story.next_decision() is None
     story.sample("imu", at=30, speed=1.0)
     assert story.last.contexts == ("on",)
 

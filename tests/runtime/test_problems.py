@@ -8,6 +8,7 @@ import pytest
 from reactivex import operators
 
 from contextpolicy import plugins
+from contextpolicy.telemetry.status import GIVE_UP
 from tests.actuators.resize.fake_cluster import refusal
 from tests.planning.builders import a_task
 from tests.runtime.builders import IMU, a_policy
@@ -23,6 +24,62 @@ def test_a_refused_resize_is_told_and_recovers(running):
     running.settle()
     assert running.condition("Applied")[0] == "True"
     assert ("ResizeRecovered", "speech can be resized again") in running.told()
+
+
+def test_a_refused_restore_is_told_while_the_policy_waits_and_when_it_is_over(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    running.cluster.faults += [refusal("Forbidden")] * 3
+    done = running.delete(a_policy())
+    running.turn(1)
+    running.settle()
+    status, reason, message = running.condition("Applied")
+    assert (status, reason) == ("False", "NotRestored")
+    assert message == f"slam: Forbidden: no; {GIVE_UP}"
+    assert running.condition("Ready")[0] == "False"
+    assert ("RestoreFailed", message) in running.told()
+    assert not done.done()
+    running.delete(a_policy())  # kopf asks again
+    running.settle()
+    assert running.told().count(("RestoreFailed", message)) == 1, "it is no news"
+    for _ in range(9):
+        done = running.delete(a_policy())
+        running.turn(10)
+        running.settle()
+    assert done.done()
+    assert running.limits() == {"slam": 400, "speech": 400}
+    assert ("ResizeRecovered", "slam can be resized again") in running.told()
+
+
+def test_a_namespace_that_another_operator_serves_is_forgotten_and_left_as_it_is(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    before, calls = running.limits(), len(running.cluster.calls)
+    running.runtime.abandon("lab")
+    running.turn(1)
+    running.sample(IMU, speed=0.0)
+    running.turn(20)
+    running.settle()
+    assert (running.limits(), len(running.cluster.calls)) == (before, calls)
+    assert running.session.tokens == []
+    running.apply({**a_policy(), "status": {"originals": running.cluster.policies["lab/robot"]}})
+    running.sample(IMU, speed=0.0)
+    running.settle()
+    assert running.limits() == {"slam": 500, "speech": 500}
+    assert "ResizedByOther" not in [reason for reason, _ in running.told()], "it knows nothing of before"
+
+
+def test_an_operator_without_its_lease_is_silent_and_says_the_plan_again_when_it_is_back(running):
+    running.cluster.may_act = lambda _: False
+    plans = len(running.session.plans())
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert len(running.session.plans()) == plans
+    assert running.session.ask("contextpolicy/lab/robot/plan").answers == []
+    running.cluster.may_act = lambda _: True
+    running.runtime.resume()
+    running.turn(1)
+    assert running.session.plans()[-1]["contexts"] == ["moving"]
 
 
 def test_a_resize_that_the_kubelet_holds_back_is_told(running):

@@ -29,7 +29,7 @@ def test_a_key_that_no_stream_reads_and_a_recording():
     recorded = {"key": "s", "encoding": "binary", "from": 0, "to": 1, "dataset": "a/b"}
     assert told(a_policy(S), at(0, 1), at(0, 1, "x"), recorded) == [
         "no stream reads x",
-        "s is a recording, without values",
+        "s is a data set, without values",
     ]
 
 

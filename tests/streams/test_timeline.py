@@ -15,7 +15,7 @@ from contextpolicy.policy.ros_types import type_store
 from contextpolicy.policy.spec import RosRelease
 from contextpolicy.streams import cdr
 from contextpolicy.streams.ros_message import RosMessage
-from contextpolicy.streams.timeline import TimedInput, _runs, load, parse
+from contextpolicy.streams.timeline import StoryPhase, TimedInput, _runs, load, parse
 
 TIMELINES = Path(__file__).parents[2] / "timelines"
 SCHEMA = Draft202012Validator(json.loads((TIMELINES / "schema.json").read_text(encoding="utf-8")))
@@ -68,6 +68,27 @@ def test_a_data_set_is_announced_once():
     timeline = parse(a_document(RECORDED))
     expected = TimedInput(0.0, "robot/microphone", "binary", None, "speech/demo")
     assert list(timeline.inputs()) == [expected]
+
+
+def test_a_data_sets_rate_and_offset_are_kept_for_who_needs_them():
+    (entry,) = parse(a_document({**RECORDED, "rate": 10, "offset": 1.5})).entries
+    assert (entry.rate, entry.dataset_rate, entry.offset) == (None, 10, 1.5)
+    assert len(list(entry.inputs())) == 1
+
+
+def test_phases_tell_the_story():
+    phases = [{"name": "stands", "from": 0, "to": 1}, {"name": "drives", "from": 1, "to": 2, "truth": {"moving": True}}]
+    document = {**a_document(ONCE), "phases": phases}
+    SCHEMA.validate(document)
+    assert parse(document).phases == (StoryPhase("stands", 0, 1), StoryPhase("drives", 1, 2, {"moving": True}))
+
+
+def test_every_mistake_in_a_phase_is_told():
+    document = {**a_document(ONCE), "phases": [{"name": "x", "from": 1, "to": 3, "speed": 1}, 7]}
+    assert not SCHEMA.is_valid(document)
+    with pytest.raises(TimelineError) as error:
+        parse(document)
+    assert [finding.field for finding in error.value.findings] == ["phases[0].speed", "phases[0].to", "phases[1]"]
 
 
 def test_inputs_are_lazy():
@@ -131,7 +152,9 @@ def test_all_mistakes_are_reported_at_once():
         {**REPEATED, "rate": 1e6},
         {**RECORDED, "dataset": "../secrets"},
         {**RECORDED, "encoding": "cdr"},
-        {**RECORDED, "rate": 10},
+        {**RECORDED, "rate": 0},
+        {**RECORDED, "offset": -1},
+        {**ONCE, "offset": 1},
         {**ONCE, "encoding": "cdr"},
         {**ONCE, "type": "sensor_msgs/msg/Imu"},
         {**REPEATED, "ros": "jazzy"},

@@ -27,6 +27,8 @@ from contextpolicy.telemetry import remedies
             'pods "slam" is forbidden: User "u" cannot patch resource "pods/resize" in API group ""',
             "allow the operator's role",
         ),
+        ("[0][cpu].limits: Invalid value: must be less than or equal to pod limits of 500m", "the pod has resources"),
+        ("must be greater than or equal to aggregate container requests of 600m", "the pod has resources"),
         (
             "node didn't have enough allocatable resources: cpu, requested: 3000, allocatable: 2000",
             "raise the policy's reserve",

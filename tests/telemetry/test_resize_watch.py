@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -213,3 +214,12 @@ def test_a_policy_takes_its_problems_along(told):
     told.watch.on_problem(POLICY, "slam", refusal())
     told.watch.forget(POLICY)
     assert told.watch.problems(POLICY) == {}
+
+
+def test_a_contest_that_we_yield_is_told_once_more(told):
+    contest = Contest("vpa-updater", Cpu(100, 300), Cpu(100, 700))
+    for one in (contest, contest, replace(contest, yielded=True), replace(contest, yielded=True)):
+        told.watch.on_contest(POLICY, "lab/slam/slam", one)
+    [first, last] = told.problems
+    assert "it gets what the plan says again" in first[1]
+    assert "that goes on, so it is left like that, and the plan's value tried again every 10 min" in last[1]

@@ -68,7 +68,8 @@ def test_what_is_the_case_while_a_robot_moves(operator, page):
 def test_a_router_that_is_gone_and_a_stream_that_is_silent(operator, page):
     govern(operator)
     operator.turn(11.0)
-    operator.session.routed = False
+    operator.session.lose_router()
+    operator.turn(11.0)
     assert page.get_sample_value("contextpolicy_bus_connected") == 0
     assert value(page, "stream_silent", stream="imu") == 1
     assert value(page, "condition", type="StreamsHealthy") == 0

@@ -11,6 +11,7 @@ from contextpolicy.cluster.claims import Claim
 from contextpolicy.planning.inputs import Gone
 from contextpolicy.telemetry.status import (
     MAX_MESSAGE,
+    NO_ROUTER,
     ConditionFinding,
     StatusFacts,
     conditions,
@@ -72,7 +73,7 @@ def test_a_robot_at_work():
     assert (speech["weight"], speech["share"], speech["suspended"], speech["pods"]) == (0, "10m", True, 1)
     assert content["streams"] == [{"name": "imu", "healthy": True, "message": ""}]
     assert [(one["type"], one["status"]) for one in content["conditions"]] == [
-        (name, "True") for name in ("Ready", "Accepted", "StreamsHealthy", "Feasible", "Applied")
+        (name, "True") for name in ("Ready", "Accepted", "Connected", "StreamsHealthy", "Feasible", "Applied")
     ]
 
 
@@ -183,12 +184,46 @@ def test_realtime_is_told_only_where_it_is_asked_for():
 
 
 def test_ready_sums_up_with_the_first_problem_of_each():
-    story = moving()
+    content = made(moving(), conflicts=["a", "b"], connected=False, unmet_actuation={"lab/slam": "refused"})
+    assert condition(content, "Ready") == (
+        "False",
+        "Degraded",
+        f"Accepted: a; Connected: {NO_ROUTER}; Applied: refused",
+    )
+
+
+def test_a_silent_stream_and_a_floor_that_does_not_fit_are_no_failure_of_the_policy():
+    story = moving(tasks=[a_task("slam", min="900m"), a_task("speech", min="900m", protected=True)], contexts=[])
     story.wait(5)
-    content = made(story, conflicts=["a", "b"])
-    state, reason, message = condition(content, "Ready")
-    assert (state, reason) == ("False", "Degraded")
-    assert message.startswith("Accepted: a; StreamsHealthy: stream imu")
+    content = made(story)
+    assert condition(content, "StreamsHealthy")[0] == condition(content, "Feasible")[0] == "False"
+    assert condition(content, "Ready") == ("True", "Working", "")
+
+
+def test_a_lost_bus_is_told_while_the_last_plan_stays():
+    content = made(moving(), connected=False)
+    assert condition(content, "Connected") == ("False", "NoRouter", NO_ROUTER)
+    assert condition(content, "Ready")[0] == "False"
+    assert content["tasks"][0]["share"] == "990m"
+
+
+def test_an_hour_without_any_sample_is_told_of_a_stream_without_stale_after_too():
+    story = Story(a_robot(streams=[a_stream("imu"), a_stream("mic")]))
+    health = []
+    story.planner.on_health = lambda: health.append(condition(made(story), "StreamsHealthy"))
+    story.sample("imu", at=1, speed=0.3)
+    story.sample("imu", at=1800, speed=0.3)
+    story.wait(3600)
+    assert health[-1] == ("False", "Silent", "stream mic (robot/mic) had no sample for 1 h: no sample yet")
+    story.wait(5399)
+    assert len(health) == 2
+    story.wait(5400)
+    told = f"stream imu (robot/imu) had no sample for 1 h: last sample at {timestamp(START + 1800)}"
+    assert health[-1][2].startswith(told)
+    assert story.planner.active_contexts(), "its last value still counts"
+    story.sample("imu", at=5401, speed=0.3)
+    assert [stream["healthy"] for stream in made(story)["streams"]] == [True, False]
+    assert len(health) == 4
 
 
 def test_messages_are_cut_to_what_the_schema_allows():
@@ -233,17 +268,18 @@ def test_conditions_of_others_are_not_kept():
 
 
 def test_a_policy_of_which_no_version_was_valid():
-    content = waiting(["spec.tasks: none", "spec.mode: bad"], 4, (), NOW)
+    content = waiting(["spec.tasks: none", "spec.mode: bad"], 4, (), NOW, connected=True)
     jsonschema.validate(content, SCHEMA)
     assert condition(content, "Accepted") == ("False", "Invalid", "spec.tasks: none; spec.mode: bad")
-    assert condition(content, "StreamsHealthy")[0] == "True"
+    assert condition(content, "Connected")[0] == "True"
+    assert condition(content, "Ready")[0] == "False"
     assert content["observedGeneration"] == 4
 
 
 def test_a_policy_that_waits_for_the_router():
-    content = waiting((), 1, (), NOW)
+    content = waiting((), 1, (), NOW, connected=False)
     jsonschema.validate(content, SCHEMA)
-    assert condition(content, "StreamsHealthy") == ("False", "NoRouter", "no Zenoh router answers yet")
+    assert condition(content, "Connected") == ("False", "NoRouter", NO_ROUTER)
     assert condition(content, "Ready")[:2] == ("False", "Degraded")
 
 

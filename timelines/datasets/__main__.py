@@ -7,33 +7,46 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from timelines.datasets.recordings import RECORDINGS, ROOT, make
+from timelines.datasets.recordings import RECORDINGS, ROOT, make, of_scenario
 from timelines.datasets.speech import SpeechError
+from timelines.scenarios.scenario import shipped
 
 if TYPE_CHECKING:
-    from timelines.datasets.recordings import Progress
+    from collections.abc import Mapping
+
+    from timelines.datasets.recordings import Progress, Recording
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Make each recording asked for; those that are up to date cost nothing."""
-    parser = _parser()
+    known = {**RECORDINGS, **_of_scenarios()}
+    parser = _parser(known)
     options = parser.parse_args(arguments)
-    unknown = sorted(set(options.names) - RECORDINGS.keys())
+    unknown = sorted(set(options.names) - known.keys())
     if unknown:
-        parser.error(f"no recording is called {', '.join(unknown)}; there are {', '.join(RECORDINGS)}")
-    for name in options.names or RECORDINGS:
-        try:
-            made = make(options.root, name, _progress(name))
-        except SpeechError as error:
-            sys.stderr.write(f"\n{name}: {error}\n")
-            return 1
-        sys.stdout.write(f"{options.root / name}: {'made' if made else 'up to date'}\n")
+        parser.error(f"no recording is called {', '.join(unknown)}; there are {', '.join(known)}")
+    try:
+        make_all(options.root, {name: known[name] for name in options.names or RECORDINGS})
+    except SpeechError as error:
+        sys.stderr.write(f"\n{error}\n")
+        return 1
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_all(root: Path, recordings: Mapping[str, Recording]) -> None:
+    """Make each recording, and say so."""
+    for name, recording in recordings.items():
+        made = make(root, name, recording, _progress(name))
+        sys.stdout.write(f"{root / name}: {'made' if made else 'up to date'}\n")
+
+
+def _of_scenarios() -> dict[str, Recording]:
+    return {name: made for scenario in shipped().values() for name, made in of_scenario(scenario).items()}
+
+
+def _parser(known: Mapping[str, Recording]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m timelines.datasets", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(RECORDINGS))
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"{', '.join(known)} (those of the demo)")
     parser.add_argument("--root", type=Path, default=ROOT, help="folder of the recordings (%(default)s)")
     return parser
 

@@ -67,7 +67,7 @@ def _box(rng: np.random.Generator, low: tuple[float, float], high: tuple[float, 
     corners = np.array([(*low, LOW[2]), (*high, CEILING)], np.float32)
     size = (corners[1] - corners[0]) * PIXELS_PER_METRE
     sides = [(int(size[(axis + 1) % 3]), int(size[(axis + 2) % 3])) for axis in range(3)]
-    return Box(*corners, tuple((_texture(rng, *side), _texture(rng, *side)) for side in sides))
+    return Box(corners[0], corners[1], tuple((_texture(rng, *side), _texture(rng, *side)) for side in sides))
 
 
 def rays(camera: Camera) -> Floats:
@@ -82,9 +82,8 @@ def rays(camera: Camera) -> Floats:
 def picture(walls: Walls, directions: Floats, place: Floats, size: tuple[int, int]) -> Image:
     """Draw what is seen from `place` along `directions` (3 x pixels), both in the corridor's frame."""
     with np.errstate(divide="ignore"):
-        view = _View(place, directions, 1 / directions)
-    drawn = np.zeros(directions.shape[1], np.uint8)
-    distances = _draw_room(drawn, walls.room, view)
+        view = _View(place, directions, np.reciprocal(directions))
+    drawn, distances = _draw_room(walls.room, view)
     for block in walls.blocks:
         _draw_block(drawn, distances, block, view)
     return drawn.reshape(size[1], size[0])
@@ -104,17 +103,16 @@ class _View:
         return far
 
 
-def _draw_room(drawn: Image, room: Box, view: _View) -> Floats:
-    """Draw the walls around, and return how far away they are."""
-    nearest = np.full(len(drawn), np.inf, np.float32)
-    wall = np.zeros(len(drawn), np.uint8)
+def _draw_room(room: Box, view: _View) -> tuple[Image, Floats]:
+    """Draw the walls around; returns the pixels, and how far away they are."""
+    nearest = np.full(view.directions.shape[1], np.inf, np.float32)
+    wall = np.zeros(len(nearest), np.uint8)
     for axis in range(3):
         leaves = np.maximum(view.reaches(room.low[axis], axis), view.reaches(room.high[axis], axis))
         nearer = leaves < nearest
         nearest[nearer] = leaves[nearer]
         wall[nearer] = axis
-    _paint(drawn, room, view, nearest, wall, inside=True)
-    return nearest
+    return _painted(room, view, nearest, wall, inside=True), nearest
 
 
 def _draw_block(drawn: Image, distances: Floats, block: Box, view: _View) -> None:
@@ -131,13 +129,12 @@ def _draw_block(drawn: Image, distances: Floats, block: Box, view: _View) -> Non
         np.minimum(left, np.maximum(low, high), out=left)
     seen = np.flatnonzero((entered > 0) & (entered < left))
     part = _View(view.place, view.directions[:, seen], view.per_metre[:, seen])
-    painted = np.empty(len(seen), np.uint8)
-    _paint(painted, block, part, entered[seen], wall[seen], inside=False)
-    drawn[seen] = painted
+    drawn[seen] = _painted(block, part, entered[seen], wall[seen], inside=False)
 
 
-def _paint(drawn: Image, box: Box, view: _View, distances: Floats, wall: Image, *, inside: bool) -> None:
-    """Look up all rays' pixels: each reaches a wall across this axis, the high one if it leaves the box upwards."""
+def _painted(box: Box, view: _View, distances: Floats, wall: Image, *, inside: bool) -> Image:
+    """All rays' pixels: each reaches a wall across this axis, the high one if it leaves the box upwards."""
+    drawn = np.zeros(len(wall), np.uint8)
     for axis in range(3):
         across = np.flatnonzero(wall == axis)
         upwards = view.directions[axis, across] > 0
@@ -149,6 +146,7 @@ def _paint(drawn: Image, box: Box, view: _View, distances: Floats, wall: Image, 
                 for other in (first, second)
             )
             drawn[here] = _look_up(box.textures[axis][side], rows, columns)
+    return drawn
 
 
 def _look_up(texture: Image, rows: Floats, columns: Floats) -> Image:

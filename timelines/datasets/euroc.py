@@ -25,6 +25,8 @@ RIG = Path(calibration.__file__).parent / "rig"
 EPOCH_NS = 1_403_636_579_000_000_000
 IMU_RATE = 200
 PIXEL_NOISE = 1.5
+BEYOND = 5
+"""Metres from where the robot ends to the corridor's far wall."""
 GYRO_NOISE, GYRO_WALK = 1.6968e-04, 1.9393e-05
 ACCEL_NOISE, ACCEL_WALK = 2.0e-3, 3.0e-3
 IMU_HEADER = "#timestamp [ns]," + ",".join(
@@ -62,7 +64,7 @@ class Sequence:
     """
 
     motion: Motion
-    camera_rate: int = 10
+    camera_rate: float = 10
     seed: int = 7
     hall: corridor.Hall | None = None
 
@@ -79,7 +81,7 @@ def write_inertial(folder: Path, sequence: Sequence) -> None:
     _write_truth(folder / "mav0/state_groundtruth_estimate0", sequence.motion, bias)
 
 
-def _times(duration: float, rate: int) -> Floats:
+def _times(duration: float, rate: float) -> Floats:
     times: Floats = np.arange(round(duration * rate)) / rate
     return times
 
@@ -118,7 +120,7 @@ def _write_truth(folder: Path, motion: Motion, bias: Floats) -> None:
 def _write_cameras(mav0: Path, sequence: Sequence, progress: Callable[[float], None]) -> None:
     motion = sequence.motion
     times = _times(motion.duration, sequence.camera_rate)
-    hall = sequence.hall or corridor.corridor(float(motion.positions_at(times)[:, 0].max()) + 5)
+    hall = sequence.hall or corridor.corridor(float(motion.positions_at(times)[:, 0].max()) + BEYOND)
     walls = corridor.build(hall, seed=sequence.seed)
     for index, name in enumerate(("cam0", "cam1")):
         folder = mav0 / name
@@ -137,9 +139,7 @@ def _write_index(folder: Path, stamps: list[int]) -> None:
     (folder / "data.csv").write_text("\n".join(["#timestamp [ns],filename", *lines, ""]), encoding="utf-8")
 
 
-def _write_pictures(
-    folder: Path, sequence: Sequence, walls: corridor.Walls, progress: Callable[[float], None]
-) -> None:
+def _write_pictures(folder: Path, sequence: Sequence, walls: corridor.Walls, progress: Callable[[float], None]) -> None:
     camera = calibration.load_camera(folder / "sensor.yaml")
     times = _times(sequence.motion.duration, sequence.camera_rate)
     poses = _camera_poses(sequence.motion, times, camera)

@@ -34,14 +34,16 @@ class Motion:
     def speed_at(self, times: Floats) -> Floats:
         """Forward speed in m/s; it ramps up and down within each interval."""
         ramps = [np.clip(np.minimum(times - start, end - times) / RAMP, 0, 1) for start, end in self.moving]
-        total: Floats = self.speed * np.sum([3 * ramp**2 - 2 * ramp**3 for ramp in ramps], axis=0)
+        smooth = [3 * ramp**2 - 2 * ramp**3 for ramp in ramps]
+        total: Floats = self.speed * np.sum([np.zeros_like(times), *smooth], axis=0)
         return total
 
     def angles_at(self, times: Floats) -> tuple[Floats, Floats, Floats]:
         """Yaw, pitch and roll in radians; none changes while the robot stands."""
         pace = self.speed_at(times) / self.speed
         sway = 0.12 * np.sin(1.1 * times) + 0.04 * np.sin(2.7 * times)
-        return self._headings_at(times) + pace * sway, pace * 0.008 * np.sin(11.0 * times), pace * 0.006 * np.sin(8.3 * times + 1)
+        pitch, roll = 0.008 * np.sin(11.0 * times), 0.006 * np.sin(8.3 * times + 1)
+        return self._headings_at(times) + pace * sway, pace * pitch, pace * roll
 
     def rotations_at(self, times: Floats) -> Floats:
         """World-from-body rotations, N x 3 x 3."""

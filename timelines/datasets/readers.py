@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import csv
+import re
 import wave
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from contextpolicy.streams.recordings import Excerpt, open_recording
 from robotkit import euroc
 from robotkit.euroc import DatasetError
 from robotkit.stereo import encode
@@ -21,20 +24,26 @@ if TYPE_CHECKING:
     Recorded: TypeAlias = tuple[float, bytes | dict[str, object]]
 
 CHUNK_S = 0.1
+MESSAGES = "messages.mcap"
+"""The recording of a robot in a data set's folder."""
 
 
 def read(root: Path, name: str) -> Iterator[Recorded]:
-    """Open `<recording>/<stream>` of a EuRoC sequence, or a folder with `audio.wav`."""
+    """Open `<recording>/<stream>` of a EuRoC sequence, sound, pictures, or messages of a robot's recording."""
     folder, _, stream = name.rpartition("/")
     if (root / name / "audio.wav").is_file():
         return _audio(root / name / "audio.wav")
+    if (root / name / "data.csv").is_file():
+        return _pictures(root / name)
     if stream in _EUROC and (root / folder / "mav0").is_dir():
         return _EUROC[stream](root / folder / "mav0")
+    if (root / folder / MESSAGES).exists():
+        return _messages(root / folder / MESSAGES, stream)
     raise DatasetError(f"data set {name} is not in {root}: make it with `python -m timelines.datasets`")
 
 
 def positions(mav0: Path, stamps: Sequence[int]) -> Floats:
-    """Where the robot truly was at these stamps, N x 3 metres."""
+    """Where the robot truly was at these stamps, N x 3 metres; NaN before and after the ground truth."""
     poses = euroc.truth(mav0)
     if not poses:
         raise DatasetError(f"{mav0 / euroc.TRUTH}: there is no ground truth")
@@ -45,7 +54,7 @@ def _interpolated(poses: list[euroc.TruePose], values: Floats, stamps: Sequence[
     start = poses[0].stamp  # seconds from here are small enough for a float
     known = np.array([pose.stamp - start for pose in poses], dtype=np.float64)
     asked = np.array([stamp - start for stamp in stamps], dtype=np.float64)
-    return np.column_stack([np.interp(asked, known, column) for column in values.T])
+    return np.column_stack([np.interp(asked, known, column, left=np.nan, right=np.nan) for column in values.T])
 
 
 def _stereo(mav0: Path) -> Iterator[Recorded]:
@@ -61,7 +70,7 @@ def _imu(mav0: Path) -> Iterator[Recorded]:
     stamps = [sample.stamp for sample in samples]
     speeds = _interpolated(poses, np.array([euroc.speeds(poses)]).T, stamps)[:, 0] if poses else None
     for index, sample in enumerate(samples):
-        known = {} if speeds is None else {"speed": round(float(speeds[index]), 3)}
+        known = {} if speeds is None or np.isnan(speeds[index]) else {"speed": round(float(speeds[index]), 3)}
         yield (sample.stamp - stamps[0]) / 1e9, {"gyro": list(sample.gyro), "accel": list(sample.accel), **known}
 
 
@@ -71,6 +80,27 @@ def _audio(path: Path) -> Iterator[Recorded]:
         frames = round(audio.getframerate() * CHUNK_S)
         for index in range(audio.getnframes() // frames):
             yield (index + 1) * CHUNK_S, audio.readframes(frames)
+
+
+def stream_of(topic: str) -> str:
+    """The name of a recorded topic as a data set's stream."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", topic.strip("/"))
+
+
+def _messages(path: Path, stream: str) -> Iterator[Recorded]:
+    recording = open_recording(path, Excerpt())
+    topics = [topic for topic in recording.topics if stream_of(topic) == stream]
+    if not topics:
+        raise DatasetError(f"{path} has no topic {stream}: it has {', '.join(map(stream_of, recording.topics))}")
+    for message in recording.messages(topics, recording.begin, recording.end):
+        yield (message.at - recording.begin) / 1e9, message.payload
+
+
+def _pictures(folder: Path) -> Iterator[Recorded]:
+    with (folder / "data.csv").open(encoding="utf-8", newline="") as file:
+        for row in csv.reader(file):
+            if row and not row[0].startswith("#"):
+                yield float(row[0]), (folder / "data" / row[1]).read_bytes()
 
 
 _EUROC: dict[str, Callable[[Path], Iterator[Recorded]]] = {"stereo": _stereo, "imu": _imu}

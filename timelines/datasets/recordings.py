@@ -10,14 +10,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from timelines.datasets import corridor, euroc, motion, speech
+from timelines.datasets import corridor, euroc, motion, side_view, speech
 from timelines.datasets.euroc import RIG, Sequence
 from timelines.datasets.motion import Motion
+from timelines.datasets.side_view import SideView
 from timelines.datasets.speech import Script, Utterance
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from timelines.scenarios.scenario import Scenario
+
+Recording: TypeAlias = Sequence | Script | SideView
 Progress: TypeAlias = Callable[[float], None]
 
 ROOT = Path("build/datasets")
@@ -31,7 +35,7 @@ LOOPS = Sequence(
     hall=corridor.Hall((-3.9, -1.2), (3.9, 5.8), (((-1.7, 1.2), (1.7, 3.4)),)),
 )
 """Two laps around a block, with stops: where SLAM must find out that it has been here before."""
-RECORDINGS: Mapping[str, Sequence | Script] = {
+RECORDINGS: Mapping[str, Recording] = {
     "euroc": Sequence(Motion(duration=30, moving=((10, 20),))),
     "loops": LOOPS,
     "speech/demo": Script(
@@ -49,13 +53,22 @@ RECORDINGS: Mapping[str, Sequence | Script] = {
     "speech/commands": speech.every_command(),
 }
 
-_GENERATORS = {Sequence: (euroc, corridor, motion), Script: (speech,)}
+_GENERATORS = {Sequence: (euroc, corridor, motion), Script: (speech,), SideView: (side_view,)}
 
 
-def make(root: Path, name: str, progress: Progress) -> bool:
+def of_scenario(scenario: Scenario) -> dict[str, Recording]:
+    """What a scenario's timeline names."""
+    return {
+        scenario.name: Sequence(scenario.motion, scenario.camera_rate),
+        f"speech/{scenario.name}": scenario.script,
+        f"signs/{scenario.name}": scenario.side_view,
+    }
+
+
+def make(root: Path, name: str, recording: Recording, progress: Progress) -> bool:
     """Make one recording unless it is up to date; returns whether it was made."""
     folder = root / name
-    stamp = fingerprint(RECORDINGS[name])
+    stamp = fingerprint(recording)
     if is_current(folder, stamp):
         return False
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -63,7 +76,7 @@ def make(root: Path, name: str, progress: Progress) -> bool:
     with tempfile.TemporaryDirectory(dir=root, prefix=".making-") as scratch:
         made = Path(scratch, "recording")
         made.mkdir()
-        _write(made, RECORDINGS[name], progress)
+        _write(made, recording, progress)
         (made / "stamp").write_text(stamp, encoding="utf-8")
         shutil.rmtree(folder, ignore_errors=True)
         made.rename(folder)
@@ -76,7 +89,7 @@ def is_current(folder: Path, stamp: str) -> bool:
     return file.is_file() and file.read_text(encoding="utf-8") == stamp
 
 
-def fingerprint(recording: Sequence | Script) -> str:
+def fingerprint(recording: Recording) -> str:
     """A hash of a recording's description, the code that makes it and the cameras' calibration."""
     digest = hashlib.sha256(repr(recording).encode())
     generators = [Path(module.__file__ or "") for module in _GENERATORS[type(recording)]]
@@ -85,8 +98,11 @@ def fingerprint(recording: Sequence | Script) -> str:
     return digest.hexdigest()
 
 
-def _write(folder: Path, recording: Sequence | Script, progress: Progress) -> None:
-    if isinstance(recording, Sequence):
-        euroc.write(folder, recording, progress)
-    else:
-        speech.write(folder, recording, progress)
+def _write(folder: Path, recording: Recording, progress: Progress) -> None:
+    match recording:
+        case Sequence():
+            euroc.write(folder, recording, progress)
+        case Script():
+            speech.write(folder, recording, progress)
+        case SideView():
+            side_view.write(folder, recording, progress)

@@ -40,6 +40,17 @@ class Cgroup:
             return int(text) / 1e9
         return int(dict(line.split() for line in text.splitlines())["usage_usec"]) / 1e6
 
+    def throttling(self) -> dict[str, float]:
+        """Periods so far, those in which it was throttled, and for how many seconds; empty when it is gone."""
+        try:
+            text = (self.quota_file.parent / "cpu.stat").read_text()
+        except OSError:
+            return {}
+        found = {name: int(value) for name, value in (line.split() for line in text.splitlines())}
+        stopped = found.get("throttled_time", 0) / 1e9 + found.get("throttled_usec", 0) / 1e6  # cgroup v1, or v2
+        periods, throttled = float(found.get("nr_periods", 0)), float(found.get("nr_throttled", 0))
+        return {"periods": periods, "throttled": throttled, "throttledTime": stopped}
+
     def processes(self) -> list[int]:
         """The ids of its processes."""
         try:

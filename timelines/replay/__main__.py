@@ -1,4 +1,4 @@
-"""`python -m timelines.replay TIMELINE --connect tcp/127.0.0.1:7447`: play a timeline on the robot's bus."""
+"""`python -m timelines.replay TIMELINE --connect tcp/127.0.0.1:7447`: play a timeline, or a recording, on the bus."""
 
 from __future__ import annotations
 
@@ -9,14 +9,24 @@ import signal
 import sys
 import threading
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from contextpolicy.errors import DefinitionError, TimelineError
+from contextpolicy.commands.recording_arguments import topic
+from contextpolicy.errors import ContextPolicyError
 from contextpolicy.policy.definition_files import of_folder
-from contextpolicy.streams.timeline import Timeline, load
+from contextpolicy.streams.recordings import Excerpt, bridge_key, is_recording, timeline_key
+from contextpolicy.streams.timeline import load
 from robotkit import ConfigurationError
+from robotkit.euroc import DatasetError
 from robotkit.session import credentials, endpoints, open_session
 from timelines.datasets.recordings import ROOT
-from timelines.replay.player import Options, Report, play
+from timelines.recording.mcap_file import McapWriter
+from timelines.recording.recorder import BusRecorder
+from timelines.replay.player import Options, TimelineInputs, publish
+from timelines.replay.recorded import RecordedInputs
+
+if TYPE_CHECKING:
+    from timelines.replay.player import Inputs, Report
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -26,9 +36,8 @@ def main(arguments: list[str] | None = None) -> int:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     try:
-        definitions = of_folder(options.types) if options.types else ()
-        report = _play(load(options.timeline, definitions), options, stop)
-    except (DefinitionError, TimelineError, ConfigurationError) as error:
+        report = _play(_inputs(options), options, stop)
+    except (ContextPolicyError, ConfigurationError, DatasetError) as error:
         sys.stderr.write(f"{error}\n")
         return 1
     if report is not None:
@@ -36,12 +45,33 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _play(timeline: Timeline, options: argparse.Namespace, stop: threading.Event) -> Report | None:
+def _inputs(options: argparse.Namespace) -> Inputs:
+    """The timeline with its data sets, or the recording."""
+    if is_recording(options.timeline):
+        excerpt = Excerpt(topics=options.topics, use_sim_time=options.use_sim_time)
+        return RecordedInputs(options.timeline, excerpt, _KEYS[options.ros_keys])
+    definitions = of_folder(options.types) if options.types else ()
+    return TimelineInputs(load(options.timeline, definitions), options.datasets, options.topics)
+
+
+def _play(inputs: Inputs, options: argparse.Namespace, stop: threading.Event) -> Report | None:
     with open_session(endpoints({"ZENOH_CONNECT": options.connect}), stop, secret=credentials(os.environ)) as session:
         if session is None:
             return None
         chosen = Options(options.rate, options.start_offset, options.playback_duration, options.loop)
-        return play(timeline, session, stop=stop, options=chosen, datasets=options.datasets)
+        if options.record is None:
+            return publish(inputs, session, stop=stop, options=chosen)
+        with McapWriter(options.record) as file:
+            with BusRecorder(session, file):
+                report = publish(inputs, session, stop=stop, options=chosen)
+            file.describe({name: json.dumps(value) for name, value in report.as_json().items()})
+            if options.timeline.is_file() and not is_recording(options.timeline):
+                name, content = options.timeline.name, options.timeline.read_bytes()
+                file.attach(name, "application/json", content, round(report.started * 1e9))
+            return report
+
+
+_KEYS = {"rmw_zenoh": timeline_key, "bridge": bridge_key}
 
 
 def _as_json(report: Report) -> str:
@@ -56,7 +86,7 @@ def _as_text(report: Report) -> str:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m timelines.replay", description=__doc__)
-    parser.add_argument("timeline", type=Path, help="timeline file")
+    parser.add_argument("timeline", type=Path, help="a timeline, an MCAP file or a rosbag2 folder")
     parser.add_argument(
         "--connect", default=os.environ.get("ZENOH_CONNECT", ""), help="router addresses ($ZENOH_CONNECT)"
     )
@@ -66,6 +96,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--start-offset", type=_seconds, default=0.0, help="seconds to skip")
     parser.add_argument("--playback-duration", type=_positive, help="seconds of the timeline to play")
     parser.add_argument("--loop", action="store_true", help="start again at the end")
+    parser.add_argument(
+        "--topics", type=topic, nargs="+", default=(), metavar="TOPIC", help="these only; /robot/** is allowed"
+    )
+    parser.add_argument("--use-sim-time", action="store_true", help="with a recording: time is that of its /clock")
+    parser.add_argument(
+        "--ros-keys", choices=_KEYS, default="rmw_zenoh", help="with a recording: keys of ROS 2 topics (%(default)s)"
+    )
+    parser.add_argument("--record", type=Path, metavar="FILE.mcap", help="write down everything that happens")
     parser.add_argument("--output", choices=("text", "json"), default="text", help="format of the report")
     return parser
 

@@ -11,11 +11,13 @@ import json
 import time
 from collections import Counter
 from dataclasses import dataclass, field
+from itertools import takewhile
 from operator import itemgetter
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import zenoh
 
+from contextpolicy.policy.key_expressions import selects
 from contextpolicy.streams.attachment import attach
 from contextpolicy.streams.ros_message import RosMessage
 from robotkit.stamps import attachment
@@ -24,7 +26,7 @@ from timelines.datasets.recordings import ROOT
 
 if TYPE_CHECKING:
     import threading
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from contextpolicy.streams.timeline import Timeline, TimelineEntry
@@ -38,6 +40,8 @@ _ENCODINGS = {
     "binary": zenoh.Encoding.ZENOH_BYTES,
     "cdr": zenoh.Encoding.ZENOH_BYTES,  # as rmw_zenoh leaves it
 }
+_ROS = "::msg::dds_::"
+"""In every key of rmw_zenoh."""
 _GID = b"timeline player."
 """The publisher's 16-byte id in rmw_zenoh's attachment."""
 
@@ -75,6 +79,39 @@ class Report:
         }
 
 
+class Inputs(Protocol):
+    """What can be played: a timeline with its data sets, or a recording (`timelines.replay.recorded`)."""
+
+    name: str
+    duration: float
+
+    @property
+    def encodings(self) -> Mapping[str, str]:
+        """Of each key: json, binary or cdr."""
+
+    def timed(self, start: float) -> Iterator[Timed]:
+        """Seconds, key and payload in the order of time, from `start` seconds on."""
+
+
+class TimelineInputs:
+    """A timeline with its data sets; DatasetError if one of them is missing."""
+
+    def __init__(self, timeline: Timeline, datasets: Path = ROOT, topics: Sequence[str] = ()) -> None:
+        self.name, self.duration, self._datasets = timeline.name, timeline.duration, datasets
+        self._entries = [entry for entry in timeline.entries if wanted(entry.key, topics)]
+        self.encodings = {entry.key: entry.encoding for entry in self._entries}
+
+    def timed(self, start: float) -> Iterator[Timed]:
+        """All inputs from `start` on; those of one instant in the order of the file."""
+        sources = [_samples(entry, self._datasets) for entry in self._entries]
+        return (timed for timed in heapq.merge(*sources, key=itemgetter(0)) if timed[0] >= start)
+
+
+def wanted(key: str, topics: Sequence[str]) -> bool:
+    """Whether a key is among those asked for; none stands for all."""
+    return not topics or any(selects(topic, key) for topic in topics)
+
+
 def play(
     timeline: Timeline,
     session: zenoh.Session,
@@ -83,18 +120,23 @@ def play(
     options: Options = Options(),
     datasets: Path = ROOT,
 ) -> Report:
-    """Publish until the timeline ends or `stop` is set; raises DatasetError before the first input."""
-    report = Report(timeline.name, started=time.time())
-    publishers = _publishers(timeline, session)
-    start, length = time.monotonic(), _length(timeline, options)
+    """Publish a timeline until it ends or `stop` is set; raises DatasetError before the first input."""
+    return publish(TimelineInputs(timeline, datasets), session, stop=stop, options=options)
+
+
+def publish(inputs: Inputs, session: zenoh.Session, *, stop: threading.Event, options: Options = Options()) -> Report:
+    """Publish until the inputs end or `stop` is set."""
+    report = Report(inputs.name, started=time.time())
+    publishers = _publishers(inputs.encodings, session)
+    start, length = time.monotonic(), _length(inputs, options)
     while True:
-        for at, key, payload in _window(timeline, datasets, options):
+        for at, key, payload in _window(inputs, options):
             due = start + (at - options.start_offset) / options.rate
             if stop.wait(max(due - time.monotonic(), 0)):
                 break
             report.lateness.append(time.monotonic() - due)
             report.published[key] += 1
-            _publish(publishers[key], payload, report.published[key])
+            _put(publishers[key], payload, report.published[key])
         start += length / options.rate
         if stop.wait(max(start - time.monotonic(), 0)) or not options.loop:
             break
@@ -102,30 +144,24 @@ def play(
     return report
 
 
-def _length(timeline: Timeline, options: Options) -> float:
-    rest = timeline.duration - options.start_offset
+def _length(inputs: Inputs, options: Options) -> float:
+    rest = inputs.duration - options.start_offset
     return rest if options.playback_duration is None else min(rest, options.playback_duration)
 
 
-def _window(timeline: Timeline, datasets: Path, options: Options) -> Iterator[Timed]:
-    end = options.start_offset + _length(timeline, options)
-    sources = [_samples(entry, datasets) for entry in timeline.entries]
-    for timed in heapq.merge(*sources, key=itemgetter(0)):
-        if timed[0] >= end:
-            return
-        if timed[0] >= options.start_offset:
-            yield timed
+def _window(inputs: Inputs, options: Options) -> Iterator[Timed]:
+    end = options.start_offset + _length(inputs, options)
+    return takewhile(lambda timed: timed[0] < end, inputs.timed(options.start_offset))
 
 
 def _samples(entry: TimelineEntry, datasets: Path) -> Iterator[Timed]:
     if entry.dataset is None:
         return ((timed.at, entry.key, timed.message or timed.value) for timed in entry.inputs())
-    recorded = ((entry.start + at, entry.key, payload) for at, payload in read(datasets, entry.dataset))
-    return (timed for timed in recorded if timed[0] < entry.end)
+    recorded = ((entry.start + at - entry.offset, entry.key, payload) for at, payload in read(datasets, entry.dataset))
+    return takewhile(lambda timed: timed[0] < entry.end, (timed for timed in recorded if timed[0] >= entry.start))
 
 
-def _publishers(timeline: Timeline, session: zenoh.Session) -> Mapping[str, zenoh.Publisher]:
-    encodings = {entry.key: entry.encoding for entry in timeline.entries}
+def _publishers(encodings: Mapping[str, str], session: zenoh.Session) -> Mapping[str, zenoh.Publisher]:
     return {
         key: session.declare_publisher(
             key,
@@ -137,11 +173,14 @@ def _publishers(timeline: Timeline, session: zenoh.Session) -> Mapping[str, zeno
     }
 
 
-def _publish(publisher: zenoh.Publisher, payload: Payload, sequence: int) -> None:
+def _put(publisher: zenoh.Publisher, payload: Payload, sequence: int) -> None:
     """Send bytes as they are, JSON objects with the `stamp` of this moment, ROS 2 messages as rmw_zenoh sends them."""
     stamp = time.time_ns()
     if isinstance(payload, RosMessage):
         publisher.put(payload.payload(stamp), attachment=attach(sequence, stamp, _GID))
+        return
+    if isinstance(payload, bytes) and _ROS in str(publisher.key_expr):
+        publisher.put(payload, attachment=attach(sequence, stamp, _GID))
         return
     if isinstance(payload, dict):
         payload = {"stamp": stamp, **payload}

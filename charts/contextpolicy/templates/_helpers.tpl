@@ -227,6 +227,14 @@ affinity:
 - apiGroups: [""]
   resources: [events]
   verbs: [create]
+# The Lease that says which release serves the namespace; one that is created can't be named here.
+- apiGroups: [coordination.k8s.io]
+  resources: [leases]
+  resourceNames: [contextpolicy]
+  verbs: [get, update]
+- apiGroups: [coordination.k8s.io]
+  resources: [leases]
+  verbs: [create]
 {{- with .Values.rosTypes }}
 # Definitions of the robot's own ROS 2 messages, which policies name; no other ConfigMap can be read.
 - apiGroups: [""]

@@ -121,7 +121,10 @@ class Profile:
             "seconds": round(elapsed / 1e9, 3),
             "background": round(max(total - runs, 0) / elapsed, 6),
             "failures": self.failures,
-            "inputs": {name: record.as_json(dropped[name], shared[name]) for name, record in self.inputs.items()},
+            "inputs": {
+                name: {"key": own.key, "depth": own.depth, **self.inputs[name].as_json(dropped[name], shared[name])}
+                for name, own in self._module.inputs.items()
+            },
             "produced": self.produced.as_json(),
         }
 

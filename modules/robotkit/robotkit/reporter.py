@@ -75,4 +75,7 @@ class Reporter:
     def _answer(self, query: zenoh.Query) -> None:
         document = self._profile.as_json(self._task, self._inputs.dropped, self._inputs.shared)
         with query:
-            query.reply(query.key_expr, json_text.dumps(document), encoding=zenoh.Encoding.APPLICATION_JSON)
+            # By its own key: of several replies on a question's wildcard, the bus would keep one.
+            query.reply(
+                f"robot/{self._task}/profile", json_text.dumps(document), encoding=zenoh.Encoding.APPLICATION_JSON
+            )

@@ -103,6 +103,8 @@ class Bus:
         published without a `signer`.
         """
         self.signer: Signer | None = None
+        self.may_speak: Callable[[], bool] = lambda: True
+        """Asked before each message and answer: an operator that is not the one any more must be silent at once."""
         self._scheduler = scheduler
         self._key = key = plan_key(policy.namespace, policy.name)
         self._publisher = session.declare_publisher(
@@ -118,19 +120,23 @@ class Bus:
         ]
         self._token = session.liveliness().declare_token(key)
 
-    def publish(self, plan: dict[str, Any]) -> bytes:
-        """Publish a plan, and return it as it was sent. A slow listener loses messages; it never slows the loop."""
+    def publish(self, plan: dict[str, Any]) -> bytes | None:
+        """Publish a plan, and return it as it was sent, None if we may not. A slow listener never slows the loop."""
+        if not self.may_speak():
+            return None
         payload = json.dumps(plan).encode()
         self._publisher.put(payload, encoding=zenoh.Encoding.APPLICATION_JSON, attachment=self._signature(payload))
         return payload
 
     def withdraw(self) -> None:
         """Declare that no plan of this policy holds any more."""
-        self._publisher.delete(attachment=self._signature(None))
+        if self.may_speak():
+            self._publisher.delete(attachment=self._signature(None))
 
     def publish_applied(self, step: dict[str, Any]) -> None:
         """Report that a container's limit reached the next stage."""
-        self._applied.put(json.dumps(step), encoding=zenoh.Encoding.APPLICATION_JSON)
+        if self.may_speak():
+            self._applied.put(json.dumps(step), encoding=zenoh.Encoding.APPLICATION_JSON)
 
     def close(self) -> None:
         """Leave the bus."""
@@ -151,7 +157,7 @@ class Bus:
         """
 
         def reply(query: zenoh.Query) -> None:
-            answer = content()
+            answer = content() if self.may_speak() else None
             with query:
                 if answer is not None:
                     payload = json.dumps(answer).encode()

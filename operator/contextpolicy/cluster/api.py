@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import urllib3
 from kubernetes import client, config
 
+from contextpolicy.cluster import lease
+from contextpolicy.cluster.lease import Lease
 from contextpolicy.cluster.pods import version_of
 from contextpolicy.cluster.writers import FIELD_MANAGER
 from contextpolicy.errors import ActuationError
@@ -51,6 +53,8 @@ class ApiServer:
         """Find the cluster as kubectl does: the pod's service account, else KUBECONFIG."""
         self.on_answer: Callable[[str, str], object] = lambda *_: None
         """Called with the HTTP method and the status code of each answer; the code is `none` if there was none."""
+        self.may_act: Callable[[str], bool] = lambda _: True
+        """Whether we may write in a namespace now; asked before each write there, but for those of Leases."""
         _configure()
         settings = client.Configuration.get_default_copy()
         settings.connection_pool_maxsize = POOL
@@ -76,6 +80,7 @@ class ApiServer:
 
     def resize(self, namespace: str, pod: str, patch: Mapping[str, Any]) -> int:
         """PATCH pods/resize: containers merge by name. Returns the changed pod's resourceVersion, 0 if not a number."""
+        self._require_right(namespace)
         return _version(self._send("PATCH", f"/api/v1/namespaces/{namespace}/pods/{pod}/resize", patch, STRATEGIC))
 
     def pod(self, namespace: str, name: str) -> dict[str, Any]:
@@ -88,6 +93,7 @@ class ApiServer:
 
     def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
         """Merge into the status of a ContextPolicy; None removes a field."""
+        self._require_right(namespace)
         path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}/status"
         self._send("PATCH", path, {"status": dict(status)}, MERGE)
 
@@ -116,9 +122,13 @@ class ApiServer:
         return found
 
     def watch(self, path: str, version: str) -> urllib3.BaseHTTPResponse:
-        """The changes of a list since `version`, one JSON object per line; the caller closes the response."""
+        """The changes of a list since `version`, one JSON object per line; the caller closes the response.
+
+        The path may select objects: `...?fieldSelector=metadata.name=slam`.
+        """
         query = f"watch=true&allowWatchBookmarks=true&timeoutSeconds={WATCH_SECONDS}&resourceVersion={version}"
-        response = self._request("GET", f"{path}?{query}", None, timeout=HEARTBEAT, preload_content=False)
+        join = "&" if "?" in path else "?"
+        response = self._request("GET", f"{path}{join}{query}", None, timeout=HEARTBEAT, preload_content=False)
         if response.status >= 300:
             raise _refusal(response)
         return response
@@ -141,6 +151,25 @@ class ApiServer:
         data: dict[str, str] = self.read(f"/api/v1/namespaces/{namespace}/configmaps/{name}").get("data") or {}
         return data
 
+    def lease(self, namespace: str, name: str) -> Lease:
+        """GET a Lease; one that is not there is an empty one."""
+        try:
+            return lease.read(self.read(_lease_path(namespace, name)))
+        except ActuationError as error:
+            if error.reason == "NotFound":
+                return Lease()
+            raise
+
+    def write_lease(self, namespace: str, name: str, content: Lease, timeout: float) -> Lease:
+        """Create a Lease, or replace the one of the same version; Conflict when it is not as it was.
+
+        `timeout` is how long to wait for the answer, in seconds.
+        """
+        path, body = _lease_path(namespace, name), lease.write(content, namespace, name)
+        method, target = ("PUT", path) if content.version else ("POST", path.rpartition("/")[0])
+        patience = urllib3.Timeout(total=timeout)
+        return lease.read(json.loads(self._send(method, target, body, JSON, patience)))
+
     def set_finalizers(self, namespace: str, name: str, finalizers: Sequence[str], version: str) -> None:
         """Replace the finalizers of a ContextPolicy; Conflict when it has changed since `version`."""
         path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}"
@@ -148,17 +177,30 @@ class ApiServer:
 
     def post_event(self, namespace: str, event: Mapping[str, Any]) -> None:
         """Create an Event."""
+        self._require_right(namespace)
         self._send("POST", f"/api/v1/namespaces/{namespace}/events", event, JSON)
+
+    def _require_right(self, namespace: str) -> None:
+        if not self.may_act(namespace):
+            message = f"namespace {namespace} is not ours to act on: no valid Lease"
+            raise ActuationError("NotLeading", message, retriable=True)
 
     def _list(self, root: str, namespace: str | None, plural: str) -> list[dict[str, Any]]:
         path = f"{root}/{plural}" if namespace is None else f"{root}/namespaces/{namespace}/{plural}"
         found: list[dict[str, Any]] = self.read(path)["items"]
         return found
 
-    def _send(self, method: str, path: str, body: Mapping[str, Any] | None, content_type: str) -> bytes:
+    def _send(
+        self,
+        method: str,
+        path: str,
+        body: Mapping[str, Any] | None,
+        content_type: str,
+        timeout: urllib3.Timeout = TIMEOUT,
+    ) -> bytes:
         target = path if method == "GET" else f"{path}?fieldManager={FIELD_MANAGER}"
         content = None if body is None else json.dumps(body).encode()
-        response = self._request(method, target, content, content_type=content_type, timeout=TIMEOUT)
+        response = self._request(method, target, content, content_type=content_type, timeout=timeout)
         if response.status >= 300:
             raise _refusal(response)
         return response.data
@@ -176,6 +218,10 @@ class ApiServer:
             raise ActuationError("Unreachable", f"{method} {path}: {error}", retriable=True, in_doubt=True) from error
         self.on_answer(method, str(response.status))
         return response
+
+
+def _lease_path(namespace: str, name: str) -> str:
+    return f"/apis/coordination.k8s.io/v1/namespaces/{namespace}/leases/{name}"
 
 
 def _configure() -> None:

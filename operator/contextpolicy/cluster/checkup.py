@@ -86,9 +86,10 @@ def _operator(pods: Sequence[Mapping[str, Any]] | None) -> Iterator[Check]:
         return
     if not pods:
         yield Check("operator", Verdict.BAD, "no pod", "helm install contextpolicy charts/contextpolicy")
-    if len(pods) > 1:
+    releases = {(pod["metadata"].get("labels") or {}).get("app.kubernetes.io/instance") for pod in pods}
+    if len(releases) > 1:
         names = ", ".join(_name(pod) for pod in pods)
-        yield Check("operator", Verdict.WARNING, f"{len(pods)} pods: {names}", "one release for each set of namespaces")
+        yield Check("operator", Verdict.WARNING, f"{len(releases)} releases: {names}", "namespaces must not overlap")
     for pod in pods:
         yield _running(f"operator {_name(pod)}", pod)
 

@@ -49,13 +49,16 @@ class ObjectWatch:
     """One list, followed on a thread of its own.
 
     `on_change(object)` and `on_gone(uid)` are called on that thread. `listed` is done once `on_change` was called for
-    everything that existed at the start.
+    everything that existed at the start. `refused` says why the server lets us see nothing, if it does not;
+    `on_refused` is called when that changes.
     """
 
     def __init__(
         self, api: ListWatch, path: str, on_change: Callable[[Mapping[str, Any]], None], on_gone: Callable[[str], None]
     ) -> None:
         self.listed: Future[None] = Future()
+        self.refused = ""
+        self.on_refused: Callable[[], object] = lambda: None
         self._api, self._path = api, path
         self._on_change, self._on_gone = on_change, on_gone
         self._known: set[str] = set()
@@ -77,6 +80,10 @@ class ObjectWatch:
             with suppress(OSError, ValueError, RuntimeError):  # the response has ended by itself already
                 response.shutdown()
         self._thread.join(timeout=5)
+
+    def __str__(self) -> str:
+        """What it follows."""
+        return self._path
 
     def check(self) -> None:
         """RuntimeError when the thread has ended."""
@@ -107,14 +114,16 @@ class ObjectWatch:
         if self._failures:
             log.info("%s is told again", self._path)
         self._failures = 0
+        self._note_refusal("")
         if not self.listed.done():
             self.listed.set_result(None)
 
     def _pages(self) -> Iterator[dict[str, Any]]:
-        page = self._api.read(f"{self._path}?limit={PAGE}")
+        path = f"{self._path}{'&' if '?' in self._path else '?'}limit={PAGE}"
+        page = self._api.read(path)
         yield page
         while more := page["metadata"].get("continue"):
-            page = self._api.read(f"{self._path}?limit={PAGE}&continue={quote(more)}")
+            page = self._api.read(f"{path}&continue={quote(more)}")
             yield page
 
     def _follow(self) -> None:
@@ -145,5 +154,12 @@ class ObjectWatch:
             return
         if self._failures == 0:
             log.warning("%s can't be watched, trying again: %s", self._path, error)
+        if isinstance(error, ActuationError) and error.reason == "Forbidden":
+            self._note_refusal(str(error))
         self._stop.wait(PAUSES[min(self._failures, len(PAUSES) - 1)])
         self._failures += 1
+
+    def _note_refusal(self, why: str) -> None:
+        if self.refused != why:
+            self.refused = why
+            self.on_refused()

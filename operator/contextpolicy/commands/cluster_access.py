@@ -83,7 +83,19 @@ def policy_object(api: ApiServer, namespace: str, name: str) -> dict[str, Any]:
 @contextmanager
 def operator(api: ApiServer) -> Iterator[Callable[..., Any]]:
     """A function that asks the operator's live page: a path of `live.page_server` and its parameters."""
-    namespace, pod, port = _pod(api)
+    [*standbys, last] = _pods(api)
+    for pod in standbys:
+        with _forwarded(*pod) as ask:
+            # A standby knows of no policy.
+            if ask("boards"):
+                yield ask
+                return
+    with _forwarded(*last) as ask:
+        yield ask
+
+
+@contextmanager
+def _forwarded(namespace: str, pod: str, port: int) -> Iterator[Callable[..., Any]]:
     kubectl = shutil.which("kubectl")
     if kubectl is None:
         raise ClusterAccessError("kubectl is not on the PATH: it opens the way to the operator (or use --connect)")
@@ -96,15 +108,18 @@ def operator(api: ApiServer) -> Iterator[Callable[..., Any]]:
         forward.communicate()
 
 
-def _pod(api: ApiServer) -> tuple[str, str, int]:
-    """Namespace, name and live port of the operator's pod."""
+def _pods(api: ApiServer) -> list[tuple[str, str, int]]:
+    """Namespace, name and live port of the operator's pods: one that leads, and its standbys."""
     pods = api.read(f"/api/v1/pods?labelSelector={quote(OPERATOR)}")["items"]
     ready = [pod for pod in pods if pod["status"].get("phase") == "Running"]
     if not ready:
         raise ClusterAccessError(f"no operator runs here: no running pod has the labels {OPERATOR}")
-    metadata, [container, *_] = ready[0]["metadata"], ready[0]["spec"]["containers"]
-    variables = {variable["name"]: variable.get("value") for variable in container.get("env", ())}
-    return metadata["namespace"], metadata["name"], int(variables.get("LIVE_PORT") or 8082)
+    return [(pod["metadata"]["namespace"], pod["metadata"]["name"], _live_port(pod)) for pod in ready]
+
+
+def _live_port(pod: dict[str, Any]) -> int:
+    variables = {one["name"]: one.get("value") for one in pod["spec"]["containers"][0].get("env", ())}
+    return int(variables.get("LIVE_PORT") or 8082)
 
 
 def _local_port(forward: subprocess.Popen[str]) -> int:

@@ -7,7 +7,6 @@ of the cluster's policies and contexts. kubectl asks plugins the same way, throu
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -66,16 +65,9 @@ def candidates(
     return [one for one in offered if one.startswith(word)]
 
 
-def answer() -> int:
-    """The program `kubectl_complete-ctxp`: the words, then a directive as Cobra's completion has it."""
-    return reply([*sys.argv[1:]], directive=True)
-
-
-def reply(words: Sequence[str], *, directive: bool = False) -> int:
-    """Print the candidates, one a line."""
-    from contextpolicy.cli import build_parser
-
-    print(*candidates(build_parser("contextpolicy"), words, _names), sep="\n")
+def reply(parser: argparse.ArgumentParser, words: Sequence[str], *, directive: bool = False) -> int:
+    """Print the candidates, one a line, and a directive if kubectl asks, as Cobra's completion has it."""
+    print(*candidates(parser, words, _names), sep="\n")
     if directive:
         print(":4")  # no file names
     return 0

@@ -7,7 +7,7 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.commands import robot_arguments
+from contextpolicy.commands import recording_arguments, robot_arguments
 from contextpolicy.commands.cluster_access import add_namespace, api_server, operator, policy_object, reference_of
 from contextpolicy.commands.credentials import add_credentials
 from contextpolicy.commands.robot_arguments import seconds
@@ -51,7 +51,9 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     """Declare where an explanation comes from: the cluster, the bus, or a simulation."""
     add_namespace(parser)
     source = parser.add_mutually_exclusive_group()
-    source.add_argument("--timeline", metavar="FILE", help="simulate this timeline instead of asking the operator")
+    source.add_argument(
+        "--timeline", metavar="FILE", help="simulate this timeline or recording instead of asking the operator"
+    )
     source.add_argument(
         "--connect",
         metavar="ENDPOINTS",
@@ -60,6 +62,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     add_credentials(parser)
     parser.add_argument("--at", type=seconds, metavar="S", help="with --timeline: when (default: at its end)")
     robot_arguments.add(parser)
+    recording_arguments.add(parser)
 
 
 def explanation_of(arguments: argparse.Namespace) -> dict[str, Any]:

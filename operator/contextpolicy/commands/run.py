@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
+import threading
 from typing import TYPE_CHECKING
 
 from contextpolicy import settings
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Callable
 
     from contextpolicy.settings import Settings
 
@@ -21,24 +24,29 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="run the operator",
         description="Run the operator: watch ContextPolicy objects and sensor streams, resize the tasks' pods. "
         "Settings come from the environment: ZENOH_CONNECT, ZENOH_CREDENTIALS, PLAN_SIGNING, WATCH_NAMESPACES, "
-        "TENANTS, HEALTH_PORT, METRICS_PORT, LIVE_PORT (the live page, on the loopback), LOG_FORMAT, LOG_LEVEL.",
+        "TENANTS, HEALTH_PORT, METRICS_PORT, LIVE_PORT (the live page, on the loopback), LEASE (namespace/name, for "
+        "which replicas run), LEASE_SECONDS, IDENTITY, LOG_FORMAT, LOG_LEVEL.",
     )
     parser.set_defaults(main=main)
 
 
 def main(_: argparse.Namespace) -> int:
     """Run until SIGTERM."""
-    run(settings.read(os.environ))
-    return 0
+    return run(settings.read(os.environ))
 
 
-def run(settings: Settings) -> None:
-    """Run the operator until SIGTERM."""
+def run(settings: Settings) -> int:
+    """Run the operator until SIGTERM or SIGINT; the exit code."""
     import kopf
     import prometheus_client
+    from prometheus_client import REGISTRY
 
-    from contextpolicy import handlers
+    from contextpolicy import health
+    from contextpolicy.live.page_server import PageServer
+    from contextpolicy.process import OperatorProcess, reach, start_anew
+    from contextpolicy.telemetry import metrics
     from contextpolicy.telemetry.build_info import tell_build
+    from contextpolicy.telemetry.scrape import Scrape
 
     formats = {"text": kopf.LogFormat.FULL, "json": kopf.LogFormat.JSON}
     kopf.configure(
@@ -46,15 +54,24 @@ def run(settings: Settings) -> None:
         quiet=settings.log_level in ("warning", "error"),
         log_format=formats[settings.log_format],
     )
-    for chatty in ("kopf.objects", "aiohttp.access"):
-        logging.getLogger(chatty).setLevel(logging.WARNING)
+    logging.getLogger("kopf.objects").setLevel(logging.WARNING)
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
     tell_build("operator")
     prometheus_client.start_http_server(settings.metrics_port)
-    kopf.run(
-        registry=handlers.registry,
-        standalone=True,
-        clusterwide=not settings.namespaces,
-        namespaces=settings.namespaces,
-        liveness_endpoint=f"http://0.0.0.0:{settings.health_port}/healthz",
-        memo=kopf.Memo(settings=settings),
-    )
+    pages: dict[str, Callable[[], list[str]]] = {"/healthz": list, "/readyz": lambda: ["no API server answers yet"]}
+    health.serve(settings.health_port, pages)
+    api = reach(stop)
+    if api is None:
+        return 0
+    process = OperatorProcess(api, settings, start_anew)
+    pages |= {"/healthz": process.hung, "/readyz": process.unready}
+    api.on_answer = lambda method, code: metrics.API_REQUESTS.labels(method, code).inc()
+    REGISTRY.register(Scrape(process.runtime.scrape))
+    live = PageServer(settings.live_port, process.runtime)
+    live.start()
+    try:
+        return process.run(stop)
+    finally:
+        live.close()

@@ -8,25 +8,29 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.commands import robot_arguments
+from contextpolicy.commands import recording_arguments, robot_arguments
 from contextpolicy.commands.robot_arguments import robot_of, seconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from contextpolicy.policy.spec import Policy
+    from contextpolicy.simulation.forecast import Forecast
     from contextpolicy.simulation.robot import Robot
     from contextpolicy.simulation.run import Simulation
     from contextpolicy.streams.timeline import Timeline
 
 DESCRIPTION = """\
 Run a policy against a timeline in virtual time, with the very planning code that runs on the robot, and print each plan
-with its cause. Inputs whose key a stream selects become its samples, whatever the stream's encoding; recordings (inputs
-without a value) are skipped. What the plans do not show (inputs that nobody reads, streams that get none, samples and
-expressions that failed, needs that are not met) is noted on standard error, and in JSON.
+with its cause. Inputs whose key a stream selects become its samples, whatever the stream's encoding; data sets (inputs
+without a value) are skipped. TIMELINE can be a recording of a robot as well: topics of ROS 2 are found by streams on
+rmw_zenoh's keys (in domain 0) and on those of zenoh-bridge-ros2dds. What the plans do not show (inputs that nobody
+reads, streams that get none, samples and expressions that failed, needs that are not met) is noted on standard error,
+and in JSON.
 
-Virtual time begins at 2000-01-01 00:00 UTC, so that a context forced until some day is in force. Where a stream's
-timestamps are a real clock's (2000 to 2100), it begins so that the first of them is of its own moment."""
+Virtual time begins when the recording did; with a timeline at 2000-01-01 00:00 UTC, so that a context forced until some
+day is in force. Where a stream's timestamps are a real clock's (2000 to 2100), it begins so that the first of them is
+of its own moment."""
 
 DETAILS = """\
 output (--output): a table; or the fields
@@ -50,6 +54,14 @@ expectations (--assert FILE): a YAML or JSON list; exit code 1 and a line for ea
     weights: {slam: 10}
     feasible: true                 # every need and floor is met
   - {from: 0, to: 30, plans: {max: 8}}     # at most 8 plans begin: a bound on flapping
+  - {from: 0, to: 30, misses: {slam: {max: 0.01}}}   # with --profiles: at most 1 % of its inputs are late or dropped
+
+prediction (--profiles FILE, as robotkit.profiles writes it): work arrives with the timeline's inputs (a data set's by
+the rate that the timeline tells), waits in queues that drop their oldest, and is served as CFS does, 30 ms after each
+plan. By task and context it tells inputs; those done, late, dropped, and suspended; misses (late, dropped, or overdue
+at the end, as a part of those due) and the worst of them, since nobody knows when the kernel's periods begin: the
+prediction is over four equally likely phases; response time p50 and p99; how many an input found waiting; and the cores
+that stay idle. What one task publishes for another is not predicted, and a task that adapts to its share costs no less.
 
 exit codes: 0 it ran and is as expected, 1 an expectation does not hold, 2 it could not run (wrong usage, a file that
 cannot be read or is refused, a picture that cannot be drawn)"""
@@ -65,8 +77,11 @@ def add(subparsers: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("policy", metavar="POLICY", type=_file, help="a file with one ContextPolicy, - for stdin")
-    parser.add_argument("timeline", metavar="TIMELINE", type=_file, help="a timeline file, - for stdin")
+    parser.add_argument(
+        "timeline", metavar="TIMELINE", type=_file, help="a timeline, an MCAP file or a rosbag2 folder; - for stdin"
+    )
     robot_arguments.add(parser)
+    recording_arguments.add(parser)
     parser.add_argument("--until", type=seconds, metavar="S", help="stop after S seconds (default: the whole timeline)")
     parser.add_argument("--output", choices=("table", "json", "csv"), default="table", help="default: table")
     parser.add_argument(
@@ -74,6 +89,9 @@ def add(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--assert", dest="expected", metavar="FILE", type=_file, help="compare with expected plans, - for stdin"
+    )
+    parser.add_argument(
+        "--profiles", metavar="FILE", help="predict queues, response times and misses from what the tasks cost"
     )
     parser.set_defaults(main=main)
 
@@ -86,25 +104,37 @@ def main(arguments: argparse.Namespace) -> int:
     policy, inputs = read_files(arguments)
     expected = _expected(arguments.expected, policy) if arguments.expected else None
     robot = robot_of(arguments, policy)
+    _refuse_unpredicted(arguments, expected)
     run = run_policy(policy, inputs, robot=robot, until=arguments.until)
-    told = notes(policy, robot, run)
+    predicted = predict(arguments.profiles, policy, inputs, run, robot) if arguments.profiles else None
+    told = [*notes(policy, robot, run), *(predicted.notes if predicted else ())]
     if expected is None or arguments.output != "table":
-        _print(arguments.output, policy, inputs, run, about={"cores": sum(robot.nodes.values()) / 1000, "notes": told})
+        about: dict[str, Any] = {"cores": sum(robot.nodes.values()) / 1000, "notes": told}
+        _print(arguments.output, policy, inputs, run, predicted, about=about)
     if arguments.plot:
         _draw(arguments.plot, policy, inputs, run)
     for note in told:
         print(f"note: {note}", file=sys.stderr)
-    return 0 if expected is None else _compare(arguments, run, expected)
+    return 0 if expected is None else _compare(arguments, run, predicted, expected)
+
+
+def predict(path: str, policy: Policy, inputs: Timeline, run: Simulation, robot: Robot) -> Forecast:
+    """What the plans of a run do to each task's inputs."""
+    from contextpolicy.simulation.forecast import forecast
+    from contextpolicy.simulation.profiles import load_profiles
+
+    profiles = load_profiles(path)
+    return forecast(policy, inputs, run.plans, profiles, processors=robot.nodes, until=run.until)
 
 
 def read_files(arguments: argparse.Namespace) -> tuple[Policy, Timeline]:
     """The policy and the timeline that the command line names."""
     from contextpolicy.policy.definition_files import of_folder
     from contextpolicy.policy.validation.policy_file import load_policy
-    from contextpolicy.streams import timeline
 
     types = of_folder(arguments.types) if arguments.types else None
-    return load_policy(arguments.policy, types), timeline.load(arguments.timeline, types or ())
+    policy = load_policy(arguments.policy, types)
+    return policy, recording_arguments.load_inputs(arguments, policy, types or ())
 
 
 def run_policy(policy: Policy, inputs: Timeline, *, robot: Robot, until: float | None) -> Simulation:
@@ -112,13 +142,13 @@ def run_policy(policy: Policy, inputs: Timeline, *, robot: Robot, until: float |
     from contextpolicy import plugins
     from contextpolicy.simulation.run import simulate
 
-    with _progress(inputs.duration if until is None else until) as tell:
+    with progress(inputs.duration if until is None else until, "simulating") as tell:
         return simulate(policy, inputs, robot=robot, until=until, initiatives=plugins.load(policy), on_progress=tell)
 
 
 @contextmanager
-def _progress(until: float) -> Iterator[Callable[[float], None] | None]:
-    """A function that moves a progress bar on standard error to a virtual time; None if that is no terminal."""
+def progress(until: float, doing: str) -> Iterator[Callable[[float], None] | None]:
+    """A function that moves a progress bar on standard error, towards `until`; None if that is no terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -126,7 +156,7 @@ def _progress(until: float) -> Iterator[Callable[[float], None] | None]:
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("simulating", total=until)
+        task = bar.add_task(doing, total=until)
         yield lambda at: bar.update(task, completed=at)
 
 
@@ -147,6 +177,16 @@ def _refuse_two_readers(arguments: argparse.Namespace) -> None:
         )
 
 
+def _refuse_unpredicted(arguments: argparse.Namespace, expected: Any) -> None:
+    """Misses that nobody predicts would pass unchecked."""
+    from contextpolicy.errors import Finding, SettingsError
+
+    lines = [str(one.line) for one in expected or () if one.misses is not None]
+    if lines and not arguments.profiles:
+        allowed = f"a file of profiles: line {', '.join(lines)} of {arguments.expected} expects misses"
+        raise SettingsError("arguments", (Finding("--profiles", None, allowed),))
+
+
 def _picture(text: str) -> Path:
     path = Path(text)
     if path.suffix not in (".svg", ".png"):
@@ -154,16 +194,28 @@ def _picture(text: str) -> Path:
     return path
 
 
-def _print(output: str, policy: Policy, inputs: Timeline, run: Simulation, *, about: dict[str, Any]) -> None:
-    from contextpolicy.simulation import report
+def _print(  # noqa: PLR0913 - all that a run gives
+    output: str,
+    policy: Policy,
+    inputs: Timeline,
+    run: Simulation,
+    predicted: Forecast | None,
+    *,
+    about: dict[str, Any],
+) -> None:
+    from contextpolicy.simulation import forecast_report, report
 
     match output:
         case "json":
+            if predicted is not None:
+                about["forecast"] = forecast_report.as_fields(predicted)
             print(report.as_json(policy, run.plans, timeline=inputs.name, until=run.until, **about))
         case "csv":
             print(report.as_csv(run.plans))
         case _:
             print(report.table(run.plans))
+            if predicted is not None:
+                print(f"\n{forecast_report.as_table(predicted)}")
 
 
 def _draw(path: Path, policy: Policy, inputs: Timeline, run: Simulation) -> None:
@@ -192,13 +244,14 @@ def _expected(path: str, policy: Policy) -> Any:
     return parse(text, policy, subject=path)
 
 
-def _compare(arguments: argparse.Namespace, run: Simulation, expected: Any) -> int:
+def _compare(arguments: argparse.Namespace, run: Simulation, predicted: Forecast | None, expected: Any) -> int:
     from contextpolicy.simulation.comparison import differences
 
     # After the end the last plan would be taken for in force, and such an expectation might pass unchecked.
     beyond = [e for e in expected if e.end > run.until]
+    within = [e for e in expected if e not in beyond]
     found = [*(f"line {e.line}: expects something at {e.end:g} s, after the end at {run.until:g} s" for e in beyond)]
-    found += [str(difference) for difference in differences(run.plans, [e for e in expected if e not in beyond])]
+    found += [str(difference) for difference in differences(run.plans, within, predicted)]
     for difference in found:
         print(f"{arguments.expected}: {difference}", file=sys.stderr)
     verdict = f"{len(found)} differences" if found else "as expected"

@@ -45,8 +45,8 @@ class Planner:
         """How often each context began or ceased to hold."""
         self.started = False
         self.on_health: Callable[[], None] = lambda: None
-        """Called when a stream fell silent, is heard again or changed its clock, or an expression began or ceased to
-        fail: the status has news even when no plan changes."""
+        """Called when a stream fell silent or was not heard for an hour, is heard again or changed its clock, or an
+        expression began or ceased to fail: the status has news even when no plan changes."""
         self._maker = PlanMaker(policy, self.timers)
         scope = Scope()
         self.streams = {s.name: StreamState(s, scope, self.timers, self) for s in policy.streams}
@@ -135,6 +135,10 @@ class Planner:
 
     def on_first_value(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature
         """A stream without a value has one: nothing waits for it any more."""
+        self.on_health()
+
+    def on_unheard(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature
+        """A stream without a watchdog had no sample for an hour, or is heard again."""
         self.on_health()
 
     def on_clock(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature

@@ -19,6 +19,11 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Stream
 
 
+UNHEARD = 3600.0
+"""Seconds without a sample after which the status says so, even of a stream without `staleAfter`. Nothing else follows
+from it: an emergency button may be silent for months."""
+
+
 class StreamListener(Protocol):
     """What a stream tells the planner."""
 
@@ -33,6 +38,9 @@ class StreamListener(Protocol):
 
     def on_first_value(self, stream: StreamState) -> None:
         """A stream without a value has one now."""
+
+    def on_unheard(self, stream: StreamState) -> None:
+        """A stream without `staleAfter` had no sample for UNHEARD, or is heard again."""
 
     def on_clock(self, stream: StreamState) -> None:
         """The stream's timestamps turned out to come from another clock, or from ours again."""
@@ -54,12 +62,13 @@ class StreamState:
         self.clock = SourceClock(spec.clock, spec.stale_after)
         self.fresh = False
         self.silent = False
+        self.unheard = False
         self._shared, self._own = scope, Scope()
         self._timers, self._listener = timers, listener
         self._filter = self._own.compile(spec.filter) if spec.filter else None
         self._windows = [Window(feature, self._own) for feature in spec.features]
         self._gate = _Gate(self, timers)
-        self._sliding = _Sliding(self)
+        self._sliding, self._absence = _Sliding(self), _Absence(self)
         self._features: dict[str, float] = {}
         self._valued_at = -math.inf
 
@@ -68,6 +77,8 @@ class StreamState:
         self.absent_since = now
         if self.spec.stale_after is not None:
             self._timers.set(self, now + self.spec.stale_after)
+        else:
+            self._timers.set(self._absence, now + UNHEARD)
 
     @property
     def unknown(self) -> bool:
@@ -79,10 +90,11 @@ class StreamState:
         self.seen_at, self.clock, self.absent_since = old.seen_at, old.clock, old.absent_since
         self.seen = old.seen
         self.fresh, self.silent, self.value = old.fresh, old.silent, old.value
+        self.unheard = old.unheard
         self._windows, self._own, self._filter = old._windows, old._own, old._filter
         self._features, self._valued_at = old._features, old._valued_at
         self._gate.adopt(old._gate)
-        for former, own in ((old, self), (old._sliding, self._sliding)):
+        for former, own in ((old, self), (old._sliding, self._sliding), (old._absence, self._absence)):
             self._timers.adopt(old._timers, former, own)
         if self.value is not None:
             self._resume(self.value, now)
@@ -98,6 +110,10 @@ class StreamState:
         if self.silent:
             self.silent = False
             self._listener.on_recovery(self, now)
+        if self.unheard:
+            self.unheard = False
+            self._timers.set(self._absence, now + UNHEARD)
+            self._listener.on_unheard(self)
         if self.spec.stale_after is not None:
             self._timers.set(self, now + self.spec.stale_after)
         self._gate.admit(sample.value, now)
@@ -143,6 +159,15 @@ class StreamState:
         self._timers.clear(self._sliding)
         if not was_silent:
             self._listener.on_silence(self, now)
+
+    def check_absence(self, now: float) -> None:
+        """An hour may be over without a sample; samples do not move this timer, so it looks when the last one came."""
+        due = (now if self.seen_at is None else self.seen_at + UNHEARD) - SAME_INSTANT
+        if now < due:
+            self._timers.set(self._absence, due)
+        else:
+            self.unheard = True
+            self._listener.on_unheard(self)
 
     def features(self, now: float) -> dict[str, float | None]:
         """The features as expressions see them at `now`."""
@@ -248,3 +273,13 @@ class _Sliding:
 
     def on_due(self, now: float) -> None:
         self._stream.slide(now)
+
+
+class _Absence:
+    """The moment at which a stream without `staleAfter` may have had no sample for an hour."""
+
+    def __init__(self, stream: StreamState) -> None:
+        self._stream = stream
+
+    def on_due(self, now: float) -> None:
+        self._stream.check_absence(now)

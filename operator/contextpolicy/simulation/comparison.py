@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from contextpolicy.simulation.forecast import stats
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from contextpolicy.planning.plan import Plan
     from contextpolicy.simulation.expectations import Expectation, Range
+    from contextpolicy.simulation.forecast import Forecast
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +40,10 @@ class Difference:
         )
 
 
-def differences(plans: Sequence[Plan], expectations: Sequence[Expectation]) -> Iterator[Difference]:
-    """Everything that is not as expected, in the order of the expectations."""
+def differences(
+    plans: Sequence[Plan], expectations: Sequence[Expectation], predicted: Forecast | None = None
+) -> Iterator[Difference]:
+    """Everything that is not as expected, in the order of the expectations; misses are those that are `predicted`."""
     # Plans of one number have the same shares; the first of them says when these were decided, and why.
     decided = {plan.sequence: plan for plan in reversed(plans)}
     for expectation in expectations:
@@ -46,6 +51,8 @@ def differences(plans: Sequence[Plan], expectations: Sequence[Expectation]) -> I
         if expectation.plans is not None and len(begun) not in expectation.plans:
             message = f"expected {_words(expectation.plans)} plans, {len(begun)} began"
             yield Difference(expectation, message, begun[-1] if begun else None)
+        if expectation.misses is not None and predicted is not None:
+            yield from (Difference(expectation, message, None) for message in _missed(predicted, expectation))
         in_force = _in_force(plans, expectation)
         if not in_force:
             yield Difference(expectation, "there is no plan yet", None)
@@ -76,6 +83,22 @@ def _messages(plan: Plan, expected: Expectation) -> Iterator[str]:
     yield from _outside("share", shares, expected.shares or {}, lambda value: f"{_exact(value)}m")
     weights = {name: task.weight for name, task in plan.tasks.items()}
     yield from _outside("weight", weights, expected.weights or {}, _exact)
+
+
+def _missed(predicted: Forecast, expected: Expectation) -> Iterator[str]:
+    """Of the inputs that arrive in the interval."""
+    for task, allowed in (expected.misses or {}).items():
+        if task not in predicted.outcomes:
+            yield f"misses of {task}: expected {_words(allowed)}, but it has no profile"
+            continue
+        own = [one for one in predicted.outcomes[task] if expected.start <= one.work.at <= expected.end]
+        found = stats(own, predicted.deadlines[task])
+        if found.misses not in allowed:
+            times = "nothing is done" if found.p99 is None else f"p99 {found.p99:.3g} s"
+            yield (
+                f"misses of {task}: expected {_words(allowed)}, but {found.misses:.4g} "
+                f"({found.missed} late and {found.dropped} dropped of {found.inputs} inputs; {times})"
+            )
 
 
 def _outside(

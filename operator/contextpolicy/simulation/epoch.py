@@ -25,8 +25,10 @@ def epoch_of(policy: Policy, timeline: Timeline) -> float:
     """The timeline's begin in Unix seconds: `EPOCH`, unless the samples have a real clock's stamps.
 
     Then the first stamp is made the time of its own sample. With `EPOCH` all those samples would come from the future,
-    and their stamps would be useless.
+    and their stamps would be useless. A recording begins when it began.
     """
+    if timeline.begin is not None:
+        return round(timeline.begin, 6)
     first = min(_stamps(policy, timeline), default=None)
     return EPOCH if first is None else round(first[1] - first[0], 6)
 

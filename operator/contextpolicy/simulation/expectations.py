@@ -9,6 +9,7 @@ throughout) and what:
   weights: {slam: 10, speech: {max: 1}}
   feasible: true                          the plan meets every need and floor
   plans: {max: 5}                         number of plans that began in the interval (only with from and to)
+  misses: {slam: {max: 0.01}}             part of its inputs that is late or dropped (likewise; predicted)
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy
     from contextpolicy.policy.validation.documents import Document
 
-CHECKS = ("contexts", "suspended", "shares", "weights", "feasible", "plans")
+CHECKS = ("contexts", "suspended", "shares", "weights", "feasible", "plans", "misses")
 FIELDS = ("at", "from", "to", *CHECKS)
 
 
@@ -60,6 +61,7 @@ class Expectation:
     shares: Mapping[str, Range] | None = None
     weights: Mapping[str, Range] | None = None
     plans: Range | None = None
+    misses: Mapping[str, Range] | None = None
 
 
 def parse(text: str, policy: Policy, *, subject: str) -> list[Expectation]:
@@ -126,6 +128,7 @@ class _Reader:
             plans=self._range(f"{path}.plans", raw["plans"], _number, "a number")
             if raw.get("plans") is not None
             else None,
+            misses=self._ranges(f"{path}.misses", raw.get("misses"), self._leaves, _number, "a part, 0 to 1"),
         )
 
     def _check_asks(self, path: str, raw: dict[str, Any]) -> None:
@@ -136,8 +139,9 @@ class _Reader:
         for name in asked:
             if raw[name] is None:
                 self._refuse(f"{path}.{name}", None, "a value, or the field left out")
-        if "plans" in raw and "at" in raw:
-            self._refuse(f"{path}.plans", raw["plans"], "plans with from and to: at one instant none begins")
+        for name in ("plans", "misses"):
+            if name in raw and "at" in raw:
+                self._refuse(f"{path}.{name}", raw[name], f"{name} with from and to: an instant has none")
 
     def _interval(self, path: str, raw: dict[str, Any]) -> tuple[float, float]:
         given = {name: raw[name] for name in ("at", "from", "to") if name in raw}

@@ -64,7 +64,7 @@ def notes(policy: Policy, robot: Robot, run: Simulation) -> list[str]:
     """The notes, one sentence each."""
     return [
         *(f"no stream reads {key}" for key in sorted(run.skipped.unread)),
-        *(f"{key} is a recording, without values" for key in sorted(run.skipped.without_value)),
+        *(f"{key} is a data set, without values" for key in sorted(run.skipped.without_value)),
         *_unfed(policy, run),
         *(f"{reason}, {_times(count)}" for reason, count in run.skipped.undecodable.items()),
         *_drops(run.planner),

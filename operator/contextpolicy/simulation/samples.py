@@ -12,6 +12,7 @@ from contextpolicy.policy.key_expressions import selects
 from contextpolicy.policy.spec import Encoding
 from contextpolicy.simulation.epoch import EPOCH
 from contextpolicy.streams.decoding import MAX_DEPTH, Decoder, is_small
+from contextpolicy.streams.timeline import RECORDED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -51,11 +52,10 @@ def samples(
             selecting = readers[source] = [_Reader(stream, timed.encoding) for stream in streams]
         if not selecting:
             skipped.unread.add(timed.key)
-        elif timed.value is None:
+        elif timed.value is None and timed.payload is None:
             skipped.without_value.add(timed.key)
         else:
-            now_ns = epoch_ns + round(timed.at * 1e9)
-            made = _stamped(timed.value, now_ns) if timed.message is None else timed.message.payload(now_ns)
+            made = _made(timed, epoch_ns + round(timed.at * 1e9))
             for reader in selecting:
                 skipped.fed.add(reader.stream.name)
                 taken = reader.take(timed.value, made)
@@ -75,7 +75,7 @@ class _Reader:
     def __init__(self, stream: Stream, encoding: str) -> None:
         self.stream = stream
         # A JSON value is the decoded message, also where the robot's payload is CBOR or CDR.
-        read = stream if encoding == Encoding.CDR else replace(stream, encoding=Encoding.JSON, type=None)
+        read = stream if encoding in (Encoding.CDR, RECORDED) else replace(stream, encoding=Encoding.JSON, type=None)
         self._decoder = Decoder(read)
         self._known: object = None
         self._plain = False
@@ -83,7 +83,7 @@ class _Reader:
     def take(self, value: object, made: object) -> Sample | str:
         """The sample, or why the decoder refuses it.
 
-        `made` is a CDR payload, or `value` with a stamp. A repeated `value` is one object and is checked once.
+        `made` is a payload, or `value` with a stamp. A repeated `value` is one object and is checked once.
         """
         if isinstance(made, bytes):
             return self._decode(made)
@@ -113,6 +113,13 @@ def _is_plain(value: object) -> bool:
     except RecursionError:
         return False
     return is_small(payload) and not any(word in payload for word in (b"NaN", b"Infinity"))
+
+
+def _made(timed: TimedInput, now_ns: int) -> object:
+    """The payload, or for JSON the decoded message."""
+    if timed.payload is not None:
+        return timed.payload
+    return _stamped(timed.value, now_ns) if timed.message is None else timed.message.payload(now_ns)
 
 
 def _stamped(value: object, now_ns: int) -> object:

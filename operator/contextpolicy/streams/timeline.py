@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     Check: TypeAlias = tuple[Callable[[Any], bool], str]
 
 MAX_RATE = 1000.0
+RECORDED = "recorded"
+"""The encoding of inputs whose payload is what came over the bus: each stream decodes it by its own encoding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,7 @@ class TimedInput:
     value: object | None
     dataset: str | None
     message: RosMessage | None = None
+    payload: bytes | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +61,12 @@ class TimelineEntry:
     dataset: str | None
     truth: object | None
     message: RosMessage | None = None
+    dataset_rate: float | None = None
+    """Samples of the data set a second: what can be known of it without having it."""
+    offset: float = 0.0
+    """Seconds of the data set that are left out at its begin."""
+    payload: bytes | None = None
+    """A recorded message, as it came over the bus."""
 
     def inputs(self) -> Iterator[TimedInput]:
         """All inputs of this entry; each time is computed from the start, so that a long entry does not drift."""
@@ -65,7 +74,17 @@ class TimelineEntry:
         count = math.ceil((self.end - self.start) * self.rate - 1e-9) if self.rate else 1
         for index in range(count):
             at = self.start + index / self.rate if self.rate else self.start
-            yield TimedInput(at, self.key, self.encoding, self.value, self.dataset, self.message)
+            yield TimedInput(at, self.key, self.encoding, self.value, self.dataset, self.message, self.payload)
+
+
+@dataclass(frozen=True, slots=True)
+class StoryPhase:
+    """A stretch of the story, with what is true in it: reports and pictures show it, nothing is decided by it."""
+
+    name: str
+    start: float
+    end: float
+    truth: object | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +94,9 @@ class Timeline:
     name: str
     duration: float
     entries: tuple[TimelineEntry, ...]
+    phases: tuple[StoryPhase, ...] = ()
+    begin: float | None = None
+    """When a recording began, in Unix seconds or of simulated time; a timeline can begin at any time."""
 
     def inputs(self) -> Iterator[TimedInput]:
         """All inputs in time order; those of one instant in the order of the file."""
@@ -143,7 +165,10 @@ def parse(document: object, definitions: Definitions = (), *, subject: str = "ti
     entries = tuple(_entry(raw, definitions, f"inputs[{i}]", findings) for i, raw in enumerate(document["inputs"]))
     if findings:
         raise TimelineError(subject, tuple(findings))
-    return Timeline(document["name"], float(document["duration"]), entries)
+    phases = tuple(
+        StoryPhase(raw["name"], raw["from"], raw["to"], raw.get("truth")) for raw in document.get("phases", ())
+    )
+    return Timeline(document["name"], float(document["duration"]), entries, phases)
 
 
 def _entry(raw: Mapping[str, Any], definitions: Definitions, path: str, findings: list[Finding]) -> TimelineEntry:
@@ -153,11 +178,13 @@ def _entry(raw: Mapping[str, Any], definitions: Definitions, path: str, findings
         end=float(raw.get("to", start)),
         key=raw["key"],
         encoding=raw["encoding"],
-        rate=raw.get("rate"),
+        rate=None if "dataset" in raw else raw.get("rate"),
         value=raw.get("value"),
         dataset=raw.get("dataset"),
         truth=raw.get("truth"),
         message=_message(raw, definitions, path, findings) if raw["encoding"] == "cdr" else None,
+        dataset_rate=raw.get("rate") if "dataset" in raw else None,
+        offset=float(raw.get("offset", 0)),
     )
 
 
@@ -213,15 +240,19 @@ _RATE: Check = (lambda value: _is_number(value) and 0 < value <= MAX_RATE, f"Hz,
 _VALUE_ENCODING: Check = (lambda value: value in ("json", "cdr"), "json or cdr")
 _DATASET_ENCODING: Check = (lambda value: value in ("json", "binary"), "json or binary")
 
+_LINE: Check = (_matches(r"[^\x00-\x1f\x7f-\x9f\ud800-\udfff]+"), "one line of text, without control characters")
+
 _TIMELINE: Mapping[str, Check] = {
-    "name": (_matches(r"[^\x00-\x1f\x7f-\x9f\ud800-\udfff]+"), "one line of text, without control characters"),
+    "name": _LINE,
     "duration": _DURATION,
     "inputs": (lambda value: isinstance(value, list) and len(value) > 0, "a list of at least one input"),
 }
 _TIMELINE_OPTIONS: Mapping[str, Check] = {
     "$schema": (_is_text, "a text"),
     "description": (_is_text, "a text"),
+    "phases": (lambda value: isinstance(value, list), "a list of phases"),
 }
+_PHASE: Mapping[str, Check] = {"name": _LINE, "from": _SECONDS, "to": _SECONDS}
 _INPUT_OPTIONS: Mapping[str, Check] = {"truth": _ANY}
 _ROS_MESSAGE: Mapping[str, Check] = {
     "type": (_matches(r"[A-Za-z]\w*/msg/[A-Z][A-Za-z0-9]*"), "a ROS 2 type such as sensor_msgs/msg/Imu")
@@ -236,6 +267,7 @@ _VALUE_AT_RATE: Mapping[str, Check] = {
     "rate": _RATE,
     "value": _ANY,
 }
+_RECORDED_OPTIONS: Mapping[str, Check] = {"rate": _RATE, "offset": _SECONDS, **_INPUT_OPTIONS}
 _RECORDED: Mapping[str, Check] = {
     "key": _KEY,
     "encoding": _DATASET_ENCODING,
@@ -250,20 +282,21 @@ def _findings(document: object) -> Iterator[Finding]:
         yield Finding("timeline", document, "a JSON object")
         return
     yield from _field_findings("", document, _TIMELINE, _TIMELINE_OPTIONS)
-    inputs = document.get("inputs")
-    for index, raw in enumerate(inputs if isinstance(inputs, list) else ()):
-        path = f"inputs[{index}]"
-        if isinstance(raw, dict):
-            yield from _field_findings(f"{path}.", raw, *_shape(raw))
-            yield from _order_findings(path, raw, document.get("duration"))
-        else:
-            yield Finding(path, raw, "a JSON object")
+    for listed, shape in (("phases", lambda _: (_PHASE, _INPUT_OPTIONS)), ("inputs", _shape)):
+        items = document.get(listed)
+        for index, raw in enumerate(items if isinstance(items, list) else ()):
+            path = f"{listed}[{index}]"
+            if isinstance(raw, dict):
+                yield from _field_findings(f"{path}.", raw, *shape(raw))
+                yield from _order_findings(path, raw, document.get("duration"))
+            else:
+                yield Finding(path, raw, "a JSON object")
 
 
 def _shape(raw: Mapping[str, Any]) -> tuple[Mapping[str, Check], Mapping[str, Check]]:
     """An input's required and optional fields."""
     if "dataset" in raw:
-        return _RECORDED, _INPUT_OPTIONS
+        return _RECORDED, _RECORDED_OPTIONS
     shape = _VALUE_ONCE if "at" in raw else _VALUE_AT_RATE
     if raw.get("encoding") == "cdr":
         return {**shape, **_ROS_MESSAGE}, {**_INPUT_OPTIONS, **_ROS_OPTIONS}

@@ -12,12 +12,17 @@ if TYPE_CHECKING:
     from contextpolicy.errors import ActuationError
 
 _AGAIN = f"it is asked for again after {REFUSED.longest:.0f} s at the latest"
+_BOUNDED = (
+    "the pod has resources of its own (spec.resources), which bound its containers': set the task's max to its CPU "
+    "limit and control to Limit, or take them out of its template"
+)
 _REFUSALS = (
     (r"exceeded quota", f"raise the ResourceQuota or lower the task's max; {_AGAIN}"),
     (
         r"usage per (Container|Pod) is|limit to request ratio per",
         f"widen the LimitRange or lower the task's max; {_AGAIN}",
     ),
+    (r"pod limits of|aggregate container requests", f"{_BOUNDED}; {_AGAIN}"),
     (r"enough allocatable resources", f"raise the policy's reserve or lower the task's max; {_AGAIN}"),
     (r"cannot (patch|update) resource", f"allow the operator's role to patch pods/resize; {_AGAIN}"),
     (r"denied (the )?request", f"let that admission policy or webhook pass the operator's resizes; {_AGAIN}"),

@@ -6,6 +6,7 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING
 
+from contextpolicy.actuators.resize.contest import YIELDED, Contest
 from contextpolicy.cluster.pods import Cpu
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.telemetry import metrics, remedies
@@ -14,7 +15,6 @@ from contextpolicy.telemetry.reactions import Reactions
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
 
-    from contextpolicy.actuators.resize.contest import Contest
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.errors import ActuationError
     from contextpolicy.planning.plan import Plan
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 RECENT = 100
 """Reactions that are kept for people who watch; the histograms have them all."""
+FAILED = "ResizeFailed"
+"""Reason of the event which says that the API server refused a resize, or did not answer."""
 RECOVERED = "ResizeRecovered"
 """Reason of the event which says that a problem is over."""
 
@@ -86,7 +88,7 @@ class ResizeWatch:
         message = _advised(f"{pod}: {error.reason}: {error}", remedies.for_refusal(error))
         if failed.get(pod) != message:
             failed[pod] = message
-            self._on_problem(policy, "ResizeFailed", message)
+            self._on_problem(policy, FAILED, message)
 
     def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:
         """Somebody else resized a container, or (None) has not done so for a while."""
@@ -98,7 +100,7 @@ class ResizeWatch:
         self._reactions.drop(policy, container)
         metrics.CONTESTS.labels(*metrics.labels(policy)).inc()
         by, changes = contest.by or "somebody", ", ".join(_changes(contest))
-        message = f"{container}: {by} changed its {changes}; it gets what the plan says again"
+        message = f"{container}: {by} changed its {changes}; {_answer(contest)}"
         message = _advised(message, remedies.for_writer(contest.by))
         if contested.get(container) != message:
             contested[container] = message
@@ -150,6 +152,12 @@ class ResizeWatch:
 
 def _advised(message: str, remedy: str) -> str:
     return f"{message}; {remedy}" if remedy else message
+
+
+def _answer(contest: Contest) -> str:
+    if contest.yielded:
+        return f"that goes on, so it is left like that, and the plan's value tried again every {YIELDED / 60:g} min"
+    return "it gets what the plan says again"
 
 
 def _changes(contest: Contest) -> Iterator[str]:

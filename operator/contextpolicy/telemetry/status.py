@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.planning.stream import UNHEARD
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.policy.spec import Mode, Scheduler
 
@@ -15,8 +16,17 @@ if TYPE_CHECKING:
 
     from contextpolicy.cluster.claims import Claim
     from contextpolicy.planning.planner import Planner
+    from contextpolicy.planning.stream import StreamState
 
 MAX_MESSAGE = 1024
+NO_ROUTER = "no Zenoh router answers: no sample is heard, the last plan stays in force"
+NEEDED = ("Accepted", "Connected", "Applied")
+"""The conditions that `Ready` consists of. A sleeping microphone or a floor that does not fit are told, but they are no
+failure of the policy."""
+GIVE_UP = (
+    "the policy is deleted once its containers are as they were; to give up, remove its finalizer "
+    "contextpolicy.dev/restore, and they keep what they have"
+)
 MAX_NODES = 64
 """How many nodes the status lists: the definition's limit, so that the object stays small."""
 _UNITS = (("years", 365.25 * 86400), ("days", 86400.0), ("h", 3600.0), ("s", 0.0))
@@ -39,6 +49,7 @@ class StatusFacts:
     generation: int
     run: int
     claim: Claim
+    connected: bool = True
     rejected: Sequence[str] = ()
     unmet_actuation: Mapping[str, str] = field(default_factory=dict)
 
@@ -63,22 +74,27 @@ def status(planner: Planner, facts: StatusFacts, previous: Sequence[Mapping[str,
 
 
 def waiting(
-    rejected: Sequence[str], generation: int, previous: Sequence[Mapping[str, Any]], now: float
+    rejected: Sequence[str], generation: int, previous: Sequence[Mapping[str, Any]], now: float, *, connected: bool
 ) -> dict[str, Any]:
-    """The status of a policy without a controller: no version was ever valid, or the bus is not connected yet."""
-    no_router = () if rejected else ("no Zenoh router answers yet",)
-    findings = [
-        ConditionFinding("Accepted", "Valid", "Invalid", rejected),
-        ConditionFinding("StreamsHealthy", "Heard", "NoRouter", no_router),
-    ]
+    """The status of a policy without a controller: no version was ever valid, or the bus was never connected."""
+    findings = [ConditionFinding("Accepted", "Valid", "Invalid", rejected), _connection(connected=connected)]
     return {"observedGeneration": generation, "conditions": conditions(findings, generation, previous, now)}
+
+
+def releasing(
+    problems: Iterable[str], generation: int, previous: Sequence[Mapping[str, Any]], now: float
+) -> dict[str, Any]:
+    """The status of a policy that is being deleted, while its containers are put back."""
+    told = [f"{problem}; {GIVE_UP}" for problem in problems]
+    finding = ConditionFinding("Applied", "Restored", "NotRestored", told)
+    return {"observedGeneration": generation, "conditions": conditions([finding], generation, previous, now)}
 
 
 def conditions(
     findings: Sequence[ConditionFinding], generation: int, previous: Sequence[Mapping[str, Any]], now: float
 ) -> list[dict[str, Any]]:
-    """Kubernetes conditions, `Ready` first: it sums up the others."""
-    broken = [finding for finding in findings if finding.problems]
+    """Kubernetes conditions, `Ready` first: it sums up whether the policy decides and its decisions are in force."""
+    broken = [finding for finding in findings if finding.problems and finding.type in NEEDED]
     ready = ConditionFinding("Ready", "Working", "Degraded", [f"{f.type}: {f.problems[0]}" for f in broken])
     before = {condition["type"]: condition for condition in previous}
     return [_condition(finding, generation, before.get(finding.type), now) for finding in (ready, *findings)]
@@ -107,7 +123,7 @@ def timestamp(moment: float) -> str:
 def _findings(planner: Planner, facts: StatusFacts) -> list[ConditionFinding]:
     policy = planner.policy
     refused = [*facts.rejected, *facts.claim.conflicts]
-    silent = [_silence(planner, name) for name, stream in planner.streams.items() if stream.silent]
+    silent = [_silence(planner, name) for name, stream in planner.streams.items() if _is_silent(stream)]
     expressions = [f"{source}: {reason}" for source, reason in sorted(planner.errors.items())]
     shortfalls = (
         [f"{s.task}: {s.message}" if s.task else s.message for s in planner.last.shortfalls] if planner.last else []
@@ -117,6 +133,7 @@ def _findings(planner: Planner, facts: StatusFacts) -> list[ConditionFinding]:
     applied = {Mode.ENFORCE: "InForce", Mode.DRY_RUN: "DryRun", Mode.PAUSED: "Paused"}[policy.mode]
     return [
         ConditionFinding("Accepted", "Valid", "Conflicted" if not facts.rejected else "Invalid", refused),
+        _connection(connected=facts.connected),
         ConditionFinding(
             "StreamsHealthy", "Heard", "Silent" if silent else "ExpressionFailed", [*silent, *expressions]
         ),
@@ -130,7 +147,16 @@ def _silence(planner: Planner, name: str) -> str:
     spec = planner.streams[name].spec
     heard = planner.streams[name].seen_at
     since = "no sample yet" if heard is None else f"last sample at {timestamp(heard)}"
-    return f"stream {name} ({spec.key}) is silent: {since}"
+    how = "is silent" if planner.streams[name].silent else f"had no sample for {UNHEARD / 3600:g} h"
+    return f"stream {name} ({spec.key}) {how}: {since}"
+
+
+def _is_silent(stream: StreamState) -> bool:
+    return stream.silent or stream.unheard
+
+
+def _connection(*, connected: bool) -> ConditionFinding:
+    return ConditionFinding("Connected", "Open", "NoRouter", () if connected else (NO_ROUTER,))
 
 
 def _plan(planner: Planner, run: int) -> dict[str, Any] | None:
@@ -181,10 +207,10 @@ def _streams(planner: Planner) -> list[dict[str, Any]]:
 def _stream(planner: Planner, name: str, waits: Iterable[str]) -> dict[str, Any]:
     stream = planner.streams[name]
     dropped = [f"{reason}: {count}" for (of, reason), count in sorted(planner.drops.items()) if of == name]
-    told = [_silence(planner, name)] if stream.silent else []
+    told = [_silence(planner, name)] if _is_silent(stream) else []
     told += [] if stream.clock.behind is None else [_other_clock(stream.clock.behind)]
     message = "; ".join([*told, *waits, *dropped])
-    return {"name": name, "healthy": not stream.silent, "message": message[:MAX_MESSAGE]}
+    return {"name": name, "healthy": not _is_silent(stream), "message": message[:MAX_MESSAGE]}
 
 
 def _other_clock(behind: float) -> str:

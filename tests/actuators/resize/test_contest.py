@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from contextpolicy.actuators.resize.contest import QUIET, REMEMBERED, Ownership
+from contextpolicy.actuators.resize.contest import QUIET, REMEMBERED, STRIKES, YIELDED, Ownership
 from contextpolicy.actuators.resize.originals import Original
 from contextpolicy.actuators.resize.pauses import CONTESTED
 from contextpolicy.cluster.pods import Cpu
@@ -46,6 +46,39 @@ def test_each_strike_of_an_insistent_writer_is_answered_later():
         assert governed.rests_until <= now
         governed.give(POLICY, OURS)
     assert pauses == [0, CONTESTED.first, 1, 2, 4, CONTESTED.longest, CONTESTED.longest]
+
+
+def strike_by_strike(every):
+    """What is done about a writer who changes the limit `every` so many seconds, until we have yielded twice."""
+    governed, now, pauses = Ownership(POLICY, OURS), 0.0, []
+    while pauses.count(YIELDED) < 2:
+        assert governed.compare(THEIRS, now)
+        pauses.append(round(governed.until - now, 6))
+        assert governed.forgotten_at == math.inf, "while it is in place it is not over"
+        now = governed.until
+        governed.give(POLICY, OURS)
+        now += every
+    return pauses
+
+
+@pytest.mark.parametrize("every", [0.1, 60.0], ids=["all the time", "an autoscaler"])
+def test_a_contest_ends_we_yield_and_try_again_once_in_a_while(every):
+    pauses = strike_by_strike(every)
+    assert len(pauses) == STRIKES + 2
+    assert all(pause <= CONTESTED.longest for pause in pauses[:STRIKES])
+
+
+def test_a_writer_who_gave_up_starts_from_the_beginning():
+    governed = Ownership(POLICY, OURS)
+    for strike in range(STRIKES + 1):
+        governed.compare(THEIRS, float(strike))
+        governed.give(POLICY, OURS)
+    assert governed.yielded
+    tried_again = governed.until
+    assert governed.forgotten_at == tried_again + REMEMBERED
+    governed.compare(THEIRS, tried_again + REMEMBERED)
+    assert not governed.yielded
+    assert governed.rests_until == tried_again + REMEMBERED, "put back at once"
 
 
 def test_what_it_makes_of_it_during_a_pause_is_the_same_strike():
@@ -109,6 +142,40 @@ def test_a_writer_who_insists_gets_ever_fewer_answers():
     gaps = [after - before for before, after in pairwise(times)]
     assert gaps == pytest.approx([CONTESTED.first, 1, 2, 4, CONTESTED.longest, CONTESTED.longest], abs=0.1)
     assert len(rig.witness.contests) == len(times) + 1, "told at each strike, the last of which still rests"
+
+
+def test_a_writer_who_never_stops_gets_its_way_and_that_is_told():
+    rig = governed_rig()
+    for _ in range(40 * 60):
+        if rig.cluster.limit("slam") == 300:
+            rig.cluster.edit("uid-slam", "slam", cpu="700m")
+        rig.cluster.confirm()
+        rig.watch()
+        while rig.workers.jobs:
+            rig.work()
+        rig.wait(0.5)
+    assert rig.cluster.limit("slam") == 700
+    assert len(rig.cluster.resizes()) == STRIKES + 1, "once more after ten minutes"
+    assert rig.witness.contests[-1] == (SLAM, ("vpa-updater", 300, 700))
+    assert "over" not in [what for _, what in rig.witness.contests]
+
+
+def test_new_plans_do_not_wake_a_contest_that_is_over():
+    rig = governed_rig()
+    for _ in range(STRIKES + 1):
+        take(rig)
+        rig.wait(CONTESTED.longest + 0.1)
+        while rig.workers.jobs:
+            rig.work()
+        rig.watch()
+    for share in (400, 200, 600):
+        rig.plan(slam=share)
+        rig.wait(10)
+        assert rig.workers.jobs == []
+    assert rig.cluster.limit("slam") == 700
+    rig.wait(YIELDED)
+    rig.work()
+    assert rig.cluster.limit("slam") == 600
 
 
 def test_a_writer_who_takes_it_back_and_comes_again_has_struck_twice():

@@ -39,6 +39,9 @@ def test_what_other_programs_write_first_is_skipped(tmp_path, before):
         ("intrinsics", "x"),
         ("[752, 480]", "7"),
         (", 0.0000176187114", ""),
+        ("458.654", ".nan"),
+        ("458.654", "-1"),
+        ("0.055", ".inf"),
     ],
 )
 def test_another_kind_of_camera_is_refused(tmp_path, old, new):
@@ -47,6 +50,15 @@ def test_another_kind_of_camera_is_refused(tmp_path, old, new):
     copy.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(CalibrationError, match=r"sensor\.yaml"):
         load_camera(copy)
+
+
+def test_cameras_that_are_no_pair_side_by_side_are_refused():
+    rig = load_rig(RIG)
+    for right in (rig.left, replace(rig.right, body_from_camera=rig.left.body_from_camera)):
+        with pytest.raises(CalibrationError, match="right of it"):
+            Rectifier(replace(rig, right=right))
+    with pytest.raises(CalibrationError, match="right of it"):
+        Rectifier(replace(rig, left=rig.right, right=rig.left))
 
 
 def test_a_missing_file_is_refused(tmp_path):

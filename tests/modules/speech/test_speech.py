@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from modules.speech.listener import Listener
+from modules.speech.sound import SoundStream
 from modules.speech.spectrum import RATE
 from modules.speech.task import Speech
 from robotkit import MessageError, Received
 from robotkit.accuracy import Event, match_events
+from robotkit.ros import AUDIO, AUDIO_STAMPED, encode
 from timelines.datasets import speech
 from timelines.datasets.readers import read
 
@@ -68,3 +70,23 @@ def test_other_words_are_no_commands():
 def test_half_a_sample_is_refused():
     with pytest.raises(MessageError, match="16 bit"):
         Speech(Listener()).process(Received(b"abc", 0, 0))
+
+
+class Recorder:
+    """A gate that keeps what it is fed with."""
+
+    def __init__(self):
+        self.fed = b""
+
+    def feed(self, samples):
+        self.fed += samples
+        return []
+
+
+@pytest.mark.parametrize("type_name", [AUDIO, AUDIO_STAMPED])
+def test_sound_from_ros_is_heard_as_any_other(type_name):
+    gate = Recorder()
+    fields = {"data": b"\x01\x02\x03\x04"} if type_name == AUDIO else {"audio": {"data": b"\x01\x02\x03\x04"}}
+    payload = encode(fields, type_name, stamp=START)
+    SoundStream(gate).feed(Received(payload, START, 0, "audio", "cdr", type_name))
+    assert gate.fed == b"\x01\x02\x03\x04"

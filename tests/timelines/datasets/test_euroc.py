@@ -6,9 +6,9 @@ import pytest
 import yaml
 
 from modules.slam.calibration import Rectifier, load_rig
-from modules.slam.odometry import Odometry
+from modules.slam.features import detect, measure
 from robotkit.euroc import rows as euroc_rows
-from timelines.datasets import euroc
+from timelines.datasets import corridor, euroc
 from timelines.datasets.motion import Motion
 
 SEQUENCE = euroc.Sequence(Motion(duration=0.3, moving=((0, 0.3),)))
@@ -57,16 +57,33 @@ def test_sensor_files_are_yaml(mav0):
     assert len(imu["T_BS"]["data"]) == 16
 
 
+def depths(mav0):
+    """Places of the first pictures' corners in the rectified left camera's frame."""
+    rectifier = Rectifier(load_rig(mav0))
+    left, right = (
+        cv2.imread(str(min((mav0 / cam / "data").glob("*.png"))), cv2.IMREAD_GRAYSCALE) for cam in ("cam0", "cam1")
+    )
+    image = rectifier.left(left)
+    points = measure(rectifier, image, rectifier.right(right), detect(image, 800))
+    return points[np.isfinite(points[:, 2])]
+
+
 def test_stereo_depth_is_that_of_the_corridor(mav0):
-    odometry = Odometry(Rectifier(load_rig(mav0)))
-    pair = [
-        cv2.imread(str(next((mav0 / cam / "data").glob("*.png"))), cv2.IMREAD_GRAYSCALE) for cam in ("cam0", "cam1")
-    ]
-    odometry.track(*pair)
-    points = odometry._reference.points
+    points = depths(mav0)
     assert len(points) > 300
     end_wall = points[(np.abs(points[:, 0]) < 0.5) & (np.abs(points[:, 1]) < 0.5)][:, 2]
     assert np.median(end_wall) == pytest.approx(4.9, abs=0.25)
+
+
+def test_a_block_hides_what_is_behind_it(tmp_path):
+    hall = corridor.Hall((-2, -1.6), (6, 1.6), (((3, 0), (4, 1)),))
+    euroc.write(tmp_path, euroc.Sequence(Motion(0.1, ()), hall=hall), progress=lambda _: None)
+    points = depths(tmp_path / "mav0")  # the camera is 0.1 m ahead of the origin, 0.055 m to its left
+    ahead = points[np.abs(points[:, 1]) < 0.4]
+    on_block = ahead[(ahead[:, 0] < -0.05) & (ahead[:, 0] > -0.85) & (ahead[:, 2] > 1)]
+    beside = ahead[(ahead[:, 0] > 0.2) & (ahead[:, 0] < 1.2) & (ahead[:, 2] > 1)]
+    assert np.median(on_block[:, 2]) == pytest.approx(2.9, abs=0.15)
+    assert np.median(beside[:, 2]) == pytest.approx(5.9, abs=0.4)
 
 
 def test_the_same_seed_gives_the_same_files(mav0, tmp_path):

@@ -32,3 +32,15 @@ def test_the_accelerometer_leads_to_the_path():
     felt = np.einsum("nij,nj->ni", MOTION.rotations_at(TIMES), MOTION.accelerations_at(TIMES)) - GRAVITY
     path = np.cumsum(np.cumsum(felt, axis=0) * 0.005, axis=0) * 0.005
     assert path[-1] == pytest.approx(MOTION.positions_at(np.array([6.0]))[0], abs=0.02)
+
+
+def test_a_course_leads_around_and_back():
+    quarter = (np.pi / 4, np.pi / 2)  # a radius of half a metre
+    motion = Motion(40, ((0.5, 12), (15, 38)), speed=0.3, course=((1, 0), quarter, (1, 0), quarter) * 2)
+    yaw = motion.angles_at(np.array([0.0, 13, 39]))[0]
+    assert yaw[0] == 0
+    assert 0.5 < yaw[1] / np.pi < 2
+    assert yaw[2] == pytest.approx(2 * np.pi)
+    standing = np.array([12.5, 14.5])
+    assert np.ptp(motion.positions_at(standing), axis=0) == pytest.approx(np.zeros(3))
+    assert np.ptp(motion.angles_at(standing)[0]) == pytest.approx(0)

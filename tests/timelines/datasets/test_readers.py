@@ -3,6 +3,7 @@ from __future__ import annotations
 import shutil
 import wave
 
+import numpy as np
 import pytest
 
 from contextpolicy.streams.timeline import parse
@@ -69,6 +70,14 @@ def test_ground_truth_of_8_columns_gives_the_speed_of_the_path(recorded):
 
 def test_truth_is_interpolated_at_the_asked_stamps(recorded):
     assert positions(recorded / "real/mav0", [START + 25_000_000])[0].tolist() == pytest.approx([0.25, 0, 0])
+
+
+def test_before_and_after_the_ground_truth_nothing_is_known(recorded):
+    known = positions(recorded / "real/mav0", [START - 1, START, START + 10_000_000_000])
+    assert np.isnan(known[:, 0]).tolist() == [True, False, True]
+    imu = recorded / "real/mav0/imu0/data.csv"
+    imu.write_text(f"{START - 5},1,2,3,4,5,6\n{START},1,2,3,4,5,6\n")
+    assert ["speed" in sample for _, sample in read(recorded, "real/imu")] == [False, True]
 
 
 def test_stamps_keep_all_their_digits(recorded):

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import pytest
 
-from timelines.datasets import recordings
 from timelines.datasets.__main__ import main
 from timelines.datasets.euroc import Sequence
 from timelines.datasets.motion import Motion
@@ -12,25 +11,18 @@ from timelines.datasets.speech import Script
 TINY = Sequence(Motion(duration=0.1, moving=((0, 0.1),)))
 
 
-@pytest.fixture
-def tiny(monkeypatch):
-    monkeypatch.setattr(recordings, "RECORDINGS", {"tiny": TINY})
-
-
-@pytest.mark.usefixtures("tiny")
 def test_a_recording_is_made_once(tmp_path):
     shares = []
-    assert make(tmp_path, "tiny", shares.append)
+    assert make(tmp_path, "tiny", TINY, shares.append)
     assert shares == [0.5, 1.0]
-    assert not make(tmp_path, "tiny", shares.append)
+    assert not make(tmp_path, "tiny", TINY, shares.append)
     assert [path.name for path in tmp_path.iterdir()] == ["tiny"]
 
 
-@pytest.mark.usefixtures("tiny")
 def test_an_outdated_recording_is_replaced(tmp_path):
     (tmp_path / "tiny").mkdir()
     (tmp_path / "tiny/stamp").write_text("old", encoding="utf-8")
-    assert make(tmp_path, "tiny", lambda _: None)
+    assert make(tmp_path, "tiny", TINY, lambda _: None)
     assert (tmp_path / "tiny/mav0/cam0").is_dir()
 
 

@@ -15,7 +15,7 @@ from contextpolicy.streams.timeline import parse
 from robotkit.euroc import DatasetError
 from tests.modules.robotkit.bus import PATIENCE_S, client, router
 from timelines.replay.__main__ import main
-from timelines.replay.player import Options, Report, _window, play
+from timelines.replay.player import Options, Report, TimelineInputs, _window, play
 
 TIMELINE = {
     "name": "short",
@@ -43,8 +43,9 @@ def bus():
         yield address, player, robot
 
 
-def keys(datasets, options):
-    return [(round(at, 3), key.rpartition("/")[2]) for at, key, _ in _window(parse(TIMELINE), datasets, options)]
+def keys(datasets, options, topics=()):
+    inputs = TimelineInputs(parse(TIMELINE), datasets, topics)
+    return [(round(at, 3), key.rpartition("/")[2]) for at, key, _ in _window(inputs, options)]
 
 
 def test_values_and_recordings_are_merged_in_time(datasets):
@@ -62,6 +63,18 @@ def test_values_and_recordings_are_merged_in_time(datasets):
 def test_a_part_of_the_timeline_can_be_played(datasets):
     options = Options(start_offset=0.12, playback_duration=0.1)
     assert keys(datasets, options) == [(0.15, "battery"), (0.2, "imu"), (0.2, "microphone")]
+
+
+def test_topics_can_be_chosen(datasets):
+    assert keys(datasets, Options(), ["robot/battery"]) == [(0.15, "battery")]
+    assert {key for _, key in keys(datasets, Options(), ["robot/b$*", "robot/microphone"])} == {"battery", "microphone"}
+    assert len(keys(datasets, Options(), ["robot/**"])) == 7
+
+
+def test_a_stretch_of_a_recording_can_be_played(datasets):
+    stretch = {**TIMELINE["inputs"][2], "offset": 0.75}
+    timed = list(_window(TimelineInputs(parse({**TIMELINE, "inputs": [stretch]}), datasets), Options()))
+    assert [round(at, 3) for at, _, _ in timed] == [0.15, 0.25]
 
 
 def test_samples_arrive_with_their_stamp(bus, datasets):

@@ -1,7 +1,8 @@
 """Containers that somebody else resizes too: what they changed, and when to change it back. Pure.
 
 The last good plan stays in force, so the first foreign change is reverted at once. A writer who insists is answered
-after growing pauses, so that two controllers that correct each other never spin.
+after growing pauses, so that two controllers that correct each other never spin. After STRIKES of them we yield: the
+change stays in place, and is reverted once in a while to see whether the writer still insists.
 """
 
 from __future__ import annotations
@@ -21,26 +22,38 @@ REMEMBERED = 90.0
 """Seconds after the last foreign change until a contest counts as over; an autoscaler may act only once a minute."""
 
 
+STRIKES = 10
+"""How many foreign changes of a contest are reverted: half a minute of somebody who writes all the time, ten minutes of
+an autoscaler that acts once a minute."""
+YIELDED = 600.0
+"""Seconds for which any further change is left in place."""
+
+
 @dataclass(frozen=True, slots=True)
 class Contest:
-    """A foreign change of a container that a policy decides about: by whom, from what, to what."""
+    """A foreign change of a container that a policy decides about: by whom, from what, to what.
+
+    `yielded`: it is left in place for YIELDED seconds.
+    """
 
     by: str
     had: Cpu
     got: Cpu
+    yielded: bool = False
 
 
 @dataclass(slots=True)
 class Ownership:
     """A container that a policy decides about: `cpu` is what the policy gave it, `found` a foreign change in place.
 
-    `times` counts strikes after the first, `seen` is the last change, `until` when to revert it. `told`: the
-    contest was reported.
+    `strikes` counts those of this contest, `times` those in a row without a quiet while, from 0; `seen` is the last
+    change, `until` when to revert it. `told`: the contest was reported.
     """
 
     policy: str
     cpu: Cpu
     found: Cpu | None = None
+    strikes: int = 0
     times: int = 0
     seen: float = -inf
     until: float = -inf
@@ -57,12 +70,18 @@ class Ownership:
         """
         if spec == self.found:
             return False
-        struck, self.found = self.found is None, spec
+        struck = self.found is None
         if struck:
+            self.strikes = 1 if now >= self.forgotten_at else self.strikes + 1
             self.times = 0 if now - self.seen > QUIET else self.times + 1
-            self.until = now + CONTESTED.after(self.times)
-        self.seen = now
+            self.until = now + (YIELDED if self.yielded else CONTESTED.after(self.times))
+        self.found, self.seen = spec, now
         return struck
+
+    @property
+    def yielded(self) -> bool:
+        """Whether the other writer has insisted for long enough."""
+        return self.strikes > STRIKES
 
     @property
     def rests_until(self) -> float:
@@ -71,5 +90,5 @@ class Ownership:
 
     @property
     def forgotten_at(self) -> float:
-        """When the contest counts as over, unless it goes on."""
-        return self.seen + REMEMBERED
+        """When the contest counts as over, unless it goes on; not while the foreign change is in place."""
+        return inf if self.found is not None else max(self.seen, self.until) + REMEMBERED

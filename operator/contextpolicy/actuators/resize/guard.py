@@ -33,7 +33,7 @@ def look(policy: str, wish: Wish, original: Original | None, now: float) -> Cont
     elif ownership.compare(spec, now):
         ownership.told = True
         by = container.writers.limit if spec.limit != ownership.cpu.limit else container.writers.request
-        return Contest(by, ownership.cpu, spec)
+        return Contest(by, ownership.cpu, spec, ownership.yielded)
     return None
 
 

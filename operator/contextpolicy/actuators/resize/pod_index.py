@@ -36,6 +36,12 @@ class PodIndex:
             del self._uids[_key(pod.view)]
         return pod
 
+    def renew(self, namespace: str) -> None:
+        """Forget all that happened to the pods of a namespace; answers that are on their way concern nobody then."""
+        for uid, pod in self._pods.items():
+            if pod.view.namespace == namespace:
+                self._pods[uid] = TrackedPod(PodState(pod.view))
+
     def belongs_to(self, uid: str, namespace: str) -> bool:
         """Whether a pod is tracked and lives in this namespace."""
         return uid in self._pods and self._pods[uid].view.namespace == namespace

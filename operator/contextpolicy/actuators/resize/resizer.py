@@ -73,6 +73,12 @@ class PodResizer:
         pursuit.try_refused_again()
         self._pursue([policy])
 
+    def abandon(self, policy: str) -> None:
+        """Forget a policy and its pods without restoring anything: another operator serves its namespace now."""
+        if self._pursuits.pop(policy, None) is not None:
+            self._pods.renew(policy.partition("/")[0])
+        self._record.forget(policy)
+
     def observe(self, view: PodView) -> None:
         """Process a pod as the watch shows it."""
         pod = self._pods.get(view)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import ContextPolicyError
 from contextpolicy.policy.validation.check import check
+from contextpolicy.policy.validation.documents import read
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from contextpolicy.policy.definition_files import Definitions
     from contextpolicy.policy.spec import Policy
 
@@ -33,3 +36,11 @@ def load_policy(path: str, types: Definitions | None = None) -> Policy:
         names = ", ".join(policy.reference for _, policy in report.policies) or "none"
         raise PolicyFileError(f"{path}: holds {len(report.policies)} policies ({names}), allowed: one")
     return report.policies[0][1]
+
+
+def load_resource(path: str) -> Mapping[str, Any]:
+    """The one policy of a file that `load_policy` accepted, as it is written."""
+    bodies = [document.body for document in read(Path(path).read_text(encoding="utf-8"))]
+    listed = [item for body in bodies if isinstance(body, dict) for item in body.get("items", [body])]
+    resource: Mapping[str, Any] = next(body for body in listed if body.get("kind") == "ContextPolicy")
+    return resource

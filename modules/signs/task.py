@@ -1,0 +1,51 @@
+"""From a picture to the numbers of rooms and houses."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from robotkit import Result, Task, stereo
+from robotkit.readings import decoded, picture
+
+if TYPE_CHECKING:
+    from modules.signs.tracker import Sign
+    from modules.signs.watcher import Watcher
+    from robotkit import Decision, Received
+    from robotkit.readings import Image
+
+SMALLEST, LARGEST = 320, 736
+"""Longer side, in pixels, of what the detector looks at: with a tenth of a core, and with a whole one."""
+
+
+class Signs(Task):
+    """Reads signs; with a smaller share it looks at smaller pictures, so that it keeps up and sees less far."""
+
+    def __init__(self, watcher: Watcher) -> None:
+        self._watcher = watcher
+
+    def adapt(self, decision: Decision) -> None:
+        """Match the work, which grows with the square of the side, to the share."""
+        share = 1.0 if decision.share is None else decision.share
+        self._watcher.detector.side = round(min(max(LARGEST * math.sqrt(max(share, 0)), SMALLEST), LARGEST))
+
+    def process(self, received: Received) -> list[Result]:
+        """Give each sign once, with the stamp of the picture in which it was read best."""
+        seen, stamp = _seen(received)
+        return [Result("sign", _told(sign), sign.stamp) for sign in self._watcher.watch(seen, stamp)]
+
+
+def _seen(received: Received) -> tuple[Image, int]:
+    """The picture of one camera, or the left one of a pair."""
+    if received.encoding == "stereo-frame":
+        return decoded(stereo.decode(received.payload).left, gray=False), received.stamp
+    return picture(received)
+
+
+def _told(sign: Sign) -> dict[str, object]:
+    return {
+        "text": sign.text,
+        "confidence": round(sign.confidence, 3),
+        "corners": [[round(float(x), 1), round(float(y), 1)] for x, y in sign.corners],
+        "pictures": sign.pictures,
+    }

@@ -1,0 +1,135 @@
+"""`python -m modules.slam.evaluation TRUTH [POSES]`: how exact poses are, in figures that evo would print.
+
+TRUTH is a EuRoC sequence's folder or a TUM file. The poses are those of a TUM file, of the module that runs on the
+robot's bus (--live), or of SLAM over the sequence's pictures, run here (--run).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import sys
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from modules.slam import estimates
+from modules.slam.estimates import Estimate
+from modules.slam.trajectory import TrajectoryError, associate, load, save
+from modules.slam.trajectory_error import absolute_errors, end_drift, relative_errors, statistics
+from robotkit import ConfigurationError
+from robotkit.session import credentials, endpoints, open_session
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from modules.slam.trajectory import Trajectory
+    from modules.slam.trajectory_error import Unit
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the figures; exit code 2 when there is nothing to compare."""
+    options = _parser().parse_args(arguments)
+    try:
+        truth = load(options.truth)
+        estimate = _estimate(options)
+        poses = load(options.poses) if options.poses else estimate.trajectory
+        if options.save:
+            save(options.save, poses)
+        report = evaluate(poses, truth, options.delta, options.unit) | _costs(estimate)
+    except ConfigurationError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    sys.stdout.write(json.dumps(report, indent=2) + "\n" if options.output == "json" else _as_text(report))
+    return 0
+
+
+def evaluate(poses: Trajectory, truth: Trajectory, delta: float = 1, unit: Unit = "frames") -> dict[str, object]:
+    """ATE in metres, RPE in metres and degrees per delta, the end's drift in metres, and what was compared."""
+    estimated, true = associate(poses, truth)
+    if len(estimated) < 3:
+        raise TrajectoryError(f"{len(estimated)} of {len(poses)} poses are within 0.01 s of the ground truth, 3 needed")
+    shifts, turns = relative_errors(estimated, true, delta, unit)
+    if not len(shifts):
+        raise TrajectoryError(f"no two poses are {delta:g} {unit} apart: choose a smaller --delta")
+    return {
+        "poses": len(poses),
+        "compared": len(estimated),
+        "path": float(np.linalg.norm(np.diff(true.positions, axis=0), axis=1).sum()),
+        "ate": statistics(absolute_errors(estimated, true)),
+        "rpe": {"delta": delta, "unit": unit, "metres": statistics(shifts), "degrees": statistics(turns)},
+        "end_drift": end_drift(estimated, true),
+    }
+
+
+def _estimate(options: argparse.Namespace) -> Estimate:
+    if options.poses:
+        return Estimate()
+    if options.run:
+        return estimates.run(options.truth, share=options.share, loops=not options.odometry)
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    with open_session(endpoints({"ZENOH_CONNECT": options.connect}), stop, secret=credentials(os.environ)) as session:
+        return Estimate() if session is None else estimates.listen(session, options.key, stop, options.seconds)
+
+
+def _costs(estimate: Estimate) -> dict[str, object]:
+    """What the frames cost and how many have no pose; nothing is known of a file."""
+    if not estimate.cpu:
+        return {}
+    return {
+        "lost": estimate.lost,
+        "adrift": estimate.adrift,
+        "broken": estimate.broken,
+        "dropped": estimate.dropped,
+        "cpu_ms": {name: round(value * 1e3, 1) for name, value in statistics(np.array(estimate.cpu)).items()},
+    }
+
+
+def _as_text(report: dict[str, object]) -> str:
+    flat = {
+        f"{name}.{part}" if part else name: value
+        for name, values in report.items()
+        for part, value in (values.items() if isinstance(values, dict) else [("", values)])
+    }
+    return "".join(f"{name}: {_figure(value)}\n" for name, value in flat.items())
+
+
+def _figure(value: object) -> str:
+    if isinstance(value, dict):
+        return "  ".join(f"{name} {_figure(part)}" for name, part in value.items())
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m modules.slam.evaluation",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("truth", type=Path, help="folder of a EuRoC sequence, or TUM file")
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("poses", type=Path, nargs="?", help="TUM file")
+    source.add_argument("--live", action="store_true", help="listen on the bus until SIGINT or for --seconds")
+    source.add_argument("--run", action="store_true", help="run over the sequence's pictures")
+    live = parser.add_argument_group("with --live")
+    live.add_argument("--connect", default=os.environ.get("ZENOH_CONNECT", ""), help="router ($ZENOH_CONNECT)")
+    live.add_argument("--key", default=estimates.POSE_KEY, help="where the module publishes (%(default)s)")
+    live.add_argument("--seconds", type=float, help="how long to listen")
+    run = parser.add_argument_group("with --run")
+    run.add_argument("--share", type=float, help="do as much work as with this share, in cores")
+    run.add_argument("--odometry", action="store_true", help="close no loops")
+    parser.add_argument("--delta", type=float, default=1, help="distance of RPE's pairs (%(default)s)")
+    parser.add_argument("--unit", choices=("frames", "metres"), default="frames", help="unit of --delta (%(default)s)")
+    parser.add_argument("--save", type=Path, metavar="FILE", help="write the poses as a TUM file")
+    parser.add_argument("--output", choices=("text", "json"), default="text", help="format of the figures")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

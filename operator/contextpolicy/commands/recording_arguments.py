@@ -1,0 +1,60 @@
+"""The options that choose a part of a recording, named as in `ros2 bag play`, and reading what they choose."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from contextpolicy.commands.robot_arguments import seconds
+
+if TYPE_CHECKING:
+    from contextpolicy.policy.definition_files import Definitions
+    from contextpolicy.policy.spec import Policy
+    from contextpolicy.streams.timeline import Timeline
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    own = parser.add_argument_group("recording", "If TIMELINE is an MCAP file, or a folder of rosbag2.")
+    own.add_argument("--start-offset", type=seconds, default=0.0, metavar="S", help="leave out its first S seconds")
+    own.add_argument("--playback-duration", type=seconds, metavar="S", help="read S seconds of it (default: all)")
+    own.add_argument(
+        "--topics", type=topic, nargs="+", default=(), metavar="TOPIC", help="these topics only; /robot/** is allowed"
+    )
+    own.add_argument("--use-sim-time", action="store_true", help="time is what its simulator told on /clock")
+
+
+def topic(text: str) -> str:
+    """A topic or key expression, without the slash that topics of ROS begin with."""
+    from contextpolicy.policy.key_expressions import refusal
+
+    reason = refusal(text.strip("/"))
+    if reason:
+        raise argparse.ArgumentTypeError(f"{text} is not allowed: a topic or a key expression; {reason}")
+    return text.strip("/")
+
+
+def load_inputs(arguments: argparse.Namespace, policy: Policy, definitions: Definitions) -> Timeline:
+    """The timeline, or the recording as one, that the command line names."""
+    from contextpolicy.errors import Finding, SettingsError
+    from contextpolicy.streams import recordings, timeline
+
+    path = Path(arguments.timeline)
+    if recordings.is_recording(path):
+        excerpt = recordings.Excerpt(
+            arguments.start_offset, arguments.playback_duration, arguments.topics, arguments.use_sim_time
+        )
+        recording = recordings.open_recording(path, excerpt)
+        wanted = [stream.key for stream in policy.streams]
+        return recordings.timeline_of(recording, excerpt, recordings.keys_for(policy), name=path.stem, wanted=wanted)
+    used = {
+        "--start-offset": arguments.start_offset,
+        "--playback-duration": arguments.playback_duration,
+        "--topics": arguments.topics,
+        "--use-sim-time": arguments.use_sim_time,
+    }
+    findings = [Finding(name, value, "with a recording only") for name, value in used.items() if value]
+    if findings:
+        raise SettingsError("arguments", tuple(findings))
+    return timeline.load(arguments.timeline, definitions)

@@ -1,0 +1,122 @@
+"""An operator as a process of its own: what it costs, and what it says that the API has accepted."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from tests.bench.fleet.control_plane import free_port
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import zenoh
+
+PATIENCE = 120.0
+TICKS = os.sysconf("SC_CLK_TCK")
+
+
+class MeasuredOperator:
+    """`contextpolicy run` of a checkout."""
+
+    def __init__(self, tree: Path, kubeconfig: Path, router: str) -> None:
+        self._health = free_port()
+        self.log = kubeconfig.parent / "operator.log"
+        self._log = self.log.open("w")
+        self._began = time.monotonic()
+        environment = {
+            **os.environ,
+            "PYTHONPATH": str(tree / "operator"),
+            "KUBECONFIG": str(kubeconfig),
+            "ZENOH_CONNECT": router,
+            "HEALTH_PORT": str(self._health),
+            "METRICS_PORT": str(free_port()),
+        }
+        command = [sys.executable, "-m", "contextpolicy", "run"]
+        self._process = subprocess.Popen(command, env=environment, cwd=tree, stdout=self._log, stderr=self._log)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is not None:
+            print(self.log.read_text(encoding="utf-8")[-4000:], file=sys.stderr)  # noqa: T201 - why the run has failed
+        self._process.terminate()
+        try:
+            self._process.wait(30)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._log.close()
+
+    def wait_until_serving(self) -> float:
+        """Seconds from its start until it has listed everything and answers."""
+        while time.monotonic() < self._began + PATIENCE:
+            try:
+                with urllib.request.urlopen(f"http://127.0.0.1:{self._health}/healthz", timeout=30):
+                    return time.monotonic() - self._began
+            except (urllib.error.URLError, OSError):
+                if self._process.poll() is not None:
+                    raise RuntimeError("the operator has ended") from None
+                time.sleep(0.1)
+        raise RuntimeError("the operator never serves")
+
+    def cpu(self) -> float:
+        """Seconds of CPU since it started."""
+        fields = self._proc("stat").rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / TICKS
+
+    def resident(self) -> float:
+        """MiB now."""
+        return self._memory("VmRSS")
+
+    def peak(self) -> float:
+        """The most MiB that it ever had."""
+        return self._memory("VmHWM")
+
+    def _memory(self, name: str) -> float:
+        lines = self._proc("status").splitlines()
+        return next(int(line.split()[1]) / 1024 for line in lines if line.startswith(f"{name}:"))
+
+    def _proc(self, file: str) -> str:
+        return Path(f"/proc/{self._process.pid}/{file}").read_text(encoding="utf-8")
+
+
+class Applied:
+    """What all policies say of the resizes that the API has accepted."""
+
+    def __init__(self, bus: zenoh.Session) -> None:
+        self._times: list[float] = []
+        self._changed = threading.Condition()
+        self._subscriber = bus.declare_subscriber("contextpolicy/*/*/applied", self._take)
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        step = json.loads(sample.payload.to_bytes())
+        if step["stage"] == "accepted":
+            with self._changed:
+                self._times.append(step["time"])
+                self._changed.notify_all()
+
+    def wait(self, count: int) -> None:
+        """Until there are this many."""
+        with self._changed:
+            if not self._changed.wait_for(lambda: len(self._times) >= count, PATIENCE):
+                raise RuntimeError(f"{len(self._times)} of {count} resizes were accepted in {PATIENCE:g} s")
+
+    def after(self, act: Callable[[], None], count: int) -> list[float]:
+        """Seconds from `act` until each of the next `count` resizes was accepted, in order."""
+        with self._changed:
+            self._times.clear()
+        began = time.time()
+        act()
+        self.wait(count)
+        with self._changed:
+            return sorted(moment - began for moment in self._times)

@@ -1,0 +1,75 @@
+"""The operator's runtime on a real session, with a cluster in memory that takes a real cluster's time."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.loop import Loop
+from contextpolicy.runtime import Runtime
+from tests.cluster.builders import NODE, a_pod
+from tests.runtime.builders import resources
+from tests.virtual_operator import ClusterWithPolicies
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import zenoh
+
+PATCH, KUBELET = 0.01, 0.01
+"""Seconds until the API accepts a limit, and from then until it is in force and reported."""
+TASKS = ("slam", "speech")
+WORKERS = 8
+
+
+class StandInCluster(ClusterWithPolicies):
+    """Accepts a patch, puts it in force, tells the watch; `in_force` is when each limit of a container last began."""
+
+    def __init__(self) -> None:
+        super().__init__(*(a_pod(name, {name: resources()}) for name in TASKS))
+        self.in_force: dict[tuple[str, int], float] = {}
+        self.tell: Callable[[Mapping[str, Any]], None] = lambda _: None
+        self._lock = Lock()
+        self._kubelet = ThreadPoolExecutor(WORKERS)
+
+    def resize(self, namespace: str, name: str, patch: Mapping[str, Any]) -> int:
+        time.sleep(PATCH)
+        with self._lock:
+            version = super().resize(namespace, name, patch)
+            self.calls.clear()
+        self._kubelet.submit(self._put_in_force, f"uid-{name}")
+        return version
+
+    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> None:
+        with self._lock:
+            super().write_originals(namespace, policy, changes)
+
+    def _put_in_force(self, uid: str) -> None:
+        time.sleep(KUBELET)
+        with self._lock:
+            self.confirm(uid)
+            self.in_force |= {limit: time.monotonic() for limit in self.limits(uid).items()}
+            news = list(self.feeds[uid])
+            self.feeds[uid].clear()
+        for pod in news:
+            self.tell(pod)
+
+
+class LiveOperator:
+    """An operator that governs its robot by one policy."""
+
+    def __init__(self, session: zenoh.Session, body: dict[str, Any]) -> None:
+        self.cluster = StandInCluster()
+        self.cluster.policies[f"{body['metadata']['namespace']}/{body['metadata']['name']}"] = {}
+        patches, reports = ThreadPoolExecutor(WORKERS), ThreadPoolExecutor(1)
+        self._runtime = Runtime(self.cluster, Loop(), patches=patches, reports=reports)  # type: ignore[arg-type]
+        self.cluster.tell = self._runtime.pod_changed
+        self._runtime.node_changed({"metadata": {"name": NODE}, "status": {"allocatable": {"cpu": "1"}}})
+        for feed in self.cluster.feeds.values():
+            feed.clear()
+        for pod in self.cluster.pods.values():
+            self._runtime.pod_changed(pod)
+        self._runtime.connected(session)
+        self._runtime.policy_changed(body).result(timeout=5.0)

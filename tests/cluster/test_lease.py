@@ -1,0 +1,273 @@
+"""The states of a Lease in virtual time: candidates on one Lease, of which at most one may act at any instant."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+
+import pytest
+
+from contextpolicy.cluster.lease import ACT, AGAIN, LONGEST, RENEW, Candidacy, Lease, read, write
+
+WALL = "2026-01-01T00:00:00.000000Z"
+
+
+class Cluster:
+    """The API server's side: one Lease, replaced only by who knows its newest version."""
+
+    def __init__(self):
+        self.lease, self.versions = Lease(), 0
+
+    def put(self, wanted):
+        if wanted.version != self.lease.version:
+            return None
+        self.versions += 1
+        self.lease = replace(wanted, version=str(self.versions), renewed=f"{WALL}{self.versions}")
+        return self.lease
+
+    def delete(self):
+        self.lease = Lease()
+
+
+def attempt(candidate, cluster, now, *, arrives=0.0):
+    """One look or write of a candidate whose request takes `arrives` seconds."""
+    wanted = candidate.ask(WALL)
+    if wanted is None:
+        candidate.see(cluster.lease, now + arrives)
+        return
+    written = cluster.put(wanted)
+    if written is None:
+        candidate.see(cluster.lease, now + arrives)
+        candidate.fail(now + arrives)
+    else:
+        candidate.succeed(written, now, now + arrives)
+
+
+def acts(candidate, now):
+    return now < candidate.acts_until
+
+
+def a_leader(cluster, name="one", seconds=10, now=0.0):
+    leader = Candidacy(name, seconds)
+    attempt(leader, cluster, now)
+    attempt(leader, cluster, now)
+    assert acts(leader, now)
+    return leader
+
+
+def a_standby(cluster, name="two", seconds=10, now=0.0):
+    standby = Candidacy(name, seconds)
+    attempt(standby, cluster, now)
+    return standby
+
+
+@pytest.fixture
+def cluster():
+    return Cluster()
+
+
+def test_a_lease_that_nobody_holds_is_taken_at_once(cluster):
+    leader = a_leader(cluster)
+    assert cluster.lease.holder == "one"
+    assert (leader.acts_until, leader.due) == (ACT * 10, pytest.approx(RENEW * 10))
+    assert cluster.lease.transitions == 1
+
+
+def test_nothing_is_written_before_the_first_look():
+    candidate = Candidacy("one", 10)
+    assert candidate.due < 0
+    assert candidate.ask(WALL) is None
+    assert not acts(candidate, 0)
+
+
+def test_a_standby_waits_for_as_long_as_the_holder_asked_for_since_it_saw_the_last_renewal(cluster):
+    leader, standby = a_leader(cluster, seconds=15), a_standby(cluster, seconds=1, now=2)
+    assert standby.due == 17
+    attempt(leader, cluster, 5)
+    standby.see(cluster.lease, 5.5)
+    assert standby.due == 20.5
+
+
+def test_the_same_version_seen_twice_is_no_renewal(cluster):
+    a_leader(cluster)
+    standby = a_standby(cluster, now=1)
+    standby.see(cluster.lease, 9)
+    assert standby.due == 11
+
+
+def test_an_older_version_is_no_news(cluster):
+    leader = a_leader(cluster)
+    old = cluster.lease
+    attempt(leader, cluster, 3)
+    leader.see(old, 3.1)
+    attempt(leader, cluster, 6)
+    assert leader.acts_until == 6 + ACT * 10
+
+
+def test_who_is_killed_is_followed_when_its_time_is_over(cluster):
+    leader, standby = a_leader(cluster), a_standby(cluster)
+    attempt(standby, cluster, standby.due)
+    assert cluster.lease.holder == "two"
+    assert not acts(leader, standby.acts_until - ACT * 10)
+
+
+def test_a_lease_given_back_is_taken_the_moment_the_watch_tells(cluster):
+    leader, standby = a_leader(cluster), a_standby(cluster)
+    cluster.put(leader.resign())
+    assert not acts(leader, 0)
+    standby.see(cluster.lease, 1)
+    assert standby.due == 1
+    attempt(standby, cluster, 1)
+    assert acts(standby, 1)
+
+
+def test_who_resigned_wants_it_no_more(cluster):
+    leader = a_leader(cluster)
+    leader.resign()
+    leader.see(Lease(), 2)
+    assert leader.due == float("inf")
+
+
+def test_a_standby_has_nothing_to_give_back(cluster):
+    a_leader(cluster)
+    assert a_standby(cluster).resign() is None
+
+
+def test_a_replica_that_restarts_goes_on_with_the_lease_in_its_name(cluster):
+    """Its kubelet starts it again only when the process before is dead."""
+    a_leader(cluster)
+    again = a_standby(cluster, name="one", now=1)
+    assert not acts(again, 1), "not before it was renewed"
+    assert again.due == 1
+    attempt(again, cluster, 1)
+    assert acts(again, 1)
+    assert cluster.lease.transitions == 1
+
+
+def test_a_holder_that_is_paused_acts_no_more_when_it_wakes_up(cluster):
+    leader, standby = a_leader(cluster), a_standby(cluster)
+    attempt(standby, cluster, standby.due)
+    assert not acts(leader, 11)
+    leader.see(cluster.lease, 11)
+    assert leader.lost
+    assert leader.due == float("inf"), "it must not take it back: all that it knows may be wrong"
+
+
+def test_a_holder_whom_the_api_does_not_answer_pauses_and_goes_on(cluster):
+    leader = a_leader(cluster)
+    for now in (3.4, 5.0, 7.9):
+        leader.fail(now)
+        assert leader.due == now + AGAIN
+    assert acts(leader, 7.9)
+    assert not acts(leader, 8.1)
+    attempt(leader, cluster, 20)
+    assert acts(leader, 20)
+    assert (leader.lost, leader.interruptions) == (False, 1)
+
+
+def test_a_renewal_in_time_is_no_interruption(cluster):
+    leader = a_leader(cluster)
+    attempt(leader, cluster, 3.4)
+    attempt(leader, cluster, 7, arrives=0.5)
+    assert leader.interruptions == 0
+
+
+def test_time_counts_from_when_a_renewal_was_sent(cluster):
+    leader = a_leader(cluster)
+    attempt(leader, cluster, 3, arrives=4)
+    assert leader.acts_until == 3 + ACT * 10
+
+
+def test_an_answer_that_was_lost_counts_for_nothing_until_the_next(cluster):
+    leader = a_leader(cluster)
+    cluster.put(leader.ask(WALL))
+    leader.fail(4)
+    assert leader.acts_until == ACT * 10
+    attempt(leader, cluster, 4.2)  # refused: its version is old
+    assert leader.due == 4.2 + AGAIN
+    attempt(leader, cluster, 4.4)
+    assert leader.acts_until == 4.4 + ACT * 10
+
+
+def test_a_lease_that_somebody_deletes_is_lost(cluster):
+    leader, standby = a_leader(cluster), a_standby(cluster)
+    cluster.delete()
+    standby.see(cluster.lease, 1)
+    attempt(standby, cluster, 1)
+    leader.see(Lease(), 1)
+    assert leader.lost
+    assert not acts(leader, 1)
+
+
+def test_who_loses_the_race_for_it_waits_again(cluster):
+    first, second = (Candidacy(name, 10) for name in ("one", "two"))
+    for candidate in (first, second):
+        attempt(candidate, cluster, 0)
+    attempt(first, cluster, 1)
+    attempt(second, cluster, 1)
+    assert (acts(first, 1), acts(second, 1)) == (True, False)
+    assert second.due == 11
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_two_ever_act_at_once_whatever_is_late_or_lost(seed):
+    """Requests take up to twice a Lease, answers and watch events get lost, candidates freeze for longer than it."""
+    dice = random.Random(seed)  # noqa: S311 - a story, not a secret  # noqa: S311 - a story, not a secret
+    cluster, candidates = Cluster(), [Candidacy(name, dice.choice([1, 2, 5])) for name in "abc"]
+    asleep = dict.fromkeys("abc", 0.0)
+    answers, now, leaders = [], 0.0, set()
+    for _ in range(5000):
+        now += dice.random() * 0.2
+        for arrival, candidate, written, sent in [answer for answer in answers if answer[0] <= now]:
+            candidate.succeed(written, sent, arrival)
+        answers = [answer for answer in answers if answer[0] > now]
+        acting = [candidate for candidate in candidates if acts(candidate, now)]
+        assert len(acting) <= 1
+        leaders.update(candidate.identity for candidate in acting)
+        candidate = dice.choice(candidates)
+        if now < asleep[candidate.identity] or any(answer[1] is candidate for answer in answers):
+            continue
+        if candidate.lost:
+            candidates[candidates.index(candidate)] = Candidacy(candidate.identity, candidate.seconds)
+        elif dice.random() < 0.1:
+            asleep[candidate.identity] = now + dice.random() * 8
+        elif candidate.due <= now:
+            wanted = candidate.ask(WALL)
+            written = cluster.put(wanted) if wanted else None
+            if written is None:
+                candidate.see(cluster.lease, now)
+                candidate.fail(now)
+            elif dice.random() < 0.2:
+                candidate.fail(now)
+            else:
+                answers.append((now + dice.random() * 4, candidate, written, now))
+        elif dice.random() < 0.5:
+            candidate.see(cluster.lease, now)
+    assert len(leaders) > 1, "otherwise nothing was tried"
+
+
+# what is stored
+
+
+def stored(**spec):
+    return {"metadata": {"resourceVersion": "7"}, "spec": spec}
+
+
+def test_a_lease_is_read_as_it_was_written():
+    lease = Lease("one", 15, WALL, WALL, 3, "7")
+    item = write(lease, "system", "contextpolicy")
+    assert item["metadata"] == {"name": "contextpolicy", "namespace": "system", "resourceVersion": "7"}
+    assert read(item) == lease
+
+
+def test_a_new_lease_has_no_version():
+    assert "resourceVersion" not in write(Lease("one", 15), "system", "contextpolicy")["metadata"]
+
+
+@pytest.mark.parametrize("spec", [{}, {"holderIdentity": None, "leaseDurationSeconds": None, "leaseTransitions": "x"}])
+def test_fields_that_are_missing_or_make_no_sense_count_as_not_there(spec):
+    assert read(stored(**spec)) == Lease(version="7")
+
+
+def test_nobody_can_ask_for_ever():
+    assert read(stored(holderIdentity="x", leaseDurationSeconds=10**9)).seconds == LONGEST

@@ -1,0 +1,114 @@
+"""The module's task: what a message makes of a picture, what a share makes of the work, and what bad data does."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from modules.slam.slam import Effort, Pose, State
+from modules.slam.task import Slam
+from robotkit import UNPLANNED, Decision, MessageError, Received
+from robotkit.stereo import StereoFrame, encode
+from tests.modules.slam.recording import BLACK, slam
+from timelines.datasets.readers import read
+
+BLACK_PNG = cv2.imencode(".png", BLACK)[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("decision", "features", "overlap"),
+    [
+        (UNPLANNED, 800, 0.5),
+        (Decision(2.0), 800, 0.5),
+        (Decision(0.5), 400, 0.425),
+        (Decision(0.01), 300, 0.3515),
+    ],
+)
+def test_the_work_follows_the_share(decision, features, overlap):
+    module = slam()
+    Slam(module).adapt(decision)
+    assert module.effort == Effort(features, pytest.approx(overlap))
+
+
+def test_a_pose_is_plain_json(short):
+    task = Slam(slam())
+    messages = [task.process(Received(payload, 0, 0)) for _, payload in list(read(short.parent, "short/stereo"))[:2]]
+    message = json.loads(json.dumps(messages[1]))
+    assert message["frame"] > 1e18
+    assert message["position"] == pytest.approx([0, 0, 0], abs=0.001)
+    assert message["orientation"] == pytest.approx([0, 0, 0, 1], abs=0.001)
+    assert message["inliers"] > 200
+    assert (message["state"], message["keyframes"], message["loops"]) == ("tracking", 1, 0)
+    assert message["landmarks"] > 300
+
+
+PICTURE = cv2.imencode(".png", np.zeros((240, 320), np.uint8))[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"noise",
+        encode(StereoFrame(1, b"", b"")),
+        encode(StereoFrame(1, b"x", b"y")),
+        encode(StereoFrame(1, PICTURE, PICTURE)),
+        encode(StereoFrame(1, BLACK_PNG, BLACK_PNG))[:-10],
+        encode(StereoFrame(1, BLACK_PNG[:60], BLACK_PNG)),
+        encode(StereoFrame(1, BLACK_PNG, b"cut off")),
+    ],
+)
+def test_a_frame_that_cannot_be_read_is_refused(payload):
+    with pytest.raises(MessageError):
+        Slam(slam()).process(Received(payload, 0, 0))
+
+
+def test_a_bad_frame_changes_nothing(short):
+    payloads = [payload for _, payload in read(short.parent, "short/stereo")][:12:3]
+    undisturbed, disturbed = Slam(slam()), Slam(slam())
+    for payload in payloads:
+        with pytest.raises(MessageError):
+            disturbed.process(Received(encode(StereoFrame(1, PICTURE, b"")), 0, 0))
+        assert disturbed.process(Received(payload, 0, 0)) == undisturbed.process(Received(payload, 0, 0))
+
+
+class Idle:
+    """SLAM that only counts how often it may look for loops."""
+
+    size = (752, 480)
+    effort = Effort()
+
+    def __init__(self):
+        self.searches = 0
+        self.keyframe = False
+        self.map = SimpleNamespace(keyframes={}, landmarks=0)
+        self.loops = SimpleNamespace(closed=0)
+
+    def track(self, _left, _right):
+        return Pose(np.eye(4), 100, State.TRACKING, self.keyframe)
+
+    def close_loop(self):
+        self.searches += 1
+
+
+def test_loops_are_looked_for_only_when_no_picture_waits():
+    clock = iter([150, 350, 450])
+    idle = Idle()
+    task = Slam(idle, now=lambda: next(clock))
+    frame = encode(StereoFrame(1, BLACK_PNG, BLACK_PNG))
+    counts = []
+    for received in (100, 120, 400):  # the second one came while the first was in work
+        task.process(Received(frame, received, received))
+        counts.append(idle.searches)
+    assert counts == [1, 1, 2]
+
+
+def test_a_picture_that_became_a_keyframe_has_no_time_left():
+    idle = Idle()
+    idle.keyframe = True
+    Slam(idle, now=lambda: 0).process(Received(encode(StereoFrame(1, BLACK_PNG, BLACK_PNG)), 1, 1))
+    assert idle.searches == 0

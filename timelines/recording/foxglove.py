@@ -1,0 +1,140 @@
+"""What viewers can draw: our messages in Foxglove's standard schemas (docs.foxglove.dev, message schemas). Pure.
+
+The raw message is always recorded too; these are additions, for people.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from robotkit import MessageError
+from robotkit.stereo import decode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One message for a viewer: `schema` is the name by which Foxglove knows it; a panel of `topic` shows it."""
+
+    topic: str
+    schema: str
+    value: dict[str, Any]
+
+
+def shown(key: str, payload: bytes, stamp: int) -> Iterator[Shown]:
+    """What can be drawn of a message; nothing for most. `stamp` is in ns since 1970."""
+    for ending, show in _SHOWS.items():
+        if key.endswith(ending):
+            try:
+                yield from show(key, payload, _time(stamp))
+            except (MessageError, ValueError, KeyError, TypeError, AttributeError):
+                return  # not what the key promises: the raw message is in the file
+
+
+def schema_of(name: str) -> dict[str, Any]:
+    """The JSON Schema of one of our topics or of Foxglove's messages; `time` and `bytes` as Foxglove writes them."""
+    return {"type": "object", "title": name, "properties": _PROPERTIES.get(name, {})}
+
+
+def _scan(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
+    ranges = [float(distance) for distance in json.loads(payload)["ranges"]]
+    turn = 2 * 3.141592653589793
+    fields = {"timestamp": time, "frame_id": "robot", "pose": _ORIGIN, "start_angle": 0.0, "end_angle": turn}
+    yield Shown(f"{key}/shown", "foxglove.LaserScan", {**fields, "ranges": ranges, "intensities": []})
+
+
+def _pose(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
+    message = json.loads(payload)
+    position, orientation = (dict(zip("xyzw", message[name], strict=False)) for name in ("position", "orientation"))
+    pose = {"position": position, "orientation": orientation}
+    yield Shown(f"{key}/shown", "foxglove.PoseInFrame", {"timestamp": time, "frame_id": "world", "pose": pose})
+
+
+def _stereo(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
+    picture = decode(payload).left
+    yield _picture(f"{key}/left", picture, "png" if picture[1:4] == b"PNG" else "jpeg", time)
+
+
+def _side(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
+    yield _picture(f"{key}/shown", payload, "jpeg", time)
+
+
+def _picture(topic: str, data: bytes, form: str, time: Mapping[str, int]) -> Shown:
+    encoded = base64.b64encode(data).decode()
+    value = {"timestamp": time, "frame_id": "camera", "data": encoded, "format": form}
+    return Shown(topic, "foxglove.CompressedImage", value)
+
+
+def _sound(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
+    fields = {"format": "pcm-s16", "sample_rate": 16000, "number_of_channels": 1}
+    yield Shown(
+        f"{key}/shown", "foxglove.RawAudio", {"timestamp": time, "data": base64.b64encode(payload).decode(), **fields}
+    )
+
+
+def _plan(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
+    plan = json.loads(payload)
+    shares = ", ".join(f"{name} {task['share']:g}" for name, task in plan["tasks"].items())
+    message = f"{', '.join(plan['contexts']) or 'no context'}; {plan['cause']}; {shares}"
+    fields = {"level": 2, "name": str(plan["policy"]), "file": "", "line": 0}
+    yield Shown(f"{key}/shown", "foxglove.Log", {"timestamp": time, "message": message, **fields})
+
+
+def _time(stamp: int) -> dict[str, int]:
+    return {"sec": stamp // 10**9, "nsec": stamp % 10**9}
+
+
+_SHOWS: dict[str, Callable[[str, bytes, Mapping[str, int]], Iterator[Shown]]] = {
+    "lidar/scan": _scan,
+    "slam/pose": _pose,
+    "camera/stereo": _stereo,
+    "camera/side": _side,
+    "/microphone": _sound,
+    "/plan": _plan,
+}
+_ORIGIN = {"position": {"x": 0.0, "y": 0.0, "z": 0.0}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+_TIME = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
+_TEXT, _NUMBER, _INTEGER = {"type": "string"}, {"type": "number"}, {"type": "integer"}
+_NUMBERS = {"type": "array", "items": _NUMBER}
+_BYTES = {"type": "string", "contentEncoding": "base64"}
+
+
+def _object(names: str) -> dict[str, Any]:
+    return {"type": "object", "properties": dict.fromkeys(names, _NUMBER)}
+
+
+_POSE = {"type": "object", "properties": {"position": _object("xyz"), "orientation": _object("xyzw")}}
+_FRAME = {"timestamp": _TIME, "frame_id": _TEXT}
+_PROPERTIES: dict[str, dict[str, Any]] = {
+    "foxglove.LaserScan": {
+        **_FRAME,
+        "pose": _POSE,
+        "start_angle": _NUMBER,
+        "end_angle": _NUMBER,
+        "ranges": _NUMBERS,
+        "intensities": _NUMBERS,
+    },
+    "foxglove.PoseInFrame": {**_FRAME, "pose": _POSE},
+    "foxglove.CompressedImage": {**_FRAME, "data": _BYTES, "format": _TEXT},
+    "foxglove.RawAudio": {
+        "timestamp": _TIME,
+        "data": _BYTES,
+        "format": _TEXT,
+        "sample_rate": _INTEGER,
+        "number_of_channels": _INTEGER,
+    },
+    "foxglove.Log": {
+        "timestamp": _TIME,
+        "level": _INTEGER,
+        "message": _TEXT,
+        "name": _TEXT,
+        "file": _TEXT,
+        "line": _INTEGER,
+    },
+    "cgroup": dict.fromkeys(("limit", "usage", "periods", "throttled", "throttledTime"), _NUMBER),
+}

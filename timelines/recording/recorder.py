@@ -1,0 +1,122 @@
+"""Records the bus (inputs, plans, results) and the kernel (limits, CPU, throttling) while its `with` block runs."""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+import time
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+from robotkit.stamps import stamp_of
+from timelines.demo.cgroup import find
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    import zenoh
+
+    from timelines.demo.cgroup import Cgroup
+    from timelines.recording.mcap_file import McapWriter
+
+EVERYTHING = "**"
+PLANS = "contextpolicy/*/*/plan"
+CGROUP_INTERVAL = 0.1
+"""Seconds between readings of the kernel's counters: a period of CPU limits."""
+PATIENCE = 2.0
+"""Seconds to wait for the plan in force."""
+
+
+class _Heard(NamedTuple):
+    key: str
+    encoding: str
+    payload: bytes
+    received: int
+    stamp: int
+
+
+class BusRecorder:
+    """Writes into an open file. Containers are those of the plans on the bus, and those in `cgroups` by task."""
+
+    def __init__(self, session: zenoh.Session, file: McapWriter, cgroups: Mapping[str, Cgroup] | None = None) -> None:
+        self._session, self._file = session, file
+        self._cgroups: dict[str, Cgroup] = dict(cgroups or {})
+        self._heard: queue.SimpleQueue[_Heard] = queue.SimpleQueue()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
+        self._subscriber: Any = None
+
+    def __enter__(self) -> Self:
+        self._subscriber = self._session.declare_subscriber(EVERYTHING, self._hear)
+        for reply in self._session.get(PLANS, timeout=PATIENCE):  # published before we listened, and nobody repeats it
+            if reply.ok is not None:
+                self._hear(reply.ok)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._subscriber.undeclare()
+        self._ended.set()
+        self._thread.join()
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        """Copy what the callback has: the file is the writer thread's."""
+        received, payload = time.time_ns(), sample.payload.to_bytes()
+        encoding = encoding_of(str(sample.encoding), str(sample.key_expr), payload)
+        self._heard.put(_Heard(str(sample.key_expr), encoding, payload, received, stamp_of(sample) or received))
+
+    def _write(self) -> None:
+        due = time.monotonic()
+        while not self._ended.is_set() or not self._heard.empty():
+            try:
+                heard = self._heard.get(timeout=max(due - time.monotonic(), 0))
+            except queue.Empty:
+                due += CGROUP_INTERVAL
+                self._count()
+                continue
+            self._file.heard(heard.key, heard.encoding, heard.payload, received=heard.received, stamp=heard.stamp)
+            if heard.key.startswith("contextpolicy/") and heard.key.endswith("/plan"):
+                self._learn(heard.payload)
+            if time.monotonic() >= due:
+                due += CGROUP_INTERVAL
+                self._count()
+
+    def _learn(self, payload: bytes) -> None:
+        """Find the containers that a plan is for."""
+        for task, identity in targets(payload):
+            if task not in self._cgroups or not self._cgroups[task].quota_file.exists():
+                found = find(identity)
+                if found is not None:
+                    self._cgroups[task] = found
+
+    def _count(self) -> None:
+        now = time.time_ns()
+        for task, cgroup in self._cgroups.items():
+            counters = {"limit": cgroup.limit(), "usage": cgroup.usage(), **cgroup.throttling()}
+            self._file.counted(f"cgroup/{task}", "cgroup", counters, now)
+
+
+def encoding_of(encoding: str, key: str, payload: bytes) -> str:
+    """MCAP's word for a payload: json, cdr, or what Zenoh says of it."""
+    if "::msg::dds_::" in key:
+        return "cdr"
+    if "json" in encoding or (encoding == "zenoh/bytes" and payload[:1] in (b"{", b"[") and _is_json(payload)):
+        return "json"
+    return encoding
+
+
+def targets(payload: bytes) -> Iterator[tuple[str, str]]:
+    """Task and container id of each container that a plan on the bus is for."""
+    try:
+        listed = json.loads(payload).get("targets", ())
+        yield from [(str(target["task"]), str(target["containerId"])) for target in listed if target.get("containerId")]
+    except (ValueError, AttributeError, KeyError, TypeError):
+        return  # a withdrawal, or not from an operator
+
+
+def _is_json(payload: bytes) -> bool:
+    try:
+        json.loads(payload)
+    except ValueError:
+        return False
+    return True
