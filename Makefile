@@ -29,7 +29,7 @@ demo: images recordings  ## show the whole robot on a real node: a minute of sen
 
 test: lint unit e2e  ## run everything: lint, unit tests, end-to-end tests on a real node
 
-test-all: test soak  ## the same and what takes hours: the soak
+test-all: test heavy soak  ## the same and what takes long: promtool, a browser, hours of soak
 
 lint: setup  ## check style and types
 	.venv/bin/ruff check .
@@ -37,7 +37,11 @@ lint: setup  ## check style and types
 	.venv/bin/mypy
 
 unit: setup recordings cluster  ## run the tests that need no cluster (helm comes with the node)
-	$(CLUSTER) exec -- $(PYTHON) -m pytest -q --ignore tests/e2e
+	$(CLUSTER) exec -- $(PYTHON) -m pytest -q --ignore tests/e2e --ignore tests/heavy
+
+heavy: setup  ## promtool on the alert rules, the live page in chromium
+	dpkg --status chromium >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends chromium; }
+	$(PYTHON) -m pytest -q tests/heavy
 
 e2e: images  ## run the tests that need a real node
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e --ignore tests/e2e/test_reboot.py
