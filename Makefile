@@ -5,6 +5,8 @@ CLUSTER := $(PYTHON) -m tests.node
 POLICY ?= config/policies/delivery-robot.yaml
 VOICES := flite festival festvox-kallpc16k festvox-us-slt-hts espeak-ng sox
 MODULES := $(patsubst modules/%/Dockerfile,%,$(wildcard modules/*/Dockerfile))
+EXP ?= exp1 exp2 exp3
+REPEATS ?= 3
 TIMELINE ?= timelines/demo.json
 CORES ?= 2
 DURATION ?= 3600
@@ -52,6 +54,10 @@ soak: images  ## contexts, pods and killed parts at random for DURATION seconds 
 
 simulate: setup  ## without root or cluster: what would POLICY decide on TIMELINE
 	$(PYTHON) -m contextpolicy simulate $(POLICY) $(TIMELINE) --cores $(CORES)
+
+experiments: images recordings  ## compare schedulers on a real node (EXP=exp3 REPEATS=1 for a quick look); goes on where it stopped
+	$(PYTHON) -m timelines.datasets $(foreach name,$(EXP),$(name) speech/$(name) signs/$(name))
+	$(CLUSTER) exec -- $(PYTHON) -m timelines.experiments $(EXP) --repeats $(REPEATS)
 
 bench: setup  ## measure the decision engine: samples per second, sample to plan, memory
 	$(PYTHON) -m tests.bench.engine

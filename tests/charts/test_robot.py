@@ -52,6 +52,13 @@ def test_a_policy_can_resize_its_cpu_and_nothing_else_changes(name, whole):
     assert requests["memory"] != limits["memory"]  # equal ones make the pod Guaranteed once CPU agrees
 
 
+def test_cpu_before_any_policy_can_be_chosen(robot):
+    pods = robot("modules.slam.cpu.request=300m", "modules.slam.cpu.limit=300m", "modules.speech.cpu.limit=")
+    slam, speech = (pods[name]["spec"]["containers"][0]["resources"] for name in ("slam", "speech"))
+    assert (slam["requests"]["cpu"], slam["limits"]["cpu"]) == ("300m", "300m")
+    assert (speech["requests"]["cpu"], "cpu" in speech["limits"]) == ("10m", False)
+
+
 @pytest.mark.parametrize("name", MODULES)
 def test_without_hardware_it_passes_the_restricted_standard(name, whole):
     spec = whole[name]["spec"]

@@ -31,13 +31,13 @@ def up() -> Iterator[str]:
     chart = str(REPOSITORY / "charts" / "contextpolicy")
     values = ["--set", "image.repository=contextpolicy", "--set", "image.tag=dev"]
     values += ["--set", f"router.service.clusterIP={free_address()}"]
-    _run(
+    run(
         *("helm", "upgrade", "--install", "contextpolicy", chart, "--namespace", SYSTEM, "--create-namespace"),
         *(*values, "--take-ownership", "--force-conflicts", "--wait", "--timeout", TIMEOUT),
     )
-    _run("kubectl", "delete", "-f", str(POLICY), "--ignore-not-found", f"--timeout={TIMEOUT}")
+    run("kubectl", "delete", "-f", str(POLICY), "--ignore-not-found", f"--timeout={TIMEOUT}")
     yield "helm upgrade --install robot charts/robot"
-    _run(
+    run(
         *("helm", "upgrade", "--install", "robot", str(MODULES), "--namespace", ROBOT, "--create-namespace"),
         *("--values", str(VALUES), "--set", "image.tag=dev", "--set", f"zenoh.connect={router()}"),
         *("--take-ownership", "--force-conflicts", "--wait", "--timeout", TIMEOUT),
@@ -47,25 +47,25 @@ def up() -> Iterator[str]:
 def down() -> Iterator[str]:
     """Remove the robot's namespace, then the operator; yields each step before it runs."""
     yield "helm uninstall robot"
-    _run("helm", "uninstall", "robot", "--namespace", ROBOT, "--ignore-not-found", "--wait", "--timeout", TIMEOUT)
-    _run("kubectl", "delete", "namespace", ROBOT, "--ignore-not-found", f"--timeout={TIMEOUT}")
+    run("helm", "uninstall", "robot", "--namespace", ROBOT, "--ignore-not-found", "--wait", "--timeout", TIMEOUT)
+    run("kubectl", "delete", "namespace", ROBOT, "--ignore-not-found", f"--timeout={TIMEOUT}")
     yield "helm uninstall contextpolicy"
-    _run("helm", "uninstall", "contextpolicy", "--namespace", SYSTEM, "--wait", "--timeout", TIMEOUT)
+    run("helm", "uninstall", "contextpolicy", "--namespace", SYSTEM, "--wait", "--timeout", TIMEOUT)
 
 
 def apply_policy() -> None:
     """Apply the policy: from now on the operator decides."""
-    _run("kubectl", "apply", "-f", str(POLICY))
+    run("kubectl", "apply", "-f", str(POLICY))
 
 
 def delete_policy() -> None:
     """Delete the policy; returns when the operator has put every container back."""
-    _run("kubectl", "delete", "-f", str(POLICY), f"--timeout={TIMEOUT}")
+    run("kubectl", "delete", "-f", str(POLICY), f"--timeout={TIMEOUT}")
 
 
 def router() -> str:
     """The Zenoh endpoint of the chart's router, by its cluster address: a node need not have DNS."""
-    service = json.loads(_run("kubectl", "get", "service", "contextpolicy-router", "-n", SYSTEM, "-o", "json"))
+    service = json.loads(run("kubectl", "get", "service", "contextpolicy-router", "-n", SYSTEM, "-o", "json"))
     return f"tcp/{service['spec']['clusterIP']}:{service['spec']['ports'][0]['port']}"
 
 
@@ -85,14 +85,14 @@ def limits() -> dict[str, str]:
 
 def free_address(last: int = 47) -> str:
     """An address for the router among the cluster's service addresses: a node need not have DNS."""
-    kubernetes = json.loads(_run("kubectl", "get", "service", "kubernetes", "-n", "default", "-o", "json"))
+    kubernetes = json.loads(run("kubectl", "get", "service", "kubernetes", "-n", "default", "-o", "json"))
     network, _, _ = str(kubernetes["spec"]["clusterIP"]).rpartition(".0.")
     return f"{network}.7.{last}"
 
 
 def _pods() -> list[dict[str, Any]]:
     selector = f"app in ({','.join(TASKS)})"
-    found: list[dict[str, Any]] = json.loads(_run("kubectl", "get", "pods", "-n", ROBOT, "-l", selector, "-o", "json"))[
+    found: list[dict[str, Any]] = json.loads(run("kubectl", "get", "pods", "-n", ROBOT, "-l", selector, "-o", "json"))[
         "items"
     ]
     return found
@@ -105,11 +105,12 @@ def _running(pods: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
                 yield status["name"], status["containerID"]
 
 
-def _run(*argv: str) -> str:
+def run(*argv: str, quiet: bool = False) -> str:
+    """Run a command and return what it prints; DeployError if it fails, unless it may (`quiet`)."""
     try:
         done = subprocess.run(argv, capture_output=True, text=True, timeout=300, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise DeployError(f"{' '.join(argv)}: {error}") from error
-    if done.returncode != 0:
+    if done.returncode != 0 and not quiet:
         raise DeployError(f"{' '.join(argv)}\n{done.stderr.strip() or done.stdout.strip()}")
     return done.stdout

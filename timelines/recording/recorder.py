@@ -12,7 +12,7 @@ from robotkit.stamps import stamp_of
 from timelines.demo.cgroup import find
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping
 
     import zenoh
 
@@ -36,10 +36,21 @@ class _Heard(NamedTuple):
 
 
 class BusRecorder:
-    """Writes into an open file. Containers are those of the plans on the bus, and those in `cgroups` by task."""
+    """Writes into an open file. Containers are those of the plans on the bus, and those in `cgroups` by task.
 
-    def __init__(self, session: zenoh.Session, file: McapWriter, cgroups: Mapping[str, Cgroup] | None = None) -> None:
-        self._session, self._file = session, file
+    Of the keys in `without_payload` only the stamp and the size are written, on `published/<key>`: to compress pictures
+    takes CPU, and who plays a timeline has its recordings.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        file: McapWriter,
+        cgroups: Mapping[str, Cgroup] | None = None,
+        *,
+        without_payload: Collection[str] = (),
+    ) -> None:
+        self._session, self._file, self._without_payload = session, file, without_payload
         self._cgroups: dict[str, Cgroup] = dict(cgroups or {})
         self._heard: queue.SimpleQueue[_Heard] = queue.SimpleQueue()
         self._ended = threading.Event()
@@ -74,12 +85,19 @@ class BusRecorder:
                 due += CGROUP_INTERVAL
                 self._count()
                 continue
-            self._file.heard(heard.key, heard.encoding, heard.payload, received=heard.received, stamp=heard.stamp)
+            self._keep(heard)
             if heard.key.startswith("contextpolicy/") and heard.key.endswith("/plan"):
                 self._learn(heard.payload)
             if time.monotonic() >= due:
                 due += CGROUP_INTERVAL
                 self._count()
+
+    def _keep(self, heard: _Heard) -> None:
+        if heard.key in self._without_payload:
+            size = {"stamp": heard.stamp, "bytes": len(heard.payload)}
+            self._file.counted(f"published/{heard.key}", "published", size, heard.received)
+        else:
+            self._file.heard(heard.key, heard.encoding, heard.payload, received=heard.received, stamp=heard.stamp)
 
     def _learn(self, payload: bytes) -> None:
         """Find the containers that a plan is for."""

@@ -14,7 +14,7 @@ from robotkit.errors import ConfigurationError
 from robotkit.module import load_module
 from robotkit.plan import PLAN_KEY
 from robotkit.runner import Runner
-from robotkit.session import credentials, endpoints, open_session, shared_memory
+from robotkit.session import credentials, endpoints, open_session, switch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,11 +47,12 @@ def _run(module_yaml: Path, build: Callable[[], Task], stop: threading.Event) ->
     environment = os.environ
     module, addresses = load_module(module_yaml, environment), endpoints(environment)
     task = build()
-    shared, secret = shared_memory(environment), credentials(environment)
+    shared, runs = switch(environment, "SHARED_MEMORY"), switch(environment, "PUBLISH_RUNS")
+    secret = credentials(environment)
     with open_session(addresses, stop, shared_memory=shared, secret=secret) as session:
         if session is not None:
             policy_task, plan_key = environment.get("POLICY_TASK", ""), environment.get("PLAN_KEY", PLAN_KEY)
-            Runner(session, module, task).run(stop, policy_task=policy_task, plan_key=plan_key)
+            Runner(session, module, task).run(stop, policy_task=policy_task, plan_key=plan_key, publish_runs=runs)
             _leave()  # before the session closes: the kernel closes its connection, which the router sees at once
 
 

@@ -7,13 +7,15 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
+from robotkit import json_text
 from robotkit.errors import DeviceError, MessageError
 from robotkit.inputs import Inputs
-from robotkit.outputs import Outputs, as_results
+from robotkit.outputs import JSON, Outputs, as_results, publisher
 from robotkit.plan import PLAN_KEY, PlanListener
 from robotkit.producer import Producer
 from robotkit.profile import Profile, Run
 from robotkit.reporter import Reporter
+from robotkit.stamps import attachment
 from robotkit.task import Result
 
 if TYPE_CHECKING:
@@ -41,18 +43,24 @@ class Runner:
         self._task = task
         self._stop = threading.Event()
         self._failure: BaseException | None = None
+        self._runs: zenoh.Publisher | None = None
         self._inputs = Inputs(session, module.inputs)
         self._outputs = Outputs(session, module.outputs)
         self._profile = Profile(module)
         self._producer = Producer(task, self._outputs, self._profile, self._guarded)
 
-    def run(self, stop: threading.Event, *, policy_task: str = "", plan_key: str = PLAN_KEY) -> None:
+    def run(
+        self, stop: threading.Event, *, policy_task: str = "", plan_key: str = PLAN_KEY, publish_runs: bool = False
+    ) -> None:
         """Work until `stop` is set, then make the robot safe; raises the exception that the task failed with.
 
-        `policy_task` is the task's name in the policy, the module's own by default.
+        `policy_task` is the task's name in the policy, the module's own by default. With `publish_runs` the timing of
+        each sample that is done goes to `robot/<task>/runs`, whether or not it led to a result.
         """
         self._stop = stop
         name = policy_task or self._module.name
+        if publish_runs:
+            self._runs = publisher(self._session, f"robot/{name}/runs", JSON)
         token = self._session.liveliness().declare_token(f"robot/{name}/alive")
         worker = threading.Thread(target=self._guarded(self._work), name=name, daemon=True)
         reporter = Reporter(self._session, name, self._profile, self._inputs)
@@ -119,6 +127,8 @@ class Runner:
     def _publish(self, results: list[Result], received: Received, run: Run, *, missed: bool) -> None:
         timing = {"input": received.input, **run._asdict(), "missed": missed}
         timing["dropped"] = self._inputs.dropped[received.input]
+        if self._runs is not None:
+            self._runs.put(json_text.dumps(timing), attachment=attachment(run.finished))
         for result in results:
             stamped = result if result.stamp is not None else Result(result.output, result.value, received.stamp)
             self._outputs.publish(stamped, timing)

@@ -40,11 +40,11 @@ def credentials(environment: Mapping[str, str]) -> Path | None:
     return Path(text) if text else None
 
 
-def shared_memory(environment: Mapping[str, str]) -> bool:
-    """Whether SHARED_MEMORY says that modules, sensors and router share one /dev/shm."""
-    value = environment.get("SHARED_MEMORY", "false")
+def switch(environment: Mapping[str, str], name: str) -> bool:
+    """Whether a variable is true; absent is false."""
+    value = environment.get(name, "false")
     if value not in ("true", "false"):
-        raise ConfigurationError(f"SHARED_MEMORY: {value!r} is not allowed: true or false")
+        raise ConfigurationError(f"{name}: {value!r} is not allowed: true or false")
     return value == "true"
 
 

@@ -24,6 +24,7 @@ ECHO = Module(
     outputs={"heard": Output("test/heard"), "raw": Output("test/raw", encoding="bytes")},
     needs=Needs(deadline=10),
 )
+WATCHER = Module("watcher", inputs={"words": Input("test/words", depth=1000)})
 SENSOR = Module("sensor", outputs={"reading": Output("test/reading")})
 
 
@@ -46,6 +47,13 @@ class Echo(Task):
 
     def close(self):
         self.closed = True
+
+
+class Watcher(Task):
+    """Has nothing to say."""
+
+    def process(self, received):
+        del received
 
 
 class Sensor(Task):
@@ -106,12 +114,12 @@ class World:
 
 
 @contextmanager
-def running(module, task):
+def running(module, task, **options):
     stop = threading.Event()
     with router() as address, client(address) as outside, client(address) as inside, ThreadPoolExecutor(1) as pool:
         world = World(outside, module)
         world.address = address
-        world.running = pool.submit(Runner(inside, module, task).run, stop)
+        world.running = pool.submit(Runner(inside, module, task).run, stop, **options)
         try:
             world.wait_for_inputs(expected=True)
             yield world
@@ -129,6 +137,19 @@ def test_a_result_carries_its_times():
     assert 5 < timing["received"] <= timing["started"] <= timing["finished"]
     assert timing["cpu"] > 0
     assert timing["missed"] is False  # the stamp is no time of this clock, so the arrival counts
+
+
+def test_runs_are_published_where_asked_for_without_any_result_too():
+    runs = queue.Queue()
+    with running(WATCHER, Watcher(), publish_runs=True) as world:
+        world.session.declare_subscriber("robot/watcher/runs", lambda sample: runs.put(sample.payload.to_bytes()))
+        said = 0
+        while runs.empty() and said < 1000:  # the subscription is on its way
+            world.say(b"nothing to tell")
+            said += 1
+        timing = json.loads(runs.get(timeout=PATIENCE_S))
+    assert (timing["input"], timing["stamp"], timing["missed"]) == ("words", 5, False)
+    assert timing["received"] <= timing["started"] <= timing["finished"]
 
 
 def test_one_sample_may_lead_to_several_results():

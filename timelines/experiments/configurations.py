@@ -1,0 +1,106 @@
+"""The ways to divide the CPU that are compared. Pure: each is the chart's values and a policy, or none.
+
+The real VerticalPodAutoscaler is not among them: it needs its recommender, updater and admission webhook on the node.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.planning.shares import Demand, divide
+from contextpolicy.policy.quantities import format_cpu, parse_cpu
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    Document = dict[str, Any]
+
+UNIT = 10
+"""Thousandths of a core: what a CPU quota is counted in."""
+BASELINE = "linux-default"
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """`resources` gives each container's CPU request and limit; `policy` changes the robot's policy in place.
+
+    Without `policy` the operator is installed, since its router is the bus, but has nothing to do.
+    """
+
+    name: str
+    title: str
+    resources: Callable[[Document, int], Mapping[str, Document]]
+    policy: Callable[[Document], None] | None = None
+    agent: bool = False
+
+    def variant(self, document: Document) -> Document | None:
+        """The policy to apply; None where nobody decides."""
+        if self.policy is None:
+            return None
+        changed = copy.deepcopy(document)
+        self.policy(changed["spec"])
+        return changed
+
+
+def _unlimited(document: Document, _cores: int) -> dict[str, Document]:
+    return {task["name"]: {"limit": ""} for task in document["spec"]["tasks"]}
+
+
+def _resizable(document: Document, _cores: int) -> dict[str, Document]:
+    """The chart's own: a request of 10m and a limit, which the policy moves."""
+    return {task["name"]: {} for task in document["spec"]["tasks"]}
+
+
+def by_priority(document: Document, cores: int) -> dict[str, Document]:
+    """Requests and limits that divide the node by the policy's priorities, within its bounds, once and for all."""
+    spec = document["spec"]
+    total = cores * 1000 - parse_cpu(spec.get("reserve", 0))
+    claims = [
+        Demand(
+            task["name"],
+            float(task.get("priority", 1)),
+            parse_cpu(task.get("min", "10m")) // UNIT,
+            parse_cpu(task.get("max", str(cores))) // UNIT,
+        )
+        for task in spec["tasks"]
+    ]
+    shares = {name: format_cpu(units * UNIT) for name, units in divide(total // UNIT, claims).items()}
+    return {name: {"request": share, "limit": share} for name, share in shares.items()}
+
+
+def _as_it_is(_spec: Document) -> None:
+    """CFS, limits, and contexts that suspend."""
+
+
+def _without_suspension(spec: Document) -> None:
+    for context in spec.get("contexts", ()):
+        context["tasks"] = {name: change for name, change in context["tasks"].items() if "suspend" not in change}
+    spec["contexts"] = [context for context in spec.get("contexts", ()) if context["tasks"]]
+
+
+def _control(control: str) -> Callable[[Document], None]:
+    return lambda spec: spec.update(control=control)
+
+
+def _realtime(period: str) -> Callable[[Document], None]:
+    return lambda spec: spec.update(scheduler="Realtime", period=period)
+
+
+LINUX_DEFAULT = Configuration(BASELINE, "Linux default", _unlimited)
+STATIC = Configuration("static-limits", "static limits", by_priority)
+CFS = Configuration("cfs-ca", "CFS CA", _resizable, _as_it_is)
+UNSUSPENDED = Configuration("cfs-ca-unsuspended", "CFS CA, no suspension", _resizable, _without_suspension)
+WEIGHT = Configuration("weight", "Weight", _resizable, _control("Weight"))
+BOTH = Configuration("both", "Both", _resizable, _control("Both"))
+RT = Configuration("rt-ca-1s", "RT CA, 1 s", _resizable, _realtime("1s"), agent=True)
+RT_SHORT = Configuration("rt-ca-100ms", "RT CA, 100 ms", _resizable, _realtime("100ms"), agent=True)
+
+MAIN = (LINUX_DEFAULT, STATIC, CFS, WEIGHT, RT)
+ALL = (*MAIN, UNSUSPENDED, BOTH, RT_SHORT)
+EXPERIMENTS: Mapping[str, Sequence[Configuration]] = {
+    "exp1": MAIN,
+    "exp2": (LINUX_DEFAULT, UNSUSPENDED, BOTH, RT_SHORT),
+    "exp3": ALL,
+}

@@ -1,0 +1,150 @@
+"""One configuration on the node: operator and robot by helm, the policy by kubectl; fresh pods for every run."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from contextpolicy.bus.session import open_visitor
+from timelines.demo import cgroup, deploy
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    import zenoh
+
+    from timelines.demo.cgroup import Cgroup
+    from timelines.experiments.configurations import Configuration
+
+    Document = dict[str, Any]
+
+DEPTH = 100_000
+"""So long that a queue drops nothing: what waits, waits."""
+ROOM = "1536Mi"
+"""Memory limit of a module with such a queue of pictures."""
+REALTIME = Path("/sys/fs/cgroup/cpu/cpu.rt_runtime_us")
+MODULES = deploy.REPOSITORY / "modules"
+SECURE = ("agent.enabled=true", "agent.realtime=true", f"security.namespaces={{{deploy.ROBOT}}}")
+
+
+def policy_document() -> Document:
+    """The policy that divides the whole robot."""
+    document: Document = yaml.safe_load(deploy.POLICY.read_text(encoding="utf-8"))
+    return document
+
+
+def module_file(task: str) -> Document:
+    """What a task's module.yaml says."""
+    document: Document = yaml.safe_load((MODULES / task / "module.yaml").read_text(encoding="utf-8"))
+    return document
+
+
+def can_do_realtime() -> bool:
+    """Whether this node's kernel has realtime groups (CONFIG_RT_GROUP_SCHED, cgroup v1)."""
+    return REALTIME.exists()
+
+
+def values(configuration: Configuration, document: Document, cores: int) -> Document:
+    """The robot chart's values: queues that lose nothing, and each container's CPU. Pure but for module.yaml files."""
+    return {
+        "modules": {
+            task: {
+                "cpu": dict(cpu),
+                "memory": {"request": "64Mi", "limit": ROOM},
+                "env": {"PUBLISH_RUNS": "true", **_deep_queues(module_file(task))},
+            }
+            for task, cpu in configuration.resources(document, cores).items()
+        }
+    }
+
+
+def _deep_queues(module: Mapping[str, Any]) -> dict[str, str]:
+    return {f"INPUT_{name}".upper().replace("-", "_"): f"{{depth: {DEPTH}}}" for name in module["inputs"]}
+
+
+def install(configuration: Configuration) -> None:
+    """Install the operator with its router, with the node agent where the configuration wants it."""
+    if configuration.agent:
+        deploy.run("kubectl", "create", "namespace", deploy.ROBOT, quiet=True)
+    chart = str(deploy.REPOSITORY / "charts" / "contextpolicy")
+    settings = ["image.repository=contextpolicy", "image.tag=dev", f"router.service.clusterIP={deploy.free_address()}"]
+    settings += SECURE if configuration.agent else ()
+    deploy.run(
+        *("helm", "upgrade", "--install", "contextpolicy", chart, "--namespace", deploy.SYSTEM, "--create-namespace"),
+        *(part for setting in settings for part in ("--set", setting)),
+        *("--take-ownership", "--force-conflicts", "--wait", "--timeout", deploy.TIMEOUT),
+    )
+
+
+def start_robot(configuration: Configuration, folder: Path) -> None:
+    """Start the robot's modules anew, none of them knows what was; values and policy are kept in `folder`."""
+    stop_robot()
+    document = policy_document()
+    own = folder / "values.yaml"
+    own.write_text(yaml.safe_dump(values(configuration, document, os.cpu_count() or 1)), encoding="utf-8")
+    settings = ["image.tag=dev", f"zenoh.connect={endpoint(configuration)}"]
+    settings += ["zenoh.secret=contextpolicy-bus-module"] if configuration.agent else []
+    deploy.run(
+        *("helm", "upgrade", "--install", "robot", str(deploy.MODULES), "--namespace", deploy.ROBOT),
+        *("--create-namespace", "--values", str(deploy.VALUES), "--values", str(own)),
+        *(part for setting in settings for part in ("--set", setting)),
+        *("--take-ownership", "--force-conflicts", "--wait", "--timeout", deploy.TIMEOUT),
+    )
+
+
+def decide(configuration: Configuration, folder: Path) -> None:
+    """Apply the configuration's policy, if there is one, and wait until its decisions are in force."""
+    variant = configuration.variant(policy_document())
+    if variant is None:
+        return
+    path = folder / "policy.yaml"
+    path.write_text(yaml.safe_dump(variant, sort_keys=False), encoding="utf-8")
+    deploy.run("kubectl", "apply", "-f", str(path))
+    name = variant["metadata"]["name"]
+    deploy.run("kubectl", "wait", f"ctxp/{name}", "-n", deploy.ROBOT, "--for=condition=Ready", "--timeout=60s")
+
+
+def stop_robot() -> None:
+    """Remove the policy, then the modules."""
+    deploy.run("kubectl", "delete", "-f", str(deploy.POLICY), f"--timeout={deploy.TIMEOUT}", quiet=True)
+    deploy.run(
+        *("helm", "uninstall", "robot", "--namespace", deploy.ROBOT, "--ignore-not-found", "--wait"),
+        *("--timeout", deploy.TIMEOUT),
+    )
+    deploy.run("kubectl", "wait", "pods", "--all", "-n", deploy.ROBOT, "--for=delete", "--timeout=60s", quiet=True)
+
+
+def endpoint(configuration: Configuration) -> str:
+    """Where the router listens."""
+    plain = deploy.router()
+    return plain.replace("tcp/", "tls/", 1) if configuration.agent else plain
+
+
+@contextmanager
+def session(configuration: Configuration, role: str) -> Iterator[zenoh.Session]:
+    """A session on the robot's bus; on one that asks who speaks, in the given role."""
+    with tempfile.TemporaryDirectory() as folder:
+        credentials = _credentials(role, Path(folder)) if configuration.agent else None
+        with open_visitor([endpoint(configuration)], patience=20, credentials=credentials) as opened:
+            yield opened
+
+
+def _credentials(role: str, folder: Path) -> Path:
+    name = f"contextpolicy-bus-{role}"
+    secret = json.loads(deploy.run("kubectl", "get", "secret", name, "-n", deploy.SYSTEM, "-o", "json"))
+    for file, content in secret["data"].items():
+        (folder / file).write_bytes(base64.b64decode(content))
+    return folder
+
+
+def cgroups() -> dict[str, Cgroup]:
+    """Each task's container on this machine; without a policy no plan names them."""
+    found = {task: cgroup.find(identity) for task, identity in deploy.containers().items()}
+    return {task: own for task, own in found.items() if own is not None and task in deploy.TASKS}

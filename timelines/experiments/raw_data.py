@@ -1,0 +1,116 @@
+"""A run's recording as values: what was published, what each task did with it, what was decided and what it used."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from contextpolicy.policy.quantities import parse_duration
+from contextpolicy.streams.recordings import Excerpt, open_recording
+from contextpolicy.streams.timeline import load
+from timelines.experiments.run import MESSAGES, RUN
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from contextpolicy.streams.recordings import Recorded
+
+
+class Done(NamedTuple):
+    """An input that a task has done: when it was published, taken and done (Unix seconds), and the CPU (seconds)."""
+
+    input: str
+    stamp: int
+    started: float
+    finished: float
+    cpu: float
+
+
+class Counters(NamedTuple):
+    """A container's cgroup at a moment: the limit in cores (None: no limit), CPU used and throttled, in seconds."""
+
+    at: float
+    limit: float | None
+    usage: float
+    throttled: float
+
+
+class Stretch(NamedTuple):
+    """A part of the story, in seconds since it began, and whether the robot moves in it."""
+
+    name: str
+    start: float
+    end: float
+    moving: bool
+
+
+@dataclass
+class RunData:
+    """One run; stamps are in ns since 1970, `started` and `ended` (of the inputs) in Unix seconds."""
+
+    configuration: str
+    title: str
+    started: float
+    ended: float
+    drained: bool = True
+    inputs: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    """Of each task: the key of each input."""
+    deadlines: Mapping[str, float | None] = field(default_factory=dict)
+    stretches: list[Stretch] = field(default_factory=list)
+    published: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    done: dict[str, list[Done]] = field(default_factory=lambda: defaultdict(list))
+    plans: list[dict[str, Any]] = field(default_factory=list)
+    counters: dict[str, list[Counters]] = field(default_factory=lambda: defaultdict(list))
+    about: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def unseen(self) -> int:
+        """Inputs that the player sent and the recorder did not hear."""
+        sent = self.about.get("player", {}).get("published", {})
+        return sum(max(count - len(self.published.get(key, ())), 0) for key, count in sent.items())
+
+
+def read_run(folder: Path) -> RunData:
+    """Read a finished run; RecordingError if its recording can't be read."""
+    about = json.loads((folder / RUN).read_text(encoding="utf-8"))
+    player = about["player"]
+    run = RunData(about["configuration"], about["title"], player["started"], player["finished"], about["drained"])
+    run.about, run.inputs = about, about["inputs"]
+    run.deadlines = {task: None if text is None else parse_duration(text) for task, text in about["deadlines"].items()}
+    run.stretches = [
+        Stretch(phase.name, phase.start, phase.end, _moving(phase.truth))
+        for phase in load(folder / "timeline.json").phases
+    ]
+    recording = open_recording(folder / MESSAGES, Excerpt())
+    for message in recording.messages(recording.topics, recording.begin, recording.end):
+        _take(run, message)
+    return run
+
+
+def _moving(truth: object) -> bool:
+    return isinstance(truth, dict) and bool(truth.get("moving"))
+
+
+def _take(run: RunData, message: Recorded) -> None:
+    keys = {key for inputs in run.inputs.values() for key in inputs.values()}
+    parts = message.topic.split("/")
+    if message.topic.startswith("published/") or message.topic in keys:
+        run.published[message.topic.removeprefix("published/")].append(int(json.loads(message.payload)["stamp"]))
+    elif parts[0] == "robot" and parts[-1] == "runs":
+        run.done[parts[1]].append(_done(json.loads(message.payload)))
+    elif parts[0] == "cgroup":
+        run.counters[parts[1]].append(_counters(message.at / 1e9, json.loads(message.payload)))
+    elif parts[0] == "contextpolicy" and parts[-1] == "plan" and message.payload:
+        run.plans.append(json.loads(message.payload))
+
+
+def _done(timing: Mapping[str, Any]) -> Done:
+    started, finished = timing["started"] / 1e9, timing["finished"] / 1e9
+    return Done(timing["input"], timing["stamp"], started, finished, timing["cpu"] / 1e9)
+
+
+def _counters(at: float, value: Mapping[str, Any]) -> Counters:
+    return Counters(at, value["limit"], value["usage"], value.get("throttledTime", 0.0))
