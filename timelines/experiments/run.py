@@ -31,6 +31,8 @@ RUN, MESSAGES = "run.json", "run.mcap"
 HEALTH = "robot/*/health"
 PATIENCE = 120.0
 """Seconds to wait for modules that start, and for queues that empty."""
+SETTLING = 2.0
+"""Seconds after the last input before an empty queue counts: a starved task fetches late what was sent to it."""
 
 
 class Healths:
@@ -46,10 +48,10 @@ class Healths:
             self._latest[str(sample.key_expr).split("/")[1]] = json.loads(sample.payload.to_bytes())
             self._changed.notify_all()
 
-    def wait_for_all(self, tasks: tuple[str, ...], since: float, patience: float = PATIENCE) -> bool:
+    def wait_for_all(self, tasks: tuple[str, ...], since: float) -> bool:
         """Wait until each task has said, after `since` (Unix seconds), that nothing waits; False if one does not."""
         with self._changed:
-            return self._changed.wait_for(lambda: all(idle(self._latest.get(task), since) for task in tasks), patience)
+            return self._changed.wait_for(lambda: all(idle(self._latest.get(task), since) for task in tasks), PATIENCE)
 
 
 def idle(health: Mapping[str, Any] | None, since: float) -> bool:
@@ -94,7 +96,7 @@ def _record(  # noqa: PLR0913, PLR0917 - what one run is made of
     with McapWriter(path) as file:
         with BusRecorder(viewer, file, installation.cgroups(), without_payload=named):
             report = publish(TimelineInputs(story, datasets), sensors, stop=threading.Event())
-            drained = healths.wait_for_all(deploy.TASKS, report.finished)
+            drained = healths.wait_for_all(deploy.TASKS, report.finished + SETTLING)
         file.describe({name: json.dumps(value) for name, value in report.as_json().items()})
     return {
         "configuration": configuration.name,
