@@ -1,0 +1,83 @@
+"""One short run without a node: a real bus, a real module, and the recording that the measures read."""
+
+from __future__ import annotations
+
+import json
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from robotkit import Input, Module, Needs, Task
+from robotkit.runner import Runner
+from tests.modules.robotkit.bus import client, router
+from timelines.demo import deploy
+from timelines.experiments import installation, measures
+from timelines.experiments import run as run_module
+from timelines.experiments.configurations import LINUX_DEFAULT
+from timelines.experiments.measures import Fate
+from timelines.experiments.raw_data import read_run
+from timelines.experiments.run import RUN, execute
+
+SLAM = Module(
+    "slam",
+    inputs={"stereo": Input("robot/camera/stereo", depth=1000)},
+    needs=Needs(deadline=0.1),
+)
+TIMELINE = {
+    "name": "short",
+    "duration": 0.5,
+    "phases": [{"name": "drives", "from": 0, "to": 0.5, "truth": {"moving": True}}],
+    "inputs": [{"key": "robot/camera/stereo", "encoding": "json", "from": 0, "to": 0.5, "rate": 20, "value": {"n": 1}}],
+}
+
+
+class Busy(Task):
+    """Takes its time, so that inputs queue up, and tells nothing."""
+
+    def process(self, received):
+        del received
+        threading.Event().wait(0.02)
+
+
+@pytest.fixture
+def node(monkeypatch):
+    """In place of the node: a router, and the robot's only module on a thread."""
+    stop = threading.Event()
+    with router() as address, client(address) as inside, ThreadPoolExecutor(1) as pool:
+        monkeypatch.setattr(deploy, "TASKS", ("slam",))
+        monkeypatch.setattr(installation, "start_robot", lambda *_: None)
+        monkeypatch.setattr(installation, "stop_robot", lambda: None)
+        monkeypatch.setattr(installation, "decide", lambda *_: None)
+        monkeypatch.setattr(installation, "cgroups", dict)
+        monkeypatch.setattr(installation, "session", lambda *_: client(address))
+        running = pool.submit(Runner(inside, SLAM, Busy()).run, stop, publish_runs=True)
+        yield
+        stop.set()
+        running.result()
+
+
+def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
+    timeline = tmp_path / "short.json"
+    timeline.write_text(json.dumps(TIMELINE), encoding="utf-8")
+    execute(LINUX_DEFAULT, timeline, tmp_path, tmp_path / "run")
+    run = read_run(tmp_path / "run")
+    assert (run.drained, run.unseen) == (True, 0)
+    assert measures.counts(run, "slam")[Fate.PROCESSED] == 10
+    found = measures.response(run, "slam", moving=True)
+    assert found.due == 10
+    assert found.p50 >= 0.02
+    assert measures.total_time(run) >= 0.5
+
+
+def test_a_run_of_a_silent_robot_fails_and_leaves_nothing_to_resume(monkeypatch, tmp_path):
+    timeline = tmp_path / "short.json"
+    timeline.write_text(json.dumps(TIMELINE), encoding="utf-8")
+    monkeypatch.setattr(run_module, "PATIENCE", 0.1)
+    for name in ("start_robot", "stop_robot"):
+        monkeypatch.setattr(installation, name, lambda *_: None)
+    with router() as address:
+        monkeypatch.setattr(installation, "session", lambda *_: client(address))
+        with pytest.raises(deploy.DeployError, match="health within"):
+            execute(LINUX_DEFAULT, timeline, tmp_path, tmp_path / "run")
+    assert not (tmp_path / "run" / RUN).exists()
