@@ -23,7 +23,8 @@ setup: .venv/ready  ## install the Python packages into .venv
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --requirement modules/signs/models.txt
 	touch $@
 
-demo: images recordings  ## show the main job on a real node: a timeline of sensor input moves CPU between pods
+demo: images recordings  ## show the whole robot on a real node: a minute of sensor input moves CPU between its tasks
+	$(PYTHON) -m timelines.datasets exp2 speech/exp2 signs/exp2
 	$(CLUSTER) exec -- $(PYTHON) -m timelines.demo
 
 test: lint unit e2e  ## run everything: lint, unit tests, end-to-end tests on a real node

@@ -33,7 +33,7 @@ ROOMS = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
 
 PURE = {
     *("__future__", "collections", "dataclasses", "decimal", "enum", "fractions", "functools", "heapq", "itertools"),
-    *("logging", "math", "operator", "re", "typing"),
+    *("logging", "math", "operator", "re", "types", "typing"),
     *("cel", "contextpolicy.errors", "contextpolicy.policy", "contextpolicy.planning"),
 }
 """What planning may import: no clock, no I/O, no threads, no Kubernetes, no Zenoh."""

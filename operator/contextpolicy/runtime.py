@@ -175,8 +175,8 @@ class Runtime:
         """A pod is new or has changed; one that can't be parsed is logged and ignored."""
         try:
             seen = view(pod)
-        except (ValueError, TypeError, KeyError) as error:
-            log.warning("pod %s can't be read: %r", pod["metadata"].get("name"), error)
+        except ValueError as error:
+            log.warning("a pod can't be read: %s: %.200r", error, pod)
             return
         self._call(lambda: self._take_pod(seen))
 

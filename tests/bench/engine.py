@@ -9,8 +9,8 @@ the engine costs, not what else the machine does.
 
 Machines differ, and one differs from day to day, so each case takes its floor in the same run: decoding the samples
 with `json.loads`, and the CEL evaluations that they need (`engine_floor`). `engine_over_floor` is of samples that
-change nothing. The resizer's figures are the loop's own time for a plan, until every limit is in force, and for news about a
-pod that no policy has to do with.
+change nothing. The resizer's figures are the loop's own time for a plan, until every limit is in force, and for news
+about a pod that no policy has to do with.
 """
 
 # ruff: noqa: T201 - a command prints

@@ -95,7 +95,7 @@ class BusView:
         try:
             content = json.loads(payload)
             changed = self._plan(policy, content) if topic == "plan" else self._applied(policy, content)
-        except (ValueError, KeyError, TypeError, AttributeError):
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
             return None
         return self.policies[policy].as_json() if changed else None
 

@@ -237,7 +237,7 @@ def _configure() -> None:
 def _version(answer: bytes) -> int:
     try:
         return version_of(json.loads(answer)["metadata"])
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         message = f"the answer is no pod: {answer[:200].decode(errors='replace')}"
         raise ActuationError("Unreadable", message, retriable=True, in_doubt=True) from error
 
@@ -247,7 +247,7 @@ def _refusal(response: urllib3.BaseHTTPResponse) -> ActuationError:
     reason, retriable = _REASONS.get(status, ("ServerError" if status >= 500 else "Refused", status >= 500))
     try:
         message = json.loads(answer).get("message", "")
-    except (ValueError, AttributeError):
+    except (ValueError, AttributeError, RecursionError):
         message = answer[:200].decode(errors="replace")
     text = f"{message or 'no message'} (HTTP {status})"
     pause = response.headers.get("Retry-After", "")  # seconds: the API server writes no dates

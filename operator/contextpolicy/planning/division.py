@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import ShareError
@@ -56,7 +55,7 @@ def divide_nodes(
     weights: Mapping[str, Weight],
     last: Mapping[str, NodePlan],
     at_rest: AtRest,
-    known: Mapping[str, Sequence[Demand]] = MappingProxyType({}),
+    known: Mapping[str, Sequence[Demand]] | None = None,
 ) -> Division:
     """Divide each node; a node that can't be divided keeps its last plan and says why.
 
@@ -68,7 +67,7 @@ def divide_nodes(
     shortfalls: list[Shortfall] = []
     resting: set[str] = set()
     for node in layout.nodes:
-        own = _terms(node, weights, at_rest, known.get(node.name, ()))
+        own = _terms(node, weights, at_rest, known.get(node.name, ()) if known else ())
         if not own.unprotected:
             claims[node.name] = own.claims
         try:

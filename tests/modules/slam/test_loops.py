@@ -8,12 +8,12 @@ import pytest
 from modules.slam import estimates
 from modules.slam.evaluation import evaluate
 from modules.slam.trajectory import load
-from timelines.datasets.recordings import ROOT, make
+from timelines.datasets.recordings import LOOPS, ROOT, make
 
 
 @pytest.fixture(scope="module")
 def recording():
-    make(ROOT, "loops", lambda _: None)
+    make(ROOT, "loops", LOOPS, lambda _: None)
     return ROOT / "loops"
 
 
