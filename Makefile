@@ -23,12 +23,13 @@ setup: .venv/ready  ## install the Python packages into .venv
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --requirement modules/signs/models.txt
 	touch $@
 
-demo: images recordings  ## show the main job on a real node: a timeline of sensor input moves CPU between pods
+demo: images recordings  ## show the whole robot on a real node: a minute of sensor input moves CPU between its tasks
+	$(PYTHON) -m timelines.datasets exp2 speech/exp2 signs/exp2
 	$(CLUSTER) exec -- $(PYTHON) -m timelines.demo
 
 test: lint unit e2e  ## run everything: lint, unit tests, end-to-end tests on a real node
 
-test-all: test soak  ## the same and what takes hours: the soak
+test-all: test heavy soak  ## the same and what takes long: promtool, a browser, hours of soak
 
 lint: setup  ## check style and types
 	.venv/bin/ruff check .
@@ -36,7 +37,11 @@ lint: setup  ## check style and types
 	.venv/bin/mypy
 
 unit: setup recordings cluster  ## run the tests that need no cluster (helm comes with the node)
-	$(CLUSTER) exec -- $(PYTHON) -m pytest -q --ignore tests/e2e
+	$(CLUSTER) exec -- $(PYTHON) -m pytest -q --ignore tests/e2e --ignore tests/heavy
+
+heavy: setup  ## promtool on the alert rules, the live page in chromium
+	dpkg --status chromium >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends chromium; }
+	$(PYTHON) -m pytest -q tests/heavy
 
 e2e: images  ## run the tests that need a real node
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e --ignore tests/e2e/test_reboot.py
@@ -51,6 +56,9 @@ simulate: setup  ## without root or cluster: what would POLICY decide on TIMELIN
 bench: setup  ## measure the decision engine: samples per second, sample to plan, memory
 	$(PYTHON) -m tests.bench.engine
 
+bench-live: setup  ## measure what a sample costs the running operator, beside the bare callback and hand-over
+	$(PYTHON) -m tests.bench.live
+
 bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives (RESUME=--resume goes on)
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction $(RESUME)
 
@@ -59,6 +67,9 @@ bench-fleet: cluster  ## measure what 5000 pods and 50 policies cost the operato
 
 bench-devices: setup  ## measure what navigation, lidar and arm cost, and how exact they are
 	$(PYTHON) -m tests.bench.device_modules
+
+bench-prediction: setup  ## measure how well `simulate --profiles` predicts what the kernel does (needs root)
+	$(PYTHON) -m tests.bench.prediction
 
 bench-wheels: setup  ## measure how fast a robot's wheels stop, also at a CPU limit of 10m (needs root)
 	$(PYTHON) -m tests.bench.wheel_stop

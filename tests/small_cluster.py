@@ -80,6 +80,8 @@ class SmallCluster(ThreadingHTTPServer):
         self.pods_allowed, self.nodes_allowed, self.ended = threading.Event(), threading.Event(), threading.Event()
         self.policies_listed = threading.Event()
         self.installed = True
+        self.closed: set[str] = set()
+        """Namespaces whose pods may not be listed."""
         self.by_kopf: list[str] = []
         self.written: list[tuple[str, str]] = []
         node = {"metadata": {"name": "robot-1", "uid": "uid-node", "resourceVersion": "4"}}
@@ -134,7 +136,10 @@ class _Handler(BaseHTTPRequestHandler):
             lease = self.server.leases.get(self._lease_key(path))
             self._answer(lease or {"message": "no such Lease"}, 200 if lease else 404)
         elif plural in self.server.lists:
-            self._list(plural)
+            if plural == "pods" and path.split("/")[-2] in self.server.closed:
+                self._answer({"message": "no role"}, 403)
+            else:
+                self._list(plural)
         else:
             there = path != "/apis/contextpolicy.dev/v1alpha1" or self.server.installed
             self._answer(DISCOVERY.get(path, {}) if there else {"message": "not found"}, 200 if there else 404)

@@ -17,8 +17,9 @@ LAYERS = (
     ("policy", "loop"),
     ("planning", "settings"),
     ("plugins", "cluster", "streams", "explain"),
-    ("actuators", "bus", "simulation", "loading", "leadership", "health"),
+    ("actuators", "bus", "simulation", "loading", "recorder", "leadership", "health"),
     ("telemetry", "agent"),
+    ("live",),
     ("controller",),
     ("runtime",),
     ("handlers",),
@@ -32,7 +33,7 @@ ROOMS = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
 
 PURE = {
     *("__future__", "collections", "dataclasses", "decimal", "enum", "fractions", "functools", "heapq", "itertools"),
-    *("logging", "math", "operator", "re", "typing"),
+    *("logging", "math", "operator", "re", "types", "typing"),
     *("cel", "contextpolicy.errors", "contextpolicy.policy", "contextpolicy.planning"),
 }
 """What planning may import: no clock, no I/O, no threads, no Kubernetes, no Zenoh."""

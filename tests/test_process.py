@@ -55,10 +55,10 @@ def told():
 class Replica:
     """A replica on a thread, with a runtime that only notes."""
 
-    def __init__(self, told, port, identity, seconds):
+    def __init__(self, told, port, identity, seconds, namespaces):
         self.told, self.port = told, port
         self.stop, self.code, self.deposed = threading.Event(), None, threading.Event()
-        own = Settings(lease=OWN, lease_seconds=seconds, identity=identity, namespaces=("lab",))
+        own = Settings(lease=OWN, lease_seconds=seconds, identity=identity, namespaces=namespaces)
         self.process = OperatorProcess(ApiServer(), own, restart)
         self._server = serve(port, {"/healthz": self.process.hung, "/readyz": self.process.unready})
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -94,10 +94,10 @@ def replica(cluster, monkeypatch):
     monkeypatch.setattr(process, "open_client", lambda *_: None)
     started = []
 
-    def start(told, identity="one", seconds=60):
+    def start(told, identity="one", seconds=60, namespaces=("lab",)):
         told.runtime.has_router = True
         monkeypatch.setattr(process, "Runtime", create_autospec(Runtime, return_value=told.runtime))
-        started.append(Replica(told, free_port(), identity, seconds))
+        started.append(Replica(told, free_port(), identity, seconds, namespaces))
         return started[-1]
 
     yield start
@@ -171,6 +171,19 @@ def test_a_namespace_that_another_release_serves_is_left_alone(cluster, replica,
     assert not one.process._api.may_act("lab")
     assert cluster.written == []
     assert "namespace lab is served by elsewhere/release" in caplog.text
+
+
+def test_a_namespace_whose_role_is_gone_does_not_keep_it_from_the_others_and_is_told(cluster, replica, told, caplog):
+    """As after the namespace was deleted while no operator ran: its policies hold it, and the Role went first."""
+    cluster.closed.add("gone")
+    cluster.pods_allowed.set()
+    cluster.nodes_allowed.set()
+    one = replica(told, namespaces=("gone", "lab"))
+    told.wait_for("policy_deleted", "robot")
+    assert one.process._api.may_act("lab")
+    assert not one.process._api.may_act("gone")
+    assert "contextpolicy restore --namespace gone --remove-finalizers" in caplog.text
+    assert one.page("readyz") == (200, "ok\n")
 
 
 def test_the_end_gives_the_lease_back_when_nothing_acts_any_more(cluster, replica, told):

@@ -110,8 +110,6 @@ class Rectifier:
         turn_left, turn_right, left_projection, right_projection = _rectification(left, right, right_from_left)
         self.matrix: Floats = left_projection[:, :3]
         self.baseline = float(-right_projection[0, 3] / right_projection[0, 0])
-        if not self.baseline > 0:
-            raise CalibrationError(f"cam1 is {self.baseline:g} m to the right of cam0, and must be right of it")
         self.body_from_camera: Floats = left.body_from_camera.copy()
         self.body_from_camera[:3, :3] = left.body_from_camera[:3, :3] @ turn_left.T
         self._left_maps = _maps(left, turn_left, left_projection)
@@ -130,6 +128,12 @@ def _rectification(left: Camera, right: Camera, right_from_left: Floats) -> tupl
     """Rotations of both cameras, and their projections afterwards."""
     if left.fisheye != right.fisheye or left.size != right.size:
         raise CalibrationError("cam0 and cam1 differ in lens or resolution, and a pair must not")
+    across, down, ahead = np.linalg.inv(right_from_left)[:3, 3]
+    if across <= max(abs(down), abs(ahead)):
+        raise CalibrationError(
+            f"cam1 is {across:.3g} m to the right of cam0, {down:.3g} m below and {ahead:.3g} m ahead of it; "
+            "it must be mainly to the right of it"
+        )
     intrinsics = (left.matrix, left.distortion, right.matrix, right.distortion, left.size)
     turn, shift = right_from_left[:3, :3].copy(), right_from_left[:3, 3:].copy()  # OpenCV wants them in one piece
     if left.fisheye:

@@ -30,10 +30,11 @@ POSE_KEY = "robot/slam/pose"
 
 @dataclass
 class Estimate:
-    """Poses, and how many frames have none: lost ones, those that could not be read, and those that were dropped."""
+    """Poses, and how many frames have none that counts: lost, adrift, broken (not to be read) and dropped ones."""
 
     poses: list[tuple[int, list[float]]] = field(default_factory=list)
     lost: int = 0
+    adrift: int = 0
     broken: int = 0
     dropped: int = 0
     cpu: list[float] = field(default_factory=list)
@@ -50,7 +51,7 @@ class Estimate:
             message = json.loads(payload)
             values = [float(value) for value in (*message["position"], *message["orientation"])]
             stamp, timing = int(message["frame"]), message.get("timing") or {}
-            lost = not message["inliers"]
+            state = State(message["state"])
             self.dropped = max(self.dropped, int(timing.get("dropped", 0)))
             self.cpu += [timing["cpu"] / 1e9] if "cpu" in timing else []
         except (ValueError, TypeError, KeyError, AttributeError):
@@ -58,10 +59,15 @@ class Estimate:
             return
         if len(values) != 7 or not all(map(math.isfinite, values)) or not any(values[3:]):
             self.broken += 1
-        elif lost:
-            self.lost += 1
         else:
+            self.add(state, stamp, values)
+
+    def add(self, state: State, stamp: int, values: list[float]) -> None:
+        """Take a pose (position, quaternion x, y, z, w) if the module trusts it, else count it."""
+        if state is State.TRACKING:
             self.poses.append((stamp, values))
+        self.lost += state is State.LOST
+        self.adrift += state is State.ADRIFT
 
 
 def listen(session: zenoh.Session, key: str, ended: threading.Event, seconds: float | None) -> Estimate:
@@ -89,11 +95,8 @@ def run(folder: Path, *, share: float | None = None, loops: bool = True) -> Esti
         if loops and not pose.is_keyframe:
             slam.close_loop()
         estimate.cpu.append(time.process_time() - before)
-        if pose.state is State.LOST:
-            estimate.lost += 1
-        else:
-            body = pose.world_from_body
-            estimate.poses.append((stamp, [*body[:3, 3].tolist(), *quaternion(body[:3, :3])]))
+        body = pose.world_from_body
+        estimate.add(pose.state, stamp, [*body[:3, 3].tolist(), *quaternion(body[:3, :3])])
     return estimate
 
 

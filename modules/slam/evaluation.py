@@ -84,6 +84,7 @@ def _costs(estimate: Estimate) -> dict[str, object]:
         return {}
     return {
         "lost": estimate.lost,
+        "adrift": estimate.adrift,
         "broken": estimate.broken,
         "dropped": estimate.dropped,
         "cpu_ms": {name: round(value * 1e3, 1) for name, value in statistics(np.array(estimate.cpu)).items()},

@@ -40,7 +40,8 @@ class Edge:
     @property
     def sigmas(self) -> Floats:
         """Standard deviations of three angles and three shifts: GTSAM's order."""
-        return np.repeat(self.kind.value, 3) * np.sqrt(100 / max(self.inliers, 1))
+        sigmas: Floats = np.repeat(self.kind.value, 3) * np.sqrt(100 / max(self.inliers, 1))
+        return sigmas
 
     def misfit(self, poses: Mapping[int, Floats]) -> float:
         """Square of how far the poses are from what the edge says, in standard deviations."""

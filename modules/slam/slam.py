@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from modules.slam.tracking import Fix
 
 CAPACITY = 1000
-"""Keyframes that are remembered; each takes about 0.1 MB."""
+"""Keyframes that are remembered; each takes about 70 kB."""
 PATIENCE = 10
 """Pictures without a known place after which a lost camera starts anew."""
 BESIDE = 2
@@ -129,8 +129,8 @@ class StereoSlam:
         return [one for one in (fix, *others) if one is not None]
 
     def _is_left(self, fix: Fix) -> bool:
-        """Whether too little of a keyframe's view is in the picture."""
-        return fix.inliers < self.effort.overlap * len(fix.keyframe)
+        """Whether too little of a keyframe's view is in the picture, as far as its corners were looked for."""
+        return fix.inliers < self.effort.overlap * min(len(fix.keyframe), self.effort.features)
 
     def _is_needed(self, fixes: list[Fix]) -> bool:
         """Whether the picture should become a keyframe: to begin with, to start anew, or because it shows much new."""

@@ -13,27 +13,54 @@ import sys
 
 from contextpolicy.commands import (
     agent,
+    completion,
+    doctor,
     explain,
+    force,
     graph,
+    mode,
+    record,
     restore,
     router,
     run,
     simulate,
     skeleton,
+    status,
     suggest,
     top,
     validate,
+    why_not,
 )
 from contextpolicy.errors import ContextPolicyError
+
+ON_THE_CLUSTER = (status, top, explain, why_not, force, mode, doctor, record, restore)
+ON_THE_DESK = (validate, simulate, suggest, skeleton, graph, completion)
+IN_THE_CLUSTER = (run, router, agent)
+PLUGIN = "kubectl-ctxp"
+"""The name under which kubectl finds this program as `kubectl ctxp`."""
+
+
+def build_parser(prog: str) -> argparse.ArgumentParser:
+    """The parser of all commands; `prog` is what people call the program."""
+    parser = argparse.ArgumentParser(prog=prog, description="Context decides who gets the CPU.")
+    subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
+    for command in (*ON_THE_CLUSTER, *ON_THE_DESK, *IN_THE_CLUSTER):
+        command.add(subparsers)
+    return parser
+
+
+def complete() -> int:
+    """The program `kubectl_complete-ctxp`, which kubectl asks what may follow `kubectl ctxp`."""
+    return completion.reply(build_parser("contextpolicy"), sys.argv[1:], directive=True)
 
 
 def main(argv: list[str] | None = None) -> int:
     """Parse the arguments, run the command, print errors without a traceback; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="contextpolicy", description="Context decides who gets the CPU.")
-    subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (run, router, agent, simulate, suggest, validate, skeleton, explain, graph, top, restore):
-        command.add(subparsers)
-    arguments = parser.parse_args(argv)
+    words = sys.argv[1:] if argv is None else argv
+    if words[:1] == ["__complete"]:
+        return completion.reply(build_parser("contextpolicy"), words[1:])
+    called = os.path.basename(sys.argv[0]) if argv is None else "contextpolicy"  # noqa: PTH119 - a name, not a path
+    arguments = build_parser("kubectl ctxp" if called == PLUGIN else "contextpolicy").parse_args(words)
     try:
         code = int(arguments.main(arguments))
         sys.stdout.flush()

@@ -17,13 +17,15 @@ from contextpolicy.actuators.order import Order
 from contextpolicy.bus.decision_bus import Bus, message
 from contextpolicy.bus.pacing import Pacing
 from contextpolicy.cluster.claims import Claim
-from contextpolicy.explain.explanation import explain
+from contextpolicy.explain.explanation import explain as explanation_of
 from contextpolicy.planning.observable import plans
 from contextpolicy.planning.placement import Placement
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy.spec import Control, Mode, Scheduler
+from contextpolicy.recorder.flight_recorder import FlightRecorder, PlanRecord, SampleRecord
 from contextpolicy.streams import subscription
 from contextpolicy.telemetry import metrics
+from contextpolicy.telemetry.logs import log_plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
@@ -60,7 +62,8 @@ class Controller:
     """Samples in; orders to the actuator and messages on the bus out.
 
     Agents act on its plans only if it has a `signer`. `initiatives` are the plugged-in functions that the policy names.
-    `on_change` is called when the status has changed, `on_plan` with the policy's reference and each new plan once it
+    `on_change` is called when the status has changed, `on_context` with a context that began (True) or ceased to hold
+    and the cause, `on_plan` with the policy's reference and each new plan once it
     is ordered, `on_published` with the reference, the stamp and the nodes of each plan that agents must carry out.
     """
 
@@ -80,8 +83,12 @@ class Controller:
         self.run = int(time.time() * 1000)
         self.on_change: Callable[[], None] = lambda: None
         self.on_plan: Callable[[str, Plan], None] = lambda *_: None
+        self.on_context: Callable[[str, bool, str], None] = lambda *_: None
         self.on_published: Callable[[str, Stamp, Iterable[str]], None] = lambda *_: None
+        self.board: Callable[[], dict[str, Any] | None] = lambda: None
+        """What a query for the policy's board is answered with."""
         self.signer: Signer | None = None
+        self.recorder = FlightRecorder()
         self.may_act: Callable[[], bool] = lambda: True
         self._session, self._scheduler = session, scheduler
         self._actuator, self._initiatives = actuator, initiatives
@@ -96,15 +103,23 @@ class Controller:
         self._edition = 0
         self._held_back = 0
         self._placed = False
+        self._contexts: tuple[str, ...] = ()
         self._told: list[tuple[str, str]] | None = None
         self._labels = metrics.labels(policy.reference)
+
+    @property
+    def held(self) -> tuple[Planner, Claim]:
+        """What it knows and what it claims, to look at."""
+        return self.planner, self.claim
 
     def start(self, before: Controller | None = None) -> None:
         """Subscribe and start planning; `before` is the already stopped controller of the policy's previous version."""
         if before is not None:
+            self._contexts = before._contexts  # noqa: SLF001 - the same class
             self.run = max(self.run, before.run + 1)  # the wall clock may have been set back, but runs must increase
             metrics.replace(before.policy, self.policy)
-        self._bus = Bus(self._session, self.policy, self._scheduler, self._message, self._explain)
+        answers = {"plan": self.message, "explain": self.explain, "board": self.board}
+        self._bus = Bus(self._session, self.policy, self._scheduler, answers)
         self._bus.signer, self._bus.may_speak = self.signer, self.may_act
         # An earlier, enforced version may have left a plan in force with the agents.
         if self.policy.mode is not Mode.ENFORCE:
@@ -114,7 +129,12 @@ class Controller:
             return
         former = before.planner if before else None
         planned = plans(self.planner, self._inputs, self._scheduler, self._initiatives, former)
-        samples = subscription.inputs(self._session, self.policy.streams, self._scheduler, self._drop)
+        take, records = self.recorder.take_sample, self.recorder.begin(self.policy.reference)
+
+        def tap(*sample: Any) -> None:
+            take(records, SampleRecord(*sample))
+
+        samples = subscription.inputs(self._session, self.policy.streams, self._scheduler, self._drop, tap)
         self._subscription = CompositeDisposable(
             planned.subscribe(self._on_plan), samples.subscribe(self._inputs.on_next)
         )
@@ -166,6 +186,7 @@ class Controller:
             return
         if plan.sequence == self._ordered:
             self._figures.ask()
+            self._tell_contexts(plan)
         elif plan.arrived is None:
             self._carry_out()
         else:
@@ -183,7 +204,17 @@ class Controller:
         self._publish({"trigger": plan.time if plan.arrived is None else self._moment(plan.arrived)})
         self._count()
         self._measure(plan)
+        log_plan(self.policy, plan)
+        self._tell_contexts(plan)
         self.on_change()
+
+    def _tell_contexts(self, plan: Plan) -> None:
+        before, self._contexts = self._contexts, plan.contexts
+        if before != plan.contexts:
+            for context in self.policy.contexts:
+                held, holds = context.name in before, context.name in plan.contexts
+                if held is not holds:
+                    self.on_context(context.name, holds, plan.cause)
 
     def _tell_figures(self) -> None:
         """Publish new weights, scores or contexts of a plan whose shares have not changed."""
@@ -193,7 +224,7 @@ class Controller:
             self._measure(self.planner.last)
             self.on_change()
 
-    def _message(self) -> dict[str, Any] | None:
+    def message(self) -> dict[str, Any] | None:
         """The bus message for the plan in force, with the containers as they are now; None before the first plan."""
         plan, containers = self.planner.last, self.claim.placement.containers
         if plan is None:
@@ -201,18 +232,21 @@ class Controller:
         return {**message(self.policy, self.run, plan, containers, self._pods), "edition": self._edition}
 
     def _publish(self, more: Mapping[str, Any]) -> None:
-        content = self._message()
+        content = self.message()
         if self._bus is not None and content is not None:
             self._told = _whereabouts(content)
             self._figures.rest()
-            self._bus.publish({**content, **more})
+            payload = self._bus.publish({**content, **more})
+            if payload is not None:
+                records = self.recorder.begin(self.policy.reference)
+                self.recorder.take_plan(records, PlanRecord(time.monotonic(), payload))
             if self.policy.mode is Mode.ENFORCE:
                 stamp = content["run"], content["sequence"], content["edition"]
                 self.on_published(self.policy.reference, stamp, content["nodes"])
 
     def _republish(self) -> None:
         """Publish the plan in force again if containers restarted or moved, so that agents find their cgroups."""
-        content = self._message()
+        content = self.message()
         if content is not None and _whereabouts(content) != self._told:
             self._edition += 1
             self._publish({"trigger": self._now()})
@@ -266,8 +300,9 @@ class Controller:
         if self.planner.drops[stream, reason] == 1:
             self.on_change()
 
-    def _explain(self) -> dict[str, Any]:
-        return explain(self.planner, self._now())
+    def explain(self) -> dict[str, Any]:
+        """Why each task has its share."""
+        return explanation_of(self.planner, self._now())
 
     def _moment(self, monotonic: float) -> float:
         return self._now() - (time.monotonic() - monotonic)

@@ -24,6 +24,8 @@ registry = kopf.get_default_registry()
 
 RECONNECT = (0.1, 0.2, 0.5, *[1.0] * 60)
 """Seconds between attempts to reach the API server: kopf's own pauses grow to 21 s, but a robot reboots faster."""
+EXIT_TIMEOUT = 0.3
+"""Seconds that a handler under way may take when the operator ends: a standby waits for our Lease, and does it anew."""
 RESTORE_TIMEOUT = 20.0
 """Seconds to wait for a restore before kopf tries again; the finalizer keeps the object until it is done."""
 
@@ -79,6 +81,7 @@ async def configure(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> Non
     settings.posting.enabled = False
     settings.scanning.disabled = True
     settings.networking.error_backoffs = RECONNECT
+    settings.queueing.exit_timeout = EXIT_TIMEOUT
     memo.loop = asyncio.get_running_loop()
 
 

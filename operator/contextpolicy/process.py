@@ -77,11 +77,11 @@ class OperatorProcess:
         reports = ThreadPoolExecutor(1, thread_name_prefix="report")
         signer = Signer(settings.signing) if settings.signing else None
         loop = Loop()
-        self._runtime = Runtime(api, loop, patches=patches, reports=reports, signer=signer, tenants=settings.tenants)
+        self.runtime = Runtime(api, loop, patches=patches, reports=reports, signer=signer, tenants=settings.tenants)
         self._pulse = Pulse(lambda beat: loop.schedule(lambda *_: beat()))
         self._homes: dict[str, str] = {}
         """Namespace of each policy by UID, where all namespaces are served."""
-        self._watches = _watches(api, settings.namespaces, self._runtime)
+        self._watches = _watches(api, settings.namespaces, self.runtime)
         self._pod_lists = {pods_of(namespace): namespace for namespace in settings.namespaces}
         self._refused: frozenset[str] = frozenset()
         if not settings.namespaces:
@@ -118,7 +118,7 @@ class OperatorProcess:
         """Why this replica does not decide, or could not as soon as it leads."""
         unlisted = [str(watch) for watch in self._watches if self._is_unlisted(watch)]
         problems = [f"not listed yet: {', '.join(unlisted)}"] if unlisted else []
-        if not self._runtime.has_router:
+        if not self.runtime.has_router:
             problems.append("no Zenoh router answers")
         if not (self._leadership.leads or self._leadership.follows):
             problems.append("the Lease is neither held nor seen")
@@ -140,7 +140,7 @@ class OperatorProcess:
             self._serve(served)
         if self._leadership.interruptions != self._interruptions:
             self._interruptions = self._leadership.interruptions
-            self._runtime.resume()
+            self.runtime.resume()
 
     def _is_unlisted(self, watch: ObjectWatch) -> bool:
         """A namespace of several that lets us see no pods must not keep us from the others."""
@@ -161,15 +161,15 @@ class OperatorProcess:
         if self._kopf is not None:
             self._kopf.stop()
             for lost in self._kopf.namespaces - namespaces:
-                self._runtime.abandon(lost)
-        self._kopf = KopfRun(self._runtime, namespaces, self._wake) if namespaces else None
+                self.runtime.abandon(lost)
+        self._kopf = KopfRun(self.runtime, namespaces, self._wake) if namespaces else None
         self._kopf_pulse = Pulse(self._kopf.submit) if self._kopf else None
 
     def _connect(self) -> None:
         """On a thread: waiting for a router must not keep the operator from its other work."""
         session = open_client(self._settings.connect, self._stop, self._settings.credentials)
         if session is not None:
-            self._runtime.connected(session)
+            self.runtime.connected(session)
 
     def _close(self) -> None:
         """Kopf first, so that no handler runs; the Lease last, when nothing of ours is on its way any more."""
@@ -179,7 +179,7 @@ class OperatorProcess:
         self._connecting.join()
         for watch in self._watches:
             watch.stop()
-        self._runtime.close()
+        self.runtime.close()
         self._leadership.stop()
         self._api.close()
 

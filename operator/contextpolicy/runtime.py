@@ -6,7 +6,9 @@ Public methods may be called from any thread but the loop's: each hands its work
 
 from __future__ import annotations
 
+import json
 import logging
+import time
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from itertools import chain
@@ -17,19 +19,26 @@ from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.resizer import PodResizer
 from contextpolicy.bus.agent_watch import AgentWatch
 from contextpolicy.bus.connection import Connection
+from contextpolicy.bus.usage_watch import UsageWatch
 from contextpolicy.cluster.agent_reports import with_agents
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.nodes import allocatable
 from contextpolicy.cluster.pod_directory import PodDirectory
 from contextpolicy.cluster.pods import view
 from contextpolicy.controller import Controller
+from contextpolicy.live.board import Alive, board
 from contextpolicy.loading import Loaded, load
+from contextpolicy.planning.timers import SAME_INSTANT
 from contextpolicy.policy.spec import Mode
 from contextpolicy.policy.tenants import Tenants
+from contextpolicy.recorder.flight_recorder import FlightRecorder
+from contextpolicy.recorder.recording import bare, recording
 from contextpolicy.telemetry import metrics
+from contextpolicy.telemetry.event_budget import EventBudget
 from contextpolicy.telemetry.events import event
 from contextpolicy.telemetry.reporter import Reporter
 from contextpolicy.telemetry.resize_watch import FAILED, RECOVERED, ResizeWatch
+from contextpolicy.telemetry.scrape import Scraped, ScrapedPolicy
 from contextpolicy.telemetry.status import GIVE_UP, StatusFacts, releasing, status, waiting
 
 if TYPE_CHECKING:
@@ -44,10 +53,14 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.loop import Loop
     from contextpolicy.policy.spec import Policy
+    from contextpolicy.recorder.flight_recorder import Records
 
 Answer = TypeVar("Answer")
 
 log = logging.getLogger(__name__)
+
+PATIENCE = 5.0
+"""Seconds that people who watch, and scrapes, wait for the loop."""
 
 
 @dataclass(slots=True)
@@ -58,6 +71,7 @@ class _Entry:
     loaded: Loaded
     controller: Controller | None = None
     conditions: list[dict[str, Any]] = field(default_factory=list)
+    events: EventBudget = field(default_factory=EventBudget)
 
     @property
     def namespace(self) -> str:
@@ -76,6 +90,7 @@ class _Leaving:
 
     body: Mapping[str, Any]
     conditions: list[dict[str, Any]]
+    events: EventBudget = field(default_factory=EventBudget)
 
 
 class Runtime:
@@ -97,6 +112,7 @@ class Runtime:
     ) -> None:
         self._session: zenoh.Session | None = None
         self._agents: AgentWatch | None = None
+        self._usage: UsageWatch | None = None
         self._connection: Connection | None = None
         self._connected = False
         self._loop, self._api = loop, api
@@ -106,6 +122,7 @@ class Runtime:
         self._watch = ResizeWatch(self._on_problem, self._on_stage)
         self._resizer = PodResizer(api, loop, patches, self._watch)
         self._dry_run = DryRun()
+        self._recorder = FlightRecorder()
         self._policies: dict[str, _Entry] = {}
         self._leaving: dict[str, _Leaving] = {}
         self._pods = PodDirectory()
@@ -158,8 +175,8 @@ class Runtime:
         """A pod is new or has changed; one that can't be parsed is logged and ignored."""
         try:
             seen = view(pod)
-        except (ValueError, TypeError, KeyError) as error:
-            log.warning("pod %s can't be read: %r", pod["metadata"].get("name"), error)
+        except ValueError as error:
+            log.warning("a pod can't be read: %s: %.200r", error, pod)
             return
         self._call(lambda: self._take_pod(seen))
 
@@ -177,6 +194,73 @@ class Runtime:
     def has_router(self) -> bool:
         """Whether the bus is there."""
         return self._connected
+
+    def scrape(self) -> Scraped | None:
+        """Everything as it is now, for the metrics; None when the loop does not answer."""
+        try:
+            return self._call(self._scrape).result(timeout=PATIENCE)
+        except TimeoutError:
+            return None
+
+    def _scrape(self) -> Scraped:
+        namespaces = {entry.namespace for entry in self._policies.values()}
+        return Scraped(
+            now=self._loop.to_seconds(self._loop.now),
+            connected=self._connected,
+            policies=[
+                ScrapedPolicy(reference, entry.conditions, entry.controller.held if entry.controller else None)
+                for reference, entry in self._policies.items()
+            ],
+            pods=[pod for namespace in namespaces for pod in self._pods.of(namespace)],
+            agents=dict(self._agents.reports) if self._agents else {},
+        )
+
+    def boards(self) -> list[dict[str, Any]]:
+        """All policies as they are now (see `live.board`); TimeoutError when the loop does not answer."""
+        return self._call(lambda: [self._board(reference) for reference in sorted(self._policies)]).result(PATIENCE)
+
+    def plans(self, policy: str, since: float) -> list[dict[str, Any]]:
+        """The recorded plans of a policy after `since`, each with when it was `published`, in Unix seconds."""
+        ahead = self._loop.to_seconds(self._loop.now) - time.monotonic()
+        records = self._call(lambda: list(self._recorder.plans_since(policy, since - ahead + SAME_INSTANT)))
+        return [{**json.loads(plan.payload), "published": plan.published + ahead} for plan in records.result(PATIENCE)]
+
+    def explanation(self, policy: str) -> dict[str, Any] | None:
+        """Why each task of a policy has its share; None when no version of it runs."""
+        return self._call(lambda: self._explain(policy)).result(PATIENCE)
+
+    def recording(self, policy: str, last: float) -> dict[str, Any] | None:
+        """The last seconds of a policy, and the policy itself; None when no version of it runs."""
+        found = self._call(lambda: self._recorded(policy)).result(PATIENCE)
+        if found is None:
+            return None
+        body, running, records = found
+        # Not on the loop: it may decode tens of thousands of samples.
+        return {"policy": bare(body), **recording(running, records, time.monotonic(), last)}
+
+    def _explain(self, reference: str) -> dict[str, Any] | None:
+        entry = self._policies.get(reference)
+        return entry.controller.explain() if entry is not None and entry.controller is not None else None
+
+    def _recorded(self, reference: str) -> tuple[Mapping[str, Any], Policy, Records] | None:
+        entry, records = self._policies.get(reference), self._recorder.of(reference)
+        if entry is None or entry.controller is None or records is None:
+            return None
+        return entry.body, entry.controller.policy, records.copy()
+
+    def _board(self, reference: str) -> dict[str, Any]:
+        entry = self._policies[reference]
+        return board(
+            Alive(
+                policy=reference,
+                now=self._loop.to_seconds(self._loop.now),
+                conditions=entry.conditions,
+                planner=entry.controller.planner if entry.controller else None,
+                plan=entry.controller.message() if entry.controller else None,
+                reactions=self._watch.recent(reference),
+                usage=self._usage.now() if self._usage else {},
+            )
+        )
 
     def _call(self, action: Callable[[], Answer]) -> Future[Answer]:
         """Run `action` on the loop."""
@@ -197,11 +281,13 @@ class Runtime:
         return future
 
     def _begin(self, session: zenoh.Session, agents: AgentWatch) -> None:
-        self._session, self._agents = session, agents
+        self._session, self._agents, self._usage = session, agents, UsageWatch(session, self._loop)
         for entry in list(self._policies.values()):
             self._adopt(entry.body, entry.loaded)
 
     def _link(self, *, connected: bool) -> None:
+        if connected is self._connected:
+            return
         self._connected = connected
         log.log(logging.INFO if connected else logging.WARNING, "the bus is %s", "there" if connected else "lost")
         for reference in self._policies:
@@ -234,10 +320,14 @@ class Runtime:
         entry.controller = Controller(
             policy, session=session, scheduler=self._loop, actuator=actuator, initiatives=entry.loaded.initiatives
         )
-        entry.controller.signer = self._signer
+        entry.controller.signer, entry.controller.recorder = self._signer, self._recorder
         entry.controller.may_act = lambda: self._api.may_act(policy.namespace)
         entry.controller.on_change = lambda: self._report(reference)
+        entry.controller.board = lambda: self._board(reference)
         entry.controller.on_plan = self._watch.planned
+        entry.controller.on_context = lambda context, active, cause: self._tell_context(
+            reference, context, cause, active=active
+        )
         if self._agents is not None:
             self._agents.forget(reference)
             entry.controller.on_published = self._agents.expect
@@ -260,6 +350,7 @@ class Runtime:
             if self._agents is not None:
                 self._agents.forget(reference)
             self._reporter.forget(reference)
+            self._recorder.forget(reference)
             self._watch.forget(reference)
         self._resizer.release(reference, lambda: self._released(reference, done))
         self._place()
@@ -411,9 +502,23 @@ class Runtime:
         entry = self._policies.get(reference) or self._leaving.get(reference)
         log.warning("%s: %s: %s", reference, reason, message)
         if entry is not None:
-            now = self._loop.to_seconds(self._loop.now)
-            warning = reason != RECOVERED
-            self._reporter.event(event(entry.body, reason=reason, message=message, now=now, warning=warning))
+            self._post(entry, reason, message, warning=reason != RECOVERED)
+
+    def _tell_context(self, reference: str, context: str, cause: str, *, active: bool) -> None:
+        """The plan's own line in the log says it already."""
+        entry = self._policies.get(reference)
+        if entry is not None:
+            reason = "ContextEntered" if active else "ContextExited"
+            self._post(entry, reason, f"{context}: {cause}", warning=False)
+
+    def _post(self, entry: _Entry | _Leaving, reason: str, message: str, *, warning: bool) -> None:
+        now = self._loop.to_seconds(self._loop.now)
+        if entry.events.spend(now):
+            told = entry.events.admit_to(message)
+            self._reporter.event(event(entry.body, reason=reason, message=told, now=now, warning=warning))
+        else:
+            metadata = entry.body["metadata"]
+            metrics.EVENTS_LEFT_OUT.labels(metadata["namespace"], metadata["name"]).inc()
 
 
 def _fulfil(done: Future[None]) -> None:

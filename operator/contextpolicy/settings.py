@@ -37,9 +37,10 @@ class Settings:
     tenants: Tenants = field(default_factory=Tenants)
     health_port: int = 8080
     metrics_port: int = 8081
+    live_port: int = 8082
     lease: tuple[str, str] | None = None
     lease_seconds: int = 15
-    identity: str = ""
+    identity: str = field(default_factory=gethostname)
     log_format: str = "text"
     log_level: str = "info"
 
@@ -55,6 +56,7 @@ def read(environment: Mapping[str, str]) -> Settings:
         tenants=read_tenants(environment.get("TENANTS", "") or "{}", findings),
         health_port=_port(environment, "HEALTH_PORT", 8080, findings),
         metrics_port=_port(environment, "METRICS_PORT", 8081, findings),
+        live_port=_port(environment, "LIVE_PORT", 8082, findings),
         lease=_lease(environment, findings),
         lease_seconds=_seconds(environment, findings),
         identity=environment.get("IDENTITY", "") or gethostname(),

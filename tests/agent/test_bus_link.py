@@ -43,6 +43,9 @@ class Listener:
     def lose_source(self, policy):
         self._note((policy, "lost"))
 
+    def usage(self):
+        return {"at": 1.0, "containers": {}}
+
     def report(self):
         return {"missing": {"CFS": [], "Realtime": self.lacks}}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cProfile
 import gc
 import io
+import math
 import os
 import platform
 import pstats
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.planning.planner import Planner
 from contextpolicy.streams.decoding import Decoder
+from tests.bench.engine_floor import Floor
 
 if TYPE_CHECKING:
     from tests.bench.engine_case import Case
@@ -36,6 +38,20 @@ class Measurement:
     plan_p99_us: float
     samples: int
     plans: int
+    beside: Beside
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """Means in us, engine and floor sample by sample in turns; None where every sample makes a plan.
+
+    Of each sample the quickest of the rounds: what interrupted one of them is no cost of either.
+    """
+
+    quiet_us: float | None
+    quiet_floor_us: float | None
+    plan_us: float
+    plan_floor_us: float
 
 
 class Engine:
@@ -67,6 +83,7 @@ def measure(case: Case) -> Measurement:
         plan_p99_us=min(_percentile(of_round, 99) for of_round in latencies),
         samples=BATCH,
         plans=len(latencies[-1]),
+        beside=_beside(engine, Floor(case.policy()), batch, length),
     )
 
 
@@ -85,6 +102,27 @@ def _latencies(engine: Engine, batch: Batch, offset: float) -> list[int]:
         if engine.take(offset + at, stream, payload):
             durations.append(perf_counter_ns() - begin)
     return durations
+
+
+def _beside(engine: Engine, floor: Floor, batch: Batch, length: float) -> Beside:
+    """`length` is that of a round, in seconds of the samples' time."""
+    costs = [[math.inf, math.inf] for _ in batch]
+    planning = [False] * len(batch)
+    for number in range(2 * ROUNDS, 3 * ROUNDS):
+        for place, (at, stream, payload) in enumerate(batch):
+            begin = perf_counter_ns()
+            planning[place] |= engine.take(number * length + at, stream, payload) > 0
+            between = perf_counter_ns()
+            floor.take(stream, payload)
+            took = between - begin, perf_counter_ns() - between
+            costs[place] = [min(known, new) for known, new in zip(costs[place], took, strict=True)]
+    quiet = [cost for cost, plans in zip(costs, planning, strict=True) if not plans]
+    busy = [cost for cost, plans in zip(costs, planning, strict=True) if plans]
+    return Beside(_mean_us(quiet, 0), _mean_us(quiet, 1), _mean_us(busy, 0) or 0.0, _mean_us(busy, 1) or 0.0)
+
+
+def _mean_us(costs: list[list[float]], column: int) -> float | None:
+    return statistics.fmean(cost[column] for cost in costs) / 1e3 if costs else None
 
 
 def profile(case: Case) -> str:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 OUTPUT = Path(__file__).parents[2] / "build/bench/live.json"
-ENDPOINT = "tcp/127.0.0.1:17448"
+ENDPOINT = "tcp/127.0.0.1:17449"
 RATES = (50, 200, 1000)
 SECONDS, SETTLING = 2.0, 0.3
 STORM_RATE, STORM_SECONDS = 1000, 2.0

@@ -1,4 +1,4 @@
-"""One subject of the live benchmark, asked through its standard input: `python -m tests.bench.live_subject KIND ENDPOINT`.
+"""One subject of the live benchmark: `python -m tests.bench.live_subject KIND ENDPOINT`, asked on its standard input.
 
 Each line asks for the CPU time of the process so far and, of an operator, when each plan of `SHARES` was last in force
 (monotonic seconds). The engine is asked to work through samples instead.

@@ -8,7 +8,7 @@ import time
 import pytest
 from reactivex.testing import TestScheduler
 
-from contextpolicy.bus.decision_bus import Bus, agent_key, applied_key, explain_key, message, plan_key, policy_of
+from contextpolicy.bus.decision_bus import Bus, agent_key, applied_key, message, plan_key, policy_of, topic_key
 from contextpolicy.bus.signatures import Signer, Verifier
 from contextpolicy.cluster.pods import view
 from contextpolicy.planning.placement import Container, Placement
@@ -112,9 +112,9 @@ def test_a_container_that_does_not_run_has_no_limit_in_force(story):
 def test_keys():
     assert plan_key("lab", "robot") == "contextpolicy/lab/robot/plan"
     assert applied_key("lab", "robot") == "contextpolicy/lab/robot/applied"
-    assert explain_key("lab", "robot") == "contextpolicy/lab/robot/explain"
+    assert topic_key("lab", "robot", "explain") == "contextpolicy/lab/robot/explain"
     assert agent_key("robot-1") == "contextpolicy/agents/robot-1"
-    assert {policy_of(key("lab", "robot")) for key in (plan_key, applied_key, explain_key)} == {"lab/robot"}
+    assert {policy_of(key("lab", "robot")) for key in (plan_key, applied_key)} == {"lab/robot"}
 
 
 @pytest.fixture
@@ -128,7 +128,7 @@ def session():
 
 
 def a_bus(session, scheduler, current=lambda: {"n": 1}, explain=lambda: {"why": "so"}):
-    return Bus(session, POLICY, scheduler, current, explain)
+    return Bus(session, POLICY, scheduler, {"plan": current, "explain": explain})
 
 
 def test_what_is_published_goes_to_the_policys_keys(session, scheduler):
@@ -173,7 +173,7 @@ def test_plans_withdrawals_and_answers_are_signed(session, scheduler, tmp_path):
     bus.signer = Signer(keys)
     bus.publish({"n": 1})
     bus.withdraw()
-    query, why = session.ask(key), session.ask(explain_key("lab", "robot"))
+    query, why = session.ask(key), session.ask(topic_key("lab", "robot", "explain"))
     scheduler.advance_by(1)
     for payload, attachment in zip((PLAN, None, PLAN), (*session.attachments, *query.attachments), strict=True):
         assert verifier.check(key, payload, attachment, time.time_ns())

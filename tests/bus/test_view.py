@@ -36,7 +36,10 @@ def test_a_policy_on_the_screen() -> None:
     lines = drawn(view).splitlines()
     assert lines[0].rstrip() == "robot/delivery   context: moving   for 3 s: imu: context moving entered"
     rows = [[cell.strip() for cell in line.strip("│").split("│")] for line in lines if line.startswith("│")]
-    assert rows == [["slam", "10", "990m", "in force"], ["speech", "0", "10m", "planned   suspended"]]
+    assert rows == [
+        ["slam", "10", "990m", "-", "-", "-", "in force"],
+        ["speech", "0", "10m", "-", "-", "-", "planned   suspended"],
+    ]
 
 
 def test_an_expression_with_brackets_is_no_markup() -> None:
@@ -124,3 +127,21 @@ def test_what_nobody_can_read_changes_nothing(key: str, payload: bytes) -> None:
     before = json.dumps(view.policies["robot/delivery"].as_json())
     assert view.take(key, payload) is None
     assert json.dumps(view.policies["robot/delivery"].as_json()) == before
+
+
+def test_what_the_operator_itself_tells_is_added() -> None:
+    view = BusView()
+    container = {"task": "slam", "limit": 0.99, "use": 0.5, "throttled": 0.25}
+    streams = {
+        "imu": {"age": 0.25, "samples": 7, "silent": False},
+        "mic": {"age": None, "samples": 0, "silent": True},
+    }
+    reactions = {"count": 3, "median": 0.02, "worst": 0.1, "last": 0.03}
+    board = {"policy": "robot/delivery", "plan": plan(), "containers": [container], "streams": streams}
+    view.take_board({**board, "reactions": reactions})
+    text = drawn(view)
+    rows = [[cell.strip() for cell in line.strip("│").split("│")] for line in text.splitlines() if line.startswith("│")]
+    assert ["slam", "10", "990m", "990m", "500m", "25%", "planned"] in rows
+    assert ["imu", "0.2 s", "7", "heard"] in rows
+    assert ["mic", "-", "0", "silent"] in rows
+    assert "sample to limit in force: median 20 ms, worst 100 ms, last 30 ms of the latest 3" in text

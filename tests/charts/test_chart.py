@@ -12,7 +12,9 @@ EVERYTHING = (
     "agent.enabled=true",
     "agent.realtime=true",
     "networkPolicy.enabled=true",
-    "metrics.serviceMonitor.enabled=true",
+    "metrics.podMonitor.enabled=true",
+    "metrics.alerts.enabled=true",
+    "metrics.dashboard.enabled=true",
     "imagePullSecrets[0].name=secret",
     "commonLabels.robot=one",
     "router.hostPort=7447",
@@ -29,6 +31,7 @@ DEFAULTS = {
     ("Deployment", "contextpolicy-router"),
     ("Service", "contextpolicy-metrics"),
     ("Service", "contextpolicy-router"),
+    ("Role", "contextpolicy-live"),
     ("ServiceAccount", "contextpolicy"),
     ("ClusterRole", "contextpolicy-restore"),
     ("ClusterRoleBinding", "contextpolicy-restore"),
@@ -67,7 +70,9 @@ def test_everything_at_once_renders(render):
         ("NetworkPolicy", "contextpolicy-restore"),
         ("NetworkPolicy", "contextpolicy-router"),
         ("ServiceAccount", "contextpolicy-agent"),
-        ("ServiceMonitor", "contextpolicy"),
+        ("PodMonitor", "contextpolicy"),
+        ("PrometheusRule", "contextpolicy"),
+        ("ConfigMap", "contextpolicy-dashboard"),
     }
 
 
@@ -103,6 +108,7 @@ def test_the_operator_is_told_all_it_needs(render):
         "IDENTITY": "$(POD_NAME)_$(POD_UID)",
         "HEALTH_PORT": "8080",
         "METRICS_PORT": "8081",
+        "LIVE_PORT": "8082",
         "LOG_FORMAT": "text",
         "LOG_LEVEL": "INFO",
     }
@@ -247,10 +253,6 @@ def test_the_router_listens_on_all_addresses_of_both_families(render, closed):
     [
         (("zenoh.connect={tcp/a:7447}",), "so set router.enabled=false; or leave zenoh.connect empty"),
         (("router.enabled=false",), "there is no Zenoh router to listen to: set router.enabled=true"),
-        (
-            ("metrics.serviceMonitor.enabled=true", "metrics.service.enabled=false"),
-            "set metrics.service.enabled=true",
-        ),
         (("operator.logLevel=LOUD",), "operator/logLevel"),
         (("router.enabled=false", "zenoh.connect={robot.local:7447}"), "zenoh/connect/0"),
         (("agent.enabld=true",), "enabld"),

@@ -51,7 +51,11 @@ def volumes(workload):
 def test_without_agents_the_bus_is_open_and_there_is_no_secret(render):
     rendered = render()
     assert not [key for key in rendered if key[0] == "Secret"]
-    assert container(rendered["Deployment", "contextpolicy-router"])["args"] == ["router", "--listen=tcp/*:7447"]
+    assert container(rendered["Deployment", "contextpolicy-router"])["args"] == [
+        "router",
+        "--metrics-port=8081",
+        "--listen=tcp/*:7447",
+    ]
     assert not volumes(rendered["Deployment", "contextpolicy"])
 
 
@@ -164,12 +168,12 @@ def test_a_cluster_may_choose_users_and_labels(render):
 
 
 def test_the_agent_is_asked_whether_it_lives_and_scraped(render):
-    rendered = render("agent.enabled=true", "metrics.serviceMonitor.enabled=true")
+    rendered = render("agent.enabled=true", "metrics.podMonitor.enabled=true")
     agent = container(rendered[WORKLOADS["agent"]])
     for probe in ("startupProbe", "livenessProbe", "readinessProbe"):
         assert agent[probe]["httpGet"] == {"path": "/healthz", "port": "metrics"}
     assert agent["ports"] == [{"name": "metrics", "containerPort": 8081}]
-    [choice] = rendered["ServiceMonitor", "contextpolicy"]["spec"]["selector"]["matchExpressions"]
+    [choice] = rendered["PodMonitor", "contextpolicy"]["spec"]["selector"]["matchExpressions"]
     service = rendered["Service", "contextpolicy-agent-metrics"]
     assert service["metadata"]["labels"]["app.kubernetes.io/component"] in choice["values"]
     assert service["spec"]["clusterIP"] == "None"

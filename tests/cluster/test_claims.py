@@ -143,8 +143,8 @@ def test_a_tiny_pod_in_another_namespace_takes_nothing_from_a_robot():
     assert claims["lab/robot"].placement.left == {NODE: 800}
     assert claims["elsewhere/robot"].placement.left == {NODE: 10}
     assert claims["elsewhere/robot"].shared == {
-        NODE: f"node {NODE}: no priority says whether elsewhere comes before lab, so it divides the 10m that its "
-        "containers' limits add up to"
+        NODE: f"node {NODE}: no priority decides between elsewhere and lab, so it divides 10m: what its containers' "
+        "own limits add up to, or an equal part where they don't fit"
     }
 
 
@@ -158,10 +158,35 @@ def test_the_administrators_priority_comes_before_age():
     ]
 
 
-def test_of_equals_that_want_more_than_there_is_the_older_one_comes_first():
-    claims = claim(*two_tenants(elsewhere="1500m", lab="800m"), NODES)
-    assert claims["elsewhere/robot"].placement.left == {NODE: 1500}
-    assert claims["lab/robot"].placement.left == {NODE: 500}
+@pytest.mark.parametrize(
+    ("elsewhere", "lab", "parts"),
+    [("1500m", "800m", (1200, 800)), ("64", "64", (1000, 1000)), ("64", "10m", (1990, 10))],
+)
+def test_large_limits_take_no_more_than_an_equal_part(elsewhere, lab, parts):
+    """A pod may say any limit: what its neighbours have must not depend on that."""
+    claims = claim(*two_tenants(elsewhere=elsewhere, lab=lab), NODES)
+    assert (claims["elsewhere/robot"].placement.left[NODE], claims["lab/robot"].placement.left[NODE]) == parts
+
+
+def test_a_greater_priority_leaves_its_reserve_for_equals_to_share():
+    policies, pods = two_tenants(elsewhere="64", lab="64", first="1")
+    policies[2] = replace(policies[2], reserve=600)
+    claims = claim(policies, pods, NODES, tenants=tenants(first=1))
+    assert [claims[f"{name}/robot"].placement.left.get(NODE) for name in ("first", "elsewhere", "lab")] == [
+        None,
+        300,
+        300,
+    ]
+
+
+def test_more_policies_of_a_namespace_give_it_no_greater_part():
+    [elsewhere, lab], pods = two_tenants(elsewhere="64", lab="64")
+    more = view(a_pod("more", {"more": cpu("10m", "64")}, namespace="elsewhere", uid="more"))
+    second = replace(policy_of("second", "more"), namespace="elsewhere")
+    claims = claim([elsewhere, second, lab], [*pods, more], NODES)
+    assert claims["lab/robot"].placement.left == {NODE: 1000}
+    assert claims["elsewhere/robot"].placement.left == {NODE: 1000}
+    assert claims["elsewhere/second"].conflicts != []
 
 
 def test_what_a_container_got_from_a_policy_does_not_count_as_its_own():

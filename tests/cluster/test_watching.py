@@ -223,3 +223,27 @@ def test_a_watch_that_has_ended_unasked_is_found_out():
     watch._thread.join(PATIENCE)
     with pytest.raises(RuntimeError, match="/pods is not watched any more"):
         watch.check()
+
+
+def test_a_refusal_is_told_when_it_begins_and_when_it_ends(monkeypatch):
+    monkeypatch.setattr(watching, "PAUSES", (0.0,))
+    forbidden = ActuationError("Forbidden", "no right to list", retriable=False)
+    api = Api(forbidden, forbidden, a_list(an_item("slam")))
+    watch = ObjectWatch(api, "/pods", lambda _: None, lambda _: None)
+    told = []
+    watch.on_refused = lambda: told.append(watch.refused)
+    watch.start()
+    watch.listed.result(PATIENCE)
+    watch.stop()
+    assert told == ["no right to list", ""]
+
+
+def test_a_server_that_is_not_there_has_refused_nothing(monkeypatch):
+    monkeypatch.setattr(watching, "PAUSES", (0.0,))
+    watch = ObjectWatch(Api(UNREACHABLE, a_list()), "/pods", lambda _: None, lambda _: None)
+    told = []
+    watch.on_refused = lambda: told.append(watch.refused)
+    watch.start()
+    watch.listed.result(PATIENCE)
+    watch.stop()
+    assert told == []

@@ -142,9 +142,9 @@ def test_an_unknown_task_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().err == "task spech is not allowed: one of slam, speech; did you mean speech?\n"
 
 
-def test_neither_timeline_nor_endpoint_is_wrong_usage() -> None:
+def test_timeline_and_endpoint_at_once_are_wrong_usage() -> None:
     with pytest.raises(SystemExit) as caught:
-        main(["explain", "policy.yaml"])
+        main(["explain", "policy.yaml", "--timeline", DEMO, "--connect", "tcp/localhost:7447"])
     assert caught.value.code == 2
 
 

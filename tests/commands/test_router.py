@@ -25,7 +25,9 @@ def program(monkeypatch):
     monkeypatch.setattr(router, "LOOK", 0.02)
 
     def start(endpoint, credentials):
-        arguments = argparse.Namespace(listen=router.endpoints(endpoint), credentials=credentials, samples="**")
+        arguments = argparse.Namespace(
+            listen=router.endpoints(endpoint), credentials=credentials, samples="**", metrics_port=None
+        )
         threads.append(threading.Thread(target=router.main, args=[arguments]))
         threads[0].start()
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -47,3 +50,22 @@ def test_the_kubelet_is_told_to_start_a_crashed_operator_again_soon():
 def test_k3s_is_told_nothing_that_stops_resizes():
     config = yaml.safe_load((ROOT / "config" / "k3s" / "config.yaml").read_text(encoding="utf-8"))
     assert [argument.partition("=")[0] for argument in config["kubelet-arg"]] == ["system-reserved"]
+
+
+@pytest.mark.parametrize("script", ["config/k3s/try.sh", ".ci/run"])
+def test_shell_scripts_are_sound(script):
+    """The checker comes with the development packages, next to this Python."""
+    shellcheck = Path(sys.executable).parent / "shellcheck"
+    found = subprocess.run([shellcheck, ROOT / script], capture_output=True, text=True, check=False)
+    assert found.stdout == ""
+
+
+def test_what_the_try_script_relies_on_is_there():
+    """It can run nowhere but on a robot; the files that it copies and the targets that it makes are ours."""
+    script = ROOT / "config" / "k3s" / "try.sh"
+    text = script.read_text(encoding="utf-8")
+    assert script.stat().st_mode & 0o111
+    assert all((ROOT / file).is_file() for file in re.findall(r"config/k3s/\S+\.(?:yaml|conf)", text))
+    targets = set(re.findall(r"^make (\w+)", text, re.MULTILINE))
+    assert targets == {"demo"}
+    assert all(f"\n{target}:" in (ROOT / "Makefile").read_text(encoding="utf-8") for target in targets)

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from tests.e2e.cluster import apply, delete, get, run, until
+from tests.e2e.cluster import NO_RESIZES, apply, delete, get, resizes_refused, run, until
 from tests.e2e.robot import IDLE, pod, task
 from tests.node import access, layout, lifecycle
 
@@ -52,6 +52,20 @@ def test_limit_range_that_refuses_is_reported(robot):
     delete("limitrange", "small", robot.namespace)
     robot.expect(slam=990, speech=10)
     until("the status is well again", lambda: (now := robot.condition("Applied"))[0] == "True" or now)
+
+
+def test_a_policy_whose_restore_is_refused_says_what_it_waits_for(robot):
+    robot.start("slam", "speech")
+    robot.policy()
+    robot.drive(0.3)
+    robot.expect(slam=990, speech=10)
+    with resizes_refused(robot.namespace, "slam"):
+        run("kubectl", "delete", "ctxp", "robot", "-n", robot.namespace, "--wait=false")
+        until("the status says why", lambda: NO_RESIZES in robot.condition("Applied")[1])
+        assert "to give up, remove its finalizer" in robot.condition("Applied")[1]
+        until("an Event says why", lambda: any(NO_RESIZES in message for message in robot.told("RestoreFailed")))
+    robot.expect(slam=500, speech=500)
+    delete("ctxp", "robot", robot.namespace)
 
 
 def allocatable():

@@ -5,14 +5,17 @@
 Afterwards nothing may have leaked, no limit was wrong at any moment, and every container is as it came.
 """
 
+import contextlib
 import json
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from queue import Empty, Queue
 from random import randrange
 
 import pytest
@@ -119,67 +122,85 @@ class Watch:
 
 
 class Stage:
-    """Carries out what the story says; a part that is away comes back when its time is over."""
+    """Carries out what the story says, each kind in its own thread: a pod that takes long must not stop contexts."""
 
     def __init__(self, robot, watch):
         self.robot, self.watch = robot, watch
-        self.away: dict[str, float] = {}
         self.killed: list[str] = []
         self.originals: dict[str, int] = {}
-        self.wanted: dict[str, int] = {}
+        self._away: dict[str, float] = {}
+        self._wanted: Queue[Coming] = Queue()
+        self._stop = threading.Event()
+        self._threads = [threading.Thread(target=run, daemon=True) for run in (self._supervise, self._replace_all)]
+
+    def __enter__(self):
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._stop.set()
+        for thread in self._threads:
+            thread.join(timeout=RECOVERY)
 
     def play(self, events):
-        """All of the story, in its own time; what comes late because the machine is slow is not left out."""
+        """All of the story, in its own time; then everything is back, and every pod has come that was to come."""
         began = time.monotonic()
         for event in events:
-            self._bring_back(time.monotonic())
             time.sleep(max(0.0, began + event.at - time.monotonic()))
             self._carry_out(event)
-        self.bring_all_back()
+        until("every part is back", lambda: not self._missing() or self._missing(), RECOVERY)
+        for name in components.names():
+            lifecycle.start(name)  # waits until it serves
+        until("every pod has come", lambda: self._wanted.unfinished_tasks == 0, RECOVERY)
+        until("our own processes are back", lambda: all(map(main_processes, story.PODS)), RECOVERY)
 
     def _carry_out(self, event):
         match event:
             case Flip(speed=speed, level=level):
                 self.robot.drive(speed)
                 self.robot.hear(level)
-            case Coming(task=name, limit=limit):
-                self.wanted[name] = limit
+            case Coming():
+                self._wanted.put(event)
             case Killing(part=part, away=away):
                 self._kill(part, away)
-        self._replace_pods()
 
     def _kill(self, part, away):
-        if part in self.away:
-            return
-        if part in story.PODS:
-            pids = main_processes(part)
-        else:
-            pids = {pid} if (pid := processes.alive(part)) else set()
-            self.away[part] = time.monotonic() + away
-        for pid in pids:
-            os.kill(pid, signal.SIGKILL)
-        self.killed.append(part)
+        self._away[part] = time.monotonic() + away
+        for pid in {self.watch.pids.get(part) if part in story.PODS else processes.alive(part)} - {None}:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+                self.killed.append(part)
 
-    def _bring_back(self, now):
-        """In the node's own order: the API server needs its datastore. One that ended itself comes back too."""
-        if self.away and now >= max(self.away.values()):
-            self.bring_all_back()
+    def _missing(self):
+        return [name for name in components.names() if processes.alive(name) is None]
 
-    def bring_all_back(self):
-        """Start what is away, and what could not live without it."""
-        for name in components.names():
-            lifecycle.start(name)
-        self.away.clear()
-        for part in story.PODS:
-            if pids := main_processes(part):
-                self.watch.pids[part] = min(pids)
+    def _supervise(self):
+        """Start again what has ended, as k3s or systemd would, also what ended itself; note our own processes' ids."""
+        while not self._stop.wait(1.0):
+            for name in self._missing():
+                if time.monotonic() >= self._away.get(name, 0.0):
+                    # Not waited for: it may need another one that is away, and ends itself until that is back.
+                    processes.start(name, lifecycle.component(name).argv)
+            for part in story.PODS:
+                if self.watch.pids.get(part) is None and (pids := main_processes(part)):
+                    self.watch.pids[part] = min(pids)
 
-    def _replace_pods(self):
-        """Only while the API and the kubelet are there; else when they are back."""
-        if self.away:
-            return
-        for name in [*self.wanted]:
-            self.replace(name, self.wanted.pop(name))
+    def _replace_all(self):
+        while not self._stop.is_set():
+            with contextlib.suppress(Empty):
+                wanted = self._wanted.get(timeout=0.5)
+                while not self._replaced(wanted) and not self._stop.wait(1.0):
+                    pass
+                self._wanted.task_done()
+
+    def _replaced(self, wanted):
+        """Whether it could be done: the API or the kubelet may be away in the middle of it."""
+        try:
+            self.replace(wanted.task, wanted.limit)
+        except (CommandError, subprocess.TimeoutExpired):
+            return False
+        return True
 
     def replace(self, name, limit):
         """The task's pod goes, and another one comes."""
@@ -187,9 +208,10 @@ class Stage:
         self.robot.stop(name)
         resources = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"cpu": f"{limit}m", "memory": "64Mi"}}
         apply(pod(name, self.robot.namespace, IDLE, resources))
-        run("kubectl", "wait", f"pod/{name}", "-n", self.robot.namespace, "--for=condition=Ready", "--timeout=120s")
+        run("kubectl", "wait", f"pod/{name}", "-n", self.robot.namespace, "--for=condition=Ready", "--timeout=60s")
         cgroup = self.robot.container(name)
-        assert cgroup is not None
+        if cgroup is None:
+            raise CommandError(f"{name} has no cgroup")
         self.originals[name] = limit
         self.watch.living[name] = Living(name, cgroup, limit)
 
@@ -199,7 +221,7 @@ def main_processes(part):
     labels = f"app.kubernetes.io/component={part}"
     try:
         found = json.loads(run("kubectl", "get", "pods", "-n", SYSTEM, "-l", labels, "-o", "json", timeout=20))
-    except (CommandError, OSError, ValueError):
+    except (CommandError, subprocess.TimeoutExpired, ValueError):
         return set()
     statuses = [status for one in found["items"] for status in one["status"].get("containerStatuses", [])]
     groups = [find(status["containerID"]) for status in statuses if "running" in status["state"]]
@@ -211,11 +233,10 @@ def soaked(robot):
     """The robot after its soak: what was seen, and the stage on which it was."""
     planned = oracle.plans(soak_policy(robot.namespace), CORES, readings())
     apply(soak_policy(robot.namespace))
-    with Watch(planned) as watch:
-        stage = Stage(robot, watch)
+    with Watch(planned) as watch, Stage(robot, watch) as stage:
         for name in story.TASKS:
             stage.replace(name, 400)
-        stage.bring_all_back()
+        until("our own processes are known", lambda: watch.pids.keys() == set(story.PODS))
         print(f"soak: {DURATION:.0f} s, SOAK_SEED={SEED}", file=sys.stderr)  # noqa: T201 - to tell it again
         stage.play(story.story(SEED, DURATION))
         yield stage

@@ -6,15 +6,32 @@ Hypothesis feeds them in `test_fuzz`, atheris in `fuzz_*` by hand.
 from __future__ import annotations
 
 import copy
+import io
+import json
 import math
-from contextlib import suppress
+from contextlib import nullcontext, suppress
+from threading import Event
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.planning.scope import Scope
+import urllib3
+from rich.console import Console
 
-from contextpolicy.errors import DecodeError, DefinitionError, ExpressionError, PolicyError
+from contextpolicy.bus.view import BusView, live
+from contextpolicy.cluster.agent_reports import (
+    LONGEST_PERIOD,
+    MOST_PROCESSORS,
+    SHORTEST_PERIOD,
+    read_confirmation,
+    read_report,
+)
+from contextpolicy.cluster.api import _refusal, _version
+from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.watching import ObjectWatch
+from contextpolicy.errors import ActuationError, DecodeError, DefinitionError, ExpressionError, PolicyError
 from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
+from contextpolicy.planning.scope import Scope
 from contextpolicy.policy import parsing
 from contextpolicy.policy.ros_types import type_store
 from contextpolicy.policy.spec import Encoding, RosRelease, Stream
@@ -232,3 +249,74 @@ def timestamp(stamp: object) -> None:
     """Anything in a timestamp's place."""
     with suppress(DecodeError):
         assert isinstance(seconds(stamp), float | int)
+
+
+def report(payload: bytes) -> None:
+    """Anything as an agent's report: what is made of it is a number of processors and a period that a node can have."""
+    found = read_report(payload)
+    assert found.processors is None or 1 <= found.processors <= MOST_PROCESSORS
+    assert found.quota_period is None or SHORTEST_PERIOD <= found.quota_period <= LONGEST_PERIOD
+    read_confirmation(payload)
+
+
+def shown(messages: list[tuple[str, bytes]]) -> None:
+    """Anything on the decision bus's keys: whoever looks at it sees the policies that make sense."""
+    seen = BusView()
+    for key, payload in messages:
+        changed = seen.take(key, payload)
+        assert changed is None or json.dumps(changed)
+    console = Console(width=120, file=io.StringIO())
+    console.print(live(seen, START))
+
+
+class _Server:
+    """An API server that lists nothing, whose watch says one line, and that ends the watch when it is listed again."""
+
+    def __init__(self, line: bytes) -> None:
+        self.line, self.lists, self.stop = line, 0, Event()
+
+    def read(self, _path: str) -> dict[str, Any]:
+        self.lists += 1
+        if self.lists > 1:
+            self.stop.set()
+        return {"items": [], "metadata": {"resourceVersion": "1"}}
+
+    def watch(self, _path: str, _version: str) -> Any:
+        return nullcontext(SimpleNamespace(stream=lambda **_: iter([self.line + b"\n"])))
+
+
+class _NoWait:
+    """The watch's own flag, without its pauses; a watch that the server just ends goes on at once, here it ends."""
+
+    def __init__(self, server: _Server) -> None:
+        self._server, self._waits = server, 0
+
+    def is_set(self) -> bool:
+        return self._server.stop.is_set() or self._waits > 1
+
+    def wait(self, _seconds: float) -> None:
+        self._waits += 1
+
+
+def event(line: bytes) -> None:
+    """Anything as a line of a watch: its thread goes on, and reads the list anew or watches on."""
+    server = _Server(line)
+    watch = ObjectWatch(server, "/api/v1/pods", pod, lambda _uid: None)
+    watch._stop = _NoWait(server)  # type: ignore[assignment]
+    watch._run()
+
+
+def pod(document: Any) -> None:
+    """A pod as decoded JSON: a view of it, or an error that the operator logs with the pod's name."""
+    with suppress(ValueError):
+        view(document)
+
+
+def answer(status: int, body: bytes) -> None:
+    """Anything as the API server's answer to a PATCH: a version, or an ActuationError that can be told."""
+    response = urllib3.HTTPResponse(io.BytesIO(body), status=status)
+    if status >= 300:
+        assert str(_refusal(response))
+        return
+    with suppress(ActuationError):
+        assert _version(body) >= 0

@@ -12,9 +12,12 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from contextpolicy.cluster.pods import view
 from contextpolicy.planning.inputs import Gone, Score
 from contextpolicy.planning.placement import Container, Placement
 from contextpolicy.planning.sample import Sample
+from tests.bus import messages
+from tests.cluster.builders import a_pod, cpu
 from tests.fuzz import targets
 
 POLICIES = [
@@ -207,3 +210,82 @@ def test_any_message_definition(name, text):
     targets.definitions(name, text)
     targets.definitions(f"{name}.idl", text)
     targets.definitions("a.msg.M.msg", text)
+
+
+REPORT = {
+    "missing": {"CFS": [], "Realtime": ["no kernel option"]},
+    "unlimited": "",
+    "processors": 4,
+    "quotaPeriod": 0.1,
+}
+APPLIED = {"container": "robot/slam-1/slam", "stage": "accepted", "cores": 0.99}
+
+
+def damaged(document, data):
+    """A copy with one field replaced, as bytes; Python writes numbers beyond JSON's, and reads them too."""
+    document = copy.deepcopy(document)
+    place, key = data.draw(st.sampled_from(list(targets.places(document))))
+    place[key] = data.draw(values)
+    return json.dumps(document).encode()
+
+
+@given(st.data())
+@settings(max_examples=200)
+def test_a_damaged_report(data):
+    targets.report(damaged(REPORT, data))
+    targets.report(b'{"stamp":' + damaged([1, 2, 3], data) + b',"policy":"a/b"}')
+
+
+@given(st.binary(max_size=200))
+@example(b"[" * 100_000)
+@example(b'{"missing": {"CFS": [], "Realtime": []}, "processors": Infinity}')
+@example(b'{"missing": {"CFS": [], "Realtime": []}, "processors": -3}')
+@example(b'{"missing": {"CFS": [], "Realtime": []}, "quotaPeriod": NaN}')
+@example(b'{"missing": {"CFS": [], "Realtime": []}, "quotaPeriod": -1}')
+def test_any_report(payload):
+    targets.report(payload)
+
+
+@given(st.data())
+@settings(max_examples=200)
+def test_damaged_messages_on_the_bus(data):
+    plans = [(messages.KEY, damaged(messages.plan(sequence=number), data)) for number in range(2)]
+    steps = [(messages.APPLIED, damaged(APPLIED, data))]
+    targets.shown([*plans, *steps, (messages.KEY, json.dumps(messages.plan(sequence=5)).encode())])
+
+
+@given(st.binary(max_size=200))
+@example(b"[" * 100_000)
+def test_any_message_on_the_bus(payload):
+    targets.shown([(messages.KEY, payload), (messages.APPLIED, payload)])
+
+
+@given(st.data())
+@settings(max_examples=200)
+def test_a_damaged_pod_of_a_watch(data):
+    targets.event(damaged({"type": "MODIFIED", "object": a_pod(sidecars={"proxy": cpu("1m", "2m")})}, data))
+
+
+@given(st.binary(max_size=200))
+@example(b"[" * 100_000)
+@example(b'{"type": "MODIFIED", "object": {"metadata": []}}')
+@example(b'{"type": "MODIFIED", "object": []}')
+def test_any_line_of_a_watch(line):
+    targets.event(line)
+
+
+@given(st.sampled_from([200, 403, 404, 409, 422, 429, 500, 504]), st.one_of(st.binary(max_size=200), values.map(repr)))
+@example(200, b"[" * 100_000)
+@example(500, b"[" * 100_000)
+def test_any_answer_to_a_patch(status, body):
+    targets.answer(status, body if isinstance(body, bytes) else body.encode(errors="replace"))
+
+
+numerals = st.from_regex(r"\A[+-]?([0-9]{1,9}(\.[0-9]{0,9})?|\.[0-9]{1,9})\Z")
+suffixes = st.from_regex(r"\A([KMGTPE]i|[numkMGTPE]|[eE][+-]?[0-9]{1,2})?\Z")
+
+
+@given(numerals, suffixes)
+def test_any_quantity_that_kubernetes_takes_can_be_read(numeral, suffix):
+    quantity = numeral + suffix
+    view(a_pod(containers={"slam": cpu(quantity, quantity, (quantity, quantity))}))

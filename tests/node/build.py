@@ -80,6 +80,8 @@ PROGRAMS = (
     Program("runc", (f"github.com/opencontainers/runc@{RUNC_VERSION}",), tags="seccomp", cgo=True),
     Program("helm", (f"helm.sh/helm/v4/cmd/helm@{HELM_VERSION}",)),
 )
+PROMTOOL = Program("promtool", ("github.com/prometheus/prometheus/cmd/promtool",), source="promtool")
+"""Judges the chart's alert rules; no part of a node. Its module has replacements, so it can't be fetched by version."""
 
 
 def build_all() -> None:

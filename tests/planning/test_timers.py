@@ -27,6 +27,16 @@ def test_nothing_set_means_nothing_due():
     assert timers.next_due() is None
 
 
+def test_only_what_is_due_by_then_counts():
+    _, (early, late) = bells("early", "late")
+    timers = Timers()
+    timers.set(early, 1.0)
+    timers.set(late, 3.0)
+    assert [timers.next_due(by) for by in (0.9, 1.0, 5.0)] == [None, 1.0, 1.0]
+    timers.set(early, 4.0)
+    assert [timers.next_due(by) for by in (2.9, 3.0, 5.0)] == [None, 3.0, 3.0]
+
+
 def test_deadlines_act_in_order_and_once():
     rung, (early, late) = bells("early", "late")
     timers = Timers()

@@ -8,11 +8,12 @@ from contextpolicy.policy.parsing import parse as parse_policy
 from contextpolicy.simulation.comparison import differences
 from contextpolicy.simulation.expectations import ExpectationError
 from contextpolicy.simulation.expectations import parse as parse_expectations
-from contextpolicy.simulation.forecast import ALL, NONE, forecast
+from contextpolicy.simulation.forecast import ALL, NONE, forecast, stats
 from contextpolicy.simulation.forecast_report import as_fields, as_table
 from contextpolicy.simulation.profiles import parse_profiles
 from contextpolicy.simulation.robot import Robot
 from contextpolicy.simulation.run import simulate
+from contextpolicy.simulation.server import Fate, Outcome, Work
 from contextpolicy.streams.timeline import parse as parse_timeline
 
 
@@ -106,6 +107,17 @@ def test_what_cannot_be_predicted_is_told():
         "there is no profile of speech: it is predicted to use nothing",
         "the policy has no task arm: its profile is not used",
     ]
+
+
+def test_the_phase_of_the_periods_is_unknown_and_the_worst_is_told():
+    slam = predict(a_policy(), profiles(slam=0.045))[1].tasks["slam"][NONE]
+    assert slam.misses <= slam.worst
+    assert slam.done + slam.dropped == pytest.approx(slam.inputs, abs=2)
+    quick, slow = (
+        Outcome(Work(0.0, "slam", 0, 0.1), Fate.DONE, time, 0, phase) for phase, time in enumerate((0.0, 1.0))
+    )
+    both = stats([quick, slow], 0.5)
+    assert (both.inputs, both.misses, both.worst) == (1, 0.5, 1.0)
 
 
 def test_the_same_files_give_the_same_prediction():

@@ -16,7 +16,7 @@ from robotkit.profile import Profile, Run
 from robotkit.profiles import document, idle
 
 SCHEMA = Draft202012Validator(
-    json.loads((Path(__file__).parents[2] / "timelines/profiles.schema.json").read_text(encoding="utf-8"))
+    json.loads((Path(__file__).parents[2] / "modules/robotkit/profiles.schema.json").read_text(encoding="utf-8"))
 )
 MS = 1_000_000
 

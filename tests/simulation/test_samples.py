@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from unittest.mock import Mock
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -58,11 +59,11 @@ def test_each_sample_is_what_the_robots_decoder_makes_of_the_payload(value):
 
 
 def test_a_value_that_repeats_is_written_as_json_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    dumps = Mock(wraps=json.dumps)
-    monkeypatch.setattr("contextpolicy.simulation.samples.json.dumps", dumps)
+    encode = Mock(wraps=msgspec.json.encode)
+    monkeypatch.setattr("contextpolicy.simulation.samples.msgspec.json.encode", encode)
     found, _, _ = read(repeated({"gyro": [0.1, 0.0, 0.0]}))
     assert len(found) == 100
-    assert dumps.call_count == 1
+    assert encode.call_count == 1
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,13 @@ def test_a_task_that_comes_in_the_middle_of_a_period_has_its_whole_quota():
     assert responses(serve([Work(0.05, "a", 0, 0.04)], [quota(a=0.3)])) == pytest.approx([0.03 + 0.02 + 0.01])
 
 
+def test_periods_may_have_begun_before():
+    """60 ms are left of the first period: its 30 ms, then 10 of the next."""
+    server = Server(2.0, {"a": Worker([1])}, PERIOD, offset=0.04)
+    server.serve([Work(0.0, "a", 0, 0.04)], [quota(a=0.3)], END)
+    assert responses(server) == pytest.approx([0.06 + 0.01])
+
+
 def test_a_quota_is_whole_again_after_idle_periods():
     server = serve([Work(0.0, "a", 0, 0.03), Work(5.05, "a", 0, 0.03)], [quota(a=0.3)])
     assert responses(server) == pytest.approx([0.03, 0.03])

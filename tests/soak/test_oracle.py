@@ -1,3 +1,5 @@
+from typing import Any
+
 from tests.soak import oracle
 
 POLICY = {
@@ -9,7 +11,7 @@ POLICY = {
         "contexts": [{"name": "moving", "when": "imu.speed > 0.05", "tasks": {"speech": {"suspend": True}}}],
     },
 }
-READINGS = ({}, {"imu": {"speed": 0.0}}, {"imu": {"speed": 0.3}})
+READINGS: tuple[dict[str, Any], ...] = ({}, {"imu": {"speed": 0.0}}, {"imu": {"speed": 0.3}})
 
 
 def test_the_limits_are_those_of_any_pods_and_any_readings():

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from prometheus_client import REGISTRY
 
 from contextpolicy.actuators.resize.contest import Contest
 from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.telemetry import resize_watch
 from contextpolicy.telemetry.resize_watch import ResizeWatch
 from tests.actuators.resize.fake_cluster import refusal
 from tests.cluster.builders import a_pod
@@ -43,9 +45,11 @@ def a_plan(sequence, *, arrived=None, **shares):
     return plan_of(sequence, {f"lab/{name}/{name}": share for name, share in shares.items()}, arrived)
 
 
-def count(stage, of="count"):
-    labels = {**LABELS, "stage": stage}
-    return REGISTRY.get_sample_value(f"contextpolicy_stage_seconds_{of}", labels) or 0.0
+LEGS = ("sample_to_plan", "plan_to_patch", "patch_to_in_force", "reaction")
+
+
+def count(leg, of="count"):
+    return REGISTRY.get_sample_value(f"contextpolicy_{leg}_seconds_{of}", LABELS) or 0.0
 
 
 def contests():
@@ -56,16 +60,44 @@ def resizes(result):
     return REGISTRY.get_sample_value("contextpolicy_resizes_total", {**LABELS, "result": result}) or 0.0
 
 
-def test_each_stage_is_told_and_measured(told):
-    before = [count(stage) for stage in ("plan", "patch", "status")]
-    until_patch = count("patch", of="sum")
+@pytest.fixture
+def clock(monkeypatch):
+    """Monotonic time, as the test sets it."""
+    now = SimpleNamespace(at=0.0)
+    monkeypatch.setattr(resize_watch.time, "monotonic", lambda: now.at)
+    return now
+
+
+def test_each_leg_of_a_reaction_is_told_and_measured(told, clock):
+    before = {leg: (count(leg), count(leg, of="sum")) for leg in LEGS}
     told.watch.planned(POLICY, a_plan(1, slam=500))
+    clock.at = 1.25
     told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300))
     told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 2.5)
+    clock.at = 4.0
     told.watch.on_in_force(POLICY, "lab/slam/slam", 300)
     assert told.stages == [("accepted", "lab/slam/slam", 0.3), ("inForce", "lab/slam/slam", 0.3)]
-    assert [count(stage) for stage in ("plan", "patch", "status")] == [n + 1 for n in before]
-    assert count("patch", of="sum") - until_patch == pytest.approx(1.5)
+    assert [count(leg) - before[leg][0] for leg in LEGS] == [1, 1, 1, 1]
+    assert [count(leg, of="sum") - before[leg][1] for leg in LEGS] == pytest.approx([0.25, 1.25, 1.5, 3.0])
+    assert told.watch.recent(POLICY) == [3.0]
+
+
+def test_an_agent_may_be_faster_than_the_answer_of_the_api(told, clock):
+    before = [count(leg) for leg in LEGS]
+    told.watch.planned(POLICY, a_plan(1, slam=500))
+    told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300))
+    clock.at = 2.0
+    told.watch.on_in_force(POLICY, "lab/slam/slam", 300)
+    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 2.5)
+    assert [count(leg) - n for leg, n in zip(LEGS, before, strict=True)] == [1, 1, 0, 1]
+
+
+def test_a_policy_that_is_gone_leaves_no_reactions(told):
+    told.watch.planned(POLICY, a_plan(1, slam=500))
+    told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300))
+    told.watch.on_in_force(POLICY, "lab/slam/slam", 300)
+    told.watch.forget(POLICY)
+    assert told.watch.recent(POLICY) == []
 
 
 def test_a_resize_that_no_sample_asked_for_is_told_and_not_measured(told):
@@ -73,11 +105,11 @@ def test_a_resize_that_no_sample_asked_for_is_told_and_not_measured(told):
     told.watch.planned(POLICY, a_plan(1, slam=500))
     told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300))
     told.watch.on_contest(POLICY, "lab/slam/slam", Contest("vpa-updater", Cpu(100, 300), Cpu(100, 700)))
-    before = [count(stage) for stage in ("plan", "patch", "status")]
+    before = [count(leg) for leg in LEGS]
     told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 3601.0)
     told.watch.on_in_force(POLICY, "lab/slam/slam", 300)
     assert [stage for stage, *_ in told.stages] == ["accepted", "inForce"]
-    assert [count(stage) for stage in ("plan", "patch", "status")] == before
+    assert [count(leg) for leg in LEGS] == before
 
 
 def test_a_plan_that_no_sample_made_is_not_measured(told):

@@ -67,7 +67,7 @@ def _box(rng: np.random.Generator, low: tuple[float, float], high: tuple[float, 
     corners = np.array([(*low, LOW[2]), (*high, CEILING)], np.float32)
     size = (corners[1] - corners[0]) * PIXELS_PER_METRE
     sides = [(int(size[(axis + 1) % 3]), int(size[(axis + 2) % 3])) for axis in range(3)]
-    return Box(*corners, tuple((_texture(rng, *side), _texture(rng, *side)) for side in sides))
+    return Box(corners[0], corners[1], tuple((_texture(rng, *side), _texture(rng, *side)) for side in sides))
 
 
 def rays(camera: Camera) -> Floats:
@@ -82,7 +82,7 @@ def rays(camera: Camera) -> Floats:
 def picture(walls: Walls, directions: Floats, place: Floats, size: tuple[int, int]) -> Image:
     """Draw what is seen from `place` along `directions` (3 x pixels), both in the corridor's frame."""
     with np.errstate(divide="ignore"):
-        view = _View(place, directions, 1 / directions)
+        view = _View(place, directions, np.reciprocal(directions))
     drawn, distances = _draw_room(walls.room, view)
     for block in walls.blocks:
         _draw_block(drawn, distances, block, view)

@@ -34,7 +34,8 @@ class Motion:
     def speed_at(self, times: Floats) -> Floats:
         """Forward speed in m/s; it ramps up and down within each interval."""
         ramps = [np.clip(np.minimum(times - start, end - times) / RAMP, 0, 1) for start, end in self.moving]
-        total: Floats = self.speed * np.sum([3 * ramp**2 - 2 * ramp**3 for ramp in ramps], axis=0)
+        smooth = [3 * ramp**2 - 2 * ramp**3 for ramp in ramps]
+        total: Floats = self.speed * np.sum([np.zeros_like(times), *smooth], axis=0)
         return total
 
     def angles_at(self, times: Floats) -> tuple[Floats, Floats, Floats]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import re
 import wave
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from contextpolicy.streams.recordings import Excerpt, open_recording
 from robotkit import euroc
 from robotkit.euroc import DatasetError
 from robotkit.stereo import encode
@@ -22,10 +24,12 @@ if TYPE_CHECKING:
     Recorded: TypeAlias = tuple[float, bytes | dict[str, object]]
 
 CHUNK_S = 0.1
+MESSAGES = "messages.mcap"
+"""The recording of a robot in a data set's folder."""
 
 
 def read(root: Path, name: str) -> Iterator[Recorded]:
-    """Open `<recording>/<stream>` of a EuRoC sequence, or a folder with `audio.wav` or with pictures and `data.csv`."""
+    """Open `<recording>/<stream>` of a EuRoC sequence, sound, pictures, or messages of a robot's recording."""
     folder, _, stream = name.rpartition("/")
     if (root / name / "audio.wav").is_file():
         return _audio(root / name / "audio.wav")
@@ -33,6 +37,8 @@ def read(root: Path, name: str) -> Iterator[Recorded]:
         return _pictures(root / name)
     if stream in _EUROC and (root / folder / "mav0").is_dir():
         return _EUROC[stream](root / folder / "mav0")
+    if (root / folder / MESSAGES).exists():
+        return _messages(root / folder / MESSAGES, stream)
     raise DatasetError(f"data set {name} is not in {root}: make it with `python -m timelines.datasets`")
 
 
@@ -74,6 +80,20 @@ def _audio(path: Path) -> Iterator[Recorded]:
         frames = round(audio.getframerate() * CHUNK_S)
         for index in range(audio.getnframes() // frames):
             yield (index + 1) * CHUNK_S, audio.readframes(frames)
+
+
+def stream_of(topic: str) -> str:
+    """The name of a recorded topic as a data set's stream."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", topic.strip("/"))
+
+
+def _messages(path: Path, stream: str) -> Iterator[Recorded]:
+    recording = open_recording(path, Excerpt())
+    topics = [topic for topic in recording.topics if stream_of(topic) == stream]
+    if not topics:
+        raise DatasetError(f"{path} has no topic {stream}: it has {', '.join(map(stream_of, recording.topics))}")
+    for message in recording.messages(topics, recording.begin, recording.end):
+        yield (message.at - recording.begin) / 1e9, message.payload
 
 
 def _pictures(folder: Path) -> Iterator[Recorded]:

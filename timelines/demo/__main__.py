@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from timelines.demo.recorder import Recording
 
-TIMELINE = deploy.REPOSITORY / "timelines" / "demo.json"
+TIMELINE = deploy.REPOSITORY / "timelines" / "exp2.json"
 OUT = deploy.REPOSITORY / "build" / "demo"
 CONTEXTS = {"moving"}
 console = Console()
@@ -39,7 +39,7 @@ def main() -> int:
         for step in deploy.up():
             console.print(f"[bold]$ {step}[/]")
         original = deploy.limits()
-        console.print("[bold]$ kubectl apply -f config/policies/delivery-robot.yaml[/]")
+        console.print(f"[bold]$ kubectl apply -f {deploy.POLICY.relative_to(deploy.REPOSITORY)}[/]")
         deploy.apply_policy()
         recording, started = _play()
         problems = _report(recording, started)
@@ -63,7 +63,7 @@ def _play() -> tuple[Recording, float]:
     stop = threading.Event()
     with (
         open_visitor([deploy.router()], patience=10) as session,
-        Recorder(session, "robot/delivery-robot", cgroups) as recorder,
+        Recorder(session, f"{deploy.ROBOT}/{deploy.POLICY.stem}", cgroups) as recorder,
     ):
         started = time.time()
         player = threading.Thread(target=play, args=(timeline, session), kwargs={"stop": stop}, daemon=True)
@@ -118,11 +118,13 @@ def _draw(recording: Recording, started: float, path: Path) -> None:
     shares = {t: [(moment, planned[t]["share"]) for moment, planned in plans] for t in tasks}
     measured = {t: [(max(0.0, moment - started), limit) for moment, limit in recording.limits[t]] for t in tasks}
     bands = [(name, start, min(end, duration)) for name, start, end in verdict.spans(recording, started)]
-    draw_shares(shares, bands, path, until=duration, measured=measured, title="delivery-robot: CPU limits over time")
+    draw_shares(
+        shares, bands, path, until=duration, measured=measured, title=f"{deploy.POLICY.stem}: CPU limits over time"
+    )
 
 
 def _clean_up(original: dict[str, str]) -> list[str]:
-    console.print("[bold]$ kubectl delete -f config/policies/delivery-robot.yaml[/]")
+    console.print(f"[bold]$ kubectl delete -f {deploy.POLICY.relative_to(deploy.REPOSITORY)}[/]")
     deploy.delete_policy()
     restored = deploy.limits()
     for step in deploy.down():

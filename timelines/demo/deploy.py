@@ -7,13 +7,17 @@ import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import yaml
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SYSTEM, ROBOT = "contextpolicy-system", "robot"
-POLICY = REPOSITORY / "config" / "policies" / "delivery-robot.yaml"
+POLICY = REPOSITORY / "config" / "policies" / "whole-robot.yaml"
 MODULES = REPOSITORY / "charts" / "robot"
+TASKS = tuple(task["name"] for task in yaml.safe_load(POLICY.read_text(encoding="utf-8"))["spec"]["tasks"])
+VALUES = Path(__file__).with_name("values.yaml")
 TIMEOUT = "180s"
 
 
@@ -35,7 +39,7 @@ def up() -> Iterator[str]:
     yield "helm upgrade --install robot charts/robot"
     _run(
         *("helm", "upgrade", "--install", "robot", str(MODULES), "--namespace", ROBOT, "--create-namespace"),
-        *("--set", "image.tag=dev", "--set", f"zenoh.connect={router()}"),
+        *("--values", str(VALUES), "--set", "image.tag=dev", "--set", f"zenoh.connect={router()}"),
         *("--take-ownership", "--force-conflicts", "--wait", "--timeout", TIMEOUT),
     )
 
@@ -67,16 +71,14 @@ def router() -> str:
 
 def containers() -> dict[str, str]:
     """The id of each task's running container."""
-    pods = json.loads(_run("kubectl", "get", "pods", "-n", ROBOT, "-l", "app in (slam,speech)", "-o", "json"))
-    return dict(_running(pods["items"]))
+    return dict(_running(_pods()))
 
 
 def limits() -> dict[str, str]:
     """The CPU limit of each task in the API."""
-    pods = json.loads(_run("kubectl", "get", "pods", "-n", ROBOT, "-l", "app in (slam,speech)", "-o", "json"))
     return {
         container["name"]: container["resources"]["limits"]["cpu"]
-        for pod in pods["items"]
+        for pod in _pods()
         for container in pod["spec"]["containers"]
     }
 
@@ -86,6 +88,14 @@ def free_address(last: int = 47) -> str:
     kubernetes = json.loads(_run("kubectl", "get", "service", "kubernetes", "-n", "default", "-o", "json"))
     network, _, _ = str(kubernetes["spec"]["clusterIP"]).rpartition(".0.")
     return f"{network}.7.{last}"
+
+
+def _pods() -> list[dict[str, Any]]:
+    selector = f"app in ({','.join(TASKS)})"
+    found: list[dict[str, Any]] = json.loads(_run("kubectl", "get", "pods", "-n", ROBOT, "-l", selector, "-o", "json"))[
+        "items"
+    ]
+    return found
 
 
 def _running(pods: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:

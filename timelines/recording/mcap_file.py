@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import TYPE_CHECKING, Any, Self
 
 from mcap.writer import CompressionType, Writer
 
+from contextpolicy.policy.ros_types import is_known, type_store
 from contextpolicy.streams.recordings import DERIVED
 from timelines.recording.foxglove import schema_of, shown
 
@@ -35,7 +37,8 @@ class McapWriter:
 
     def heard(self, key: str, encoding: str, payload: bytes, *, received: int, stamp: int) -> None:
         """Write a message of the bus as it is, and what a viewer can draw of it; times are in ns since 1970."""
-        channel = self._channel(key, encoding, key if encoding == "json" else "", {})
+        schema = key if encoding == "json" else ros_type_of(key) if encoding == "cdr" else ""
+        channel = self._channel(key, encoding, schema, {})
         self._writer.add_message(channel, received, payload, stamp)
         for drawn in shown(key, payload, stamp):
             own = self._channel(drawn.topic, "json", drawn.schema, {DERIVED: key})
@@ -63,5 +66,25 @@ class McapWriter:
 
     def _schema(self, name: str) -> int:
         if name not in self._schemas:
-            self._schemas[name] = self._writer.register_schema(name, "jsonschema", json.dumps(schema_of(name)).encode())
+            form, text = ("ros2msg", _definition(name)) if "/msg/" in name else ("jsonschema", _json_schema(name))
+            self._schemas[name] = self._writer.register_schema(name, form, text.encode()) if text else 0
         return self._schemas[name]
+
+
+def ros_type_of(key: str) -> str:
+    """The type in a key of rmw_zenoh; empty if there is none."""
+    found = _TYPE.search(key)
+    return f"{found['package']}/msg/{found['name']}" if found else ""
+
+
+_TYPE = re.compile(r"(?:^|/)(?P<package>\w+)::msg::dds_::(?P<name>\w+)_(?:/|$)")
+
+
+def _definition(name: str) -> str:
+    """The .msg text of a ROS 2 type with all that it contains; empty for a type that is not standard."""
+    store = type_store()
+    return store.generate_msgdef(name)[0] if is_known(name, store) else ""
+
+
+def _json_schema(name: str) -> str:
+    return json.dumps(schema_of(name))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from contextpolicy.commands.recording_arguments import topic
 from contextpolicy.errors import ContextPolicyError
 from contextpolicy.policy.definition_files import of_folder
-from contextpolicy.streams.recordings import Excerpt, bridge_key, is_recording, rmw_key
+from contextpolicy.streams.recordings import Excerpt, bridge_key, is_recording, timeline_key
 from contextpolicy.streams.timeline import load
 from robotkit import ConfigurationError
 from robotkit.euroc import DatasetError
@@ -26,7 +26,6 @@ from timelines.replay.player import Options, TimelineInputs, publish
 from timelines.replay.recorded import RecordedInputs
 
 if TYPE_CHECKING:
-    from contextpolicy.streams.recordings import Topic
     from timelines.replay.player import Inputs, Report
 
 
@@ -72,13 +71,7 @@ def _play(inputs: Inputs, options: argparse.Namespace, stop: threading.Event) ->
             return report
 
 
-def _topic_key(named: Topic) -> str:
-    """rmw_zenoh's key for ROS 2, the topic itself for anything else."""
-    return rmw_key(named) if named.encoding == "cdr" and _ROS not in named.name else bridge_key(named)
-
-
-_ROS = "::msg::dds_::"
-_KEYS = {"rmw_zenoh": _topic_key, "bridge": bridge_key}
+_KEYS = {"rmw_zenoh": timeline_key, "bridge": bridge_key}
 
 
 def _as_json(report: Report) -> str:

@@ -21,7 +21,8 @@ class RecordedInputs:
         self._begin, end = bounds(self._recording, Excerpt())
         topics = [topic for topic in self._recording.topics.values() if excerpt.wants(topic.name)]
         self._keys = {topic.name: key(topic) for topic in topics}
-        self.name, self.duration = path.stem, max((end - self._begin) / 1e9, 1e-9)
+        # One nanosecond more, so that the last message is played.
+        self.name, self.duration = path.stem, (end - self._begin + 1) / 1e9
         self.encodings = {self._keys[topic.name]: _ENCODINGS.get(topic.encoding, "binary") for topic in topics}
 
     def timed(self, start: float) -> Iterator[tuple[float, str, bytes]]:

@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def document(answers: Iterable[dict[str, Any]], now: datetime) -> dict[str, Any]:
-    """One file from the profiles of several tasks (see timelines/profiles.schema.json)."""
+    """One file from the profiles of several tasks (see modules/robotkit/profiles.schema.json)."""
     tasks = {str(answer["task"]): answer for answer in answers}
     return {"measured": now.isoformat(timespec="seconds"), "tasks": dict(sorted(tasks.items()))}
 

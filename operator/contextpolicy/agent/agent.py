@@ -18,6 +18,7 @@ from contextpolicy.agent.pod_namespaces import PodNamespaces
 from contextpolicy.agent.realtime import Realtime
 from contextpolicy.agent.refusals import Refusals
 from contextpolicy.agent.service import OBEYED_SECONDS
+from contextpolicy.agent.usage import usage
 from contextpolicy.errors import ActuationError, OrderError
 from contextpolicy.planning.placement import QUANTUM
 from contextpolicy.policy.spec import Mode, Scheduler
@@ -66,6 +67,7 @@ class Agent:
         self._writers: _CgroupWriters | None = None
         self._missing: dict[str, list[str]] = {}
         self._unlimited = ""
+        self._followed: dict[str, dict[Path, OrderTarget]] = {}
 
     def start(self) -> None:
         """Probe the node, and start the grace period of every policy whose changes an earlier run left behind."""
@@ -140,6 +142,13 @@ class Agent:
             "refused": dict(self._refusals.counts),
         }
 
+    def usage(self) -> dict[str, Any]:
+        """What the containers of all plans have used so far, as a JSON object (see `agent.usage`)."""
+        if self._writers is None:
+            return {"at": time.monotonic(), "containers": {}}
+        followed = [(t.container_id, group) for groups in self._followed.values() for group, t in groups.items()]
+        return usage(self._writers.layout, followed, time.monotonic())
+
     def _equip(self) -> _CgroupWriters | None:
         """Find the pods' cgroups unless that is done; retried with each order, as the kubelet may start after us."""
         if self._writers is None:
@@ -158,7 +167,7 @@ class Agent:
         if writers is None or lacks:
             self._refusals.note("Incapable", f"{order.policy}: {order.scheduler}: {'; '.join(lacks or ())}")
             return
-        groups = self._groups(writers, order)
+        groups = self._followed[order.policy] = self._groups(writers, order)
         if order.scheduler is Scheduler.REALTIME:
             # Limits first: they must be in force when suspended threads fall back to the fair scheduler.
             resting = {group for group, target in groups.items() if target.suspended}
@@ -191,6 +200,7 @@ class Agent:
     def _release(self, policy: str) -> None:
         """Undo everything for the policy."""
         self._end_grace(policy)
+        self._followed.pop(policy, None)
         self._admission.drop(policy)
         writers = self._writers
         if writers is not None:

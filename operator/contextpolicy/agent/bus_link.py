@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import zenoh
 
-from contextpolicy.bus.decision_bus import agent_key, confirmed_key, plan_key, policy_of
+from contextpolicy.bus.decision_bus import agent_key, confirmed_key, plan_key, policy_of, usage_key
 from contextpolicy.errors import OrderError
 
 if TYPE_CHECKING:
@@ -50,6 +50,9 @@ class PlanListener(Protocol):
     def report(self) -> dict[str, Any]:
         """What the node can do, as a JSON object."""
 
+    def usage(self) -> dict[str, Any]:
+        """What the containers of all plans have used so far, as a JSON object."""
+
 
 class AgentBus:
     """Subscribes to plans, follows the liveliness of their sources, and reports what the node can do."""
@@ -61,12 +64,13 @@ class AgentBus:
         self._verifier = verifier
         self._waiting: dict[str, tuple[bytes | None, int]] = {}
         self._lock = Lock()
-        self._key = key = agent_key(node)
+        key = agent_key(node)
         self._confirmed_key = confirmed_key(node)
         self._declared: list[Any] = [
             session.declare_subscriber(PLANS, self._take),
             session.liveliness().declare_subscriber(PLANS, self._on_source, history=True),
-            session.declare_queryable(key, self._on_question),
+            session.declare_queryable(key, self._answerer(key, listener.report)),
+            session.declare_queryable(usage_key(node), self._answerer(usage_key(node), listener.usage)),
             session.liveliness().declare_token(key),
         ]
 
@@ -126,13 +130,12 @@ class AgentBus:
         said = json.dumps({"policy": policy, "stamp": stamp}).encode()
         self._session.put(self._confirmed_key, said, express=True, congestion_control=zenoh.CongestionControl.DROP)
 
-    def _on_question(self, query: zenoh.Query) -> None:
-        self._later(lambda: self._answer(query))
+    def _answerer(self, key: str, content: Callable[[], dict[str, Any]]) -> Callable[[zenoh.Query], None]:
+        def answer(query: zenoh.Query) -> None:
+            with query:
+                query.reply(key, json.dumps(content()).encode(), encoding=zenoh.Encoding.APPLICATION_JSON)
 
-    def _answer(self, query: zenoh.Query) -> None:
-        with query:
-            report = json.dumps(self._listener.report()).encode()
-            query.reply(self._key, report, encoding=zenoh.Encoding.APPLICATION_JSON)
+        return lambda query: self._later(lambda: answer(query))
 
     def _later(self, action: Callable[[], None]) -> None:
         def run(*_: object) -> None:

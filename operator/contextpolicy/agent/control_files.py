@@ -12,11 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from contextpolicy.agent.service import WRITES
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+_WRITTEN = WRITES.labels("written")
 _REASONS = {
     errno.ENOENT: "Gone",
     errno.ENODEV: "Gone",
@@ -69,8 +71,13 @@ class ControlFile:
 
     def write(self, text: str) -> None:
         """Write `text`; ActuationError says why the kernel refuses it."""
-        with _converted(self.path):
-            os.pwrite(self._descriptor, f"{text}\n".encode(), 0)
+        try:
+            with _converted(self.path):
+                os.pwrite(self._descriptor, f"{text}\n".encode(), 0)
+        except ActuationError as error:
+            WRITES.labels(error.reason).inc()
+            raise
+        _WRITTEN.inc()
 
     def amount(self, text: str) -> int | None:
         """The amount that a text means, rounded up, so that it reverses the rounding down of `text`."""

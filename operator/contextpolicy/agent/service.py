@@ -6,13 +6,15 @@ import threading
 from typing import TYPE_CHECKING
 from wsgiref.simple_server import WSGIRequestHandler, make_server
 
-from prometheus_client import Counter, Histogram, make_wsgi_app
+from prometheus_client import Counter, Gauge, Histogram, make_wsgi_app
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
     from wsgiref.types import StartResponse, WSGIEnvironment
 
 REFUSALS = Counter("contextpolicy_agent_refusals_total", "What the agent would not or could not do.", ["reason"])
+WRITES = Counter("contextpolicy_agent_writes_total", "Writes of cgroup files by result.", ["result"])
+CONNECTED = Gauge("contextpolicy_agent_bus_connected", "1 while the agent has a session with a router.")
 OBEYED_SECONDS = Histogram(
     "contextpolicy_agent_plan_seconds",
     "Time from a plan's signing until its limits are written, by the node's clock.",

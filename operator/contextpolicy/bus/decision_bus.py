@@ -12,7 +12,7 @@ from contextpolicy.cluster.claims import container_id
 from contextpolicy.planning.plan_json import plan_json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from reactivex.abc import SchedulerBase
 
@@ -43,14 +43,19 @@ def confirmed_key(node: str) -> str:
     return f"{agent_key(node)}/confirmed"
 
 
+def usage_key(node: str) -> str:
+    """The key that answers with what the node's containers have used."""
+    return f"{agent_key(node)}/usage"
+
+
 def applied_key(namespace: str, name: str) -> str:
     """The key that reports which limits the API has accepted and the node has put in force."""
     return f"contextpolicy/{namespace}/{name}/applied"
 
 
-def explain_key(namespace: str, name: str) -> str:
-    """The key that answers a query with the explanation of the plan in force."""
-    return f"contextpolicy/{namespace}/{name}/explain"
+def topic_key(namespace: str, name: str, topic: str) -> str:
+    """The key of a policy for `plan`, `explain` (answers with the explanation of the plan) or `board`."""
+    return f"contextpolicy/{namespace}/{name}/{topic}"
 
 
 def message(
@@ -90,10 +95,9 @@ class Bus:
         session: zenoh.Session,
         policy: Policy,
         scheduler: SchedulerBase,
-        current: Callable[[], dict[str, Any] | None],
-        explain: Callable[[], dict[str, Any]],
+        answers: Mapping[str, Callable[[], dict[str, Any] | None]],
     ) -> None:
-        """`current` gives the message as of now; it and `explain` are called on the scheduler's thread only.
+        """`answers` are what queries get, by topic (`plan`, `explain`, `board`), called on the scheduler's thread only.
 
         The liveliness token on the plans' key shows agents that an operator still makes plans. Agents ignore plans
         published without a `signer`.
@@ -111,16 +115,18 @@ class Bus:
         )
         self._queryables = [
             session.declare_queryable(of, self._answer(of, content))
-            for of, content in ((key, current), (explain_key(policy.namespace, policy.name), explain))
+            for topic, content in answers.items()
+            for of in [topic_key(policy.namespace, policy.name, topic)]
         ]
         self._token = session.liveliness().declare_token(key)
 
-    def publish(self, plan: dict[str, Any]) -> None:
-        """Publish a plan. A slow listener loses messages; it never slows the loop."""
+    def publish(self, plan: dict[str, Any]) -> bytes | None:
+        """Publish a plan, and return it as it was sent, None if we may not. A slow listener never slows the loop."""
         if not self.may_speak():
-            return
+            return None
         payload = json.dumps(plan).encode()
         self._publisher.put(payload, encoding=zenoh.Encoding.APPLICATION_JSON, attachment=self._signature(payload))
+        return payload
 
     def withdraw(self) -> None:
         """Declare that no plan of this policy holds any more."""

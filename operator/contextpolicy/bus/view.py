@@ -10,11 +10,11 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from contextpolicy.bus.decision_bus import policy_of
+from contextpolicy.bus.decision_bus import plan_key, policy_of
 from contextpolicy.policy.spec import Control, Mode, Scheduler
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 STAGES = {"planned": 0, "accepted": 1, "inForce": 2}
 """How far a container's limit has come, in the bus's words: decided, accepted by the API, in force on the node."""
@@ -73,6 +73,15 @@ class BusView:
     """All policies that have published a plan."""
 
     policies: dict[str, PolicyView] = field(default_factory=dict)
+    boards: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    """What only the operator itself can tell of each policy (see `live.board`), if it was asked."""
+
+    def take_board(self, board: Mapping[str, Any]) -> None:
+        """Take a policy's board; what it says of the plan counts like a message."""
+        policy = str(board["policy"])
+        self.boards[policy] = board
+        if board["plan"] is not None:
+            self.take(plan_key(*policy.split("/")), json.dumps(board["plan"]).encode())
 
     def take(self, key: str, payload: bytes | None) -> dict[str, Any] | None:
         """Take a message, None when a plan was withdrawn; returns the new state of its policy if it has changed.
@@ -86,7 +95,7 @@ class BusView:
         try:
             content = json.loads(payload)
             changed = self._plan(policy, content) if topic == "plan" else self._applied(policy, content)
-        except (ValueError, KeyError, TypeError, AttributeError):
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
             return None
         return self.policies[policy].as_json() if changed else None
 
@@ -144,7 +153,16 @@ def live(view: BusView, now: float) -> Group | Text:
     if not view.policies:
         return Text("no plans yet")
     policies = [policy for _, policy in sorted(view.policies.items())]
-    return Group(*(part for policy in policies for part in (_headline(policy, now), _tasks(policy))))
+    return Group(*(part for policy in policies for part in _parts(policy, view.boards.get(policy.policy), now)))
+
+
+def _parts(policy: PolicyView, board: Mapping[str, Any] | None, now: float) -> Iterator[Text | Table]:
+    yield _headline(policy, now)
+    yield _tasks(policy, board["containers"] if board else ())
+    if board is not None:
+        if board["streams"]:
+            yield _streams(board["streams"])
+        yield _reactions(board["reactions"])
 
 
 def _headline(policy: PolicyView, now: float) -> Text:
@@ -155,13 +173,45 @@ def _headline(policy: PolicyView, now: float) -> Text:
     return Text(f"{policy.policy}{mode}   context: {contexts}   for {age:.0f} s: {policy.cause}", style="bold")
 
 
-def _tasks(policy: PolicyView) -> Table:
-    table = titled("", ("task", "weight", "share", "stage"), left=("task", "stage"))
+def _tasks(policy: PolicyView, containers: Sequence[Mapping[str, Any]]) -> Table:
+    headings = ("task", "weight", "share", "limit", "use", "throttled", "stage")
+    table = titled("", headings, left=("task", "stage"))
     for name, task in policy.tasks.items():
+        own = [container for container in containers if container["task"] == name]
         stage = WORDS.get(policy.stage(name) or "", "-")
         suspended = "   suspended" if task["suspended"] else ""
-        table.add_row(Text(name), f"{task['weight']:g}", cores(task["share"]), stage + suspended)
+        parts = [part for one in own if (part := one["throttled"]) is not None]
+        table.add_row(
+            Text(name),
+            f"{task['weight']:g}",
+            cores(task["share"]),
+            cores(_sum(one["limit"] for one in own)),
+            cores(_sum(one["use"] for one in own)),
+            f"{max(parts):.0%}" if parts else "-",
+            stage + suspended,
+        )
     return table
+
+
+def _sum(amounts: Iterable[float | None]) -> float | None:
+    known = [amount for amount in amounts if amount is not None]
+    return sum(known) if known else None
+
+
+def _streams(streams: Mapping[str, Mapping[str, Any]]) -> Table:
+    table = titled("", ("stream", "age", "samples", "state"), left=("stream", "state"))
+    for name, stream in streams.items():
+        age = "-" if stream["age"] is None else f"{stream['age']:.1f} s"
+        state = "silent" if stream["silent"] else "not heard yet" if stream["age"] is None else "heard"
+        table.add_row(Text(name), age, str(stream["samples"]), state)
+    return table
+
+
+def _reactions(reactions: Mapping[str, float] | None) -> Text:
+    if reactions is None:
+        return Text("no reaction to a sample yet")
+    told = (f"{name} {reactions[name] * 1000:.0f} ms" for name in ("median", "worst", "last"))
+    return Text(f"sample to limit in force: {', '.join(told)} of the latest {reactions['count']:.0f}")
 
 
 def titled(title: str, headings: Sequence[str], *, left: Sequence[str]) -> Table:

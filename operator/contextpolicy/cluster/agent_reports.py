@@ -19,6 +19,10 @@ Stamp = tuple[int, int, int]
 
 NO_AGENT = "no node agent runs there: install the chart with agent.enabled=true and agent.realtime=true"
 UNREADABLE = "its node agent's report can't be read: operator and agent must be of one version"
+MOST_PROCESSORS = 8192
+"""More than Linux can be built for (NR_CPUS)."""
+SHORTEST_PERIOD, LONGEST_PERIOD = 0.001, 1.0
+"""Seconds: what the kernel takes as the period of a quota."""
 LATE = "its node agent did not confirm a plan in time: it is frozen, too slow, or does not accept the operator's plans"
 SILENT = "its node agent did not answer yet: it is asked again until it does"
 
@@ -71,11 +75,18 @@ def read_report(payload: bytes) -> AgentReport:
             "; ".join(missing[Scheduler.CFS]),
             "; ".join(missing[Scheduler.REALTIME]),
             str(report.get("unlimited", "")),
-            int(processors) if processors else None,
-            float(period) if period else None,
+            int(_within(processors, 1, MOST_PROCESSORS)) if processors else None,
+            float(_within(period, SHORTEST_PERIOD, LONGEST_PERIOD)) if period else None,
         )
-    except (ValueError, TypeError, KeyError, AttributeError):
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return AgentReport(UNREADABLE, UNREADABLE)
+
+
+def _within(number: float, least: float, most: float) -> float:
+    """The number; ValueError when it is not from `least` to `most`, as NaN is not."""
+    if not least <= number <= most:
+        raise ValueError(f"{number!r:.80} is not from {least} to {most}")
+    return number
 
 
 def with_agents(policy: Policy, claim: Claim, reports: Mapping[str, AgentReport]) -> Claim:

@@ -51,6 +51,8 @@ class ApiServer:
 
     def __init__(self) -> None:
         """Find the cluster as kubectl does: the pod's service account, else KUBECONFIG."""
+        self.on_answer: Callable[[str, str], object] = lambda *_: None
+        """Called with the HTTP method and the status code of each answer; the code is `none` if there was none."""
         self.may_act: Callable[[str], bool] = lambda _: True
         """Whether we may write in a namespace now; asked before each write there, but for those of Leases."""
         _configure()
@@ -94,6 +96,25 @@ class ApiServer:
         self._require_right(namespace)
         path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}/status"
         self._send("PATCH", path, {"status": dict(status)}, MERGE)
+
+    def change_policy(self, namespace: str, name: str, spec: Mapping[str, Any]) -> None:
+        """Merge into the spec of a ContextPolicy; None removes a field."""
+        path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}"
+        self._send("PATCH", path, {"spec": dict(spec)}, MERGE)
+
+    def may(self, user: str, right: Mapping[str, str]) -> bool:
+        """Whether somebody has a right, as the attributes of a SubjectAccessReview."""
+        review = {
+            "apiVersion": "authorization.k8s.io/v1",
+            "kind": "SubjectAccessReview",
+            "spec": {"user": user, "resourceAttributes": dict(right)},
+        }
+        answer = json.loads(self._send("POST", "/apis/authorization.k8s.io/v1/subjectaccessreviews", review, JSON))
+        return bool(answer["status"].get("allowed"))
+
+    def read_text(self, path: str) -> str:
+        """GET something that is no object, such as a kubelet's metrics."""
+        return self._send("GET", path, None, JSON).decode(errors="replace")
 
     def read(self, path: str) -> dict[str, Any]:
         """GET an object or a list."""
@@ -188,12 +209,15 @@ class ApiServer:
         headers = {"Accept": JSON, "Content-Type": how.pop("content_type", JSON), "User-Agent": FIELD_MANAGER}
         try:
             self._client.update_params_for_auth(headers, [], ["BearerToken"], target, method, content)
-            return self._pool.urlopen(method, self._prefix + target, body=content, headers=headers, **how)
+            response = self._pool.urlopen(method, self._prefix + target, body=content, headers=headers, **how)
         except config.ConfigException as error:  # the token could not be renewed
             raise ActuationError("NoToken", str(error), retriable=True) from error
         except (urllib3.exceptions.HTTPError, OSError) as error:
+            self.on_answer(method, "none")
             path = target.partition("?")[0]
             raise ActuationError("Unreachable", f"{method} {path}: {error}", retriable=True, in_doubt=True) from error
+        self.on_answer(method, str(response.status))
+        return response
 
 
 def _lease_path(namespace: str, name: str) -> str:
@@ -213,7 +237,7 @@ def _configure() -> None:
 def _version(answer: bytes) -> int:
     try:
         return version_of(json.loads(answer)["metadata"])
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         message = f"the answer is no pod: {answer[:200].decode(errors='replace')}"
         raise ActuationError("Unreadable", message, retriable=True, in_doubt=True) from error
 
@@ -223,7 +247,7 @@ def _refusal(response: urllib3.BaseHTTPResponse) -> ActuationError:
     reason, retriable = _REASONS.get(status, ("ServerError" if status >= 500 else "Refused", status >= 500))
     try:
         message = json.loads(answer).get("message", "")
-    except (ValueError, AttributeError):
+    except (ValueError, AttributeError, RecursionError):
         message = answer[:200].decode(errors="replace")
     text = f"{message or 'no message'} (HTTP {status})"
     pause = response.headers.get("Retry-After", "")  # seconds: the API server writes no dates

@@ -50,9 +50,11 @@ def claim(
 
     Policies come in the order that `tenants` gives their namespaces, then by age. Each gets what those before it leave
     of a node, so that the limits never sum to more than the node has. Where namespaces of equal priority meet, none
-    divides more than its own containers' limits add up to: a policy can't take from its neighbours what they had
-    without any policy. `nodes` maps names to allocatable thousandths of a core, `original` a pod's UID and a
-    container's name to what the container had before any policy. Only enforcing policies take anything.
+    divides more than its own containers' limits add up to, nor more than an equal part if these don't fit together: so
+    nobody can take from a neighbour what it had without any policy. Only enforcing policies take anything.
+
+    `nodes` maps names to allocatable thousandths of a core, `original` a pod's UID and a container's name to what the
+    container had before any policy.
     """
     tenants = tenants or Tenants()
     live: dict[str, list[PodView]] = defaultdict(list)
@@ -60,7 +62,7 @@ def claim(
         live[pod.namespace].append(pod)
     ordered = sorted(policies, key=lambda policy: -tenants.priority(policy.namespace))
     found = [(policy, _find(policy, live[policy.namespace], original)) for policy in ordered]
-    registry = _Registry(nodes, _equals(found, tenants))
+    registry = _Registry(nodes, tenants, _owned(found, tenants))
     return {policy.reference: registry.admit(policy, matches) for policy, matches in found}
 
 
@@ -75,10 +77,16 @@ class _Match:
 
 
 class _Registry:
-    """What the policies that came first have taken. `equals`: see `_equals`."""
+    """What the policies that came first have taken. `owned`: see `_owned`."""
 
-    def __init__(self, nodes: Mapping[str, int], equals: Mapping[tuple[str, str], frozenset[str]]) -> None:
-        self._nodes, self._equals = nodes, equals
+    def __init__(
+        self, nodes: Mapping[str, int], tenants: Tenants, owned: Mapping[tuple[str, int], Mapping[str, int]]
+    ) -> None:
+        self._nodes, self._tenants, self._owned = nodes, tenants, owned
+        self._before: dict[tuple[str, int], int] = {}
+        """By node and priority, what greater priorities leave."""
+        self._used: dict[tuple[str, str], int] = defaultdict(int)
+        """By node and namespace."""
         self._owners: dict[str, str] = {}
         self._taken: dict[str, int] = defaultdict(int)
         self._takers: dict[str, list[str]] = defaultdict(list)
@@ -112,6 +120,7 @@ class _Registry:
                 result.shared[node] = why
             if policy.mode is Mode.ENFORCE:
                 self._taken[node] += share
+                self._used[node, policy.namespace] += share
                 self._takers[node].append(policy.reference)
         containers = tuple(match.container for match in held if match.container.node in left)
         if policy.mode is Mode.ENFORCE:
@@ -124,17 +133,23 @@ class _Registry:
     def _share(self, policy: Policy, node: str, here: Iterable[_Match]) -> tuple[int, str]:
         """What the policy divides of a node, and why that is less than if it were alone there."""
         share, why = max(0, self._nodes[node] - policy.reserve), ""
-        equals = self._equals.get((policy.reference, node))
-        own = sum(match.limit for match in here)
-        if equals and own < share:
-            names = ", ".join(sorted(equals))
-            share, why = own, f"node {node}: no priority says whether {policy.namespace} comes before {names}, so it "
-            why += f"divides the {own}m that its containers' limits add up to"
+        rivals, part = self._part(policy, node, sum(match.limit for match in here))
+        if rivals and part < share:
+            share, why = part, f"node {node}: no priority decides between {policy.namespace} and {rivals}, so it "
+            why += f"divides {part}m: what its containers' own limits add up to, or an equal part where they don't fit"
         free = max(0, self._nodes[node] - self._taken[node])
         if free < share:
             share, why = free, f"node {node}: {', '.join(self._takers[node])} come first and leave {free}m of "
             why += f"{self._nodes[node]}m"
         return share, why
+
+    def _part(self, policy: Policy, node: str, own: int) -> tuple[str, int]:
+        """The other namespaces of equal priority on a node, and what is left of the policy's part beside them."""
+        priority, namespace = self._tenants.priority(policy.namespace), policy.namespace
+        before = self._before.setdefault((node, priority), max(0, self._nodes[node] - self._taken[node]))
+        owned = {namespace: own, **self._owned.get((node, priority), {})}
+        part = _fair(before, owned)[namespace] - self._used[node, namespace]
+        return ", ".join(sorted(owned.keys() - {namespace})), max(0, min(own, part))
 
 
 def _find(policy: Policy, pods: Sequence[PodView], original: Original) -> list[_Match]:
@@ -149,21 +164,25 @@ def _find(policy: Policy, pods: Sequence[PodView], original: Original) -> list[_
     return found
 
 
-def _equals(
-    found: Iterable[tuple[Policy, Sequence[_Match]]], tenants: Tenants
-) -> dict[tuple[str, str], frozenset[str]]:
-    """By policy and node: the other namespaces of equal priority with enforcing policies on the node."""
-    there: dict[tuple[str, int], set[str]] = defaultdict(set)
-    places: list[tuple[Policy, str]] = []
+def _owned(found: Iterable[tuple[Policy, Sequence[_Match]]], tenants: Tenants) -> dict[tuple[str, int], dict[str, int]]:
+    """By node and priority: what the limits of each namespace's containers under enforcing policies add up to."""
+    limits: dict[tuple[str, int], dict[str, dict[str, int]]] = defaultdict(lambda: defaultdict(dict))
     for policy, matches in found:
-        for node in {match.container.node for match in matches if match.obstacle is None}:
-            places.append((policy, node))
-            if policy.mode is Mode.ENFORCE:
-                there[node, tenants.priority(policy.namespace)].add(policy.namespace)
+        for match in matches:
+            if match.obstacle is None and policy.mode is Mode.ENFORCE:
+                place = match.container.node, tenants.priority(policy.namespace)
+                limits[place][policy.namespace][match.container.id] = match.limit
     return {
-        (policy.reference, node): frozenset(there[node, tenants.priority(policy.namespace)] - {policy.namespace})
-        for policy, node in places
+        place: {namespace: sum(own.values()) for namespace, own in there.items()} for place, there in limits.items()
     }
+
+
+def _fair(total: int, wanted: Mapping[str, int]) -> dict[str, int]:
+    """What each gets of the total: all that it wants, or an equal part of what those who want less leave."""
+    parts: dict[str, int] = {}
+    for place, (name, want) in enumerate(sorted(wanted.items(), key=lambda item: (item[1], item[0]))):
+        parts[name] = min(want, (total - sum(parts.values())) // (len(wanted) - place))
+    return parts
 
 
 def _least(policy: Policy, container: Container) -> int:

@@ -132,7 +132,14 @@ class PodView:
 
 
 def view(pod: Mapping[str, Any]) -> PodView:
-    """The view of a pod object from the API; ValueError for a quantity that can't be read."""
+    """The view of a pod object from the API; ValueError when it can't be read, such as for a quantity that is none."""
+    try:
+        return _view(pod)
+    except (TypeError, KeyError, AttributeError) as error:
+        raise ValueError(f"no pod: {error!r:.200}") from error
+
+
+def _view(pod: Mapping[str, Any]) -> PodView:
     metadata, spec, status = pod["metadata"], pod.get("spec") or {}, pod.get("status") or {}
     annotations = metadata.get("annotations") or {}
     return PodView(

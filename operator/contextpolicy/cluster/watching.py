@@ -16,13 +16,14 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import quote
 
-import urllib3
 from kubernetes.watch.watch import iter_resp_lines
 
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
+
+    import urllib3
 
 log = logging.getLogger(__name__)
 
@@ -97,7 +98,7 @@ class ObjectWatch:
                     self._list()
                 self._follow()
                 self._stop.wait(PAUSES[0])  # don't hammer a server or proxy that ends every watch at once
-            except (ActuationError, urllib3.exceptions.HTTPError, OSError, ValueError, LookupError, TypeError) as error:
+            except Exception as error:  # noqa: BLE001 - whatever an answer is, everything is listed again
                 self._rest(error)
 
     def _list(self) -> None:

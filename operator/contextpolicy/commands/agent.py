@@ -74,11 +74,13 @@ def _run(settings: AgentSettings, stop: threading.Event) -> None:
     from contextpolicy.agent.agent import Agent
     from contextpolicy.agent.bus_link import AgentBus
     from contextpolicy.agent.inotify import WriteWatch
-    from contextpolicy.agent.service import serve
+    from contextpolicy.agent.service import CONNECTED, serve
     from contextpolicy.bus.session import open_client
     from contextpolicy.bus.signatures import Verifier
     from contextpolicy.loop import Loop
+    from contextpolicy.telemetry.build_info import tell_build
 
+    tell_build("agent")
     verifier = Verifier(settings.keys)
     loop = Loop()
     watch = WriteWatch(lambda path: _later(loop, lambda: agent.on_other_write(path)))
@@ -87,9 +89,11 @@ def _run(settings: AgentSettings, stop: threading.Event) -> None:
     serve(settings.common.metrics_port, lambda: _later(loop, lambda: None).wait(HUNG))
     session = open_client(settings.common.connect, stop, settings.common.credentials)
     if session is not None:
+        CONNECTED.set_function(lambda: bool(session.info.routers_zid()))
         bus = AgentBus(session, settings.node, loop, agent, verifier)
         stop.wait()
         bus.close()
+        CONNECTED.set_function(lambda: False)
     _later(loop, agent.stop).wait(timeout=5)
     if session is not None:  # not before the loop is done with it
         session.close()

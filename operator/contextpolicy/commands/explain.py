@@ -8,9 +8,11 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.commands import recording_arguments, robot_arguments
+from contextpolicy.commands.cluster_access import add_namespace, api_server, operator, policy_object, reference_of
 from contextpolicy.commands.credentials import add_credentials
 from contextpolicy.commands.robot_arguments import seconds
 from contextpolicy.commands.simulate import read_files, run_policy
+from contextpolicy.commands.structured_output import add_output, structured
 from contextpolicy.errors import ContextPolicyError
 
 if TYPE_CHECKING:
@@ -38,17 +40,44 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "condition that decides and the stream that it waits for. Either live from the operator, or at a moment of a "
         "simulation.",
     )
-    parser.add_argument("policy", metavar="POLICY", help="a policy file; with --connect NAMESPACE/NAME")
+    parser.add_argument("policy", metavar="POLICY", help="[NAMESPACE/]NAME; with --timeline a policy file")
     parser.add_argument("task", metavar="TASK", nargs="?", help="one task (default: all)")
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument("--timeline", metavar="FILE", help="simulate this timeline or recording")
-    source.add_argument("--connect", metavar="ENDPOINTS", help="ask the operator, through the router at tcp/HOST:7447")
+    add_source(parser)
+    add_output(parser)
+    parser.set_defaults(main=main)
+
+
+def add_source(parser: argparse.ArgumentParser) -> None:
+    """Declare where an explanation comes from: the cluster, the bus, or a simulation."""
+    add_namespace(parser)
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument(
+        "--timeline", metavar="FILE", help="simulate this timeline or recording instead of asking the operator"
+    )
+    source.add_argument(
+        "--connect",
+        metavar="ENDPOINTS",
+        help="ask through the router at tcp/HOST:7447 (default: through the cluster, with kubectl)",
+    )
     add_credentials(parser)
     parser.add_argument("--at", type=seconds, metavar="S", help="with --timeline: when (default: at its end)")
     robot_arguments.add(parser)
     recording_arguments.add(parser)
-    parser.add_argument("--output", choices=("text", "json"), default="text", help="default: text")
-    parser.set_defaults(main=main)
+
+
+def explanation_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The explanation from wherever the command line says."""
+    if arguments.timeline:
+        return _simulate(arguments)
+    if arguments.connect:
+        return _ask(arguments)
+    namespace, name = reference_of(arguments.policy, arguments.namespace)
+    with api_server() as api, operator(api) as ask:
+        found: dict[str, Any] | None = ask("explanation", policy=f"{namespace}/{name}")
+        if found is None:
+            policy_object(api, namespace, name)
+            raise NoAnswerError(f"the operator runs no valid version of {namespace}/{name}: see `status`")
+    return found
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -56,14 +85,14 @@ def main(arguments: argparse.Namespace) -> int:
     from contextpolicy.explain.sentences import context_sentences, sentences
     from contextpolicy.policy.suggestions import did_you_mean
 
-    explanation = _ask(arguments) if arguments.connect else _simulate(arguments)
+    explanation = explanation_of(arguments)
     known = list(explanation["tasks"])
     if arguments.task and known and arguments.task not in known:
         allowed = "one of " + ", ".join(known) + did_you_mean(arguments.task, known)
         print(f"task {arguments.task} is not allowed: {allowed}", file=sys.stderr)
         return 2
-    if arguments.output == "json":
-        print(json.dumps(explanation, indent=2))
+    if arguments.output != "text":
+        print(structured(explanation, arguments.output))
         return 0
     for task in [arguments.task] if arguments.task else known or [""]:
         first, *others = sentences(explanation, task)
@@ -84,7 +113,9 @@ def _simulate(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _ask(arguments: argparse.Namespace) -> dict[str, Any]:
     with visit(arguments.connect, arguments.credentials) as session:
-        answer = _answer(session, f"contextpolicy/{arguments.policy}/explain")
+        answer = _answer(
+            session, f"contextpolicy/{'/'.join(reference_of(arguments.policy, arguments.namespace))}/explain"
+        )
     if answer is not None:
         return answer
     raise NoAnswerError(

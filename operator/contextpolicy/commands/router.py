@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     import argparse
     from pathlib import Path
 
+    import zenoh
+
 LOOK = 20.0
 """Seconds between two checks of our certificate. That is soon enough: a kubelet takes up to a minute to update a
 Secret's files, and certificates are renewed days before they expire."""
@@ -41,6 +43,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         metavar="KEYS",
         help="key expressions on which sensors and modules may publish, comma separated (default: %(default)s)",
     )
+    parser.add_argument(
+        "--metrics-port", type=int, metavar="PORT", help="serve /metrics for Prometheus here (default: no)"
+    )
     parser.set_defaults(main=main)
 
 
@@ -52,15 +57,19 @@ def main(arguments: argparse.Namespace) -> int:
     """
     from contextpolicy.bus.session import open_router
 
+    if arguments.metrics_port:
+        _serve_metrics(arguments.metrics_port)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     while not stop.is_set():
         files = _files(arguments.credentials)
-        with open_router(arguments.listen, arguments.credentials, arguments.samples.split(",")):
+        with open_router(arguments.listen, arguments.credentials, arguments.samples.split(",")) as session:
+            _count_clients(session)
             print(f"routing at {','.join(arguments.listen)}", flush=True)
             while not stop.wait(LOOK if arguments.credentials else None) and _files(arguments.credentials) == files:
                 pass
+            _count_clients(None)
     return 0
 
 
@@ -69,6 +78,22 @@ def endpoints(text: str) -> list[str]:
     # A kernel can be booted without IPv6; then there is no [::] to listen on.
     everywhere = "[::]" if socket.has_dualstack_ipv6() else "0.0.0.0"  # noqa: S104 - a router is there to be reached
     return [endpoint.replace("/*:", f"/{everywhere}:") for endpoint in text.split(",")]
+
+
+def _serve_metrics(port: int) -> None:
+    import prometheus_client
+
+    from contextpolicy.telemetry.build_info import tell_build
+
+    tell_build("router")
+    prometheus_client.start_http_server(port)
+
+
+def _count_clients(session: zenoh.Session | None) -> None:
+    """Have a scrape ask the session; None while there is none."""
+    from contextpolicy.telemetry.router_metrics import CLIENTS
+
+    CLIENTS.set_function(lambda: len(session.info.transports()) if session else 0)
 
 
 def _files(directory: Path | None) -> dict[str, bytes]:

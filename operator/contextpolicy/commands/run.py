@@ -24,8 +24,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="run the operator",
         description="Run the operator: watch ContextPolicy objects and sensor streams, resize the tasks' pods. "
         "Settings come from the environment: ZENOH_CONNECT, ZENOH_CREDENTIALS, PLAN_SIGNING, WATCH_NAMESPACES, "
-        "TENANTS, HEALTH_PORT, METRICS_PORT, LEASE (namespace/name, for which replicas run), LEASE_SECONDS, IDENTITY, "
-        "LOG_FORMAT, LOG_LEVEL.",
+        "TENANTS, HEALTH_PORT, METRICS_PORT, LIVE_PORT (the live page, on the loopback), LEASE (namespace/name, for "
+        "which replicas run), LEASE_SECONDS, IDENTITY, LOG_FORMAT, LOG_LEVEL.",
     )
     parser.set_defaults(main=main)
 
@@ -39,9 +39,14 @@ def run(settings: Settings) -> int:
     """Run the operator until SIGTERM or SIGINT; the exit code."""
     import kopf
     import prometheus_client
+    from prometheus_client import REGISTRY
 
     from contextpolicy import health
+    from contextpolicy.live.page_server import PageServer
     from contextpolicy.process import OperatorProcess, reach, start_anew
+    from contextpolicy.telemetry import metrics
+    from contextpolicy.telemetry.build_info import tell_build
+    from contextpolicy.telemetry.scrape import Scrape
 
     formats = {"text": kopf.LogFormat.FULL, "json": kopf.LogFormat.JSON}
     kopf.configure(
@@ -53,6 +58,7 @@ def run(settings: Settings) -> int:
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
+    tell_build("operator")
     prometheus_client.start_http_server(settings.metrics_port)
     pages: dict[str, Callable[[], list[str]]] = {"/healthz": list, "/readyz": lambda: ["no API server answers yet"]}
     health.serve(settings.health_port, pages)
@@ -61,4 +67,11 @@ def run(settings: Settings) -> int:
         return 0
     process = OperatorProcess(api, settings, start_anew)
     pages |= {"/healthz": process.hung, "/readyz": process.unready}
-    return process.run(stop)
+    api.on_answer = lambda method, code: metrics.API_REQUESTS.labels(method, code).inc()
+    REGISTRY.register(Scrape(process.runtime.scrape))
+    live = PageServer(settings.live_port, process.runtime)
+    live.start()
+    try:
+        return process.run(stop)
+    finally:
+        live.close()

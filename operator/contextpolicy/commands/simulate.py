@@ -59,8 +59,9 @@ expectations (--assert FILE): a YAML or JSON list; exit code 1 and a line for ea
 prediction (--profiles FILE, as robotkit.profiles writes it): work arrives with the timeline's inputs (a data set's by
 the rate that the timeline tells), waits in queues that drop their oldest, and is served as CFS does, 30 ms after each
 plan. By task and context it tells inputs; those done, late, dropped, and suspended; misses (late, dropped, or overdue
-at the end, as a part of those due); response time p50 and p99; how many an input found waiting; and the cores that
-stay idle. What one task publishes for another is not predicted; nor does a task that adapts to its share cost less.
+at the end, as a part of those due) and the worst of them, since nobody knows when the kernel's periods begin: the
+prediction is over four equally likely phases; response time p50 and p99; how many an input found waiting; and the cores
+that stay idle. What one task publishes for another is not predicted, and a task that adapts to its share costs no less.
 
 exit codes: 0 it ran and is as expected, 1 an expectation does not hold, 2 it could not run (wrong usage, a file that
 cannot be read or is refused, a picture that cannot be drawn)"""

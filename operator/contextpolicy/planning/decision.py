@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.division import Division
     from contextpolicy.planning.plan import NodePlan
     from contextpolicy.planning.seating import Seating
+    from contextpolicy.planning.shares import Demand
     from contextpolicy.planning.weights import Weight
     from contextpolicy.policy.spec import Context, Policy
 
@@ -51,6 +52,9 @@ class Decider:
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
         self._weigher = Weigher(policy)
+        self._layout: Seating | None = None
+        self._claims: Mapping[str, Sequence[Demand]] = {}
+        self._known: dict[str, tuple[Weight, TaskPlan]] = {}
         self._leaves = policy.leaves
         self._may_yield = {task.name for task in self._leaves if task.needs.enforce is Enforce.SUSPEND}
         self._places = {task.name: place for place, task in enumerate(policy.tasks)}
@@ -86,17 +90,28 @@ class Decider:
     def _attempt(self, situation: Situation, yielding: Mapping[str, str]) -> Decision:
         obstacles = Obstacles(situation.waiting, situation.layout.absent, yielding)
         weights = self._weigher.weigh(situation.scores, obstacles, situation.contexts)
-        division = divide_nodes(situation.layout, weights, situation.last, self.at_rest)
+        if situation.layout is not self._layout:
+            self._layout, self._claims = situation.layout, {}
+        division = divide_nodes(situation.layout, weights, situation.last, self.at_rest, self._claims)
+        self._claims = division.claims
         suspended = self._suspended(weights, division)
         unmet = shortfalls(self._policy, weights, suspended, situation.layout, division.nodes)
         yielded = (Shortfall(name, f"is suspended: it {need}") for name, need in yielding.items())
-        share = division.shares.get
-        tasks = {
-            name: TaskPlan(score, weight, share(name, 0), because, name in suspended)
-            for name, (score, weight, because, _) in weights.items()
-        }
+        tasks = self._task_plans(weights, division.shares, suspended)
         tasks |= {name: tasks[name]._replace(because=AT_REST) for name in division.resting}
         return Decision(weights, tasks, division, (*division.shortfalls, *yielded, *unmet), suspended)
+
+    def _task_plans(
+        self, weights: Mapping[str, Weight], shares: Mapping[str, int], suspended: AbstractSet[str]
+    ) -> dict[str, TaskPlan]:
+        """Each task's; one for which nothing has changed keeps its last, as nearly all do from plan to plan."""
+        known, plans = self._known, {}
+        for name, weight in weights.items():
+            share, sleeps, last = shares.get(name, 0), name in suspended, known.get(name)
+            if last is None or last[0] is not weight or last[1].share != share or last[1].suspended is not sleeps:
+                last = known[name] = weight, TaskPlan(weight.score, weight.value, share, weight.because, sleeps)
+            plans[name] = last[1]
+        return plans
 
     def _lightest_unmet(self, decision: Decision) -> tuple[str, str] | None:
         """The lightest task that may yield and has an unmet need, with that need; ties go to the policy's first."""

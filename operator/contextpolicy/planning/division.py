@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import ShareError
@@ -11,7 +11,7 @@ from contextpolicy.planning.seating import seat_tasks
 from contextpolicy.planning.shares import Demand, divide, floors_exceed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
     from collections.abc import Set as AbstractSet
 
     from contextpolicy.planning.placement import Placement
@@ -26,13 +26,15 @@ if TYPE_CHECKING:
 class Division:
     """All nodes' plans, each task's share over all of them, and what could not be met.
 
-    `resting` are the tasks that get a share by priority because nothing is active on their node.
+    `resting` are the tasks that get a share by priority because nothing is active on their node. `claims` are what the
+    nodes were divided by: the next division of the same layout starts from them.
     """
 
     nodes: Mapping[str, NodePlan]
     shares: Mapping[str, int]
     shortfalls: tuple[Shortfall, ...]
     resting: AbstractSet[str] = frozenset()
+    claims: Mapping[str, Sequence[Demand]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +51,25 @@ class Terms:
 
 
 def divide_nodes(
-    layout: Seating, weights: Mapping[str, Weight], last: Mapping[str, NodePlan], at_rest: AtRest
+    layout: Seating,
+    weights: Mapping[str, Weight],
+    last: Mapping[str, NodePlan],
+    at_rest: AtRest,
+    known: Mapping[str, Sequence[Demand]] | None = None,
 ) -> Division:
     """Divide each node; a node that can't be divided keeps its last plan and says why.
 
     `at_rest` returns what the tasks would weigh if all were active; called only for nodes where nothing is active.
+    `known` are the claims of an earlier division of the same layout, if there was one.
     """
     nodes: dict[str, NodePlan] = {}
+    claims: dict[str, Sequence[Demand]] = {}
     shortfalls: list[Shortfall] = []
     resting: set[str] = set()
     for node in layout.nodes:
-        own = _terms(node, weights, at_rest)
+        own = _terms(node, weights, at_rest, known.get(node.name, ()) if known else ())
+        if not own.unprotected:
+            claims[node.name] = own.claims
         try:
             nodes[node.name] = _divide(node, own)
             shortfalls += _floor_shortfalls(own)
@@ -73,7 +83,7 @@ def divide_nodes(
     for made in nodes.values():
         for name, share in made.shares.items():
             shares[name] = shares.get(name, 0) + share
-    return Division(nodes, shares, tuple(shortfalls), resting)
+    return Division(nodes, shares, tuple(shortfalls), resting, claims)
 
 
 def terms(policy: Policy, weights: Mapping[str, Weight], placement: Placement, at_rest: AtRest) -> dict[str, Terms]:
@@ -81,12 +91,12 @@ def terms(policy: Policy, weights: Mapping[str, Weight], placement: Placement, a
     return {node.name: _terms(node, weights, at_rest) for node in seat_tasks(policy, placement).nodes}
 
 
-def _terms(node: SeatedNode, weights: Mapping[str, Weight], at_rest: AtRest) -> Terms:
+def _terms(node: SeatedNode, weights: Mapping[str, Weight], at_rest: AtRest, known: Sequence[Demand] = ()) -> Terms:
     basis = Basis.WEIGHT
     if not any(weights[seat.task].value > 0 for seat in node.seats):
         weights = at_rest()
         basis = Basis.PRIORITY if any(weights[seat.task].value > 0 for seat in node.seats) else Basis.NOTHING
-    claims = [seat.claim(weights[seat.task].value) for seat in node.seats]
+    claims = node.claims(weights, known)
     unprotected = node.protects and sum(claim.least for claim in claims) > node.capacity // node.quantum
     if unprotected:
         # Not even the protected floors fit: scale them down with the others rather than keep an outdated plan.

@@ -41,6 +41,8 @@ class Planner:
         self.timers = Timers()
         self.drops: Counter[tuple[str, str]] = Counter()
         self.errors: dict[str, str] = {}
+        self.transitions: Counter[str] = Counter()
+        """How often each context began or ceased to hold."""
         self.started = False
         self.on_health: Callable[[], None] = lambda: None
         """Called when a stream fell silent or was not heard for an hour, is heard again or changed its clock, or an
@@ -167,6 +169,7 @@ class Planner:
 
     def on_context(self, context: ContextState, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """A context began or ceased to hold."""
+        self.transitions[context.spec.name] += 1
         source = ", ".join(stream.spec.name for stream in context.streams) or "policy"
         self._maker.note(context, f"{source}: context {context.spec.name} {'entered' if context.active else 'exited'}")
 

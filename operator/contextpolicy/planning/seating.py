@@ -11,9 +11,10 @@ from contextpolicy.policy.bandwidth import PERIOD
 from contextpolicy.policy.spec import Control, Needs, Scheduler
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from contextpolicy.planning.placement import Container, Placement
+    from contextpolicy.planning.weights import Weight
     from contextpolicy.policy.spec import Policy, Task
 
 REALTIME_BUDGET = 950
@@ -65,6 +66,15 @@ class SeatedNode:
     def cores(self, share: int) -> int:
         """What a share comes to in thousandths of a core."""
         return share * self.processors if self.scheduler is Scheduler.REALTIME else share
+
+    def claims(self, weights: Mapping[str, Weight], last: Sequence[Demand] = ()) -> list[Demand]:
+        """Each task's claim; one of unchanged weight keeps that of `last`, an earlier result of this node's."""
+        if not last:  # nearly every plan has all weights but one from the plan before
+            return [seat.claim(weights[seat.task].value) for seat in self.seats]
+        return [
+            claim if claim.weight == (weight := weights[claim.name].value) else seat.claim(weight)
+            for seat, claim in zip(self.seats, last, strict=True)
+        ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,6 +56,8 @@ class StreamState:
         self.spec = spec
         self.value: dict[str, Any] | None = None
         self.seen_at: float | None = None
+        self.seen = 0
+        """How many samples came, timely or not."""
         self.absent_since: float | None = None
         self.clock = SourceClock(spec.clock, spec.stale_after)
         self.fresh = False
@@ -86,6 +88,7 @@ class StreamState:
     def adopt(self, old: StreamState, now: float) -> None:
         """Continue the same stream of the policy's previous version: window, gate, watchdog, clock and value."""
         self.seen_at, self.clock, self.absent_since = old.seen_at, old.clock, old.absent_since
+        self.seen = old.seen
         self.fresh, self.silent, self.value = old.fresh, old.silent, old.value
         self.unheard = old.unheard
         self._windows, self._own, self._filter = old._windows, old._own, old._filter
@@ -98,6 +101,7 @@ class StreamState:
 
     def observe(self, sample: Sample, now: float) -> None:
         """Take a sample as it arrives."""
+        self.seen += 1
         reason = self._untimely(sample, now)
         if reason is not None:
             self._listener.on_drop(self.spec.name, reason)

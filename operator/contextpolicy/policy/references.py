@@ -31,7 +31,7 @@ def check(policy: Policy) -> list[Finding]:
 def _names(policy: Policy) -> Iterator[Finding]:
     for kind, items in (("streams", policy.streams), ("tasks", policy.tasks), ("contexts", policy.contexts)):
         for name, count in Counter(item.name for item in items).items():
-            if count > 1:
+            if name and count > 1:
                 yield Finding(f"spec.{kind}", name, f"each name once; this one appears {count} times")
     for index, stream in enumerate(policy.streams):
         if stream.name in CEL_WORDS:
@@ -126,4 +126,6 @@ def _known(field: str, name: str, names: Iterable[str]) -> Iterator[Finding]:
 
 
 def _list(names: Iterable[str]) -> str:
-    return "one of " + ", ".join(sorted(names)) if names else "none are declared"
+    # A name that was refused when it was read is empty by now; its own finding tells what it was.
+    usable = sorted(filter(None, names))
+    return "one of " + ", ".join(usable) if usable else "none are declared"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -18,19 +18,22 @@ if TYPE_CHECKING:
 
     from contextpolicy.planning.plan import Plan
     from contextpolicy.policy.spec import Policy
-    from contextpolicy.simulation.profiles import Profiles
+    from contextpolicy.simulation.profiles import Profiles, TaskProfile
     from contextpolicy.simulation.server import Outcome, Served
     from contextpolicy.streams.timeline import Timeline, TimelineEntry
 
 REACTION = 0.03
 """Seconds from a plan to the cgroup: the median that `make bench-reaction` measures for a resize, rounded."""
+PHASES = 4
+"""Runs that a prediction is made of. Nobody knows when the kernel's periods begin, seen from a sensor: a fresh quota in
+the middle of an input can halve its time. So the periods begin at as many equally likely moments."""
 ALL, NONE = "", "-"
 """The names under which the whole run and the time without any context are told."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stats:
-    """What becomes of a task's inputs; times in seconds, None where there is nothing to tell.
+    """What becomes of a task's inputs; times in seconds, None where there is nothing to tell. Counts are rounded means.
 
     `missed` are done, but later than the deadline; `misses` are missed and dropped inputs, and those that wait past
     their deadline at the end, as a part of all that were due. Suspended inputs are not due.
@@ -43,6 +46,8 @@ class Stats:
     suspended: int
     unfinished: int
     misses: float
+    worst: float
+    """The misses in the least favourable phase of the kernel's periods."""
     p50: float | None
     p99: float | None
     queue: float
@@ -65,7 +70,14 @@ class Forecast:
 @dataclass(slots=True)
 class _Node:
     cores: float
-    workers: dict[str, Worker] = field(default_factory=dict)
+    tasks: dict[str, TaskProfile] = field(default_factory=dict)
+
+    def workers(self) -> dict[str, Worker]:
+        """New ones for a run."""
+        return {
+            name: Worker([cost.depth for cost in own.inputs], own.threads, own.background)
+            for name, own in self.tasks.items()
+        }
 
 
 def forecast(  # noqa: PLR0913 - what a run consists of, by keyword
@@ -88,45 +100,57 @@ def forecast(  # noqa: PLR0913 - what a run consists of, by keyword
     arrivals = sorted(_arrivals(timeline, profiles, homes, until, notes))
     used: list[Served] = []
     outcomes: list[Outcome] = []
+    phases = 1 if policy.control is Control.WEIGHT and policy.scheduler is Scheduler.CFS else PHASES
     for name, node in nodes.items():
-        changes = [_change(policy, plan, name, node.workers) for plan in plans]
-        server = Server(node.cores, node.workers, _period(policy))
-        server.serve([work for work in arrivals if homes[work.task] == name], changes, until)
-        used += server.used
-        outcomes += server.outcomes
+        changes = [_change(policy, plan, name, node.tasks) for plan in plans]
+        own = [work for work in arrivals if homes[work.task] == name]
+        for phase in range(phases):
+            server = Server(node.cores, node.workers(), _period(policy), phase / phases * _period(policy))
+            server.serve(own, changes, until)
+            used += server.used
+            outcomes += [one._replace(phase=phase) for one in server.outcomes]
     limits = _deadlines(policy, profiles, deadlines or {})
     by_task = {task: [one for one in outcomes if one.work.task == task] for task in homes if task in profiles.tasks}
     contexts = _Contexts(plans)
     tasks = {task: _by_context(own, contexts, limits[task]) for task, own in by_task.items()}
-    idle = _idle(used, contexts, sum(node.cores for node in nodes.values()), until, len(nodes))
+    idle = _idle(used, contexts, [node.cores for node in nodes.values()], phases)
     rate = len({plan.sequence for plan in plans}) / until if until else 0.0
     return Forecast(limits, by_task, tasks, idle, rate, (*notes, *_unknown(policy, profiles)))
 
 
 def stats(outcomes: Iterable[Outcome], deadline: float | None) -> Stats:
-    """Count outcomes."""
+    """Count outcomes, over all phases that they are of."""
     listed = list(outcomes)
-    fates = defaultdict(list)
-    for one in listed:
-        fates[one.fate].append(one.response)
     limit = math.inf if deadline is None else deadline
-    times = sorted(fates[Fate.DONE])
-    missed = sum(time > limit for time in times)
-    overdue = sum(time > limit for time in fates[Fate.UNFINISHED])
-    late = missed + len(fates[Fate.DROPPED]) + overdue
-    due = len(times) + len(fates[Fate.DROPPED]) + overdue
+    by_phase = defaultdict(list)
+    for one in listed:
+        by_phase[one.phase].append(one)
+    runs = max(len(by_phase), 1)
+    counts = Counter(one.fate for one in listed)
+    times = sorted(one.response for one in listed if one.fate is Fate.DONE)
     return Stats(
-        inputs=len(listed),
-        done=len(times),
-        missed=missed,
-        dropped=len(fates[Fate.DROPPED]),
-        suspended=len(fates[Fate.SUSPENDED]),
-        unfinished=len(fates[Fate.UNFINISHED]),
-        misses=late / due if due else 0.0,
+        inputs=round(len(listed) / runs),
+        done=round(len(times) / runs),
+        missed=round(sum(time > limit for time in times) / runs),
+        dropped=round(counts[Fate.DROPPED] / runs),
+        suspended=round(counts[Fate.SUSPENDED] / runs),
+        unfinished=round(counts[Fate.UNFINISHED] / runs),
+        misses=_misses(listed, limit),
+        worst=max((_misses(own, limit) for own in by_phase.values()), default=0.0),
         p50=_quantile(times, 0.5),
         p99=_quantile(times, 0.99),
         queue=sum(one.queue for one in listed) / len(listed) if listed else 0.0,
     )
+
+
+def _misses(outcomes: Iterable[Outcome], limit: float) -> float:
+    """Late, dropped and overdue inputs, as a part of those that were due."""
+    due = late = 0
+    for one in outcomes:
+        is_late = one.fate is Fate.DROPPED or (one.response > limit and one.fate in (Fate.DONE, Fate.UNFINISHED))
+        late += is_late
+        due += is_late or one.fate is Fate.DONE
+    return late / due if due else 0.0
 
 
 def _quantile(ascending: Sequence[float], part: float) -> float | None:
@@ -159,16 +183,16 @@ def _by_context(outcomes: Sequence[Outcome], contexts: _Contexts, deadline: floa
     return {name: stats(own, deadline) for name, own in sorted_.items()}
 
 
-def _idle(used: Iterable[Served], contexts: _Contexts, cores: float, until: float, nodes: int) -> dict[str, float]:
-    """Mean idle cores, over all nodes."""
+def _idle(used: Iterable[Served], contexts: _Contexts, cores: Sequence[float], phases: int) -> dict[str, float]:
+    """Mean idle cores, over all nodes, which have these `cores`."""
     busy: dict[str, float] = defaultdict(float)
     lasted: dict[str, float] = defaultdict(float)
     for stretch in used:
         for seconds, names in contexts.spans(stretch.start, stretch.end):
             for name in (ALL, *names):
-                busy[name] += seconds * stretch.cores
-                lasted[name] += seconds / nodes
-    return {name: cores - busy[name] / lasted[name] for name in lasted if lasted[name] > 0 and until > 0}
+                busy[name] += seconds * stretch.cores / phases
+                lasted[name] += seconds / (phases * len(cores))
+    return {name: sum(cores) - busy[name] / lasted[name] for name in lasted if lasted[name] > 0}
 
 
 def _nodes(plans: Sequence[Plan], profiles: Profiles, processors: Mapping[str, int]) -> dict[str, _Node]:
@@ -183,8 +207,7 @@ def _nodes(plans: Sequence[Plan], profiles: Profiles, processors: Mapping[str, i
         cores = first.capacity if first.scheduler is Scheduler.CFS else processors[home] * first.capacity / 1000
         node = nodes.setdefault(home, _Node(cores / 1000))
         if profile is not None:
-            depths = [cost.depth for cost in profile.inputs]
-            node.workers[task] = Worker(depths, profile.threads, profile.background)
+            node.tasks[task] = profile
     return nodes
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from contextpolicy.simulation.forecast import Forecast, Stats
 
-HEADER = ("TASK", "CONTEXT", "INPUTS", "DONE", "LATE", "DROPPED", "SUSPENDED", "MISSES", "P50", "P99", "QUEUE")
+HEADER = ("TASK", "CONTEXT", "INPUTS", "DONE", "LATE", "DROPPED", "SUSPENDED", "MISSES", "WORST", "P50", "P99", "QUEUE")
 WHOLE = "all"
 
 
@@ -48,7 +48,7 @@ def _rows(forecast: Forecast) -> Iterator[tuple[str, ...]]:
 def _cells(stats: Stats) -> tuple[str, ...]:
     counts = (stats.inputs, stats.done, stats.missed, stats.dropped, stats.suspended)
     times = ("-" if time is None else f"{time * 1000:.0f} ms" for time in (stats.p50, stats.p99))
-    return (*map(str, counts), f"{stats.misses:.1%}", *times, f"{stats.queue:.1f}")
+    return (*map(str, counts), f"{stats.misses:.1%}", f"{stats.worst:.1%}", *times, f"{stats.queue:.1f}")
 
 
 def _line(row: Sequence[str], widths: Sequence[int]) -> str:

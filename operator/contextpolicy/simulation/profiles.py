@@ -1,6 +1,6 @@
 """What tasks cost, as robotkit measured it: CPU per input as a distribution, from a file with a profile for each task.
 
-`python -m robotkit.profiles` writes such a file on a robot, timelines/profiles.schema.json describes it.
+`python -m robotkit.profiles` writes such a file on a robot, modules/robotkit/profiles.schema.json describes it.
 """
 
 from __future__ import annotations

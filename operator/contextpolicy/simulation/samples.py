@@ -7,6 +7,8 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from contextpolicy.errors import DecodeError
 from contextpolicy.policy.key_expressions import selects
 from contextpolicy.policy.spec import Encoding
@@ -109,10 +111,10 @@ class _Reader:
 def _is_plain(value: object) -> bool:
     """Whether decoders certainly accept a payload of this value: small enough, and without NaN and infinities."""
     try:
-        payload = json.dumps(value).encode()
-    except RecursionError:
+        payload = msgspec.json.encode(value)
+    except (msgspec.MsgspecError, ValueError, TypeError, RecursionError):
         return False
-    return is_small(payload) and not any(word in payload for word in (b"NaN", b"Infinity"))
+    return is_small(payload) and b"null" not in payload  # it writes NaN and infinities as null
 
 
 def _made(timed: TimedInput, now_ns: int) -> object:

@@ -66,6 +66,8 @@ class Outcome(NamedTuple):
     response: float
     queue: int
     """How many inputs of the task waited when it arrived."""
+    phase: int = 0
+    """In which run of several, that differ in when the periods begin."""
 
 
 class Served(NamedTuple):
@@ -108,11 +110,12 @@ class Worker:
 
 @dataclass(slots=True)
 class Server:
-    """One node; `serve` runs it once, from 0 to the end."""
+    """One node; `serve` runs it once, from 0 to the end. The first period began `offset` seconds before 0."""
 
     cores: float
     workers: dict[str, Worker]
     period: float
+    offset: float = 0.0
     outcomes: list[Outcome] = field(default_factory=list)
     used: list[Served] = field(default_factory=list)
     now: float = 0.0
@@ -137,7 +140,7 @@ class Server:
         self._begin_period()
         rates = self._rates()
         if any(worker.current and worker.allowance.quota is not None for worker in self.workers.values()):
-            until = min(until, (self._periods + 1) * self.period)
+            until = min(until, (self._periods + 1) * self.period - self.offset)
         for name, rate in rates.items():
             worker = self.workers[name]
             until = min(until, self.now + min(worker.remaining, worker.left) / rate)
@@ -150,7 +153,7 @@ class Server:
 
     def _begin_period(self) -> None:
         """Refill all quotas if a period has begun: the kernel's timer has one grid for all."""
-        current = math.floor(self.now / self.period + SAME_PERIOD)
+        current = math.floor((self.now + self.offset) / self.period + SAME_PERIOD)
         if current != self._periods:
             self._periods = current
             for worker in self.workers.values():

@@ -201,6 +201,11 @@ def rmw_key(topic: Topic, last: str = HASH) -> str:
     return f"0/{topic.name.strip('/')}/{package}::msg::dds_::{kind}_/{last}"
 
 
+def timeline_key(topic: Topic) -> str:
+    """rmw_zenoh's key for a topic of ROS 2, the topic itself for anything else."""
+    return rmw_key(topic) if topic.encoding == "cdr" and "::msg::dds_::" not in topic.name else bridge_key(topic)
+
+
 def bridge_key(topic: Topic) -> str:
     """The key on which zenoh-bridge-ros2dds publishes a topic, and on which we do."""
     return topic.name.strip("/")

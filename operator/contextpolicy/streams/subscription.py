@@ -26,8 +26,10 @@ if TYPE_CHECKING:
     from contextpolicy.planning.inputs import Input
     from contextpolicy.policy.spec import Stream
 
-_Arrived: TypeAlias = tuple[Decoder, bytes, bytes, float]
-"""A payload with its attachment, and the monotonic time of its arrival."""
+_Arrived: TypeAlias = tuple[Decoder, bytes, bytes, str, float]
+"""A payload with its attachment, its key where the stream's has wildcards, and the monotonic time of its arrival."""
+Tap: TypeAlias = "Callable[[float, str, bytes, bytes, str], object]"
+"""Called on the loop with each sample's arrival, stream, payload, attachment and key, before it is decoded."""
 
 BACKLOG = 10_000
 """Samples that may wait for the loop; beyond that the oldest is dropped: a newer reading is worth more."""
@@ -41,6 +43,7 @@ def inputs(
     streams: Sequence[Stream],
     scheduler: SchedulerBase,
     on_drop: Callable[[str, str], None],
+    tap: Tap = lambda *_: None,
 ) -> Observable[Input]:
     """Samples and lost liveliness of all streams, on the scheduler's thread.
 
@@ -49,7 +52,7 @@ def inputs(
     """
 
     def subscribe(observer: ObserverBase[Input], _: SchedulerBase | None = None) -> DisposableBase:
-        inbox = _Inbox(observer, scheduler, on_drop)
+        inbox = _Inbox(observer, scheduler, on_drop, tap)
         declared = [_declare(session, stream, inbox) for stream in streams]
         return CompositeDisposable(*(Disposable(undeclare) for own in declared for undeclare in own))
 
@@ -57,12 +60,13 @@ def inputs(
 
 
 def _declare(session: zenoh.Session, stream: Stream, inbox: _Inbox) -> list[Callable[[], None]]:
-    decoder = Decoder(stream)
+    decoder, wild = Decoder(stream), "*" in stream.key
 
     def on_sample(sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
             attached = sample.attachment if decoder.reads_attachment else None
-            inbox.put(decoder, sample.payload.to_bytes(), b"" if attached is None else attached.to_bytes())
+            key = str(sample.key_expr) if wild else ""
+            inbox.put(decoder, sample.payload.to_bytes(), b"" if attached is None else attached.to_bytes(), key)
 
     def on_token(sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
@@ -91,17 +95,21 @@ class _Inbox:
     """Hands samples from Zenoh's threads, which must not block, to the loop: one wake-up for all that has arrived."""
 
     def __init__(
-        self, observer: ObserverBase[Input], scheduler: SchedulerBase, on_drop: Callable[[str, str], None]
+        self,
+        observer: ObserverBase[Input],
+        scheduler: SchedulerBase,
+        on_drop: Callable[[str, str], None],
+        tap: Tap = lambda *_: None,
     ) -> None:
-        self._observer, self._scheduler, self._on_drop = observer, scheduler, on_drop
+        self._observer, self._scheduler, self._on_drop, self._tap = observer, scheduler, on_drop, tap
         self._waiting: deque[_Arrived | Gone] = deque()
         self._lock = Lock()
         self._awake = False
         self._overrun: dict[str, int] = {}
 
-    def put(self, decoder: Decoder, payload: bytes, attachment: bytes = b"") -> None:
+    def put(self, decoder: Decoder, payload: bytes, attachment: bytes = b"", key: str = "") -> None:
         """Take a sample; called on a Zenoh thread."""
-        self._append((decoder, payload, attachment, time.monotonic()))
+        self._append((decoder, payload, attachment, key, time.monotonic()))
 
     def put_gone(self, stream: str) -> None:
         """Take the end of a liveliness token; called on a Zenoh thread."""
@@ -151,7 +159,8 @@ class _Inbox:
         if isinstance(item, Gone):
             self._observer.on_next(item)
             return
-        decoder, payload, attachment, arrived = item
+        decoder, payload, attachment, key, arrived = item
+        self._tap(arrived, decoder.stream.name, payload, attachment, key)
         try:
             sample = decoder.decode(payload, attachment)
         except DecodeError:

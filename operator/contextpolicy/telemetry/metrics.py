@@ -1,6 +1,7 @@
-"""Prometheus metrics: base units, no pod names or uids as labels.
+"""Prometheus metrics of what happens: base units, and labels that name policies and their parts, never a pod's UID.
 
-`namespace` and `name` are the policy's, so that they join with what other exporters say about either.
+`namespace` and `name` are the policy's, so that they join with what other exporters say about either. What is the case
+at the moment of a scrape (silent streams, limits, conditions) is read then: see `scrape`.
 """
 
 from __future__ import annotations
@@ -17,10 +18,28 @@ if TYPE_CHECKING:
 POLICY = ("namespace", "name")
 _LATENCY = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
 
-STAGE_SECONDS = Histogram(
-    "contextpolicy_stage_seconds",
-    "Time from a sample's arrival until the plan that it made is there, its patch accepted, its limit in force.",
-    [*POLICY, "stage"],
+SAMPLE_TO_PLAN = Histogram(
+    "contextpolicy_sample_to_plan_seconds",
+    "Time from a sample's arrival until the plan that it caused is ordered.",
+    POLICY,
+    buckets=_LATENCY,
+)
+PLAN_TO_PATCH = Histogram(
+    "contextpolicy_plan_to_patch_seconds",
+    "Time from such a plan until the API has accepted a new limit of a container.",
+    POLICY,
+    buckets=_LATENCY,
+)
+PATCH_TO_IN_FORCE = Histogram(
+    "contextpolicy_patch_to_in_force_seconds",
+    "Time from then until the kubelet reports the limit in force.",
+    POLICY,
+    buckets=_LATENCY,
+)
+REACTION = Histogram(
+    "contextpolicy_reaction_seconds",
+    "Time from a sample's arrival until the kubelet reports a limit that it caused in force.",
+    POLICY,
     buckets=_LATENCY,
 )
 PLANS = Counter("contextpolicy_plans_total", "Plans made.", POLICY)
@@ -35,9 +54,20 @@ CONTESTS = Counter(
     "Times that somebody else changed the CPU of a container of the policy.",
     POLICY,
 )
+API_REQUESTS = Counter(
+    "contextpolicy_api_requests_total",
+    "Requests to the API server by HTTP method and status code; the code of one without an answer is `none`.",
+    ["method", "code"],
+)
+EVENTS_LEFT_OUT = Counter(
+    "contextpolicy_events_left_out_total", "Events on a policy that were not posted, because it had too many.", POLICY
+)
 
 _OF_A_POLICY = (
-    STAGE_SECONDS,
+    SAMPLE_TO_PLAN,
+    PLAN_TO_PATCH,
+    PATCH_TO_IN_FORCE,
+    REACTION,
     PLANS,
     DROPS,
     HELD_BACK,
@@ -46,6 +76,7 @@ _OF_A_POLICY = (
     TASK_WEIGHT,
     RESIZES,
     CONTESTS,
+    EVENTS_LEFT_OUT,
 )
 
 

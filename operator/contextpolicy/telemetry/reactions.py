@@ -16,11 +16,17 @@ STAGES = ("patch", "status")
 
 
 @dataclass(slots=True)
-class _Change:
-    """A container's new share in millicores, when its sample arrived (monotonic s), and the stages still ahead."""
+class Reaction:
+    """A container's new share in millicores, and when (monotonic s) its sample came, its plan, its patch was accepted.
+
+    `ahead` are the stages that it has not reached yet; `accepted` stays None when its limit was in force before the API
+    had answered, which happens when the agent is faster.
+    """
 
     share: int
     arrived: float
+    planned: float
+    accepted: float | None = None
     ahead: set[str] = field(default_factory=lambda: set(STAGES))
 
 
@@ -32,24 +38,24 @@ class Reactions:
 
     def __init__(self) -> None:
         self._plans: dict[str, Plan] = {}
-        self._changes: dict[str, dict[str, _Change]] = {}
+        self._changes: dict[str, dict[str, Reaction]] = {}
 
-    def plan(self, policy: str, plan: Plan) -> None:
-        """Take a new plan; changes of an earlier plan that this one keeps are still being tracked."""
+    def plan(self, policy: str, plan: Plan, now: float) -> None:
+        """Take a new plan, made `now`; changes of an earlier plan that this one keeps are still being tracked."""
         before = self._plans.get(policy)
         # After the first plan of a run nothing is known about the containers' shares before it: it may change none.
         known = before.containers if before is not None and plan.sequence > before.sequence else {}
         kept = self._changes.get(policy, {})
-        changes: dict[str, _Change] = {}
+        changes: dict[str, Reaction] = {}
         for container, share in _resized(plan).items():
             if known.get(container) == share:
                 changes |= {container: kept[container]} if container in kept else {}
             elif container in known and plan.arrived is not None:
-                changes[container] = _Change(share, plan.arrived)
+                changes[container] = Reaction(share, plan.arrived, now)
         self._plans[policy], self._changes[policy] = plan, changes
 
-    def reach(self, policy: str, container: str, stage: str, cpu: Cpu) -> float | None:
-        """The sample's arrival (monotonic s) if it caused this and reaches `stage` for the first time, else None.
+    def reach(self, policy: str, container: str, stage: str, cpu: Cpu) -> Reaction | None:
+        """The reaction to a sample, if a sample caused this and it reaches `stage` for the first time, else None.
 
         A patch from an older plan, or an intermediate step towards the share, does not count.
         """
@@ -57,7 +63,7 @@ class Reactions:
         if change is None or stage not in change.ahead or change.share not in (cpu.limit, cpu.request):
             return None
         change.ahead.discard(stage)
-        return change.arrived
+        return change
 
     def drop(self, policy: str, container: str) -> None:
         """Somebody else changed the container: its next resize is no reaction to a sample."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from typing import TYPE_CHECKING
 
 from contextpolicy.actuators.resize.contest import YIELDED, Contest
@@ -17,7 +18,10 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.errors import ActuationError
     from contextpolicy.planning.plan import Plan
+    from contextpolicy.telemetry.reactions import Reaction
 
+RECENT = 100
+"""Reactions that are kept for people who watch; the histograms have them all."""
 FAILED = "ResizeFailed"
 """Reason of the event which says that the API server refused a resize, or did not answer."""
 RECOVERED = "ResizeRecovered"
@@ -37,26 +41,41 @@ class ResizeWatch:
     ) -> None:
         self._on_problem, self._on_stage = on_problem, on_stage
         self._reactions = Reactions()
+        self._recent: dict[str, deque[float]] = {}
         self._failed: dict[str, dict[str, str]] = {}
         self._held: dict[str, dict[str, str]] = {}
         self._contested: dict[str, dict[str, str]] = {}
 
     def planned(self, policy: str, plan: Plan) -> None:
         """A new plan was made."""
-        self._reactions.plan(policy, plan)
-        _measure(policy, "plan", plan.arrived, time.monotonic())
+        now = time.monotonic()
+        self._reactions.plan(policy, plan, now)
+        if plan.arrived is not None:
+            metrics.SAMPLE_TO_PLAN.labels(*metrics.labels(policy)).observe(now - plan.arrived)
 
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
         """The API has accepted new resources; `answered` is when its answer came."""
         self._on_stage(policy, "accepted", container, (cpu.limit or 0) / 1000, answered)
         metrics.RESIZES.labels(*metrics.labels(policy), "accepted").inc()
-        _measure(policy, "patch", self._reactions.reach(policy, container, "patch", cpu), answered)
+        reaction = self._reactions.reach(policy, container, "patch", cpu)
+        if reaction is not None:
+            reaction.accepted = answered
+            metrics.PLAN_TO_PATCH.labels(*metrics.labels(policy)).observe(answered - reaction.planned)
 
     def on_in_force(self, policy: str, container: str, limit: int) -> None:
         """The kubelet reports the plan's limit, in millicores."""
         now = time.monotonic()
         self._on_stage(policy, "inForce", container, limit / 1000, now)
-        _measure(policy, "status", self._reactions.reach(policy, container, "status", Cpu(None, limit)), now)
+        reaction = self._reactions.reach(policy, container, "status", Cpu(None, limit))
+        if reaction is not None:
+            self._on_reaction(policy, reaction, now)
+
+    def _on_reaction(self, policy: str, reaction: Reaction, now: float) -> None:
+        labels = metrics.labels(policy)
+        self._recent.setdefault(policy, deque(maxlen=RECENT)).append(now - reaction.arrived)
+        metrics.REACTION.labels(*labels).observe(now - reaction.arrived)
+        if reaction.accepted is not None:
+            metrics.PATCH_TO_IN_FORCE.labels(*labels).observe(now - reaction.accepted)
 
     def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
         """A patch failed, or (None) succeeded again after a failure."""
@@ -119,16 +138,16 @@ class ResizeWatch:
         every = (self._failed, self._held, self._contested)
         return {subject: message for known in every for subject, message in known.get(policy, {}).items()}
 
+    def recent(self, policy: str) -> list[float]:
+        """The latest reactions to samples, from arrival until the limit was in force, in seconds, oldest first."""
+        return list(self._recent.get(policy, ()))
+
     def forget(self, policy: str) -> None:
         """The policy is gone."""
         self._reactions.forget(policy)
+        self._recent.pop(policy, None)
         for known in (self._failed, self._held, self._contested):
             known.pop(policy, None)
-
-
-def _measure(policy: str, stage: str, arrived: float | None, at: float) -> None:
-    if arrived is not None:
-        metrics.STAGE_SECONDS.labels(*metrics.labels(policy), stage).observe(at - arrived)
 
 
 def _advised(message: str, remedy: str) -> str:

@@ -2,12 +2,16 @@ from __future__ import annotations
 
 import json
 import re
+import threading
 
 import pytest
+import zenoh
 
+from modules.slam import estimates
 from modules.slam.estimates import Estimate
 from modules.slam.evaluation import main
 from modules.slam.trajectory import save, trajectory
+from tests.modules.robotkit.bus import Matching, client, router
 
 SECOND = 1_000_000_000
 
@@ -61,17 +65,17 @@ def test_what_cannot_be_compared_is_one_clear_line(files, capsys, monkeypatch, a
 
 
 def message(**changes):
-    whole = {"frame": 5, "position": [1, 2, 3], "orientation": [0, 0, 0, 1], "inliers": 9}
+    whole = {"frame": 5, "position": [1, 2, 3], "orientation": [0, 0, 0, 1], "state": "tracking"}
     return json.dumps(whole | {"timing": {"dropped": 4, "cpu": 20_000_000}} | changes).encode()
 
 
 def test_poses_are_heard_and_lost_ones_are_counted():
     heard = Estimate()
-    for payload in (message(), message(inliers=0, state="lost"), message(frame=4)):
+    for payload in (message(), message(state="lost"), message(state="adrift"), message(frame=4)):
         heard.hear(payload)
     assert heard.trajectory.stamps.tolist() == [4, 5]
-    assert (heard.lost, heard.broken, heard.dropped) == (1, 0, 4)
-    assert heard.cpu == [0.02] * 3
+    assert (heard.lost, heard.adrift, heard.broken, heard.dropped) == (1, 1, 0, 4)
+    assert heard.cpu == [0.02] * 4
 
 
 @pytest.mark.parametrize(
@@ -88,12 +92,33 @@ def test_poses_are_heard_and_lost_ones_are_counted():
         message(orientation=[0, 0, 0, 0]),
         message(frame="x"),
         message(timing=[1]),
+        message(state="asleep"),
     ],
 )
 def test_what_is_no_pose_is_counted(payload):
     heard = Estimate()
     heard.hear(payload)
     assert (heard.poses, heard.broken) == ([], 1)
+
+
+def test_poses_are_heard_on_the_bus():
+    with router() as address, client(address) as module, client(address) as ours:
+        ended = threading.Event()
+        publisher = module.declare_publisher("robot/slam/pose", congestion_control=zenoh.CongestionControl.BLOCK)
+        listening = Matching(publisher)
+
+        def speak():
+            listening.wait(expected=True)
+            for payload in (message(), b"noise", message(frame=6)):
+                publisher.put(payload)
+            module.put("done", b"", congestion_control=zenoh.CongestionControl.BLOCK)
+
+        ours.declare_subscriber("done", lambda _: ended.set())
+        speaker = threading.Thread(target=speak)
+        speaker.start()
+        heard = estimates.listen(ours, "robot/slam/pose", ended, 10)
+        speaker.join()
+    assert (heard.trajectory.stamps.tolist(), heard.broken) == ([5, 6], 1)
 
 
 def test_a_sequence_is_run_and_saved(short, tmp_path, capsys):

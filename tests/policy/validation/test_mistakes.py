@@ -138,6 +138,16 @@ def test_a_context_that_nothing_makes_hold_is_told():
     assert told((WHEN, "false"), (("spec", "fallback"), "moving")) == []
 
 
+def test_names_that_are_refused_are_told_once_each():
+    """They were also told as '' that appears twice, and offered as ''."""
+    problems = told((("spec", "streams", 0, "name"), "theImu"), (("spec", "streams", 1, "name"), "theMic"))
+    assert [field for _, field, _ in problems if field.startswith("spec.streams")] == [
+        "spec.streams[0].name",
+        "spec.streams[1].name",
+    ]
+    assert not [message for _, _, message in problems if "''" in message or "one of ," in message]
+
+
 def test_two_policies_of_one_name():
     text, other = yaml.safe_dump(BASE), yaml.safe_dump(changed(((*TASK, "container"), "other")))
     together = check([("a.yaml", f"{text}---\n{other}")]).errors

@@ -17,7 +17,7 @@ from timelines.demo.cgroup import Cgroup
 from timelines.recording.foxglove import schema_of, shown
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder, encoding_of, targets
-from timelines.replay.player import Options, TimelineInputs, publish
+from timelines.replay.player import Options, TimelineInputs, _window, publish
 from timelines.replay.recorded import RecordedInputs
 
 SCAN = "0/scan/sensor_msgs::msg::dds_::LaserScan_/TypeHashNotSupported"
@@ -82,6 +82,7 @@ def test_what_is_recorded_plays_again_byte_for_byte(tmp_path, cgroup):
     assert [payload for _, key, payload in again if key == "robot/imu"] == imu
     assert [at for at, _, _ in again] == sorted(at for at, _, _ in again)
     assert len(list(inputs.timed(0.2))) < len(again)
+    assert len(list(_window(inputs, Options()))) == len(again)
 
 
 def test_the_file_says_what_it_is_of(tmp_path):
@@ -93,6 +94,18 @@ def test_the_file_says_what_it_is_of(tmp_path):
         reader = make_reader(opened)
         assert next(reader.iter_metadata()).metadata == {"timeline": "demo"}
         assert next(reader.iter_attachments()).data == b"{}"
+
+
+def test_ros_messages_have_their_definition(tmp_path):
+    with McapWriter(tmp_path / "run.mcap") as file:
+        for key in (SCAN, "0/x/my_robot::msg::dds_::Own_/RIHS01_ab"):
+            file.heard(key, "cdr", b"\x00\x01\x00\x00", received=1, stamp=1)
+    with (tmp_path / "run.mcap").open("rb") as opened:
+        schemas = [schema for schema, _, _ in make_reader(opened).iter_messages()]
+    assert (schemas[0].name, schemas[0].encoding) == ("sensor_msgs/msg/LaserScan", "ros2msg")
+    assert b"float32[] ranges" in schemas[0].data
+    assert b"MSG: std_msgs/Header" in schemas[0].data
+    assert schemas[1] is None
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,118 @@
+"""`contextpolicy doctor`: what stands in the way on this cluster, and what mends it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, TypeVar
+from urllib.parse import quote
+
+from contextpolicy.commands.cluster_access import OPERATOR, api_server
+from contextpolicy.commands.structured_output import add_output, structured
+from contextpolicy.errors import ActuationError
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable, Mapping, Sequence
+
+    from contextpolicy.cluster.api import ApiServer
+    from contextpolicy.cluster.checkup import ClusterFacts
+
+T = TypeVar("T")
+
+ROUTER = OPERATOR.replace("=operator", "=router")
+RIGHTS = (
+    ("contextpolicy.dev", "contextpolicies", "", ("get", "list", "watch", "patch")),
+    ("contextpolicy.dev", "contextpolicies", "status", ("patch",)),
+    ("", "pods", "", ("get", "list", "watch")),
+    ("", "pods", "resize", ("patch",)),
+    ("", "events", "", ("create",)),
+)
+"""What the operator must be allowed in the namespaces of policies; nodes are checked apart."""
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "doctor",
+        help="find what stands in the way on this cluster",
+        description="Check the API server, kubelets, cgroups, the operator and its rights, the bus and every policy, "
+        "and tell what mends what is wrong. Changes nothing. What you may not read is unknown, not wrong. Exit "
+        "codes: 0 nothing is bad, 1 something is, 2 there is no cluster.",
+    )
+    add_output(parser)
+    parser.set_defaults(main=main)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Look and tell."""
+    from contextpolicy.cluster.checkup import Verdict, checkup
+
+    with api_server() as api:
+        checks = list(checkup(facts(api)))
+    if arguments.output == "text":
+        for check in checks:
+            print(f"{check.verdict.upper():8} {check.subject}: {check.seen}")
+            if check.remedy and check.verdict is not Verdict.OK:
+                print(f"{'':9}-> {check.remedy}")
+    else:
+        print(structured([{**asdict(check), "verdict": str(check.verdict)} for check in checks], arguments.output))
+    return 1 if any(check.verdict is Verdict.BAD for check in checks) else 0
+
+
+def facts(api: ApiServer) -> ClusterFacts:
+    """Everything that may be read; what may not is None."""
+    from contextpolicy.cluster.checkup import ClusterFacts
+
+    version = str(api.read("/version")["gitVersion"])
+    policies = _allowed(lambda: api.policies(None)) if api.serves_policies() else None
+    operators = _allowed(lambda: _pods(api, OPERATOR))
+    nodes = _allowed(lambda: api.read("/api/v1/nodes")["items"])
+    kubelets = {name: one for node in nodes or () if (one := _kubelet(api, name := node["metadata"]["name"]))}
+    lacking = _lacking(api, operators[0], policies or ()) if operators else None
+    routers = _allowed(lambda: _pods(api, ROUTER))
+    return ClusterFacts(version, policies, operators, routers, nodes, lacking, kubelets)
+
+
+def _allowed(read: Callable[[], T]) -> T | None:
+    try:
+        return read()
+    except ActuationError as error:
+        if error.reason in ("Forbidden", "NotFound"):
+            return None
+        raise
+
+
+def _pods(api: ApiServer, selector: str) -> list[dict[str, Any]]:
+    pods: list[dict[str, Any]] = api.read(f"/api/v1/pods?labelSelector={quote(selector)}")["items"]
+    return pods
+
+
+def _kubelet(api: ApiServer, node: str) -> tuple[Mapping[str, Any], str] | None:
+    path = f"/api/v1/nodes/{quote(node)}/proxy"
+    try:
+        return api.read(f"{path}/configz")["kubeletconfig"], api.read_text(f"{path}/metrics")
+    except ActuationError:
+        return None
+
+
+def _lacking(api: ApiServer, operator: Mapping[str, Any], policies: Sequence[Mapping[str, Any]]) -> list[str] | None:
+    """The rights that the operator's account lacks where policies are; None if that can't be asked."""
+    metadata, account = operator["metadata"], operator["spec"].get("serviceAccountName", "default")
+    user = f"system:serviceaccount:{metadata['namespace']}:{account}"
+    namespaces = sorted({policy["metadata"]["namespace"] for policy in policies}) or [metadata["namespace"]]
+    wanted = [
+        {"namespace": namespace, "group": group, "resource": resource, "subresource": sub, "verb": verb}
+        for namespace in namespaces
+        for group, resource, sub, verbs in RIGHTS
+        for verb in verbs
+    ]
+    wanted += [{"group": "", "resource": "nodes", "verb": verb} for verb in ("get", "list", "watch")]
+    try:
+        return [_told(right) for right in wanted if not api.may(user, right)]
+    except ActuationError:
+        return None
+
+
+def _told(right: Mapping[str, str]) -> str:
+    resource = "/".join(filter(None, (right["resource"], right.get("subresource"))))
+    return f"{right['verb']} {resource}" + (f" in {right['namespace']}" if right.get("namespace") else "")

@@ -1,0 +1,88 @@
+"""`contextpolicy record`: the last minutes of a policy on the robot, as files that `simulate` replays on the desk."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from contextpolicy.commands.cluster_access import (
+    ClusterAccessError,
+    add_namespace,
+    api_server,
+    operator,
+    reference_of,
+)
+from contextpolicy.commands.robot_arguments import seconds
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterator, Mapping
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "record",
+        help="save the last minutes of a policy, to be replayed",
+        description="Save what the operator's flight recorder holds of a policy, up to five minutes: timeline.json "
+        "(its samples, for `simulate` and `explain`), policy.yaml, and plans.jsonl (what was decided, one plan a "
+        "line). Prints the command that replays it.",
+    )
+    parser.add_argument("policy", metavar="POLICY", help="[NAMESPACE/]NAME")
+    parser.add_argument("--to", type=Path, metavar="DIR", help="a new folder (default: NAME-recorded)")
+    parser.add_argument("--last", type=seconds, metavar="S", default=300.0, help="how far back (default: 300)")
+    add_namespace(parser)
+    parser.set_defaults(main=main)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Ask and write."""
+    namespace, name = reference_of(arguments.policy, arguments.namespace)
+    folder: Path = arguments.to or Path(f"{name}-recorded")
+    if folder.exists():
+        raise ClusterAccessError(f"--to {folder} is not allowed: a folder that does not exist yet")
+    with api_server() as api, operator(api) as ask:
+        recorded = ask("recording", policy=f"{namespace}/{name}", last=arguments.last)
+    if recorded is None:
+        raise ClusterAccessError(f"the operator runs no policy {namespace}/{name}")
+    if not recorded["timeline"]["inputs"]:
+        raise ClusterAccessError(f"nothing was heard for {namespace}/{name} yet: there is nothing to replay")
+    for path, text in contents(recorded).items():
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(text, encoding="utf-8")
+    inputs, plans = recorded["timeline"]["inputs"], recorded["plans"]
+    print(f"{folder}: {recorded['timeline']['duration']:.1f} s, {len(inputs)} samples, {len(plans)} plans")
+    print(f"contextpolicy simulate {folder}/policy.yaml {folder}/timeline.json {' '.join(robot(recorded))}".rstrip())
+    return 0
+
+
+def contents(recorded: Mapping[str, Any]) -> dict[str, str]:
+    """The files by name."""
+    return {
+        "timeline.json": json.dumps(recorded["timeline"], indent=1) + "\n",
+        "policy.yaml": yaml.safe_dump(recorded["policy"], sort_keys=False, allow_unicode=True),
+        "plans.jsonl": "".join(f"{json.dumps(plan)}\n" for plan in recorded["plans"]),
+    }
+
+
+def robot(recorded: Mapping[str, Any]) -> Iterator[str]:
+    """The arguments that describe the robot as its last plan saw it."""
+    if not recorded["plans"]:
+        return
+    plan = recorded["plans"][-1]
+    reserve = _millicores(recorded["policy"]["spec"].get("reserve", "0"))
+    for node, made in plan["nodes"].items():
+        # The capacity is what the reserve leaves.
+        yield f"--node {node}={round(made['capacity'] * 1000) + reserve}m"
+    if len(plan["nodes"]) > 1:
+        for place in dict.fromkeys((target["task"], target["node"]) for target in plan["targets"]):
+            yield f"--place {'='.join(place)}"
+
+
+def _millicores(reserve: object) -> int:
+    from contextpolicy.policy.quantities import parse_cpu
+
+    return parse_cpu(str(reserve))

@@ -1,0 +1,107 @@
+"""Keeps the newest samples and plans of each policy, as the bytes that went over the bus.
+
+Bytes, because their size is known: decoded, a laser scan takes ten times as much. Taking one costs the hot path an
+append; decoding is left to whoever wants the recording.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SECONDS = 300.0
+"""How far back a recording reaches, if it fits."""
+BUDGET = 32 << 20
+"""Bytes for all policies together, an equal part for each; the chart's memory limit has room for it."""
+OVERHEAD = 200
+"""Bytes that a record costs besides its payload: objects, references, the place in the queue."""
+PLANS_PART = 4
+"""Plans have one part in this many of a policy's bytes: a storm of samples must not push out what was decided."""
+
+
+class SampleRecord(NamedTuple):
+    """One payload as it came; `arrived` is monotonic seconds, `key` is empty where the stream's own names it."""
+
+    arrived: float
+    stream: str
+    payload: bytes
+    attachment: bytes
+    key: str
+
+
+class PlanRecord(NamedTuple):
+    """One message of the decision bus, when it was published (monotonic seconds)."""
+
+    published: float
+    payload: bytes
+
+
+@dataclass(slots=True)
+class Records:
+    """What is left of one policy's flight."""
+
+    samples: deque[SampleRecord] = field(default_factory=deque)
+    plans: deque[PlanRecord] = field(default_factory=deque)
+    before: dict[str, SampleRecord] = field(default_factory=dict)
+    """The last sample of each stream that is older than `samples`: without it a replay would begin blind."""
+    sample_bytes: int = 0
+    plan_bytes: int = 0
+
+    def copy(self) -> Records:
+        """What is there now, for another thread."""
+        return Records(self.samples.copy(), self.plans.copy(), dict(self.before))
+
+
+class FlightRecorder:
+    """Everything on the loop's thread. `budget` is in bytes, `seconds` how far back records reach."""
+
+    def __init__(self, budget: int = BUDGET, seconds: float = SECONDS) -> None:
+        self._budget, self._seconds = budget, seconds
+        self._policies: dict[str, Records] = {}
+
+    def begin(self, policy: str) -> Records:
+        """Record this policy from now on, or go on with it after an edit."""
+        return self._policies.setdefault(policy, Records())
+
+    def forget(self, policy: str) -> None:
+        """The policy is gone, and with it its records."""
+        self._policies.pop(policy, None)
+
+    def take_sample(self, records: Records, record: SampleRecord) -> None:
+        """Keep a sample, and let go of those that are too old or too many; one beyond all bounds is not kept."""
+        size, limit = len(record.payload) + OVERHEAD, self._share() * (PLANS_PART - 1) // PLANS_PART
+        if size > limit:
+            return
+        records.samples.append(record)
+        records.sample_bytes += size
+        while records.sample_bytes > limit or record.arrived - records.samples[0].arrived > self._seconds:
+            oldest = records.samples.popleft()
+            records.sample_bytes -= len(oldest.payload) + OVERHEAD
+            records.before[oldest.stream] = oldest
+
+    def take_plan(self, records: Records, record: PlanRecord) -> None:
+        """Keep a plan, likewise; the newest is always kept."""
+        records.plans.append(record)
+        records.plan_bytes += len(record.payload) + OVERHEAD
+        limit = self._share() // PLANS_PART
+        while len(records.plans) > 1 and (
+            records.plan_bytes > limit or record.published - records.plans[0].published > self._seconds
+        ):
+            records.plan_bytes -= len(records.plans.popleft().payload) + OVERHEAD
+
+    def plans_since(self, policy: str, moment: float) -> Iterator[PlanRecord]:
+        """The plans published after `moment`, oldest first."""
+        records = self._policies.get(policy)
+        if records is not None:
+            yield from (plan for plan in list(records.plans) if plan.published > moment)
+
+    def of(self, policy: str) -> Records | None:
+        """What is recorded of the policy; None when there is no such policy."""
+        return self._policies.get(policy)
+
+    def _share(self) -> int:
+        return self._budget // max(1, len(self._policies))

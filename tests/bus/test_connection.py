@@ -1,0 +1,26 @@
+"""A real router that ends, and another one: the session tells by itself."""
+
+from __future__ import annotations
+
+import queue
+
+from contextpolicy.bus.connection import Connection
+from contextpolicy.bus.session import open_router, open_visitor
+from tests.modules.robotkit.bus import free_port
+
+PATIENCE = 15.0
+
+
+def test_a_router_that_ends_is_noticed_and_so_is_the_next():
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    news: queue.Queue[bool] = queue.Queue()
+    router = open_router([endpoint])
+    with open_visitor([endpoint], patience=PATIENCE) as session:
+        connection = Connection(session, news.put)
+        while not news.get(timeout=PATIENCE):
+            """Zenoh may tell of the transport only after the first look."""
+        router.close()
+        assert news.get(timeout=PATIENCE) is False
+        with open_router([endpoint]):
+            assert news.get(timeout=PATIENCE) is True
+        connection.close()

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import pytest
+from reactivex.testing import TestScheduler
+
+from contextpolicy.bus.usage_watch import ASK_EVERY, OLD, UsageWatch, read_counters
+
+
+class Session:
+    """Agents that answer when the test says so."""
+
+    def __init__(self):
+        self.questions = []
+
+    def get(self, key, handler, *, timeout):
+        assert timeout > 0
+        self.questions.append((key, handler))
+
+    def answer(self, at, **containers):
+        said = {
+            name: dict(zip(("used", "periods", "throttled"), totals, strict=True))
+            for name, totals in containers.items()
+        }
+        payload = json.dumps({"at": at, "containers": said}).encode()
+        reply = SimpleNamespace(ok=SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: payload)))
+        self.questions[-1][1](reply)
+
+
+@pytest.fixture
+def clock():
+    return TestScheduler(1000.0)
+
+
+@pytest.fixture
+def session():
+    return Session()
+
+
+@pytest.fixture
+def watch(session, clock):
+    return UsageWatch(session, clock)
+
+
+def test_two_answers_are_a_rate(watch, session, clock):
+    assert watch.now() == {}
+    session.answer(50.0, slam=(10.0, 100, 20))
+    clock.advance_by(ASK_EVERY)
+    assert watch.now() == {}
+    session.answer(52.0, slam=(11.0, 120, 25))
+    clock.advance_by(0.1)
+    usage = watch.now()["slam"]
+    assert (usage.cores, usage.throttled) == (0.5, 0.25)
+
+
+def test_nobody_is_asked_more_often_than_needed_or_unasked(watch, session, clock):
+    for _ in range(5):
+        watch.now()
+    assert [key for key, _ in session.questions] == ["contextpolicy/agents/*/usage"]
+    clock.advance_by(60.0)
+    assert len(session.questions) == 1
+
+
+def test_an_old_answer_is_not_shown(watch, session, clock):
+    watch.now()
+    session.answer(50.0, slam=(10.0, 100, 20))
+    clock.advance_by(ASK_EVERY)
+    watch.now()
+    session.answer(51.0, slam=(11.0, 100, 20))
+    clock.advance_by(0.1)
+    assert watch.now()["slam"].throttled is None, "no period has passed"
+    clock.advance_by(OLD)
+    assert watch.now() == {}
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [b"", b"[]", b"{}", b'{"at": 1}', b'{"at": "x", "containers": {}}', b'{"at": 1, "containers": {"a": {}}}', b"\xff"],
+)
+def test_what_cannot_be_read_is_nothing(payload):
+    assert read_counters(payload) == {}

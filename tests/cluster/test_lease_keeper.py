@@ -1,0 +1,115 @@
+"""What the answers of the API server make of a candidacy; no thread runs here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from contextpolicy.cluster import lease_keeper
+from contextpolicy.cluster.lease import ACT, REFUSED, Candidacy, Lease
+from contextpolicy.cluster.lease_keeper import LeaseKeeper
+from contextpolicy.errors import ActuationError
+
+TERMINATING = "unable to create new content in namespace lab because it is being terminated"
+
+
+class Api:
+    """One Lease, and what to answer to a write instead of taking it."""
+
+    def __init__(self):
+        self.there, self.refusals, self.written = Lease(), [], []
+
+    def lease(self, namespace, name):
+        assert (namespace, name) == ("lab", "contextpolicy")
+        return self.there
+
+    def write_lease(self, namespace, name, content, timeout):
+        assert (namespace, name) == ("lab", "contextpolicy")
+        assert timeout > 0
+        self.written.append(content)
+        if self.refusals:
+            raise self.refusals.pop(0)
+        self.there = replace(content, version=str(len(self.written)))
+        return self.there
+
+
+@pytest.fixture
+def now(monkeypatch):
+    time = [100.0]
+    monkeypatch.setattr(lease_keeper, "clock", lambda: time[0])
+    return time
+
+
+@pytest.fixture
+def api():
+    return Api()
+
+
+@pytest.fixture
+def step(api, now):
+    """Let a candidacy do what it is due to do."""
+    keeper = LeaseKeeper(api, "contextpolicy", lambda: None)
+
+    def one(candidacy):
+        assert candidacy.due <= now[0]
+        keeper._step("lab", candidacy)
+
+    return one
+
+
+def test_a_lease_is_looked_at_and_taken(api, step):
+    candidacy = Candidacy("one", 10)
+    step(candidacy)
+    assert api.written == []
+    step(candidacy)
+    assert candidacy.held
+    assert candidacy.acts_until == 100 + ACT * 10
+
+
+def test_who_comes_too_late_learns_who_was_first(api, step):
+    candidacy = Candidacy("one", 10)
+    step(candidacy)
+    api.there = Lease("other", 15, "now", "now", 1, "7")
+    api.refusals.append(ActuationError("Conflict", "changed", retriable=True))
+    step(candidacy)
+    assert (candidacy.held, candidacy.holder, candidacy.due) == (False, "other", 115)
+
+
+def test_without_the_right_it_is_asked_for_seldom_and_told(api, step):
+    candidacy = Candidacy("one", 10)
+    step(candidacy)
+    api.refusals.append(ActuationError("Forbidden", "no", retriable=False))
+    step(candidacy)
+    assert (candidacy.held, candidacy.refused, candidacy.due) == (False, "Forbidden: no", 100 + REFUSED)
+
+
+def test_an_exception_is_a_failure_and_ends_nothing(api, step, caplog):
+    candidacy = Candidacy("one", 10)
+    step(candidacy)
+    api.refusals.append(RuntimeError("unforeseen"))
+    step(candidacy)
+    assert not candidacy.held
+    assert "internal error" in caplog.text
+
+
+def test_in_a_namespace_that_is_being_deleted_policies_are_still_let_go(api, step, now):
+    """Nobody can create a Lease there any more; without one the policies would hold the namespace for ever."""
+    candidacy = Candidacy("one", 10)
+    step(candidacy)
+    api.refusals += [ActuationError("Forbidden", TERMINATING, retriable=False)] * 2
+    step(candidacy)
+    assert (candidacy.held, candidacy.acts_until) == (True, 100 + ACT * 10)
+    now[0] = candidacy.due
+    step(candidacy)
+    assert candidacy.acts_until == now[0] + ACT * 10
+
+
+def test_what_is_given_back_is_free_for_others(api, step):
+    keeper = LeaseKeeper(api, "contextpolicy", lambda: None)
+    candidacy = Candidacy("one", 10)
+    keeper.stand("lab", candidacy)
+    step(candidacy)
+    step(candidacy)
+    keeper.leave("lab")
+    assert (api.there.holder, candidacy.held) == ("", False)

@@ -1,0 +1,132 @@
+"""What people watch: the real /metrics against the dashboard, and the live page, through kubectl's port-forward."""
+
+from __future__ import annotations
+
+import json
+import re
+import urllib.request
+
+import pytest
+import yaml
+
+from contextpolicy.cli import main
+from contextpolicy.commands.cluster_access import api_server
+from contextpolicy.commands.cluster_access import operator as live_page
+from tests.charts.test_monitoring import QUESTIONS
+from tests.e2e.cluster import run, until
+
+POLICY = "e2e-robot/robot"
+SHARES = {"slam": 990, "speech": 10}
+ELSEWHERE = "contextpolicy_agent_", "contextpolicy_router_"
+WITHOUT_TROUBLE = {
+    "contextpolicy_samples_dropped_total",
+    "contextpolicy_contests_total",
+    "contextpolicy_events_left_out_total",
+}
+"""Series that appear with the first sample that is not used, the first contest, the first flood of events."""
+
+
+@pytest.fixture
+def moving(governed):
+    governed.drive(0.3)
+    governed.expect(**SHARES)
+    return governed
+
+
+def address(component):
+    selector = f"app.kubernetes.io/instance=e2e,app.kubernetes.io/component={component}"
+    query = ("kubectl", "get", "pods", "-n", "e2e-system", "-l", selector, "-o", "jsonpath={.items[0].status.podIP}")
+    return run(*query)
+
+
+def scrape(component):
+    with urllib.request.urlopen(f"http://{address(component)}:8081/metrics", timeout=30) as page:
+        return page.read().decode()
+
+
+def series(text):
+    return set(re.findall(r"^(contextpolicy_[a-z_]+)", text, flags=re.MULTILINE))
+
+
+@pytest.mark.usefixtures("moving")
+def test_every_series_of_the_dashboard_and_the_alerts_is_on_the_real_page():
+    asked = {name for _, expression, _ in QUESTIONS for name in re.findall(r"\bcontextpolicy_[a-z_]+", expression)}
+    here = {name for name in asked if not name.startswith(ELSEWHERE)} - {"contextpolicy_node_agent_ready"}
+    until("a reaction was measured", lambda: "contextpolicy_reaction_seconds_bucket" in series(scrape("operator")))
+    assert here - WITHOUT_TROUBLE <= series(scrape("operator"))
+    assert {name for name in asked if name.startswith("contextpolicy_router_")} <= series(scrape("router"))
+
+
+@pytest.mark.usefixtures("moving")
+def test_the_metrics_say_what_the_kernel_does():
+    until(
+        "the limit is on the page",
+        lambda: re.search(
+            r'^contextpolicy_container_limit_cores\{[^}]*task="slam"\} 0\.99$', scrape("operator"), flags=re.MULTILINE
+        ),
+    )
+    text = scrape("operator")
+    assert 'contextpolicy_context_active{context="moving",name="robot",namespace="e2e-robot"} 1.0' in text
+    assert "contextpolicy_bus_connected 1.0" in text
+    assert re.search(r"^contextpolicy_router_clients [2-9]", scrape("router"), flags=re.MULTILINE)
+
+
+@pytest.mark.usefixtures("moving")
+def test_the_live_page_through_a_port_forward():
+    with api_server() as api, live_page(api) as ask:
+        boards = {board["policy"]: board for board in ask("boards")}
+        plans = ask("plans", policy=POLICY)
+    board = boards[POLICY]
+    assert board["contexts"]["moving"]["active"]
+    assert board["why"]["slam"][0].startswith("slam gets 990m")
+    assert board["streams"]["imu"]["age"] < 60
+    assert plans[-1]["contexts"] == ["moving"]
+
+
+def test_nobody_reaches_the_page_over_the_network(moving):
+    del moving
+    with pytest.raises(OSError, match="refused"):
+        urllib.request.urlopen(f"http://{address('operator')}:8082/", timeout=10)
+
+
+@pytest.mark.usefixtures("moving")
+def test_the_commands_of_kubectl_ctxp(capsys, monkeypatch):
+    monkeypatch.delenv("ZENOH_CONNECT", raising=False)
+    assert main(["explain", POLICY, "slam"]) == 0
+    assert capsys.readouterr().out.startswith("slam gets 990m on node ")
+    assert main(["why-not", POLICY, "moving"]) == 1
+    assert main(["top", "--once", "--output", "json"]) == 0
+    assert POLICY in capsys.readouterr().out
+    until("the status is written", lambda: main(["status", POLICY, "-o", "yaml"]) in (0, 1))
+    capsys.readouterr()
+    main(["status", POLICY, "-o", "yaml"])
+    assert yaml.safe_load(capsys.readouterr().out)["policy"] == POLICY
+    main(["doctor", "-o", "json"])
+    checks = {check["subject"]: check for check in json.loads(capsys.readouterr().out)}
+    assert checks["API server"]["verdict"] == "ok"
+    assert checks["operator's rights"]["verdict"] == "ok", checks["operator's rights"]
+    assert checks["bus"]["verdict"] == "ok"
+    [cgroups] = [check for subject, check in checks.items() if subject.startswith("cgroups of ")]
+    assert cgroups["verdict"] == "ok"
+
+
+def test_what_happened_is_replayed_on_the_desk(moving, tmp_path, capsys):
+    moving.drive(0.0)
+    moving.expect(slam=500, speech=500)
+    folder = tmp_path / "recorded"
+    assert main(["record", POLICY, "--to", str(folder), "--last", "120"]) == 0
+    command = capsys.readouterr().out.splitlines()[-1].split()
+    assert main([*command[1:], "--output", "csv"]) == 0
+    assert "moving" in capsys.readouterr().out
+
+
+def test_forced_and_paused_by_command(moving):
+    moving.drive(0.0)
+    moving.expect(slam=500, speech=500)
+    assert main(["force", POLICY, "moving", "--for", "5m"]) == 0
+    moving.expect(**SHARES)
+    assert main(["force", POLICY, "--end"]) == 0
+    moving.expect(slam=500, speech=500)
+    assert main(["dry-run", POLICY]) == 0
+    assert main(["resume", POLICY]) == 0
+    moving.expect(slam=500, speech=500)

@@ -1,0 +1,32 @@
+"""An operator in virtual time whose recorder's clock is virtual too."""
+
+from __future__ import annotations
+
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from contextpolicy import controller, runtime
+from contextpolicy.streams import subscription
+from tests.cluster.builders import a_pod
+from tests.runtime.builders import IMU, a_policy, resources
+from tests.virtual_operator import VirtualOperator
+
+
+@pytest.fixture
+def operator(monkeypatch):
+    """A robot that stood for 10 s, moved for 10 s, and stands again for 5 s."""
+    started = VirtualOperator(*(a_pod(name, {name: resources()}) for name in ("slam", "speech")))
+    clock = SimpleNamespace(monotonic=lambda: started.loop.to_seconds(started.loop.now), time=time.time)
+    for module in (controller, runtime, subscription):
+        monkeypatch.setattr(module, "time", clock)
+    started.list_all()
+    started.connect()
+    started.apply(a_policy())
+    for speed, lasts in ((0.0, 10.0), (0.3, 10.0), (0.0, 5.0)):
+        started.sample(IMU, speed=speed)
+        started.settle()
+        started.turn(lasts)
+    started.loop.inline = True
+    return started

@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+from contextpolicy.telemetry.event_budget import BURST, REFILL, EventBudget
+
+
+def test_a_burst_then_one_at_a_time():
+    budget = EventBudget()
+    assert [budget.spend(1000.0) for _ in range(BURST + 3)] == [True] * BURST + [False] * 3
+    assert not budget.spend(1000.0 + REFILL / 2)
+    assert budget.spend(1000.0 + REFILL)
+    assert not budget.spend(1000.0 + REFILL)
+
+
+def test_a_long_rest_does_not_save_up_more_than_a_burst():
+    budget = EventBudget()
+    assert sum(budget.spend(1e9) for _ in range(2 * BURST)) == BURST
+
+
+def test_a_clock_that_steps_back_gives_nothing_and_breaks_nothing():
+    budget = EventBudget()
+    for _ in range(BURST):
+        budget.spend(1000.0)
+    assert not budget.spend(10.0)
+    assert budget.spend(10.0 + REFILL)
+
+
+def test_the_next_event_says_how_many_were_left_out():
+    budget = EventBudget()
+    for _ in range(BURST + 2):
+        budget.spend(0.0)
+    assert budget.admit_to("hot") == "hot (2 earlier events were left out)"
+    assert budget.admit_to("hot") == "hot"
