@@ -113,8 +113,8 @@ class Tracker:
         """Take the texts of a picture; `read` is asked only for those that are not known. Returns what is new."""
         for track in self._tracks:
             track.missed += 1
-        for corners, track in self._paired(texts):
-            self._see(track, corners, stamp, read)
+        for corners, known in self._paired(texts):
+            self._see(known, corners, stamp, read)
         return [*self._read_now(), *self._gone(stamp)]
 
     def _paired(self, texts: Sequence[Array]) -> list[tuple[Array, Track | None]]:

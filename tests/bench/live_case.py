@@ -17,20 +17,22 @@ SHARES = {0: 200, 1: 800}
 def steady_policy() -> dict[str, Any]:
     """As the delivery robot's: its samples renew what holds, and change nothing."""
     moving = {"stream": "imu", "when": "norm(imu.gyro) > 0.02", "hold": "1s"}
-    return a_policy(
+    policy: dict[str, Any] = a_policy(
         streams=[a_stream("imu", key=KEYS["operator"], timestamp="stamp", staleAfter="10s")],
         tasks=[a_task("slam", idle=0.1, activity=[moving]), a_task("speech")],
         contexts=[a_context("moving", "imu.speed > 0.05", {"slam": {"weight": 8}}, enterAfter="100ms", exitAfter="1s")],
     )
+    return policy
 
 
 def stormy_policy() -> dict[str, Any]:
     """Every sample makes another plan."""
-    return a_policy(
+    policy: dict[str, Any] = a_policy(
         streams=[a_stream("imu", key=KEYS["storm"], timestamp="stamp")],
         tasks=[a_task("slam", idle=0.01, activity=[{"stream": "imu", "scoreFrom": "imu.score"}]), a_task("speech")],
         contexts=[],
     )
+    return policy
 
 
 def steady(number: int) -> bytes:
