@@ -22,7 +22,7 @@ from contextpolicy.planning.observable import plans
 from contextpolicy.planning.placement import Placement
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy.spec import Control, Mode, Scheduler
-from contextpolicy.recorder.flight_recorder import FlightRecorder, PlanRecord, SampleRecord
+from contextpolicy.recorder.flight_recorder import FlightRecorder, PlanRecord
 from contextpolicy.streams import subscription
 from contextpolicy.telemetry import metrics
 from contextpolicy.telemetry.logs import log_plan
@@ -132,7 +132,7 @@ class Controller:
         take, records = self.recorder.take_sample, self.recorder.begin(self.policy.reference)
 
         def tap(*sample: Any) -> None:
-            take(records, SampleRecord(*sample))
+            take(records, sample)
 
         samples = subscription.inputs(self._session, self.policy.streams, self._scheduler, self._drop, tap)
         self._subscription = CompositeDisposable(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,6 +33,10 @@ class SampleRecord(NamedTuple):
     key: str
 
 
+RawSample: TypeAlias = tuple[float, str, bytes, bytes, str]
+"""A SampleRecord without names."""
+
+
 class PlanRecord(NamedTuple):
     """One message of the decision bus, when it was published (monotonic seconds)."""
 
@@ -44,12 +48,14 @@ class PlanRecord(NamedTuple):
 class Records:
     """What is left of one policy's flight."""
 
-    samples: deque[SampleRecord] = field(default_factory=deque)
+    samples: deque[RawSample] = field(default_factory=deque)
     plans: deque[PlanRecord] = field(default_factory=deque)
-    before: dict[str, SampleRecord] = field(default_factory=dict)
+    before: dict[str, RawSample] = field(default_factory=dict)
     """The last sample of each stream that is older than `samples`: without it a replay would begin blind."""
     sample_bytes: int = 0
     plan_bytes: int = 0
+    limit: int = 0
+    """Bytes that the samples may take."""
 
     def copy(self) -> Records:
         """What is there now, for another thread."""
@@ -65,29 +71,39 @@ class FlightRecorder:
 
     def begin(self, policy: str) -> Records:
         """Record this policy from now on, or go on with it after an edit."""
-        return self._policies.setdefault(policy, Records())
+        records = self._policies.setdefault(policy, Records())
+        self._share_out()
+        return records
 
     def forget(self, policy: str) -> None:
         """The policy is gone, and with it its records."""
         self._policies.pop(policy, None)
+        self._share_out()
 
-    def take_sample(self, records: Records, record: SampleRecord) -> None:
-        """Keep a sample, and let go of those that are too old or too many; one beyond all bounds is not kept."""
-        size, limit = len(record.payload) + OVERHEAD, self._share() * (PLANS_PART - 1) // PLANS_PART
-        if size > limit:
+    def take_sample(self, records: Records, record: RawSample) -> None:
+        """Keep a sample, and let go of those that are too old or too many; one beyond all bounds is not kept.
+
+        On the hot path: so a plain tuple, read by position, and a limit that is known beforehand.
+        """
+        size, samples = len(record[2]) + OVERHEAD, records.samples
+        if size > records.limit:
             return
-        records.samples.append(record)
+        samples.append(record)
         records.sample_bytes += size
-        while records.sample_bytes > limit or record.arrived - records.samples[0].arrived > self._seconds:
+        if records.sample_bytes > records.limit or record[0] - samples[0][0] > self._seconds:
+            self._let_go(records, record[0])
+
+    def _let_go(self, records: Records, now: float) -> None:
+        while records.sample_bytes > records.limit or now - records.samples[0][0] > self._seconds:
             oldest = records.samples.popleft()
-            records.sample_bytes -= len(oldest.payload) + OVERHEAD
-            records.before[oldest.stream] = oldest
+            records.sample_bytes -= len(oldest[2]) + OVERHEAD
+            records.before[oldest[1]] = oldest
 
     def take_plan(self, records: Records, record: PlanRecord) -> None:
         """Keep a plan, likewise; the newest is always kept."""
         records.plans.append(record)
         records.plan_bytes += len(record.payload) + OVERHEAD
-        limit = self._share() // PLANS_PART
+        limit = records.limit // (PLANS_PART - 1)
         while len(records.plans) > 1 and (
             records.plan_bytes > limit or record.published - records.plans[0].published > self._seconds
         ):
@@ -103,5 +119,6 @@ class FlightRecorder:
         """What is recorded of the policy; None when there is no such policy."""
         return self._policies.get(policy)
 
-    def _share(self) -> int:
-        return self._budget // max(1, len(self._policies))
+    def _share_out(self) -> None:
+        for records in self._policies.values():
+            records.limit = self._budget // len(self._policies) * (PLANS_PART - 1) // PLANS_PART

@@ -8,13 +8,14 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import DecodeError
+from contextpolicy.recorder.flight_recorder import SampleRecord
 from contextpolicy.streams.decoding import Decoder
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from contextpolicy.policy.spec import Policy
-    from contextpolicy.recorder.flight_recorder import Records, SampleRecord
+    from contextpolicy.recorder.flight_recorder import Records
 
 TWICE = 0.1
 """Seconds within which the same payload on the same key, heard by two streams, is one sample."""
@@ -60,9 +61,10 @@ def _first(records: Records, now: float) -> float:
 
 def _wanted(records: Records, start: float) -> Iterator[SampleRecord]:
     """The samples from `start` on, and each stream's last one before it as if it came just then."""
-    latest = dict(records.before)
+    latest = {stream: SampleRecord._make(raw) for stream, raw in records.before.items()}
     later = []
-    for sample in records.samples:
+    for raw in records.samples:
+        sample = SampleRecord._make(raw)
         if sample.arrived < start:
             latest[sample.stream] = sample
         else:
