@@ -50,7 +50,7 @@ def draw_run(run: RunData, path: Path) -> None:
     used = {task: measures.cores_used(run, task) for task in run.inputs}
     until = measures.total_time(run)
     bands = measures.contexts(run) if run.plans else _moving(run)
-    draw_shares(used, bands, path, until=until, title=f"{run.title}: CPU used over time")
+    draw_shares(used, bands, path, until=until, unit="cores used", title=f"{run.title}: CPU used over time")
 
 
 def draw_decisions(run: RunData, path: Path) -> None:

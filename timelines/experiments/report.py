@@ -216,8 +216,13 @@ def _over(runs: Sequence[RunData], measure: Callable[[RunData], float], unit: st
 
 
 def _spread(values: tuple[float, float, float]) -> str:
-    middle, least, greatest = values
-    return f"{middle:.3g}" if least == greatest else f"{middle:.3g} [{least:.3g}, {greatest:.3g}]"
+    middle, least, greatest = map(_number, values)
+    return middle if least == greatest else f"{middle} [{least}, {greatest}]"
+
+
+def _number(value: float) -> str:
+    """Three digits, and never an exponent."""
+    return f"{value:.0f}" if value >= 1000 else f"{value:.3g}"
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
