@@ -30,6 +30,8 @@ DEPTH = 100_000
 ROOM = "1536Mi"
 """Memory limit of a module with such a queue of pictures."""
 REALTIME = Path("/sys/fs/cgroup/cpu/cpu.rt_runtime_us")
+CONTROL = ("operator", "router", "agent")
+"""Containers of what decides and carries it out; the router is the bus, with and without."""
 MODULES = deploy.REPOSITORY / "modules"
 SECURE = ("agent.enabled=true", "agent.realtime=true", f"security.namespaces={{{deploy.ROBOT}}}")
 
@@ -145,6 +147,12 @@ def _credentials(role: str, folder: Path) -> Path:
 
 
 def cgroups() -> dict[str, Cgroup]:
-    """Each task's container on this machine; without a policy no plan names them."""
-    found = {task: cgroup.find(identity) for task, identity in deploy.containers().items()}
-    return {task: own for task, own in found.items() if own is not None and task in deploy.TASKS}
+    """The containers of the tasks, and of operator and router, by name; without a policy no plan names them."""
+    found = {name: cgroup.find(identity) for name, identity in {**_control(), **deploy.containers()}.items()}
+    return {name: own for name, own in found.items() if own is not None and name in (*deploy.TASKS, *CONTROL)}
+
+
+def _control() -> dict[str, str]:
+    pods = json.loads(deploy.run("kubectl", "get", "pods", "-n", deploy.SYSTEM, "-o", "json"))["items"]
+    statuses = [status for pod in pods for status in pod.get("status", {}).get("containerStatuses", ())]
+    return {status["name"]: status["containerID"] for status in statuses if "running" in status["state"]}

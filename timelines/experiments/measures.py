@@ -9,6 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from itertools import pairwise
 from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -64,7 +65,8 @@ class Response:
         return self.missed / self.due if self.due else 0.0
 
 
-def outcomes(run: RunData, task: str) -> list[Outcome]:
+@lru_cache(maxsize=1024)
+def outcomes(run: RunData, task: str) -> tuple[Outcome, ...]:
     """What became of each of a task's inputs."""
     done = {(one.input, one.stamp): one for one in run.done.get(task, ())}
     suspended = suspensions(run, task)
@@ -75,7 +77,7 @@ def outcomes(run: RunData, task: str) -> list[Outcome]:
         for number, stamp in enumerate(sorted(run.published.get(key, ()))):
             match = done.get((name, stamp))
             found.append(Outcome(key, number, stamp, Fate.PROCESSED if match else fate(stamp), match))
-    return found
+    return tuple(found)
 
 
 def _fates(run: RunData, own: Sequence[Done], suspended: Sequence[tuple[float, float]]) -> Callable[[int], Fate]:

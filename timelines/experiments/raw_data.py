@@ -47,14 +47,15 @@ class Stretch(NamedTuple):
     moving: bool
 
 
-@dataclass
+@dataclass(eq=False)
 class RunData:
-    """One run; stamps are in ns since 1970, `started` and `ended` (of the inputs) in Unix seconds."""
+    """One run, unchanged once it is read; stamps are in ns since 1970, `started` and `ended` in Unix seconds."""
 
     configuration: str
     title: str
     started: float
     ended: float
+    """When the inputs ended."""
     drained: bool = True
     inputs: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Of each task: the key of each input."""

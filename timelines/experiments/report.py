@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from timelines.demo.deploy import DeployError
-from timelines.experiments import figures, measures
+from timelines.experiments import figures, installation, measures
 from timelines.experiments.configurations import ALL, BASELINE, EXPERIMENTS
 from timelines.experiments.measures import Fate
 from timelines.experiments.raw_data import read_run
@@ -108,10 +108,16 @@ def _overview(runs: Runs) -> str:
                 _paired(runs, repeats, _on_equal_work),
                 *(f"{each[fate]:.0f}" for fate in Fate),
                 f"{measures.middle(times)[0]:.0f} ms ({len(times)})" if times else NONE,
+                *(_over(own, _cpu_of(name), "s") for name in installation.CONTROL),
             ]
         )
     head = ["", "total time", "speedup", "on equal work", *(f"inputs {fate}" for fate in Fate), "sample to cgroup"]
+    head += [f"CPU of the {name}" for name in installation.CONTROL]
     return _table(head, rows)
+
+
+def _cpu_of(container: str) -> Callable[[RunData], float]:
+    return lambda run: measures.cpu_seconds(run, container)
 
 
 def _speedup(baseline: RunData, run: RunData) -> float:
@@ -167,7 +173,7 @@ def _tasks(runs: Runs) -> str:
             fates = [measures.counts(run, task) for run in own]
             p50, p99, missed, _ = _response([measures.response(run, task) for run in own])
             counts = [f"{measures.middle([count[fate] for count in fates])[0]:.0f}" for fate in Fate]
-            cpu = _over(own, lambda run, task=task: measures.cpu_seconds(run, task), "s")  # type: ignore[misc]
+            cpu = _over(own, _cpu_of(task), "s")
             rows.append([task, own[0].title, *counts, p50, p99, missed, cpu])
     return _table(["task", "", *Fate, "p50", "p99", "missed", "CPU"], rows)
 
