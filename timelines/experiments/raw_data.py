@@ -61,17 +61,12 @@ class RunData:
     """Of each task: the key of each input."""
     deadlines: Mapping[str, float | None] = field(default_factory=dict)
     stretches: list[Stretch] = field(default_factory=list)
-    published: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    published: Mapping[str, list[int]] = field(default_factory=dict)
+    """Of each key: the stamps that the player gave."""
     done: dict[str, list[Done]] = field(default_factory=lambda: defaultdict(list))
     plans: list[dict[str, Any]] = field(default_factory=list)
     counters: dict[str, list[Counters]] = field(default_factory=lambda: defaultdict(list))
     about: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def unseen(self) -> int:
-        """Inputs that the player sent and the recorder did not hear."""
-        sent = self.about.get("player", {}).get("published", {})
-        return sum(max(count - len(self.published.get(key, ())), 0) for key, count in sent.items())
 
 
 def read_run(folder: Path) -> RunData:
@@ -79,7 +74,7 @@ def read_run(folder: Path) -> RunData:
     about = json.loads((folder / RUN).read_text(encoding="utf-8"))
     player = about["player"]
     run = RunData(about["configuration"], about["title"], player["started"], player["finished"], about["drained"])
-    run.about, run.inputs = about, about["inputs"]
+    run.about, run.inputs, run.published = about, about["inputs"], about["stamps"]
     run.deadlines = {task: None if text is None else parse_duration(text) for task, text in about["deadlines"].items()}
     run.stretches = [
         Stretch(phase.name, phase.start, phase.end, _moving(phase.truth))
@@ -96,11 +91,8 @@ def _moving(truth: object) -> bool:
 
 
 def _take(run: RunData, message: Recorded) -> None:
-    keys = {key for inputs in run.inputs.values() for key in inputs.values()}
     parts = message.topic.split("/")
-    if message.topic.startswith("published/") or message.topic in keys:
-        run.published[message.topic.removeprefix("published/")].append(int(json.loads(message.payload)["stamp"]))
-    elif parts[0] == "robot" and parts[-1] == "runs":
+    if parts[0] == "robot" and parts[-1] == "runs":
         run.done[parts[1]].append(_done(json.loads(message.payload)))
     elif parts[0] == "cgroup":
         run.counters[parts[1]].append(_counters(message.at / 1e9, json.loads(message.payload)))

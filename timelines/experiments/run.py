@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from timelines.experiments.configurations import Configuration
 
 RUN, MESSAGES = "run.json", "run.mcap"
-HEALTH = "robot/*/health"
+HEALTH, PROFILE = "robot/*/health", "robot/*/profile"
 PATIENCE = 120.0
 """Seconds to wait for modules that start, and for queues that empty."""
 SETTLING = 2.0
@@ -97,11 +97,14 @@ def _record(  # noqa: PLR0913, PLR0917 - what one run is made of
         with BusRecorder(viewer, file, installation.cgroups(), without_payload=named):
             report = publish(TimelineInputs(story, datasets), sensors, stop=threading.Event())
             drained = healths.wait_for_all(deploy.TASKS, report.finished + SETTLING)
+            counted = _counted(viewer)
         file.describe({name: json.dumps(value) for name, value in report.as_json().items()})
     return {
         "configuration": configuration.name,
         "title": configuration.title,
         "player": report.as_json(),
+        "stamps": report.stamps,
+        "counted": counted,
         "drained": drained,
         "date": dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds"),
         "machine": _machine(),
@@ -109,6 +112,12 @@ def _record(  # noqa: PLR0913, PLR0917 - what one run is made of
         "inputs": {task: _inputs(task) for task in deploy.TASKS},
         "deadlines": {task: installation.module_file(task)["needs"].get("deadline") for task in deploy.TASKS},
     }
+
+
+def _counted(session: zenoh.Session) -> dict[str, dict[str, int]]:
+    """How many samples of each input each task says it has done, to check the recording against."""
+    answers = [json.loads(reply.ok.payload.to_bytes()) for reply in session.get(PROFILE, timeout=10.0) if reply.ok]
+    return {one["task"]: {name: own["done"] for name, own in one["inputs"].items()} for one in answers}
 
 
 def _inputs(task: str) -> dict[str, str]:

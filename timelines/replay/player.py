@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import json
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from itertools import takewhile
 from operator import itemgetter
@@ -65,6 +65,8 @@ class Report:
     finished: float = 0.0
     published: Counter[str] = field(default_factory=Counter)
     lateness: list[float] = field(default_factory=list)
+    stamps: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    """Of each key: what each input has in its attachment, in ns since 1970, also where the bus lost it."""
 
     def as_json(self) -> dict[str, object]:
         """Summarise for people and programs."""
@@ -136,7 +138,7 @@ def publish(inputs: Inputs, session: zenoh.Session, *, stop: threading.Event, op
                 break
             report.lateness.append(time.monotonic() - due)
             report.published[key] += 1
-            _put(publishers[key], payload, report.published[key])
+            report.stamps[key].append(_put(publishers[key], payload, report.published[key]))
         start += length / options.rate
         if stop.wait(max(start - time.monotonic(), 0)) or not options.loop:
             break
@@ -173,16 +175,20 @@ def _publishers(encodings: Mapping[str, str], session: zenoh.Session) -> Mapping
     }
 
 
-def _put(publisher: zenoh.Publisher, payload: Payload, sequence: int) -> None:
-    """Send bytes as they are, JSON objects with the `stamp` of this moment, ROS 2 messages as rmw_zenoh sends them."""
+def _put(publisher: zenoh.Publisher, payload: Payload, sequence: int) -> int:
+    """Send bytes as they are, JSON objects with the `stamp` of this moment, ROS 2 messages as rmw_zenoh sends them.
+
+    Returns the stamp.
+    """
     stamp = time.time_ns()
     if isinstance(payload, RosMessage):
         publisher.put(payload.payload(stamp), attachment=attach(sequence, stamp, _GID))
-        return
+        return stamp
     if isinstance(payload, bytes) and _ROS in str(publisher.key_expr):
         publisher.put(payload, attachment=attach(sequence, stamp, _GID))
-        return
+        return stamp
     if isinstance(payload, dict):
         payload = {"stamp": stamp, **payload}
     encoded = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
     publisher.put(encoded, attachment=attachment(stamp))
+    return stamp

@@ -35,13 +35,13 @@ def write_run(folder, configuration, title, *, service, **story):
     plans = story.get("plans", ())
     with McapWriter(folder / MESSAGES) as file:
         messages = sorted(
-            [*_inputs(), *_runs(service, story.get("skipped", ())), *_plans(plans), *_counters(plans)],
+            [*_runs(service, story.get("skipped", ())), *_plans(plans), *_counters(plans)],
             key=lambda m: m[0],
         )
         for at, key, value in messages:
             moment = round((BEGIN + at) * S)
-            if key.startswith(("published/", "cgroup/")):
-                file.counted(key, key.partition("/")[0], value, moment)
+            if key.startswith("cgroup/"):
+                file.counted(key, "cgroup", value, moment)
             else:
                 file.heard(key, "json", json.dumps(value).encode(), received=moment, stamp=moment)
     (folder / "timeline.json").write_text(json.dumps(TIMELINE), encoding="utf-8")
@@ -53,12 +53,6 @@ def write_run(folder, configuration, title, *, service, **story):
 
 def stamp(index):
     return round((BEGIN + index / 10) * S)
-
-
-def _inputs():
-    for inputs in INPUTS.values():
-        for key in inputs.values():
-            yield from ((index / 10, f"published/{key}", {"stamp": stamp(index), "bytes": 9}) for index in range(10))
 
 
 def _runs(service, skipped):
@@ -94,11 +88,13 @@ def _counters(plans):
 
 
 def _about(configuration, title, *, drained):
-    published = {key: 10 for inputs in INPUTS.values() for key in inputs.values()}
+    stamps = {key: [stamp(index) for index in range(10)] for inputs in INPUTS.values() for key in inputs.values()}
     return {
         "configuration": configuration,
         "title": title,
-        "player": {"started": BEGIN, "finished": BEGIN + 1.0, "published": published},
+        "player": {"started": BEGIN, "finished": BEGIN + 1.0},
+        "stamps": stamps,
+        "counted": {"speech": {"audio": 10}},
         "drained": drained,
         "date": "2026-11-22T03:00:00+00:00",
         "machine": {"processor": "a test", "cores": 2, "memory_gib": 4.0, "kernel": "6"},

@@ -32,6 +32,8 @@ def test_it_compares_with_the_baseline_repeat_by_repeat(out):
     assert cells[2:5] == ["1 s", "2.5 [2, 3] x", "2.5 [2, 3] x"]  # 2 s and 3 s against 1 s
     assert cells[5:9] == ["15", "5", "0", "0"]
     assert "a test, 2 cores" in text
+    assert "CFS CA: speech has done 5 inputs that the recorder did not hear of" in text
+    assert "Linux default: speech has done" not in text
     for line in text.splitlines():
         if line.startswith("!["):
             picture = out / line.partition("(")[2].rstrip(")")
