@@ -234,7 +234,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m modules.signs.training", description=__doc__)
     parser.add_argument("--output", type=Path, default=WEIGHTS)
     parser.add_argument("--signs", type=int, default=16000, help="how many to draw")
-    parser.add_argument("--epochs", type=int, default=8)
+    parser.add_argument("--epochs", type=int, default=4)
     parser.add_argument("--seed", type=int, default=7)
     options = parser.parse_args(arguments)
 

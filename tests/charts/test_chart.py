@@ -179,7 +179,7 @@ def test_network_policies_let_the_operator_reach_another_router(render):
 
 def test_who_lists_the_routers_clients_does_not_lock_our_own_out(render):
     settings = ("networkPolicy.enabled=true", "networkPolicy.routerFrom[0].podSelector.matchLabels.app=camera")
-    (rule,) = render(*settings)["NetworkPolicy", "contextpolicy-router"]["spec"]["ingress"]
+    rule, _metrics = render(*settings)["NetworkPolicy", "contextpolicy-router"]["spec"]["ingress"]
     clients = [peer["podSelector"]["matchLabels"] for peer in rule["from"]]
     assert clients[0] == {"app": "camera"}
     assert [labels["app.kubernetes.io/component"] for labels in clients[1:]] == ["operator", "agent"]

@@ -125,5 +125,5 @@ def test_pictures_of_odd_sizes(task, size):
 
 def test_the_paper_s_way_reads_digits(detector):
     watcher = Watcher(detector, Digits())
-    told = [sign.text for i in range(2) for sign in watcher.watch(sign(tilt=0, seed=7), START + i * SECOND)]
-    assert told == ["214"]
+    told = [one for i in range(2) for one in watcher.watch(sign(tilt=0, seed=7), START + i * SECOND)]
+    assert [one.text for one in told] == ["214"]
