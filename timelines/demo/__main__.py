@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 TIMELINE = deploy.REPOSITORY / "timelines" / "exp2.json"
 OUT = deploy.REPOSITORY / "build" / "demo"
 CONTEXTS = {"moving"}
-console = Console()
+console = Console() if sys.stdout.isatty() else Console(width=120)  # a pipe has no width, and 80 would cut lines
 
 
 def main() -> int:

@@ -17,12 +17,15 @@ SETTLED = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """A plan that moved limits: milliseconds from its trigger to each stage, None for a stage it never reached."""
+    """A plan that moved limits: milliseconds from its trigger to each stage, None for a stage it never reached.
+
+    `moved` has the shares that changed, in cores.
+    """
 
     at: float
     cause: str
     contexts: tuple[str, ...]
-    shares: Mapping[str, float]
+    moved: Mapping[str, float]
     plan_ms: float
     patch_ms: float | None
     cgroup_ms: float | None
@@ -93,7 +96,7 @@ def _reaction(
         at=trigger - started,
         cause=plan["cause"],
         contexts=tuple(plan["contexts"]),
-        shares={name: task["share"] for name, task in plan["tasks"].items()},
+        moved={name: task["share"] for name, task in plan["tasks"].items() if name in changed},
         plan_ms=(plan["time"] - trigger) * 1000,
         patch_ms=(min(patches) - trigger) * 1000 if patches else None,
         cgroup_ms=(in_cgroup - trigger) * 1000 if in_cgroup and None not in limits else None,

@@ -31,19 +31,17 @@ def live(recording: Recording, elapsed: float, duration: float) -> Table:
 
 
 def summary(found: Sequence[Reaction]) -> Table:
-    """Every reaction: when, why, what each task got, how fast."""
-    tasks = sorted({task for reaction in found for task in reaction.shares})
+    """Every reaction: when, why, what changed, how fast."""
     table = titled(
         "Reactions (milliseconds since the sample, or since the timer that was due)",
-        ("at", "cause", "contexts", *tasks, "plan", "patch", "cgroup"),
-        left=("cause", "contexts"),
+        ("at", "cause", "what changed", "plan", "patch", "cgroup"),
+        left=("cause", "what changed"),
     )
     for reaction in found:
         table.add_row(
             f"{reaction.at:.1f} s",
             reaction.cause.split("; ")[-1],
-            ", ".join(reaction.contexts) or "-",
-            *(cores(reaction.shares[task]) for task in tasks),
+            " ".join(f"{task}={cores(share)}" for task, share in reaction.moved.items()),
             *(_ms(value) for value in (reaction.plan_ms, reaction.patch_ms, reaction.cgroup_ms)),
         )
     return table

@@ -48,7 +48,7 @@ def a_recording():
 def test_reactions_are_timed_from_what_triggered_them():
     first, second, third = reactions(a_recording(), STARTED)
     assert second.at == 5
-    assert (second.cause, second.contexts, second.shares) == ("cause 2", ("moving",), {"slam": 0.99, "speech": 0.01})
+    assert (second.cause, second.contexts, second.moved) == ("cause 2", ("moving",), {"slam": 0.99, "speech": 0.01})
     assert second.plan_ms == pytest.approx(2)
     assert second.patch_ms == pytest.approx(10), "the first patch that was accepted"
     assert second.cgroup_ms == pytest.approx(100), "all limits are in force"
