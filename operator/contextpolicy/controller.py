@@ -13,7 +13,7 @@ from reactivex import Subject
 from reactivex.disposable import CompositeDisposable
 
 from contextpolicy.actuators.following import Follower
-from contextpolicy.actuators.order import Order
+from contextpolicy.actuators.order import Order, order_of
 from contextpolicy.bus.decision_bus import Bus, message
 from contextpolicy.bus.pacing import Pacing
 from contextpolicy.cluster.claims import Claim
@@ -203,7 +203,7 @@ class Controller:
         self.on_plan(self.policy.reference, plan)
         self._publish({"trigger": plan.time if plan.arrived is None else self._moment(plan.arrived)})
         self._count()
-        self._measure(plan)
+        metrics.measure(self.policy, plan)
         log_plan(self.policy, plan)
         self._tell_contexts(plan)
         self.on_change()
@@ -221,7 +221,7 @@ class Controller:
         if self.planner.last is not None:
             self._edition += 1
             self._publish({"trigger": self.planner.last.time})
-            self._measure(self.planner.last)
+            metrics.measure(self.policy, self.planner.last)
             self.on_change()
 
     def message(self) -> dict[str, Any] | None:
@@ -252,44 +252,17 @@ class Controller:
             self._publish({"trigger": self._now()})
 
     def _order(self) -> None:
-        """Order the plan in force; a claimed container without a share keeps what it has.
-
-        Realtime nodes are left to the agent: their containers are not claimed, so limits that we moved are put back.
-        """
+        """Order the plan in force."""
         planned = self.planner.last.nodes if self.planner.last else {}
         realtime = {node for node, plan in planned.items() if plan.scheduler is Scheduler.REALTIME}
         ahead = self.claim.agents if self.policy.control is Control.LIMIT else frozenset()
         nodes = self._follower.choose({n: plan for n, plan in planned.items() if n not in realtime}, ahead)
-        claimed = frozenset(c.id for c in self.claim.placement.containers if c.node not in realtime)
-        ceilings = {task.name: task.max for task in self.policy.leaves}
-        self._actuator.apply(
-            Order(
-                policy=self.policy.reference,
-                claimed=claimed,
-                shares={identity: share for node in nodes.values() for identity, share in node.containers.items()},
-                capacity={name: node.capacity for name, node in nodes.items()},
-                control=self.policy.control,
-                transition=self.policy.transition,
-                ceilings={
-                    c.id: ceilings[c.task] or nodes[c.node].capacity
-                    for c in self.claim.placement.containers
-                    if c.node in nodes
-                },
-                nodes={container.id: container.node for container in self.claim.placement.containers},
-            )
-        )
+        self._actuator.apply(order_of(self.policy, self.claim.placement.containers, nodes, realtime))
 
     def _count(self) -> None:
         metrics.PLANS.labels(*self._labels).inc()
         metrics.HELD_BACK.labels(*self._labels).inc(self.planner.held_back - self._held_back)
         self._held_back = self.planner.held_back
-
-    def _measure(self, plan: Plan) -> None:
-        for context in self.policy.contexts:
-            metrics.CONTEXT_ACTIVE.labels(*self._labels, context.name).set(context.name in plan.contexts)
-        for name, task in plan.tasks.items():
-            metrics.TASK_SHARE.labels(*self._labels, name).set(task.share / 1000)
-            metrics.TASK_WEIGHT.labels(*self._labels, name).set(task.weight)
 
     def _tell_health(self) -> None:
         self.on_change()

@@ -10,10 +10,11 @@ import heapq
 import itertools
 import logging
 import time
+from concurrent.futures import Future
 from datetime import UTC, datetime, timedelta
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from reactivex.abc import DisposableBase
 from reactivex.internal.exceptions import DisposedException
@@ -21,6 +22,10 @@ from reactivex.scheduler.periodicscheduler import PeriodicScheduler
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from reactivex.abc import SchedulerBase
+
+Answer = TypeVar("Answer")
 
 log = logging.getLogger(__name__)
 
@@ -89,6 +94,25 @@ class Loop(PeriodicScheduler):
                 entry = arriving.get_nowait()
         except Empty:
             pass
+
+
+def on_loop(loop: SchedulerBase, action: Callable[[], Answer]) -> Future[Answer]:
+    """Run `action` on the loop, from any thread; what it raises reaches the future and the loop's log."""
+    future: Future[Answer] = Future()
+
+    def run(*_: object) -> None:
+        awaited = future.set_running_or_notify_cancel()
+        try:
+            answer = action()
+        except Exception as error:
+            if awaited:
+                future.set_exception(error)
+            raise  # the loop logs it and goes on
+        if awaited:
+            future.set_result(answer)
+
+    loop.schedule(run)
+    return future
 
 
 class _Action(DisposableBase):

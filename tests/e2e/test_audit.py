@@ -11,6 +11,7 @@ pytestmark = pytest.mark.skipif(access.user_cluster() is not None, reason="reads
 
 OPERATOR = "e2e"
 REASONS = {
+    ("", "pods", "get"): "only a resize whose answer was lost is looked up: test_faults",
     ("", "configmaps", "get"): "only policies with ROS types of their own read it: test_ros2",
 }
 """Rights that this story does not need, and who does."""

@@ -25,7 +25,7 @@ def governed_slam(governed):
 def test_annotations_are_never_read(governed_slam):
     robot = governed_slam
     notes = {f"{prefix}/{name}": ORIGINAL for prefix in PREFIXES for name in NAMES}
-    metadata = {"annotations": {**notes, "contextpolicy.dev/padding": "x" * 200_000}}
+    metadata = {"annotations": {**notes, "contextpolicy.dev/padding": "x" * 100_000}}
     patch = json.dumps({"metadata": metadata})
     for task in ("slam", "speech"):
         run("kubectl", "patch", "pod", task, "-n", robot.namespace, "--type=merge", f"-p={patch}")

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from contextpolicy import controller, runtime
+from contextpolicy import controller, insight
 from contextpolicy.actuators.resize import pod_patch
 from contextpolicy.live.page_server import PageServer
 from contextpolicy.streams import subscription
@@ -59,7 +59,7 @@ def page():
     operator = VirtualOperator(*(a_pod(name, {name: resources()}) for name in TASKS))
     clock = SimpleNamespace(monotonic=lambda: operator.loop.to_seconds(operator.loop.now), time=time.time)
     with pytest.MonkeyPatch.context() as patch:
-        for module in (controller, runtime, subscription, resize_watch, pod_patch):
+        for module in (controller, insight, subscription, resize_watch, pod_patch):
             patch.setattr(module, "time", clock)
         operator.list_all("4")
         operator.connect()
@@ -70,7 +70,7 @@ def page():
             operator.settle()
             operator.turn(lasts)
         operator.loop.inline = True
-        server = PageServer(0, operator.runtime)
+        server = PageServer(0, operator.runtime.insight)
         server.start()
         yield f"http://localhost:{server.server_port}/"
         server.close()

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from contextpolicy import controller, runtime
+from contextpolicy import controller, insight
 from contextpolicy.streams import subscription
 from tests.cluster.builders import a_pod
 from tests.runtime.builders import IMU, a_policy, resources
@@ -19,7 +19,7 @@ def operator(monkeypatch):
     """A robot that stood for 10 s, moved for 10 s, and stands again for 5 s."""
     started = VirtualOperator(*(a_pod(name, {name: resources()}) for name in ("slam", "speech")))
     clock = SimpleNamespace(monotonic=lambda: started.loop.to_seconds(started.loop.now), time=time.time)
-    for module in (controller, runtime, subscription):
+    for module in (controller, insight, subscription):
         monkeypatch.setattr(module, "time", clock)
     started.list_all()
     started.connect()

@@ -15,6 +15,7 @@ from reactivex.testing import ReactiveTest, TestScheduler
 from contextpolicy.planning.observable import plans
 from contextpolicy.planning.planner import Planner
 from contextpolicy.planning.sample import Sample
+from contextpolicy.planning.stream import UNHEARD
 from contextpolicy.plugins import load
 from tests.planning.builders import a_context, a_policy, a_stream, a_task, on_node, record
 from tests.planning.example_initiative import steadiness
@@ -58,18 +59,23 @@ def test_the_plans_own_time_is_the_instant_of_its_cause():
     assert [time for time, _ in records] == [plan.time for _, plan in records]
 
 
-def test_nothing_is_scheduled_while_nothing_is_due():
+def due(scheduler):
+    """Seconds, of all that is scheduled and was not cancelled."""
+    return [scheduler.to_seconds(item.duetime) for item, _ in scheduler._queue.items if not item.is_cancelled()]
+
+
+def test_nothing_is_scheduled_but_the_hour_without_samples_while_nothing_is_due():
     scheduler = TestScheduler()
     inputs: Subject[Input] = Subject()
     seen: list[Plan] = []
     plans(Planner(moving_policy()), inputs, scheduler).subscribe(seen.append)
-    assert len(scheduler._queue) == 0
+    assert due(scheduler) == [UNHEARD]
     inputs.on_next(Sample("imu", {"speed": 0.0}))
-    assert len(scheduler._queue) == 0
+    assert due(scheduler) == [UNHEARD]
     inputs.on_next(Sample("imu", {"speed": 1.0}))
-    assert len(scheduler._queue) == 1
-    scheduler.start()
-    assert len(scheduler._queue) == 0
+    assert due(scheduler) == [0.25]
+    scheduler.advance_to(10.0)
+    assert due(scheduler) == [UNHEARD]
 
 
 def test_one_timer_is_armed_however_many_samples_feed_the_watchdog():

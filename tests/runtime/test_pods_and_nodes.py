@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextpolicy import runtime
+from contextpolicy import placer
 from contextpolicy.cluster.claims import claim
 from tests.cluster.builders import a_pod, cpu
 from tests.planning.builders import a_context, a_task
@@ -78,7 +78,7 @@ def test_a_container_that_a_resize_would_restart_is_left_alone_and_told_once(run
 
 def test_thousands_of_pods_that_come_at_once_cost_one_placement(running, monkeypatch):
     placements = []
-    monkeypatch.setattr(runtime, "claim", lambda *arguments: placements.append(1) or claim(*arguments))
+    monkeypatch.setattr(placer, "claim", lambda *arguments: placements.append(1) or claim(*arguments))
     for number in range(300):
         namespace = "lab" if number % 3 == 0 else "elsewhere"
         running.runtime.pod_changed(a_pod(f"other-{number}", {"other": resources()}, namespace=namespace))

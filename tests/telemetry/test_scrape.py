@@ -28,7 +28,7 @@ def page(operator):
     def read():
         operator.loop.inline = True
         try:
-            return operator.runtime.scrape()
+            return operator.runtime.insight.scrape()
         finally:
             operator.loop.inline = False
 

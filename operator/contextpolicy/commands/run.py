@@ -68,8 +68,8 @@ def run(settings: Settings) -> int:
     process = OperatorProcess(api, settings, start_anew)
     pages |= {"/healthz": process.hung, "/readyz": process.unready}
     api.on_answer = lambda method, code: metrics.API_REQUESTS.labels(method, code).inc()
-    REGISTRY.register(Scrape(process.runtime.scrape))
-    live = PageServer(settings.live_port, process.runtime)
+    REGISTRY.register(Scrape(process.runtime.insight.scrape))
+    live = PageServer(settings.live_port, process.runtime.insight)
     live.start()
     try:
         return process.run(stop)

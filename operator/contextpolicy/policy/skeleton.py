@@ -48,7 +48,7 @@ def _names(modules: Sequence[ModuleFile]) -> dict[str, str]:
     names: dict[str, str] = {}
     taken = set(CEL_WORDS)
     keys = [HEALTH.format(task=module.name) for module in modules]
-    keys += [stream.key for module in modules for stream in (*module.inputs, *module.outputs) if stream.encoding]
+    keys += [stream.key for module in modules for stream in (*_readable(module), *module.outputs) if stream.encoding]
     wishes = [(key, module.name) for key, module in zip(keys, modules, strict=False)]
     wishes += [(key, key.partition("/")[2] or key) for key in keys[len(modules) :]]
     for key, wish in wishes:
@@ -64,7 +64,7 @@ def _names(modules: Sequence[ModuleFile]) -> dict[str, str]:
 
 def _streams(modules: Sequence[ModuleFile], names: dict[str, str]) -> Iterator[str]:
     makers = {stream.key: module.name for module in modules for stream in module.outputs}
-    taken = {stream.key: stream for module in modules for stream in module.inputs if stream.encoding}
+    taken = {stream.key: stream for module in modules for stream in _readable(module)}
     for module in modules:
         if "deadline" in module.needs:
             key = HEALTH.format(task=module.name)
@@ -75,6 +75,11 @@ def _streams(modules: Sequence[ModuleFile], names: dict[str, str]) -> Iterator[s
         for stream in module.outputs:
             if stream.encoding and stream.key not in taken:
                 yield f"  # - {_stream(stream, names[stream.key], module.name)}    # nothing reads it yet"
+
+
+def _readable(module: ModuleFile) -> list[ModuleStream]:
+    """The inputs that a policy can read too; what the operator itself says is no reason for its next decision."""
+    return [one for one in module.inputs if one.encoding and not one.key.startswith("contextpolicy/")]
 
 
 def _stream(stream: ModuleStream, name: str, maker: str | None) -> str:
@@ -89,7 +94,7 @@ def _task(module: ModuleFile, names: dict[str, str]) -> Iterator[str]:
     yield "    priority: 1"
     if module.needs:
         yield "    needs: {" + ", ".join(f"{name}: {_text(str(value))}" for name, value in module.needs.items()) + "}"
-    readable = [names[stream.key] for stream in module.inputs if stream.encoding]
+    readable = [names[stream.key] for stream in _readable(module)]
     if readable:
         yield "    idle: 0.1"
         yield "    activity:"

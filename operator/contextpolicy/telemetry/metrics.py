@@ -13,6 +13,7 @@ from prometheus_client import Counter, Gauge, Histogram
 from contextpolicy.policy.spec import Mode
 
 if TYPE_CHECKING:
+    from contextpolicy.planning.plan import Plan
     from contextpolicy.policy.spec import Policy
 
 POLICY = ("namespace", "name")
@@ -84,6 +85,16 @@ def labels(policy: str) -> tuple[str, str]:
     """The first two labels of everything here, from the policy's `namespace/name`."""
     namespace, _, name = policy.partition("/")
     return namespace, name
+
+
+def measure(policy: Policy, plan: Plan) -> None:
+    """What the plan gives each task, and which contexts hold."""
+    own = labels(policy.reference)
+    for context in policy.contexts:
+        CONTEXT_ACTIVE.labels(*own, context.name).set(context.name in plan.contexts)
+    for name, task in plan.tasks.items():
+        TASK_SHARE.labels(*own, name).set(task.share / 1000)
+        TASK_WEIGHT.labels(*own, name).set(task.weight)
 
 
 def forget(policy: str) -> None:

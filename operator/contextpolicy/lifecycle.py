@@ -1,0 +1,159 @@
+"""The life of policies: taken up, edited, released when they are deleted, left alone when another operator has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.actuators.dry_run import DryRun
+from contextpolicy.actuators.order import Order
+from contextpolicy.controller import Controller
+from contextpolicy.policy.spec import Mode
+from contextpolicy.roster import LeavingPolicy, PolicyEntry, conditions_of, reference_of
+from contextpolicy.telemetry import metrics
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from concurrent.futures import Future
+
+    import zenoh
+
+    from contextpolicy.actuators.resize.resizer import PodResizer
+    from contextpolicy.announcer import Announcer
+    from contextpolicy.bus.robot_bus import RobotBus
+    from contextpolicy.bus.signatures import Signer
+    from contextpolicy.cluster.api import ApiServer
+    from contextpolicy.insight import Insight
+    from contextpolicy.loading import Loaded
+    from contextpolicy.loop import Loop
+    from contextpolicy.placer import Placer
+    from contextpolicy.policy.spec import Policy
+    from contextpolicy.recorder.flight_recorder import FlightRecorder
+    from contextpolicy.roster import Roster
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lifecycle:
+    """Keeps the roster, and starts and stops the controllers on it; everything on the loop's thread."""
+
+    api: ApiServer
+    loop: Loop
+    roster: Roster
+    bus: RobotBus
+    resizer: PodResizer
+    announcer: Announcer
+    placer: Placer
+    insight: Insight
+    recorder: FlightRecorder
+    signer: Signer | None
+    dry_run: DryRun = field(default_factory=DryRun)
+
+    def begin(self) -> None:
+        """There is a session now: start the policies that waited for it."""
+        for entry in list(self.roster.present.values()):
+            self.adopt(entry.body, entry.loaded)
+
+    def adopt(self, body: Mapping[str, Any], loaded: Loaded) -> bool:
+        """Swap in a valid version; an invalid one leaves the last good one in force and says why.
+
+        Returns whether all that it names could be read.
+        """
+        reference = reference_of(body)
+        self.roster.leaving.pop(reference, None)
+        self._recall(body)
+        entry = self.roster.present.setdefault(reference, PolicyEntry(body))
+        known = loaded.rejected == entry.loaded.rejected
+        entry.body, entry.loaded = body, loaded
+        entry.conditions = entry.conditions or conditions_of(body)
+        if loaded.policy is not None and self.bus.session is not None:
+            self._swap(entry, loaded.policy, self.bus.session)
+        elif loaded.policy is None and not known:
+            self.announcer.tell(reference, "Invalid", "; ".join(loaded.rejected))
+        self.announcer.report(reference)
+        return not loaded.unread
+
+    def drop(self, body: Mapping[str, Any], done: Future[None]) -> None:
+        """The policy is being deleted: end it, and finish `done` when its containers are as they were."""
+        reference = reference_of(body)
+        self._recall(body)
+        if reference not in self.roster.leaving:
+            self.roster.leaving[reference] = LeavingPolicy(body, conditions_of(body))
+            entry = self.roster.present.pop(reference, None)
+            if entry is not None and entry.controller is not None:
+                entry.controller.end()
+            self.bus.forget(reference)
+            self.announcer.forget(reference)
+            self.recorder.forget(reference)
+        self.resizer.release(reference, lambda: self._released(reference, done))
+        self.placer.place()
+
+    def abandon(self, namespace: str) -> None:
+        """Another operator serves the namespace: forget its policies and change nothing."""
+        for reference in _of(namespace, self.roster.present):
+            controller = self.roster.present.pop(reference).controller
+            if controller is not None:
+                controller.stop()
+            self.bus.forget(reference)
+            self.announcer.forget(reference)
+            self.resizer.abandon(reference)
+            metrics.forget(reference)
+        for reference in _of(namespace, self.roster.leaving):
+            del self.roster.leaving[reference]
+            self.resizer.abandon(reference)
+        self.placer.place()
+
+    def repeat(self) -> None:
+        """Say again what is in force: plans on the bus, and statuses."""
+        for controller in self.roster.controllers():
+            controller.repeat()
+        self.announcer.report_all()
+
+    def stop(self) -> None:
+        """Stop all controllers; limits stay in force."""
+        for controller in self.roster.controllers():
+            controller.stop()
+
+    def _swap(self, entry: PolicyEntry, policy: Policy, session: zenoh.Session) -> None:
+        # The order matters: the old controller must be off the bus before the new one declares the same keys, and a
+        # dry run first releases what the enforced version had resized.
+        before = entry.controller
+        entry.controller = self._controller(policy, entry.loaded, session)
+        self.bus.forget(policy.reference)
+        if before is not None:
+            before.stop()
+        if policy.mode is Mode.DRY_RUN:
+            self.resizer.apply(Order(policy.reference, frozenset()))
+        entry.controller.start(before)
+        self.placer.place()
+
+    def _controller(self, policy: Policy, loaded: Loaded, session: zenoh.Session) -> Controller:
+        reference, announcer = policy.reference, self.announcer
+        actuator = self.dry_run if policy.mode is Mode.DRY_RUN else self.resizer
+        made = Controller(
+            policy, session=session, scheduler=self.loop, actuator=actuator, initiatives=loaded.initiatives
+        )
+        made.signer, made.recorder = self.signer, self.recorder
+        made.may_act = lambda: self.api.may_act(policy.namespace)
+        made.board = lambda: self.insight.board(reference)
+        made.on_change = lambda: announcer.report(reference)
+        made.on_context = lambda context, active, cause: announcer.tell_context(
+            reference, context, cause, active=active
+        )
+        made.on_plan, made.on_published = announcer.resizes.planned, self.bus.expect
+        return made
+
+    def _recall(self, body: Mapping[str, Any]) -> None:
+        self.resizer.recall(reference_of(body), (body.get("status") or {}).get("originals"))
+
+    def _released(self, reference: str, done: Future[None]) -> None:
+        self.roster.leaving.pop(reference, None)
+        self.announcer.forget(reference)
+        if reference not in self.roster.present:
+            metrics.forget(reference)
+        # The caller may have given up waiting.
+        if done.set_running_or_notify_cancel():
+            done.set_result(None)
+
+
+def _of(namespace: str, references: Mapping[str, object]) -> list[str]:
+    return [reference for reference in references if reference.partition("/")[0] == namespace]

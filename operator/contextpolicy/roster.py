@@ -1,0 +1,80 @@
+"""The policies that one operator knows: those in force with their controllers, and those on their way out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.loading import Loaded
+from contextpolicy.telemetry.event_budget import EventBudget
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from contextpolicy.controller import Controller
+
+
+@dataclass(slots=True)
+class PolicyEntry:
+    """One ContextPolicy object, with a controller once one of its versions was valid."""
+
+    body: Mapping[str, Any]
+    loaded: Loaded = field(default_factory=Loaded)
+    controller: Controller | None = None
+    conditions: list[dict[str, Any]] = field(default_factory=list)
+    events: EventBudget = field(default_factory=EventBudget)
+
+    @property
+    def namespace(self) -> str:
+        """Where the policy and its pods live."""
+        return str(self.body["metadata"]["namespace"])
+
+    @property
+    def age(self) -> tuple[str, str]:
+        """Sort key: oldest first, ties by name."""
+        return self.body["metadata"].get("creationTimestamp", ""), reference_of(self.body)
+
+
+@dataclass(slots=True)
+class LeavingPolicy:
+    """A ContextPolicy that is being deleted, until all its containers are restored."""
+
+    body: Mapping[str, Any]
+    conditions: list[dict[str, Any]]
+    events: EventBudget = field(default_factory=EventBudget)
+
+
+class Roster:
+    """Entries by reference; everything on the loop's thread. A policy that is created again while it leaves, stays."""
+
+    def __init__(self) -> None:
+        self.present: dict[str, PolicyEntry] = {}
+        self.leaving: dict[str, LeavingPolicy] = {}
+
+    def find(self, reference: str) -> PolicyEntry | LeavingPolicy | None:
+        """The entry, whether it stays or leaves."""
+        return self.present.get(reference) or self.leaving.get(reference)
+
+    def controller(self, reference: str) -> Controller | None:
+        """What runs of the policy; None when no version of it does."""
+        entry = self.present.get(reference)
+        return entry.controller if entry is not None else None
+
+    def controllers(self) -> list[Controller]:
+        """Everything that runs, the oldest policy first."""
+        entries = sorted(self.present.values(), key=lambda entry: entry.age)
+        return [entry.controller for entry in entries if entry.controller is not None]
+
+    def namespaces(self) -> set[str]:
+        """Where policies are."""
+        return {entry.namespace for entry in self.present.values()}
+
+
+def reference_of(body: Mapping[str, Any]) -> str:
+    """The `namespace/name` of a ContextPolicy object."""
+    return f"{body['metadata']['namespace']}/{body['metadata']['name']}"
+
+
+def conditions_of(body: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The conditions that its status has."""
+    return list((body.get("status") or {}).get("conditions") or [])
