@@ -95,6 +95,7 @@ class Lifecycle:
                 controller.stop()
             self.bus.forget(reference)
             self.announcer.forget(reference)
+            self.recorder.forget(reference)
             self.resizer.abandon(reference)
             metrics.forget(reference)
         for reference in _of(namespace, self.roster.leaving):

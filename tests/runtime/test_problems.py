@@ -62,6 +62,7 @@ def test_a_namespace_that_another_operator_serves_is_forgotten_and_left_as_it_is
     running.settle()
     assert (running.limits(), len(running.cluster.calls)) == (before, calls)
     assert running.session.tokens == []
+    assert running.runtime.insight._recorder.of("lab/robot") is None, "its records take room from other policies'"
     running.apply({**a_policy(), "status": {"originals": running.cluster.policies["lab/robot"]}})
     running.sample(IMU, speed=0.0)
     running.settle()
