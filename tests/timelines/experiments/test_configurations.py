@@ -35,7 +35,8 @@ def test_without_suspension_contexts_still_weight():
 def test_static_limits_divide_the_node_by_priority_within_bounds():
     shares = {task: parse_cpu(cpu["limit"]) for task, cpu in by_priority(POLICY, 2).items()}
     assert sum(shares.values()) == 1500  # two cores without the reserve
-    assert shares["navigation"] == 300  # its max
+    navigation = next(task for task in POLICY["spec"]["tasks"] if task["name"] == "navigation")
+    assert shares["navigation"] == parse_cpu(navigation["max"])
     assert abs(shares["slam"] - 2 * shares["signs"]) <= 10  # priorities 10 and 5, in steps of 10m
 
 
