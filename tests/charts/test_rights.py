@@ -6,6 +6,7 @@ from collections import defaultdict
 
 import pytest
 
+from contextpolicy.commands.doctor import RIGHTS
 from tests.charts.test_chart import EVERYTHING, container
 
 NODES = {("", "nodes"): {"list", "watch"}}
@@ -88,6 +89,11 @@ def test_who_may_edit_a_namespace_may_write_policies_only_if_the_administrator_s
     for name in ("viewer", "editor"):
         labels = rendered["ClusterRole", f"contextpolicy-{name}"]["metadata"]["labels"]
         assert any("aggregate-to" in label for label in labels) is aggregated
+
+
+def test_the_doctor_asks_for_no_right_that_the_chart_does_not_give():
+    asked = {(group, f"{kind}/{part}" if part else kind): set(verbs) for group, kind, part, verbs in RIGHTS}
+    assert [resource for resource, verbs in asked.items() if not verbs <= IN_A_NAMESPACE[resource]] == []
 
 
 def test_users_get_policies_and_nothing_else(render):

@@ -95,7 +95,7 @@ def _show_lines(recording: Recording, player: threading.Thread, started: float) 
             line = (
                 f"{plan['trigger'] - started:6.2f} s  {','.join(plan['contexts']) or '-':10} {shares}  {plan['cause']}"
             )
-            console.print(line, highlight=False)
+            console.print(line, highlight=False, soft_wrap=True)
         shown = len(recording.plans)
 
 

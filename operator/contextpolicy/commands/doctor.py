@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 ROUTER = OPERATOR.replace("=operator", "=router")
 RIGHTS = (
-    ("contextpolicy.dev", "contextpolicies", "", ("get", "list", "watch", "patch")),
+    ("contextpolicy.dev", "contextpolicies", "", ("list", "watch", "patch")),
     ("contextpolicy.dev", "contextpolicies", "status", ("patch",)),
     ("", "pods", "", ("get", "list", "watch")),
     ("", "pods", "resize", ("patch",)),
@@ -106,7 +106,7 @@ def _lacking(api: ApiServer, operator: Mapping[str, Any], policies: Sequence[Map
         for group, resource, sub, verbs in RIGHTS
         for verb in verbs
     ]
-    wanted += [{"group": "", "resource": "nodes", "verb": verb} for verb in ("get", "list", "watch")]
+    wanted += [{"group": "", "resource": "nodes", "verb": verb} for verb in ("list", "watch")]
     try:
         return [_told(right) for right in wanted if not api.may(user, right)]
     except ActuationError:
