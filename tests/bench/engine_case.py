@@ -7,9 +7,9 @@ import random
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.planning.placement import on_one_node
 from contextpolicy.policy import parsing
 from contextpolicy.policy.spec import Context, Effect
+from tests.planning.builders import on_node
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -45,7 +45,7 @@ class Case:
 
     def placement(self) -> Placement:
         """All tasks on one node of four cores."""
-        return on_one_node(tuple(f"t{n}" for n in range(self.tasks)), 4)
+        return on_node(*(f"t{n}" for n in range(self.tasks)), cores=4)
 
     def payloads(self, count: int) -> Iterator[tuple[float, str, bytes]]:
         """(seconds, stream, JSON) of IMU-like samples, the streams in turn; the same ones at each run."""

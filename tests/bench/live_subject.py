@@ -16,12 +16,12 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.bus.session import open_visitor
-from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy import parsing
 from contextpolicy.streams.decoding import Decoder
 from tests.bench.live_case import KEYS, SHARES, steady, steady_policy, stormy_policy
 from tests.bench.live_operator import LiveOperator
+from tests.planning.builders import on_node
 
 if TYPE_CHECKING:
     import zenoh
@@ -78,7 +78,7 @@ class Engine:
         policy = parsing.parse(steady_policy())
         self._decoder, self._planner = Decoder(policy.streams[0]), Planner(policy)
         self._planner.start(time.time())
-        self._planner.handle(on_one_node(("slam", "speech"), 1), time.time())
+        self._planner.handle(on_node("slam", "speech"), time.time())
 
     def ask(self, rate: float, count: int) -> dict[str, float]:
         spent, begin = 0, time.monotonic()

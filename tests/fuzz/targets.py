@@ -29,13 +29,13 @@ from contextpolicy.cluster.api import _refusal, _version
 from contextpolicy.cluster.pods import view
 from contextpolicy.cluster.watching import ObjectWatch
 from contextpolicy.errors import ActuationError, DecodeError, DefinitionError, ExpressionError, PolicyError
-from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
 from contextpolicy.planning.scope import Scope
 from contextpolicy.policy import parsing
 from contextpolicy.policy.ros_types import type_store
 from contextpolicy.policy.spec import Encoding, RosRelease, Stream
 from contextpolicy.streams.decoding import Decoder, seconds
+from tests.planning.builders import on_node
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -121,7 +121,7 @@ class Robot:
     def __init__(self) -> None:
         self.planner = Planner(POLICY)
         self.planner.start(START)
-        self.planner.handle(on_one_node(tuple(task.name for task in POLICY.tasks), 2), START)
+        self.planner.handle(on_node(*(task.name for task in POLICY.tasks), cores=2), START)
         self.now = START
         self.taken = 0
 
@@ -207,7 +207,7 @@ def body(document: Any) -> None:
         return
     planner = Planner(parsed)
     planner.start(START)
-    planner.handle(on_one_node(tuple(task.name for task in parsed.leaves), 2), START)
+    planner.handle(on_node(*(task.name for task in parsed.leaves), cores=2), START)
 
 
 def definitions(name: str, text: str) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from contextpolicy.planning.placement import on_one_node
+from contextpolicy.planning.placement import Container, Placement
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.validation.policy_file import load_policy
@@ -50,7 +50,8 @@ def test_same_as_feeding_the_planner_by_hand(name: str) -> None:
     policy = load_policy(str(ROOT / f"config/policies/{name}.yaml"))
     planner = Planner(policy)
     plans = planner.start(EPOCH)
-    plans += planner.handle(on_one_node(tuple(task.name for task in policy.leaves), 4), EPOCH)
+    containers = tuple(Container(task.name, task.name, "robot") for task in policy.leaves)
+    plans += planner.handle(Placement({"robot": 4000}, containers), EPOCH)
     for at, sample in samples(policy, DEMO.inputs(), Skipped(), Counter()):
         plans += planner.handle(sample, round(EPOCH + at, 6))
     plans += planner.advance(EPOCH + DEMO.duration)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from itertools import chain, combinations, product
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.planning.placement import on_one_node
 from contextpolicy.planning.planner import Planner
 from contextpolicy.planning.sample import Sample
 from contextpolicy.policy import parsing
+from tests.planning.builders import on_node
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -30,7 +30,7 @@ def plans(document: Mapping[str, Any], cores: float, readings: Iterable[Readings
     for present, sensed in product(list(subsets), list(readings)):
         planner = Planner(policy)
         planner.start(0.0)
-        planner.handle(on_one_node(present, cores), 0.0)
+        planner.handle(on_node(*present, cores=cores), 0.0)
         for stream, fields in sensed.items():
             planner.handle(Sample(stream, dict(fields), None), 0.1)
         planner.advance(1.0)

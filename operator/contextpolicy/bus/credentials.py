@@ -23,15 +23,8 @@ if TYPE_CHECKING:
 
 CA, CERTIFICATE, KEY = "ca.crt", "tls.crt", "tls.key"
 USER, PASSWORD, USERS = "username", "password", "users.txt"
-CLIENT_FILES = f"{CA} with {CERTIFICATE} and {KEY}, or {CA} with {USER} and {PASSWORD}"
 
 _TLS = "transport/link/tls"
-
-
-def is_complete(directory: Path) -> bool:
-    """Whether the directory holds enough for a client to authenticate: a certificate with its key, or a password."""
-    pairs = (CERTIFICATE, KEY), (USER, PASSWORD)
-    return any(all((directory / name).is_file() for name in pair) for pair in pairs)
 
 
 def client_settings(directory: Path | None) -> dict[str, object]:

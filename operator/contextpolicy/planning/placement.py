@@ -63,8 +63,3 @@ class Placement:
             if container.node in self.allocatable:
                 nodes[container.node][container.task].append(container)
         return nodes
-
-
-def on_one_node(tasks: tuple[str, ...], cores: float, *, node: str = "robot") -> Placement:
-    """A placement without a cluster: each task once, on one node, for simulation."""
-    return Placement({node: round(cores * 1000)}, tuple(Container(task, task, node) for task in tasks))
