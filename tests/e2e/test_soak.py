@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from queue import Empty, Queue
 from random import randrange
@@ -269,6 +269,8 @@ def test_nothing_leaked(soaked):
     file = Path("build/e2e/soak.txt")
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text("\n".join(lines) + "\n")
+    looked = {part: [asdict(size) for size in sizes] for part, sizes in soaked.watch.sizes.items()}
+    file.with_suffix(".json").write_text(json.dumps(looked))
     print("\n".join(lines), file=sys.stderr)  # noqa: T201 - a slope is to be seen
     assert found == []
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from contextpolicy.cluster.api import POOL
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -15,8 +17,11 @@ if TYPE_CHECKING:
 MIB = 2**20
 MEMORY = 8.0
 """MiB by which a stretch may end above its beginning: Python's own arenas breathe by a few."""
-HANDLES = 3
-"""Threads or sockets by which it may: a connection to the API that is being opened anew."""
+THREADS = 3
+"""Threads by which it may."""
+SOCKETS = POOL
+"""Sockets by which it may: connections to the API server are kept, as many as were ever needed at once. One that was
+lost with each fault would be more within an hour."""
 SETTLED = 30.0
 """Seconds after which a process has imported, connected and listed."""
 
@@ -68,7 +73,7 @@ def leaks(name: str, sizes: Series) -> list[str]:
     if len(sizes) < 2:
         return []
     part = max(1, len(sizes) // 10)
-    bounds = {"threads": HANDLES, "sockets": HANDLES, "memory": MEMORY * MIB}
+    bounds = {"threads": THREADS, "sockets": SOCKETS, "memory": MEMORY * MIB}
     found = []
     for what, bound in bounds.items():
         first, last = (

@@ -35,6 +35,10 @@ def test_one_moment_is_no_leak():
     assert growth.leaks("operator", life(sockets=lambda part: 100 if part == 0.5 else 10)) == []
 
 
+def test_connections_that_are_kept_are_no_leak():
+    assert growth.leaks("operator", life(hours=0.02, sockets=lambda part: 14 if part < 0.4 else 18)) == []
+
+
 def test_the_slope_is_in_mebibytes_an_hour():
     assert growth.slope(life(memory=lambda part: 90 + 6 * part)) == pytest.approx(6, rel=0.01)
 
