@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from unittest.mock import create_autospec
 from urllib.error import HTTPError
 from urllib.request import urlopen
@@ -79,6 +80,11 @@ class Replica:
         self._server.shutdown()
         self._server.server_close()
 
+    def await_ready(self):
+        deadline = time.monotonic() + PATIENCE
+        while self.page("readyz")[0] != 200:
+            assert time.monotonic() < deadline, self.page("readyz")
+
     def page(self, name):
         try:
             with urlopen(f"http://127.0.0.1:{self.port}/{name}", timeout=PATIENCE) as answer:
@@ -123,7 +129,7 @@ def test_nothing_is_done_about_policies_before_all_pods_and_nodes_are_known(clus
     told.restored.set_result(None)
 
 
-def test_a_standby_does_nothing_but_is_ready(cluster, replica, told):
+def test_a_standby_does_nothing_but_is_ready_once_it_sees_that_its_leader_lives(cluster, replica, told):
     cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60)
     cluster.pods_allowed.set()
     cluster.nodes_allowed.set()
@@ -132,6 +138,9 @@ def test_a_standby_does_nothing_but_is_ready(cluster, replica, told):
     assert not cluster.policies_listed.wait(1)
     assert (cluster.holder("lab", NAMESPACE_LEASE), cluster.written) == (None, [])
     assert not standby.process._api.may_act("lab")
+    assert standby.page("readyz") == (503, "the Lease is not ours, and nobody was seen to renew it\n")
+    cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60, renewTime="later")
+    standby.await_ready()
     assert standby.page("readyz") == standby.page("healthz") == (200, "ok\n")
 
 
