@@ -70,6 +70,11 @@ class Release:
         found = run("kubectl", "get", KINDS, "-A", "-o", "json", "-l", f"app.kubernetes.io/instance={self.name}")
         return [f"{item['kind']} {item['metadata']['name']}" for item in json.loads(found)["items"]]
 
+    def leader(self) -> str:
+        """The pod that holds the release's Lease; empty without a Lease."""
+        query = ("kubectl", "get", "lease", self.name, "-n", self.system, "--ignore-not-found")
+        return run(*query, "-o", "jsonpath={.spec.holderIdentity}").partition("_")[0]
+
     def rights(self) -> list[str]:
         """Which of its objects give rights, or are somebody who has them."""
         return [one for one in self.objects() if one.startswith(("Role", "ClusterRole", "ServiceAccount"))]
