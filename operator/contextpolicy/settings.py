@@ -67,7 +67,9 @@ def read(environment: Mapping[str, str]) -> Settings:
         health_port=_port(environment, "HEALTH_PORT", 8080, findings),
         metrics_port=_port(environment, "METRICS_PORT", 8081, findings),
         live_port=_port(environment, "LIVE_PORT", 8082, findings),
-        lease=_pair(environment, "LEASE", "a namespace and a name, such as contextpolicy-system/contextpolicy", findings),
+        lease=_pair(
+            environment, "LEASE", "a namespace and a name, such as contextpolicy-system/contextpolicy", findings
+        ),
         lease_seconds=_seconds(environment, findings),
         lease_pod=OwnPod(*pod) if pod else None,
         identity=environment.get("IDENTITY", "") or gethostname(),
@@ -105,9 +107,7 @@ def _port(environment: Mapping[str, str], name: str, default: int, findings: lis
     return default
 
 
-def _pair(
-    environment: Mapping[str, str], name: str, allowed: str, findings: list[Finding]
-) -> tuple[str, str] | None:
+def _pair(environment: Mapping[str, str], name: str, allowed: str, findings: list[Finding]) -> tuple[str, str] | None:
     text = environment.get(name, "")
     first, _, second = text.partition("/")
     if text and not (first and second and "/" not in second):
