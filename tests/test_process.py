@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from unittest.mock import create_autospec
 from urllib.error import HTTPError
 from urllib.request import urlopen
@@ -22,6 +21,7 @@ from contextpolicy.runtime import Runtime
 from contextpolicy.settings import Settings
 from tests.modules.robotkit.bus import free_port
 from tests.small_cluster import PATIENCE, SmallCluster, Told
+from tests.waiting import until
 
 OWN = ("system", "release")
 
@@ -80,11 +80,6 @@ class Replica:
         self._server.shutdown()
         self._server.server_close()
 
-    def await_ready(self):
-        deadline = time.monotonic() + PATIENCE
-        while self.page("readyz")[0] != 200:
-            assert time.monotonic() < deadline, self.page("readyz")
-
     def page(self, name):
         try:
             with urlopen(f"http://127.0.0.1:{self.port}/{name}", timeout=PATIENCE) as answer:
@@ -140,7 +135,7 @@ def test_a_standby_does_nothing_but_is_ready_once_it_sees_that_its_leader_lives(
     assert not standby.process._api.may_act("lab")
     assert standby.page("readyz") == (503, "the Lease is not ours, and nobody was seen to renew it\n")
     cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60, renewTime="later")
-    standby.await_ready()
+    until(lambda: standby.page("readyz")[0] == 200)
     assert standby.page("readyz") == standby.page("healthz") == (200, "ok\n")
 
 

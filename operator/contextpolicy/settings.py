@@ -57,6 +57,8 @@ class Settings:
 def read(environment: Mapping[str, str]) -> Settings:
     """Read the settings; SettingsError names every invalid variable."""
     findings: list[Finding] = []
+    example = "contextpolicy-system/contextpolicy"
+    lease = _pair(environment, "LEASE", f"a namespace and a name, such as {example}", findings)
     pod = _pair(environment, "LEASE_POD", "a pod's name and UID, such as contextpolicy-1/d9607e19", findings)
     settings = Settings(
         connect=_words(environment.get("ZENOH_CONNECT", "")) or (DEFAULT_CONNECT,),
@@ -67,9 +69,7 @@ def read(environment: Mapping[str, str]) -> Settings:
         health_port=_port(environment, "HEALTH_PORT", 8080, findings),
         metrics_port=_port(environment, "METRICS_PORT", 8081, findings),
         live_port=_port(environment, "LIVE_PORT", 8082, findings),
-        lease=_pair(
-            environment, "LEASE", "a namespace and a name, such as contextpolicy-system/contextpolicy", findings
-        ),
+        lease=lease,
         lease_seconds=_seconds(environment, findings),
         lease_pod=OwnPod(*pod) if pod else None,
         identity=environment.get("IDENTITY", "") or gethostname(),
