@@ -80,11 +80,16 @@ class Release:
         return [one for one in self.objects() if one.startswith(("Role", "ClusterRole", "ServiceAccount"))]
 
     @contextmanager
-    def robot(self) -> Iterator[Robot]:
-        """A moving robot whose limits a policy has moved."""
+    def sensors(self) -> Iterator[Robot]:
+        """A robot whose sensors can be read; it has neither pods nor a policy yet."""
         endpoint = f"tcp/{free_address(self.address)}:7447"
         with open_visitor([endpoint], patience=20) as session, Sensors(session) as sensors:
-            robot = Robot(self.namespace, sensors)
+            yield Robot(self.namespace, sensors)
+
+    @contextmanager
+    def robot(self) -> Iterator[Robot]:
+        """A moving robot whose limits a policy has moved."""
+        with self.sensors() as robot:
             robot.drive(0.3)
             robot.start("slam", "speech")
             robot.policy()

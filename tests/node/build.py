@@ -82,6 +82,16 @@ PROGRAMS = (
 )
 PROMTOOL = Program("promtool", ("github.com/prometheus/prometheus/cmd/promtool",), source="promtool")
 """Judges the chart's alert rules; no part of a node. Its module has replacements, so it can't be fetched by version."""
+VPA_MODULE = "k8s.io/autoscaler/vertical-pod-autoscaler"
+VPA = Program(
+    "vpa",
+    (
+        *(f"{VPA_MODULE}/pkg/{part}" for part in ("recommender", "updater", "admission-controller")),
+        "sigs.k8s.io/metrics-server/cmd/metrics-server",
+    ),
+    source="vpa",
+)
+"""The VerticalPodAutoscaler and the metrics-server that it reads: no part of a node, but of what it may meet there."""
 
 
 def build_all() -> None:
