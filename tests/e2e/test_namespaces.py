@@ -44,6 +44,7 @@ def delete_while_away(release):
     run("kubectl", "delete", "namespace", release.namespace, "--wait=false")
     until("only policies are left", lambda: "contextpolicy.dev/restore" in (said := conditions(release)) or said)
     run(*deployment, "--replicas=1")
+    run("kubectl", "rollout", "status", f"deployment/{release.name}", "-n", release.system, "--timeout=100s")
 
 
 def conditions(release):
