@@ -67,7 +67,8 @@ def dispatch(arguments: argparse.Namespace) -> int:
 def autoscale(deed: str, interval: int) -> None:
     match deed:
         case "build":
-            build.build(build.VPA)
+            for program in build.AUTOSCALER:
+                build.build(program)
         case "start":
             autoscaler.start(interval)
         case "stop":

@@ -15,7 +15,7 @@ from tests.node import access, build, certificates, metrics_api, processes
 from tests.node.certificates import AUTHORITY, Identity, certificate, private_key
 from tests.node.components import Component, answers, as_flags
 from tests.node.errors import ClusterError
-from tests.node.layout import KUBECONFIG, NODE_ADDRESS, PKI, ROOT, SOURCES
+from tests.node.layout import KUBECONFIG, NODE_ADDRESS, PKI, ROOT
 from tests.node.shell import run
 
 if TYPE_CHECKING:
@@ -47,12 +47,12 @@ def start(interval: int = INTERVAL) -> None:
     """Build what is missing, and start it; a VerticalPodAutoscaler object is then seen within `interval` seconds."""
     if access.user_cluster():
         raise ClusterError("a VerticalPodAutoscaler is started beside our own node only: install it on yours")
-    programs = build.build(build.VPA)
+    programs, metrics = (build.build(program) for program in build.AUTOSCALER)
     if not (PKI / f"{WEBHOOK.name}.crt").exists():
         run(certificates.issue(WEBHOOK))
     access.run(["kubectl", "apply", "--server-side", "--force-conflicts", "-f", _definitions()])
     access.run(["kubectl", "apply", "-f", "-"], stdin=json.dumps(_anonymous_reads_metrics()))
-    for one in (metrics_server(programs, interval), *parts(programs, interval)):
+    for one in (metrics_server(metrics, interval), *parts(programs, interval)):
         log.info("starting %s", one.name)
         if processes.alive(one.name) is None:
             processes.start(one.name, one.argv)
@@ -118,8 +118,8 @@ def parts(programs: Path, interval: int) -> tuple[Component, ...]:
 
 def _definitions() -> str:
     """The file with its definitions, as it came with the source."""
-    module = ["go", "-C", str(SOURCES / "vpa"), "list", "-m", "-f", "{{.Dir}}", build.VPA_MODULE]
-    return f"{run(module).strip()}/{DEFINITIONS}"
+    downloaded = json.loads(run(["go", "mod", "download", "-json", build.VPA_MODULE]))
+    return f"{downloaded['Dir']}/{DEFINITIONS}"
 
 
 def _anonymous_reads_metrics() -> dict[str, object]:

@@ -16,8 +16,10 @@ from tests.node.layout import (
     HELM_VERSION,
     KINE_VERSION,
     KUBERNETES_VERSION,
+    METRICS_SERVER_VERSION,
     RUNC_VERSION,
     SOURCES,
+    VPA_VERSION,
 )
 from tests.node.shell import run, run_long, succeeds
 
@@ -82,14 +84,13 @@ PROGRAMS = (
 )
 PROMTOOL = Program("promtool", ("github.com/prometheus/prometheus/cmd/promtool",), source="promtool")
 """Judges the chart's alert rules; no part of a node. Its module has replacements, so it can't be fetched by version."""
-VPA_MODULE = "k8s.io/autoscaler/vertical-pod-autoscaler"
-VPA = Program(
-    "vpa",
-    (
-        *(f"{VPA_MODULE}/pkg/{part}" for part in ("recommender", "updater", "admission-controller")),
-        "sigs.k8s.io/metrics-server/cmd/metrics-server",
+VPA_MODULE = f"k8s.io/autoscaler/vertical-pod-autoscaler@{VPA_VERSION}"
+AUTOSCALER = (
+    Program(
+        "vertical-pod-autoscaler",
+        tuple(VPA_MODULE.replace("@", f"/pkg/{part}@") for part in ("recommender", "updater", "admission-controller")),
     ),
-    source="vpa",
+    Program("metrics-server", (f"sigs.k8s.io/metrics-server/cmd/metrics-server@{METRICS_SERVER_VERSION}",)),
 )
 """The VerticalPodAutoscaler and the metrics-server that it reads: no part of a node, but of what it may meet there."""
 
