@@ -15,7 +15,7 @@ from tests.node import access, build, certificates, metrics_api, processes
 from tests.node.certificates import AUTHORITY, Identity, certificate, private_key
 from tests.node.components import Component, answers, as_flags
 from tests.node.errors import ClusterError
-from tests.node.layout import KUBECONFIG, NODE_ADDRESS, PKI, ROOT
+from tests.node.layout import KUBECONFIG, NODE_ADDRESS, PKI, ROOT, SOURCES
 from tests.node.shell import run
 
 if TYPE_CHECKING:
@@ -118,8 +118,8 @@ def parts(programs: Path, interval: int) -> tuple[Component, ...]:
 
 def _definitions() -> str:
     """The file with its definitions, as it came with the source."""
-    downloaded = json.loads(run(["go", "mod", "download", "-json", build.VPA_MODULE]))
-    return f"{downloaded['Dir']}/{DEFINITIONS}"
+    module = ["go", "-C", str(SOURCES / "vpa"), "list", "-m", "-f", "{{.Dir}}", build.VPA_MODULE]
+    return f"{run(module).strip()}/{DEFINITIONS}"
 
 
 def _anonymous_reads_metrics() -> dict[str, object]:

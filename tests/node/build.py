@@ -19,7 +19,6 @@ from tests.node.layout import (
     METRICS_SERVER_VERSION,
     RUNC_VERSION,
     SOURCES,
-    VPA_VERSION,
 )
 from tests.node.shell import run, run_long, succeeds
 
@@ -84,11 +83,13 @@ PROGRAMS = (
 )
 PROMTOOL = Program("promtool", ("github.com/prometheus/prometheus/cmd/promtool",), source="promtool")
 """Judges the chart's alert rules; no part of a node. Its module has replacements, so it can't be fetched by version."""
-VPA_MODULE = f"k8s.io/autoscaler/vertical-pod-autoscaler@{VPA_VERSION}"
+VPA_MODULE = "k8s.io/autoscaler/vertical-pod-autoscaler"
 AUTOSCALER = (
+    # Its module excludes versions, so it can't be fetched by version either.
     Program(
-        "vertical-pod-autoscaler",
-        tuple(VPA_MODULE.replace("@", f"/pkg/{part}@") for part in ("recommender", "updater", "admission-controller")),
+        "vpa",
+        tuple(f"{VPA_MODULE}/pkg/{part}" for part in ("recommender", "updater", "admission-controller")),
+        source="vpa",
     ),
     Program("metrics-server", (f"sigs.k8s.io/metrics-server/cmd/metrics-server@{METRICS_SERVER_VERSION}",)),
 )
