@@ -28,7 +28,7 @@ class HealthWatch:
         session: zenoh.Session,
         key: str,
         scheduler: SchedulerBase,
-        on_health: Callable[[str, TaskHealth], object],
+        on_health: Callable[[str, TaskHealth], None],
     ) -> None:
         self._place, self._scheduler, self._on_health = key.split("/").index("*"), scheduler, on_health
         self._subscriber = session.declare_subscriber(key, self._on_sample)
