@@ -13,6 +13,7 @@ from contextpolicy.telemetry.resize_watch import FAILED, RECOVERED, ResizeWatch
 from contextpolicy.telemetry.status import GIVE_UP, StatusFacts, releasing, status, waiting
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from concurrent.futures import Executor
 
     from contextpolicy.bus.robot_bus import RobotBus
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from contextpolicy.loop import Loop
     from contextpolicy.roster import PolicyEntry, Roster
     from contextpolicy.telemetry.reporter import ReportApi
+    from contextpolicy.telemetry.status import ShadowFacts
 
 log = logging.getLogger(__name__)
 
@@ -32,6 +34,8 @@ class Announcer:
 
     def __init__(self, api: ReportApi, loop: Loop, worker: Executor, roster: Roster, bus: RobotBus) -> None:
         self.resizes = ResizeWatch(self._on_problem, self._on_stage)
+        self.shadows: Callable[[str], ShadowFacts | None] = lambda _: None
+        """What there is to say of a policy that is a shadow of another one."""
         self._loop, self._roster, self._bus = loop, roster, bus
         self._reporter = Reporter(api, loop, worker)
 
@@ -54,6 +58,13 @@ class Announcer:
         log.warning("%s: %s: %s", reference, reason, message)
         if entry is not None:
             self._post(entry, reason, message, warning=reason != RECOVERED)
+
+    def note(self, reference: str, reason: str, message: str) -> None:
+        """Log news that are no problem, and post an Event about them."""
+        entry = self._roster.find(reference)
+        log.info("%s: %s: %s", reference, reason, message)
+        if entry is not None:
+            self._post(entry, reason, message, warning=False)
 
     def tell_context(self, reference: str, context: str, cause: str, *, active: bool) -> None:
         """Post an Event about a context that began or ceased to hold; the log has it with the plan already."""
@@ -88,7 +99,14 @@ class Announcer:
         else:
             running, problems = entry.controller, self.resizes.problems(reference)
             facts = StatusFacts(
-                generation, running.run, running.claim, self._bus.connected, entry.loaded.rejected, problems
+                generation=generation,
+                run=running.run,
+                claim=running.claim,
+                connected=self._bus.connected,
+                rejected=entry.loaded.rejected,
+                unmet_actuation=problems,
+                shadow=self.shadows(reference),
+                promoted_shadow=entry.stand_in.body["metadata"]["name"] if entry.stand_in is not None else None,
             )
             made = status(running.planner, facts, entry.conditions, now)
         entry.conditions = made["conditions"]

@@ -12,6 +12,7 @@ import signal
 import sys
 
 from contextpolicy.commands import (
+    adopt,
     agent,
     completion,
     doctor,
@@ -23,6 +24,7 @@ from contextpolicy.commands import (
     restore,
     router,
     run,
+    shadow,
     simulate,
     skeleton,
     status,
@@ -33,7 +35,7 @@ from contextpolicy.commands import (
 )
 from contextpolicy.errors import ContextPolicyError
 
-ON_THE_CLUSTER = (status, top, explain, why_not, force, mode, doctor, record, restore)
+ON_THE_CLUSTER = (status, top, explain, why_not, force, mode, shadow, adopt, doctor, record, restore)
 ON_THE_DESK = (validate, simulate, suggest, skeleton, graph, completion)
 IN_THE_CLUSTER = (run, router, agent)
 PLUGIN = "kubectl-ctxp"

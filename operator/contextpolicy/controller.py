@@ -112,8 +112,11 @@ class Controller:
         """What it knows and what it claims, to look at."""
         return self.planner, self.claim
 
-    def start(self, before: Controller | None = None) -> None:
-        """Subscribe and start planning; `before` is the already stopped controller of the policy's previous version."""
+    def start(self, before: Controller | None = None, former: Planner | None = None) -> None:
+        """Subscribe and start planning; `before` is the already stopped controller of the policy's previous version.
+
+        `former` is the planner whose state this version takes up; by default that of `before`.
+        """
         if before is not None:
             self._contexts = before._contexts  # noqa: SLF001 - the same class
             self.run = max(self.run, before.run + 1)  # the wall clock may have been set back, but runs must increase
@@ -128,7 +131,7 @@ class Controller:
         if self.policy.mode is Mode.PAUSED:
             self._actuator.apply(Order(self.policy.reference, frozenset()))
             return
-        former = before.planner if before else None
+        former = former or (before.planner if before else None)
         planned = plans(self.planner, self._inputs, self._scheduler, self._initiatives, former)
         take, records = self.recorder.take_sample, self.recorder.begin(self.policy.reference)
 

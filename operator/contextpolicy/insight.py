@@ -110,7 +110,7 @@ class Insight:
         entry, records = self._roster.present.get(reference), self._recorder.of(reference)
         if entry is None or entry.controller is None or records is None:
             return None
-        return entry.body, entry.controller.policy, records.copy()
+        return entry.in_force, entry.controller.policy, records.copy()
 
     def _now(self) -> float:
         return self._loop.to_seconds(self._loop.now)

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from contextpolicy.loading import Loaded
     from contextpolicy.loop import Loop
     from contextpolicy.placer import Placer
+    from contextpolicy.planning.observable import Instantiate
     from contextpolicy.policy.spec import Policy
+    from contextpolicy.promoter import Promoter
     from contextpolicy.recorder.flight_recorder import FlightRecorder
     from contextpolicy.roster import Roster
 
@@ -43,6 +45,7 @@ class Lifecycle:
     resizer: PodResizer
     announcer: Announcer
     placer: Placer
+    promoter: Promoter
     insight: Insight
     recorder: FlightRecorder
     signer: Signer | None
@@ -50,8 +53,8 @@ class Lifecycle:
 
     def begin(self) -> None:
         """There is a session now: start the policies that waited for it."""
-        for entry in list(self.roster.present.values()):
-            self.adopt(entry.body, entry.loaded)
+        self.settle()
+        self.announcer.report_all()
 
     def adopt(self, body: Mapping[str, Any], loaded: Loaded) -> bool:
         """Swap in a valid version; an invalid one leaves the last good one in force and says why.
@@ -65,9 +68,12 @@ class Lifecycle:
         known = loaded.rejected == entry.loaded.rejected
         entry.body, entry.loaded = body, loaded
         entry.conditions = entry.conditions or conditions_of(body)
-        if loaded.policy is not None and self.bus.session is not None:
-            self._swap(entry, loaded.policy, self.bus.session)
-        elif loaded.policy is None and not known:
+        if loaded.policy is not None:
+            if entry.good is None:
+                self.promoter.recall(entry)
+            entry.good, entry.generation = loaded, body["metadata"].get("generation", 0)
+            self.settle(entry)
+        elif not known:
             self.announcer.tell(reference, "Invalid", "; ".join(loaded.rejected))
         self.announcer.report(reference)
         return not loaded.unread
@@ -84,6 +90,7 @@ class Lifecycle:
             self.bus.forget(reference)
             self.announcer.forget(reference)
             self.recorder.forget(reference)
+            self.settle()
         self.resizer.release(reference, lambda: self._released(reference, done))
         self.placer.place()
 
@@ -98,6 +105,7 @@ class Lifecycle:
             self.recorder.forget(reference)
             self.resizer.abandon(reference)
             metrics.forget(reference)
+        self.settle()
         for reference in _of(namespace, self.roster.leaving):
             del self.roster.leaving[reference]
             self.resizer.abandon(reference)
@@ -114,29 +122,42 @@ class Lifecycle:
         for controller in self.roster.controllers():
             controller.stop()
 
-    def _swap(self, entry: PolicyEntry, policy: Policy, session: zenoh.Session) -> None:
+    def settle(self, edited: PolicyEntry | None = None) -> None:
+        """Start what is to run and does not: the edited policy, and those that begin or cease to be stood in for."""
+        session = self.bus.session
+        if session is None:
+            return
+        self.promoter.arrange(session)
+        for entry in list(self.roster.present.values()):
+            runs = self.promoter.carried_out(entry)
+            running = entry.controller.policy if entry.controller is not None else None
+            if runs is not None and runs.policy is not None and (entry is edited or running != runs.policy):
+                self._swap(entry, runs.policy, runs.initiatives, session)
+
+    def _swap(
+        self, entry: PolicyEntry, policy: Policy, initiatives: Mapping[str, Instantiate], session: zenoh.Session
+    ) -> None:
         # The order matters: the old controller must be off the bus before the new one declares the same keys, and a
         # dry run first releases what the enforced version had resized.
-        before = entry.controller
-        entry.controller = self._controller(policy, entry.loaded, session)
+        before, shadow = entry.controller, entry.stand_in.controller if entry.stand_in is not None else None
+        entry.controller = self._controller(policy, initiatives, session)
         self.bus.forget(policy.reference)
         if before is not None:
             before.stop()
         if policy.mode is Mode.DRY_RUN:
             self.resizer.apply(Order(policy.reference, frozenset()))
-        entry.controller.start(before)
+        # A promoted shadow has followed the streams already: nothing begins anew.
+        entry.controller.start(before, shadow.planner if shadow is not None else None)
         self.placer.place()
 
-    def _controller(self, policy: Policy, loaded: Loaded, session: zenoh.Session) -> Controller:
+    def _controller(self, policy: Policy, initiatives: Mapping[str, Instantiate], session: zenoh.Session) -> Controller:
         reference, announcer = policy.reference, self.announcer
         actuator = self.dry_run if policy.mode is Mode.DRY_RUN else self.resizer
-        made = Controller(
-            policy, session=session, scheduler=self.loop, actuator=actuator, initiatives=loaded.initiatives
-        )
+        made = Controller(policy, session=session, scheduler=self.loop, actuator=actuator, initiatives=initiatives)
         made.signer, made.recorder = self.signer, self.recorder
         made.may_act = lambda: self.api.may_act(policy.namespace)
         made.board = lambda: self.insight.board(reference)
-        made.on_change = lambda: announcer.report(reference)
+        made.on_change = lambda: self.promoter.report(reference)
         made.on_context = lambda context, active, cause: announcer.tell_context(
             reference, context, cause, active=active
         )

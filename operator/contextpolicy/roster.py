@@ -16,10 +16,18 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class PolicyEntry:
-    """One ContextPolicy object, with a controller once one of its versions was valid."""
+    """One ContextPolicy object, with a controller once one of its versions was valid.
+
+    `good` is its last valid version, of this `generation`; `stand_in` the promoted shadow that decides in its place;
+    `taken_back`, of a shadow, the promotion that the operator has undone, as the status has it.
+    """
 
     body: Mapping[str, Any]
     loaded: Loaded = field(default_factory=Loaded)
+    good: Loaded | None = None
+    generation: int = 0
+    stand_in: PolicyEntry | None = None
+    taken_back: Mapping[str, Any] | None = None
     controller: Controller | None = None
     conditions: list[dict[str, Any]] = field(default_factory=list)
     events: EventBudget = field(default_factory=EventBudget)
@@ -28,6 +36,14 @@ class PolicyEntry:
     def namespace(self) -> str:
         """Where the policy and its pods live."""
         return str(self.body["metadata"]["namespace"])
+
+    @property
+    def in_force(self) -> Mapping[str, Any]:
+        """The object as it is carried out: with the spec of its promoted shadow, if it has one."""
+        if self.stand_in is None:
+            return self.body
+        spec = {field: value for field, value in self.stand_in.body["spec"].items() if field not in ("shadow", "mode")}
+        return {**self.body, "spec": spec}
 
     @property
     def age(self) -> tuple[str, str]:

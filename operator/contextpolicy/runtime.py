@@ -21,6 +21,7 @@ from contextpolicy.loading import load
 from contextpolicy.loop import on_loop
 from contextpolicy.placer import Placer
 from contextpolicy.policy.tenants import Tenants
+from contextpolicy.promoter import Promoter
 from contextpolicy.recorder.flight_recorder import FlightRecorder
 from contextpolicy.roster import Roster
 
@@ -66,6 +67,7 @@ class Runtime:
         self.insight = Insight(
             loop, roster, self._bus, pods=self._placer.pods, resizes=self._announcer.resizes, recorder=recorder
         )
+        promoter = Promoter(loop, roster, self._bus, self._announcer)
         self._policies = Lifecycle(
             api=api,
             loop=loop,
@@ -74,10 +76,12 @@ class Runtime:
             resizer=self._resizer,
             announcer=self._announcer,
             placer=self._placer,
+            promoter=promoter,
             insight=self.insight,
             recorder=recorder,
             signer=signer,
         )
+        promoter.on_change = self._policies.settle
 
     def close(self) -> None:
         """Stop; limits stay in force, as after a crash, and the next start goes on from there."""

@@ -23,13 +23,14 @@ POLICIES = "/apis/contextpolicy.dev/v1alpha1/namespaces/lab/contextpolicies"
 
 
 class Cluster(ThreadingHTTPServer):
-    """Serves one policy and keeps what is merged into it."""
+    """Serves one policy, and `others` by name, and keeps what is merged into them; None for one that is deleted."""
 
     daemon_threads = True
 
     def __init__(self):
         super().__init__(("127.0.0.1", 0), Api)
         self.policy = {**a_policy(), "status": {}}
+        self.others = {}
         self.patches = []
 
 
@@ -40,12 +41,17 @@ class Api(BaseHTTPRequestHandler):
             f"{POLICIES}/robot": policy,
             POLICIES: {"items": [policy]},
             "/apis/contextpolicy.dev/v1alpha1/contextpolicies": {"items": [policy]},
+            **{f"{POLICIES}/{name}": other for name, other in self.server.others.items()},
         }
         self._answer(known.get(path))
 
     def do_PATCH(self):
         patch = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
         self.server.patches.append((self.path.partition("?")[0], patch))
+        self._answer({})
+
+    def do_DELETE(self):
+        self.server.patches.append((self.path.partition("?")[0], None))
         self._answer({})
 
     def _answer(self, found):

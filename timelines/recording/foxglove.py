@@ -83,6 +83,16 @@ def _plan(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
     message = f"{', '.join(plan['contexts']) or 'no context'}; {plan['cause']}; {shares}"
     fields = {"level": 2, "name": str(plan["policy"]), "file": "", "line": 0}
     yield Shown(f"{key}/shown", "foxglove.Log", {"timestamp": time, "message": message, **fields})
+    state = {"timestamp": time, "contexts": ", ".join(plan["contexts"]) or "-", "tasks": _parts(plan)}
+    yield Shown(f"{key}/state", "contextpolicy.State", state)
+
+
+def _parts(plan: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    """Of each task that has a share of its own: that, and its weight as a part of all of theirs (Figures 7 and 5)."""
+    leaves = {name for node in plan["nodes"].values() for name in node["tasks"]}
+    tasks = {name: task for name, task in plan["tasks"].items() if name in leaves}
+    total = sum(task["weight"] for task in tasks.values()) or 1.0
+    return {name: {"weight": task["weight"] / total, "share": task["share"]} for name, task in tasks.items()}
 
 
 def _time(stamp: int) -> dict[str, int]:
@@ -135,6 +145,11 @@ _PROPERTIES: dict[str, dict[str, Any]] = {
         "name": _TEXT,
         "file": _TEXT,
         "line": _INTEGER,
+    },
+    "contextpolicy.State": {
+        "timestamp": _TIME,
+        "contexts": _TEXT,
+        "tasks": {"type": "object", "additionalProperties": {"type": "object"}},
     },
     "cgroup": dict.fromkeys(("limit", "usage", "periods", "throttled", "throttledTime"), _NUMBER),
 }

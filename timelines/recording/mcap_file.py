@@ -37,8 +37,7 @@ class McapWriter:
 
     def heard(self, key: str, encoding: str, payload: bytes, *, received: int, stamp: int) -> None:
         """Write a message of the bus as it is, and what a viewer can draw of it; times are in ns since 1970."""
-        schema = key if encoding == "json" else ros_type_of(key) if encoding == "cdr" else ""
-        channel = self._channel(key, encoding, schema, {})
+        channel = self._channel(key, encoding, schema_for(key, encoding), {})
         self._writer.add_message(channel, received, payload, stamp)
         for drawn in shown(key, payload, stamp):
             own = self._channel(drawn.topic, "json", drawn.schema, {DERIVED: key})
@@ -66,9 +65,19 @@ class McapWriter:
 
     def _schema(self, name: str) -> int:
         if name not in self._schemas:
-            form, text = ("ros2msg", _definition(name)) if "/msg/" in name else ("jsonschema", _json_schema(name))
+            form, text = definition_of(name)
             self._schemas[name] = self._writer.register_schema(name, form, text.encode()) if text else 0
         return self._schemas[name]
+
+
+def schema_for(key: str, encoding: str) -> str:
+    """The name of the schema of a message of the bus; empty if it has none."""
+    return key if encoding == "json" else ros_type_of(key) if encoding == "cdr" else ""
+
+
+def definition_of(schema: str) -> tuple[str, str]:
+    """What MCAP and Foxglove call a schema's language, and its text, empty if nobody knows it."""
+    return ("ros2msg", _definition(schema)) if "/msg/" in schema else ("jsonschema", _json_schema(schema))
 
 
 def ros_type_of(key: str) -> str:

@@ -6,7 +6,7 @@ import json
 import queue
 import threading
 import time
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 from robotkit.stamps import stamp_of
 from timelines.demo.cgroup import find
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     import zenoh
 
     from timelines.demo.cgroup import Cgroup
-    from timelines.recording.mcap_file import McapWriter
 
 EVERYTHING = "**"
 PLANS = "contextpolicy/*/*/plan"
@@ -35,6 +34,16 @@ class _Heard(NamedTuple):
     stamp: int
 
 
+class Recorded(Protocol):
+    """What takes a recording: a file, or whoever looks on."""
+
+    def heard(self, key: str, encoding: str, payload: bytes, *, received: int, stamp: int) -> None:
+        """Take a message of the bus; times are in ns since 1970."""
+
+    def counted(self, topic: str, schema: str, value: Mapping[str, Any], at: int) -> None:
+        """Take a measurement that was never on the bus."""
+
+
 class BusRecorder:
     """Writes into an open file. Containers are those of the plans on the bus, and those in `cgroups` by task.
 
@@ -45,7 +54,7 @@ class BusRecorder:
     def __init__(
         self,
         session: zenoh.Session,
-        file: McapWriter,
+        file: Recorded,
         cgroups: Mapping[str, Cgroup] | None = None,
         *,
         without_payload: Collection[str] = (),

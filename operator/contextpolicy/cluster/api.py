@@ -102,6 +102,12 @@ class ApiServer:
         path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}"
         self._send("PATCH", path, {"spec": dict(spec)}, MERGE)
 
+    def delete_policy(self, namespace: str, name: str) -> None:
+        """Delete a ContextPolicy; its finalizer keeps it until its containers are restored."""
+        self._send(
+            "DELETE", f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}", None, JSON
+        )
+
     def may(self, user: str, right: Mapping[str, str]) -> bool:
         """Whether somebody has a right, as the attributes of a SubjectAccessReview."""
         review = {

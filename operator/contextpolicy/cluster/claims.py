@@ -53,6 +53,8 @@ def claim(
     divides more than its own containers' limits add up to, nor more than an equal part if these don't fit together: so
     nobody can take from a neighbour what it had without any policy. Only enforcing policies take anything.
 
+    A shadow is placed as if it stood where the policy is that it is a shadow of.
+
     `nodes` maps names to allocatable thousandths of a core, `original` a pod's UID and a container's name to what the
     container had before any policy.
     """
@@ -61,9 +63,30 @@ def claim(
     for pod in sorted((pod for pod in pods if pod.node in nodes and not pod.ended), key=lambda pod: pod.name):
         live[pod.namespace].append(pod)
     ordered = sorted(policies, key=lambda policy: -tenants.priority(policy.namespace))
-    found = [(policy, _find(policy, live[policy.namespace], original)) for policy in ordered]
+    found = [(policy, _find(policy, live[policy.namespace], original)) for policy in _with_shadows(ordered)]
     registry = _Registry(nodes, tenants, _owned(found, tenants))
-    return {policy.reference: registry.admit(policy, matches) for policy, matches in found}
+    placed = {policy.reference: registry.admit(policy, matches) for policy, matches in found}
+    return {policy.reference: placed.get(policy.reference) or _alone(policy, policies) for policy in policies}
+
+
+def _with_shadows(policies: Sequence[Policy]) -> Iterator[Policy]:
+    """Each policy after its shadows, so that these find the node as it does; shadows of nothing are left out."""
+    shadows = defaultdict(list)
+    for policy in policies:
+        if policy.shadow is not None:
+            shadows[policy.namespace, policy.shadow.of].append(policy)
+    for policy in policies:
+        if policy.shadow is None:
+            yield from shadows.get((policy.namespace, policy.name), ())
+            yield policy
+
+
+def _alone(shadow: Policy, policies: Iterable[Policy]) -> Claim:
+    """The claim of a shadow without the policy that it is to be compared with."""
+    there = [one.name for one in policies if one.namespace == shadow.namespace and one.shadow is None]
+    of, allowed = shadow.shadow.of if shadow.shadow else "", f"one of {', '.join(there)}" if there else "none runs"
+    told = f"spec.shadow.of: {of!r} is not allowed: a policy of namespace {shadow.namespace} that runs, {allowed}"
+    return Claim(Placement(), conflicts=[told])
 
 
 @dataclass(frozen=True, slots=True)

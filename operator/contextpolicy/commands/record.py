@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator, Mapping
 
+    from contextpolicy.simulation.robot import Robot
+
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
@@ -72,17 +74,20 @@ def robot(recorded: Mapping[str, Any]) -> Iterator[str]:
     """The arguments that describe the robot as its last plan saw it."""
     if not recorded["plans"]:
         return
-    plan = recorded["plans"][-1]
-    reserve = _millicores(recorded["policy"]["spec"].get("reserve", "0"))
-    for node, made in plan["nodes"].items():
-        # The capacity is what the reserve leaves.
-        yield f"--node {node}={round(made['capacity'] * 1000) + reserve}m"
-    if len(plan["nodes"]) > 1:
-        for place in dict.fromkeys((target["task"], target["node"]) for target in plan["targets"]):
-            yield f"--place {'='.join(place)}"
-
-
-def _millicores(reserve: object) -> int:
     from contextpolicy.policy.quantities import parse_cpu
 
-    return parse_cpu(str(reserve))
+    seen = robot_of(recorded["plans"][-1], parse_cpu(str(recorded["policy"]["spec"].get("reserve", "0"))))
+    yield from (f"--node {node}={cpu}m" for node, cpu in seen.nodes.items())
+    yield from (f"--place {task}={node}" for task, nodes in seen.places.items() for node in nodes)
+
+
+def robot_of(plan: Mapping[str, Any], reserve: int) -> Robot:
+    """The robot that a plan tells of; `reserve` is what its policy leaves of each node, in thousandths of a core."""
+    from contextpolicy.simulation.robot import Robot
+
+    # The capacity is what the reserve leaves.
+    nodes = {node: round(made["capacity"] * 1000) + reserve for node, made in plan["nodes"].items()}
+    places: dict[str, tuple[str, ...]] = {}
+    for task, node in dict.fromkeys((target["task"], target["node"]) for target in plan["targets"]):
+        places[task] = (*places.get(task, ()), node)
+    return Robot(nodes, places if len(nodes) > 1 else {})

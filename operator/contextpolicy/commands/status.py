@@ -59,6 +59,9 @@ def summary(policy: Mapping[str, Any]) -> dict[str, Any]:
         "ready": any(one["type"] == "Ready" and one["status"] == "True" for one in conditions),
         "contexts": status.get("activeContexts") or [],
         "forced": (spec.get("force") or {}).get("context"),
+        "shadowOf": (spec.get("shadow") or {}).get("of"),
+        "difference": (status.get("shadow") or {}).get("difference"),
+        "promotedShadow": status.get("promotedShadow"),
         "plan": status.get("plan"),
         "tasks": status.get("tasks") or [],
         "streams": status.get("streams") or [],
@@ -72,6 +75,10 @@ def lines(summary: Mapping[str, Any]) -> Iterator[str]:
     mode = "" if summary["mode"] == "Enforce" else f", {summary['mode']}"
     forced = f" (forced: {summary['forced']})" if summary["forced"] else ""
     yield f"{summary['policy']}: {ready}{mode}, context: {', '.join(summary['contexts']) or '-'}{forced}"
+    if summary["shadowOf"]:
+        yield f"  shadow of {summary['shadowOf']}, would change: {summary['difference'] or 'nothing now'}"
+    if summary["promotedShadow"]:
+        yield f"  carried out as its shadow {summary['promotedShadow']} says"
     if summary["plan"]:
         yield f"  plan {summary['plan']['sequence']} since {summary['plan']['time']}: {summary['plan']['cause']}"
     yield from table(

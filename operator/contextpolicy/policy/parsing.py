@@ -9,9 +9,9 @@ from contextpolicy.errors import PolicyError
 from contextpolicy.policy import bandwidth, references
 from contextpolicy.policy import spec as policy
 from contextpolicy.policy.fields import (
-    CONFIG_MAP_NAME,
     FEATURE_NAME,
     FEATURE_NAME_ALLOWED,
+    OBJECT_NAME,
     STREAM_NAME,
     STREAM_NAME_ALLOWED,
     TASK_NAME,
@@ -67,6 +67,7 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
         min_dwell=spec.duration("minDwell") or 0.0,
         fallback=spec.optional_text("fallback"),
         force=_force(spec.nested("force")) if "force" in spec else spec.raw("force"),
+        shadow=_shadow(spec.nested("shadow"), name) if "shadow" in spec else spec.raw("shadow"),
         streams=tuple(_stream(item) for item in spec.nested_list("streams", limit=64)),
         tasks=tuple(_task(item) for item in spec.nested_list("tasks", limit=128)),
         contexts=tuple(_context(item) for item in spec.nested_list("contexts", limit=64)),
@@ -92,6 +93,27 @@ def _force(fields: Fields) -> policy.Force:
     return result
 
 
+def _shadow(fields: Fields, own: str) -> policy.Shadow:
+    usual = policy.Shadow("")
+    tolerance, patience = fields.number("tolerance"), fields.duration("patience")
+    result = policy.Shadow(
+        of=fields.text("of", pattern=OBJECT_NAME, allowed="the name of another policy of the namespace"),
+        tolerance=usual.tolerance if tolerance is None else tolerance,
+        patience=usual.patience if patience is None else patience,
+        health=fields.key_expression("health") if "health" in fields else usual.health,
+    )
+    if result.of == own:
+        fields.refuse("of", result.of, "the name of another policy of the namespace")
+    if result.tolerance > 1:
+        fields.refuse("tolerance", result.tolerance, "a part of the inputs: 0 to 1")
+    if result.patience == 0:
+        fields.refuse("patience", fields.raw("patience"), "a duration above 0")
+    if result.health and result.health.count("*") != 1:
+        fields.refuse("health", result.health, "a key expression with one *, where the task's name is")
+    fields.close()
+    return result
+
+
 def _stream(fields: Fields) -> policy.Stream:
     result = policy.Stream(
         name=fields.text("name", pattern=STREAM_NAME, allowed=STREAM_NAME_ALLOWED),
@@ -99,7 +121,7 @@ def _stream(fields: Fields) -> policy.Stream:
         encoding=fields.choice("encoding", policy.Encoding.JSON),
         type=fields.optional_text("type", pattern=r"\w+/msg/\w+", allowed="a ROS 2 type such as sensor_msgs/msg/Imu"),
         ros=fields.choice("ros", policy.RosRelease.LATEST),
-        types=fields.optional_text("types", pattern=CONFIG_MAP_NAME, allowed="the name of a ConfigMap"),
+        types=fields.optional_text("types", pattern=OBJECT_NAME, allowed="the name of a ConfigMap"),
         stale_after=fields.duration("staleAfter"),
         liveliness=fields.key_expression("liveliness") if "liveliness" in fields else fields.raw("liveliness"),
         timestamp=fields.optional_text(

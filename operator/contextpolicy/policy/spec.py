@@ -258,6 +258,20 @@ class Force:
 
 
 @dataclass(frozen=True, slots=True)
+class Shadow:
+    """The policy `of` which this one is a shadow, and how many more misses it may cost once it is promoted.
+
+    `tolerance` is a part of a task's inputs, `patience` seconds of missing all of them. `health` is the key expression
+    on which modules tell their misses; a task's name stands where it has its `*`.
+    """
+
+    of: str
+    tolerance: float = 0.05
+    patience: float = 5.0
+    health: str = "robot/*/health"
+
+
+@dataclass(frozen=True, slots=True)
 class Policy:
     """One ContextPolicy."""
 
@@ -277,6 +291,7 @@ class Policy:
     min_dwell: float = 0.0
     fallback: str | None = None
     force: Force | None = None
+    shadow: Shadow | None = None
 
     @property
     def reference(self) -> str:

@@ -58,14 +58,22 @@ class Tenants:
         if prefixes is None:
             return
         keys = ", ".join(f"{prefix}/**" for prefix in prefixes) or "no stream"
-        for index, stream in enumerate(policy.streams):
-            for name, key in (("key", stream.key), ("liveliness", stream.liveliness)):
-                if key is not None and not any(f"{key}/".startswith(f"{prefix}/") for prefix in prefixes):
-                    allowed = f"the administrator lets namespace {policy.namespace} read {keys}"
-                    yield Finding(f"spec.streams[{index}].{name}", key, allowed)
+        for field_, key in _keys(policy):
+            if not any(f"{key}/".startswith(f"{prefix}/") for prefix in prefixes):
+                yield Finding(field_, key, f"the administrator lets namespace {policy.namespace} read {keys}")
 
     def _get(self, namespace: str) -> Tenant:
         return self.listed.get(namespace) or self.listed.get(OTHERS) or Tenant()
+
+
+def _keys(policy: Policy) -> Iterator[tuple[str, str]]:
+    """Every key that the operator reads for the policy, by the field that names it."""
+    for index, stream in enumerate(policy.streams):
+        yield f"spec.streams[{index}].key", stream.key
+        if stream.liveliness is not None:
+            yield f"spec.streams[{index}].liveliness", stream.liveliness
+    if policy.shadow is not None:
+        yield "spec.shadow.health", policy.shadow.health
 
 
 def read_tenants(text: str, findings: list[Finding]) -> Tenants:

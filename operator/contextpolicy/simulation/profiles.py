@@ -6,15 +6,19 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding, FindingsError
 from contextpolicy.policy.fields import Fields
+from contextpolicy.policy.key_expressions import selects
+from contextpolicy.streams.timeline import TimelineEntry
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from contextpolicy.streams.timeline import Timeline
 
 MOST = 256
 """Tasks of a file, and inputs of a task."""
@@ -37,6 +41,8 @@ class Cost:
     key: str
     depth: int
     quantiles: tuple[float, ...]
+    rate: float = 0.0
+    """How many came in a second while it was measured."""
 
     def work(self, number: int) -> float:
         """CPU seconds of the input with this number: over many inputs they are distributed as measured."""
@@ -94,7 +100,7 @@ def _task(fields: Fields) -> TaskProfile:
     seconds = fields.number("seconds") or 0.0
     produced = fields.nested("produced")
     done, mean = produced.number("done") or 0.0, produced.nested("cpu").number("mean") or 0.0
-    inputs = [_input(own) for own in fields.mapping("inputs", limit=MOST).values()]
+    inputs = [_input(own, seconds) for own in fields.mapping("inputs", limit=MOST).values()]
     profile = TaskProfile(
         deadline=fields.number("deadline"),
         background=rates + (done * mean / seconds if seconds else 0.0),
@@ -105,10 +111,11 @@ def _task(fields: Fields) -> TaskProfile:
     return profile
 
 
-def _input(fields: Fields) -> tuple[Cost | None, float]:
+def _input(fields: Fields, seconds: float) -> tuple[Cost | None, float]:
     """An input's cost, None if it was never seen at work; and how many cores it used at once."""
     for known in _COUNTS:
         fields.raw(known)
+    came = sum(fields.number(count) or 0.0 for count in ("done", "dropped", "broken"))
     key, depth = fields.key_expression("key"), fields.number("depth")
     if depth is None or depth < 1 or depth % 1:
         fields.refuse("depth", depth, "how many samples wait at most: a whole number of 1 or more")
@@ -121,7 +128,33 @@ def _input(fields: Fields) -> tuple[Cost | None, float]:
         return None, 1.0
     used, took = cpu.number("mean") or 0.0, service.number("mean") or 0.0
     threads = min(max(1.0, used / took), MOST_THREADS) if took else 1.0
-    return (Cost(key, int(depth or 1), tuple(map(float, quantiles))) if quantiles else None), threads
+    if not quantiles:
+        return None, threads
+    return Cost(key, int(depth or 1), tuple(map(float, quantiles)), came / seconds if seconds else 0.0), threads
+
+
+def with_steady_inputs(timeline: Timeline, profiles: Profiles) -> Timeline:
+    """The timeline, with the inputs that nobody recorded: they come as steadily as when they were measured.
+
+    A robot's recorder has what policies read, and no policy reads the pictures of a camera.
+    """
+    costs = {cost.key: cost for task in profiles.tasks.values() for cost in task.inputs if cost.rate > 0}
+    unheard = [cost for key, cost in costs.items() if not any(selects(key, entry.key) for entry in timeline.entries)]
+    return replace(timeline, entries=(*timeline.entries, *(_steady(cost, timeline.duration) for cost in unheard)))
+
+
+def _steady(cost: Cost, duration: float) -> TimelineEntry:
+    return TimelineEntry(
+        start=0.0,
+        end=duration,
+        key=cost.key,
+        encoding="binary",
+        rate=None,
+        value=None,
+        dataset="as measured",
+        truth=None,
+        dataset_rate=cost.rate,
+    )
 
 
 def _is_seconds(value: object) -> bool:

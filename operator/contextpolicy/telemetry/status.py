@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from contextpolicy.cluster.claims import Claim
+    from contextpolicy.planning.plan import Plan, TaskPlan
     from contextpolicy.planning.planner import Planner
     from contextpolicy.planning.stream import StreamState
 
@@ -42,6 +43,22 @@ class ConditionFinding:
     problems: Sequence[str] = ()
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShadowFacts:
+    """How a shadow fares: `decided` is the other policy's plan, None while the shadow is promoted.
+
+    `misses` are each task's before and since the promotion, None where unknown. `taken_back` is the last promotion that
+    the operator undid, `is_back` whether this very version is back; `rival` is the shadow that is promoted instead.
+    """
+
+    promoted: bool
+    decided: Plan | None
+    misses: Mapping[str, tuple[float | None, float | None]]
+    taken_back: Mapping[str, Any] | None
+    is_back: bool = False
+    rival: str = ""
+
+
 @dataclass(frozen=True, slots=True)
 class StatusFacts:
     """Everything the status is made from besides the planner's own state."""
@@ -52,6 +69,8 @@ class StatusFacts:
     connected: bool = True
     rejected: Sequence[str] = ()
     unmet_actuation: Mapping[str, str] = field(default_factory=dict)
+    shadow: ShadowFacts | None = None
+    promoted_shadow: str | None = None
 
 
 def status(planner: Planner, facts: StatusFacts, previous: Sequence[Mapping[str, Any]], now: float) -> dict[str, Any]:
@@ -64,6 +83,8 @@ def status(planner: Planner, facts: StatusFacts, previous: Sequence[Mapping[str,
         "activeContexts": contexts,
         "contexts": ", ".join(contexts) or "-",
         "boundTasks": f"{len(bound)}/{len(policy.leaves)}",
+        "promotedShadow": facts.promoted_shadow,
+        "shadow": _shadow(planner, facts.shadow) if facts.shadow else None,
         "plan": _plan(planner, facts.run),
         "nodes": _nodes(planner, facts.claim)[:MAX_NODES],
         "moreNodes": max(0, len(plan.nodes if plan else ()) - MAX_NODES) or None,
@@ -130,7 +151,6 @@ def _findings(planner: Planner, facts: StatusFacts) -> list[ConditionFinding]:
     )
     unapplied = [*facts.claim.unlimited, *facts.claim.obstacles.values(), *facts.unmet_actuation.values()]
     realtime = [ConditionFinding("Realtime", "Scheduled", "Unavailable", facts.claim.realtime)]
-    applied = {Mode.ENFORCE: "InForce", Mode.DRY_RUN: "DryRun", Mode.PAUSED: "Paused"}[policy.mode]
     return [
         ConditionFinding("Accepted", "Valid", "Conflicted" if not facts.rejected else "Invalid", refused),
         _connection(connected=facts.connected),
@@ -138,9 +158,48 @@ def _findings(planner: Planner, facts: StatusFacts) -> list[ConditionFinding]:
             "StreamsHealthy", "Heard", "Silent" if silent else "ExpressionFailed", [*silent, *expressions]
         ),
         ConditionFinding("Feasible", "Met", "Unmet", shortfalls),
-        ConditionFinding("Applied", applied, "NotApplied", unapplied if policy.mode is Mode.ENFORCE else ()),
+        _application(policy.mode, facts.shadow, unapplied),
         *(realtime if policy.scheduler is Scheduler.REALTIME else ()),
     ]
+
+
+def _application(mode: Mode, shadow: ShadowFacts | None, unapplied: Sequence[str]) -> ConditionFinding:
+    """A shadow's containers are the other policy's: what keeps them from their shares is told there."""
+    good = {Mode.ENFORCE: "InForce", Mode.DRY_RUN: "DryRun", Mode.PAUSED: "Paused"}[mode]
+    if shadow is None:
+        return ConditionFinding("Applied", good, "NotApplied", unapplied if mode is Mode.ENFORCE else ())
+    if shadow.is_back and shadow.taken_back is not None:
+        told = f"the promotion was taken back at {shadow.taken_back['time']}: {shadow.taken_back['message']}"
+        return ConditionFinding("Applied", good, "TakenBack", [f"{told}; edit the spec to try again"])
+    rival = [f"{shadow.rival} is promoted already: only one shadow of a policy can be"] if shadow.rival else []
+    return ConditionFinding("Applied", "Promoted" if shadow.promoted else good, "NotApplied", rival)
+
+
+def _shadow(planner: Planner, facts: ShadowFacts) -> dict[str, Any]:
+    named = {task: dict(zip(("missesBefore", "misses"), known, strict=True)) for task, known in facts.misses.items()}
+    return {
+        "difference": _difference(planner.last, facts.decided)[:MAX_MESSAGE],
+        "tasks": [
+            {"name": task, **{name: round(part, 4) for name, part in known.items() if part is not None}}
+            for task, known in named.items()
+        ],
+        "takenBack": facts.taken_back,
+    }
+
+
+def _difference(plan: Plan | None, decided: Plan | None) -> str:
+    """What the plan gives where the decided one gives something else."""
+    had = decided.tasks if plan and decided else {}
+    has = plan.tasks if plan and decided else {}
+    return ", ".join(
+        f"{name} {_given(had.get(name))} -> {_given(has.get(name))}"
+        for name in sorted(had.keys() | has.keys())
+        if _given(had.get(name)) != _given(has.get(name))
+    )
+
+
+def _given(task: TaskPlan | None) -> str:
+    return "nothing" if task is None else format_cpu(task.share)
 
 
 def _silence(planner: Planner, name: str) -> str:

@@ -43,7 +43,8 @@ PLAN = {
     "policy": "robot/p",
     "contexts": ["moving"],
     "cause": "imu",
-    "tasks": {"slam": {"share": 1.5}},
+    "tasks": {"slam": {"share": 1.5, "weight": 4.0}},
+    "nodes": {"robot": {"tasks": {"slam": 1.5}}},
     "targets": [{"task": "slam", "containerId": "containerd://ab"}, {"task": "old", "containerId": None}],
 }
 
@@ -126,7 +127,7 @@ def test_ros_messages_have_their_definition(tmp_path):
     ],
 )
 def test_viewers_get_standard_schemas(key, payload, schema, field, value):
-    (drawn,) = shown(key, payload, 1_500_000_007)
+    drawn, *_ = shown(key, payload, 1_500_000_007)
     assert (drawn.schema, drawn.value[field]) == (schema, value)
     assert drawn.value["timestamp"] == {"sec": 1, "nsec": 500_000_007}
     assert drawn.value.keys() == schema_of(schema)["properties"].keys()

@@ -1,0 +1,177 @@
+"""`contextpolicy shadow`: what a shadow decides otherwise than its policy, and what that does to misses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.commands.cluster_access import (
+    ClusterAccessError,
+    add_namespace,
+    api_server,
+    operator,
+    policy_object,
+    reference_of,
+)
+from contextpolicy.commands.robot_arguments import seconds
+from contextpolicy.commands.status import table
+from contextpolicy.commands.structured_output import add_output, structured
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from contextpolicy.shadow.difference import Difference
+
+SHOWN = 20
+"""Stretches of time that are listed, the newest; `--output json` has all."""
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "shadow",
+        help="show what a shadow decides otherwise than its policy",
+        description="Compare the plans of a shadow (spec.shadow) with those of the policy that it is a shadow of, over "
+        "the last minutes that the operator has recorded, and show what the tasks' modules tell of misses. With "
+        "--profiles both are replayed on what was recorded, and the misses under each are predicted; inputs that no "
+        "policy reads are taken to come as steadily as when the profile was measured.",
+    )
+    parser.add_argument("policy", metavar="SHADOW", help="[NAMESPACE/]NAME of the shadow")
+    parser.add_argument("--last", type=seconds, metavar="S", default=300.0, help="how far back (default: 300)")
+    parser.add_argument("--profiles", metavar="FILE", help="predict misses from what the tasks cost")
+    add_namespace(parser)
+    add_output(parser)
+    parser.set_defaults(main=main)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Ask, compare and print."""
+    namespace, name = reference_of(arguments.policy, arguments.namespace)
+    with api_server() as api, operator(api) as ask:
+        shadow = policy_object(api, namespace, name)
+        own = policy_object(api, namespace, of(shadow))
+        found = _compared(ask, own, shadow, arguments.last)
+        predicted = [_misses(ask, body, arguments) for body in (own, shadow)] if arguments.profiles else [{}, {}]
+    told = document(own, shadow, found, predicted)
+    print(structured(told, arguments.output) if arguments.output != "text" else "\n".join(lines(told)))
+    return 0
+
+
+def of(shadow: Mapping[str, Any]) -> str:
+    """The name of the policy that this one is a shadow of; ClusterAccessError if it is none."""
+    name = (shadow["spec"].get("shadow") or {}).get("of")
+    if name is None:
+        metadata = shadow["metadata"]
+        raise ClusterAccessError(f"{metadata['namespace']}/{metadata['name']} is no shadow: it has no spec.shadow")
+    return str(name)
+
+
+def _compared(ask: Callable[..., Any], own: Mapping[str, Any], shadow: Mapping[str, Any], last: float) -> Difference:
+    from contextpolicy.shadow.difference import difference
+
+    boards = {board["policy"]: board for board in ask("boards")}
+    references = [f"{body['metadata']['namespace']}/{body['metadata']['name']}" for body in (own, shadow)]
+    for reference in references:
+        if reference not in boards:
+            raise ClusterAccessError(f"the operator runs no policy {reference}")
+    now = boards[references[1]]["now"]
+    plans = [ask("plans", policy=reference, since=0) for reference in references]
+    found = difference(plans[0], plans[1], now - last, now)
+    if found is None:
+        raise ClusterAccessError(f"{' and '.join(references)} have not been side by side yet: one has no plan")
+    return found
+
+
+def _misses(ask: Callable[..., Any], body: Mapping[str, Any], arguments: argparse.Namespace) -> dict[str, float]:
+    """The predicted misses of each profiled task, if this policy had decided on what was recorded of it."""
+    from contextpolicy import plugins
+    from contextpolicy.commands.record import robot_of
+    from contextpolicy.policy.parsing import parse
+    from contextpolicy.simulation.forecast import ALL, forecast
+    from contextpolicy.simulation.profiles import load_profiles, with_steady_inputs
+    from contextpolicy.simulation.run import simulate
+    from contextpolicy.streams import timeline
+
+    policy, profiles = parse(body), load_profiles(arguments.profiles)
+    recorded = ask("recording", policy=policy.reference, last=arguments.last)
+    inputs = with_steady_inputs(timeline.parse(recorded["timeline"]), profiles)
+    robot = robot_of(recorded["plans"][-1], policy.reserve)
+    run = simulate(policy, inputs, robot=robot, initiatives=plugins.load(policy))
+    told = forecast(policy, inputs, run.plans, profiles, processors=robot.nodes, until=run.until)
+    return {task: own[ALL].misses for task, own in told.tasks.items() if ALL in own}
+
+
+def document(
+    own: Mapping[str, Any], shadow: Mapping[str, Any], found: Difference, predicted: Sequence[Mapping[str, float]]
+) -> dict[str, Any]:
+    """All that is shown, as JSON fields; pairs are of policy and shadow, `from` and `to` in seconds before now."""
+    status = (shadow.get("status") or {}).get("shadow") or {}
+    measured = {task["name"]: task for task in status.get("tasks") or ()}
+    promoted = (own.get("status") or {}).get("promotedShadow") == shadow["metadata"]["name"]
+    return {
+        "shadow": f"{shadow['metadata']['namespace']}/{shadow['metadata']['name']}",
+        "of": f"{own['metadata']['namespace']}/{own['metadata']['name']}",
+        "promoted": promoted,
+        "takenBack": (status.get("takenBack") or {}).get("message"),
+        "seconds": round(found.end - found.start, 3),
+        "differs": round(found.part, 4),
+        "tasks": {
+            name: {
+                "share": [round(share, 3) for share in task.share],
+                "suspended": [round(part, 4) for part in task.suspended],
+                "misses": [measured.get(name, {}).get(which) for which in ("missesBefore", "misses")],
+                "predictedMisses": [misses.get(name) for misses in predicted],
+            }
+            for name, task in found.tasks.items()
+        },
+        "stretches": [
+            {
+                "from": round(found.end - stretch.start, 3),
+                "to": round(found.end - stretch.end, 3),
+                "contexts": [list(names) for names in stretch.contexts],
+                "shares": {task: list(shares) for task, shares in stretch.shares.items()},
+            }
+            for stretch in found.stretches
+        ],
+    }
+
+
+def lines(told: Mapping[str, Any]) -> Iterator[str]:
+    """The document for people."""
+    how = "promoted in place of" if told["promoted"] else "beside"
+    differs = f"{told['seconds']:.0f} s: other shares {told['differs']:.0%} of the time"
+    yield f"{told['shadow']} {how} {told['of']}, {differs}"
+    if told["takenBack"]:
+        yield f"  its last promotion was taken back: {told['takenBack']}"
+    head = ("TASK", "MEAN SHARE", "SUSPENDED", "MISSES, MEASURED", "MISSES, PREDICTED")
+    yield from table(head, [_row(name, task) for name, task in told["tasks"].items()])
+    shown = told["stretches"][-SHOWN:]
+    yield from table(("SECONDS AGO", "CONTEXTS", "SHARES"), [_stretch(one) for one in shown])
+    if len(told["stretches"]) > len(shown):
+        yield f"  and {len(told['stretches']) - len(shown)} earlier ones"
+
+
+def _row(name: str, task: Mapping[str, Any]) -> tuple[str, ...]:
+    parts = (_arrow(*map(_part, task[field])) for field in ("suspended", "misses", "predictedMisses"))
+    return name, _arrow(*map(_cpu, task["share"])), *parts
+
+
+def _stretch(told: Mapping[str, Any]) -> tuple[str, ...]:
+    shares = (f"{task} {_arrow(*map(_cpu, both))}" for task, both in told["shares"].items())
+    return f"{told['from']:.1f} to {told['to']:.1f}", _arrow(*map(_names, told["contexts"])), ", ".join(shares)
+
+
+def _arrow(one: str, other: str) -> str:
+    return one if one == other else f"{one} -> {other}"
+
+
+def _cpu(cores: float) -> str:
+    return f"{cores * 1000:.0f}m"
+
+
+def _part(part: float | None) -> str:
+    return "-" if part is None else f"{part:.1%}"
+
+
+def _names(contexts: Sequence[str]) -> str:
+    return ", ".join(contexts) or "-"

@@ -1,0 +1,1 @@
+"""What is decided about a shadow: how its plans differ, and whether it may stay promoted. Pure."""

@@ -1,0 +1,141 @@
+"""The fleet operator's guide knows every condition, reason, Event, alert and metric, and invents none."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import contextpolicy
+from contextpolicy.errors import OrderError
+from contextpolicy.telemetry import status
+from tests.charts.conftest import CHART
+from tests.charts.test_monitoring import ALERTS, EXPORTED
+from tests.crds.schema import nodes, schema
+
+GUIDE = (CHART / "OPERATING.md").read_text(encoding="utf-8")
+PACKAGE = Path(contextpolicy.__file__).parent
+SOURCES = [ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.py")]
+EVENT_SOURCES = {"tell", "note", "_on_problem", "_post"}
+"""The methods whose second argument is an Event's reason."""
+WORD = re.compile(r"[A-Z][A-Za-z]+")
+
+
+def rows(heading):
+    """The cells of the table under a heading; an empty first cell means the one above."""
+    part = GUIDE.split(f"## {heading}\n")[1].split("\n## ")[0]
+    found, last = [], ""
+    for line in part.splitlines():
+        if line.startswith("| "):
+            cells = [cell.strip() for cell in line.strip("|").split(" | ")]
+            last = cells[0] = cells[0].strip() or last
+            found.append(cells)
+    return [row for row in found[1:] if not set(row[0]) <= set("-|")]
+
+
+def words(node):
+    """The CamelCase words that an expression may be: its own, and those of a name defined at the top of a module."""
+    for inner in ast.walk(node):
+        if isinstance(inner, ast.Constant) and isinstance(inner.value, str) and WORD.fullmatch(inner.value):
+            yield inner.value
+        elif isinstance(inner, ast.Name) and inner.id in CONSTANTS:
+            yield CONSTANTS[inner.id]
+
+
+CONSTANTS = {
+    target.id: node.value.value
+    for tree in SOURCES
+    for node in tree.body
+    if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+    for target in node.targets
+    if isinstance(target, ast.Name) and WORD.fullmatch(node.value.value)
+}
+
+
+CALLS = [
+    (node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", ""), node)
+    for tree in SOURCES
+    for node in ast.walk(tree)
+    if isinstance(node, ast.Call)
+]
+
+
+def calls(*names):
+    """Every call of a function or method of these names."""
+    return [call for name, call in CALLS if name in names]
+
+
+def reasons_of_conditions():
+    """What a condition of each type may say: the words in whatever makes one, and in the functions' local names."""
+    found = set()
+    tree = ast.parse(Path(status.__file__).read_text(encoding="utf-8"))
+    for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
+        local = {
+            target.id: node.value
+            for node in ast.walk(function)
+            if isinstance(node, ast.Assign)
+            for target in node.targets
+            if isinstance(target, ast.Name)
+        }
+        for call in (one for one in ast.walk(function) if isinstance(one, ast.Call)):
+            if ast.unparse(call.func) == "ConditionFinding":
+                for argument in call.args[1:3]:
+                    names = [inner.id for inner in ast.walk(argument) if isinstance(inner, ast.Name)]
+                    values = [argument, *(local[name] for name in names if name in local)]
+                    found |= {(call.args[0].value, word) for value in values for word in words(value)}
+    return found
+
+
+def events():
+    """Every reason with which an Event is told: arguments, and what is compared or assigned on the way."""
+    found = set()
+    for call in calls(*EVENT_SOURCES):
+        if len(call.args) > 1:
+            found |= set(words(call.args[1]))
+    announcer = ast.parse((PACKAGE / "announcer.py").read_text(encoding="utf-8"))
+    for node in ast.walk(announcer):
+        if isinstance(node, ast.Assign) and "reason" in ast.unparse(node.targets[0]):
+            found |= set(words(node.value))
+        if isinstance(node, ast.For) and "reason" in ast.unparse(node.target):
+            found |= set(words(node.iter))
+    return found
+
+
+def test_every_condition_with_every_reason():
+    told = {(row[0], row[1]) for row in rows("Conditions")}
+    assert told == reasons_of_conditions()
+
+
+def test_the_conditions_are_those_of_the_definition():
+    description = dict(nodes(schema()))["status.conditions[].type"]["description"]
+    assert {row[0] for row in rows("Conditions")} == set(WORD.findall(description))
+
+
+def test_every_event():
+    told = {reason for row in rows("Events") for reason in row[0].split(", ")}
+    assert told == events()
+    assert len(told) > 10
+
+
+def test_every_alert():
+    assert [row[0] for row in rows("Alerts")] == [rule["alert"] for rule in ALERTS["groups"][0]["rules"]]
+
+
+def test_every_metric():
+    told = {name for row in rows("Metrics") for name in row[0].split(", ")}
+    assert told == {re.sub(r"_(bucket|sum|count)$", "", series) for series in EXPORTED}
+
+
+def test_every_reason_for_which_an_agent_refuses():
+    refused = {word for call in calls(OrderError.__name__, "note") for word in words(call.args[0])} - events()
+    [row] = [row for row in rows("Metrics") if row[0] == "contextpolicy_agent_refusals_total"]
+    assert set(WORD.findall(row[2])) >= refused
+    assert len(refused) > 8
+
+
+def test_everything_that_is_wrong_has_something_to_do():
+    good = {"Working", "Valid", "Open", "Heard", "Met", "InForce", "DryRun", "Promoted", "Restored", "Scheduled"}
+    for row in rows("Conditions"):
+        assert bool(row[3]) or row[1] in good, row
+    for heading in ("Alerts", "Metrics"):
+        assert [row for row in rows(heading) if not row[-1]] == []

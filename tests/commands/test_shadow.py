@@ -1,0 +1,123 @@
+"""A shadow on the command line: shown, promoted and adopted, on a small API server and an operator's live page."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from contextpolicy import cli
+from contextpolicy.commands.adopt import adopted
+from tests.commands import test_on_the_cluster as small
+from tests.runtime.builders import a_policy
+from tests.runtime.test_shadows import a_shadow, misses
+
+cluster, operator = small.cluster, small.operator
+PROFILES = {
+    "tasks": {
+        name: {
+            "deadline": 0.1,
+            "seconds": 10.0,
+            "inputs": {
+                "pictures": {
+                    "key": "robot/camera",
+                    "depth": 1,
+                    "done": 100,
+                    "dropped": 0,
+                    "cpu": {"mean": 0.06, "quantiles": [0.06, 0.06]},
+                    "service": {"mean": 0.06},
+                }
+            },
+        }
+        for name in ("slam", "speech")
+    }
+}
+"""Ten pictures a second of 60 ms each: 0.6 cores."""
+
+
+@pytest.fixture(autouse=True)
+def beside(operator, cluster):
+    """The shadow of a robot that moves, for half a minute."""
+    operator.loop.inline = False
+    operator.apply(a_shadow())
+    misses(operator, 30, 0.02)
+    cluster.others = {"robot-next": {**a_shadow(), "status": operator.cluster.statuses["lab/robot-next"]}}
+    cluster.policy = {**a_policy(), "status": operator.cluster.statuses["lab/robot"]}
+    operator.loop.inline = True
+    return operator
+
+
+def shown(capsys, *more):
+    assert cli.main(["shadow", "robot-next", *more]) == 0
+    return capsys.readouterr().out
+
+
+def test_it_shows_what_would_be_different(capsys):
+    first, *rest = shown(capsys).splitlines()
+    assert first.startswith("lab/robot-next beside lab/robot, ")
+    assert first.endswith("other shares 100% of the time")
+    text = "\n".join(rest)
+    assert "slam    800m -> 500m" in text
+    assert "moving" in text
+    assert "slam 800m -> 500m, speech 200m -> 500m" in text
+
+
+def test_as_fields(capsys):
+    told = json.loads(shown(capsys, "--output", "json"))
+    assert (told["differs"], told["promoted"], told["takenBack"]) == (1.0, False, None)
+    assert told["tasks"]["slam"]["share"] == [0.8, 0.5]
+    assert told["tasks"]["slam"]["predictedMisses"] == [None, None]
+
+
+def test_with_profiles_it_predicts_the_misses_of_both(capsys, tmp_path):
+    """Slam needs 0.6 cores: 0.8 are enough, 0.5 are not; speech has too little in either case."""
+    path = tmp_path / "profiles.json"
+    path.write_text(json.dumps(PROFILES))
+    told = json.loads(shown(capsys, "--profiles", str(path), "--output", "json"))
+    before, after = told["tasks"]["slam"]["predictedMisses"]
+    assert before < 0.2
+    assert after > 0.5
+    assert min(told["tasks"]["speech"]["predictedMisses"]) > 0.5
+
+
+def test_it_is_promoted(cluster, capsys):
+    assert cli.main(["promote", "robot-next"]) == 0
+    assert cluster.patches == [(f"{small.POLICIES}/robot-next", {"spec": {"mode": "Enforce"}})]
+    assert capsys.readouterr().out == "lab/robot-next: DryRun -> Enforce\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (["promote", "robot"], "lab/robot is no shadow: it has no spec.shadow"),
+        (["shadow", "robot"], "lab/robot is no shadow: it has no spec.shadow"),
+        (["adopt", "robot"], "lab/robot is no shadow: it has no spec.shadow"),
+        (["resume", "robot-next"], "lab/robot-next is a shadow: `promote` carries it out"),
+        (["adopt", "robot-next"], "lab/robot-next is not in force: `promote` it first, and see that it stays so"),
+    ],
+)
+def test_what_makes_no_sense_changes_nothing(cluster, capsys, command, message):
+    assert cli.main(command) == 2
+    assert message in capsys.readouterr().err
+    assert cluster.patches == []
+
+
+def test_one_that_is_in_force_becomes_the_policy(cluster):
+    cluster.policy["status"]["promotedShadow"] = "robot-next"
+    assert cli.main(["adopt", "robot-next"]) == 0
+    [(path, patch), deleted] = cluster.patches
+    assert path == f"{small.POLICIES}/robot"
+    assert patch["spec"]["contexts"] == a_shadow()["spec"]["contexts"]
+    assert patch["spec"].keys().isdisjoint({"shadow", "mode", "force"})
+    assert deleted == (f"{small.POLICIES}/robot-next", None)
+
+
+def test_what_the_shadow_does_not_have_is_removed():
+    before = {"mode": "Enforce", "minDwell": "1s", "streams": [1], "force": {"context": "moving"}}
+    after = {"mode": "Enforce", "streams": [2], "shadow": {"of": "robot"}, "reserve": "100m"}
+    assert adopted(before, after) == {"minDwell": None, "streams": [2], "reserve": "100m"}
+
+
+def test_the_status_says_whose_shadow_it_is(capsys):
+    cli.main(["status", "robot-next"])
+    assert "  shadow of robot, would change: slam 800m -> 500m, speech 200m -> 500m\n" in capsys.readouterr().out

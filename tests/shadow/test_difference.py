@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.shadow.difference import Stretch, TaskDifference, difference
+
+
+def plan(published, contexts=(), suspended=(), **shares):
+    tasks = {name: {"share": share, "suspended": name in suspended} for name, share in shares.items()}
+    return {"published": published, "contexts": list(contexts), "tasks": tasks}
+
+
+STANDS = plan(0.0, slam=0.5, speech=0.5)
+DRIVES = plan(10.0, ["moving"], slam=0.8, speech=0.2)
+OTHERWISE = plan(10.0, ["moving"], ["speech"], slam=0.99, speech=0.01)
+
+
+def test_plans_that_are_alike_do_not_differ():
+    found = difference([STANDS, DRIVES], [STANDS, DRIVES], 0.0, 20.0)
+    assert (found.part, found.stretches) == (0.0, [])
+    assert found.tasks["slam"] == TaskDifference((pytest.approx(0.65),) * 2, (0.0, 0.0))
+
+
+def test_it_tells_when_and_where_shares_differ():
+    found = difference([STANDS, DRIVES], [STANDS, OTHERWISE], 0.0, 20.0)
+    assert found.part == 0.5
+    shares = {"slam": (0.8, 0.99), "speech": (0.2, 0.01)}
+    assert found.stretches == [Stretch(10.0, 20.0, (("moving",), ("moving",)), shares)]
+    assert found.tasks["speech"].share == pytest.approx((0.35, 0.255))
+    assert found.tasks["speech"].suspended == (0.0, 0.5)
+
+
+def test_a_stretch_goes_on_while_only_weights_change():
+    """Messages with new weights have the same shares."""
+    again = [{**OTHERWISE, "published": at} for at in (10.0, 12.0, 15.0)]
+    assert len(difference([STANDS, DRIVES], [STANDS, *again], 0.0, 20.0).stretches) == 1
+
+
+@pytest.mark.parametrize(("since", "start"), [(-100.0, 5.0), (8.0, 8.0)])
+def test_it_begins_when_both_had_a_plan(since, start):
+    found = difference([STANDS], [{**STANDS, "published": 5.0}], since, 20.0)
+    assert (found.start, found.end) == (start, 20.0)
+
+
+@pytest.mark.parametrize(("policy", "shadow"), [([], [STANDS]), ([STANDS], []), ([STANDS], [plan(30.0)])])
+def test_without_both_there_is_nothing_to_compare(policy, shadow):
+    assert difference(policy, shadow, 0.0, 20.0) is None
+
+
+def test_a_task_that_only_one_of_them_has():
+    found = difference([plan(0.0, slam=1.0)], [plan(0.0, slam=0.6, signs=0.4)], 0.0, 1.0)
+    assert found.tasks["signs"].share == (0.0, 0.4)
+    assert found.stretches[0].shares == {"signs": (0.0, 0.4), "slam": (1.0, 0.6)}

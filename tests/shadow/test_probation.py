@@ -1,0 +1,95 @@
+"""When a promotion is taken back: reports of misses in, a verdict out, second by second."""
+
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.policy.spec import Shadow
+from contextpolicy.shadow.probation import Probation
+
+SHADOW = Shadow("robot", tolerance=0.05, patience=5.0)
+STANDS, DRIVES = (), ("moving",)
+
+
+def learned(seconds=60, **misses):
+    """A minute in each context, with these misses of slam."""
+    probation, now = Probation(), 0
+    for contexts, part in misses.items():
+        for _ in range(seconds):
+            now += 1
+            probation.learn("slam", part, DRIVES if contexts == "drives" else STANDS, now)
+    return probation
+
+
+def seconds_until_back(probation, misses, contexts=STANDS, start=1000, most=3600):
+    """None if the promotion stays; a report each second."""
+    probation.restart()
+    probation.rest("slam")
+    for second in range(most):
+        if probation.judge(SHADOW, "slam", misses, contexts, start + second):
+            return second
+    return None
+
+
+@pytest.mark.parametrize(("misses", "seconds"), [(1.0, 6), (0.5, 12), (0.18, 46), (0.07, None), (0.02, None)])
+def test_the_more_is_missed_the_sooner_it_is_taken_back(misses, seconds):
+    assert seconds_until_back(learned(stands=0.02), misses) == seconds
+
+
+def test_what_a_context_always_costs_is_nobodys_fault():
+    assert seconds_until_back(learned(stands=0.0, drives=0.3), 0.3, DRIVES) is None
+    assert seconds_until_back(learned(stands=0.0, drives=0.3), 0.3, STANDS) is not None
+
+
+def test_a_context_that_is_new_is_judged_by_the_worst_that_is_known():
+    assert seconds_until_back(learned(stands=0.0, drives=0.3), 0.3, ("docking",)) is None
+    assert seconds_until_back(learned(stands=0.0, drives=0.3), 0.5, ("docking",)) is not None
+
+
+@pytest.mark.parametrize("before", [Probation(), learned(seconds=9, stands=0.5)], ids=["nothing", "too little"])
+def test_who_promotes_without_waiting_is_allowed_no_misses(before):
+    assert seconds_until_back(before, 0.2) is not None
+
+
+def test_a_task_that_recovers_begins_anew():
+    probation = learned(stands=0.0)
+    probation.rest("slam")
+    for second in range(600):
+        starved = second % 80 < 4
+        assert not probation.judge(SHADOW, "slam", 0.8 if starved else 0.0, STANDS, 1000 + second)
+
+
+def test_another_task_has_its_own_patience():
+    probation = learned(stands=0.0)
+    probation.rest("slam")
+    for second in range(4):
+        assert not probation.judge(SHADOW, "slam", 1.0, STANDS, 1000 + second)
+        assert not probation.judge(SHADOW, "signs", 1.0, STANDS, 1000 + second)
+
+
+def test_a_suspended_task_misses_nothing_however_long_it_rests():
+    probation = learned(stands=0.0)
+    probation.judge(SHADOW, "slam", 0.0, STANDS, 1000)
+    probation.rest("slam")
+    assert not probation.judge(SHADOW, "slam", 1.0, STANDS, 1500)
+
+
+def test_a_late_report_counts_for_the_time_since_the_last():
+    probation = learned(stands=0.0)
+    probation.judge(SHADOW, "slam", 0.0, STANDS, 1000)
+    assert probation.judge(SHADOW, "slam", 1.0, STANDS, 1006)
+
+
+def test_a_new_operator_goes_on_with_what_the_last_one_knew():
+    assert seconds_until_back(Probation({"slam": 0.3}), 0.3) is None
+    assert seconds_until_back(Probation({"slam": 0.3}), 0.5) is not None
+    assert Probation({"slam": 0.3}).before("slam") == 0.3
+
+
+def test_it_tells_what_was_missed_before_and_since():
+    probation = learned(stands=0.0, drives=0.3)
+    assert probation.before("slam") == pytest.approx(0.3)
+    assert (probation.since("slam"), probation.before("signs")) == (None, None)
+    seconds_until_back(probation, 0.1, most=10)
+    assert probation.since("slam") == pytest.approx(0.1)
+    assert probation.tasks == ["slam"]

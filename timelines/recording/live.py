@@ -1,0 +1,91 @@
+"""`python -m timelines.recording.live --connect tcp/127.0.0.1:7447`: the robot's bus for Foxglove, as a WebSocket.
+
+What a recording would have goes to whoever connects to ws://localhost:8765, as it happens: the same layout shows both.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import sys
+import threading
+from typing import TYPE_CHECKING, Any
+
+import foxglove
+
+from robotkit.errors import ConfigurationError
+from robotkit.session import credentials, endpoints, open_session
+from timelines.recording.foxglove import shown
+from timelines.recording.mcap_file import definition_of, schema_for
+from timelines.recording.recorder import BusRecorder
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+PORT = 8765
+"""Where Foxglove looks for a WebSocket by itself."""
+
+
+class LiveChannels:
+    """Takes what a recorder writes, on one thread."""
+
+    def __init__(self, context: foxglove.Context) -> None:
+        self._context = context
+        self._channels: dict[str, foxglove.Channel] = {}
+
+    def heard(self, key: str, encoding: str, payload: bytes, *, received: int, stamp: int) -> None:
+        """Pass a message on, and what can be drawn of it; times are in ns since 1970."""
+        self._channel(key, encoding, schema_for(key, encoding)).log(payload, log_time=received)
+        for drawn in shown(key, payload, stamp):
+            self.counted(drawn.topic, drawn.schema, drawn.value, received)
+
+    def counted(self, topic: str, schema: str, value: Mapping[str, Any], at: int) -> None:
+        """Pass a measurement on."""
+        self._channel(topic, "json", schema).log(json.dumps(value).encode(), log_time=at)
+
+    def _channel(self, topic: str, encoding: str, schema: str) -> foxglove.Channel:
+        if topic not in self._channels:
+            form, text = definition_of(schema)
+            known = foxglove.Schema(name=schema, encoding=form, data=text.encode()) if text else None
+            self._channels[topic] = foxglove.Channel(
+                topic, schema=known, message_encoding=encoding, context=self._context
+            )
+        return self._channels[topic]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serve until SIGINT or SIGTERM; exit code 2 when the bus can't be reached as asked."""
+    options, stop = _parser().parse_args(arguments), threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    try:
+        addresses, secret = endpoints({"ZENOH_CONNECT": options.connect}), credentials(os.environ)
+        with open_session(addresses, stop, secret=secret) as session:
+            if session is None:
+                return 0
+            context = foxglove.Context()
+            server = foxglove.start_server(name="contextpolicy", port=options.port, context=context)
+            sys.stdout.write(f"ws://localhost:{server.port}\n")
+            sys.stdout.flush()
+            with BusRecorder(session, LiveChannels(context)):
+                stop.wait()
+            server.stop()
+    except ConfigurationError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m timelines.recording.live", description=__doc__)
+    parser.add_argument(
+        "--connect", default=os.environ.get("ZENOH_CONNECT", ""), help="router addresses ($ZENOH_CONNECT)"
+    )
+    parser.add_argument("--port", type=int, default=PORT, help="of the loopback (%(default)s)")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())
