@@ -8,7 +8,7 @@ import os
 import sys
 from pathlib import Path
 
-from tests.node import access, components, images, lifecycle
+from tests.node import access, build, components, images, lifecycle
 from tests.node.errors import ClusterError
 
 
@@ -24,6 +24,8 @@ def parser() -> argparse.ArgumentParser:
         single.add_argument("name", choices=components.names())
     inside = commands.add_parser("exec", help="run a command in the node's network, with kubectl, helm and ctr")
     inside.add_argument("argv", nargs=argparse.REMAINDER, metavar="-- COMMAND")
+    program = commands.add_parser("program", help="build programs that no node needs, but a test")
+    program.add_argument("names", nargs="+", choices=build.FURTHER, metavar="NAME")
     image = commands.add_parser("image", help="build an image as NAME:dev and import it")
     image.add_argument("name")
     image.add_argument("dockerfile", type=Path)
@@ -54,6 +56,9 @@ def dispatch(arguments: argparse.Namespace) -> int:
             lifecycle.start(arguments.name)
         case "exec":
             execute([word for index, word in enumerate(arguments.argv) if index or word != "--"])
+        case "program":
+            for name in arguments.names:
+                build.build(build.FURTHER[name])
         case "image":
             images.image(arguments.name, arguments.dockerfile, arguments.context.resolve())
     return 0

@@ -63,6 +63,7 @@ def kubernetes_ldflags(version: str) -> str:
 
 
 CONTAINERD = "github.com/containerd/containerd/v2/cmd"
+HELM = Program("helm", (f"helm.sh/helm/v4/cmd/helm@{HELM_VERSION}",))
 PROGRAMS = (
     Program("node", (".",), source="program", ldflags=kubernetes_ldflags(KUBERNETES_VERSION)),
     Program("pause", ("./pause",), source="program"),
@@ -78,10 +79,17 @@ PROGRAMS = (
         tags="no_btrfs,no_zfs,no_devmapper",
     ),
     Program("runc", (f"github.com/opencontainers/runc@{RUNC_VERSION}",), tags="seccomp", cgo=True),
-    Program("helm", (f"helm.sh/helm/v4/cmd/helm@{HELM_VERSION}",)),
+    HELM,
 )
 PROMTOOL = Program("promtool", ("github.com/prometheus/prometheus/cmd/promtool",), source="promtool")
 """Judges the chart's alert rules; no part of a node. Its module has replacements, so it can't be fetched by version."""
+FLUX = Program("flux", ("./health", "github.com/fluxcd/kustomize-controller"), source="flux")
+"""Flux' kustomize-controller, and a program that asks GitOps tools' own libraries for an object's health."""
+REGISTRY = Program("registry", (".",), source="registry")
+"""Serves a release's chart and image in a test."""
+SYFT = Program("syft", ("github.com/anchore/syft/cmd/syft@v1.57.0",), ldflags="-s -w -X main.version=1.57.0")
+"""Lists what is in a release's image."""
+FURTHER = {program.name: program for program in (PROMTOOL, FLUX, REGISTRY, SYFT)}
 
 
 def build_all() -> None:
