@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from tests.crds.schema import definition
-from tests.node import configuration
+from tests.node import components, configuration, layout
 
 ROOT = Path(__file__).parents[2]
 GITOPS = sorted(path for path in (ROOT / "config" / "gitops").rglob("*.yaml") if path.name != "kustomization.yaml")
@@ -43,8 +43,15 @@ def test_gitops_points_at_the_chart_and_a_sample():
 def test_the_kubelet_is_told_to_start_a_crashed_operator_again_soon():
     config = yaml.safe_load((ROOT / "config" / "k3s" / "kubelet.conf").read_text(encoding="utf-8"))
     tested = json.loads(configuration.kubelet())
-    for own in ("apiVersion", "kind", "crashLoopBackOff"):
-        assert config[own] == tested[own], "the node of the tests has the same"
+    assert {name: config[name] for name in ("apiVersion", "kind")} == {n: tested[n] for n in ("apiVersion", "kind")}
+    assert config["crashLoopBackOff"] == {"maxContainerRestartPeriod": "2s"}
+    assert "crashLoopBackOff" not in tested, "the node of the tests takes it from this very file"
+
+
+def test_the_node_that_is_as_k3s_makes_it_has_k3s_arguments(monkeypatch):
+    assert not any("reserved" in word for word in components.kubelet().argv)
+    monkeypatch.setenv(layout.CGROUP_DRIVER_VARIABLE, "systemd")
+    assert "--system-reserved=cpu=200m,memory=512Mi" in components.kubelet().argv
 
 
 def test_k3s_is_told_nothing_that_stops_resizes():

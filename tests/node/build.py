@@ -13,6 +13,7 @@ from tests.node.layout import (
     BIN,
     CACHE,
     CONTAINERD_VERSION,
+    HELM_CONTROLLER_VERSION,
     HELM_VERSION,
     KINE_VERSION,
     KUBERNETES_VERSION,
@@ -22,6 +23,7 @@ from tests.node.layout import (
 from tests.node.shell import run, run_long, succeeds
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
 DEBIAN_PACKAGES = (
@@ -82,6 +84,8 @@ PROGRAMS = (
 )
 PROMTOOL = Program("promtool", ("github.com/prometheus/prometheus/cmd/promtool",), source="promtool")
 """Judges the chart's alert rules; no part of a node. Its module has replacements, so it can't be fetched by version."""
+HELM_CONTROLLER = Program("helm-controller", (f"github.com/k3s-io/helm-controller@{HELM_CONTROLLER_VERSION}",))
+"""What k3s installs charts with (`HelmChart` manifests); no part of this node, a test runs it."""
 
 
 def build_all() -> None:
@@ -91,8 +95,8 @@ def build_all() -> None:
         build(program)
 
 
-def install_packages() -> None:
-    missing = [name for name in DEBIAN_PACKAGES if not _installed(name)]
+def install_packages(names: Iterable[str] = DEBIAN_PACKAGES) -> None:
+    missing = [name for name in names if not _installed(name)]
     if not missing:
         return
     log = CACHE / "logs" / "apt.log"

@@ -76,7 +76,7 @@ def test_client_certificates_carry_user_and_group():
 
 
 def test_containerd_pins_the_pause_image_and_keeps_its_files_below_the_root():
-    config = tomllib.loads(configuration.CONTAINERD_TOML)
+    config = tomllib.loads(configuration.containerd())
     plugins = config["plugins"]
     assert plugins["io.containerd.cri.v1.images"]["pinned_images"]["sandbox"] == layout.PAUSE_REFERENCE
     assert plugins["io.containerd.cri.v1.runtime"]["restrict_oom_score_adj"] is True
@@ -84,7 +84,7 @@ def test_containerd_pins_the_pause_image_and_keeps_its_files_below_the_root():
 
 
 def test_shim_sockets_fit_into_the_limit_of_containerd():
-    config = tomllib.loads(configuration.CONTAINERD_TOML)
+    config = tomllib.loads(configuration.containerd())
     assert len(config["plugins"]["io.containerd.shim.v1.manager"]["socket_dir"]) <= 42
 
 
