@@ -49,6 +49,12 @@ e2e: images  ## run the tests that need a real node
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e --ignore tests/e2e/test_reboot.py
 	$(PYTHON) -m pytest -q tests/e2e/test_reboot.py
 
+e2e-vm: setup  ## run tests in a virtual machine with systemd and cgroup v2, as on robots of today; reboots it too (needs root)
+	$(PYTHON) -m tests.vm
+
+arm64: setup  ## build the operator's image for arm64, start it under emulation, and compare its plans with this machine's
+	$(PYTHON) -m tests.arm64
+
 soak: images  ## contexts, pods and killed parts at random for DURATION seconds (3600), told again by SEED
 	SOAK_SECONDS=$(DURATION) SOAK_SEED=$(SEED) $(CLUSTER) exec -- $(PYTHON) -m pytest -q -s tests/e2e/test_soak.py
 
