@@ -13,6 +13,7 @@ NAMESPACE, RELEASE = "contextpolicy-system", "contextpolicy"
 ROBOT = "robot"
 ROUTER = "10.96.7.49"
 VALUES = {
+    "fullnameOverride": RELEASE,
     "image.repository": "contextpolicy",
     "image.tag": "dev",
     "router.service.clusterIP": ROUTER,

@@ -9,7 +9,7 @@ from contextpolicy.bus.session import open_visitor
 from tests.e2e.cluster import until
 from tests.e2e.robot import Sensors
 from tests.vm import places
-from tests.vm.chart import NAMESPACE, ROUTER
+from tests.vm.chart import NAMESPACE, RELEASE, ROUTER
 from tests.vm.inside import api, robot
 
 RATE = 2.0
@@ -39,7 +39,7 @@ def installed():
 @pytest.fixture(scope="session")
 def session(installed, tmp_path_factory):  # noqa: ARG001 - the router comes with it
     credentials = tmp_path_factory.mktemp("module")
-    for name, content in api.get("secrets", "contextpolicy-bus-module", NAMESPACE)["data"].items():
+    for name, content in api.get("secrets", f"{RELEASE}-bus-module", NAMESPACE)["data"].items():
         (credentials / name).write_bytes(base64.b64decode(content))
     with open_visitor([f"tls/{ROUTER}:7447"], patience=120, credentials=credentials) as opened:
         yield opened
