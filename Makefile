@@ -42,19 +42,26 @@ lint: setup  ## check style and types
 unit: setup recordings cluster  ## run the tests that need no cluster (helm comes with the node)
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q --ignore tests/e2e --ignore tests/heavy
 
-heavy: images release  ## promtool, chromium, GitOps tools' own libraries, a release and its copy, Flux on the node
+heavy: images release  ## promtool, chromium, GitOps tools' own libraries, a release and its copy, Flux and a HelmChart
 	dpkg --status $(HEAVY) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(HEAVY); }
-	$(CLUSTER) program promtool flux registry
+	$(CLUSTER) program promtool flux registry helm-controller
 	$(PYTHON) -m release --architecture $$(dpkg --print-architecture) --no-bill --output build/release-again
-	$(PYTHON) -m pytest -q tests/heavy --ignore tests/heavy/node
-	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/heavy/node
+	$(PYTHON) -m pytest -q tests/heavy --ignore tests/heavy/node --ignore tests/heavy/test_helm_controller.py
+	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/heavy/node tests/heavy/test_helm_controller.py
 
 e2e: images  ## run the tests that need a real node
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e --ignore tests/e2e/test_reboot.py
 	$(PYTHON) -m pytest -q tests/e2e/test_reboot.py
 
+e2e-vm: setup  ## run tests in a virtual machine with systemd and cgroup v2, as on robots of today; reboots it too (needs root)
+	$(PYTHON) -m tests.vm
+
+arm64: setup  ## build the operator's image for arm64, start it under emulation, and compare its plans with this machine's
+	$(PYTHON) -m tests.arm64
+
 soak: images  ## contexts, pods and killed parts at random for DURATION seconds (3600), told again by SEED
-	SOAK_SECONDS=$(DURATION) SOAK_SEED=$(SEED) $(CLUSTER) exec -- $(PYTHON) -m pytest -q -s tests/e2e/test_soak.py
+	SOAK_SECONDS=$(DURATION) SOAK_SEED=$(SEED) $(CLUSTER) exec -- $(PYTHON) -m pytest -q -s \
+	  -o faulthandler_timeout=$$(($(DURATION) + 1200)) tests/e2e/test_soak.py
 
 simulate: setup  ## without root or cluster: what would POLICY decide on TIMELINE
 	$(PYTHON) -m contextpolicy simulate $(POLICY) $(TIMELINE) --cores $(CORES)

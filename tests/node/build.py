@@ -13,6 +13,7 @@ from tests.node.layout import (
     BIN,
     CACHE,
     CONTAINERD_VERSION,
+    HELM_CONTROLLER_VERSION,
     HELM_VERSION,
     KINE_VERSION,
     KUBERNETES_VERSION,
@@ -22,6 +23,7 @@ from tests.node.layout import (
 from tests.node.shell import run, run_long, succeeds
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
 DEBIAN_PACKAGES = (
@@ -89,7 +91,9 @@ REGISTRY = Program("registry", (".",), source="registry")
 """Serves a release's chart and image in a test."""
 SYFT = Program("syft", ("github.com/anchore/syft/cmd/syft@v1.57.0",), ldflags="-s -w -X main.version=1.57.0")
 """Lists what is in a release's image."""
-FURTHER = {program.name: program for program in (PROMTOOL, FLUX, REGISTRY, SYFT)}
+HELM_CONTROLLER = Program("helm-controller", (f"github.com/k3s-io/helm-controller@{HELM_CONTROLLER_VERSION}",))
+"""What k3s installs charts with (`HelmChart` manifests); no part of this node, a test runs it."""
+FURTHER = {program.name: program for program in (PROMTOOL, FLUX, REGISTRY, SYFT, HELM_CONTROLLER)}
 
 
 def build_all() -> None:
@@ -99,8 +103,8 @@ def build_all() -> None:
         build(program)
 
 
-def install_packages() -> None:
-    missing = [name for name in DEBIAN_PACKAGES if not _installed(name)]
+def install_packages(names: Iterable[str] = DEBIAN_PACKAGES) -> None:
+    missing = [name for name in names if not _installed(name)]
     if not missing:
         return
     log = CACHE / "logs" / "apt.log"
