@@ -3,6 +3,7 @@ SHELL := /bin/bash
 PYTHON := .venv/bin/python
 CLUSTER := $(PYTHON) -m tests.node
 POLICY ?= config/policies/delivery-robot.yaml
+HEAVY := chromium skopeo
 VOICES := flite festival festvox-kallpc16k festvox-us-slt-hts espeak-ng sox
 MODULES := $(patsubst modules/%/Dockerfile,%,$(wildcard modules/*/Dockerfile))
 EXP ?= exp1 exp2 exp3
@@ -41,15 +42,23 @@ lint: setup  ## check style and types
 unit: setup recordings cluster  ## run the tests that need no cluster (helm comes with the node)
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q --ignore tests/e2e --ignore tests/heavy
 
-heavy: images  ## promtool on the alert rules, the live page in chromium, a VerticalPodAutoscaler on the node
-	dpkg --status chromium >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends chromium; }
-	$(PYTHON) -m pytest -q tests/heavy
+heavy: images release  ## promtool, chromium, a VerticalPodAutoscaler, GitOps tools' own libraries, a release and its copy, Flux, a HelmChart
+	dpkg --status $(HEAVY) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(HEAVY); }
+	$(CLUSTER) program promtool flux registry helm-controller
 	$(CLUSTER) autoscaler build
-	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/heavy/test_autoscaler.py
+	$(PYTHON) -m release --architecture $$(dpkg --print-architecture) --no-bill --output build/release-again
+	$(PYTHON) -m pytest -q tests/heavy --ignore tests/heavy/node --ignore tests/heavy/test_helm_controller.py
+	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/heavy/node tests/heavy/test_helm_controller.py tests/heavy/test_autoscaler.py
 
 e2e: images  ## run the tests that need a real node
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e --ignore tests/e2e/test_reboot.py
 	$(PYTHON) -m pytest -q tests/e2e/test_reboot.py
+
+e2e-vm: setup  ## run tests in a virtual machine with systemd and cgroup v2, as on robots of today; reboots it too (needs root)
+	$(PYTHON) -m tests.vm
+
+arm64: setup  ## build the operator's image for arm64, start it under emulation, and compare its plans with this machine's
+	$(PYTHON) -m tests.arm64
 
 soak: images  ## contexts, pods and killed parts at random for DURATION seconds (3600), told again by SEED
 	SOAK_SECONDS=$(DURATION) SOAK_SEED=$(SEED) $(CLUSTER) exec -- $(PYTHON) -m pytest -q -s \
@@ -106,6 +115,12 @@ pictures: setup  ## draw what each sample policy does on its timeline, for the c
 lock: setup  ## lock the versions and hashes of what goes into the operator's image
 	.venv/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
 	  --no-annotate --upgrade pyproject.toml --output-file operator/requirements.txt
+
+release: setup  ## build a release of the last commit into build/release (BASE_IMAGE and KEY as in release/README.md)
+	$(PYTHON) -m release $(if $(BASE_IMAGE),--base-image $(BASE_IMAGE)) $(if $(KEY),--key $(KEY))
+
+version: setup  ## make VERSION the version everywhere, and what is unreleased its section of the changelog
+	$(PYTHON) -m release.version $(VERSION)
 
 crds:  ## copy the canonical CRD into the chart and into the package
 	cp crds/contextpolicies.contextpolicy.dev.yaml charts/contextpolicy/files/

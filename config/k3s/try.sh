@@ -11,6 +11,10 @@ report=build/try/report.txt
 
 apt-get update -qq
 apt-get install -qq --no-install-recommends ca-certificates curl git make python3-venv
+python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
+    echo "$0: Python 3.11 or newer is needed, as Debian 12 and Ubuntu 24.04 have it; this is $(python3 --version)" >&2
+    exit 1
+}
 
 # k3s reads these when it starts: what must not be there for resizes to work, and how soon a container starts again.
 install -D -m 644 config/k3s/config.yaml /etc/rancher/k3s/config.yaml

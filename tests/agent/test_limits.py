@@ -113,6 +113,25 @@ def test_another_owners_value_stays_until_the_next_plan(tree, limits, slam):
     assert tree.limit(slam) == 300
 
 
+def test_what_was_there_before_is_no_new_decision(tree, limits, slam):
+    """At `daemon-reload` and `set-property` systemd writes what it was last told, that is before our write."""
+    limits.apply(POLICY, {slam: 800})
+    for _ in range(2):
+        resize(tree, limits, slam, 500)
+        assert (tree.limit(slam), tree.limit(slam.parent)) == (800, 800)
+    resize(tree, limits, slam, 800)
+    limits.release(POLICY)
+    assert tree.limit(slam) == 800
+
+
+def test_systemds_writes_in_the_middle_can_still_be_undone(tree, limits, slam):
+    limits.apply(POLICY, {slam: 800})
+    resize(tree, limits, slam.parent, 500)
+    resize(tree, limits, slam, 500)
+    limits.release(POLICY)
+    assert (tree.limit(slam), tree.limit(slam.parent)) == (500, 500)
+
+
 def test_a_pod_that_a_late_resize_lowered_grows_again(tree, limits, slam):
     limits.apply(POLICY, {slam: 800})
     resize(tree, limits, slam.parent, 500)

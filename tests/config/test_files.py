@@ -6,13 +6,14 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 import yaml
 
 from tests.crds.schema import definition
-from tests.node import configuration
+from tests.node import components, configuration, layout
 
 ROOT = Path(__file__).parents[2]
 GITOPS = sorted(path for path in (ROOT / "config" / "gitops").rglob("*.yaml") if path.name != "kustomization.yaml")
@@ -43,8 +44,15 @@ def test_gitops_points_at_the_chart_and_a_sample():
 def test_the_kubelet_is_told_to_start_a_crashed_operator_again_soon():
     config = yaml.safe_load((ROOT / "config" / "k3s" / "kubelet.conf").read_text(encoding="utf-8"))
     tested = json.loads(configuration.kubelet())
-    for own in ("apiVersion", "kind", "crashLoopBackOff"):
-        assert config[own] == tested[own], "the node of the tests has the same"
+    assert {name: config[name] for name in ("apiVersion", "kind")} == {n: tested[n] for n in ("apiVersion", "kind")}
+    assert config["crashLoopBackOff"] == {"maxContainerRestartPeriod": "2s"}
+    assert "crashLoopBackOff" not in tested, "the node of the tests takes it from this very file"
+
+
+def test_the_node_that_is_as_k3s_makes_it_has_k3s_arguments(monkeypatch):
+    assert not any("reserved" in word for word in components.kubelet().argv)
+    monkeypatch.setenv(layout.CGROUP_DRIVER_VARIABLE, "systemd")
+    assert "--system-reserved=cpu=200m,memory=512Mi" in components.kubelet().argv
 
 
 def test_k3s_is_told_nothing_that_stops_resizes():
@@ -52,12 +60,29 @@ def test_k3s_is_told_nothing_that_stops_resizes():
     assert [argument.partition("=")[0] for argument in config["kubelet-arg"]] == ["system-reserved"]
 
 
-@pytest.mark.parametrize("script", ["config/k3s/try.sh", ".ci/run"])
+@pytest.mark.parametrize("script", ["config/k3s/try.sh", "tests/heavy/helm_job/entry.sh", ".ci/run"])
 def test_shell_scripts_are_sound(script):
     """The checker comes with the development packages, next to this Python."""
     shellcheck = Path(sys.executable).parent / "shellcheck"
     found = subprocess.run([shellcheck, ROOT / script], capture_output=True, text=True, check=False)
     assert found.stdout == ""
+
+
+def test_the_try_script_installs_what_the_tests_run_on():
+    text = (ROOT / "config" / "k3s" / "try.sh").read_text(encoding="utf-8")
+    minor, helm = layout.KUBERNETES_VERSION.rpartition(".")[0], layout.HELM_VERSION.partition(".")[0]
+    assert f"INSTALL_K3S_CHANNEL={minor} " in text
+    assert f"/get-helm-{helm.removeprefix('v')} " in text
+    python = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["requires-python"]
+    assert f"sys.version_info < ({python.removeprefix('>=').replace('.', ', ')})" in text
+
+
+def test_k3s_installs_a_chart_that_it_serves_itself_with_values_that_the_chart_knows():
+    manifest = yaml.safe_load((ROOT / "config" / "k3s" / "helmchart.yaml").read_text(encoding="utf-8"))
+    known = yaml.safe_load((ROOT / "charts" / "contextpolicy" / "values.yaml").read_text(encoding="utf-8"))
+    assert manifest["spec"]["chart"].startswith("https://%{KUBERNETES_API}%/static/charts/")
+    values = yaml.safe_load(manifest["spec"]["valuesContent"])
+    assert all(name in known and set(below) <= set(known[name]) for name, below in values.items())
 
 
 def test_what_the_try_script_relies_on_is_there():
@@ -66,6 +91,9 @@ def test_what_the_try_script_relies_on_is_there():
     text = script.read_text(encoding="utf-8")
     assert script.stat().st_mode & 0o111
     assert all((ROOT / file).is_file() for file in re.findall(r"config/k3s/\S+\.(?:yaml|conf)", text))
+    for file in ("config.yaml", "kubelet.conf"):
+        [target] = re.findall(rf"config/k3s/{re.escape(file)} (\S+)", text)
+        assert f"copy to {target} " in (ROOT / "config" / "k3s" / file).read_text(encoding="utf-8")
     targets = set(re.findall(r"^make (\w+)", text, re.MULTILINE))
     assert targets == {"demo"}
     assert all(f"\n{target}:" in (ROOT / "Makefile").read_text(encoding="utf-8") for target in targets)

@@ -50,6 +50,12 @@ def test_an_overlay_does_not_change_another_stream_when_the_base_is_reordered(tm
         built(fleet / "robots" / "hall-2")
 
 
+def flux_kustomization():
+    """The example of a Kustomization with policies."""
+    documents = yaml.safe_load_all((GITOPS / "flux" / "policies.yaml").read_text(encoding="utf-8"))
+    return next(one for one in documents if one["kind"] == "Kustomization")
+
+
 def policy(mode="Enforce", generation=2, observed=2, **conditions):
     told = [{"type": kind, "status": status, "message": f"{kind} {status}"} for kind, status in conditions.items()]
     status = {"observedGeneration": observed, "conditions": told} if conditions else {}
@@ -83,7 +89,6 @@ def test_a_paused_policy_is_suspended_for_argo_cd():
 @pytest.mark.parametrize(("policy", "argo", "flux"), CASES)
 def test_flux_judges(policy, argo, flux):  # noqa: ARG001 - the cases are Argo CD's too
     """Flux asks in this order, and takes the first that holds."""
-    kustomization = yaml.safe_load((GITOPS / "flux" / "policies.yaml").read_text(encoding="utf-8"))
-    (check,) = kustomization["spec"]["healthCheckExprs"]
+    (check,) = flux_kustomization()["spec"]["healthCheckExprs"]
     verdicts = (kind for kind in ("inProgress", "failed", "current") if cel.evaluate(check[kind], policy))
     assert next(verdicts, None) == flux

@@ -10,11 +10,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tests.node import shell
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PATIENCE = 60.0
+PATIENCE = 60.0 * shell.PATIENCE
 """Seconds in which anything must come true, on a node that has half a CPU to itself too; reaction times are for
 benchmarks, not for assertions."""
 NO_RESIZES = "e2e-no-resizes"
@@ -26,7 +28,9 @@ class CommandError(AssertionError):
 
 def run(*argv: str, stdin: str | None = None, timeout: float = 120) -> str:
     """Run a command and return what it printed."""
-    done = subprocess.run(argv, input=stdin, capture_output=True, text=True, timeout=timeout, check=False)
+    done = subprocess.run(
+        argv, input=stdin, capture_output=True, text=True, timeout=timeout * shell.PATIENCE, check=False
+    )
     if done.returncode != 0:
         raise CommandError(f"{' '.join(argv)}\n{done.stdout}{done.stderr}")
     return done.stdout

@@ -22,11 +22,11 @@ BUSY = ["python3", "-c", "while True: pass"]
 
 
 class Sensors(Background):
-    """Publishes the current readings at 50 Hz; a reading that is None is a silent sensor."""
+    """Publishes the current readings `rate` times a second; a reading that is None is a silent sensor."""
 
-    def __init__(self, session: zenoh.Session) -> None:
+    def __init__(self, session: zenoh.Session, rate: float = RATE) -> None:
         super().__init__(self._publish)
-        self._session = session
+        self._session, self._rate = session, rate
         self._readings: dict[str, bytes | None] = {}
 
     def read(self, key: str, value: object) -> None:
@@ -34,7 +34,7 @@ class Sensors(Background):
         self._readings[key] = value if isinstance(value, bytes) or value is None else json.dumps(value).encode()
 
     def _publish(self) -> None:
-        while not self._stop.wait(1 / RATE):
+        while not self._stop.wait(1 / self._rate):
             for key, payload in list(self._readings.items()):
                 if payload is not None:
                     self._session.put(key, payload)

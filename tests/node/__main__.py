@@ -27,6 +27,8 @@ def parser() -> argparse.ArgumentParser:
     vpa = commands.add_parser("autoscaler", help="build, start or stop a VerticalPodAutoscaler with its metrics-server")
     vpa.add_argument("deed", choices=("build", "start", "stop"))
     vpa.add_argument("--interval", type=int, default=autoscaler.INTERVAL, help="seconds between its looks (10)")
+    program = commands.add_parser("program", help="build programs that no node needs, but a test")
+    program.add_argument("names", nargs="+", choices=build.FURTHER, metavar="NAME")
     image = commands.add_parser("image", help="build an image as NAME:dev and import it")
     image.add_argument("name")
     image.add_argument("dockerfile", type=Path)
@@ -59,6 +61,9 @@ def dispatch(arguments: argparse.Namespace) -> int:
             execute([word for index, word in enumerate(arguments.argv) if index or word != "--"])
         case "autoscaler":
             autoscale(arguments.deed, arguments.interval)
+        case "program":
+            for name in arguments.names:
+                build.build(build.FURTHER[name])
         case "image":
             images.image(arguments.name, arguments.dockerfile, arguments.context.resolve())
     return 0

@@ -5,10 +5,14 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tests.node import cache, host
 from tests.node.layout import CACHE
 from tests.node.shell import run_long
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 SUITE = "bookworm"
 PACKAGES = ("ca-certificates", "python3", "python3-venv")
@@ -21,36 +25,44 @@ HOOKS = (
     """echo 'Dir::Cache { pkgcache ""; srcpkgcache ""; };' > "$1/etc/apt/apt.conf.d/no-caches\"""",
 )
 APT_SOURCES = (Path("/etc/apt/sources.list.d/debian.sources"), Path("/etc/apt/sources.list"))
-TIMEOUT = 600.0
+TIMEOUT = 1800.0  # another architecture's packages are installed by an emulator
 
 
-def archive() -> Path:
-    """Return the folder with base.tar and the Dockerfile that turns it into the image."""
-    return cache.folder(CACHE / "images" / f"base-{key()}", _create)
+def archive(architecture: str = "") -> Path:
+    """Return the folder with base.tar and the Dockerfile that turns it into the image.
+
+    `architecture` is Debian's name of another one than the machine's; its programs must be able to run here.
+    """
+    return cache.folder(CACHE / "images" / f"base-{key(architecture)}", lambda out: _create(out, architecture))
 
 
-def key() -> str:
-    return cache.key(SUITE, PACKAGES, UNWANTED, HOOKS, DOCKERFILE)
+def key(architecture: str = "") -> str:
+    return cache.key(SUITE, PACKAGES, UNWANTED, HOOKS, DOCKERFILE, *filter(None, [architecture]))
 
 
-def _create(folder: Path) -> None:
+def _create(folder: Path, architecture: str) -> None:
     (folder / "Dockerfile").write_text(DOCKERFILE)
-    argv = command(folder / "base.tar", _host_settings(), _mirrors())
-    output = CACHE / "logs" / "base.log"
-    run_long("making the base image", argv, output=output, timeout=TIMEOUT, env=os.environ)
+    what = "the base image" + (f" for {architecture}" if architecture else "")
+    make(what, folder / "base.tar", PACKAGES, architecture=architecture)
 
 
-def command(tar: Path, settings: list[str], mirrors: list[str]) -> list[str]:
+def make(what: str, tar: Path, packages: Sequence[str], *, architecture: str = "") -> None:
+    """Make a root file system as a tar, from where the host gets its own packages."""
+    settings = host.apt_settings(host.output("apt-config", "dump"))
+    argv = command(tar, packages, settings, _mirrors(), architecture=architecture)
+    run_long(f"making {what}", argv, output=CACHE / "logs" / "base.log", timeout=TIMEOUT, env=os.environ)
+
+
+def command(
+    tar: Path, packages: Sequence[str], settings: list[str], mirrors: list[str], *, architecture: str = ""
+) -> list[str]:
     """Return the mmdebstrap call that writes the tar."""
     options = [f"--aptopt={setting}" for setting in settings]
     options += [f"--dpkgopt=path-exclude={pattern}" for pattern in UNWANTED]
     options += [f"--customize-hook={hook}" for hook in HOOKS]
-    contents = ["--variant=minbase", f"--include={','.join(PACKAGES)}"]
+    options += [f"--architectures={architecture}"] if architecture else []
+    contents = ["--variant=minbase", f"--include={','.join(packages)}"]
     return ["mmdebstrap", *contents, *options, SUITE, str(tar), *mirrors]
-
-
-def _host_settings() -> list[str]:
-    return host.apt_settings(host.output("apt-config", "dump"))
 
 
 def _mirrors() -> list[str]:

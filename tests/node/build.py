@@ -13,6 +13,7 @@ from tests.node.layout import (
     BIN,
     CACHE,
     CONTAINERD_VERSION,
+    HELM_CONTROLLER_VERSION,
     HELM_VERSION,
     KINE_VERSION,
     KUBERNETES_VERSION,
@@ -23,6 +24,7 @@ from tests.node.layout import (
 from tests.node.shell import run, run_long, succeeds
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
 DEBIAN_PACKAGES = (
@@ -64,6 +66,7 @@ def kubernetes_ldflags(version: str) -> str:
 
 
 CONTAINERD = "github.com/containerd/containerd/v2/cmd"
+HELM = Program("helm", (f"helm.sh/helm/v4/cmd/helm@{HELM_VERSION}",))
 PROGRAMS = (
     Program("node", (".",), source="program", ldflags=kubernetes_ldflags(KUBERNETES_VERSION)),
     Program("pause", ("./pause",), source="program"),
@@ -79,7 +82,7 @@ PROGRAMS = (
         tags="no_btrfs,no_zfs,no_devmapper",
     ),
     Program("runc", (f"github.com/opencontainers/runc@{RUNC_VERSION}",), tags="seccomp", cgo=True),
-    Program("helm", (f"helm.sh/helm/v4/cmd/helm@{HELM_VERSION}",)),
+    HELM,
 )
 PROMTOOL = Program("promtool", ("github.com/prometheus/prometheus/cmd/promtool",), source="promtool")
 """Judges the chart's alert rules; no part of a node. Its module has replacements, so it can't be fetched by version."""
@@ -94,6 +97,15 @@ AUTOSCALER = (
     Program("metrics-server", (f"sigs.k8s.io/metrics-server/cmd/metrics-server@{METRICS_SERVER_VERSION}",)),
 )
 """The VerticalPodAutoscaler and the metrics-server that it reads: no part of a node, but of what it may meet there."""
+FLUX = Program("flux", ("./health", "github.com/fluxcd/kustomize-controller"), source="flux")
+"""Flux' kustomize-controller, and a program that asks GitOps tools' own libraries for an object's health."""
+REGISTRY = Program("registry", (".",), source="registry")
+"""Serves a release's chart and image in a test."""
+SYFT = Program("syft", ("github.com/anchore/syft/cmd/syft@v1.57.0",), ldflags="-s -w -X main.version=1.57.0")
+"""Lists what is in a release's image."""
+HELM_CONTROLLER = Program("helm-controller", (f"github.com/k3s-io/helm-controller@{HELM_CONTROLLER_VERSION}",))
+"""What k3s installs charts with (`HelmChart` manifests); no part of this node, a test runs it."""
+FURTHER = {program.name: program for program in (PROMTOOL, FLUX, REGISTRY, SYFT, HELM_CONTROLLER)}
 
 
 def build_all() -> None:
@@ -103,8 +115,8 @@ def build_all() -> None:
         build(program)
 
 
-def install_packages() -> None:
-    missing = [name for name in DEBIAN_PACKAGES if not _installed(name)]
+def install_packages(names: Iterable[str] = DEBIAN_PACKAGES) -> None:
+    missing = [name for name in names if not _installed(name)]
     if not missing:
         return
     log = CACHE / "logs" / "apt.log"

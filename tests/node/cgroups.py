@@ -6,10 +6,12 @@ import os
 from pathlib import Path
 
 from tests.node.errors import ClusterError
+from tests.node.layout import CGROUP_DRIVER_VARIABLE
 from tests.node.shell import wait_until
 
 MOUNT = Path("/sys/fs/cgroup")
 COMPONENTS = "contextpolicy-node"
+SERVICE = MOUNT / "system.slice" / f"{COMPONENTS}.service"
 PODS = "kubepods"
 # Eight times a default group's and, on two cores, four times all pods' together: the control plane answers
 # while the pods saturate the node.
@@ -17,12 +19,28 @@ SHARES = 8192
 WEIGHT = 800
 
 
+DRIVERS = ("cgroupfs", "systemd")
+
+
+def driver() -> str:
+    """Who makes the pods' cgroups: the kubelet and runc themselves if the environment says nothing, or systemd."""
+    chosen = os.environ.get(CGROUP_DRIVER_VARIABLE) or "cgroupfs"
+    if chosen not in DRIVERS:
+        raise ClusterError(f"{CGROUP_DRIVER_VARIABLE}={chosen}: it is one of {', '.join(DRIVERS)}")
+    return chosen
+
+
 def components_folder() -> Path:
-    """Return the CPU group of the components; on cgroup v2 there is only one hierarchy."""
+    """Return the CPU group of the components: where systemd runs the node, as it runs k3s, that of the service."""
+    if driver() == "systemd":
+        return SERVICE
     return (MOUNT / "cpu" if (MOUNT / "cpu").is_dir() else MOUNT) / COMPONENTS
 
 
 def create() -> None:
+    """Create the components' group; systemd creates its own."""
+    if driver() == "systemd":
+        return
     folder = components_folder()
     folder.mkdir(exist_ok=True)
     if (folder / "cpu.shares").exists():

@@ -6,6 +6,7 @@ import os
 import sys
 from dataclasses import dataclass
 
+from tests.node import configuration
 from tests.node.certificates import AUTHORITY, TOKENS, certificate, private_key
 from tests.node.errors import ClusterError
 from tests.node.layout import (
@@ -155,7 +156,8 @@ def kubelet() -> Component:
         node_ip=NODE_ADDRESS,
         root_dir=ROOT / "kubelet",
     )
-    return Component("kubelet", (NODE_BINARY, "kubelet", *flags), answers("http://127.0.0.1:10248/healthz"))
+    argv = (NODE_BINARY, "kubelet", *flags, *configuration.kubelet_arguments())
+    return Component("kubelet", argv, answers("http://127.0.0.1:10248/healthz"))
 
 
 def proxy() -> Component:

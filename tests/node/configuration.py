@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import yaml
+
+from tests.node import cgroups
 from tests.node.certificates import AUTHORITY, certificate, private_key
 from tests.node.layout import (
     API_URL,
@@ -13,6 +16,7 @@ from tests.node.layout import (
     CNI_PLUGINS,
     CONFIG,
     CONTAINERD_SOCKET,
+    K3S,
     MANIFESTS,
     NODE_NAME,
     PAUSE_REFERENCE,
@@ -60,8 +64,12 @@ runtime_path = '{BIN}/containerd-shim-runc-v2'
 [plugins.'io.containerd.cri.v1.runtime'.containerd.runtimes.runc.options]
 BinaryName = '{BIN}/runc'
 Root = '{RUN}/runc'
-SystemdCgroup = false
+SystemdCgroup = %s
 """
+
+
+def containerd() -> str:
+    return CONTAINERD_TOML % str(cgroups.driver() == "systemd").lower()
 
 
 def kubeconfig(identity: Identity) -> str:
@@ -103,7 +111,7 @@ def kubelet() -> str:
             "x509": {"clientCAFile": certificate(AUTHORITY)},
         },
         "authorization": {"mode": "Webhook"},
-        "cgroupDriver": "cgroupfs",
+        "cgroupDriver": cgroups.driver(),
         "failCgroupV1": False,
         "failSwapOn": False,
         "oomScoreAdj": 0,
@@ -112,13 +120,19 @@ def kubelet() -> str:
         "podLogsDir": f"{ROOT}/pods",
         "volumePluginDir": f"{ROOT}/volume-plugins",
         "resolvConf": "",
-        # As config/k3s/kubelet.conf tells robots.
-        "crashLoopBackOff": {"maxContainerRestartPeriod": "2s"},
         # Images come from no registry: a collected one is gone. The host's full disk must not evict pods.
         "imageGCHighThresholdPercent": 100,
         "evictionHard": {"memory.available": "100Mi", "nodefs.available": "1%", "imagefs.available": "1%"},
     }
     return json.dumps(config, indent=2)
+
+
+def kubelet_arguments() -> list[str]:
+    """What config/k3s/config.yaml adds to the command line where the node is as k3s makes it; elsewhere nothing."""
+    if cgroups.driver() != "systemd":
+        return []
+    config = yaml.safe_load((K3S / "config.yaml").read_text())
+    return [f"--{argument}" for argument in config["kubelet-arg"]]
 
 
 def cni() -> str:

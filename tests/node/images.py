@@ -7,11 +7,15 @@ import os
 import shutil
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tests.node import access, base, build, cache, context, host, mounts, shell
 from tests.node.errors import ClusterError
 from tests.node.layout import BIN, CACHE, CONTAINERD_SOCKET, PAUSE_IMAGE, REPOSITORY, ROOT, SOURCES, TAG
 from tests.node.lock import held
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 log = logging.getLogger(__name__)
 
@@ -22,10 +26,15 @@ IMPORT_TIMEOUT = 300.0
 
 def image(name: str, dockerfile: Path, folder: Path) -> str:
     """Build NAME:dev from a Dockerfile, import it into the cluster and return how pods call it."""
+    _deliver(name, built(name, dockerfile, folder).stem)
+    return f"{name}:{TAG}"
+
+
+def built(name: str, dockerfile: Path, folder: Path) -> Path:
+    """Build NAME:dev and return its archive; it is imported nowhere."""
     build.install_packages()
     inputs = cache.key(name, base.key(), dockerfile.read_text(), files=context.files(folder), root=folder)
-    _deliver(name, _known(name, inputs) or _build(name, inputs, dockerfile, folder))
-    return f"{name}:{TAG}"
+    return _archive(name, _known(name, inputs) or _build(name, inputs, dockerfile, folder))
 
 
 def reference(name: str) -> str:
@@ -35,10 +44,16 @@ def reference(name: str) -> str:
 
 def import_pause() -> None:
     """Import the image of every pod's first container, which no registry has to serve."""
+    _import(PAUSE_IMAGE, pause().stem)
+
+
+def pause() -> Path:
+    """Build that image and return its archive."""
     program = next(one for one in build.PROGRAMS if one.name == "pause")
     inputs, dockerfile = build.program_key(program), SOURCES / "program" / "pause" / "Dockerfile"
     known = _known(PAUSE_IMAGE, inputs)
-    _import(PAUSE_IMAGE, known or _build(PAUSE_IMAGE, inputs, dockerfile, build.build(program), on_base=False))
+    identifier = known or _build(PAUSE_IMAGE, inputs, dockerfile, build.build(program), on_base=False)
+    return _archive(PAUSE_IMAGE, identifier)
 
 
 def _known(name: str, inputs: str) -> str:
@@ -62,12 +77,33 @@ def _build(name: str, inputs: str, dockerfile: Path, folder: Path, *, on_base: b
     return identifier
 
 
-def _base_image() -> str:
+def foreign(name: str, dockerfile: Path, folder: Path, architecture: str) -> str:
+    """Build an image for another architecture and return its name in the store; its programs run here, emulated."""
+    target = f"localhost/{name}-{architecture}:{TAG}"
+    with held("images"):
+        _bud(target, dockerfile, folder, base_image=_base_image(architecture), architecture=architecture)
+    return target
+
+
+def run(image: str, argv: Sequence[str], *, folders: Sequence[Path], timeout: float) -> str:
+    """Run a program of an image in the store and return what it printed; it sees the folders where they are here."""
+    with held("images"):
+        container = shell.run(_buildah("from", "--pull-never", image), timeout=timeout).strip()
+        volumes = [part for folder in folders for part in ("--volume", f"{folder}:{folder}:ro")]
+        try:
+            command = _buildah("run", "--isolation", "chroot", *volumes, container, "--", *argv)
+            return shell.run(command, timeout=timeout)
+        finally:
+            shell.run(_buildah("rm", container))
+            mounts.remove(STORE)
+
+
+def _base_image(architecture: str = "") -> str:
     """Put the base image into buildah's store and return its name there."""
-    name = f"localhost/{base.IMAGE}"
-    folder, stamp = base.archive(), STORE / f"base-{base.key()}"
+    name = f"localhost/{base.IMAGE}" + (f"-{architecture}" if architecture else "")
+    folder, stamp = base.archive(architecture), STORE / f"base-{base.key(architecture)}"
     if not stamp.exists():
-        _bud(name, folder / "Dockerfile", folder, base_image="")
+        _bud(name, folder / "Dockerfile", folder, base_image="", architecture=architecture)
         stamp.touch()
     return name
 
@@ -80,12 +116,14 @@ def _archive(name: str, identifier: str) -> Path:
     return CACHE / "images" / name / f"{identifier}.tar"
 
 
-def _bud(name: str, dockerfile: Path, folder: Path, *, base_image: str) -> str:
+def _bud(name: str, dockerfile: Path, folder: Path, *, base_image: str, architecture: str = "") -> str:
     """Build with buildah, which reuses unchanged layers, and return the id of the image."""
     STORE.mkdir(parents=True, exist_ok=True)
     identifier = STORE / "built"
     options = ["--iidfile", str(identifier)]
     options += ["--isolation", "chroot", "--layers", "--format", "docker", "--pull-never"]
+    if architecture:
+        options += ["--arch", architecture]
     if base_image:
         options += ["--build-arg", f"BASE_IMAGE={base_image}"]
         options += [part for volume in host.volumes() for part in ("--volume", volume)]

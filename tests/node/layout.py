@@ -7,6 +7,7 @@ from pathlib import Path
 
 SOURCES = Path(__file__).resolve().parent
 REPOSITORY = SOURCES.parents[1]
+K3S = REPOSITORY / "config" / "k3s"
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "contextpolicy"
 
 # Unix socket paths end at 108 bytes, so the root is short. `run` is what a reboot would clear.
@@ -19,6 +20,7 @@ MANIFESTS = ROOT / "manifests"
 PKI = ROOT / "pki"
 RUN = ROOT / "run"
 KUBECONFIG = ROOT / "kubeconfig"
+CGROUP_DRIVER_VARIABLE = "CONTEXTPOLICY_NODE_CGROUP_DRIVER"
 DATASTORE_VARIABLE = "CONTEXTPOLICY_NODE_DATASTORE"
 KINE_SOCKET = RUN / "kine.sock"
 CONTAINERD_SOCKET = RUN / "containerd.sock"
@@ -37,6 +39,7 @@ KUBERNETES_VERSION = "v1.36.3"
 CONTAINERD_VERSION = "v2.4.2"
 KINE_VERSION = "v0.17.5"
 RUNC_VERSION = "v1.5.2"
+HELM_CONTROLLER_VERSION = "v0.17.9"
 HELM_VERSION = "v4.3.1"
 METRICS_SERVER_VERSION = "v0.9.0"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,7 @@ from tests.node import (
     traces,
 )
 from tests.node.errors import ClusterError
-from tests.node.layout import BIN, CONFIG, KUBECONFIG, LOGS, MANIFESTS, NODE_NAME, ROOT, RUN
+from tests.node.layout import BIN, CONFIG, K3S, KUBECONFIG, LOGS, MANIFESTS, NODE_NAME, ROOT, RUN
 from tests.node.lock import held
 from tests.node.shell import succeeds, tail, wait_until
 
@@ -47,8 +48,16 @@ def up() -> None:
         if RUN.exists():
             log.info("the node is half dead: starting it again with its state")
             leftovers.clean(keep_state=True)
-        _start()
+        build.link_binaries()
+        _start(images.import_pause)
         log.info("the node is up: kubeconfig %s, logs %s", KUBECONFIG, LOGS)
+
+
+def boot() -> None:
+    """Start the node after its machine has started; nothing is built, for programs and images are there already."""
+    with held("node"):
+        shutil.rmtree(RUN, ignore_errors=True)
+        _start(lambda: None)
 
 
 def down(*, keep_state: bool = False) -> None:
@@ -112,7 +121,7 @@ def _build() -> None:
         archive.result()
 
 
-def _start() -> None:
+def _start(import_images: Callable[[], None]) -> None:
     if cgroups.pod_processes():
         raise ClusterError("another Kubernetes runs pods on this machine: set KUBECONFIG to use that one")
     traces.remember()
@@ -124,22 +133,22 @@ def _start() -> None:
         log.info("starting %s", one.name)
         start(one.name)
         if one.name == "containerd":
-            images.import_pause()
+            import_images()
     _await_node()
 
 
 def _write_configuration() -> None:
-    build.link_binaries()
     certificates.create()
-    for folder in (MANIFESTS, CONFIG / "cni", ROOT / "kine"):
+    for folder in (MANIFESTS, CONFIG / "cni", CONFIG / "kubelet.conf.d", ROOT / "kine"):
         folder.mkdir(parents=True, exist_ok=True)
     for identity in certificates.CLIENTS:
         (CONFIG / f"{identity.name}.kubeconfig").write_text(configuration.kubeconfig(identity))
     KUBECONFIG.write_text(configuration.kubeconfig(certificates.ADMIN))
     KUBECONFIG.chmod(0o600)
-    (CONFIG / "containerd.toml").write_text(configuration.CONTAINERD_TOML)
+    (CONFIG / "containerd.toml").write_text(configuration.containerd())
     (CONFIG / "audit-policy.json").write_text(configuration.audit_policy())
     (CONFIG / "kubelet.json").write_text(configuration.kubelet())
+    shutil.copy(K3S / "kubelet.conf", CONFIG / "kubelet.conf.d" / "90-contextpolicy.conf")
     (CONFIG / "cni" / "10-node.conflist").write_text(configuration.cni())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import subprocess
 import time
 from typing import TYPE_CHECKING
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+PATIENCE = float(os.environ.get("CONTEXTPOLICY_NODE_PATIENCE", "1"))
+"""Every bound of a wait is multiplied by this, on a machine that is slower than the bounds were made for."""
 HEARTBEAT = 15.0
 POLL = 0.1
 
@@ -24,7 +27,8 @@ def run(
 ) -> str:
     """Return what the program printed; a failure or a timeout is a ClusterError with its last words."""
     try:
-        done = subprocess.run(argv, capture_output=True, text=True, timeout=timeout, env=env, input=stdin, check=False)
+        limit = timeout * PATIENCE
+        done = subprocess.run(argv, capture_output=True, text=True, timeout=limit, env=env, input=stdin, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise ClusterError(f"{argv[0]}: {error}") from error
     if done.returncode:
@@ -66,7 +70,7 @@ def _heartbeat(what: str, process: subprocess.Popen[bytes], *, elapsed: float, t
 
 def wait_until(condition: Callable[[], bool], *, timeout: float) -> bool:
     """Look at a condition until it holds; False when it did not in time."""
-    deadline = time.monotonic() + timeout
+    deadline = time.monotonic() + timeout * PATIENCE
     while not condition():
         if time.monotonic() > deadline:
             return False

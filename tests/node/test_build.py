@@ -45,6 +45,6 @@ def test_fetched_programs_are_pinned():
 
 
 def test_base_image_takes_the_hosts_mirror_and_settings(tmp_path):
-    command = base.command(tmp_path / "base.tar", ['Acquire::http::Proxy "p";'], ["mirror.sources"])
+    command = base.command(tmp_path / "base.tar", ["python3"], ['Acquire::http::Proxy "p";'], ["mirror.sources"])
     assert '--aptopt=Acquire::http::Proxy "p";' in command
     assert command[-3:] == [base.SUITE, str(tmp_path / "base.tar"), "mirror.sources"]

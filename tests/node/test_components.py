@@ -4,7 +4,8 @@ import tomllib
 import pytest
 
 from tests.node import __main__ as command_line
-from tests.node import certificates, components, configuration, layout
+from tests.node import certificates, cgroups, components, configuration, layout
+from tests.node.errors import ClusterError
 
 
 def flags(component: components.Component) -> dict[str, str]:
@@ -76,7 +77,7 @@ def test_client_certificates_carry_user_and_group():
 
 
 def test_containerd_pins_the_pause_image_and_keeps_its_files_below_the_root():
-    config = tomllib.loads(configuration.CONTAINERD_TOML)
+    config = tomllib.loads(configuration.containerd())
     plugins = config["plugins"]
     assert plugins["io.containerd.cri.v1.images"]["pinned_images"]["sandbox"] == layout.PAUSE_REFERENCE
     assert plugins["io.containerd.cri.v1.runtime"]["restrict_oom_score_adj"] is True
@@ -84,7 +85,7 @@ def test_containerd_pins_the_pause_image_and_keeps_its_files_below_the_root():
 
 
 def test_shim_sockets_fit_into_the_limit_of_containerd():
-    config = tomllib.loads(configuration.CONTAINERD_TOML)
+    config = tomllib.loads(configuration.containerd())
     assert len(config["plugins"]["io.containerd.shim.v1.manager"]["socket_dir"]) <= 42
 
 
@@ -103,3 +104,25 @@ def test_kubeconfig_points_to_the_api_server_with_the_identity():
 def test_pods_get_addresses_from_the_range_that_the_proxy_knows():
     bridge = json.loads(configuration.cni())["plugins"][0]
     assert bridge["ipam"]["ranges"] == [[{"subnet": flags(components.proxy())["cluster-cidr"]}]]
+
+
+def test_kubelet_and_containerd_agree_on_who_makes_cgroups(monkeypatch):
+    def agreed():
+        toml = tomllib.loads(configuration.containerd())["plugins"]["io.containerd.cri.v1.runtime"]
+        options = toml["containerd"]["runtimes"]["runc"]["options"]
+        return json.loads(configuration.kubelet())["cgroupDriver"], options["SystemdCgroup"]
+
+    assert agreed() == ("cgroupfs", False)
+    monkeypatch.setenv(layout.CGROUP_DRIVER_VARIABLE, "systemd")
+    assert agreed() == ("systemd", True)
+
+
+def test_where_systemd_runs_the_node_its_components_stay_in_its_service(monkeypatch):
+    monkeypatch.setenv(layout.CGROUP_DRIVER_VARIABLE, "systemd")
+    assert cgroups.components_folder() == cgroups.MOUNT / "system.slice" / "contextpolicy-node.service"
+
+
+def test_an_unknown_cgroup_driver_is_refused_with_the_known_ones(monkeypatch):
+    monkeypatch.setenv(layout.CGROUP_DRIVER_VARIABLE, "v2")
+    with pytest.raises(ClusterError, match="DRIVER=v2: it is one of cgroupfs, systemd"):
+        configuration.kubelet()

@@ -265,3 +265,52 @@ helm.sh/hook: post-delete
 helm.sh/hook-weight: {{ . | quote }}
 helm.sh/hook-delete-policy: hook-succeeded,before-hook-creation
 {{- end -}}
+
+{{/* The pod of something that is done once, with the account of the same name. Takes a list: root, component, arguments. */}}
+{{- define "contextpolicy.oncePodSpec" -}}
+{{- $root := index . 0 -}}
+{{- with $root.Values.imagePullSecrets }}
+imagePullSecrets:
+  {{- toYaml . | nindent 2 }}
+{{- end }}
+serviceAccountName: {{ include "contextpolicy.fullname" $root }}-{{ index . 1 }}
+enableServiceLinks: false
+restartPolicy: Never
+{{- include "contextpolicy.placement" $root.Values.operator }}
+securityContext:
+  {{- include "contextpolicy.podSecurityContext" $root | nindent 2 }}
+containers:
+- name: {{ index . 1 }}
+  image: {{ include "contextpolicy.image" $root }}
+  imagePullPolicy: {{ $root.Values.image.pullPolicy }}
+  args:
+  {{- toYaml (index . 2) | nindent 2 }}
+  {{- range $root.Values.watchNamespaces }}
+  - --namespace={{ . }}
+  {{- end }}
+  resources:
+    {{- toYaml $root.Values.operator.resources | nindent 4 }}
+  securityContext:
+    {{- include "contextpolicy.containerSecurityContext" $root | nindent 4 }}
+{{- end -}}
+
+{{/* A NetworkPolicy's spec: the pods of a component reach the API server and nothing else. Takes a list: root, component. */}}
+{{- define "contextpolicy.reachesOnlyTheApi" -}}
+podSelector:
+  matchLabels:
+    {{- include "contextpolicy.selectorLabels" . | nindent 4 }}
+policyTypes: [Ingress, Egress]
+ingress: []
+egress:
+- ports:
+  {{- range (index . 0).Values.networkPolicy.apiServerPorts }}
+  - port: {{ . }}
+  {{- end }}
+{{- end -}}
+
+{{/* The annotations of what exists only during `helm test`. Takes the weight: low ones come first. */}}
+{{- define "contextpolicy.testHook" -}}
+helm.sh/hook: test
+helm.sh/hook-weight: {{ . | quote }}
+helm.sh/hook-delete-policy: hook-succeeded,hook-failed,before-hook-creation
+{{- end -}}

@@ -62,7 +62,7 @@ class Limits:
         except ActuationError:
             self._ledger.close(path)
             return
-        if entry is not None and (entry.held or text in entry.earlier):
+        if entry is not None and (entry.held or text == entry.theirs or text in entry.earlier):
             self._ledger.hear(path, text)
         else:
             self._close(path)

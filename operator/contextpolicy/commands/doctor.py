@@ -39,6 +39,12 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "and tell what mends what is wrong. Changes nothing. What you may not read is unknown, not wrong. Exit "
         "codes: 0 nothing is bad, 1 something is, 2 there is no cluster.",
     )
+    parser.add_argument(
+        "--namespace",
+        metavar="NS",
+        action="append",
+        help="only policies of this namespace; may be repeated",
+    )
     add_output(parser)
     parser.set_defaults(main=main)
 
@@ -48,7 +54,7 @@ def main(arguments: argparse.Namespace) -> int:
     from contextpolicy.cluster.checkup import Verdict, checkup
 
     with api_server() as api:
-        checks = list(checkup(facts(api)))
+        checks = list(checkup(facts(api, arguments.namespace or [None])))
     if arguments.output == "text":
         for check in checks:
             print(f"{check.verdict.upper():8} {check.subject}: {check.seen}")
@@ -59,12 +65,12 @@ def main(arguments: argparse.Namespace) -> int:
     return 1 if any(check.verdict is Verdict.BAD for check in checks) else 0
 
 
-def facts(api: ApiServer) -> ClusterFacts:
-    """Everything that may be read; what may not is None."""
+def facts(api: ApiServer, namespaces: Sequence[str | None]) -> ClusterFacts:
+    """Everything that may be read, of policies in these namespaces (None: all); what may not is None."""
     from contextpolicy.cluster.checkup import ClusterFacts
 
     version = str(api.read("/version")["gitVersion"])
-    policies = _allowed(lambda: api.policies(None)) if api.serves_policies() else None
+    policies = _allowed(lambda: _policies(api, namespaces)) if api.serves_policies() else None
     operators = _allowed(lambda: _pods(api, OPERATOR))
     nodes = _allowed(lambda: api.read("/api/v1/nodes")["items"])
     kubelets = {name: one for node in nodes or () if (one := _kubelet(api, name := node["metadata"]["name"]))}
@@ -80,6 +86,10 @@ def _allowed(read: Callable[[], T]) -> T | None:
         if error.reason in ("Forbidden", "NotFound"):
             return None
         raise
+
+
+def _policies(api: ApiServer, namespaces: Sequence[str | None]) -> list[dict[str, Any]]:
+    return [policy for namespace in namespaces for policy in api.policies(namespace)]
 
 
 def _pods(api: ApiServer, selector: str) -> list[dict[str, Any]]:

@@ -1,0 +1,54 @@
+"""Every sample policy is compared, and a difference is noticed."""
+
+import pytest
+
+from tests.arm64 import __main__ as command_line
+from tests.arm64 import emulation
+from tests.node import base, images
+from tests.node.layout import REPOSITORY
+
+
+def test_every_sample_policy_is_simulated_in_both():
+    simulated = [line for line in command_line.lines() if line[0] == "simulate"]
+    assert len(simulated) == len(list((REPOSITORY / "config" / "expectations").glob("*.yaml")))
+    assert all(line[-2:] == ["--output", "json"] for line in simulated)
+    named = {word for line in simulated for word in line if word.startswith(("config/", "timelines/"))}
+    assert all((REPOSITORY / word).is_file() for word in named)
+
+
+@pytest.mark.parametrize(("foreign", "same"), [("0.5", True), ("0.50", False)])
+def test_one_byte_is_a_difference(monkeypatch, caplog, foreign, same):
+    answers = {"native": "0.5", "foreign": foreign}
+    monkeypatch.setattr(images, "run", lambda image, _argv, **_: answers[image])
+    caplog.set_level("INFO")
+    assert command_line.same(["simulate"], "native", "foreign") is same
+    assert ("identical" if same else "DIFFERENT") in caplog.text
+
+
+@pytest.fixture
+def commands(monkeypatch):
+    called = []
+    monkeypatch.setattr(emulation, "run", called.append)
+    return called
+
+
+def test_the_emulator_is_registered_no_longer_than_needed(monkeypatch, tmp_path, commands):
+    monkeypatch.setattr(emulation, "FORMATS", tmp_path)
+    with emulation.registered():
+        assert [words[0] for words in commands] == ["mount", "update-binfmts"]
+    assert [words[:2] for words in commands[2:]] == [["update-binfmts", "--disable"], ["umount", str(tmp_path)]]
+
+
+def test_an_emulator_that_was_registered_before_stays(monkeypatch, tmp_path, commands):
+    monkeypatch.setattr(emulation, "FORMATS", tmp_path)
+    for name in ("register", emulation.NAME):
+        (tmp_path / name).touch()
+    with emulation.registered():
+        pass
+    assert commands == []
+
+
+def test_another_architectures_base_is_another_image(tmp_path):
+    assert base.key("arm64") != base.key()
+    line = base.command(tmp_path / "base.tar", ["python3"], [], [], architecture="arm64")
+    assert "--architectures=arm64" in line

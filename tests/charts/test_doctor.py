@@ -1,0 +1,47 @@
+"""`helm test`: the doctor looks at the release, with rights that last as long as the test."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.charts.test_chart import EVERYTHING
+
+HOOK = "helm.sh/hook"
+
+
+def hooks(rendered):
+    """All that exists only during `helm test`, in the order of creation."""
+    found = [item for item in rendered.values() if item["metadata"].get("annotations", {}).get(HOOK) == "test"]
+    return sorted(found, key=lambda item: int(item["metadata"]["annotations"][f"{HOOK}-weight"]))
+
+
+def test_rights_come_before_the_pod_and_nothing_outlasts_the_test(render):
+    assert [item["kind"] for item in hooks(render())] == ["ServiceAccount", "ClusterRole", "ClusterRoleBinding", "Pod"]
+    for item in hooks(render(*EVERYTHING)):
+        kept = item["metadata"]["annotations"][f"{HOOK}-delete-policy"]
+        assert kept == "hook-succeeded,hook-failed,before-hook-creation"
+
+
+def test_it_changes_nothing(render):
+    role = render(*EVERYTHING)["ClusterRole", "contextpolicy-doctor"]
+    verbs = {(resource, verb) for rule in role["rules"] for resource in rule["resources"] for verb in rule["verbs"]}
+    assert {verb for resource, verb in verbs if resource != "subjectaccessreviews"} == {"list"}
+
+
+@pytest.mark.parametrize(
+    ("settings", "namespaces"),
+    [((), []), (("watchNamespaces={robot,lab}",), ["--namespace=robot", "--namespace=lab"])],
+)
+def test_it_judges_the_policies_that_the_operator_serves(render, settings, namespaces):
+    pod = render(*settings)["Pod", "contextpolicy-doctor"]
+    assert pod["spec"]["containers"][0]["args"] == ["doctor", *namespaces]
+    assert pod["spec"]["serviceAccountName"] == "contextpolicy-doctor"
+
+
+def test_what_it_finds_is_printed_without_another_option(render):
+    pod = render()["Pod", "contextpolicy-doctor"]
+    assert pod["metadata"]["annotations"][f"{HOOK}-output-log-policy"] == "hook-succeeded,hook-failed"
+
+
+def test_without_rights_there_is_nothing_to_test_with(render):
+    assert hooks(render("rbac.create=false")) == []

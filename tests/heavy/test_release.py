@@ -1,0 +1,128 @@
+"""A release that `make heavy` built, a copy of it built again, and a real registry."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import socket
+import subprocess
+import tarfile
+import time
+import urllib.request
+
+import pytest
+
+from release import images
+from tests.node import build
+from tests.node.layout import REPOSITORY
+
+RELEASE, AGAIN = REPOSITORY / "build" / "release", REPOSITORY / "build" / "release-again"
+LOCK = (REPOSITORY / "operator" / "requirements.txt").read_text(encoding="utf-8")
+INDEX = "application/vnd.oci.image.index.v1+json"
+
+
+def run(*argv):
+    done = subprocess.run(argv, cwd=RELEASE, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def one(pattern, folder=RELEASE):
+    found = list(folder.glob(pattern))
+    assert len(found) == 1, f"{folder}/{pattern}: {found or 'run `make heavy`, which builds the release'}"
+    return found[0]
+
+
+def described(archive):
+    """The index in an image's archive: the description of each architecture's image, and the contents of all blobs."""
+    with tarfile.open(archive) as tar:
+        content = {member.name: tar.extractfile(member).read() for member in tar if member.isfile()}
+    (entry,) = json.loads(content["index.json"])["manifests"]
+    index = json.loads(blob(content, entry))
+    return {each["platform"]["architecture"]: each for each in index["manifests"]}, content, entry
+
+
+def blob(content, entry):
+    return content["blobs/" + entry["digest"].replace(":", "/")]
+
+
+def test_the_image_is_there_for_both_architectures_under_its_version():
+    found, content, entry = described(one("*-image.tar"))
+    assert set(found) == set(images.ARCHITECTURES)
+    version = one("contextpolicy-*.tgz").name.removeprefix("contextpolicy-").removesuffix(".tgz")
+    assert entry["annotations"]["io.containerd.image.name"] == f"docker.io/library/contextpolicy:{version}"
+    for architecture, each in found.items():
+        config = json.loads(blob(content, json.loads(blob(content, each))["config"]))
+        assert config["architecture"] == architecture
+        assert config["config"]["Labels"]["org.opencontainers.image.version"] == version
+        assert re.fullmatch("[0-9a-f]{40}", config["config"]["Labels"]["org.opencontainers.image.revision"])
+
+
+def test_built_again_it_is_the_same():
+    first, second = described(one("*-image.tar"))[0], described(one("*-image.tar", AGAIN))[0]
+    assert {name: first[name]["digest"] for name in second} == {name: each["digest"] for name, each in second.items()}
+    assert one("contextpolicy-*.tgz").read_bytes() == one("contextpolicy-*.tgz", AGAIN).read_bytes()
+
+
+def test_checksums_and_signature_hold():
+    run("sha256sum", "--check", "--strict", "SHA256SUMS")
+    run("openssl", "dgst", "-sha256", "-verify", "release.pub", "-signature", "SHA256SUMS.sig", "SHA256SUMS")
+
+
+@pytest.mark.parametrize("architecture", images.ARCHITECTURES)
+def test_the_bill_lists_what_was_locked_and_what_debian_gave(architecture):
+    bill = json.loads(one(f"*-linux-{architecture}.spdx.json").read_text())
+    listed = {package["name"].lower().replace("_", "-"): package.get("versionInfo") for package in bill["packages"]}
+    locked = dict(re.findall(r"^([a-z0-9-]+)==([^ ;]+) \\$", LOCK, flags=re.MULTILINE))
+    assert {name: listed.get(name) for name in locked} == locked
+    assert {"contextpolicy", "libc6", "python3.11-minimal"} <= listed.keys()
+
+
+@pytest.fixture(scope="module")
+def registry(tmp_path_factory):
+    """The address of an empty registry."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    folder = tmp_path_factory.mktemp("registry")
+    (folder / "config.yaml").write_text(
+        f"version: 0.1\nstorage: {{filesystem: {{rootdirectory: {folder}/data}}}}\nhttp: {{addr: '{address}'}}\n"
+    )
+    argv = [build.build(build.REGISTRY) / "registry", "serve", folder / "config.yaml"]
+    with (folder / "log").open("w") as log, subprocess.Popen(argv, stdout=log, stderr=log) as process:
+        try:
+            deadline = time.monotonic() + 60
+            while not answers(address):
+                assert time.monotonic() < deadline, (folder / "log").read_text()
+                time.sleep(0.1)
+            yield address
+        finally:
+            process.terminate()
+
+
+def answers(address):
+    with contextlib.suppress(OSError), urllib.request.urlopen(f"http://{address}/v2/", timeout=5):
+        return True
+    return False
+
+
+def test_the_image_goes_into_a_registry_as_it_is(registry):
+    archive = one("*-image.tar")
+    target = f"{registry}/robots/contextpolicy:1"
+    run("skopeo", "copy", "--all", "--dest-tls-verify=false", f"oci-archive:{archive}", f"docker://{target}")
+    url = f"http://{registry}/v2/robots/contextpolicy/manifests/1"
+    with urllib.request.urlopen(urllib.request.Request(url, headers={"Accept": INDEX}), timeout=30) as answer:
+        stored = {each["digest"] for each in json.load(answer)["manifests"]}
+    assert stored == {each["digest"] for each in described(archive)[0].values()}
+
+
+def test_the_chart_goes_into_a_registry_and_is_installed_from_there(registry, tmp_path):
+    helm, chart = build.build(build.HELM) / "helm", one("contextpolicy-*.tgz")
+    version = chart.stem.removeprefix("contextpolicy-")
+    run(helm, "push", chart, f"oci://{registry}/charts", "--plain-http")
+    where = (f"oci://{registry}/charts/contextpolicy", "--version", version, "--plain-http")
+    run(helm, "pull", *where, "--destination", tmp_path)
+    assert (tmp_path / chart.name).read_bytes() == chart.read_bytes()
+    mirrored = f"image.repository={registry}/robots/contextpolicy"
+    assert f"image: {registry}/robots/contextpolicy:{version}\n" in run(helm, "template", *where, "--set", mirrored)

@@ -1,0 +1,73 @@
+"""The command line: python -m tests.vm builds the machine, runs the tests in it, and says how they ended."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+import sys
+import time
+
+from tests.node import build
+from tests.node.errors import ClusterError
+from tests.node.lock import held
+from tests.node.shell import run
+from tests.vm import machine, payload, system
+from tests.vm.guest import STAGES
+from tests.vm.places import BUILD, CONSOLE, DISK, INSIDE_LOGS, LOGS
+
+log = logging.getLogger(__name__)
+
+DEBIAN_PACKAGES = ("e2fsprogs", "qemu-system-x86")
+TIMEOUT = 5400.0
+
+
+def main() -> int:
+    """Exit 0 when every test passed; the logs stay in build/vm/ otherwise."""
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    started = time.monotonic()
+    try:
+        with held("vm"):
+            build.install_packages(DEBIAN_PACKAGES)
+            failed = _run()
+    except ClusterError as error:
+        log.error("error: %s", error)  # noqa: TRY400, the message is the explanation
+        return 1
+    log.info("%s after %.0f s", failed or "all tests in the machine passed", time.monotonic() - started)
+    return 1 if failed else 0
+
+
+def _run() -> str:
+    """Return what failed."""
+    shutil.rmtree(BUILD, ignore_errors=True)
+    root = BUILD / "root"
+    try:
+        system.unpack(root)
+        payload.write(root)
+        kernel = [shutil.copy(file, BUILD) for file in system.kernel(root)]
+        system.make_disk(root, DISK)
+        shutil.rmtree(root)
+        machine.run(machine.command(*kernel, DISK), CONSOLE, timeout=TIMEOUT)
+    finally:
+        shutil.rmtree(root, ignore_errors=True)
+        if DISK.exists():
+            _read_logs()
+            DISK.unlink()
+    return _verdict()
+
+
+def _read_logs() -> None:
+    LOGS.mkdir(parents=True, exist_ok=True)
+    run(["debugfs", "-R", f"rdump {INSIDE_LOGS} {LOGS}", str(DISK)], timeout=120)
+
+
+def _verdict() -> str:
+    codes = {stage: LOGS / INSIDE_LOGS.name / stage for stage in STAGES}
+    return ", ".join(
+        f"{stage}: {'exit ' + file.read_text() if file.exists() else 'not run'}; see {LOGS} and {CONSOLE}"
+        for stage, file in codes.items()
+        if not file.exists() or file.read_text() != "0"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

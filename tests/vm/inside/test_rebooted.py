@@ -1,0 +1,15 @@
+"""The machine was rebooted: everything comes back by itself, under the policy, and can still be undone."""
+
+from tests.e2e.cluster import until
+from tests.vm.chart import ROBOT
+from tests.vm.inside.conftest import all_ready
+from tests.vm.inside.robot import TASKS, agreed, let_go, ready
+
+
+def test_the_policy_holds_and_everything_can_still_be_put_back():
+    until("operator, router and agent are ready", all_ready, patience=1200)
+    for name in TASKS:
+        until(f"pod {name} is ready", lambda name=name: ready(name, ROBOT))
+    agreed(slam=300, speech=100)
+    let_go()
+    agreed(slam=500, speech=500)

@@ -1,0 +1,169 @@
+"""What a robot's pods get, seen in the files that the kernel, systemd and the kubelet share."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from contextpolicy.agent.cgroup_paths import CgroupPaths, Driver, find_cgroups
+from tests.e2e.cluster import until
+from tests.e2e.robot import task
+from tests.vm.chart import NAMESPACE, ROBOT
+from tests.vm.inside import api
+from tests.vm.inside.files import ROOT, container_id, limit, scope, systemctl, weight
+from tests.vm.inside.robot import (
+    TASKS,
+    agreed,
+    api_limits,
+    condition,
+    drive,
+    govern,
+    in_force,
+    let_go,
+    resizes_refused,
+    start,
+)
+
+ORIGINAL = {"slam": 500, "speech": 500}
+STANDING, MOVING = {"slam": 200, "speech": 200}, {"slam": 390, "speech": 10}
+OTHER = "default"
+CLASSES = {
+    "Burstable": None,
+    "Guaranteed": {name: {"cpu": "100m", "memory": "64Mi"} for name in ("requests", "limits")},
+    "BestEffort": {},
+}
+
+
+def test_a_resize_reaches_cpu_max():
+    start("pod", namespace=OTHER)
+    group = scope("pod", OTHER)
+    assert limit(group) == "50000 100000"
+    api.resize("pod", OTHER, limits={"cpu": "250m"})
+    until("cpu.max follows", lambda: limit(group) == "25000 100000" or limit(group))
+    assert limit(group.parent) == "25000 100000"
+    assert systemctl("show", "--property=CPUQuotaPerSecUSec", "--value", group.name) == "250ms"
+
+
+@pytest.mark.parametrize("qos", CLASSES)
+def test_every_class_of_pods_is_where_the_agent_looks_for_it(qos):
+    start(qos.lower(), namespace=OTHER, resources=CLASSES[qos])
+    pod = api.get("pods", qos.lower(), OTHER)
+    assert pod["status"]["qosClass"] == qos
+    found = find_cgroups(ROOT)
+    assert found == CgroupPaths(ROOT, 2, Driver.SYSTEMD)
+    group = found.container(qos, pod["metadata"]["uid"], container_id(qos.lower(), OTHER))
+    assert group == scope(qos.lower(), OTHER)
+    assert [systemctl("is-active", unit.name) for unit in (group, group.parent)] == ["active", "active"]
+    api.delete("pods", qos.lower(), OTHER)
+
+
+@pytest.fixture
+def governed(sensors):
+    drive(sensors, 0.0)
+    govern()
+    agreed(**STANDING)
+    yield sensors
+    drive(sensors, 0.0)
+    let_go()
+
+
+@pytest.fixture
+def ahead(governed):
+    """The agent has written what the robot needs while it moves, and the API can't follow."""
+    with resizes_refused():
+        drive(governed, 0.3)
+        in_force(**MOVING)
+        assert api_limits() == dict.fromkeys(TASKS, "200m")
+        yield governed
+
+
+def test_the_agent_is_ahead_of_the_resize_which_agrees(governed):
+    with resizes_refused():
+        drive(governed, 0.3)
+        in_force(**MOVING)
+        assert api_limits() == dict.fromkeys(TASKS, "200m")
+    agreed(**MOVING)
+
+
+@pytest.mark.usefixtures("ahead")
+def test_systemd_writes_all_units_anew_and_the_agents_limits_stay():
+    systemctl("daemon-reload")
+    time.sleep(5)
+    in_force(**MOVING)
+
+
+@pytest.mark.usefixtures("ahead")
+def test_somebody_sets_a_property_of_the_units_and_the_agents_limits_stay():
+    group = scope("slam", ROBOT)
+    for unit in (group, group.parent):
+        systemctl("set-property", "--runtime", unit.name, "IOAccounting=yes", "CPUWeight=50")
+        until("systemd has written it", lambda unit=unit: weight(unit) == 50 or weight(unit))
+        time.sleep(2)
+        in_force(**MOVING)
+    assert limit(group.parent) == "39000 100000"
+
+
+@pytest.mark.usefixtures("ahead")
+def test_a_killed_agent_goes_on_where_it_was():
+    [agent] = api.items("pods", NAMESPACE, **{"app.kubernetes.io/component": "agent"})
+    name = agent["metadata"]["name"]
+    for process in (scope(name, NAMESPACE) / "cgroup.procs").read_text().split():
+        os.kill(int(process), signal.SIGKILL)
+    until("the agent is back", lambda: api.get("pods", name, NAMESPACE)["status"]["containerStatuses"][0]["ready"])
+    in_force(**MOVING)
+
+
+def test_deleting_the_policy_undoes_what_no_resize_confirmed(governed):
+    with resizes_refused():
+        drive(governed, 0.3)
+        in_force(**MOVING)
+        api.delete("contextpolicy.dev/v1alpha1/contextpolicies", "robot", ROBOT)
+        in_force(**STANDING)
+    agreed(**ORIGINAL)
+
+
+def test_systemd_knows_what_a_resize_has_confirmed(governed):
+    drive(governed, 0.3)
+    agreed(**MOVING)
+    systemctl("daemon-reload")
+    time.sleep(5)
+    in_force(**MOVING)
+    let_go()
+    agreed(**ORIGINAL)
+
+
+def test_weights_move_too_and_are_restored(sensors):
+    before = {name: weight(scope(name, ROBOT)) for name in TASKS}
+    drive(sensors, 0.0)
+    govern(control="Weight")
+    until("both weigh alike, more than before", lambda: len(set(weights().values())) == 1 and weights() != before)
+    drive(sensors, 0.3)
+    until("slam weighs more", lambda: weights()["slam"] > 10 * weights()["speech"] or weights())
+    let_go()
+    until("the weights are as they were", lambda: weights() == before or weights())
+
+
+def weights():
+    return {name: weight(scope(name, ROBOT)) for name in TASKS}
+
+
+def test_realtime_is_refused_in_words_that_help(sensors):
+    drive(sensors, 0.0)
+    govern(scheduler="Realtime")
+    wanted = "cgroup v2 has no realtime budgets (cpu.rt.max) in this kernel: boot with cgroup v1"
+
+    def told():
+        status, message = condition("Realtime")
+        return (status == "False" and wanted in message and "falls back to CFS" in message) or (status, message)
+
+    until("the policy's condition says why", told)
+    drive(sensors, 0.3)
+    in_force(**MOVING)
+    let_go()
+
+
+def test_last_of_all_the_machine_is_left_under_a_policy(sensors):
+    drive(sensors, None)
+    govern(tasks=[task("slam", priority=3), task("speech")])
+    agreed(slam=300, speech=100)

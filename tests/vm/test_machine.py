@@ -1,0 +1,60 @@
+"""The machine's command line, its bounds, and what is said of how it ended."""
+
+import sys
+
+import pytest
+
+from tests.node.errors import ClusterError
+from tests.vm import __main__ as command_line
+from tests.vm import machine
+from tests.vm.guest import STAGES
+
+
+def test_the_machine_has_no_network_and_its_own_time(tmp_path):
+    line = " ".join(machine.command(tmp_path / "vmlinuz", tmp_path / "initrd.img", tmp_path / "disk.img"))
+    assert "-nic none" in line
+    assert "-icount shift=0,sleep=off -rtc clock=vm" in line
+    assert "-accel tcg" in line
+    assert "kvm" not in line
+
+
+def a_machine(script):
+    return [sys.executable, "-c", script]
+
+
+def test_a_machine_that_powers_itself_off_has_said_all(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(machine, "LOOK", 0.01)
+    caplog.set_level("INFO")
+    machine.run(a_machine("print('the last words')"), tmp_path / "console.log", timeout=60)
+    assert "the last words" in caplog.text
+
+
+def test_a_machine_that_stays_on_is_ended(tmp_path):
+    with pytest.raises(ClusterError, match="still on after 0 s"):
+        machine.run(a_machine("import threading; threading.Event().wait()"), tmp_path / "console.log", timeout=0)
+
+
+def test_a_machine_that_does_not_start_says_why(tmp_path, monkeypatch):
+    monkeypatch.setattr(machine, "LOOK", 0.01)
+    with pytest.raises(ClusterError, match=r"exit 3.*\nno such disk"):
+        machine.run(a_machine("import sys; print('no such disk'); sys.exit(3)"), tmp_path / "console.log", timeout=60)
+
+
+@pytest.fixture
+def logs(tmp_path, monkeypatch):
+    monkeypatch.setattr(command_line, "LOGS", tmp_path)
+    folder = tmp_path / command_line.INSIDE_LOGS.name
+    folder.mkdir()
+    return folder
+
+
+def test_all_stages_must_have_run_and_passed(logs):
+    for stage in STAGES:
+        (logs / stage).write_text("0")
+    assert command_line._verdict() == ""
+
+
+def test_a_stage_that_failed_or_never_ran_is_named(logs):
+    (logs / "running").write_text("1")
+    assert "running: exit 1" in command_line._verdict()
+    assert "rebooted: not run" in command_line._verdict()

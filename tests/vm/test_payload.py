@@ -1,0 +1,54 @@
+"""What the machine gets: units that start what exists, an environment that makes the node one of systemd's."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.node.build import DEBIAN_PACKAGES
+from tests.node.layout import CGROUP_DRIVER_VARIABLE, REPOSITORY
+from tests.vm import chart, payload, system
+from tests.vm.places import INSIDE_REPOSITORY
+
+UNITS = sorted(payload.UNITS.glob("*.service"))
+
+
+def test_the_node_in_the_machine_uses_systemds_cgroups():
+    environment = payload.environment()
+    assert environment[CGROUP_DRIVER_VARIABLE] == "systemd"
+    assert str(INSIDE_REPOSITORY / "operator") in environment["PYTHONPATH"].split(":")
+
+
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.stem)
+def test_what_units_start_and_name_exists(unit):
+    text = unit.read_text()
+    for module in re.findall(r"python3 -m (\S+)", text):
+        assert (REPOSITORY / f"{module.replace('.', '/')}.py").is_file()
+    named = set(re.findall(r"contextpolicy-[a-z-]+\.service", text))
+    assert named <= {other.name for other in UNITS}
+
+
+def test_the_node_outlives_what_started_it_as_k3s_does():
+    text = next(unit for unit in UNITS if unit.stem == "contextpolicy-node").read_text()
+    assert "KillMode=process" in text
+    assert "Delegate=yes" in text
+
+
+def test_the_system_has_what_the_node_calls():
+    """All but what only builds need."""
+    builds = {"buildah", "gcc", "libc6-dev", "libseccomp-dev", "mmdebstrap", "pkg-config"}
+    assert set(DEBIAN_PACKAGES) - builds <= set(system.PACKAGES)
+
+
+def test_the_rendered_chart_has_its_namespaces_first(tmp_path):
+    helm = tmp_path / "helm"
+    helm.write_text("#!/bin/sh\nprintf 'kind: Service\\n---\\n---\\nkind: DaemonSet\\n'\n")
+    helm.chmod(0o755)
+    kinds = [one["kind"] for one in json.loads(chart.rendered(str(helm)))]
+    assert kinds == ["Namespace", "Namespace", "Service", "DaemonSet"]
+
+
+def test_wheels_are_for_the_python_of_the_machines_release():
+    assert payload.PYTHON == "3.11", "Debian 12's"
+    assert Path(payload.LOCKED).is_file()
