@@ -115,5 +115,5 @@ def until(what: str, condition: Callable[[], object], patience: float = PATIENCE
         last = condition()
         if last is True:
             return
-        time.sleep(0.02)
+        time.sleep(0.02 * shell.PATIENCE)
     raise AssertionError(f"not within {patience:g} s: {what}; last seen: {last!r}")

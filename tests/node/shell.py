@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 PATIENCE = float(os.environ.get("CONTEXTPOLICY_NODE_PATIENCE", "1"))
-"""Every bound of a wait is multiplied by this, on a machine that is slower than the bounds were made for."""
+"""Every bound of a wait, and the pause between two looks, is multiplied by this on a machine that is slow."""
 HEARTBEAT = 15.0
 POLL = 0.1
 
@@ -74,7 +74,7 @@ def wait_until(condition: Callable[[], bool], *, timeout: float) -> bool:
     while not condition():
         if time.monotonic() > deadline:
             return False
-        time.sleep(POLL)
+        time.sleep(POLL * PATIENCE)
     return True
 
 

@@ -24,7 +24,7 @@ PROGRAM = "qemu-system-x86_64"
 MEMORY = 4096
 """MiB, and so are the machine's translated instructions."""
 TRANSLATED = 1024
-KERNEL_ARGUMENTS = "console=ttyS0 root=/dev/vda rw systemd.show_status=false quiet"
+KERNEL_ARGUMENTS = "console=ttyS0 root=/dev/vda rw mitigations=off systemd.show_status=false quiet"
 LOOK = 1.0
 
 

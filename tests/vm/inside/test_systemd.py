@@ -1,0 +1,77 @@
+"""Two that write the same file: the agent's limits on units of systemd's own, without a node."""
+
+import subprocess
+import uuid
+
+import pytest
+
+from contextpolicy.agent.control_files import CFS, ControlFiles
+from contextpolicy.agent.inotify import WriteWatch
+from contextpolicy.agent.ledger import Ledger
+from contextpolicy.agent.limits import Limits
+from contextpolicy.agent.refusals import Refusals
+from tests.e2e.cluster import until
+from tests.vm.inside.files import ROOT, limit, systemctl
+
+POLICY = "robot/robot"
+BEFORE, OURS = "50000 100000", "39000 100000"
+
+
+@pytest.fixture
+def group():
+    """A container's scope in a pod's slice, both with half a core, as the kubelet has them made."""
+    name = uuid.uuid4().hex
+    slice_name, scope = f"agent-pod{name}.slice", f"agent-{name}.scope"
+    quota = ("--property=CPUQuota=50%", "--property=CPUQuotaPeriodSec=100ms")
+    argv = ["systemd-run", "--scope", f"--unit={scope}", f"--slice={slice_name}", *quota, "sleep", "infinity"]
+    folder = ROOT / "agent.slice" / slice_name / scope
+    with subprocess.Popen(argv) as process:
+        until("the scope is there", folder.is_dir)
+        systemctl("set-property", "--runtime", slice_name, "CPUQuota=50%", "CPUQuotaPeriodSec=100ms")
+        until("both have half a core", lambda: [limit(folder), limit(folder.parent)] == [BEFORE, BEFORE])
+        yield folder
+        systemctl("stop", scope, slice_name)
+        process.wait(600)
+
+
+@pytest.fixture
+def agent(tmp_path):
+    """The part of the agent that writes limits and hears of other writers; `heard` is what those wrote."""
+    heard = []
+
+    def on_write(path):
+        heard.append(path.read_text().strip())
+        limits.on_other_write(path)
+
+    watch = WriteWatch(on_write)
+    limits = Limits(ControlFiles(CFS[2], watch.add, watch.remove), Ledger(tmp_path / "journal"), Refusals())
+    limits.heard = heard
+    yield limits
+    limits.release(POLICY)
+
+
+def test_a_property_that_somebody_sets_takes_no_limit_back(group, agent):
+    """systemd writes all that it knows of the unit's CPU, and so the limit from before ours."""
+    agent.apply(POLICY, {group: 390})
+    assert limit(group) == OURS
+    systemctl("set-property", "--runtime", group.name, "CPUWeight=50")
+    until("systemd has written what it knew", lambda: BEFORE in agent.heard or agent.heard)
+    until("ours is back", lambda: limit(group) == OURS or limit(group))
+    agent.release(POLICY)
+    assert [limit(group), limit(group.parent)] == [BEFORE, BEFORE]
+
+
+def test_reloading_systemd_takes_no_limit_back(group, agent):
+    agent.apply(POLICY, {group: 390})
+    systemctl("daemon-reload")
+    systemctl("daemon-reexec")
+    until("ours is in force", lambda: limit(group) == OURS or limit(group))
+
+
+def test_a_limit_that_systemd_is_told_is_the_owners(group, agent):
+    """As a resize that decides otherwise: it stays until the next plan."""
+    agent.apply(POLICY, {group: 390})
+    systemctl("set-property", "--runtime", group.name, "CPUQuota=20%")
+    until("the owner's is in force", lambda: limit(group) == "20000 100000" or limit(group))
+    agent.release(POLICY)
+    assert limit(group) == "20000 100000"
