@@ -3,8 +3,8 @@
     python -m tests.bench.hops [--rounds N] [--plain]
 
 Sensor, router, operator and agent are processes of their own on loopback, with TLS and roles as the chart sets them up
-(--plain: without). The operator has a stand-in cluster; the agent writes cgroups of this machine that limit nobody, where
-cgroup version 1 is mounted and it may, else plain files. Two floors take turns with it, through the same router:
+(--plain: without). The operator has a stand-in cluster; the agent writes cgroups of this machine that limit nobody,
+where cgroup version 1 is mounted and it may, else plain files. Two floors take turns with it, through the same router:
 
     two hops   a sensor, a process that passes each message on, and one that writes the files, which are open
     one hop    without the process between
@@ -196,7 +196,8 @@ def _agent_settings(place: Path, limits: int) -> dict[str, str]:
     directories = {"CGROUP_ROOT": place / "cgroup", "POD_LOGS": logs, "STATE_DIRECTORY": state}
     return {
         **{name: str(directory) for name, directory in directories.items()},
-        **{"NODE_NAME": NODE, "METRICS_PORT": str(PORT + 100 + limits)},
+        "NODE_NAME": NODE,
+        "METRICS_PORT": str(PORT + 100 + limits),
     }
 
 

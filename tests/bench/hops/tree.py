@@ -30,7 +30,7 @@ def uid(name: str) -> str:
 
 @contextmanager
 def cgroups(place: Path, names: Iterable[str]) -> Iterator[CgroupPaths]:
-    """The groups of pods with one container each, at `place` as an agent sees them; removed at the end."""
+    """The groups of pods with a container and a sandbox each, at `place` as an agent sees them; removed at the end."""
     place.mkdir()
     real = _kernels()
     if real is None:
@@ -44,7 +44,8 @@ def cgroups(place: Path, names: Iterable[str]) -> Iterator[CgroupPaths]:
             made.append(real)
         for name in names:
             container = layout.container("Burstable", uid(name), container_id(name))
-            for group in (layout.top, *reversed(container.parents[:2]), container):
+            sandbox = container.with_name(container.name[::-1])
+            for group in (layout.top, *reversed(container.parents[:2]), container, sandbox):
                 if not group.exists():
                     group.mkdir()
                     made.append(group)
