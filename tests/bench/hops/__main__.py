@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from contextlib import ExitStack
@@ -71,7 +70,6 @@ def main() -> int:
         "agent_over_floor_30": cases["30"]["over_floor"],
         "cases": cases,
         "machine": machine(),
-        "load": os.getloadavg()[0],
         "bus": "plain" if options.plain else "TLS, roles",
     }
     OUTPUT.parent.mkdir(parents=True, exist_ok=True)
@@ -223,7 +221,7 @@ def _spread(times: Sequence[float]) -> dict[str, float]:
 
 
 def _text(result: dict[str, Any]) -> str:
-    lines = [f"{result['machine']}, load {result['load']:.1f}; bus: {result['bus']}", ""]
+    lines = [f"{result['machine']}; bus: {result['bus']}", ""]
     for limits, case in result["cases"].items():
         lines.append(f"{limits} limits, a plan of {case['plan_bytes']} bytes, {case['missed']} missed; ms, medians:")
         lines += [f"  {what:40} {ms:7.3f}" for what, ms in case["hops_ms_p50"].items()]
