@@ -33,6 +33,11 @@ class Child:
         self._process.terminate()
         self._process.wait()
 
+    @property
+    def process(self) -> int:
+        """Its id."""
+        return self._process.pid
+
     def ask(self, **question: Any) -> Any:
         """Its answer."""
         assert self._process.stdin is not None

@@ -52,7 +52,7 @@ class Stamps:
     def __init__(self, hops: Iterable[Hop]) -> None:
         self._notes: Notes = []
         for hop in hops:
-            owner, name = _found(hop.function)
+            owner, name = found(hop.function)
             setattr(owner, name, self._noting(getattr(owner, name), hop))
 
     def take(self) -> Notes:
@@ -73,7 +73,7 @@ class Stamps:
         return noted
 
 
-def _found(function: str) -> tuple[Any, str]:
+def found(function: str) -> tuple[Any, str]:
     """The class of a function, and its name there; AttributeError when the code has no such function any more."""
     module, _, path = function.partition(":")
     owner, _, name = path.rpartition(".")
@@ -82,11 +82,11 @@ def _found(function: str) -> tuple[Any, str]:
 
 def legs(notes: Notes, began: int) -> dict[str, float] | None:
     """Milliseconds of each hop after the one before it, in order; None when one is missing."""
-    at, found = began, {}
+    at, told = began, {}
     for hop in (*OPERATOR, *AGENT):
         moments = [moment for what, moment in notes if what == hop.what and moment >= began]
         if not moments:
             return None
         reached = max(moments) if hop.what == LAST else min(moments)
-        found[hop.what], at = (reached - at) / 1e6, reached
-    return found
+        told[hop.what], at = (reached - at) / 1e6, reached
+    return told
