@@ -77,6 +77,12 @@ bench: setup  ## measure the decision engine: samples per second, sample to plan
 bench-live: setup  ## measure what a sample costs the running operator, beside the bare callback and hand-over
 	$(PYTHON) -m tests.bench.live
 
+bench-hops: setup  ## measure where the time goes between a sample and the agent's write, beside the floor (as root)
+	$(PYTHON) -m tests.bench.hops
+
+bench-footprint: images  ## measure what operator, router and agent take on a real node, beside the floor
+	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.footprint
+
 bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives (RESUME=--resume goes on)
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction $(RESUME)
 

@@ -36,6 +36,19 @@ def test_a_plan_becomes_an_order_and_a_message():
     assert message["trigger"] == pytest.approx(START, abs=1.0)
 
 
+@pytest.mark.parametrize(("agent", "told_before"), [(False, 0), (True, 1)])
+def test_patches_are_sent_before_the_message_is_made_unless_an_agent_acts_on_the_message(agent, told_before):
+    robot = Robot()
+    if agent:
+        robot.session.agents[NODE] = b'{"missing": {"CFS": [], "Realtime": []}}'
+    robot.begin()
+    told, apply = len(robot.session.plans()), robot.orders.apply
+    seen = []
+    robot.orders.apply = lambda order: [seen.append(len(robot.session.plans()) - told), apply(order)]
+    robot.sample(speed=0.3)
+    assert seen[0] == told_before
+
+
 def stormy():
     """A robot on which nearly every sample makes a plan."""
     follow = {"activity": [{"stream": "imu", "scoreFrom": "imu.speed"}], "idle": 0.1}

@@ -7,6 +7,7 @@ only what it changes.
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from reactivex import Subject
@@ -197,15 +198,19 @@ class Controller:
             self._plans.ask()
 
     def _carry_out(self) -> None:
-        """Order first, publish second: the workers send the patches while the bus message is made."""
+        """First what acts soonest: workers send patches while the bus message is made; agents act on the message."""
         plan = self.planner.decided
         if plan is None or plan.sequence == self._ordered:
             return
         self._plans.rest()
         self._ordered, self._edition = plan.sequence, 0
-        self._order()
+        trigger = plan.time if plan.arrived is None else self._moment(plan.arrived)
+        first, second = self._order, partial(self._publish, {"trigger": trigger})
+        if self.claim.agents:
+            first, second = second, first
+        first()
         self.on_plan(self.policy.reference, plan)
-        self._publish({"trigger": plan.time if plan.arrived is None else self._moment(plan.arrived)})
+        second()
         self._count()
         metrics.measure(self.policy, plan)
         log_plan(self.policy, plan)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import pytest
 
 from contextpolicy.agent.cgroup_paths import Driver
@@ -61,6 +63,21 @@ def test_a_pod_of_several_containers_has_their_sum(tree, limits, slam):
     assert sidecar.parent == slam.parent
     limits.apply(POLICY, {slam: 800})
     assert (tree.limit(slam.parent), tree.limit(sidecar)) == (900, 100)
+
+
+def test_a_container_that_joins_a_pod_between_two_plans_counts(tree, limits, slam):
+    limits.apply(POLICY, {slam: 700})
+    tree.container(CHAT, limit=100, uid="uid-a")
+    limits.apply(POLICY, {slam: 800})
+    assert tree.limit(slam.parent) == 900
+
+
+def test_a_container_that_left_its_pod_counts_no_more(tree, limits, slam):
+    sidecar = tree.container(CHAT, limit=100, uid="uid-a")
+    limits.apply(POLICY, {slam: 700})
+    shutil.rmtree(sidecar)
+    limits.apply(POLICY, {slam: 850})
+    assert tree.limit(slam.parent) == 850
 
 
 def test_a_pod_without_limit_stays_without(tree, limits, slam):

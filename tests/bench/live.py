@@ -22,17 +22,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import zenoh
 
 from contextpolicy.bus.session import open_visitor
+from tests.bench.child import Child
 from tests.bench.engine_measure import machine
 from tests.bench.live_case import KEYS, steady, stormy
 
@@ -63,9 +63,9 @@ def main() -> int:
 def measure(rounds: int) -> dict[str, Any]:
     """All cases, `rounds` times each; figures are medians over the rounds."""
     with ExitStack() as stack:
-        stack.enter_context(_Child("-m", "contextpolicy", "router", "--listen", ENDPOINT))
+        stack.enter_context(Child("-m", "contextpolicy", "router", "--listen", ENDPOINT))
         subjects = {
-            kind: stack.enter_context(_Child("-m", "tests.bench.live_subject", kind, ENDPOINT))
+            kind: stack.enter_context(Child("-m", "tests.bench.live_subject", kind, ENDPOINT))
             for kind in (*KINDS, "engine", "storm")
         }
         session = stack.enter_context(open_visitor([ENDPOINT], patience=5.0))
@@ -87,33 +87,8 @@ def measure(rounds: int) -> dict[str, Any]:
     }
 
 
-class _Child:
-    """A Python process that says when it is ready, and answers a line with a line."""
-
-    def __init__(self, *arguments: str) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-
-    def __enter__(self) -> Self:
-        assert self._process.stdout is not None
-        assert self._process.stdout.readline(), "it ended before it was ready"
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._process.terminate()
-        self._process.wait()
-
-    def ask(self, **question: Any) -> Any:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write(json.dumps(question) + "\n")
-        self._process.stdin.flush()
-        return json.loads(self._process.stdout.readline())
-
-
 def _row(
-    rate: int, rounds: int, subjects: dict[str, _Child], publishers: dict[str, zenoh.Publisher]
+    rate: int, rounds: int, subjects: dict[str, Child], publishers: dict[str, zenoh.Publisher]
 ) -> dict[str, float]:
     """One rate: medians in us per sample, and the median of each round's own ratio."""
     costs: dict[str, list[float]] = {kind: [] for kind in (*KINDS, "engine")}
@@ -129,7 +104,7 @@ def _row(
     return {"rate": rate, **{kind: median(of_kind) for kind, of_kind in costs.items()}, "over_floor": median(ratios)}
 
 
-def _cost(rate: int, subject: _Child, publisher: zenoh.Publisher) -> float:
+def _cost(rate: int, subject: Child, publisher: zenoh.Publisher) -> float:
     """CPU time in us per sample; none is lost, the publisher would wait."""
     time.sleep(SETTLING)
     before, count = subject.ask()["cpu"], round(rate * SECONDS)
@@ -148,7 +123,7 @@ def _publish(publisher: zenoh.Publisher, rate: float, count: int, payload: Calla
     return at
 
 
-def _storm(rounds: int, subject: _Child, publisher: zenoh.Publisher) -> dict[str, float]:
+def _storm(rounds: int, subject: Child, publisher: zenoh.Publisher) -> dict[str, float]:
     """In ms: how long the plan of a single sample takes, and that of the last of a storm."""
     single, newest, cpu, count = [], [], [], round(STORM_RATE * STORM_SECONDS)
     for number in range(rounds):
@@ -167,7 +142,7 @@ def _storm(rounds: int, subject: _Child, publisher: zenoh.Publisher) -> dict[str
     }
 
 
-def _force(subject: _Child, publisher: zenoh.Publisher, *, last: int, count: int = 1) -> float:
+def _force(subject: Child, publisher: zenoh.Publisher, *, last: int, count: int = 1) -> float:
     """Publish samples, the last of which asks for a plan of its own; returns the ms until that is in force."""
     time.sleep(1.0)
     at = _publish(publisher, STORM_RATE, count, lambda number: stormy(number, last if number == count - 1 else None))

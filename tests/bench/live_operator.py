@@ -14,9 +14,11 @@ from tests.runtime.builders import resources
 from tests.virtual_operator import ClusterWithPolicies
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     import zenoh
+
+    from contextpolicy.bus.signatures import Signer
 
 PATCH, KUBELET = 0.01, 0.01
 """Seconds until the API accepts a limit, and from then until it is in force and reported."""
@@ -27,8 +29,8 @@ WORKERS = 8
 class StandInCluster(ClusterWithPolicies):
     """Accepts a patch, puts it in force, tells the watch; `in_force` is when each limit of a container last began."""
 
-    def __init__(self) -> None:
-        super().__init__(*(a_pod(name, {name: resources()}) for name in TASKS))
+    def __init__(self, pods: Iterable[dict[str, Any]]) -> None:
+        super().__init__(*pods)
         self.in_force: dict[tuple[str, int], float] = {}
         self.tell: Callable[[Mapping[str, Any]], None] = lambda _: None
         self._lock = Lock()
@@ -60,11 +62,17 @@ class StandInCluster(ClusterWithPolicies):
 class LiveOperator:
     """An operator that governs its robot by one policy."""
 
-    def __init__(self, session: zenoh.Session, body: dict[str, Any]) -> None:
-        self.cluster = StandInCluster()
+    def __init__(
+        self,
+        session: zenoh.Session,
+        body: dict[str, Any],
+        pods: Iterable[dict[str, Any]] | None = None,
+        signer: Signer | None = None,
+    ) -> None:
+        self.cluster = StandInCluster(pods or [a_pod(name, {name: resources()}) for name in TASKS])
         self.cluster.policies[f"{body['metadata']['namespace']}/{body['metadata']['name']}"] = {}
         patches, reports = ThreadPoolExecutor(WORKERS), ThreadPoolExecutor(1)
-        self._runtime = Runtime(self.cluster, Loop(), patches=patches, reports=reports)  # type: ignore[arg-type]
+        self._runtime = Runtime(self.cluster, Loop(), patches=patches, reports=reports, signer=signer)  # type: ignore[arg-type]
         self.cluster.tell = self._runtime.pod_changed
         self._runtime.node_changed({"metadata": {"name": NODE}, "status": {"allocatable": {"cpu": "1"}}})
         for feed in self.cluster.feeds.values():

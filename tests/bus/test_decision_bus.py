@@ -22,7 +22,7 @@ POLICY = a_policy(
     tasks=[a_task("slam", priority=10), a_task("speech")],
     contexts=[a_context("moving", "imu.speed > 0.1", {"speech": {"suspend": True}})],
 )
-PLAN = b'{"n": 1}'
+PLAN = b'{"n":1}'
 CONTAINERS = (Container("lab/slam/slam", "slam", NODE), Container("lab/speech/speech", "speech", NODE))
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
     from contextpolicy.cluster.agent_reports import Stamp
 
+    _Wishes = tuple[object, ...]
 
 REPEATABLE = int(2 * MAX_AGE * 1e9)
 """Nanoseconds between the signing times of two messages that both count as fresh, at most, unless a clock was set."""
@@ -35,7 +36,7 @@ class Admission:
         self._signed: dict[str, int] = {}
         self._sourceless: set[str] = set()
         self._admitted: dict[str, NodeOrder] = {}
-        self._wishes: dict[str, NodeOrder] = {}
+        self._wishes: dict[str, _Wishes] = {}
 
     def admit(self, order: NodeOrder, signed: int) -> NodeOrder | None:
         """The order to obey, without targets if the policy wants nothing of the agent; None for a repetition.
@@ -118,11 +119,10 @@ class Admission:
             raise OrderError("Owned", f"{order.policy}: {taken} belongs to {owners[taken]}")
 
 
-def _wishes(order: NodeOrder) -> NodeOrder:
+def _wishes(order: NodeOrder) -> _Wishes:
     """The order without its edition and the limits in force: what has to change to make it a new one."""
-    return replace(
-        order, stamp=(*order.stamp[:2], 0), targets=tuple(replace(target, limit=None) for target in order.targets)
-    )
+    targets = tuple((t.uid, t.qos, t.container_id, t.share, t.suspended) for t in order.targets)
+    return order.stamp[:2], order.mode, order.scheduler, order.control, order.capacity, order.manner, targets
 
 
 def _named(order: NodeOrder) -> list[OrderTarget]:

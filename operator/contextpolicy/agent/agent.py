@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _ATTEMPTS = 3
+_MOST_GROUPS = 1000
+"""Containers whose cgroups are remembered; a node has a tenth of that, and it may run for years."""
 
 
 class _CgroupWriters:
@@ -51,6 +53,21 @@ class _CgroupWriters:
         self.layout = layout
         self.limits = Limits(limits, ledger, refusals)
         self.realtime = Realtime(layout, budgets, ledger, refusals, priority)
+        self._groups: dict[tuple[str, str, str], Path] = {}
+
+    def group(self, target: OrderTarget) -> Path | None:
+        """The target's cgroup; None when there is none. One whose limit we have open needs no look."""
+        name = target.qos, target.uid, target.container_id
+        group = self._groups.get(name)
+        if group is not None and self.limits.knows(group):
+            return group
+        if len(self._groups) >= _MOST_GROUPS:
+            self._groups.clear()
+        group = self.layout.container(*name)
+        if not (target.container_id and group.is_dir()):
+            return None
+        self._groups[name] = group
+        return group
 
 
 class Agent:
@@ -188,8 +205,8 @@ class Agent:
         """
         groups = {}
         for target in order.targets:
-            group = writers.layout.container(target.qos, target.uid, target.container_id)
-            if not (target.container_id and group.is_dir()):
+            group = writers.group(target)
+            if group is None:
                 self._refusals.note("NotHere", f"{order.policy}: {target.container_id or 'a container that starts'}")
             elif (namespace := self._namespaces.of(target.uid)) != order.namespace:
                 self._refusals.note("Foreign", f"{order.policy}: {target.container_id} is of namespace {namespace}")

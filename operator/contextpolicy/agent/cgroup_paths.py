@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -61,6 +62,12 @@ def is_uid(text: str) -> bool:
 def is_container_id(text: str) -> bool:
     """Whether the text has the form of an API container ID, `containerd://4f0a...`; it becomes part of a path."""
     return _CONTAINER.fullmatch(text) is not None
+
+
+@lru_cache(maxsize=4096)
+def pod_of(container: Path) -> Path:
+    """The group of a container's pod; kept, because pathlib takes as long to name it as the kernel to write it."""
+    return container.parent
 
 
 def is_pod(group: Path) -> bool:

@@ -16,9 +16,11 @@ from contextpolicy.agent.service import WRITES
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Container, Iterable
 
 _WRITTEN = WRITES.labels("written")
+_LEAST_LINKS = 2
+"""Of a directory, where children are counted at all: its own name and its `.`."""
 _REASONS = {
     errno.ENOENT: "Gone",
     errno.ENODEV: "Gone",
@@ -58,25 +60,32 @@ class ControlFile:
 
     def __init__(self, group: Path, form: Format) -> None:
         self.path = group / form.file
+        self.seen = ""
+        """The text that `read` found last."""
         self._form = form
-        with _converted(self.path):
+        try:
             text = (group / (form.period_file or form.file)).read_text()
             self.period = int(text.split()[-1])
             self._descriptor = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
+        except OSError as error:
+            raise _failure(self.path, error) from error
 
     def read(self) -> str:
         """The file's text."""
-        with _converted(self.path):
-            return os.pread(self._descriptor, 64, 0).decode().partition("\n")[0]
+        try:
+            self.seen = os.pread(self._descriptor, 64, 0).decode().partition("\n")[0]
+        except OSError as error:
+            raise _failure(self.path, error) from error
+        return self.seen
 
     def write(self, text: str) -> None:
         """Write `text`; ActuationError says why the kernel refuses it."""
         try:
-            with _converted(self.path):
-                os.pwrite(self._descriptor, f"{text}\n".encode(), 0)
-        except ActuationError as error:
-            WRITES.labels(error.reason).inc()
-            raise
+            os.pwrite(self._descriptor, f"{text}\n".encode(), 0)
+        except OSError as error:
+            failure = _failure(self.path, error)
+            WRITES.labels(failure.reason).inc()
+            raise failure from error
         _WRITTEN.inc()
 
     def amount(self, text: str) -> int | None:
@@ -103,8 +112,10 @@ class ControlFile:
     def set_period(self, period: int) -> None:
         """Set the period in microseconds: at once in version 1, with the next `write` in version 2."""
         if self.period_path is not None:
-            with _converted(self.period_path):
+            try:
                 self.period_path.write_text(f"{period}\n")
+            except OSError as error:
+                raise _failure(self.period_path, error) from error
         self.period = period
 
     def close(self) -> None:
@@ -133,12 +144,52 @@ class ControlFiles:
             self._on_open(file.path)
         return file
 
+    def __contains__(self, group: Path) -> bool:
+        """Whether the group's file is open."""
+        return group in self._open
+
     def keep(self, groups: Iterable[Path]) -> None:
         """Close the files of all other groups."""
         for group in self._open.keys() - set(groups):
-            file = self._open.pop(group)
+            self.close(group)
+
+    def close(self, group: Path) -> None:
+        """Close the group's file, if it is open."""
+        file = self._open.pop(group, None)
+        if file is not None:
             self._on_close(file.path)
             file.close()
+
+
+class Children:
+    """The child groups of groups, listed again only when their number has changed: the kernel counts them as links."""
+
+    def __init__(self) -> None:
+        self._known: dict[Path, tuple[int, list[Path]]] = {}
+
+    def of(self, group: Path) -> list[Path]:
+        """The child groups; none when the group is gone."""
+        try:
+            links = group.stat().st_nlink
+        except OSError:
+            links = 0
+        known = self._known.get(group)
+        if known is None or known[0] != links or links < _LEAST_LINKS:
+            known = self._known[group] = links, children(group)
+        return known[1]
+
+    def forget(self, group: Path) -> None:
+        """One child has ended, so that another may have come without a change of their number."""
+        self._known.pop(group, None)
+
+    def all(self) -> list[Path]:
+        """The child groups of all groups, as they were last found."""
+        return [child for _, found in self._known.values() for child in found]
+
+    def keep(self, groups: Container[Path]) -> None:
+        """Forget all other groups."""
+        for group in [group for group in self._known if group not in groups]:
+            del self._known[group]
 
 
 def children(group: Path) -> list[Path]:
@@ -149,16 +200,6 @@ def children(group: Path) -> list[Path]:
         return []
 
 
-class _converted:  # noqa: N801 - reads as a statement
-    """Converts OSError to ActuationError; a class because a generator-based one would cost ten times the write."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, OSError):
-            reason = _REASONS.get(error.errno or 0, "Failed")
-            raise ActuationError(reason, f"{self._path}: {error.strerror}", retriable=reason == "Busy") from error
+def _failure(path: Path, error: OSError) -> ActuationError:
+    reason = _REASONS.get(error.errno or 0, "Failed")
+    return ActuationError(reason, f"{path}: {error.strerror}", retriable=reason == "Busy")

@@ -12,6 +12,8 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import msgspec
+
 log = logging.getLogger(__name__)
 
 LONGEST = 1 << 20
@@ -110,7 +112,7 @@ class Ledger:
     def _line(self, path: Path) -> bytes:
         entry = self.entries.get(path)
         content = (entry.policy, entry.theirs, entry.ours, entry.held, sorted(entry.earlier)) if entry else None
-        return json.dumps([str(path), content]).encode() + b"\n"
+        return msgspec.json.encode((str(path), content)) + b"\n"
 
     def _replay(self, path: str, entry: tuple[str, str, str, bool, list[str]] | None) -> None:
         if entry is None:

@@ -7,16 +7,15 @@ from collections import defaultdict
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from contextpolicy.agent.cgroup_paths import is_pod
-from contextpolicy.agent.control_files import children
+from contextpolicy.agent.cgroup_paths import is_pod, pod_of
+from contextpolicy.agent.control_files import Children, ControlFiles
 from contextpolicy.agent.steps import PodLimits, limit_steps
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Collection, Iterable, Mapping
     from pathlib import Path
 
-    from contextpolicy.agent.control_files import ControlFiles
     from contextpolicy.agent.ledger import Entry, Ledger
     from contextpolicy.agent.refusals import Refusals
 
@@ -28,6 +27,7 @@ class Limits:
 
     def __init__(self, files: ControlFiles, ledger: Ledger, refusals: Refusals) -> None:
         self._files, self._ledger, self._refusals = files, ledger, refusals
+        self._children, self._siblings = Children(), ControlFiles(files.form)
         self._wanted: dict[str, dict[Path, int]] = {}
         self._held: set[str] = set()
 
@@ -36,9 +36,9 @@ class Limits:
         self._wanted[policy] = dict(shares)
         (self._held.add if held else self._held.discard)(policy)
         self._enforce(policy)
-        wanted = self._groups(policy)
-        self._undo({path: e for path, e in self._own(policy).items() if path.parent not in wanted})
-        self._files.keep({group for known in self._wanted for group in self._groups(known)})
+        wanted = {self._files[group].path for group in self._groups(policy) if group in self._files}
+        self._undo({path: e for path, e in self._own(policy).items() if path not in wanted})
+        self._keep()
 
     def release(self, policy: str) -> None:
         """Undo all limits of the policy."""
@@ -47,11 +47,15 @@ class Limits:
 
     def settle(self, group: Path, limit: int) -> None:
         """The API has `limit` in force: if an earlier run of the agent wrote the same, it is confirmed."""
-        entry = self._ledger.entries.get(group / self._files.form.file)
         with suppress(ActuationError):
             file = self._files[group]
+            entry = self._ledger.entries.get(file.path)
             if entry is not None and entry.inherited and file.text(limit) == file.read():
-                self._close(group / self._files.form.file)
+                self._close(file.path)
+
+    def knows(self, group: Path) -> bool:
+        """Whether it was there at the last plan, and has not been found gone since."""
+        return group in self._files
 
     def on_other_write(self, path: Path) -> None:
         """Somebody else wrote a file that we watch; the package's docstring has the rules."""
@@ -99,39 +103,58 @@ class Limits:
 
     def _pods(self, policy: str) -> list[PodLimits]:
         by_pod: dict[Path, dict[Path, tuple[int | None, int]]] = defaultdict(dict)
-        for group, share in list(self._wanted[policy].items()):
-            with suppress(ActuationError):
-                by_pod[group.parent][group] = (self._now(group), share)
+        for group, share in self._wanted[policy].items():
+            try:
+                by_pod[pod_of(group)][group] = (self._now(group), share)
+            except ActuationError:
+                self._files.close(group)
         return [
             PodLimits(pod, self._now(pod), self._others(pod, containers), containers)
             for pod, containers in by_pod.items()
         ]
 
-    def _others(self, pod: Path, containers: Iterable[Path]) -> int:
+    def _others(self, pod: Path, containers: Collection[Path]) -> int:
         """The sum of the pod's other containers' limits; those without one (the sandbox) do not count."""
-        amounts = []
-        for group in children(pod):
-            with suppress(ActuationError):
-                amounts.append(0 if group in containers else self._now(group) or 0)
-        return sum(amounts)
+        for _ in range(2):
+            amounts = [self._beside(group, pod) for group in self._children.of(pod) if group not in containers]
+            if None not in amounts:
+                break
+        return sum(amount or 0 for amount in amounts)
+
+    def _beside(self, group: Path, pod: Path) -> int | None:
+        """The limit of a container that is not ours; None when it has ended, and another may have come in its place."""
+        try:
+            file = self._siblings[group]
+            return file.amount(file.read()) or 0
+        except ActuationError:
+            self._siblings.close(group)
+            self._children.forget(pod)
+            return None
 
     def _now(self, group: Path) -> int | None:
         file = self._files[group]
         return file.amount(file.read())
 
+    def _keep(self) -> None:
+        """Close the files of containers that no plan names any more, of their pods, and of those beside them."""
+        wanted = {group for known in self._wanted for group in self._groups(known)}
+        self._files.keep(wanted)
+        self._children.keep(wanted)
+        self._siblings.keep(self._children.all())
+
     def _write(self, policy: str, pods: Iterable[PodLimits]) -> list[ActuationError]:
         """Write the limits, the ledger first: an agent killed in between can still undo them. Returns the failures."""
-        writes = [(step.group, self._files[step.group].text(step.amount)) for step in limit_steps(pods)]
-        for group, text in writes:
-            file = self._files[group]
-            self._ledger.intend(file.path, policy, now=file.read(), ours=text, held=policy in self._held)
+        held = policy in self._held
+        files = [(self._files[step.group], step.amount) for step in limit_steps(pods)]
+        for file, amount in files:
+            self._ledger.intend(file.path, policy, now=file.seen, ours=file.text(amount), held=held)
         self._ledger.save()
         failed = []
-        for group, text in writes:
+        for file, amount in files:
             try:
-                self._files[group].write(text)
+                file.write(file.text(amount))
             except ActuationError as error:
-                self._ledger.close(self._files[group].path)
+                self._ledger.close(file.path)
                 failed += [error] if error.reason != "Gone" else []
         return failed
 
@@ -145,7 +168,7 @@ class Limits:
     def _groups(self, policy: str) -> set[Path]:
         """The groups of the containers that the policy limits, and of their pods."""
         wanted = self._wanted.get(policy, {})
-        return {*wanted, *(group.parent for group in wanted)}
+        return {*wanted, *map(pod_of, wanted)}
 
     def _owner(self, group: Path) -> str | None:
         return next((policy for policy in self._wanted if group in self._groups(policy)), None)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
+
+import msgspec
 
 from contextpolicy.agent.cgroup_paths import is_container_id, is_uid
 from contextpolicy.errors import OrderError
@@ -12,17 +13,13 @@ from contextpolicy.policy.bandwidth import LONGEST, PERIOD, SHORTEST
 from contextpolicy.policy.spec import Control, Mode, RealtimePolicy, Scheduler
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from contextpolicy.cluster.agent_reports import Stamp
 
-QOS_CLASSES = ("Guaranteed", "Burstable", "BestEffort")
 MAX_BYTES = 1 << 20
 MAX_CORES = 1024
 
 
-@dataclass(frozen=True, slots=True)
-class OrderTarget:
+class OrderTarget(NamedTuple):
     """One container: `share` in thousandths of a core (or of the realtime period), `limit` the one in force.
 
     The `container_id` is empty while the container is starting.
@@ -67,65 +64,89 @@ class NodeOrder:
         return self.policy.partition("/")[0]
 
 
+_Count = Annotated[int, msgspec.Meta(ge=0)]
+_Cores = Annotated[float, msgspec.Meta(ge=0.001, le=MAX_CORES)]
+"""Cores, which messages give with at most three decimals."""
+
+
+class _Target(msgspec.Struct, rename="camel"):
+    task: str
+    node: str
+    uid: str
+    qos: Literal["Guaranteed", "Burstable", "BestEffort"]
+    container_id: str
+    cores: _Cores
+    limit: _Cores | None = None
+
+
+class _Task(msgspec.Struct):
+    suspended: bool
+
+
+class _Node(msgspec.Struct):
+    capacity: _Cores
+    scheduler: Scheduler | None = None
+
+
+class _Realtime(msgspec.Struct):
+    period: Annotated[float, msgspec.Meta(ge=SHORTEST, le=LONGEST)]
+    policy: RealtimePolicy
+
+
+class _Message(msgspec.Struct):
+    """What the agent needs of a plan (`planning.plan_json`); whatever else is in it is skipped."""
+
+    policy: str
+    run: _Count
+    sequence: _Count
+    mode: Mode
+    scheduler: Scheduler
+    control: Control
+    realtime: _Realtime
+    tasks: dict[str, _Task]
+    nodes: dict[str, _Node]
+    targets: list[_Target]
+    edition: _Count = 0
+
+
+_MESSAGE = msgspec.json.Decoder(_Message)
+
+
 def read(payload: bytes, policy: str, node: str) -> NodeOrder:
     """The order in a message about `policy`; OrderError when the message is malformed or about another policy."""
     try:
-        document = json.loads(payload[: MAX_BYTES + 1])
-        if document["policy"] != policy:
-            raise OrderError("WrongPolicy", f"a message of {document['policy']!r:.80} on the key of {policy}")
-        return _order(document, node)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError) as error:
+        message = _MESSAGE.decode(payload[: MAX_BYTES + 1])
+        if message.policy != policy:
+            raise OrderError("WrongPolicy", f"a message of {message.policy!r:.80} on the key of {policy}")
+        return _order(message, node)
+    except (msgspec.DecodeError, ValueError, KeyError, RecursionError) as error:
         raise OrderError("Unreadable", f"not a plan: {error!r:.200}") from error
 
 
-def _order(document: Mapping[str, Any], node: str) -> NodeOrder:
-    own = document["nodes"].get(node, {})
-    tasks = document["tasks"]
+def _order(message: _Message, node: str) -> NodeOrder:
+    own, tasks = message.nodes.get(node), message.tasks
     return NodeOrder(
-        policy=document["policy"],
-        stamp=(_count(document["run"]), _count(document["sequence"]), _count(document.get("edition", 0))),
-        mode=Mode(document["mode"]),
-        scheduler=Scheduler(own.get("scheduler", document["scheduler"])),
-        control=Control(document["control"]),
-        capacity=_thousandths(own["capacity"]) if own else 0,
-        targets=tuple(_target(t, tasks[t["task"]]) for t in document["targets"] if t["node"] == node),
-        manner=_manner(document["realtime"]),
+        policy=message.policy,
+        stamp=(message.run, message.sequence, message.edition),
+        mode=message.mode,
+        scheduler=(own and own.scheduler) or message.scheduler,
+        control=message.control,
+        capacity=round(own.capacity * 1000) if own else 0,
+        targets=tuple(_target(t, tasks[t.task]) for t in message.targets if t.node == node),
+        manner=Manner(round(message.realtime.period * 1e6), message.realtime.policy),
     )
 
 
-def _target(target: Mapping[str, Any], task: Mapping[str, Any]) -> OrderTarget:
-    if not is_uid(target["uid"]) or target["qos"] not in QOS_CLASSES:
-        raise ValueError(f"pod {target['uid']!r:.80} of class {target['qos']!r:.20}")
-    if target["containerId"] != "" and not is_container_id(target["containerId"]):
-        raise ValueError(f"container {target['containerId']!r:.80}")
+def _target(target: _Target, task: _Task) -> OrderTarget:
+    if not is_uid(target.uid):
+        raise ValueError(f"pod {target.uid!r:.80}")
+    if target.container_id and not is_container_id(target.container_id):
+        raise ValueError(f"container {target.container_id!r:.80}")
     return OrderTarget(
-        uid=target["uid"],
-        qos=target["qos"],
-        container_id=target["containerId"],
-        share=_thousandths(target["cores"]),
-        limit=None if target.get("limit") is None else _thousandths(target["limit"]),
-        suspended=task["suspended"] is True,
+        target.uid,
+        target.qos,
+        target.container_id,
+        round(target.cores * 1000),
+        None if target.limit is None else round(target.limit * 1000),
+        task.suspended,
     )
-
-
-def _manner(realtime: Mapping[str, Any]) -> Manner:
-    return Manner(_period(realtime["period"]), RealtimePolicy(realtime["policy"]))
-
-
-def _period(seconds: object) -> int:
-    if not isinstance(seconds, int | float) or not SHORTEST <= seconds <= LONGEST:
-        raise ValueError(f"{seconds!r:.80} is no period from {SHORTEST} to {LONGEST} s")
-    return round(seconds * 1e6)
-
-
-def _count(number: object) -> int:
-    if type(number) is not int or number < 0:
-        raise ValueError(f"{number!r:.80} is no whole number from 0")
-    return number
-
-
-def _thousandths(cores: object) -> int:
-    """Cores, which messages give with at most three decimals, in thousandths; ValueError when out of range."""
-    if not isinstance(cores, int | float) or not 0.001 <= cores <= MAX_CORES:
-        raise ValueError(f"{cores!r:.80} is no number of cores from 0.001 to {MAX_CORES}")
-    return round(cores * 1000)

@@ -70,6 +70,8 @@ class Realtime:
 
     def release(self, policy: str) -> None:
         """Undo all budgets of the policy."""
+        if policy not in self._wanted and not self._left_behind():
+            return
         self.apply(policy, {}, self._manners.get(policy, Manner()))
         self._wanted.pop(policy, None)
         self._manners.pop(policy, None)
@@ -177,6 +179,11 @@ class Realtime:
 
     def _entries(self) -> dict[Path, Entry]:
         return {path: e for path, e in self._ledger.entries.items() if path.name == self._files.form.file}
+
+    def _left_behind(self) -> bool:
+        """Whether the ledger has anything of ours: a budget, or a period of an earlier run."""
+        names = {self._files.form.file, self._files.form.period_file}
+        return any(path.name in names for path in self._ledger.entries)
 
     def _close_settled(self) -> None:
         """Close the entries of groups that are as they were, and the files of groups without an entry."""

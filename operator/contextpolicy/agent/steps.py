@@ -46,7 +46,7 @@ def limit_steps(pods: Iterable[PodLimits]) -> list[Step]:
     pods = list(pods)
     lower = [Step(c, w) for pod in pods for c, (now, w) in pod.containers.items() if now is None or w < now]
     higher = []
-    for pod in sorted(pods, key=lambda pod: (pod.needed, pod.group)):
+    for pod in sorted(pods, key=lambda pod: pod.needed):
         if pod.now is not None and pod.now < pod.needed:
             higher.append(Step(pod.group, pod.needed))
         higher += [Step(c, w) for c, (now, w) in pod.containers.items() if now is not None and w > now]

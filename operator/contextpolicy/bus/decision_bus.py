@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import time
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import zenoh
 
 from contextpolicy.cluster.claims import container_id
@@ -124,7 +124,7 @@ class Bus:
         """Publish a plan, and return it as it was sent, None if we may not. A slow listener never slows the loop."""
         if not self.may_speak():
             return None
-        payload = json.dumps(plan).encode()
+        payload = msgspec.json.encode(plan)
         self._publisher.put(payload, encoding=zenoh.Encoding.APPLICATION_JSON, attachment=self._signature(payload))
         return payload
 
@@ -136,7 +136,7 @@ class Bus:
     def publish_applied(self, step: dict[str, Any]) -> None:
         """Report that a container's limit reached the next stage."""
         if self.may_speak():
-            self._applied.put(json.dumps(step), encoding=zenoh.Encoding.APPLICATION_JSON)
+            self._applied.put(msgspec.json.encode(step), encoding=zenoh.Encoding.APPLICATION_JSON)
 
     def close(self) -> None:
         """Leave the bus."""
@@ -160,7 +160,7 @@ class Bus:
             answer = content() if self.may_speak() else None
             with query:
                 if answer is not None:
-                    payload = json.dumps(answer).encode()
+                    payload = msgspec.json.encode(answer)
                     signature = self._signature(payload) if key == self._key else None
                     query.reply(key, payload, encoding=zenoh.Encoding.APPLICATION_JSON, attachment=signature)
 

@@ -1,6 +1,6 @@
 """How long from a sample to the CPU limit in the kernel, side by side with the alternatives, on a real node.
 
-    python -m tests.node exec -- python -m tests.bench.reaction [--only table,storm,priority,control] [--rounds 20]
+    python -m tests.node exec -- python -m tests.bench.reaction [--only table,storm,transition,...] [--rounds 20]
     python -m tests.node exec -- python -m tests.bench.reaction --resume
 
 Needs the image contextpolicy:dev on the node (`make bench-reaction` sees to that) and to run as root on that node.
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tests.bench.engine_measure import machine
-from tests.bench.reaction import control, priority, report, rounds, storm
+from tests.bench.reaction import control, priority, quiet, report, rounds, storm, transition
 from tests.bench.reaction.figures import AGENT as AGENT_PATH
 from tests.bench.reaction.figures import Figures
 from tests.bench.reaction.journal import Journal, OtherRunError
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 OUTPUT = Path(__file__).parents[3] / "build" / "bench"
-PARTS = ("table", "storm", "priority", "control")
+PARTS = ("table", "storm", "transition", "priority", "control")
 
 
 def main() -> int:
@@ -65,6 +65,9 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--only", type=_parts, default=PARTS, help=f"some of {','.join(PARTS)}")
     parser.add_argument("--rounds", type=int, default=20, help="reactions of each path in each case (%(default)s)")
     parser.add_argument("--resume", action="store_true", help="go on with a run of the same options that ended early")
+    parser.add_argument(
+        "--patience", type=float, default=quiet.BUDGET, help="seconds to wait for quiet moments, in all (%(default)s)"
+    )
     parser.add_argument("--no-agent", action="store_true", help="leave the node agent's path out")
     return parser.parse_args()
 
@@ -86,6 +89,7 @@ def _steps(options: argparse.Namespace) -> list[str]:
     made = {
         "table": [rounds.step(node, size) for size in rounds.SIZES for node in rounds.NODES],
         "storm": [storm.step(namespace) for namespace in _namespaces(options)],
+        "transition": transition.steps(),
         "priority": [case.step for case in priority.cases()],
         "control": [control.step(name) for name in control.CONTROLS],
     }
@@ -104,11 +108,12 @@ def _measure(options: argparse.Namespace, journal: Journal, problems: dict[str, 
         return
     if options.no_agent:
         problems["unmeasured"][AGENT_PATH] = "left out by --no-agent"
-    with Stopwatch() as stopwatch, Site(stopwatch) as site:
+    with Stopwatch() as stopwatch, Site(stopwatch, options.patience) as site:
         buses = {namespace: site.operator(namespace, agent=namespace == AGENT) for namespace in _namespaces(options)}
         made: dict[str, Callable[[], None]] = {
             "table": lambda: rounds.Rounds(site, stopwatch, journal, problems, options.rounds).measure(buses),
             "storm": lambda: storm.measure(site, stopwatch, buses, journal),
+            "transition": lambda: transition.measure(site, stopwatch, buses[PLAIN], journal, options.rounds),
             "priority": lambda: priority.measure(site, stopwatch, buses[PLAIN], journal),
             "control": lambda: control.measure(site, journal),
         }
@@ -128,10 +133,19 @@ def _result(options: argparse.Namespace, journal: Journal, problems: dict[str, A
     parts = {
         part: [row for step in _steps(options) if step.startswith(f"{part}:") for row in journal.found(step)]
         for part in options.only
-        if part != "table"
+        if part not in ("table", "transition")
     }
+    if "transition" in options.only:
+        parts["transition"] = transition.rows(journal)
     told = {**problems, "missed": figures.missed, "left": journal.left()}
-    return {**figures.keys(), "machine": machine(), "table": figures.rows(), **parts, **told}
+    return {
+        **figures.keys(),
+        **transition.keys(journal),
+        "machine": machine(),
+        "table": figures.rows(),
+        **parts,
+        **told,
+    }
 
 
 if __name__ == "__main__":

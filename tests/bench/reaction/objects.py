@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from tests.bench.reaction.counted_work import COUNT
 from tests.node.layout import PAUSE_IMAGE, TAG
 
 IMAGE = "contextpolicy:dev"
@@ -59,6 +60,11 @@ def worker_pod(name: str, namespace: str, processes: int = 1, duty: float = 1.0)
     """A pod that works when told to, with the small request that tasks should have."""
     command = ["python3", "-c", WORK, str(processes), str(duty)]
     return pod(name, namespace, {"image": IMAGE, "command": command, "resources": _cpu(WORKER_REQUEST, "2")})
+
+
+def counting_pod(name: str, namespace: str) -> dict[str, Any]:
+    """A task that counts its work, of the size of an idle one."""
+    return pod(name, namespace, {"image": IMAGE, "command": ["python3", "-c", COUNT], "resources": _cpu("5m", "500m")})
 
 
 def pod(name: str, namespace: str, container: dict[str, Any]) -> dict[str, Any]:

@@ -32,16 +32,18 @@ class Operated:
         self._plans, self._applied = Hearing(session, f"{base}/plan"), Hearing(session, f"{base}/applied")
         self._groups: Mapping[str, Cgroup] = {}
         self._left = False
+        self._run = 0
 
     def begin(self, groups: Mapping[str, Cgroup]) -> None:
-        """Govern these containers, by id; returns when the policy is in force."""
+        """Govern these containers, by id; returns when the policy is in force, after an edit the edited one."""
         self._groups = groups
         deadline = time.monotonic() + ADOPTION
         while not (self._governs(self.turn()) and self._governs(self.turn())):
             if time.monotonic() > deadline:
                 raise MissedError(f"{self.name}: no plan for these pods after {ADOPTION:g} s")
         for _ in range(2):
-            self.await_limits(self.turn())
+            self.await_limits(began := self.turn())
+        self._run = self._plans.since(began)[-1][1]["run"]
 
     def turn(self) -> float:
         """Publish the next sample; the Unix time of that."""
@@ -50,6 +52,18 @@ class Operated:
         at = time.time()
         self._publisher.put(payload)
         return at
+
+    def turn_to(self, *, left: bool) -> dict[str, float]:
+        """Make this the plan in force; the cores of each task in it."""
+        self._left = not left
+        self.await_limits(began := self.turn())
+        return {target["task"]: target["cores"] for target in self._plans.since(began)[-1][1]["targets"]}
+
+    def react(self) -> tuple[float, dict[Cgroup, float]]:
+        """Publish the next sample: when that was, and the limits that its plan wants."""
+        began = self.turn()
+        _, plan = self._plans.wait(_of_sample(began), began, PATIENCE)
+        return began, {self._groups[identity]: cores for identity, cores in _cores(plan).items()}
 
     def go(self) -> dict[str, float]:
         """Milliseconds from a sample to each stage, when all of them are over."""
@@ -98,10 +112,13 @@ class Operated:
     def _governs(self, began: float) -> bool:
         """Whether the plan that the last sample made, if any, is of the policy that is to be measured."""
         try:
-            self._plans.wait(lambda plan: _cores(plan).keys() == self._groups.keys(), began, 0.5)
+            self._plans.wait(self._is_ours, began, 0.5)
         except MissedError:
             return False
         return True
+
+    def _is_ours(self, plan: Mapping[str, Any]) -> bool:
+        return _cores(plan).keys() == self._groups.keys() and int(plan["run"]) > self._run
 
     def _limits(self) -> dict[str, float]:
         return {identity: group.limit() or 0.0 for identity, group in self._groups.items()}

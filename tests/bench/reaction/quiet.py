@@ -16,9 +16,9 @@ BUDGET = 900.0
 class Quiet:
     """Waits for quiet moments, as long as there is patience left."""
 
-    def __init__(self) -> None:
+    def __init__(self, budget: float) -> None:
         self.disturbed = 0
-        self._left = BUDGET
+        self._left = budget
 
     def wait(self) -> None:
         """Wait for a quiet moment; that there was none is counted."""

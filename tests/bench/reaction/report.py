@@ -16,7 +16,10 @@ GOALS = {
 
 def text(result: Mapping[str, Any]) -> str:
     """All parts that were measured."""
-    parts = [str(result["machine"]), *(_part(name, result.get(name, [])) for name in ("storm", "priority", "control"))]
+    parts = [
+        str(result["machine"]),
+        *(_part(name, result.get(name, [])) for name in ("storm", "transition", "priority", "control")),
+    ]
     if result["table"]:
         parts[1:1] = [_part("table", result["table"]), _keys(result)]
     parts += [f"not measured: {path}: {reason}" for path, reason in result["unmeasured"].items()]

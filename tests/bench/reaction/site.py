@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from contextpolicy.bus.session import open_visitor
 from tests.bench.reaction import objects
-from tests.bench.reaction.quiet import Quiet
+from tests.bench.reaction.quiet import BUDGET, Quiet
 from tests.e2e.cluster import REPOSITORY, CommandError, apply, run, secret_files
 from tests.node.layout import ROOT
 from timelines.demo.cgroup import Cgroup, find
@@ -38,10 +38,10 @@ LOADS = 4
 class Site:
     """Namespaces, operators and pods: what was asked for exists, and all of it is gone at the end."""
 
-    def __init__(self, stopwatch: Stopwatch) -> None:
+    def __init__(self, stopwatch: Stopwatch, patience: float = BUDGET) -> None:
         self._stopwatch = stopwatch
         self._end = ExitStack()
-        self.quiet = Quiet()
+        self.quiet = Quiet(patience)
         self.groups: dict[str, dict[str, Cgroup]] = {}
         self.identities: dict[str, dict[str, str]] = {}
 
@@ -64,6 +64,12 @@ class Site:
         known = self.groups[namespace]
         new = {name: settings for name, settings in wanted.items() if name not in known}
         self._start(namespace, [objects.worker_pod(name, namespace, *settings) for name, settings in new.items()])
+
+    def counter(self, namespace: str, name: str) -> None:
+        """A pod that counts what it computes when told to."""
+        self._namespace(namespace)
+        if name not in self.groups[namespace]:
+            self._start(namespace, [objects.counting_pod(name, namespace)])
 
     def load(self) -> None:
         """Pods that can saturate the node."""

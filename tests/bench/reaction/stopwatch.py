@@ -11,7 +11,7 @@ from collections import defaultdict
 from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping
 
     from timelines.demo.cgroup import Cgroup
 
@@ -64,6 +64,17 @@ class Stopwatch:
         if missed:
             raise MissedError(f"{len(missed)} of {len(wanted)} limits not in force after {patience:g} s")
         return {group: at for group, at in found.items() if at is not None}
+
+    def steps(self, groups: Collection[Cgroup], since: float) -> list[tuple[float, Cgroup, float]]:
+        """Each change of these limits from that moment on, in order: time, group, cores."""
+        with self._changed:
+            found = [
+                (at, group, cores)
+                for group in groups
+                for at, cores in self._seen[group]
+                if at >= since and cores is not None
+            ]
+        return sorted(found, key=lambda change: change[0])
 
     def _first(self, group: Cgroup, limit: float, since: float) -> float | None:
         steps = self._seen[group]
