@@ -72,9 +72,9 @@ def _totals(fast: Sequence[Series], configuration: str) -> Iterator[Verdict]:
     }
     for series in fast:
         if series.experiment in ratios:
-            found, bound = ratios[series.experiment], _bound(series)
+            own, bound = ratios[series.experiment], _bound(series)
             goal = f"{series.title}: total time at least {SPEEDUP} x as short as Linux default's"
-            yield Verdict(goal, f"{found} x; at most {short(bound)} x is possible", _at_least(found, SPEEDUP))
+            yield Verdict(goal, f"{own} x; at most {short(bound)} x is possible", _at_least(own, SPEEDUP))
     ordered = [name for name in ("exp1", "exp2", "exp3") if name in ratios]
     if len(ordered) > 1:
         grows = all(ratios[a].middle > ratios[b].middle for a, b in pairwise(ordered))
@@ -160,11 +160,11 @@ def _realtime(series: Series) -> Iterator[Verdict]:
 
 def _at_least(found: Interval, bound: float) -> bool | None:
     """By the interval; by the value where there is one pair only, which the report says."""
-    return found.is_at_least(bound) if found.count > 1 else found.middle >= bound
+    return found.is_at_least(bound) if found.pairs > 1 else found.middle >= bound
 
 
 def _at_most(found: Interval, bound: float) -> bool | None:
-    return found.is_at_most(bound) if found.count > 1 else found.middle <= bound
+    return found.is_at_most(bound) if found.pairs > 1 else found.middle <= bound
 
 
 def _both(one: bool | None, other: bool | None) -> bool | None:  # noqa: FBT001 - two of a kind

@@ -20,7 +20,7 @@ class Interval(NamedTuple):
     middle: float
     low: float | None
     high: float | None
-    count: int
+    pairs: int
 
     def __str__(self) -> str:
         if self.low is None or self.high is None:
@@ -46,7 +46,7 @@ def of_ratios(ratios: Sequence[float]) -> Interval:
     """Geometric mean; a t interval on the logarithms, since 2 x and 0.5 x are equally far from 1 x."""
     logs = _interval([math.log(ratio) for ratio in ratios])
     low, high = (None if end is None else math.exp(end) for end in (logs.low, logs.high))
-    return Interval(math.exp(logs.middle), low, high, logs.count)
+    return Interval(math.exp(logs.middle), low, high, logs.pairs)
 
 
 def of_values(values: Sequence[float]) -> Interval:

@@ -11,7 +11,7 @@ from timelines.experiments.intervals import Interval, of_ratios, of_values, shor
 
 def test_the_interval_is_that_of_a_t_table():
     found = of_values([1.0, 2.0, 3.0])
-    assert (found.middle, found.count) == (2.0, 3)
+    assert (found.middle, found.pairs) == (2.0, 3)
     assert found.high - 2 == pytest.approx(4.303 / math.sqrt(3), abs=1e-3)  # t for 2 degrees of freedom, s = 1
 
 
