@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from timelines.demo.deploy import DeployError
 from timelines.experiments import figures, goals, measures, tables
-from timelines.experiments.configurations import CFS, WEIGHT
+from timelines.experiments.configurations import BASELINE, CFS, WEIGHT
 from timelines.experiments.goals import CRITICAL
 from timelines.experiments.intervals import of_ratios, spread
 from timelines.experiments.series import read_series
@@ -85,7 +85,7 @@ def _speedups(every: Sequence[Series], out: Path) -> Iterator[str]:
         series.title: {
             series.of(name)[0].title: of_ratios(found)
             for name in series.runs
-            if (found := series.paired(name, goals.speedup))
+            if name != BASELINE and (found := series.paired(name, goals.speedup))
         }
         for series in every
     }
