@@ -1,7 +1,4 @@
-"""The ways to divide the CPU that are compared. Pure: each is the chart's values and a policy, or none.
-
-The real VerticalPodAutoscaler is not among them: it needs its recommender, updater and admission webhook on the node.
-"""
+"""The ways to divide the CPU that are compared. Pure: each is the chart's values, and a policy or none."""
 
 from __future__ import annotations
 
@@ -13,13 +10,13 @@ from contextpolicy.planning.shares import Demand, divide
 from contextpolicy.policy.quantities import format_cpu, parse_cpu
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping
 
     Document = dict[str, Any]
 
 UNIT = 10
 """Thousandths of a core: what a CPU quota is counted in."""
-BASELINE = "linux-default"
+BASELINE, IDEAL = "linux-default", "ideal"
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +31,12 @@ class Configuration:
     resources: Callable[[Document, int], Mapping[str, Document]]
     policy: Callable[[Document], None] | None = None
     agent: bool = False
+    """Whether the node agent writes the cgroups; the bus then asks everybody who they are."""
+    realtime: bool = False
+    autoscaled: bool = False
+    """Whether a VerticalPodAutoscaler moves requests and limits."""
+    alone: bool = False
+    """Each task's inputs are played by themselves, one task after the other."""
 
     def variant(self, document: Document) -> Document | None:
         """The policy to apply; None where nobody decides."""
@@ -42,6 +45,24 @@ class Configuration:
         changed = copy.deepcopy(document)
         self.policy(changed["spec"])
         return changed
+
+
+def autoscalers(document: Document, cores: int) -> Iterator[Document]:
+    """A VerticalPodAutoscaler for each task, in place, within the policy's bounds."""
+    for task in document["spec"]["tasks"]:
+        name = task["name"]
+        bounds = {"minAllowed": {"cpu": task.get("min", "10m")}, "maxAllowed": {"cpu": task.get("max", str(cores))}}
+        own = {"containerName": task.get("container", name), "controlledResources": ["cpu"], **bounds}
+        yield {
+            "apiVersion": "autoscaling.k8s.io/v1",
+            "kind": "VerticalPodAutoscaler",
+            "metadata": {"name": name, "namespace": document["metadata"]["namespace"]},
+            "spec": {
+                "targetRef": {"apiVersion": "apps/v1", "kind": "Deployment", "name": name},
+                "updatePolicy": {"updateMode": "InPlaceOrRecreate", "minReplicas": 1},
+                "resourcePolicy": {"containerPolicies": [own, {"containerName": "*", "mode": "Off"}]},
+            },
+        }
 
 
 def _unlimited(document: Document, _cores: int) -> dict[str, Document]:
@@ -90,17 +111,17 @@ def _realtime(period: str) -> Callable[[Document], None]:
 
 LINUX_DEFAULT = Configuration(BASELINE, "Linux default", _unlimited)
 STATIC = Configuration("static-limits", "static limits", by_priority)
+VPA = Configuration("vpa", "VPA in place", by_priority, autoscaled=True)
 CFS = Configuration("cfs-ca", "CFS CA", _resizable, _as_it_is)
 UNSUSPENDED = Configuration("cfs-ca-unsuspended", "CFS CA, no suspension", _resizable, _without_suspension)
-WEIGHT = Configuration("weight", "Weight", _resizable, _control("Weight"))
-BOTH = Configuration("both", "Both", _resizable, _control("Both"))
-RT = Configuration("rt-ca-1s", "RT CA, 1 s", _resizable, _realtime("1s"), agent=True)
-RT_SHORT = Configuration("rt-ca-100ms", "RT CA, 100 ms", _resizable, _realtime("100ms"), agent=True)
+WEIGHT = Configuration("weight", "CFS CA, Weight", _resizable, _control("Weight"))
+BOTH = Configuration("both", "CFS CA, Both", _resizable, _control("Both"))
+CFS_AGENT = Configuration("cfs-ca-agent", "CFS CA, agent", _resizable, _as_it_is, agent=True)
+RT = Configuration("rt-ca-1s", "RT CA, 1 s", _resizable, _realtime("1s"), agent=True, realtime=True)
+RT_SHORT = Configuration("rt-ca-100ms", "RT CA, 100 ms", _resizable, _realtime("100ms"), agent=True, realtime=True)
+ALONE = Configuration(IDEAL, "each task alone", _unlimited, alone=True)
 
-MAIN = (LINUX_DEFAULT, STATIC, CFS, WEIGHT, RT)
-ALL = (*MAIN, UNSUSPENDED, BOTH, RT_SHORT)
-EXPERIMENTS: Mapping[str, Sequence[Configuration]] = {
-    "exp1": MAIN,
-    "exp2": (LINUX_DEFAULT, UNSUSPENDED, BOTH, RT_SHORT),
-    "exp3": ALL,
-}
+MAIN = (LINUX_DEFAULT, STATIC, VPA, CFS, RT)
+REST = (UNSUSPENDED, WEIGHT, BOTH, CFS_AGENT, RT_SHORT)
+ALL = (LINUX_DEFAULT, STATIC, VPA, CFS, UNSUSPENDED, WEIGHT, BOTH, CFS_AGENT, RT, RT_SHORT, ALONE)
+"""In the order in which a repeat runs them, so that the operator is installed anew only once."""

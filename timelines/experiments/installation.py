@@ -14,6 +14,7 @@ import yaml
 
 from contextpolicy.bus.session import open_visitor
 from timelines.demo import cgroup, deploy
+from timelines.experiments.configurations import autoscalers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -34,6 +35,7 @@ CONTROL = ("operator", "router", "agent")
 """Containers of what decides and carries it out; the router is the bus, with and without."""
 MODULES = deploy.REPOSITORY / "modules"
 SECURE = ("agent.enabled=true", "agent.realtime=true", f"security.namespaces={{{deploy.ROBOT}}}")
+AUTOSCALERS = "verticalpodautoscalers.autoscaling.k8s.io"
 
 
 def policy_document() -> Document:
@@ -51,6 +53,18 @@ def module_file(task: str) -> Document:
 def can_do_realtime() -> bool:
     """Whether this node's kernel has realtime groups (CONFIG_RT_GROUP_SCHED, cgroup v1)."""
     return REALTIME.exists()
+
+
+def can(configuration: Configuration) -> bool:
+    """Whether this node is able to carry a configuration out."""
+    return not (configuration.realtime and not can_do_realtime()) and not (
+        configuration.autoscaled and not _autoscales()
+    )
+
+
+def _autoscales() -> bool:
+    """Whether the VerticalPodAutoscaler is installed."""
+    return bool(deploy.run("kubectl", "get", "crd", AUTOSCALERS, "--ignore-not-found", "-o", "name").strip())
 
 
 def values(configuration: Configuration, document: Document, cores: int) -> Document:
@@ -88,9 +102,9 @@ def install(configuration: Configuration) -> None:
 def start_robot(configuration: Configuration, folder: Path) -> None:
     """Start the robot's modules anew, none of them knows what was; values and policy are kept in `folder`."""
     stop_robot()
-    document = policy_document()
+    document, cores = policy_document(), os.cpu_count() or 1
     own = folder / "values.yaml"
-    own.write_text(yaml.safe_dump(values(configuration, document, os.cpu_count() or 1)), encoding="utf-8")
+    own.write_text(yaml.safe_dump(values(configuration, document, cores)), encoding="utf-8")
     settings = ["image.tag=dev", f"zenoh.connect={endpoint(configuration)}"]
     settings += ["zenoh.secret=contextpolicy-bus-module"] if configuration.agent else []
     deploy.run(
@@ -99,6 +113,10 @@ def start_robot(configuration: Configuration, folder: Path) -> None:
         *(part for setting in settings for part in ("--set", setting)),
         *("--take-ownership", "--force-conflicts", "--wait", "--timeout", deploy.TIMEOUT),
     )
+    if configuration.autoscaled:
+        path = folder / "autoscalers.yaml"
+        path.write_text(yaml.safe_dump_all(autoscalers(document, cores)), encoding="utf-8")
+        deploy.run("kubectl", "apply", "-f", str(path))
 
 
 def decide(configuration: Configuration, folder: Path) -> None:
@@ -114,7 +132,8 @@ def decide(configuration: Configuration, folder: Path) -> None:
 
 
 def stop_robot() -> None:
-    """Remove the policy, then the modules."""
+    """Remove the policy, or the autoscalers, then the modules."""
+    deploy.run("kubectl", "delete", AUTOSCALERS, "--all", "-n", deploy.ROBOT, quiet=True)
     deploy.run("kubectl", "delete", "-f", str(deploy.POLICY), f"--timeout={deploy.TIMEOUT}", quiet=True)
     deploy.run(
         *("helm", "uninstall", "robot", "--namespace", deploy.ROBOT, "--ignore-not-found", "--wait"),

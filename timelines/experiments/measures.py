@@ -144,6 +144,33 @@ def _finished(run: RunData, counts: Callable[[str, Outcome], bool]) -> float:
     )
 
 
+def task_time(run: RunData, task: str) -> float | None:
+    """Seconds from the first input until a task was done with its last one; None if it did nothing."""
+    finished = [one.done.finished for one in outcomes(run, task) if one.done is not None]
+    return max(finished) - run.started if finished else None
+
+
+def over_ideal(ideal: RunData, run: RunData, task: str, *, moving: bool | None = None) -> float | None:
+    """Median response time of a task as a multiple of what the same inputs take when nothing else runs."""
+    alone = {(one.key, one.number): _response(one) for one in outcomes(ideal, task) if one.done}
+    pairs = [
+        (_response(one), alone[one.key, one.number])
+        for one in outcomes(run, task)
+        if one.done and (one.key, one.number) in alone and (moving is None or is_moving(run, one.stamp / 1e9) is moving)
+    ]
+    return median(mine for mine, _ in pairs) / median(its for _, its in pairs) if pairs else None
+
+
+def _response(outcome: Outcome) -> float:
+    return outcome.done.finished - outcome.stamp / 1e9 if outcome.done else float("inf")
+
+
+def responses(run: RunData, task: str, *, moving: bool | None = None) -> list[float]:
+    """Response times of a task, ascending."""
+    due = (one for one in outcomes(run, task) if one.done)
+    return sorted(_response(one) for one in due if moving is None or is_moving(run, one.stamp / 1e9) is moving)
+
+
 def counts(run: RunData, task: str) -> dict[Fate, int]:
     """How many inputs of a task had which fate."""
     found = [one.fate for one in outcomes(run, task)]
@@ -155,7 +182,7 @@ def response(run: RunData, task: str, *, moving: bool | None = None) -> Response
     due = [one for one in outcomes(run, task) if one.fate is not Fate.SUSPENDED]
     if moving is not None:
         due = [one for one in due if is_moving(run, one.stamp / 1e9) is moving]
-    times = sorted(one.done.finished - one.stamp / 1e9 for one in due if one.done)
+    times = sorted(_response(one) for one in due if one.done)
     deadline = run.deadlines.get(task)
     late = sum(time > deadline for time in times) if deadline else 0
     return Response(len(due), quantile(times, 0.5), quantile(times, 0.99), late + len(due) - len(times))
@@ -163,7 +190,7 @@ def response(run: RunData, task: str, *, moving: bool | None = None) -> Response
 
 def is_moving(run: RunData, moment: float) -> bool:
     """Whether the robot moves at a moment, by the story's truth."""
-    at = moment - run.started
+    at = run.story_time(moment)
     return any(stretch.moving for stretch in run.stretches if stretch.start <= at < stretch.end)
 
 
@@ -229,8 +256,3 @@ def _reached(run: RunData, task: str, share: float, begin: float, end: float) ->
         ),
         None,
     )
-
-
-def middle(values: Sequence[float]) -> tuple[float, float, float]:
-    """Median, least and greatest."""
-    return median(values), min(values), max(values)

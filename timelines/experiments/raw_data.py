@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from contextpolicy.policy.quantities import parse_duration
 from contextpolicy.streams.recordings import Excerpt, open_recording
 from contextpolicy.streams.timeline import load
-from timelines.experiments.run import MESSAGES, RUN
+from timelines.experiments.run import MESSAGES, RUN, TIMELINE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,6 +27,14 @@ class Done(NamedTuple):
     started: float
     finished: float
     cpu: float
+
+
+class Result(NamedTuple):
+    """What a task told: when it was true by its own stamp, when it was heard (Unix seconds), and the message."""
+
+    at: float
+    heard: float
+    value: Mapping[str, Any]
 
 
 class Counters(NamedTuple):
@@ -57,6 +65,8 @@ class RunData:
     ended: float
     """When the inputs ended."""
     drained: bool = True
+    pace: float = 1.0
+    """Seconds of the story that passed in one second."""
     inputs: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Of each task: the key of each input."""
     deadlines: Mapping[str, float | None] = field(default_factory=dict)
@@ -64,9 +74,15 @@ class RunData:
     published: Mapping[str, list[int]] = field(default_factory=dict)
     """Of each key: the stamps that the player gave."""
     done: dict[str, list[Done]] = field(default_factory=lambda: defaultdict(list))
+    results: dict[str, list[Result]] = field(default_factory=lambda: defaultdict(list))
+    """Of each key that a task publishes on, in the order in which they were heard."""
     plans: list[dict[str, Any]] = field(default_factory=list)
     counters: dict[str, list[Counters]] = field(default_factory=lambda: defaultdict(list))
     about: dict[str, Any] = field(default_factory=dict)
+
+    def story_time(self, moment: float) -> float:
+        """Seconds of the story at a moment (Unix seconds)."""
+        return (moment - self.started) * self.pace
 
 
 def read_run(folder: Path) -> RunData:
@@ -75,10 +91,10 @@ def read_run(folder: Path) -> RunData:
     player = about["player"]
     run = RunData(about["configuration"], about["title"], player["started"], player["finished"], about["drained"])
     run.about, run.inputs, run.published = about, about["inputs"], about["stamps"]
+    run.pace = about.get("pace", 1.0)
     run.deadlines = {task: None if text is None else parse_duration(text) for task, text in about["deadlines"].items()}
     run.stretches = [
-        Stretch(phase.name, phase.start, phase.end, _moving(phase.truth))
-        for phase in load(folder / "timeline.json").phases
+        Stretch(phase.name, phase.start, phase.end, _moving(phase.truth)) for phase in load(folder / TIMELINE).phases
     ]
     recording = open_recording(folder / MESSAGES, Excerpt())
     for message in recording.messages(recording.topics, recording.begin, recording.end):
@@ -94,10 +110,23 @@ def _take(run: RunData, message: Recorded) -> None:
     parts = message.topic.split("/")
     if parts[0] == "robot" and parts[-1] == "runs":
         run.done[parts[1]].append(_done(json.loads(message.payload)))
+    elif (
+        parts[0] == "robot" and parts[1] in run.inputs and parts[-1] not in _OWN and message.topic not in run.published
+    ):
+        run.results[message.topic].append(_result(message))
     elif parts[0] == "cgroup":
         run.counters[parts[1]].append(_counters(message.at / 1e9, json.loads(message.payload)))
     elif parts[0] == "contextpolicy" and parts[-1] == "plan" and message.payload:
         run.plans.append(json.loads(message.payload))
+
+
+_OWN = ("health", "alive", "profile")
+"""What robotkit tells of a task, beside its results."""
+
+
+def _result(message: Recorded) -> Result:
+    value = json.loads(message.payload)
+    return Result(value.get("stamp", message.at) / 1e9, message.at / 1e9, value)
 
 
 def _done(timing: Mapping[str, Any]) -> Done:

@@ -12,22 +12,24 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.streams.timeline import load
+from robotkit.profiles import document
 from timelines.demo import deploy
 from timelines.experiments import installation
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
-from timelines.replay.player import TimelineInputs, publish
+from timelines.replay.player import Options, TimelineInputs, publish
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     import zenoh
 
     from contextpolicy.streams.timeline import Timeline
-    from timelines.experiments.configurations import Configuration
+    from timelines.experiments.trials import Trial
+    from timelines.replay.player import Report
 
-RUN, MESSAGES = "run.json", "run.mcap"
+RUN, MESSAGES, TIMELINE, PROFILES = "run.json", "run.mcap", "timeline.json", "profiles.json"
 HEALTH, PROFILE = "robot/*/health", "robot/*/profile"
 PATIENCE = 120.0
 """Seconds to wait for modules that start, and for queues that empty."""
@@ -59,52 +61,72 @@ def idle(health: Mapping[str, Any] | None, since: float) -> bool:
     return health is not None and health["stamp"] > since * 1e9 and (health["suspended"] or not health["queue"])
 
 
-def execute(configuration: Configuration, timeline: Path, datasets: Path, folder: Path) -> None:
+def execute(trial: Trial, timeline: Path, datasets: Path, folder: Path) -> None:
     """Do the run and keep its raw data; the folder counts as finished once it has a run.json."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    installation.start_robot(configuration, folder)
+    installation.start_robot(trial.configuration, folder)
     try:
-        story = load(timeline)
         with (
-            installation.session(configuration, "sensor") as sensors,
-            installation.session(configuration, "viewer") as viewer,
+            installation.session(trial.configuration, "sensor") as sensors,
+            installation.session(trial.configuration, "viewer") as viewer,
         ):
-            about = _record(configuration, story, datasets, folder / MESSAGES, sensors, viewer)
-        shutil.copyfile(timeline, folder / "timeline.json")
+            about = _record(trial, TimelineSource(load(timeline), datasets), folder, sensors, viewer)
+        shutil.copyfile(timeline, folder / TIMELINE)
         (folder / RUN).write_text(json.dumps(about, indent=1), encoding="utf-8")
     finally:
         installation.stop_robot()
 
 
-def _record(  # noqa: PLR0913, PLR0917 - what one run is made of
-    configuration: Configuration,
-    story: Timeline,
-    datasets: Path,
-    path: Path,
-    sensors: zenoh.Session,
-    viewer: zenoh.Session,
+class TimelineSource:
+    """A timeline with its recordings, whole or what one task takes of it."""
+
+    def __init__(self, story: Timeline, datasets: Path) -> None:
+        self._story, self._datasets = story, datasets
+
+    @property
+    def recorded(self) -> list[str]:
+        """The keys whose inputs come from recordings: whoever has those needs no copy."""
+        return [entry.key for entry in self._story.entries if entry.dataset is not None]
+
+    def parts(self, *, alone: bool) -> Iterator[TimelineInputs]:
+        """All inputs at once, or each task's by themselves; a key is played once."""
+        if not alone:
+            yield TimelineInputs(self._story, self._datasets)
+            return
+        played: set[str] = set()
+        for task in deploy.TASKS:
+            own = [key for key in _inputs(task).values() if key not in played]
+            inputs = TimelineInputs(self._story, self._datasets, own)
+            if own and inputs.encodings:
+                played |= inputs.encodings.keys()
+                yield inputs
+
+
+def _record(
+    trial: Trial, source: TimelineSource, folder: Path, sensors: zenoh.Session, viewer: zenoh.Session
 ) -> dict[str, Any]:
     healths = Healths()
     viewer.declare_subscriber(HEALTH, healths.hear)
-    begun = time.time()
-    if not healths.wait_for_all(deploy.TASKS, begun):
+    if not healths.wait_for_all(deploy.TASKS, time.time()):
         raise deploy.DeployError(f"not all of {', '.join(deploy.TASKS)} told their health within {PATIENCE:g} s")
-    installation.decide(configuration, path.parent)
-    named = [entry.key for entry in story.entries if entry.dataset is not None]
+    installation.decide(trial.configuration, folder)
     load_before = os.getloadavg()
-    with McapWriter(path) as file:
-        with BusRecorder(viewer, file, installation.cgroups(), without_payload=named):
-            report = publish(TimelineInputs(story, datasets), sensors, stop=threading.Event())
-            drained = healths.wait_for_all(deploy.TASKS, report.finished + SETTLING)
-            counted = _counted(viewer)
-        file.describe({name: json.dumps(value) for name, value in report.as_json().items()})
+    reports, drained = [], True
+    with McapWriter(folder / MESSAGES) as file:
+        with BusRecorder(viewer, file, installation.cgroups(), without_payload=source.recorded):
+            for inputs in source.parts(alone=trial.configuration.alone):
+                reports.append(publish(inputs, sensors, stop=threading.Event(), options=Options(rate=trial.pace)))
+                drained &= healths.wait_for_all(deploy.TASKS, reports[-1].finished + SETTLING)
+            profiles = _profiles(viewer)
+        file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
+    (folder / PROFILES).write_text(json.dumps(document(profiles, dt.datetime.now(dt.UTC)), indent=1), encoding="utf-8")
     return {
-        "configuration": configuration.name,
-        "title": configuration.title,
-        "player": report.as_json(),
-        "stamps": report.stamps,
-        "counted": counted,
+        "configuration": trial.configuration.name,
+        "title": trial.configuration.title,
+        "pace": trial.pace,
+        **_played(reports),
+        "counted": {one["task"]: {name: own["done"] for name, own in one["inputs"].items()} for one in profiles},
         "drained": drained,
         "date": dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds"),
         "machine": _machine(),
@@ -114,10 +136,15 @@ def _record(  # noqa: PLR0913, PLR0917 - what one run is made of
     }
 
 
-def _counted(session: zenoh.Session) -> dict[str, dict[str, int]]:
-    """How many samples of each input each task says it has done, to check the recording against."""
-    answers = [json.loads(reply.ok.payload.to_bytes()) for reply in session.get(PROFILE, timeout=10.0) if reply.ok]
-    return {one["task"]: {name: own["done"] for name, own in one["inputs"].items()} for one in answers}
+def _played(reports: list[Report]) -> dict[str, Any]:
+    """What was published: stamps by key, and the player's own words on the first part, with the last one's end."""
+    stamps = {key: own for report in reports for key, own in report.stamps.items()}
+    return {"player": reports[0].as_json() | {"finished": reports[-1].finished}, "stamps": stamps}
+
+
+def _profiles(session: zenoh.Session) -> list[dict[str, Any]]:
+    """What each task says that its inputs cost: for predictions, and to check the recording against its counts."""
+    return [json.loads(reply.ok.payload.to_bytes()) for reply in session.get(PROFILE, timeout=10.0) if reply.ok]
 
 
 def _inputs(task: str) -> dict[str, str]:

@@ -45,9 +45,7 @@ def write_run(folder, configuration, title, *, service, **story):
             else:
                 file.heard(key, "json", json.dumps(value).encode(), received=moment, stamp=moment)
     (folder / "timeline.json").write_text(json.dumps(TIMELINE), encoding="utf-8")
-    (folder / RUN).write_text(
-        json.dumps(_about(configuration, title, drained=story.get("drained", True))), encoding="utf-8"
-    )
+    (folder / RUN).write_text(json.dumps(_about(configuration, title, story)), encoding="utf-8")
     return folder
 
 
@@ -87,7 +85,7 @@ def _counters(plans):
             yield at, f"cgroup/{task}", {"limit": limit, "usage": at * 0.4, "throttledTime": 0.0}
 
 
-def _about(configuration, title, *, drained):
+def _about(configuration, title, story):
     stamps = {key: [stamp(index) for index in range(10)] for inputs in INPUTS.values() for key in inputs.values()}
     return {
         "configuration": configuration,
@@ -95,7 +93,8 @@ def _about(configuration, title, *, drained):
         "player": {"started": BEGIN, "finished": BEGIN + 1.0},
         "stamps": stamps,
         "counted": {"speech": {"audio": 10}},
-        "drained": drained,
+        "drained": story.get("drained", True),
+        "pace": story.get("pace", 1.0),
         "date": "2026-11-22T03:00:00+00:00",
         "machine": {"processor": "a test", "cores": 2, "memory_gib": 4.0, "kernel": "6"},
         "load": {"before": [0.5, 0, 0], "after": [0.5, 0, 0]},

@@ -6,7 +6,15 @@ import pytest
 
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.quantities import parse_cpu
-from timelines.experiments.configurations import ALL, CFS, EXPERIMENTS, LINUX_DEFAULT, STATIC, UNSUSPENDED, by_priority
+from timelines.experiments.configurations import (
+    ALL,
+    CFS,
+    LINUX_DEFAULT,
+    STATIC,
+    UNSUSPENDED,
+    autoscalers,
+    by_priority,
+)
 from timelines.experiments.installation import DEPTH, policy_document, values
 from timelines.experiments.run import idle
 
@@ -17,7 +25,7 @@ POLICY = policy_document()
 def test_every_variant_is_a_policy(configuration):
     policy = parse(configuration.variant(POLICY))
     assert policy.reference == "robot/whole-robot"
-    assert (policy.scheduler == "Realtime") == configuration.agent
+    assert (policy.scheduler == "Realtime") == configuration.realtime
 
 
 def test_the_shipped_policy_is_not_changed():
@@ -34,10 +42,11 @@ def test_without_suspension_contexts_still_weight():
 
 def test_static_limits_divide_the_node_by_priority_within_bounds():
     shares = {task: parse_cpu(cpu["limit"]) for task, cpu in by_priority(POLICY, 2).items()}
-    assert sum(shares.values()) == 1500  # two cores without the reserve
-    navigation = next(task for task in POLICY["spec"]["tasks"] if task["name"] == "navigation")
-    assert shares["navigation"] == parse_cpu(navigation["max"])
-    assert abs(shares["slam"] - 2 * shares["signs"]) <= 10  # priorities 10 and 5, in steps of 10m
+    assert sum(shares.values()) == 1800  # two cores without the reserve
+    tasks = {task["name"]: task for task in POLICY["spec"]["tasks"]}
+    assert shares["navigation"] == parse_cpu(tasks["navigation"]["max"])
+    assert shares["signs"] == parse_cpu(tasks["signs"]["min"])
+    assert shares["slam"] > shares["arm"]  # priorities 10 and 5, none at a bound
 
 
 def test_values_remove_limits_and_deepen_queues():
@@ -47,8 +56,13 @@ def test_values_remove_limits_and_deepen_queues():
     assert values(STATIC, POLICY, 2)["modules"]["slam"]["cpu"]["request"] == by_priority(POLICY, 2)["slam"]["limit"]
 
 
-def test_every_experiment_has_the_baseline():
-    assert all(configurations[0] is LINUX_DEFAULT for configurations in EXPERIMENTS.values())
+def test_autoscalers_move_cpu_in_place_within_the_policys_bounds():
+    slam = next(one for one in autoscalers(POLICY, 2) if one["metadata"]["name"] == "slam")
+    assert slam["spec"]["updatePolicy"]["updateMode"] == "InPlaceOrRecreate"
+    own, others = slam["spec"]["resourcePolicy"]["containerPolicies"]
+    assert own["minAllowed"] == {"cpu": "300m"}
+    assert own["maxAllowed"] == {"cpu": "1050m"}
+    assert others == {"containerName": "*", "mode": "Off"}
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
 from tests.timelines.experiments.synthetic import fresh, write_run
@@ -17,19 +19,24 @@ SUSPENDED = [("speech", index) for index in range(5, 10)]
 @pytest.fixture
 def out(tmp_path):
     for repeat, slow in enumerate((0.2, 0.3)):
-        baseline = fresh(tmp_path / "exp3" / "linux-default" / str(repeat))
+        baseline = fresh(tmp_path / "exp3-x1" / "linux-default" / str(repeat))
         write_run(baseline, "linux-default", "Linux default", service={"slam": slow, "speech": 0.01})
-        better = fresh(tmp_path / "exp3" / "cfs-ca" / str(repeat))
+        better = fresh(tmp_path / "exp3-x1" / "cfs-ca" / str(repeat))
         service = {"slam": 0.1, "speech": 0.01}
         write_run(better, "cfs-ca", "CFS CA", service=service, plans=PLANS, skipped=SUSPENDED)
     return tmp_path
 
 
+def report(out):
+    return write_report(out, out / "datasets").read_text(encoding="utf-8")
+
+
 def test_it_compares_with_the_baseline_repeat_by_repeat(out):
-    text = write_report(out).read_text(encoding="utf-8")
+    text = report(out)
     (row, *_) = [line for line in text.splitlines() if line.startswith("| CFS CA | 1 s")]
     cells = [cell.strip() for cell in row.split("|")]
-    assert cells[2:5] == ["1 s", "2.5 [2, 3] x", "2.5 [2, 3] x"]  # 2 s and 3 s against 1 s
+    assert cells[2] == "1 s"
+    assert cells[3].startswith("2.45 [")  # 2 s and 3 s against 1 s: the root of 2 times 3
     assert cells[5:9] == ["15", "5", "0", "0"]
     assert "a test, 2 cores" in text
     assert "CFS CA: speech has done 5 inputs that the recorder did not hear of" in text
@@ -40,37 +47,78 @@ def test_it_compares_with_the_baseline_repeat_by_repeat(out):
             assert picture.read_text(encoding="utf-8").startswith("<?xml")
 
 
+def test_goals_come_first_and_each_figure_is_kept_for_programs(out):
+    text = report(out)
+    assert text.index("## Goals, CFS CA") < text.index("## exp3 at real pace")
+    assert "on equal work at least 0.95 x of Linux default | " in text
+    measured = json.loads((out / "measures.json").read_text(encoding="utf-8"))
+    assert [(one["configuration"], one["repeat"], one["total_time"]) for one in measured] == [
+        ("linux-default", 0, pytest.approx(2.0)),
+        ("linux-default", 1, pytest.approx(3.0)),
+        ("cfs-ca", 0, pytest.approx(1.0)),
+        ("cfs-ca", 1, pytest.approx(1.0)),
+    ]
+
+
+def test_the_ideal_is_what_response_times_are_multiples_of(out):
+    alone = fresh(out / "exp3-x1" / "ideal" / "0")
+    write_run(alone, "ideal", "each task alone", service={"slam": 0.05, "speech": 0.01})
+    rows = [line.split("|") for line in report(out).splitlines() if line.startswith("| CFS CA |")]
+    assert any(row[-2].strip().startswith("2 ") for row in rows)  # 0.1 s, which takes 0.05 s alone
+
+
 def test_doubtful_runs_are_named(out):
-    folder = fresh(out / "exp3" / "weight" / "0")
+    folder = fresh(out / "exp3-x1" / "weight" / "0")
     write_run(folder, "weight", "Weight", service={"slam": 0.1, "speech": 0.1}, drained=False)
-    assert "Weight: queues were not empty" in write_report(out).read_text(encoding="utf-8")
+    assert "Weight: queues were not empty" in report(out)
 
 
 def test_without_runs_there_is_nothing_to_report(tmp_path):
     with pytest.raises(DeployError, match="no finished run"):
-        write_report(tmp_path)
+        write_report(tmp_path, tmp_path)
 
 
-def test_repeats_are_interleaved_and_what_is_finished_is_not_run_again(tmp_path, monkeypatch):
-    done = []
+@pytest.fixture
+def runs(monkeypatch):
+    """What is installed and run, without a node; `fails_after` runs the node is gone."""
+    done, clock = [], {"now": 0.0, "fails_after": 99}
     monkeypatch.setattr(command.installation, "install", lambda configuration: done.append(configuration.agent))
+    monkeypatch.setattr(command.installation, "can", lambda _: True)
+    monkeypatch.setattr(command.time, "monotonic", lambda: clock["now"])
 
-    def execute(configuration, timeline, _datasets, folder):
-        if len(done) > 3:
+    def execute(trial, timeline, _datasets, folder):
+        if len(done) > clock["fails_after"]:
             raise DeployError("the node is gone")
         fresh(folder)
-        write_run(folder, configuration.name, configuration.title, service={"slam": 0.1, "speech": 0.1})
-        done.append((timeline.stem, configuration.name, folder.name))
+        service = {"slam": 0.1, "speech": 0.1}
+        write_run(folder, trial.configuration.name, trial.configuration.title, service=service)
+        done.append((timeline.stem, trial.configuration.name, folder.name))
+        clock["now"] += 50.0
 
     monkeypatch.setattr(command, "execute", execute)
-    arguments = ["exp3", "--repeats", "2", "--only", "linux-default", "cfs-ca", "--out", str(tmp_path)]
-    assert command.main(arguments) == 1
-    first = [("exp3", name, repeat) for repeat in "01" for name in ("linux-default", "cfs-ca")]
-    assert done == [False, *first[:3]]
+    return done, clock
+
+
+ARGUMENTS = ("exp3", "--repeats", "2", "--only", "linux-default", "cfs-ca", "--paces", "1")
+FOUR = [("exp3", name, repeat) for repeat in "01" for name in ("linux-default", "cfs-ca")]
+
+
+def test_repeats_are_interleaved_and_what_is_finished_is_not_run_again(tmp_path, runs):
+    done, clock = runs
+    clock["fails_after"] = 3
+    assert command.main([*ARGUMENTS, "--out", str(tmp_path)]) == 1
+    assert done == [False, *FOUR[:3]]
     done.clear()
-    assert command.main(arguments) == 0
-    assert done == [False, first[3]]
-    assert (tmp_path / "exp3" / "cfs-ca" / "1" / RUN).is_file()
+    assert command.main([*ARGUMENTS, "--out", str(tmp_path)]) == 0
+    assert done == [False, FOUR[3]]
+    assert (tmp_path / "exp3-x1" / "cfs-ca" / "1" / RUN).is_file()
+
+
+def test_no_run_is_begun_that_would_end_too_late(tmp_path, runs, capsys):
+    done, _ = runs
+    assert command.main([*ARGUMENTS, "--minutes", "2.6", "--out", str(tmp_path)]) == 0
+    assert done == [False, *FOUR[:3]]  # 156 s: the fourth would end after 200 s
+    assert "1 runs are left" in capsys.readouterr().out
 
 
 def test_an_unknown_configuration_is_refused(capsys):

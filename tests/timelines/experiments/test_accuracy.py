@@ -1,0 +1,121 @@
+"""How right tasks were in runs whose results are made up, against a story that is known."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from timelines.experiments.accuracy import accuracy
+from timelines.experiments.raw_data import Result, RunData
+from timelines.experiments.run import TIMELINE
+
+BEGIN = 1_795_300_000.0
+S = 1_000_000_000
+POSES = "walk/mav0/state_groundtruth_estimate0"
+INPUTS = [
+    {"key": "robot/camera/stereo", "encoding": "binary", "from": 0, "to": 20, "dataset": "walk/stereo", "rate": 10,
+     "truth": {"poses": POSES}},
+    {"key": "robot/camera/side", "encoding": "binary", "from": 0, "to": 20, "dataset": "signs/walk", "rate": 2,
+     "truth": {"signs": [{"from": 1, "to": 3, "text": "204"}, {"from": 9, "to": 11, "text": "206"}]}},
+    {"key": "robot/microphone", "encoding": "binary", "from": 0, "to": 20, "dataset": "speech/walk", "rate": 10,
+     "truth": [{"at": 2, "keyword": "left"}, {"at": 8, "keyword": "right"}, {"at": 16, "keyword": "stop"}]},
+    {"key": "robot/imu/raw", "encoding": "json", "from": 0, "to": 20, "dataset": "walk/imu", "rate": 200,
+     "truth": {"moving": [[5, 12]]}},
+    {"key": "robot/navigation/order", "encoding": "json", "from": 5, "to": 12, "rate": 4,
+     "value": {"drive": {"forward": 0.3, "turn": 0.0}}},
+    {"key": "robot/navigation/order", "encoding": "json", "at": 12, "value": {"stop": True}},
+    {"key": "robot/arm/order", "encoding": "json", "at": 3, "value": {"home": True}, "truth": {"doing": "arrived"}},
+    {"key": "robot/arm/order", "encoding": "json", "at": 14, "value": {"home": True}, "truth": {"doing": "arrived"}},
+]  # fmt: skip
+PHASES = [{"name": "walks", "from": 0, "to": 20}]
+TASKS = ("slam", "signs", "speech", "imu", "navigation", "arm")
+
+
+@pytest.fixture
+def judge(tmp_path):
+    """Accuracies of a run whose tasks told `results`: by key, (seconds of the run, message)."""
+    story = {"name": "walk", "duration": 20.0, "phases": PHASES, "inputs": INPUTS}
+    (tmp_path / TIMELINE).write_text(json.dumps(story), encoding="utf-8")
+
+    def judged(results, pace=1.0, plans=()):
+        run = RunData("x", "X", BEGIN, BEGIN + 20 / pace, pace=pace, inputs={task: {} for task in TASKS})
+        for key, told in results.items():
+            run.results[key] = [Result(BEGIN + at, BEGIN + at, value) for at, value in told]
+        run.published = {"robot/arm/order": [round((BEGIN + at / pace) * S) for at in (3, 14)]}
+        run.plans = list(plans)
+        return accuracy(run, tmp_path, tmp_path)
+
+    return judged
+
+
+def keywords(*told):
+    return {"robot/speech/keyword": [(at + 1, {"keyword": word, "at": BEGIN + at}) for at, word in told]}
+
+
+def plan(sequence, at, suspended=()):
+    tasks = {task: {"share": 1.0, "weight": 1.0, "suspended": task in suspended} for task in TASKS}
+    return {"run": 1, "sequence": sequence, "time": BEGIN + at, "contexts": [], "tasks": tasks}
+
+
+def test_commands_are_heard_by_their_word_and_time(judge):
+    found = judge(keywords((2.1, "left"), (8.1, "left"), (19.8, "stop")))["speech"]
+    assert (found.value, found.count) == (pytest.approx(100 / 3), 3)
+
+
+def test_what_was_said_while_the_policy_did_not_listen_does_not_count(judge):
+    plans = [plan(1, -1), plan(2, 5, ["speech"]), plan(3, 12)]
+    found = judge(keywords((2.1, "left"), (16.1, "stop")), plans=plans)["speech"]
+    assert (found.value, found.count) == (100, 2)
+
+
+def test_at_twice_the_pace_the_story_is_over_in_half_the_time(judge):
+    found = judge(keywords((1.05, "left"), (4.05, "right"), (8.05, "stop")), pace=2.0)["speech"]
+    assert (found.value, found.count) == (100, 3)
+
+
+def test_a_sign_is_told_while_it_is_in_view_or_soon_after(judge):
+    told = [(1.5, {"text": "204"}), (16.0, {"text": "206"})]
+    assert judge({"robot/signs/number": told})["signs"].value == 50
+
+
+def test_motion_is_right_or_wrong_answer_by_answer(judge):
+    told = [(1, {"moving": False}), (6, {"moving": True}), (8, {"moving": False}), (13, {"moving": False}), (14, {})]
+    found = judge({"robot/imu/motion": told})["imu"]
+    assert (found.value, found.count) == (75, 4)
+
+
+def test_the_path_is_as_long_as_it_was_ordered(judge):
+    told = [(0, {"travelled": 1.0}), (19, {"travelled": 3.0})]
+    found = judge({"robot/navigation/odometry": told})["navigation"]
+    assert found.value == pytest.approx(0.1)  # 2 m of 0.3 m/s in 7 s
+    assert not found.more_is_better
+
+
+def test_an_order_is_carried_out_before_the_next_one_comes(judge):
+    told = [(4, {"doing": "moving"}), (15, {"doing": "arrived"})]
+    found = judge({"robot/arm/state": told})["arm"]
+    assert (found.value, found.count) == (50, 2)
+
+
+def test_poses_are_compared_with_their_own_pictures_truth(judge, tmp_path):
+    folder = tmp_path / POSES
+    (tmp_path / "walk" / "mav0" / "imu0").mkdir(parents=True)
+    (tmp_path / "walk" / "mav0" / "imu0" / "data.csv").touch()  # what makes it a sequence
+    folder.mkdir(parents=True)
+    rows = [f"{frame * S},{frame * 0.1},{frame % 3},0,1,0,0,0,0,0,0,0,0,0,0,0,0\n" for frame in range(1, 21)]
+    (folder / "data.csv").write_text("#timestamp, p\n" + "".join(rows), encoding="utf-8")
+    poses = [
+        (frame / 2, {"frame": frame * S, "position": [frame * 0.1 + 5, frame % 3, 1], "orientation": [0, 0, 0, 1],
+                     "state": "lost" if frame > 18 else "tracking"})
+        for frame in range(1, 21)
+    ]  # fmt: skip
+    found = judge({"robot/slam/pose": poses})["slam"]
+    assert found.value == pytest.approx(0, abs=1e-6)  # moved as a whole, which is no error
+    assert found.count == 18
+
+
+def test_what_told_nothing_is_not_judged_unless_it_should_have(judge):
+    found = judge({})
+    assert sorted(found) == ["arm", "signs", "speech"]
+    assert {one.value for one in found.values()} == {0}
