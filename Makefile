@@ -44,8 +44,7 @@ unit: setup recordings cluster  ## run the tests that need no cluster (helm come
 
 heavy: images release  ## promtool, chromium, a VerticalPodAutoscaler, GitOps tools' own libraries, a release and its copy, Flux, a HelmChart
 	dpkg --status $(HEAVY) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(HEAVY); }
-	$(CLUSTER) program promtool flux registry helm-controller
-	$(CLUSTER) autoscaler build
+	$(CLUSTER) program promtool vpa metrics-server flux registry helm-controller
 	$(PYTHON) -m release --architecture $$(dpkg --print-architecture) --no-bill --output build/release-again
 	$(PYTHON) -m pytest -q tests/heavy --ignore tests/heavy/node --ignore tests/heavy/test_helm_controller.py
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/heavy/node tests/heavy/test_helm_controller.py tests/heavy/test_autoscaler.py

@@ -24,8 +24,8 @@ def parser() -> argparse.ArgumentParser:
         single.add_argument("name", choices=components.names())
     inside = commands.add_parser("exec", help="run a command in the node's network, with kubectl, helm and ctr")
     inside.add_argument("argv", nargs=argparse.REMAINDER, metavar="-- COMMAND")
-    vpa = commands.add_parser("autoscaler", help="build, start or stop a VerticalPodAutoscaler with its metrics-server")
-    vpa.add_argument("deed", choices=("build", "start", "stop"))
+    vpa = commands.add_parser("autoscaler", help="start or stop a VerticalPodAutoscaler with its metrics-server")
+    vpa.add_argument("deed", choices=("start", "stop"))
     vpa.add_argument("--interval", type=int, default=autoscaler.INTERVAL, help="seconds between its looks (10)")
     program = commands.add_parser("program", help="build programs that no node needs, but a test")
     program.add_argument("names", nargs="+", choices=build.FURTHER, metavar="NAME")
@@ -62,8 +62,7 @@ def dispatch(arguments: argparse.Namespace) -> int:
         case "autoscaler":
             autoscale(arguments.deed, arguments.interval)
         case "program":
-            for name in arguments.names:
-                build.build(build.FURTHER[name])
+            build.build_further(arguments.names)
         case "image":
             images.image(arguments.name, arguments.dockerfile, arguments.context.resolve())
     return 0
@@ -71,9 +70,6 @@ def dispatch(arguments: argparse.Namespace) -> int:
 
 def autoscale(deed: str, interval: int) -> None:
     match deed:
-        case "build":
-            for program in build.AUTOSCALER:
-                build.build(program)
         case "start":
             autoscaler.start(interval)
         case "stop":

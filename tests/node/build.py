@@ -105,7 +105,13 @@ SYFT = Program("syft", ("github.com/anchore/syft/cmd/syft@v1.57.0",), ldflags="-
 """Lists what is in a release's image."""
 HELM_CONTROLLER = Program("helm-controller", (f"github.com/k3s-io/helm-controller@{HELM_CONTROLLER_VERSION}",))
 """What k3s installs charts with (`HelmChart` manifests); no part of this node, a test runs it."""
-FURTHER = {program.name: program for program in (PROMTOOL, FLUX, REGISTRY, SYFT, HELM_CONTROLLER)}
+FURTHER = {program.name: program for program in (*AUTOSCALER, PROMTOOL, FLUX, REGISTRY, SYFT, HELM_CONTROLLER)}
+
+
+def build_further(names: Iterable[str]) -> None:
+    """Build programs that no node needs, but a test."""
+    for name in names:
+        build(FURTHER[name])
 
 
 def build_all() -> None:
