@@ -17,6 +17,7 @@ NAMES = {
     r"\bdelivery docking\b": "e2e-robot/robot moving",
     r"\bdelivery\b": "e2e-robot/robot",
     r" --all ": " --all --all-namespaces ",
+    r"^kubectl get events": "kubectl get events --all-namespaces",
 }
 LOOK = re.compile(r"kubectl (get (?!secret|namespace)|logs|explain|wait|kustomize|create rolebinding)")
 ASK = re.compile(r"kubectl ctxp (status|doctor|top|explain|why-not) ?")
