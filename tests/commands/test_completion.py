@@ -37,6 +37,7 @@ def test_what_tab_offers(words, expected):
 def test_every_command_is_offered():
     assert set(offered("")) >= {
         *("status", "explain", "why-not", "force", "pause", "resume", "dry-run", "top", "doctor", "record"),
+        *("promote", "shadow", "adopt"),
     }
 
 

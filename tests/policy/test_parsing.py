@@ -10,7 +10,17 @@ import yaml
 
 from contextpolicy.errors import PolicyError
 from contextpolicy.policy import parsing
-from contextpolicy.policy.spec import Clock, Control, Encoding, Force, Mode, RosRelease, SatisfiedBy, Scheduler
+from contextpolicy.policy.spec import (
+    Clock,
+    Control,
+    Encoding,
+    Force,
+    Mode,
+    RosRelease,
+    SatisfiedBy,
+    Scheduler,
+    Shadow,
+)
 from tests.planning.builders import a_body, a_context, a_parent, a_policy, a_stream, a_task
 
 SAMPLES = sorted(p for p in (Path(__file__).parents[2] / "config/policies").glob("*.yaml") if ".expect" not in p.name)
@@ -100,6 +110,12 @@ def test_a_moment_is_unix_time(until):
     assert policy.force == Force("care", 1795262400.0)
 
 
+def test_a_shadow_has_usual_values():
+    policy = a_policy(tasks=[a_task("slam")], shadow={"of": "other"})
+    assert policy.shadow == Shadow("other", tolerance=0.05, patience=5.0, health="robot/*/health")
+    assert a_policy(tasks=[a_task("slam")]).shadow is None
+
+
 FIELDS = [
     # where, what, the field that is named
     ({"mode": "On"}, "spec.mode"),
@@ -118,6 +134,15 @@ FIELDS = [
     ({"force": {"context": "nowhere", "until": 10**30}}, "spec.force.until"),
     ({"force": {"context": "nowhere"}}, "spec.force.until"),
     ({"force": "soon"}, "spec.force"),
+    ({"shadow": "robot"}, "spec.shadow"),
+    ({"shadow": {}}, "spec.shadow.of"),
+    ({"shadow": {"of": "Robot!"}}, "spec.shadow.of"),
+    ({"shadow": {"of": "robot"}}, "spec.shadow.of"),
+    ({"shadow": {"of": "other", "tolerance": 1.5}}, "spec.shadow.tolerance"),
+    ({"shadow": {"of": "other", "patience": "0s"}}, "spec.shadow.patience"),
+    ({"shadow": {"of": "other", "health": "robot/health"}}, "spec.shadow.health"),
+    ({"shadow": {"of": "other", "health": "robot/**"}}, "spec.shadow.health"),
+    ({"shadow": {"of": "other", "misses": 1}}, "spec.shadow.misses"),
     ({"surprise": 1}, "spec.surprise"),
     ({"streams": {}}, "spec.streams"),
     ({"streams": ["imu"]}, "spec.streams[0]"),

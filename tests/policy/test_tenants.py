@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from contextpolicy.policy.spec import Shadow
 from contextpolicy.policy.tenants import Tenant, Tenants, read_tenants
 from tests.planning.builders import a_policy, a_stream, a_task
 
@@ -59,6 +60,12 @@ def test_a_refusal_names_the_field_and_what_is_allowed():
 def test_the_liveliness_of_others_is_none_of_its_business_either():
     [finding] = of(lab={"streamPrefixes": ["robot"]}).findings(policy("robot/imu", liveliness="other/imu"))
     assert (finding.field, finding.value) == ("spec.streams[0].liveliness", "other/imu")
+
+
+def test_a_shadow_hears_of_misses_only_where_it_may_read():
+    shadow = replace(policy("lab/imu"), shadow=Shadow("other"))
+    [finding] = of(lab={"streamPrefixes": ["lab"]}).findings(shadow)
+    assert (finding.field, finding.value) == ("spec.shadow.health", "robot/*/health")
 
 
 def test_once_a_namespace_is_restricted_those_without_prefixes_read_nothing():

@@ -31,7 +31,9 @@ _contextpolicy() {
 compdef _contextpolicy contextpolicy
 """,
 }
-FROM_CLUSTER = ("status", "force", "pause", "resume", "dry-run", "record", "why-not", "explain")
+FROM_CLUSTER = frozenset(
+    {"status", "force", "pause", "resume", "dry-run", "promote", "shadow", "adopt", "record", "why-not", "explain"}
+)
 """Commands whose first argument is a policy of the cluster."""
 
 

@@ -1,0 +1,51 @@
+"""The documents' commands for kubectl, as they stand but for the names, on the real cluster."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from contextpolicy.cli import main
+from tests.documents.commands import ROOT, commands
+from tests.e2e.cluster import run
+
+NAMES = {
+    r"contextpolicy-system": "e2e-system",
+    r"deploy/contextpolicy": "deploy/e2e",
+    r"contextpolicy-live": "e2e-live",
+    r"\bdelivery docking\b": "e2e-robot/robot moving",
+    r"\bdelivery\b": "e2e-robot/robot",
+    r" --all ": " --all --all-namespaces ",
+    r"^kubectl get events": "kubectl get events --all-namespaces",
+}
+LOOK = re.compile(r"kubectl (get (?!secret|namespace)|logs|explain|wait|kustomize|create rolebinding)")
+ASK = re.compile(r"kubectl ctxp (status|doctor|top|explain|why-not) ?")
+
+
+def chosen(pattern, least):
+    """The commands that can be typed as they stand, each once; between backticks those of at least so many words."""
+    matching = [one for one in commands() if pattern.match(one.text)]
+    found = [one.text for one in matching if one.whole or len(one.words) >= least]
+    return sorted({text for text in found if "delivery-next" not in text})
+
+
+def renamed(text):
+    for name, own in NAMES.items():
+        text = re.sub(name, own, text)
+    return text
+
+
+@pytest.mark.parametrize("text", chosen(LOOK, 3))
+def test_kubectl_does_what_it_is_told(governed, text):
+    del governed
+    dry = " --dry-run=server" if " create " in text else ""
+    assert run("bash", "-c", f"cd {ROOT} && {renamed(text)}{dry}")
+
+
+@pytest.mark.parametrize("text", chosen(ASK, 4))
+def test_our_own_commands_answer(governed, capsys, text):
+    governed.drive(0.0)
+    once = ["--once"] if " top" in text else []
+    assert main([*renamed(text).split()[2:], *once]) in (0, 1)
+    assert capsys.readouterr().out
