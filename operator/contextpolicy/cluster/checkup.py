@@ -48,12 +48,13 @@ class ClusterFacts:
     nodes: Sequence[Mapping[str, Any]] | None
     lacking: Sequence[str] | None
     kubelets: Mapping[str, tuple[Mapping[str, Any], str]] = field(default_factory=dict)
+    serves_policies: bool = True
 
 
 def checkup(facts: ClusterFacts) -> Iterator[Check]:
     """All checks, from the cluster down to the policies."""
     yield _version("API server", facts.version)
-    yield _definition(facts.policies)
+    yield _definition(facts)
     yield from _operator(facts.operators)
     yield _rights(facts.lacking)
     yield from _nodes(facts)
@@ -72,12 +73,14 @@ def _version(subject: str, text: str) -> Check:
     return Check(subject, Verdict.OK, text)
 
 
-def _definition(policies: Sequence[Mapping[str, Any]] | None) -> Check:
-    if policies is None:
-        return Check(
-            "ContextPolicy definition", Verdict.BAD, "not served", "kubectl apply -f crds/, or install the chart"
-        )
-    return Check("ContextPolicy definition", Verdict.OK, f"served, {len(policies)} policies")
+def _definition(facts: ClusterFacts) -> Check:
+    subject = "ContextPolicy definition"
+    if not facts.serves_policies:
+        return Check(subject, Verdict.BAD, "not served", "kubectl apply -f crds/, or install the chart")
+    if facts.policies is None:
+        remedy = "name a namespace where you may: --namespace; or ask somebody who may list policies"
+        return Check(subject, Verdict.UNKNOWN, "served, but its policies can't be listed", remedy)
+    return Check(subject, Verdict.OK, f"served, {len(facts.policies)} policies")
 
 
 def _operator(pods: Sequence[Mapping[str, Any]] | None) -> Iterator[Check]:

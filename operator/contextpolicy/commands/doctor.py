@@ -70,13 +70,14 @@ def facts(api: ApiServer, namespaces: Sequence[str | None]) -> ClusterFacts:
     from contextpolicy.cluster.checkup import ClusterFacts
 
     version = str(api.read("/version")["gitVersion"])
-    policies = _allowed(lambda: _policies(api, namespaces)) if api.serves_policies() else None
+    served = api.serves_policies()
+    policies = _allowed(lambda: _policies(api, namespaces)) if served else None
     operators = _allowed(lambda: _pods(api, OPERATOR))
     nodes = _allowed(lambda: api.read("/api/v1/nodes")["items"])
     kubelets = {name: one for node in nodes or () if (one := _kubelet(api, name := node["metadata"]["name"]))}
     lacking = _lacking(api, operators[0], policies or ()) if operators else None
     routers = _allowed(lambda: _pods(api, ROUTER))
-    return ClusterFacts(version, policies, operators, routers, nodes, lacking, kubelets)
+    return ClusterFacts(version, policies, operators, routers, nodes, lacking, kubelets, serves_policies=served)
 
 
 def _allowed(read: Callable[[], T]) -> T | None:

@@ -76,7 +76,17 @@ class Repository:
         for name, content in files.items():
             (self.tree / "policies" / f"{name}.yaml").write_text(json.dumps(content))
         self._git("add", "--all")
-        self._git("-c", "user.name=fleet", "-c", "user.email=fleet@example.com", "commit", "--quiet", "-m", message)
+        self._git(
+            "-c",
+            "user.name=fleet",
+            "-c",
+            "user.email=fleet@example.com",
+            "commit",
+            "--quiet",
+            "--allow-empty",
+            "-m",
+            message,
+        )
         commit = self._git("rev-parse", "HEAD").decode().strip()
         self._tell(f"main@sha1:{commit}", f"{commit}.tar.gz", self._git("archive", "--format=tar.gz", "HEAD"))
         return f"main@sha1:{commit}"

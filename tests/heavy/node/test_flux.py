@@ -13,13 +13,14 @@ from tests.config.test_gitops import flux_kustomization
 from tests.e2e.cluster import apply, apply_definition, get, run, until
 from tests.e2e.releases import Release
 from tests.e2e.robot import IDLE, pod, policy
-from tests.heavy.node.source_stand_in import KINDS, Repository, definitions
+from tests.heavy.node.source_stand_in import GROUP, KINDS, Repository, definitions
 from tests.node import build
 from tests.node.layout import SOURCES
 
 SYSTEM = "e2e-flux"
 KIND = "kustomization.kustomize.toolkit.fluxcd.io"
 NAME = "robot-policies"
+DEFINITIONS = [f"{plural}.{GROUP}" for plural in KINDS.values()] + ["kustomizations.kustomize.toolkit.fluxcd.io"]
 MODULE = "github.com/fluxcd/kustomize-controller"
 
 
@@ -42,8 +43,7 @@ def controller(tmp_path_factory):
     folder = run(*map(str, where)).strip()
     apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": SYSTEM}}, *definitions())
     run("kubectl", "apply", "--server-side", "-f", f"{folder}/config/crd/bases")
-    for plural in [*(f"{plural}.source" for plural in KINDS.values()), "kustomizations.kustomize"]:
-        run("kubectl", "wait", "crd", f"{plural}.toolkit.fluxcd.io", "--for=condition=Established", "--timeout=60s")
+    run("kubectl", "wait", "crd", *DEFINITIONS, "--for=condition=Established", "--timeout=60s")
     flags = ["--enable-leader-election=false", "--metrics-addr=127.0.0.1:0", "--health-addr=127.0.0.1:0"]
     argv = [build.build(build.FLUX) / "kustomize-controller", *flags, "--events-addr="]
     log = tmp_path_factory.mktemp("flux") / "kustomize-controller.log"
@@ -52,13 +52,12 @@ def controller(tmp_path_factory):
             argv, stdout=file, stderr=file, env={**os.environ, "RUNTIME_NAMESPACE": SYSTEM, "HOME": str(log.parent)}
         )
     yield log
-    for kind in (KIND, *(f"{plural}.source.toolkit.fluxcd.io" for plural in KINDS.values())):
-        with contextlib.suppress(AssertionError):
-            run("kubectl", "delete", kind, "--all", "-n", SYSTEM, "--timeout=60s")
+    with contextlib.suppress(AssertionError):
+        run("kubectl", "delete", KIND, "--all", "-n", SYSTEM, "--timeout=60s")
     process.terminate()
     process.wait(30)
     run("kubectl", "delete", "namespace", SYSTEM, "--ignore-not-found", "--timeout=90s")
-    run("kubectl", "delete", "crd", "-l", "app.kubernetes.io/part-of=flux", "--ignore-not-found", "--timeout=60s")
+    run("kubectl", "delete", "crd", *DEFINITIONS, "--ignore-not-found", "--timeout=60s")
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +119,7 @@ def reconciled(revision, verdict="True", reason="ReconciliationSucceeded"):
 
 def reconcile():
     """Ask Flux to look again, and wait until it did."""
-    asked = f"{os.urandom(4).hex()}"
+    asked = os.urandom(4).hex()
     run("kubectl", "annotate", KIND, NAME, "-n", SYSTEM, "--overwrite", f"reconcile.fluxcd.io/requestedAt={asked}")
     until("Flux looked", lambda: get(KIND, NAME, SYSTEM)["status"].get("lastHandledReconcileAt") == asked)
     until("Flux is done", lambda: ready()[1] != "Unknown" or ready())
@@ -135,6 +134,7 @@ def test_resizes_are_no_drift(synced, robot):
     with_arm = policy(robot.namespace, tasks=[*policy(robot.namespace)["spec"]["tasks"], arm_task()])
     reconciled(synced.commit("Govern the arm", policy=with_arm))
     until("the arm's limit has moved", lambda: limit("arm", robot.namespace) not in ("", "500m"))
+    until("the plan is in force", lambda: robot.condition("Applied")[0] == "True")
     before = get("deployment", "arm", robot.namespace)["metadata"]["generation"], pods("arm", robot.namespace)
     limits = limit("arm", robot.namespace), robot.limits("slam", "speech")
     reconcile()
@@ -152,14 +152,14 @@ def test_a_silent_sensor_is_no_failure_of_the_policy(synced, robot):
 
 
 def test_a_policy_that_is_refused_fails_at_once_and_the_last_one_stays_in_force(synced, robot):
-    unknown = [{"name": "moving", "when": "imu.speed > 0.05", "tasks": {"nobody": {"suspend": True}}}]
-    revision = synced.commit("Misspell a task", policy=policy(robot.namespace, contexts=unknown))
+    broken = [{"name": "moving", "when": "imu.speed >", "tasks": {"speech": {"suspend": True}}}]
+    revision = synced.commit("Forget a number", policy=policy(robot.namespace, contexts=broken))
     reconciled(revision, "False", "HealthCheckFailed")
     message = next(one for one in get(KIND, NAME, SYSTEM)["status"]["conditions"] if one["type"] == "Ready")["message"]
     assert "failed" in message.lower()
     assert "timeout" not in message.lower()
     assert robot.limits("slam", "speech") == {"slam": 990, "speech": 10}
-    reconciled(synced.commit("Spell it", policy=policy(robot.namespace)))
+    reconciled(synced.commit("Remember it", policy=policy(robot.namespace)))
 
 
 def test_pruning_puts_containers_back_and_ends(synced, robot):
@@ -178,7 +178,7 @@ def test_pruning_ends_also_when_the_operator_goes_first(synced, robot, release):
 
 
 def arm_task():
-    return {"name": "arm", "selector": {"matchLabels": {"app": "arm"}}}
+    return {"name": "arm", "selector": {"matchLabels": {"app": "arm"}}, "priority": 3}
 
 
 def notes(namespace):
