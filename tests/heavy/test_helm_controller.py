@@ -10,19 +10,22 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.e2e.cluster import REPOSITORY, apply, delete, get, run, until
+from tests.e2e.cluster import REPOSITORY, apply, get, run, until
 from tests.e2e.robot import IDLE, pod, policy, task
-from tests.node import build, images
+from tests.node import access, build, images
 from tests.node.layout import K3S, KUBECONFIG
 from timelines.demo.deploy import free_address
 
 NAME, SYSTEM, ROBOT = "e2e-helmchart", "e2e-helmchart-system", "e2e-helmchart"
 JOB = "contextpolicy-helm-job"
+DEFINITIONS = ("helmcharts.helm.cattle.io", "helmchartconfigs.helm.cattle.io")
 VALUES = {
     "fullnameOverride": NAME,
     "image": {"repository": "contextpolicy", "tag": "dev"},
     "watchNamespaces": [ROBOT],
 }
+
+pytestmark = pytest.mark.skipif(access.user_cluster() is not None, reason="k3s has its own helm-controller")
 
 
 @pytest.fixture
@@ -30,9 +33,11 @@ def job_image(tmp_path):
     """What the jobs run: helm, with the node's own."""
     [helm] = (build.build(program) for program in build.PROGRAMS if program.name == "helm")
     source = Path(__file__).with_name("helm_job")
-    shutil.copy(helm / "helm", tmp_path)
-    shutil.copy(source / "entry.sh", tmp_path)
-    return images.image(JOB, source / "Dockerfile", tmp_path)
+    context = tmp_path / "context"
+    context.mkdir()
+    for file in (helm / "helm", source / "entry.sh"):
+        shutil.copy(file, context)
+    return images.image(JOB, source / "Dockerfile", context)
 
 
 @pytest.fixture
@@ -42,22 +47,26 @@ def controller(tmp_path):
     log = tmp_path / "helm-controller.log"
     argv = [str(program), "--kubeconfig", str(KUBECONFIG), "--node-name", "contextpolicy-node"]
     with log.open("w") as said, subprocess.Popen(argv, stdout=said, stderr=said) as process:
-        until("helm-controller has its definitions", lambda: (process.poll() is None and served()) or log.read_text())
-        yield process
-        process.terminate()
-        process.wait(20)
-    run("kubectl", "delete", "crd", "helmcharts.helm.cattle.io", "helmchartconfigs.helm.cattle.io", "--timeout=60s")
+        try:
+            until("helm-controller has its definitions", lambda: served() or log.read_text())
+            yield process
+        finally:
+            process.terminate()
+            process.wait(20)
+    run("kubectl", "delete", "crd", *DEFINITIONS, "--timeout=60s")
 
 
 def served():
-    return "helmcharts" in run("kubectl", "api-resources", "--api-group=helm.cattle.io", "-o", "name")
+    established = 'jsonpath={.items[*].status.conditions[?(@.type=="Established")].status}'
+    found = run("kubectl", "get", "crd", *DEFINITIONS, "--ignore-not-found", "-o", established)
+    return found.split() == ["True", "True"]
 
 
 @pytest.fixture
 def chart(tmp_path):
     """The chart as a HelmChart carries it."""
-    run("helm", "package", str(REPOSITORY / "charts" / "contextpolicy"), "--destination", str(tmp_path / "package"))
-    [package] = (tmp_path / "package").glob("*.tgz")
+    run("helm", "package", str(REPOSITORY / "charts" / "contextpolicy"), "--destination", str(tmp_path))
+    [package] = tmp_path.glob("*.tgz")
     return base64.b64encode(package.read_bytes()).decode()
 
 
@@ -93,7 +102,7 @@ def test_a_manifest_installs_the_operator_and_its_end_puts_everything_back(chart
     until("the operator is installed and ready", lambda: ready() or jobs(), patience=180)
     apply(policy(ROBOT, tasks=[task("slam", priority=3), task("speech")]))
     until("the policy's plan is in force", lambda: limits() == ["750m", "250m"] or limits())
-    delete("helmchart", NAME, "kube-system")
+    run("kubectl", "delete", "helmchart", NAME, "-n", "kube-system", "--timeout=180s", timeout=200)
     until("every container is as it was", lambda: limits() == ["500m", "500m"] or limits())
     assert run("helm", "list", "--namespace", SYSTEM, "--short") == ""
 

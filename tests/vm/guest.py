@@ -15,7 +15,8 @@ from tests.vm.places import INSIDE_LOGS
 
 log = logging.getLogger(__name__)
 
-STAGES = ("running", "rebooted")
+STAGES = {"running": ("test_systemd.py", "test_running.py"), "rebooted": ("test_rebooted.py",)}
+"""What runs before the machine is rebooted, and what after."""
 TESTS = REPOSITORY / "tests" / "vm" / "inside"
 
 
@@ -27,17 +28,20 @@ def start_node() -> None:
 def run_tests() -> None:
     """Run the tests of the stage that comes next; then reboot, or power off after the last."""
     stage = next(stage for stage in STAGES if not (INSIDE_LOGS / stage).exists())
+    verdict = INSIDE_LOGS / stage
+    verdict.write_text("unknown: it did not end")
     try:
-        (INSIDE_LOGS / stage).write_text(str(_pytest(stage)))
+        verdict.write_text(str(_pytest(stage)))
     finally:
         _keep_logs(stage)
-        subprocess.run(["systemctl", "poweroff" if stage == STAGES[-1] else "reboot"], check=True, timeout=60)
+        last = stage == list(STAGES)[-1]
+        subprocess.run(["systemctl", "poweroff" if last else "reboot"], check=True, timeout=300)
 
 
 def _pytest(stage: str) -> int:
     options = ["-v", "-p", "no:cacheprovider", "-o", "faulthandler_timeout=0", "--maxfail=3", "--durations=0"]
     inside = [sys.executable, "-m", "tests.node", "exec", "--"]
-    pytest = [sys.executable, "-m", "pytest", *options, str(TESTS / f"test_{stage}.py")]
+    pytest = [sys.executable, "-m", "pytest", *options, *(str(TESTS / name) for name in STAGES[stage])]
     return subprocess.run([*inside, *pytest], cwd=REPOSITORY, check=False).returncode
 
 
