@@ -50,7 +50,8 @@ e2e: images  ## run the tests that need a real node
 	$(PYTHON) -m pytest -q tests/e2e/test_reboot.py
 
 soak: images  ## contexts, pods and killed parts at random for DURATION seconds (3600), told again by SEED
-	SOAK_SECONDS=$(DURATION) SOAK_SEED=$(SEED) $(CLUSTER) exec -- $(PYTHON) -m pytest -q -s tests/e2e/test_soak.py
+	SOAK_SECONDS=$(DURATION) SOAK_SEED=$(SEED) $(CLUSTER) exec -- $(PYTHON) -m pytest -q -s \
+	  -o faulthandler_timeout=$$(($(DURATION) + 1200)) tests/e2e/test_soak.py
 
 simulate: setup  ## without root or cluster: what would POLICY decide on TIMELINE
 	$(PYTHON) -m contextpolicy simulate $(POLICY) $(TIMELINE) --cores $(CORES)

@@ -9,77 +9,11 @@ from prometheus_client import REGISTRY
 from reactivex import operators
 
 from contextpolicy import controller as module
-from contextpolicy.cluster.agent_reports import read_report, with_agents
-from contextpolicy.cluster.claims import claim
-from contextpolicy.cluster.pods import view
-from contextpolicy.controller import Controller
 from contextpolicy.policy.spec import Control
-from tests.bus.fake_session import FakeSession
-from tests.cluster.builders import NODE, a_pod
-from tests.planning.builders import a_context, a_policy, a_stream, a_task
-from tests.virtual_operator import START, VirtualLoop
-
-IMU, PLAN, APPLIED = "robot/imu", "contextpolicy/lab/robot/plan", "contextpolicy/lab/robot/applied"
-
-
-class Orders:
-    """Notes what is ordered."""
-
-    def __init__(self):
-        self.all = []
-
-    def apply(self, order):
-        self.all.append(order)
-
-    @property
-    def last(self):
-        return self.all[-1]
-
-
-class Robot:
-    """A controller with all around it."""
-
-    def __init__(self, **spec):
-        self.session, self.loop, self.orders = FakeSession(), VirtualLoop(), Orders()
-        self.changes = []
-        self.controller = self.version(**spec)
-
-    def version(self, initiatives=None, **spec):
-        defaults = {
-            "streams": [a_stream("imu")],
-            "tasks": [a_task("slam"), a_task("speech")],
-            "contexts": [a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 4}})],
-        }
-        made = Controller(
-            a_policy(**{**defaults, **spec}),
-            session=self.session,
-            scheduler=self.loop,
-            actuator=self.orders,
-            initiatives=initiatives or {},
-        )
-        made.on_change = lambda: self.changes.append(made)
-        return made
-
-    def place(self, *names, cpu=1000, controller=None):
-        controller = controller or self.controller
-        pods = [view(a_pod(name)) for name in names]
-        own = claim([controller.policy], pods, {NODE: cpu})[controller.policy.reference]
-        reports = {node: read_report(report) for node, report in self.session.agents.items()}
-        controller.place(with_agents(controller.policy, own, reports), pods)
-
-    def begin(self):
-        self.controller.start()
-        self.place("slam", "speech")
-        return self
-
-    def sample(self, **value):
-        self.session.deliver(IMU, **value)
-        self.loop.advance_by(0.01)
-
-    def edit(self, **spec):
-        before, self.controller = self.controller, self.version(**spec)
-        before.stop()
-        self.controller.start(before)
+from tests.cluster.builders import NODE
+from tests.controller_rig import APPLIED, IMU, PLAN, Robot
+from tests.planning.builders import a_context, a_stream, a_task
+from tests.virtual_operator import START
 
 
 def test_nothing_is_ordered_or_told_before_it_is_known_where_the_containers_run():
@@ -372,76 +306,3 @@ def test_plugged_in_functions_get_the_streams_and_give_scores():
     robot = Robot(tasks=tasks, contexts=[], initiatives={"bumps": bumps}).begin()
     robot.sample(bump=3.0)
     assert robot.orders.last.shares == {"lab/slam/slam": 750, "lab/speech/speech": 250}
-
-
-class TestFigures:
-    """Weights and scores that move no share."""
-
-    def robot(self):
-        tasks = [a_task("slam", max="600m", min="600m", activity=[{"scoreFrom": "imu.speed"}]), a_task("speech")]
-        robot = Robot(tasks=tasks, contexts=[]).begin()
-        robot.loop.advance_by(10)
-        return robot
-
-    def shown(self, robot):
-        return [
-            (message["sequence"], message["edition"], message["tasks"]["slam"]["weight"])
-            for message in robot.session.plans()
-        ]
-
-    def test_they_are_told_and_order_nothing(self):
-        robot = self.robot()
-        robot.sample(speed=0.3)
-        robot.loop.advance_by(10)
-        ordered, sequence = len(robot.orders.all), robot.session.plans()[-1]["sequence"]
-        robot.changes.clear()
-        robot.sample(speed=0.5)
-        assert self.shown(robot)[-1] == (sequence, 1, 0.5)
-        assert robot.session.plans()[-1]["cause"] == "imu: true is 0.5"
-        assert len(robot.orders.all) == ordered
-        assert robot.changes
-        labels = {"namespace": "lab", "name": "robot", "task": "slam"}
-        assert REGISTRY.get_sample_value("contextpolicy_task_weight", labels) == 0.5
-
-    def test_a_flutter_is_told_at_a_bounded_rate_and_its_end_always(self):
-        robot = self.robot()
-        robot.sample(speed=0.3)
-        before = len(robot.session.plans())
-        robot.changes.clear()
-        for tick in range(300):  # three seconds at 100 Hz
-            robot.sample(speed=0.3 + tick / 1000)
-        robot.loop.advance_by(10)
-        told = self.shown(robot)[before:]
-        assert len(told) <= 3 / module.FIGURES_INTERVAL + 2
-        assert told[-1][2] == pytest.approx(0.599)
-        assert [edition for _, edition, _ in told] == list(range(1, len(told) + 1))
-        assert len(robot.changes) == len(told)
-
-    def test_no_news_no_message(self):
-        robot = self.robot()
-        robot.sample(speed=0.3)
-        robot.loop.advance_by(10)
-        before = len(robot.session.plans())
-        for _ in range(100):
-            robot.sample(speed=0.3)
-        robot.loop.advance_by(10)
-        assert len(robot.session.plans()) == before
-
-    def test_an_answer_and_an_explanation_are_true_at_once(self):
-        robot = self.robot()
-        for speed in (0.3, 0.4, 0.5):
-            robot.sample(speed=speed)
-        plan, why = robot.session.ask(PLAN), robot.session.ask("contextpolicy/lab/robot/explain")
-        robot.loop.advance_by(0.01)
-        assert plan.answers[0]["tasks"]["slam"]["weight"] == 0.5
-        assert why.answers[0]["tasks"]["slam"]["weight"] == 0.5
-        assert why.answers[0]["plan"]["cause"] == "imu: true is 0.3"
-
-    def test_a_stopped_controller_tells_nothing_more(self):
-        robot = self.robot()
-        for speed in (0.3, 0.4, 0.5):
-            robot.sample(speed=speed)
-        robot.controller.stop()
-        before = len(robot.session.plans())
-        robot.loop.advance_by(10)
-        assert len(robot.session.plans()) == before

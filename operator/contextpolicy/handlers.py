@@ -6,17 +6,11 @@ They run in the replica that leads, for the namespaces that are its own: kopf it
 from __future__ import annotations
 
 import asyncio
-from threading import Event, Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import kopf
 
 from contextpolicy.cluster.api import FINALIZER
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
-
-    from contextpolicy.runtime import Runtime
 
 PLURAL, GROUP = "contextpolicies", "contextpolicy.dev"
 registry = kopf.get_default_registry()
@@ -31,45 +25,6 @@ RESTORE_TIMEOUT = 20.0
 
 REREAD = 10.0
 """Seconds until kopf retries a policy whose ConfigMap can't be read: GitOps may create that later."""
-
-
-class KopfRun:
-    """Kopf on a thread of its own, for a fixed set of namespaces; `on_end` is called there when it ends by itself."""
-
-    def __init__(self, runtime: Runtime, namespaces: Collection[str], on_end: Callable[[], None]) -> None:
-        self.namespaces = frozenset(namespaces)
-        self.failed = False
-        self._memo = kopf.Memo(runtime=runtime, loop=None)
-        self._stop, self._on_end = Event(), on_end
-        self._thread = Thread(target=self._run, name="kopf", daemon=True)
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End it, and wait until no handler runs any more."""
-        self._stop.set()
-        self._thread.join()
-
-    def submit(self, beat: Callable[[], None]) -> None:
-        """Call `beat` on kopf's loop; at once before there is one."""
-        loop = self._memo.loop
-        if loop is None:
-            beat()
-        else:
-            loop.call_soon_threadsafe(beat)
-
-    def _run(self) -> None:
-        try:
-            kopf.run(
-                registry=registry,
-                standalone=True,
-                namespaces=sorted(self.namespaces),
-                stop_flag=self._stop,
-                memo=self._memo,
-            )
-        finally:
-            self.failed = not self._stop.is_set()
-            if self.failed:
-                self._on_end()
 
 
 @kopf.on.startup()

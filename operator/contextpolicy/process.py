@@ -17,8 +17,8 @@ from contextpolicy.bus.signatures import Signer
 from contextpolicy.cluster.api import ApiServer
 from contextpolicy.cluster.watching import ObjectWatch
 from contextpolicy.errors import ActuationError
-from contextpolicy.handlers import KopfRun
 from contextpolicy.health import HUNG, Pulse
+from contextpolicy.kopf_run import KopfRun
 from contextpolicy.leadership import Leadership
 from contextpolicy.loop import Loop
 from contextpolicy.runtime import Runtime

@@ -144,6 +144,21 @@ def test_the_router_holds_publishers_to_their_keys(render):
     assert container(rendered["Deployment", "contextpolicy-router"])["args"][-1] == "--samples=robot/**,lab/*/imu"
 
 
+FLEET = ("security.enabled=true", "security.routerSecret=fleet", "security.operatorSecret=own")
+
+
+def test_a_router_joins_its_fleet(render):
+    rendered = render(*FLEET, "router.uplink={tls/a:7447,quic/b:7448}", "networkPolicy.enabled=true")
+    assert container(rendered["Deployment", "contextpolicy-router"])["args"][-1] == "--uplink=tls/a:7447,quic/b:7448"
+    _, up = rendered["NetworkPolicy", "contextpolicy-router"]["spec"]["egress"]
+    assert up["ports"] == [{"port": 7447, "protocol": "TCP"}, {"port": 7448, "protocol": "UDP"}]
+
+
+def test_a_router_without_a_fleet_opens_no_connection(render):
+    rendered = render("networkPolicy.enabled=true")
+    assert rendered["NetworkPolicy", "contextpolicy-router"]["spec"]["egress"] == []
+
+
 def test_no_secret_is_an_argument_or_in_the_environment(secured):
     for workload in WORKLOADS.values():
         told = str((container(secured[workload])["args"], environment(secured[workload])))

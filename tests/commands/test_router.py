@@ -8,7 +8,8 @@ import time
 
 import pytest
 
-from contextpolicy.bus.session import open_client
+from contextpolicy import cli
+from contextpolicy.bus.session import open_client, open_router
 from contextpolicy.commands import router
 from contextpolicy.commands.credentials import directory
 from tests.bus.certificates import Authority
@@ -24,9 +25,14 @@ def program(monkeypatch):
     monkeypatch.setattr(router.signal, "signal", handlers.__setitem__)
     monkeypatch.setattr(router, "LOOK", 0.02)
 
-    def start(endpoint, credentials):
+    def start(endpoint, credentials, *, fleet=False):
         arguments = argparse.Namespace(
-            listen=router.endpoints(endpoint), credentials=credentials, samples="**", metrics_port=None
+            listen=router.endpoints(endpoint),
+            credentials=credentials,
+            samples="**",
+            metrics_port=None,
+            uplink=[],
+            fleet=fleet,
         )
         threads.append(threading.Thread(target=router.main, args=[arguments]))
         threads[0].start()
@@ -61,6 +67,27 @@ def test_a_renewed_certificate_is_taken_up_and_clients_come_back(tmp_path, progr
         publisher.put("next plan")
         until(lambda: heard == ["next plan"])
     assert capfd.readouterr().out.count("routing at") == 2
+
+
+def test_a_fleets_router_is_one_too(tmp_path, program):
+    authority, endpoint = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
+    program(endpoint, authority.issue("viewer", name="fleet"), fleet=True)
+    with (
+        open_router([f"tls/127.0.0.1:{free_port()}"], authority.issue("router"), uplink=[endpoint]) as robot,
+        open_client([endpoint], threading.Event(), authority.issue("viewer")) as viewer,
+    ):
+        until(lambda: [*robot.info.routers_zid()])
+        assert [*viewer.info.routers_zid()] == [*robot.info.routers_zid()]
+
+
+@pytest.mark.parametrize("place", [["--fleet"], ["--uplink", "tls/fleet:7447"]])
+@pytest.mark.parametrize("files", [None, (), ("tls.crt", "users.txt")])
+def test_many_robots_take_certificates(place, files, tmp_path, capsys):
+    for name in files or ():
+        (tmp_path / name).write_text("")
+    credentials = [] if files is None else ["--credentials", str(tmp_path)]
+    assert cli.main(["router", *place, *credentials]) == 2
+    assert "--uplink and --fleet need --credentials with ca.crt, tls.crt and tls.key" in capsys.readouterr().err
 
 
 def test_credentials_must_be_there(tmp_path):

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from contextpolicy.streams import subscription
+from tests.controller_rig import IMU, Robot
 from tests.planning.builders import a_context, a_stream, a_task
-from tests.test_controller import IMU, Robot
 from tests.virtual_operator import START
 
 

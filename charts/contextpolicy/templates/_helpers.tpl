@@ -68,6 +68,16 @@ app.kubernetes.io/managed-by: {{ $root.Release.Service }}
 {{- if and .Values.router.enabled (kindIs "bool" $wanted | ternary $wanted .Values.agent.enabled) -}}true{{- end -}}
 {{- end -}}
 
+{{/* Where the fleet's router is; nothing where there is none. */}}
+{{- define "contextpolicy.uplink" -}}
+{{- if .Values.router.uplink -}}
+{{- if not (and (include "contextpolicy.secured" .) .Values.security.routerSecret) -}}
+{{- fail "router.uplink joins a fleet's router, which knows robots by their certificates: set security.enabled=true and name a Secret of the fleet's authority in security.routerSecret, or leave router.uplink empty" -}}
+{{- end -}}
+{{ join "," .Values.router.uplink }}
+{{- end -}}
+{{- end -}}
+
 {{/* Whether the chart makes the certificates: all of them are of one authority, so all are brought or none. */}}
 {{- define "contextpolicy.makesCertificates" -}}
 {{- $brought := .Values.security -}}

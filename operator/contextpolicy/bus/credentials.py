@@ -60,5 +60,15 @@ def router_settings(directory: Path) -> dict[str, object]:
     return settings
 
 
+def uplink_settings(directory: Path) -> dict[str, object]:
+    """Zenoh settings for a router that joins another with its own certificate, now or as soon as that is there."""
+    return {
+        f"{_TLS}/connect_certificate": str(directory / CERTIFICATE),
+        f"{_TLS}/connect_private_key": str(directory / KEY),
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+    }
+
+
 def _line(path: Path) -> str:
     return path.read_text(encoding="utf-8").rstrip("\n")

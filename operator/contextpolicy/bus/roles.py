@@ -14,6 +14,10 @@ Everything else is denied. The keys that matter are listed, never carved out of 
 key with wildcards, and a denial of `contextpolicy/**` does not cover `*/robot/delivery/plan`, which reaches everyone
 who subscribes to plans. So the denial below is only half the protection: agents are sent nothing outside
 `contextpolicy/*/*/plan`, which does not include such a key, and the plans themselves are signed.
+
+A fleet's router, which robots' routers join, admits two: routers, which pass on what their operators and agents say and
+pass questions down, and viewers. To a robot it shows a viewer's certificate, so that nothing but interest and questions
+comes from it: neither samples nor plans go from robot to robot, and nobody in the fleet can speak to a robot's agents.
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 ROLES = ("sensor", "module", "operator", "agent", "viewer")
 
@@ -47,38 +51,55 @@ def access_control(samples: Sequence[str] = ("**",), *, by: str = "cert_common_n
     keys = list(samples)
     # Latched ROS 2 topics (Zenoh's advanced publishers) use @adv, and no wildcard matches a chunk that begins with @.
     latched = [f"{key}/@adv/**" for key in keys]
+    rules = [
+        _rule("publish-samples", "ingress", _PUBLISH, [*keys, *latched]),
+        _rule("answer-for-samples", "egress", ["query"], [*keys, *latched]),
+        _rule("leave-plans-alone", "ingress", _PUBLISH, _OWN, permission="deny"),
+        _rule("answer-for-nobody-else", "egress", ["query"], _OWN, permission="deny"),
+        _rule("know-listeners", "egress", _BE_HEARD, [*keys, *latched]),
+        _rule("listen", "ingress", _LISTEN, [*keys, *latched, *_OWN]),
+        _rule("hear", "egress", _HEAR, [*keys, *latched, *_OWN]),
+        _rule(
+            "decide",
+            "ingress",
+            _SAY,
+            [f"contextpolicy/*/*/{what}" for what in ("plan", "applied", "explain", "board")],
+        ),
+        _rule("follow-plans", "ingress", _LISTEN, _PLANS),
+        _rule("hear-plans", "egress", _HEAR, _PLANS),
+        _rule(
+            "report",
+            "ingress",
+            ["liveliness_token", "declare_queryable", "reply"],
+            ["contextpolicy/agents/*", "contextpolicy/agents/*/usage"],
+        ),
+        _rule("confirm", "ingress", ["put"], ["contextpolicy/agents/*/confirmed"]),
+        _rule("know-who-follows", "egress", [*_BE_HEARD, "query"], _OWN),
+        _rule("view", "ingress", _LISTEN, _OWN),
+        _rule("see", "egress", _HEAR, _OWN),
+    ]
+    return _only(_RULES, rules, by)
+
+
+def fleet_access_control(*, by: str = "cert_common_names") -> dict[str, Any]:
+    """The same for a router that robots' routers join, and people watch all robots at."""
+    rules = [
+        _rule("pass-on", "ingress", _SAY, _OWN),
+        _rule("pass-down", "egress", [*_BE_HEARD, "query"], _OWN),
+        _rule("view", "ingress", _LISTEN, _OWN),
+        _rule("see", "egress", _HEAR, _OWN),
+    ]
+    return _only({"router": ("pass-on", "pass-down"), "viewer": _RULES["viewer"]}, rules, by)
+
+
+def _only(rights: Mapping[str, Sequence[str]], rules: list[dict[str, Any]], by: str) -> dict[str, Any]:
+    """What no right allows is denied."""
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": [
-            _rule("publish-samples", "ingress", _PUBLISH, [*keys, *latched]),
-            _rule("answer-for-samples", "egress", ["query"], [*keys, *latched]),
-            _rule("leave-plans-alone", "ingress", _PUBLISH, _OWN, permission="deny"),
-            _rule("answer-for-nobody-else", "egress", ["query"], _OWN, permission="deny"),
-            _rule("know-listeners", "egress", _BE_HEARD, [*keys, *latched]),
-            _rule("listen", "ingress", _LISTEN, [*keys, *latched, *_OWN]),
-            _rule("hear", "egress", _HEAR, [*keys, *latched, *_OWN]),
-            _rule(
-                "decide",
-                "ingress",
-                _SAY,
-                [f"contextpolicy/*/*/{what}" for what in ("plan", "applied", "explain", "board")],
-            ),
-            _rule("follow-plans", "ingress", _LISTEN, _PLANS),
-            _rule("hear-plans", "egress", _HEAR, _PLANS),
-            _rule(
-                "report",
-                "ingress",
-                ["liveliness_token", "declare_queryable", "reply"],
-                ["contextpolicy/agents/*", "contextpolicy/agents/*/usage"],
-            ),
-            _rule("confirm", "ingress", ["put"], ["contextpolicy/agents/*/confirmed"]),
-            _rule("know-who-follows", "egress", [*_BE_HEARD, "query"], _OWN),
-            _rule("view", "ingress", _LISTEN, _OWN),
-            _rule("see", "egress", _HEAR, _OWN),
-        ],
-        "subjects": [{"id": role, by: [role]} for role in ROLES],
-        "policies": [{"subjects": [role], "rules": list(_RULES[role])} for role in ROLES],
+        "rules": rules,
+        "subjects": [{"id": role, by: [role]} for role in rights],
+        "policies": [{"subjects": [role], "rules": list(names)} for role, names in rights.items()],
     }
 
 

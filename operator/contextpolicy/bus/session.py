@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
-from contextpolicy.bus.credentials import USERS, client_settings, router_settings
-from contextpolicy.bus.roles import access_control
+from contextpolicy.bus.credentials import USERS, client_settings, router_settings, uplink_settings
+from contextpolicy.bus.roles import access_control, fleet_access_control
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,18 +54,31 @@ def open_visitor(endpoints: Sequence[str], *, patience: float, credentials: Path
 
 
 def open_router(
-    endpoints: Sequence[str], credentials: Path | None = None, samples: Sequence[str] = ("**",)
+    endpoints: Sequence[str],
+    credentials: Path | None = None,
+    samples: Sequence[str] = ("**",),
+    *,
+    uplink: Sequence[str] = (),
 ) -> zenoh.Session:
     """A router that listens at `endpoints`.
 
     With `credentials` it admits only clients with a role and enforces the rights of that role (`bus.roles`), with
-    samples on the keys `samples`. Without credentials it accepts anything from anybody.
+    samples on the keys `samples`; it then may join a fleet's router at one of the endpoints `uplink`. Without
+    credentials it accepts anything from anybody.
     """
     settings: dict[str, object] = {"mode": "router", "listen/endpoints": list(endpoints)}
     if credentials is not None:
         by = "usernames" if (credentials / USERS).is_file() else "cert_common_names"
         settings |= {**router_settings(credentials), "access_control": access_control(samples, by=by)}
+        if uplink:
+            settings |= {"connect/endpoints": list(uplink), **uplink_settings(credentials)}
     return zenoh.open(_config(settings))
+
+
+def open_fleet_router(endpoints: Sequence[str], credentials: Path) -> zenoh.Session:
+    """A router that robots' routers join: whoever has a viewer's certificate sees what they decide."""
+    rights = {**router_settings(credentials), "access_control": fleet_access_control()}
+    return zenoh.open(_config({"mode": "router", "listen/endpoints": list(endpoints), **rights}))
 
 
 def _config(settings: dict[str, object]) -> zenoh.Config:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import socket
+import sys
 import threading
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,9 @@ LOOK = 20.0
 """Seconds between two checks of our certificate. That is soon enough: a kubelet takes up to a minute to update a
 Secret's files, and certificates are renewed days before they expire."""
 
+NO_CERTIFICATE = """router: --uplink and --fleet need --credentials with ca.crt, tls.crt and tls.key, and no users.txt:
+without certificates each robot's samples and plans would go to all others."""
+
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
@@ -27,7 +31,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="run a Zenoh router",
         description="Route between Zenoh clients until SIGTERM. With --credentials clients must have a certificate (or "
         "a password, where the directory holds users.txt), and may say and hear what their role may: sensor, module, "
-        "operator, agent or viewer, the common name of the certificate or the user's name.",
+        "operator, agent or viewer, the common name of the certificate or the user's name. Many robots: each robot's "
+        "router joins a fleet's router with --uplink, where viewers see what all of them decide; nothing goes from "
+        "robot to robot.",
     )
     parser.add_argument(
         "--listen",
@@ -43,6 +49,17 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         metavar="KEYS",
         help="key expressions on which sensors and modules may publish, comma separated (default: %(default)s)",
     )
+    place = parser.add_mutually_exclusive_group()
+    place.add_argument(
+        "--uplink",
+        default=[],
+        type=endpoints,
+        metavar="ENDPOINTS",
+        help="a fleet's router to join, several endpoints for the same one comma separated (default: none)",
+    )
+    place.add_argument(
+        "--fleet", action="store_true", help="be the router that robots' routers join; its common name must be viewer"
+    )
     parser.add_argument(
         "--metrics-port", type=int, metavar="PORT", help="serve /metrics for Prometheus here (default: no)"
     )
@@ -55,8 +72,9 @@ def main(arguments: argparse.Namespace) -> int:
     Zenoh reads a listener's files only once. Clients reconnect within a second or so; agents then ask for the plans in
     force.
     """
-    from contextpolicy.bus.session import open_router
-
+    if (arguments.uplink or arguments.fleet) and not _has_certificate(arguments.credentials):
+        print(NO_CERTIFICATE, file=sys.stderr)
+        return 2
     if arguments.metrics_port:
         _serve_metrics(arguments.metrics_port)
     stop = threading.Event()
@@ -64,13 +82,28 @@ def main(arguments: argparse.Namespace) -> int:
         signal.signal(number, lambda *_: stop.set())
     while not stop.is_set():
         files = _files(arguments.credentials)
-        with open_router(arguments.listen, arguments.credentials, arguments.samples.split(",")) as session:
+        with _open(arguments) as session:
             _count_clients(session)
             print(f"routing at {','.join(arguments.listen)}", flush=True)
             while not stop.wait(LOOK if arguments.credentials else None) and _files(arguments.credentials) == files:
                 pass
             _count_clients(None)
     return 0
+
+
+def _open(arguments: argparse.Namespace) -> zenoh.Session:
+    from contextpolicy.bus.session import open_fleet_router, open_router
+
+    if arguments.fleet:
+        return open_fleet_router(arguments.listen, arguments.credentials)
+    samples = arguments.samples.split(",")
+    return open_router(arguments.listen, arguments.credentials, samples, uplink=arguments.uplink)
+
+
+def _has_certificate(directory: Path | None) -> bool:
+    from contextpolicy.bus.credentials import CERTIFICATE, USERS
+
+    return directory is not None and (directory / CERTIFICATE).is_file() and not (directory / USERS).is_file()
 
 
 def endpoints(text: str) -> list[str]:
