@@ -65,7 +65,7 @@ def step(size: int, node: str) -> str:
 
 def steps() -> list[str]:
     """All of them, in order."""
-    return [step(size, node) for size in SIZES for node in NODES]
+    return [step(size, node) for node in NODES for size in SIZES]
 
 
 def measure(site: Site, stopwatch: Stopwatch, bus: zenoh.Session, journal: Journal, rounds: int) -> None:
@@ -74,13 +74,12 @@ def measure(site: Site, stopwatch: Stopwatch, bus: zenoh.Session, journal: Journ
         return
     site.counter(PLAIN, CRITICAL)
     site.load()
-    for size in SIZES:
-        if journal.left_of(step(size, node) for node in NODES):
+    for node, size in ((node, size) for node in NODES for size in SIZES):
+        if journal.left_of([step(size, node)]):
             names = [CRITICAL, *(f"task-{number}" for number in range(1, size))]
             site.pods(PLAIN, names[1:])
-            for node in NODES:
-                case = _Case(site, stopwatch, bus, names, node)
-                journal.once(step(size, node), lambda case=case: case.measure(rounds))  # type: ignore[misc]
+            case = _Case(site, stopwatch, bus, names, node)
+            journal.once(step(size, node), lambda case=case: case.measure(rounds))  # type: ignore[misc]
 
 
 class _Case:
