@@ -72,6 +72,14 @@ def test_a_container_that_joins_a_pod_between_two_plans_counts(tree, limits, sla
     assert tree.limit(slam.parent) == 900
 
 
+def test_a_pod_that_somebody_lowered_is_raised_again_where_no_container_rises(tree, limits, slam):
+    limits.apply(POLICY, {slam: 800})
+    resize(tree, limits, slam, 800)
+    limits.apply(POLICY, {slam: 700})
+    resize(tree, limits, slam.parent, 600)
+    assert tree.limit(slam.parent) == 700
+
+
 def test_a_container_that_left_its_pod_counts_no_more(tree, limits, slam):
     sidecar = tree.container(CHAT, limit=100, uid="uid-a")
     limits.apply(POLICY, {slam: 700})

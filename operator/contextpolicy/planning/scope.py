@@ -6,12 +6,11 @@ import math
 from collections import defaultdict
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-import cel
-
 from contextpolicy.errors import ExpressionError
 from contextpolicy.policy import cel_cost, cel_numbers
 from contextpolicy.policy.cel import FUNCTIONS, Expression
 from contextpolicy.policy.cel_rewriting import HEARD, PASSED, REACHED, SINCE
+from contextpolicy.policy.lean_cel import cel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping

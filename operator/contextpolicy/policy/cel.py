@@ -7,11 +7,10 @@ import math
 import re
 from typing import TYPE_CHECKING, Any, Protocol
 
-import cel
-
 from contextpolicy.errors import ExpressionError, UndecidedError
 from contextpolicy.policy import cel_cost, cel_syntax
 from contextpolicy.policy.cel_rewriting import SINCE, rewrite
+from contextpolicy.policy.lean_cel import cel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

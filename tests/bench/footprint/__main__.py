@@ -126,7 +126,8 @@ class _Floor:
 
     def traffic(self) -> Traffic:
         """The same samples."""
-        return Traffic(*self._sessions, {"imu": KEYS["bare"], "camera": "bench/camera", "microphone": "bench/sound"})
+        sensors, module = self._sessions
+        return Traffic(sensors, module, {"imu": KEYS["bare"], "camera": "bench/camera", "microphone": "bench/sound"})
 
     def planning(self) -> float:
         """Cores that decoding and planning take."""

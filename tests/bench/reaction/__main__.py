@@ -143,6 +143,7 @@ def _result(options: argparse.Namespace, journal: Journal, problems: dict[str, A
         **transition.keys(journal),
         "machine": machine(),
         "table": figures.rows(),
+        "peers": figures.peers(),
         **parts,
         **told,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import statistics
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -40,16 +41,26 @@ class Cell:
         }
 
 
+FIRST = ("first cgroup", "cgroup")
+"""The stage at which a path's first limit is in the kernel."""
+SAMPLES, CONFIDENCE = 1000, 95
+
+
 class Figures:
     """Collects the cells of a run."""
 
     def __init__(self) -> None:
+        self._rounds: dict[str, list[float | None]] = {}
         self._cells: dict[tuple[str, int, str, str], Cell] = {}
         self.missed: list[str] = []
 
     def note(self, node: str, pods: int, reactions: Sequence[Reaction]) -> None:
         """Add the reactions of one case."""
         for reaction in reactions:
+            if (node, pods) == (IDLE, 1):
+                stages = reaction.get("stages", {})
+                at = next((stages[stage] for stage in FIRST if stage in stages), None)
+                self._rounds.setdefault(reaction["path"], []).append(at)
             if "missed" in reaction:
                 self.missed.append(f"{node}, {pods} pods, {reaction['path']}: {reaction['missed']}")
             for stage, milliseconds in reaction.get("stages", {}).items():
@@ -59,6 +70,14 @@ class Figures:
     def rows(self) -> list[dict[str, Any]]:
         """The table."""
         return [cell.row() for cell in self._cells.values()]
+
+    def peers(self) -> list[dict[str, Any]]:
+        """Sample, or command, to the first limit in the kernel: each path beside ours, paired by rounds."""
+        ours = self._rounds.get(RESIZE, [])
+        return [
+            {"path": path, **_paired([(one, own) for one, own in zip(of, ours, strict=False) if one and own])}
+            for path, of in self._rounds.items()
+        ]
 
     def p50(self, node: str, pods: int, path: str, stage: str) -> float | None:
         """A median; None when it was not measured."""
@@ -77,6 +96,23 @@ class Figures:
             "agent_over_docker_update_p50": _ratio(agent, docker),
             "agent_over_cgroup_write_p50": _ratio(agent, write),
         }
+
+
+def _paired(pairs: Sequence[tuple[float, float]]) -> dict[str, Any]:
+    """The median of the first, and of their ratio to the second with its confidence interval, by resampling rounds."""
+    if not pairs:
+        return {"p50_ms": None, "over_operator": None, "interval": None, "n": 0}
+    ratios = [one / other for one, other in pairs]
+    chance = random.Random(0)  # noqa: S311 - the same every time, on purpose
+    resampled = [statistics.median(chance.choices(ratios, k=len(ratios))) for _ in range(SAMPLES)]
+    tail = (100 - CONFIDENCE) / 200
+    low, high = (sorted(resampled)[round(part * (SAMPLES - 1))] for part in (tail, 1 - tail))
+    return {
+        "p50_ms": round(statistics.median(one for one, _ in pairs), 3),
+        "over_operator": round(statistics.median(ratios), 3),
+        "interval": f"{low:.3f} to {high:.3f}",
+        "n": len(pairs),
+    }
 
 
 def medians(reactions: Sequence[Mapping[str, float]], stages: Sequence[str]) -> dict[str, float | None]:

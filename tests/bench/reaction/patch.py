@@ -1,13 +1,16 @@
-"""A bare PATCH of pods/resize, without an operator: what Kubernetes itself takes."""
+"""A bare PATCH of pods/resize, without an operator: what Kubernetes itself takes, as a request and as a command."""
 
 from __future__ import annotations
 
 import json
 import time
 from concurrent.futures import ThreadPoolExecutor
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 from kubernetes import client, config
+
+from tests.e2e.cluster import run
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -68,10 +71,36 @@ class BarePatch:
 
     def _send(self, pod: str, cores: float) -> float:
         method, url, headers = self._requests[pod]
-        resources = {"limits": {"cpu": f"{round(cores * 1000)}m"}}
-        body = json.dumps({"spec": {"containers": [{"name": pod, "resources": resources}]}})
+        body = _body(pod, cores)
         answer = self._client.rest_client.pool_manager.request(method, url, body=body, headers=headers)
         at = time.time()
         if answer.status != 200:
             raise RuntimeError(f"PATCH of {pod}: HTTP {answer.status}: {answer.data[:300]!r}")
         return at
+
+
+class KubectlPatch:
+    """`kubectl patch --subresource=resize`, as a person would; its start is part of the time."""
+
+    name = "kubectl patch"
+
+    def __init__(self, namespace: str, pod: str, group: Cgroup, stopwatch: Stopwatch) -> None:
+        self._namespace, self._pod, self._group, self._stopwatch = namespace, pod, group, stopwatch
+        self._next = cycle(CORES)
+
+    def go(self) -> dict[str, float]:
+        """Milliseconds to each stage."""
+        cores = next(self._next)
+        began = time.time()
+        change = ("--subresource=resize", "--patch", _body(self._pod, cores))
+        run("kubectl", "patch", "pod", self._pod, "-n", self._namespace, *change)
+        seen = self._stopwatch.wait({self._group: cores}, began, PATIENCE)
+        return {"cgroup": (seen[self._group] - began) * 1e3}
+
+    def close(self) -> None:
+        """There is nothing to let go of."""
+
+
+def _body(pod: str, cores: float) -> str:
+    resources = {"limits": {"cpu": f"{round(cores * 1000)}m"}}
+    return json.dumps({"spec": {"containers": [{"name": pod, "resources": resources}]}})

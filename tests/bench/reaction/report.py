@@ -21,7 +21,7 @@ def text(result: Mapping[str, Any]) -> str:
         *(_part(name, result.get(name, [])) for name in ("storm", "transition", "priority", "control")),
     ]
     if result["table"]:
-        parts[1:1] = [_part("table", result["table"]), _keys(result)]
+        parts[1:1] = [_part("table", result["table"]), _part("peers", result["peers"]), _keys(result)]
     parts += [f"not measured: {path}: {reason}" for path, reason in result["unmeasured"].items()]
     parts += [f"missed: {reason}" for reason in result["missed"]]
     parts += [f"left to measure, with --resume: {step}" for step in result["left"]]

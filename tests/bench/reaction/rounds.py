@@ -10,7 +10,7 @@ from tests.bench.reaction.docker_update import DockerRequest, DockerUpdate
 from tests.bench.reaction.dockerd import Docker, DockerError
 from tests.bench.reaction.figures import AGENT, IDLE, RESIZE, SATURATED
 from tests.bench.reaction.operated import Operated
-from tests.bench.reaction.patch import BarePatch
+from tests.bench.reaction.patch import BarePatch, KubectlPatch
 from tests.bench.reaction.site import AGENT as AGENT_NAMESPACE
 from tests.bench.reaction.site import PLAIN, SPARE, say
 from tests.bench.reaction.stopwatch import MissedError
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 SIZES = (1, 8, 30)
 NODES = (IDLE, SATURATED)
-FIXED = ("written", "patched")
+FIXED = ("written", "patched", "commanded")
 """The pods of the paths that are the same for any number of pods."""
 KEY_SIZE, KEY_TIMES = 1, 3
 """The case of the key figures, idle, has that many times the rounds: its goal is 3 ms, and a PATCH takes 6 to 25."""
@@ -80,11 +80,12 @@ class Rounds:
                     self._journal.once(step(SATURATED, size), lambda: self._saturated(contenders))  # noqa: B023
 
     def _fixed(self, stack: ExitStack) -> list[Contender]:
-        written, patched = FIXED
+        written, patched, commanded = FIXED
         groups = self._site.groups[SPARE]
         made: list[Contender] = [
             DirectWrite(groups[written], self._stopwatch),
             BarePatch(SPARE, {patched: groups[patched]}, self._stopwatch),
+            KubectlPatch(SPARE, commanded, groups[commanded], self._stopwatch),
         ]
         try:
             docker = stack.enter_context(Docker())

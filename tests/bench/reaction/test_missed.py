@@ -8,7 +8,7 @@ import pytest
 
 from tests.bench.reaction import __main__ as command
 from tests.bench.reaction import priority, storm
-from tests.bench.reaction.figures import Figures, medians, rounded
+from tests.bench.reaction.figures import RESIZE, Figures, medians, rounded
 from tests.bench.reaction.operated import Operated
 from tests.bench.reaction.stopwatch import MissedError
 
@@ -130,3 +130,22 @@ def test_figures_are_written_whatever_ends_the_run(monkeypatch, tmp_path):
     written = (tmp_path / "reaction-control.json").read_text()
     assert '"control": "Limit"' in written
     assert '"control: Weight"' in written
+
+
+def test_peers_are_compared_within_each_round():
+    figures = Figures()
+    for ours, other in ((10.0, 20.0), (100.0, 300.0), (5.0, 10.0)):
+        figures.note("idle", 1, [{"path": RESIZE, "stages": {"first cgroup": ours}}])
+        figures.note("idle", 1, [{"path": "docker update", "stages": {"cgroup": other}}])
+    [own, docker] = figures.peers()
+    assert (own["over_operator"], own["interval"]) == (1.0, "1.000 to 1.000")
+    assert (docker["p50_ms"], docker["over_operator"], docker["n"]) == (20.0, 2.0, 3)
+
+
+def test_a_round_that_one_of_a_pair_missed_does_not_count():
+    figures = Figures()
+    figures.note("idle", 1, [{"path": RESIZE, "missed": "slow"}, {"path": "docker update", "stages": {"cgroup": 9.0}}])
+    figures.note("idle", 1, [{"path": RESIZE, "stages": {"first cgroup": 3.0}}])
+    figures.note("idle", 1, [{"path": "docker update", "stages": {"cgroup": 6.0}}])
+    assert [row["n"] for row in figures.peers()] == [1, 1]
+    assert figures.peers()[1]["over_operator"] == 2.0

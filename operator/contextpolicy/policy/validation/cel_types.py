@@ -8,9 +8,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-import cel
-
 from contextpolicy.policy.cel_syntax import Construct, Node, parse
+from contextpolicy.policy.lean_cel import cel
 from contextpolicy.policy.validation.shapes import (
     ANY,
     BOOL,

@@ -5,10 +5,9 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import cel
-
 from contextpolicy.errors import Finding
 from contextpolicy.policy import cel_cost, cel_syntax
+from contextpolicy.policy.lean_cel import cel
 from contextpolicy.policy.quantities import parse_cpu
 
 if TYPE_CHECKING:
