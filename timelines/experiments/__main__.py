@@ -42,7 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if not options.report_only:
             _run_all(_missing(options), options)
-        console.print(f"report: {write_report(options.out, options.datasets)}", highlight=False)
+        console.print(
+            f"report: {write_report(options.out, options.datasets, options.report or options.out)}", highlight=False
+        )
     except (ContextPolicyError, DatasetError, deploy.DeployError) as error:
         console.print(f"[red]{error}[/]", highlight=False)
         return 1
@@ -83,8 +85,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--minutes", type=float, default=float("inf"), help="begin no run that would end later than that"
     )
-    parser.add_argument("--out", type=Path, default=OUT, metavar="DIR", help="raw data and report (build/experiments)")
+    parser.add_argument("--out", type=Path, default=OUT, metavar="DIR", help="raw data (build/experiments)")
     parser.add_argument("--datasets", type=Path, default=ROOT, metavar="DIR", help="recordings (%(default)s)")
+    parser.add_argument("--report", type=Path, metavar="DIR", help="where the report goes (default: to the raw data)")
     parser.add_argument("--report-only", action="store_true", help="run nothing, write the report of what was run")
     return parser
 

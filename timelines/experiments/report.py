@@ -20,12 +20,14 @@ if TYPE_CHECKING:
     from timelines.experiments.raw_data import RunData
     from timelines.experiments.series import Series
 
+BUSY = 0.75
+"""Load for each core, of others, from which on a run says as much about them as about its configuration."""
 INTRODUCTION = """\
 # Experiments
 
 Made by `make experiments`. Medians over the repeats, with least and greatest in brackets; ratios are geometric means
 over pairs of runs of the same repeat, with the interval of 95 % confidence in brackets where there are two pairs or
-more. The raw data of each run is in `<timeline>-x<pace>/<configuration>/<repeat>/` beside the report: `run.json` has
+more. The raw data of each run is in `build/experiments/<timeline>-x<pace>/<configuration>/<repeat>/`: `run.json` has
 every input's stamp and the machine, `run.mcap` what each task did with it (`robot/<task>/runs`) and told, the plans,
 and the kernel's counters ten times a second; `profiles.json` what inputs cost. `measures.json` has each run's figures.
 
@@ -42,12 +44,15 @@ and the kernel's counters ten times a second; `profiles.json` what inputs cost. 
 """
 
 
-def write_report(out: Path, datasets: Path) -> Path:
-    """Write the report of all finished runs; DeployError if there is none. `datasets` has the poses' ground truth."""
-    every = read_series(out, datasets)
+def write_report(raw: Path, datasets: Path, out: Path) -> Path:
+    """Write the report of all finished runs below `raw`; DeployError if there is none.
+
+    `datasets` has the poses' ground truth.
+    """
+    every = read_series(raw, datasets)
     if not every:
-        raise DeployError(f"{out}: no finished run to report")
-    (out / "figures").mkdir(exist_ok=True)
+        raise DeployError(f"{raw}: no finished run to report")
+    (out / "figures").mkdir(parents=True, exist_ok=True)
     parts = [INTRODUCTION, _machines(every), *_goals(every), *_speedups(every, out)]
     for series in every:
         parts += _series(series, out)
@@ -118,6 +123,9 @@ def _doubts(series: Series) -> Iterator[str]:
     for run in series.each():
         if not run.drained:
             yield f"- {run.title}: queues were not empty when the run was given up; its total time is a lower bound.\n"
+        load, cores = run.about["load"]["before"][0], run.about["machine"]["cores"]
+        if load > BUSY * cores:
+            yield f"- {run.title}: the machine had a load of {load:.1f} before the run, of others.\n"
         for task, inputs in run.about["counted"].items():
             missing = sum(inputs.values()) - len(run.done.get(task, ()))
             if missing > 0:

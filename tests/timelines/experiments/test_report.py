@@ -28,7 +28,7 @@ def out(tmp_path):
 
 
 def report(out):
-    return write_report(out, out / "datasets").read_text(encoding="utf-8")
+    return write_report(out, out / "datasets", out).read_text(encoding="utf-8")
 
 
 def test_it_compares_with_the_baseline_repeat_by_repeat(out):
@@ -73,9 +73,24 @@ def test_doubtful_runs_are_named(out):
     assert "Weight: queues were not empty" in report(out)
 
 
+def test_a_run_on_a_busy_machine_says_so(out):
+    assert "the machine had a load" not in report(out)
+    path = out / "exp3-x1" / "cfs-ca" / "1" / RUN
+    about = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(about | {"load": {"before": [9.0, 9.0, 9.0]}}), encoding="utf-8")
+    assert "CFS CA: the machine had a load of 9.0 before the run, of others" in report(out)
+
+
+def test_the_report_can_be_kept_apart_from_the_raw_data(out):
+    kept = out / "kept"
+    assert write_report(out, out, kept) == kept / "report.md"
+    assert (kept / "measures.json").is_file()
+    assert list((kept / "figures").glob("*.svg"))
+
+
 def test_without_runs_there_is_nothing_to_report(tmp_path):
     with pytest.raises(DeployError, match="no finished run"):
-        write_report(tmp_path, tmp_path)
+        write_report(tmp_path, tmp_path, tmp_path)
 
 
 @pytest.fixture
