@@ -45,7 +45,7 @@ unit: setup recordings cluster  ## run the tests that need no cluster (helm come
 heavy: images release  ## promtool, chromium, a VerticalPodAutoscaler, GitOps tools' own libraries, a release and its copy, Flux, a HelmChart
 	dpkg --status $(HEAVY) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(HEAVY); }
 	$(CLUSTER) program promtool vpa metrics-server flux registry helm-controller
-	$(PYTHON) -m release --architecture $$(dpkg --print-architecture) --no-bill --output build/release-again
+	$(PYTHON) -m charts.release --architecture $$(dpkg --print-architecture) --no-bill --output build/release-again
 	$(PYTHON) -m pytest -q tests/heavy --ignore tests/heavy/node --ignore tests/heavy/test_helm_controller.py
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/heavy/node tests/heavy/test_helm_controller.py tests/heavy/test_autoscaler.py
 
@@ -121,11 +121,11 @@ lock: setup  ## lock the versions and hashes of what goes into the operator's im
 	.venv/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
 	  --no-annotate --upgrade pyproject.toml --output-file operator/requirements.txt
 
-release: setup  ## build a release of the last commit into build/release (BASE_IMAGE and KEY as in release/README.md)
-	$(PYTHON) -m release $(if $(BASE_IMAGE),--base-image $(BASE_IMAGE)) $(if $(KEY),--key $(KEY))
+release: setup  ## build a release of the last commit into build/release (BASE_IMAGE and KEY as in charts/release/README.md)
+	$(PYTHON) -m charts.release $(if $(BASE_IMAGE),--base-image $(BASE_IMAGE)) $(if $(KEY),--key $(KEY))
 
 version: setup  ## make VERSION the version everywhere, and what is unreleased its section of the changelog
-	$(PYTHON) -m release.version $(VERSION)
+	$(PYTHON) -m charts.release.version $(VERSION)
 
 crds:  ## copy the canonical CRD into the chart and into the package
 	cp crds/contextpolicies.contextpolicy.dev.yaml charts/contextpolicy/files/

@@ -13,7 +13,7 @@ import urllib.request
 
 import pytest
 
-from release import images
+from charts.release import images
 from tests.node import build
 from tests.node.layout import REPOSITORY
 

@@ -9,7 +9,7 @@ from itertools import chain
 
 import pytest
 
-from release.version import versions
+from charts.release.version import versions
 from tests.e2e.cluster import REPOSITORY, apply_definition, run, until
 from tests.node.layout import BIN, CONTAINERD_SOCKET
 from timelines.demo.deploy import free_address

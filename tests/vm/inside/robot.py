@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tests.e2e.cluster import NO_RESIZES, until
@@ -26,7 +27,7 @@ def start(*names: str, namespace: str = ROBOT, resources: dict[str, Any] | None 
     """Start pods and wait until they run."""
     api.apply(*(pod(name, namespace, IDLE, resources) for name in names))
     for name in names:
-        until(f"pod {name} is ready", lambda name=name: ready(name, namespace))
+        until(f"pod {name} is ready", partial(ready, name, namespace))
 
 
 def ready(name: str, namespace: str) -> object:

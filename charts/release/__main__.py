@@ -1,4 +1,4 @@
-"""The command line: python -m release builds everything that a version consists of into a folder."""
+"""The command line: python -m charts.release builds everything that a version consists of into a folder."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from release import airgap, bill, chart, checksums, images, signature, source
+from charts.release import airgap, bill, chart, checksums, images, signature, source
 from tests.node.errors import ClusterError
 from tests.node.layout import REPOSITORY
 
@@ -20,7 +20,7 @@ KEY = Path.home() / ".config" / "contextpolicy" / "release.key"
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line's parser."""
-    top = argparse.ArgumentParser(prog="python -m release", description="Build a release of the last commit.")
+    top = argparse.ArgumentParser(prog="python -m charts.release", description="Build a release of the last commit.")
     top.add_argument("--output", type=Path, default=REPOSITORY / "build" / "release", help="default: build/release")
     top.add_argument(
         "--architecture",

@@ -1,4 +1,4 @@
-"""The version: pyproject.toml has it, and `python -m release.version X.Y.Z` tells everybody who repeats it."""
+"""The version: pyproject.toml has it, and `python -m charts.release.version X.Y.Z` tells everybody who repeats it."""
 
 from __future__ import annotations
 

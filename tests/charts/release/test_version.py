@@ -7,7 +7,7 @@ import shutil
 
 import pytest
 
-from release import source, version
+from charts.release import source, version
 from tests.node.layout import REPOSITORY
 
 DATE = dt.date(2027, 1, 31)

@@ -10,7 +10,7 @@ import re
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from release import archives
+from charts.release import archives
 from tests.arm64 import emulation
 from tests.node import base, host, mounts, shell
 from tests.node import build as programs
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from release.source import Commit
+    from charts.release.source import Commit
 
 log = logging.getLogger(__name__)
 

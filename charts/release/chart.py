@@ -10,7 +10,7 @@ from tests.node.shell import run
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from release.source import Commit
+    from charts.release.source import Commit
 
 
 def package(commit: Commit, folder: Path) -> Path:

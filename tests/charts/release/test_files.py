@@ -8,8 +8,8 @@ import subprocess
 
 import pytest
 
-from release import airgap, archives, checksums, images, signature
-from release.source import Commit
+from charts.release import airgap, archives, checksums, images, signature
+from charts.release.source import Commit
 from tests.node.errors import ClusterError
 
 DIGEST = "sha256:" + "0" * 64

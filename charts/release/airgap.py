@@ -6,10 +6,10 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from release import archives, checksums
+from charts.release import archives, checksums
 
 if TYPE_CHECKING:
-    from release.source import Commit
+    from charts.release.source import Commit
 
 SCRIPTS = Path(__file__).parent / "offline"
 
