@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from contextpolicy.shadow.difference import Difference
+    from contextpolicy.shadow.difference import ShadowDifference
 
 SHOWN = 20
 """Stretches of time that are listed, the newest; `--output json` has all."""
@@ -66,7 +66,9 @@ def of(shadow: Mapping[str, Any]) -> str:
     return str(name)
 
 
-def _compared(ask: Callable[..., Any], own: Mapping[str, Any], shadow: Mapping[str, Any], last: float) -> Difference:
+def _compared(
+    ask: Callable[..., Any], own: Mapping[str, Any], shadow: Mapping[str, Any], last: float
+) -> ShadowDifference:
     from contextpolicy.shadow.difference import difference
 
     boards = {board["policy"]: board for board in ask("boards")}
@@ -102,7 +104,7 @@ def _misses(ask: Callable[..., Any], body: Mapping[str, Any], arguments: argpars
 
 
 def document(
-    own: Mapping[str, Any], shadow: Mapping[str, Any], found: Difference, predicted: Sequence[Mapping[str, float]]
+    own: Mapping[str, Any], shadow: Mapping[str, Any], found: ShadowDifference, predicted: Sequence[Mapping[str, float]]
 ) -> dict[str, Any]:
     """All that is shown, as JSON fields; pairs are of policy and shadow, `from` and `to` in seconds before now."""
     status = (shadow.get("status") or {}).get("shadow") or {}

@@ -37,7 +37,7 @@ class Stretch:
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class ShadowDifference:
     """From `start` to `end` in Unix seconds; `part` of that time the shares differ."""
 
     start: float
@@ -47,7 +47,9 @@ class Difference:
     stretches: Sequence[Stretch]
 
 
-def difference(policy: Sequence[Message], shadow: Sequence[Message], since: float, now: float) -> Difference | None:
+def difference(
+    policy: Sequence[Message], shadow: Sequence[Message], since: float, now: float
+) -> ShadowDifference | None:
     """Compare from `since` on, or from when both had a plan; None when they have not been side by side."""
     if not (policy and shadow):
         return None
@@ -59,7 +61,7 @@ def difference(policy: Sequence[Message], shadow: Sequence[Message], since: floa
     names = sorted({name for one, other, _, _ in pairs for name in (*one["tasks"], *other["tasks"])})
     stretches = list(_stretches(pairs))
     part = sum(own.end - own.start for own in stretches) / seconds
-    return Difference(start, now, part, {name: _task(pairs, name, seconds) for name in names}, stretches)
+    return ShadowDifference(start, now, part, {name: _task(pairs, name, seconds) for name in names}, stretches)
 
 
 def _pairs(
