@@ -6,6 +6,7 @@ import logging
 import shutil
 import sys
 import time
+from pathlib import Path
 
 from tests.node import build
 from tests.node.errors import ClusterError
@@ -43,10 +44,10 @@ def _run() -> str:
     try:
         system.unpack(root)
         payload.write(root)
-        kernel = [shutil.copy(file, BUILD) for file in system.kernel(root)]
+        image, initial = (shutil.copy(file, BUILD) for file in system.kernel(root))
         system.make_disk(root, DISK)
         shutil.rmtree(root)
-        machine.run(machine.command(*kernel, DISK), CONSOLE, timeout=TIMEOUT)
+        machine.run(machine.command(Path(image), Path(initial), DISK), CONSOLE, timeout=TIMEOUT)
     finally:
         shutil.rmtree(root, ignore_errors=True)
         if DISK.exists():
