@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import subprocess
 import time
 from typing import TYPE_CHECKING
@@ -50,9 +51,16 @@ def run_long(what: str, argv: Sequence[str], *, output: Path, timeout: float, en
     started = time.monotonic()
     log.info("%s ...", what)
     output.parent.mkdir(parents=True, exist_ok=True)
-    with output.open("w") as file, subprocess.Popen(argv, stdout=file, stderr=file, env=env) as process:
-        while process.poll() is None:
-            _heartbeat(what, process, elapsed=time.monotonic() - started, timeout=timeout)
+    with (
+        output.open("w") as file,
+        subprocess.Popen(argv, stdout=file, stderr=file, env=env, start_new_session=True) as process,
+    ):
+        try:
+            while process.poll() is None:
+                _heartbeat(what, process, elapsed=time.monotonic() - started, timeout=timeout)
+        except BaseException:
+            os.killpg(process.pid, signal.SIGKILL)  # and all that it started
+            raise
     if process.returncode:
         raise ClusterError(f"{what}: exit {process.returncode}, the end of {output}:\n{tail(output)}")
     log.info("%s: done in %.0f s", what, time.monotonic() - started)
@@ -60,7 +68,6 @@ def run_long(what: str, argv: Sequence[str], *, output: Path, timeout: float, en
 
 def _heartbeat(what: str, process: subprocess.Popen[bytes], *, elapsed: float, timeout: float) -> None:
     if elapsed > timeout:
-        process.kill()
         raise ClusterError(f"{what}: not done after {timeout:.0f} s")
     try:
         process.wait(HEARTBEAT)

@@ -1,0 +1,18 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.node import shell
+from tests.node.errors import ClusterError
+
+
+def test_a_program_that_takes_too_long_is_ended_with_all_that_it_started(tmp_path, monkeypatch):
+    """A builder that was killed alone left an emulated installation behind, which went on for an hour."""
+    monkeypatch.setattr(shell, "HEARTBEAT", 0.05)
+    said = tmp_path / "log"
+    script = "sleep 1000 & echo $!; wait"
+    with pytest.raises(ClusterError, match="sleeping: not done after"):
+        shell.run_long("sleeping", ["sh", "-c", script], output=said, timeout=2, env=os.environ)
+    child = Path(f"/proc/{said.read_text().strip()}")
+    assert shell.wait_until(lambda: not child.exists() or "Z" in (child / "stat").read_text().split()[2], timeout=10)
