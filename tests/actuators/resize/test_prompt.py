@@ -26,6 +26,14 @@ def test_rises_do_not_wait_and_falls_are_first_in_line():
     assert limits(rig) == (800, 200)
 
 
+def test_the_task_that_gains_the_most_is_the_first_to_rise():
+    rig = Rig(*(a_pod(name) for name in ("arm", "nav", "slam", "speech")))
+    prompt(rig, n=2000, arm=550, nav=150, slam=800, speech=500)
+    while rig.workers.jobs:
+        rig.work()
+    assert [pod for call, pod, _ in rig.cluster.calls if call == "resize"] == ["nav", "slam", "arm"]
+
+
 def test_a_rise_whose_fall_was_refused_is_taken_back_and_comes_again():
     rig = two_pods()
     prompt(rig, slam=800, speech=200)

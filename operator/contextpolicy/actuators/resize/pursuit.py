@@ -99,7 +99,7 @@ class Pursuit:
         bound = self._bound(pods, back, now)
         yield from (end for end in bound.values() if end > now)
         # Decreases first: workers take patches in this order, so the room for the increases is free sooner.
-        for pod in sorted(pods, key=lambda pod: _rises(pod, forward.get(pod.view.uid, {}))):
+        for pod in sorted(pods, key=lambda pod: _turn(pod, forward.get(pod.view.uid, {}))):
             held = bound.get(pod.view.node, -inf) > now
             uid = pod.view.uid
             ready = without_rises(pod.state, back[uid]) if held else back[uid]
@@ -234,6 +234,10 @@ class Pursuit:
         return self._policy in mine
 
 
-def _rises(pod: TrackedPod, step: Mapping[str, Cpu]) -> bool:
-    """Whether a step raises the sum of the pod's limits."""
-    return sum((cpu.limit or 0) - pod.state.least_known(name) for name, cpu in step.items()) > 0
+def _turn(pod: TrackedPod, step: Mapping[str, Cpu]) -> tuple[bool, int]:
+    """Where a pod's step stands in line: what raises the sum of its limits last, and of its like the most first.
+
+    With dozens of pods the workers take several resizes' time for the line, and the plan is about what gains the most.
+    """
+    change = sum((cpu.limit or 0) - pod.state.least_known(name) for name, cpu in step.items())
+    return change > 0, -abs(change)
