@@ -7,36 +7,26 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from modules.signs.boxes import around, square
-from modules.signs.digits import HEIGHT, LABELS, NONE, STRIDE, WEIGHTS, strip
-from modules.signs.reading import upright
-from modules.signs.rendering import any_conditions, any_number, quad, render
+from modules.signs.digits import HEIGHT, LABELS, NONE, WEIGHTS
+from modules.signs.examples import IGNORED, examples
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
+    from modules.signs.examples import Examples
     from modules.signs.reading import Array
-    from modules.signs.rendering import Rendered
 
     Parameters = list[tuple[Any, Any]]
-
-FONTS = Path("/usr/share/fonts")
-FAMILIES = ("liberation", "lato", "urw-base35", "freefont", "roboto", "open-sans")
-"""Folders of the fonts to draw with; none is among those that accuracy is measured with."""
-WIDTH = 96
-"""Of the strips that it is trained on; a wider one is cut."""
 
 _CHANNELS = (1, 12, 24, 40, 64)
 _KERNELS = ((3, 3), (3, 3), (3, 3), (HEIGHT // 8, 5))
@@ -44,74 +34,6 @@ _POOLS = ((2, 2), (2, 2), (2, 1))
 _LAYOUT = ("NHWC", "HWIO", "NHWC")
 _BATCH = 64
 _LEARNING_RATE = 2e-3
-_OTHERS = "ABCDEFGHKMNPRTXYabdehknr-/."
-_IGNORED = -1
-
-
-@dataclass(frozen=True)
-class Examples:
-    """Strips, and the label of each of their columns: a digit, none, or -1 where the loss looks away."""
-
-    strips: Array
-    labels: np.ndarray[Any, np.dtype[np.int8]]
-
-
-def fonts() -> list[str]:
-    """The fonts of `FAMILIES` that have digits of the usual form."""
-    wanted = (path for path in sorted(FONTS.rglob("*")) if path.suffix in {".ttf", ".otf"})
-    found = [str(path) for path in wanted if any(family in str(path) for family in FAMILIES)]
-    odd = ("Symbol", "D050000L", "Dingbat", "Z003", "Hairline")
-    return [path for path in found if not any(name in path for name in odd)]
-
-
-def examples(count: int, seed: int, progress: Callable[[int], None]) -> Examples:
-    """Draw signs and cut their numbers out, as roughly as a detector does."""
-    rng, choice = np.random.default_rng(seed), fonts()
-    if not choice:
-        raise SystemExit(f"{FONTS} has no font of {', '.join(FAMILIES)}: see README.md")
-    strips = np.zeros((count, HEIGHT, WIDTH), np.float32)
-    labels = np.full((count, WIDTH // STRIDE), _IGNORED, np.int8)
-    for index in range(count):
-        text = any_number(rng) if rng.random() < 0.85 else _with_letters(rng)
-        sign = render(text, str(rng.choice(choice)), any_conditions(rng), rng)
-        corners = _corners(sign, rng)
-        seen = strip(upright(sign.picture, corners, HEIGHT))[:, :WIDTH]
-        strips[index, :, : seen.shape[1]] = seen
-        columns = seen.shape[1] // STRIDE
-        labels[index, :columns] = _labels(sign, corners, columns)
-        progress(index + 1)
-    return Examples(strips, labels)
-
-
-def _with_letters(rng: np.random.Generator) -> str:
-    """Letters are not digits; neither is an empty plate."""
-    text = [*any_number(rng)[:3], *rng.choice(list(_OTHERS), rng.integers(1, 4))]
-    return "".join(rng.permutation(text).tolist()) if rng.random() < 0.5 else "".join(map(str, text))
-
-
-def _corners(sign: Rendered, rng: np.random.Generator) -> Array:
-    """Where the number is: upright in its plane, or a box in the picture, as SVHN's are, or one of its digits."""
-    if rng.random() < 0.5:
-        corners = quad(sign, rng.uniform(-0.03, 0.6), rng.uniform(-0.04, 0.3))
-        return corners.astype(np.float32)
-    if rng.random() < 0.4:
-        return square(sign.boxes[rng.integers(len(sign.boxes))], rng.uniform(0.95, 1.2))
-    return around(sign.boxes, rng.uniform(-0.03, 0.6), rng.uniform(-0.04, 0.3))
-
-
-def _labels(sign: Rendered, corners: Array, columns: int) -> np.ndarray[Any, np.dtype[np.int8]]:
-    """A column is a digit's when it is in its middle, nobody's when it is between two, and else it does not count."""
-    width = columns * STRIDE
-    target = np.array([[0, 0], [width, 0], [width, HEIGHT], [0, HEIGHT]], np.float32)
-    middles = np.array([[box.left + box.width / 2, box.top + box.height / 2] for box in sign.boxes], np.float32)
-    mapped = np.asarray(cv2.perspectiveTransform(middles[None], cv2.getPerspectiveTransform(corners, target)))[0]
-    labels = np.full(columns, NONE, np.int8)
-    centres = (np.arange(columns) + 0.5) * STRIDE
-    for reach, ignore in ((3.6, True), (2.05, False)):
-        for box, (x, y) in zip(sign.boxes, mapped, strict=True):
-            if box.label in LABELS and 0 <= y <= HEIGHT:
-                labels[np.abs(centres - x) <= reach] = _IGNORED if ignore else LABELS.index(box.label)
-    return labels
 
 
 def initial(seed: int) -> Parameters:
@@ -149,7 +71,7 @@ def loss(parameters: Parameters, strips: Any, labels: Any, dropped: Any) -> Any:
     likely = jax.nn.log_softmax(scores(parameters, strips, dropped), axis=2)
     known = jnp.maximum(labels, 0).astype(jnp.int32)
     found = jnp.take_along_axis(likely, known[..., None], axis=2)[..., 0]
-    weights = jnp.where(labels == _IGNORED, 0, jnp.where(labels == NONE, 0.35, 1.0))
+    weights = jnp.where(labels == IGNORED, 0, jnp.where(labels == NONE, 0.35, 1.0))
     return -(found * weights).sum() / weights.sum()
 
 

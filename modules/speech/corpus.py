@@ -1,17 +1,18 @@
-"""Speech to train on: commands and much else, said by Debian's voices with several sizes and speeds, in noisy rooms."""
+"""Speech to train on: commands and much else, said by Debian's voices with several sizes and speeds."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from modules.speech.confusable import confusable, dictionary, holds_command
 from modules.speech.spotter import KEYWORDS
-from timelines.datasets.speech import ESPEAK, FESTIVAL_VOICES, RATE, speak
+from timelines.datasets.speech import ESPEAK, FESTIVAL_VOICES, speak
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
+
+    import numpy as np
 
     from modules.speech.spectrum import Samples
 
@@ -28,17 +29,17 @@ PHRASES = {
     "right": ("right", "right", "turn right", "right now"),
     "stop": ("stop", "stop", "please stop", "stop now"),
 }
-# What sounds like a command, or like a part of one, decides how many false alarms there are.
+# Everyday words that sound like a command, or like a part of one, but hold none: these decide how many false alarms
+# there are. The dictionary has many more, by `confusable`.
 ALIKE = """
-forty four ford for fort forget forest force former foreign ward word world awkward toward reward award afterward
-four walls or what order warden forward-looking fourth sword board bored hardware shoreward wayward back backyard
-backed bad word backwards black bag packed bakery basket battery jackpot blackbird lackluster backpack lift laugh
-let leaf loft lest less last loved leave lefty felt elf shelf deaf cleft theft led leg lend lunch level lettuce
-elephant letter lemon lectern gift draft soft after lived laughed best rest west left-over yet met write white
-light ride rice rat rate route root wrong bright fright try rye wry ripe rise rhyme riot ray tried night kite bite
-fight sight height arrive around rabbit arrived might quite why wide rider private top shop stock step stuff star
-stark start stub stab stack stamp store storm stoop stone stoke hop pop cop drop crop sob swap spot stomp tub tap
-tape type sharp chop shot soap map cup up steep stopped strap strip stump stud
+forty four ford for fort forget forest force former foreign ward word world awkward toward reward award afterward four
+walls or what order warden forward-looking fourth sword board bored hardware shoreward wayward back backyard backed
+bad word black bag packed bakery basket battery jackpot blackbird lackluster backpack lift laugh let leaf loft lest
+less last loved leave felt elf shelf deaf theft led leg lend lunch level lettuce elephant letter lemon lectern gift
+draft soft after lived laughed best rest west left-over yet met white light ride rice rat rate route root wrong try
+rye wry ripe rise rhyme riot ray tried night kite bite fight sight height arrive around rabbit arrived might quite why
+wide rider private top shop stock step stuff star stark start stub stab stack stamp store storm stoop stone stoke hop
+pop cop drop crop sob swap spot stomp tub tap tape type sharp chop shot soap map cup up steep strap strip stump stud
 """
 WORDS = """
 zero one two three four five six seven eight nine ten eleven twelve hundred thousand yes no on off up down go house
@@ -48,6 +49,10 @@ morning evening summer winter yellow purple green orange paper pencil doctor tea
 hurry listen open close faster slower battery charge camera arm lift drop hand head turn come wait look where how
 alexander elizabeth michael sarah thomas jessica monday friday january october telephone television university
 answer question number letter picture garden bottle pocket button circle square triangle little nothing something
+"""
+LITTLE = """
+a the of to and in that it is was for on as with his her he she they you we i at by not be had have from but what all
+were when there said one so an which their if will would up no out could them then into him more do who now my me our
 """
 SENTENCES = """
 the birch canoe slid on the smooth planks
@@ -94,6 +99,10 @@ their estate was large and their residence was in the centre of their property
 """
 
 
+_CONFUSABLE = 300
+"""How many words of the dictionary count as confusable with a command: all that are a third or less away from it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Spoken:
     """A text by a voice; `keyword` is what it holds, or nothing."""
@@ -115,28 +124,36 @@ def voices() -> tuple[str, ...]:
 
 
 def script(rng: np.random.Generator, scale: float = 1) -> Iterator[Spoken]:
-    """What to say: each command by each voice, other words and sentences by some; `scale` says how often."""
+    """What to say: each command by each voice, other words and talk by some; `scale` says how often."""
     for voice in voices():
         repeats = scale * (1 if voice.startswith(ESPEAK) else 2 if voice in FESTIVAL_VOICES else 8)
         for keyword in KEYWORDS:
-            for text in PHRASES[keyword]:
-                for _ in range(_about(repeats, rng)):
-                    yield _person(text, keyword, voice, rng)
-    for texts, repeats in ((ALIKE.split(), 5 * scale), (WORDS.split(), 4 * scale), (_sentences(), 5 * scale)):
-        for text in texts:
-            for _ in range(_about(repeats, rng)):
-                yield _person(text, None, _any_voice(rng), rng)
+            for text in _repeated(PHRASES[keyword], repeats, rng):
+                yield _person(text, keyword, voice, rng)
+    for text in _others(rng, scale):
+        yield _person(text, None, _any_voice(rng), rng)
 
 
-def in_a_room(speech: Samples, rng: np.random.Generator) -> Samples:
-    """Put speech into a room with an echo and noise, before a microphone that may clip; its times stay."""
-    sound = _echo(speech, rng) if rng.random() < 0.6 else speech
-    sound = _coloured(sound, rng)
-    loudness = np.sqrt(np.mean(speech**2))
-    noise = _noise(len(sound), rng) * loudness * 10 ** (-rng.uniform(4, 40) / 20)
-    sound = (sound + noise) * rng.choice([0.3, 1, 1, 2, 6])
-    clipped: Samples = np.clip(sound, -32768, 32767)
-    return clipped
+def _others(rng: np.random.Generator, scale: float) -> Iterator[str]:
+    for texts, repeats in ((ALIKE.split(), 4 * scale), (WORDS.split(), 3 * scale), (_sentences(), 4 * scale)):
+        yield from _repeated(texts, repeats, rng)
+    for keyword in KEYWORDS:
+        yield from map(str, rng.choice(confusable(keyword, _CONFUSABLE), _about(80 * scale, rng), replace=False))
+    yield from talk(rng, _about(500 * scale, rng))
+
+
+def _repeated(texts: Iterable[str], repeats: float, rng: np.random.Generator) -> Iterator[str]:
+    return (text for text in texts for _ in range(_about(repeats, rng)))
+
+
+def talk(rng: np.random.Generator, count: int) -> Iterator[str]:
+    """Connected speech without commands: little words, others of the whole dictionary, and some that are confusable."""
+    alike = [word for keyword in KEYWORDS for word in confusable(keyword, _CONFUSABLE)]
+    kinds = (LITTLE.split(), dictionary()[0], [*alike, *ALIKE.split(), *WORDS.split()])
+    for _ in range(count):
+        drawn = rng.choice(len(kinds), rng.integers(6, 13), p=[0.45, 0.35, 0.2])
+        words = [kinds[kind][rng.integers(len(kinds[kind]))] for kind in drawn]
+        yield " ".join(word for word in words if not holds_command(word))
 
 
 def _person(text: str, keyword: str | None, voice: str, rng: np.random.Generator) -> Spoken:
@@ -155,39 +172,3 @@ def _about(number: float, rng: np.random.Generator) -> int:
 
 def _sentences() -> list[str]:
     return SENTENCES.strip().splitlines()
-
-
-def _echo(sound: Samples, rng: np.random.Generator) -> Samples:
-    """Reflections die away by 60 dB within 0.1 s (a small room) to 0.6 s (a hall)."""
-    decay = rng.uniform(0.1, 0.6)
-    times = np.arange(round(decay * RATE)) / RATE
-    response = rng.normal(0, 0.02 * rng.uniform(0.2, 1.5), len(times)) * 10 ** (-3 * times / decay)
-    response[0] = 1
-    size = _fast(len(sound) + len(response))
-    echoed: Samples = np.fft.irfft(np.fft.rfft(sound, size) * np.fft.rfft(response, size), size)[: len(sound)]
-    return echoed
-
-
-def _coloured(sound: Samples, rng: np.random.Generator) -> Samples:
-    """A microphone favours some frequencies: by up to 6 dB, changing slowly over the spectrum."""
-    spectrum = np.fft.rfft(sound, _fast(len(sound)))
-    corners = rng.uniform(-6, 6, 7)
-    gain = np.interp(np.linspace(0, 1, len(spectrum)), np.linspace(0, 1, len(corners)), corners)
-    coloured: Samples = np.fft.irfft(spectrum * 10 ** (gain / 20))[: len(sound)]
-    return coloured
-
-
-def _noise(length: int, rng: np.random.Generator) -> Samples:
-    """Noise of power 1 whose spectrum falls with frequency: white (0), pink (1) or a rumble (2)."""
-    size = _fast(length)
-    spectrum = np.fft.rfft(rng.normal(0, 1, size))
-    slope = rng.uniform(0, 2)
-    spectrum *= np.maximum(np.arange(len(spectrum)), 20 * size / RATE) ** (-slope / 2)
-    noise = np.fft.irfft(spectrum)[:length]
-    even: Samples = noise / np.sqrt(np.mean(noise**2))
-    return even
-
-
-def _fast(length: int) -> int:
-    """The next power of two: the Fourier transform of a prime length takes ten times as long."""
-    return 1 << (length - 1).bit_length()

@@ -2,6 +2,9 @@
 
 --words FOLDER       Speech Commands' layout: how often each command is heard in its clips, and what in others
 --connected FILE...  speech without commands, or noise: false alarms a minute
+--half tuning|rest   only the half of the speakers that the thresholds may be chosen on, or only the others; a connected
+                     recording's speaker is its name up to the first hyphen, as in LibriSpeech
+--tune               what each threshold would hear and invent, and which one keeps to the goal
 --synthetic          the generated test set (other texts, sizes and rooms than those of the training)
 """
 
@@ -9,8 +12,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+import zlib
 from collections import Counter
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,13 +25,15 @@ from modules.speech.listener import Listener
 from modules.speech.spectrum import RATE
 from modules.speech.speech_commands import RecordingError, between_silences, chunks, clips, load, noises
 from modules.speech.spotter import KEYWORDS
+from modules.speech.tuning import Evidence
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from modules.speech.spectrum import Samples
 
 TEST_SEED = 1000
+HALVES = ("tuning", "rest")
 
 
 @dataclass
@@ -60,46 +67,56 @@ class Score:
 
 
 class _Ear:
-    """Listens to recordings, each by itself, and keeps the score."""
+    """Listens to recordings, each by itself, and keeps the score, and the evidence for all that might be a command."""
 
     def __init__(self) -> None:
         self.score = Score()
+        self.evidence = Evidence()
         self._listener = Listener()
 
     def hear(self, truth: str | None, samples: Samples) -> None:
         gate = self._listener.gate
         gate.restart()
         utterances = [utterance for chunk in chunks(samples) for utterance in gate.feed(chunk)]
-        told = [heard.keyword for utterance in utterances for heard in self._listener.listen(utterance)]
+        candidates = [self._listener.candidates(utterance) for utterance in utterances]
+        told = [heard.keyword for found in candidates for heard in self._listener.told(found)]
         self.score.count(truth, told, len(samples) / RATE)
+        self.evidence.count(truth, [heard for found in candidates for heard in found], len(samples) / RATE)
 
 
-def words(folder: Path, split: str | None) -> Score:
-    """Every clip, between silences."""
-    ear = _Ear()
+def in_half(speaker: str, half: str | None) -> bool:
+    """Whether a speaker belongs to a half; without one all do."""
+    return half is None or zlib.crc32(speaker.encode()) % len(HALVES) == HALVES.index(half)
+
+
+def words(folder: Path, split: str | None, half: str | None) -> Iterator[tuple[str | None, Samples]]:
+    """Every clip with its word, between silences."""
     for clip in clips(folder, split):
-        ear.hear(clip.word, between_silences(load(clip.path)))
-    return ear.score
+        if in_half(clip.speaker, half):
+            yield clip.word, between_silences(load(clip.path))
 
 
-def connected(paths: Iterable[Path]) -> Score:
+def connected(paths: Iterable[Path], half: str | None) -> Iterator[tuple[str | None, Samples]]:
     """Long recordings without commands."""
-    ear = _Ear()
-    for path in paths:
-        ear.hear(None, load(path))
-    return ear.score
+    return ((None, load(path)) for path in paths if in_half(path.stem.partition("-")[0], half))
 
 
-def synthetic(scale: float) -> Score:
+def synthetic(scale: float) -> Iterator[tuple[str | None, Samples]]:
     """The training's texts by other people in other rooms."""
-    from modules.speech.corpus import in_a_room, script  # noqa: PLC0415 - only this needs the programs that speak
+    from modules.speech.corpus import script  # noqa: PLC0415 - only this needs the programs that speak
+    from modules.speech.rooms import in_a_room  # noqa: PLC0415 - the same
 
     rng = np.random.default_rng(TEST_SEED)
-    ear = _Ear()
     for spoken in script(rng, scale):
-        sound = np.pad(spoken.samples(), RATE // 2)
-        ear.hear(spoken.keyword, in_a_room(sound, rng))
-    return ear.score
+        yield spoken.keyword, in_a_room(np.pad(spoken.samples(), RATE // 2), rng)
+
+
+def judge(recordings: Iterable[tuple[str | None, Samples]]) -> _Ear:
+    """Listen to all of them."""
+    ear = _Ear()
+    for truth, samples in recordings:
+        ear.hear(truth, samples)
+    return ear
 
 
 def _print(text: str) -> None:
@@ -117,21 +134,31 @@ def main() -> int:
     parser.add_argument("--words", type=Path)
     parser.add_argument("--split", help="training, validation or testing; all by default")
     parser.add_argument("--connected", type=Path, nargs="+", default=[])
+    parser.add_argument("--half", choices=HALVES, help="of the speakers; all by default")
+    parser.add_argument("--tune", action="store_true")
     parser.add_argument("--synthetic", action="store_true")
     parser.add_argument("--scale", type=float, default=0.1, help="how much to synthesise")
     options = parser.parse_args()
     try:
-        if options.words:
-            _print(f"words of {options.words}\n{words(options.words, options.split).report()}")
-            options.connected += noises(options.words)
-        if options.connected:
-            _print(f"connected speech and noise\n{connected(options.connected).report()}")
-        if options.synthetic:
-            _print(f"synthesised speech\n{synthetic(options.scale).report()}")
+        sets = list(_sets(options))
+        for name, recordings in () if options.tune else sets:
+            _print(f"{name}\n{judge(recordings).score.report()}")
+        if options.tune:
+            _print(judge(chain.from_iterable(recordings for _, recordings in sets)).evidence.report())
     except RecordingError as error:
         sys.stderr.write(f"{error}\n")
         return 2
     return 0
+
+
+def _sets(options: argparse.Namespace) -> Iterator[tuple[str, Iterable[tuple[str | None, Samples]]]]:
+    if options.words:
+        yield f"words of {options.words}", words(options.words, options.split, options.half)
+        options.connected += noises(options.words)
+    if options.connected:
+        yield "connected speech and noise", connected(options.connected, options.half)
+    if options.synthetic:
+        yield "synthesised speech", synthetic(options.scale)
 
 
 if __name__ == "__main__":

@@ -14,13 +14,13 @@ from modules.speech.spotter import Spotter
 from modules.speech.verifier import Verifier
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from modules.speech.gate import Utterance
     from modules.speech.spectrum import Samples
 
-# The evidence (log-odds) that a command needs: see README.md.
-THRESHOLDS = {"forward": 2.0, "backward": 0.7, "left": 0.7, "right": 0.7, "stop": 0.5}
+# The evidence (log-odds) that a command needs, chosen by `tuning.py`: see README.md.
+THRESHOLDS = {"forward": 1.5, "backward": 1.1, "left": 0.3, "right": 2.2, "stop": 2.2}
 
 _DITHER = 0.003
 """Loudness of the noise that is added, as a part of the utterance's peak: 50 dB below it."""
@@ -56,8 +56,12 @@ class Listener:
 
     def listen(self, utterance: Utterance) -> list[Heard]:
         """The commands in an utterance, but not those that the piece of speech before it held already."""
+        return self.told(self.candidates(utterance))
+
+    def told(self, candidates: Iterable[Heard]) -> list[Heard]:
+        """Those of an utterance's candidates that have enough evidence and were not told just before."""
         told = []
-        for heard in self.candidates(utterance):
+        for heard in candidates:
             if heard.evidence >= self._thresholds[heard.keyword] and self._is_new(heard):
                 self._last[heard.keyword] = heard.start
                 told.append(heard)

@@ -1,4 +1,4 @@
-"""A second opinion on what the spotter marks: two small networks that see which phones sound there.
+"""A second opinion on what the spotter marks: two committees of small networks that see which phones sound there.
 
 One sees a second of sound around the mark, in its own time; the other sees the mark stretched to a fixed width, so that
 fast and slow speakers look the same. They err on different sounds.
@@ -34,8 +34,8 @@ _SECOND = 1.0
 _WIDENED = 1.5
 """How much wider than the mark the second network looks: what sounds before and after tells words apart."""
 _SHORTEST_MARK = 0.2
-_SPOTTER_WEIGHT, _SPOTTER_OFFSET = 65.0, 12.0
-"""How much the spotter's own score counts, and what is added to make 0 a fair threshold: measured, see README.md."""
+_SPOTTER_WEIGHT, _SPOTTER_OFFSET = 30.0, 5.5
+"""How much the spotter's own score counts, and what is added to make 0 a low threshold: measured, see README.md."""
 
 
 @dataclass(frozen=True)
@@ -58,15 +58,19 @@ class Network:
 
 @dataclass(frozen=True)
 class Verifier:
-    """Both networks, and the labels that they tell apart."""
+    """The networks for each of the two views, and the labels that they tell apart."""
 
     labels: tuple[str, ...]
-    networks: tuple[Network, Network]
+    committees: tuple[tuple[Network, ...], tuple[Network, ...]]
 
     def evidence(self, posteriors: Array, mark: Mark) -> float:
         """The log-odds that the mark holds its keyword, with the spotter's own score."""
         seen = views(posteriors, mark.start, mark.end)
-        opinions = [network.log_probabilities(view[None])[0] for network, view in zip(self.networks, seen, strict=True)]
+        opinions = [
+            network.log_probabilities(view[None])[0]
+            for committee, view in zip(self.committees, seen, strict=True)
+            for network in committee
+        ]
         likely = np.exp(np.mean(opinions, axis=0))
         index = self.labels.index(mark.keyword)
         odds = likely[index] / max(float(likely.sum() - likely[index]), 1e-6)
@@ -75,8 +79,9 @@ class Verifier:
     def save(self, path: Path) -> None:
         """Write the weights as 16 bit floats."""
         arrays = {
-            f"network{number}.{index}.{kind}": array.astype(np.float16)
-            for number, network in enumerate(self.networks)
+            f"view{view}.network{number}.{index}.{kind}": array.astype(np.float16)
+            for view, committee in enumerate(self.committees)
+            for number, network in enumerate(committee)
             for index, layer in enumerate(network.layers)
             for kind, array in zip(("matrix", "bias"), layer, strict=True)
         }
@@ -86,7 +91,7 @@ class Verifier:
     def load(cls, path: Path = WEIGHTS) -> Verifier:
         """Read weights that `save` wrote."""
         with np.load(path, allow_pickle=False) as file:
-            first, second = (_network(file, f"network{number}.") for number in range(2))
+            first, second = (_committee(file, f"view{view}.") for view in range(2))
             return cls(tuple(map(str, file["labels"])), (first, second))
 
 
@@ -112,6 +117,11 @@ def _view(posteriors: Array, start: float, end: float) -> Array:
     means = np.diff(sums, axis=0) / np.float32(edges[1] - edges[0])
     seen: Array = np.sqrt(np.maximum(means, 0)).reshape(-1)
     return seen
+
+
+def _committee(file: Mapping[str, Array], prefix: str) -> tuple[Network, ...]:
+    count = len({name.removeprefix(prefix).partition(".")[0] for name in file if name.startswith(prefix)})
+    return tuple(_network(file, f"{prefix}network{number}.") for number in range(count))
 
 
 def _network(file: Mapping[str, Array], prefix: str) -> Network:

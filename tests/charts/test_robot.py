@@ -104,7 +104,7 @@ def test_a_device_plugin_spares_the_privilege(name, robot):
 
 
 def test_credentials_and_shared_memory_reach_the_modules_only(robot):
-    spec = robot("zenoh.secret=bus", "sharedMemory=/dev/shm/robot")["navigation"]["spec"]
+    spec = robot("zenoh.secret=bus", "sharedMemory=/memory/robot")["navigation"]["spec"]
     sidecars, (module,) = spec["initContainers"], spec["containers"]
     assert environment(module).items() >= {"ZENOH_CREDENTIALS": "/etc/robot/bus", "SHARED_MEMORY": "true"}.items()
     assert {mount["name"]: mount["mountPath"] for mount in module["volumeMounts"]} == {
@@ -112,6 +112,8 @@ def test_credentials_and_shared_memory_reach_the_modules_only(robot):
         "shm": "/dev/shm",  # noqa: S108 - the mount that Zenoh uses
     }
     assert not [one for one in sidecars if "volumeMounts" in one]
+    shared = next(volume for volume in spec["volumes"] if volume["name"] == "shm")
+    assert shared["hostPath"] == {"path": "/memory/robot", "type": "Directory"}
 
 
 @pytest.mark.parametrize(

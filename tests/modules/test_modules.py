@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
+import yaml
 
 from robotkit import load_module
 
@@ -32,6 +34,17 @@ def test_it_says_what_it_takes_gives_and_needs(module):
     assert all(entry.key.startswith(("robot/", "contextpolicy/")) for entry in said.inputs.values())
     assert all(entry.key.startswith("robot/") for entry in said.outputs.values())
     assert None not in (said.needs.cores, said.needs.memory, said.needs.deadline)
+
+
+def test_its_readme_tells_streams_settings_cost_and_what_a_suspension_does(module):
+    said = load_module(module / "module.yaml")
+    readme = (module / "README.md").read_text(encoding="utf-8")
+    settings = yaml.safe_load((module / "module.yaml").read_text(encoding="utf-8")).get("environment", {})
+    keys = [entry.key for entry in (*said.inputs.values(), *said.outputs.values())]
+    assert [told for told in (*keys, *settings) if told not in readme] == []
+    assert re.search(r"\d m?s of CPU|\dm of CPU|CPU a frame", readme)
+    assert re.search(r"\d Mi?B", readme)
+    assert "uspended" in readme
 
 
 def test_its_image_runs_as_nobody_and_starts_the_module(module):

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 RATE = 16_000
 PEAK = 0.4 * 32767
 NOISE = 0.004 * 32767
+_PATIENCE_S = 600
+"""For a text that takes a tenth of a second: a busy machine may stand still for a minute."""
 FLITE_VOICES = ("rms", "slt", "kal16")
 FESTIVAL_VOICES = ("kal_diphone", "cmu_us_slt_arctic_hts")
 VOICES = FLITE_VOICES + FESTIVAL_VOICES
@@ -107,7 +109,9 @@ def _run(command: list[str], text: str = "") -> None:
     program = shutil.which(command[0])
     if program is None:
         raise SpeechError(f"{command[0]} is missing: install the packages flite, festival, espeak-ng and sox")
-    done = subprocess.run([program, *command[1:]], input=text, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [program, *command[1:]], input=text, capture_output=True, text=True, timeout=_PATIENCE_S, check=False
+    )
     if done.returncode != 0:
         raise SpeechError(f"{' '.join(command)} failed: {done.stderr.strip()}")
 

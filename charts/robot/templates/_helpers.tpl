@@ -88,7 +88,8 @@ capabilities:
 {{- end }}
 {{- with $root.Values.sharedMemory }}
 - name: shm
-  hostPath: {path: {{ . }}, type: DirectoryOrCreate}
+  # One that the kubelet would make is root's, and modules could not write to it.
+  hostPath: {path: {{ . }}, type: Directory}
 {{- end }}
 {{- if $module.recordings }}
 - name: recordings

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from modules.signs import training
+from modules.signs import examples, training
 from modules.signs.boxes import around
 from modules.signs.digits import HEIGHT, LABELS, NONE, STRIDE, Digits, strip
 from modules.signs.reading import upright
@@ -32,7 +32,7 @@ def test_boxes_are_where_the_ink_is(sign):
 def test_every_digit_has_its_columns_and_the_gaps_are_nobody_s(sign):
     corners = quad(sign, 0.2, 0.1).astype(np.float32)
     columns = strip(upright(sign.picture, corners, HEIGHT)).shape[1] // STRIDE
-    labels = training._labels(sign, corners, columns)
+    labels = examples.column_labels(sign, corners, columns)
     told = [int(label) for label in labels if label >= 0]
     runs = [label for index, label in enumerate(told) if index == 0 or told[index - 1] != label]
     assert runs == [NONE, 4, NONE, 0, NONE, 7, NONE]
@@ -59,8 +59,10 @@ def test_what_is_written_computes_what_was_trained(tmp_path):
 
 
 def test_it_learns(monkeypatch):
-    monkeypatch.setattr(training, "fonts", lambda: list(TEST_FONTS))
-    seen = training.examples(64, 1, lambda _: None)
+    monkeypatch.setattr(examples, "fonts", lambda: list(TEST_FONTS))
+    drawn = []
+    seen = examples.examples(64, 1, drawn.append)
+    assert drawn == [64]
     kept = np.ones((1, 1, 1, 64), np.float32)
     before, after = training.initial(1), training.train(seen, epochs=4)
     assert training.loss(after, seen.strips, seen.labels, kept) < 0.9 * training.loss(
@@ -69,9 +71,9 @@ def test_it_learns(monkeypatch):
 
 
 def test_without_the_fonts_it_says_so(monkeypatch):
-    monkeypatch.setattr(training, "fonts", list)
+    monkeypatch.setattr(examples, "fonts", list)
     with pytest.raises(SystemExit, match="liberation"):
-        training.examples(1, 1, lambda _: None)
+        examples.examples(1, 1, lambda _: None)
 
 
 def test_numbers_have_one_to_five_digits_and_no_leading_zero():
