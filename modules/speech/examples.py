@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import repeat
+from multiprocessing import get_context
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -112,7 +113,7 @@ def examine(texts: Iterable[Spoken | None], seed: int, progress: Callable[[int],
     done = 0
     everything = tuple(texts)
     batches = [everything[start : start + _BATCH] for start in range(0, len(everything), _BATCH)]
-    with ProcessPoolExecutor() as pool:
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:  # what started threads must not be forked
         for batch, one in zip(batches, pool.map(_examine, batches, repeat(seed), range(len(batches))), strict=True):
             found.append(one)
             done += len(batch)
