@@ -171,13 +171,17 @@ def _give_to_user_cluster(archive: Path) -> None:
 
 
 def _import(name: str, identifier: str) -> None:
-    """Import into our containerd; the stamp lives and dies with containerd's state."""
+    """Import into our containerd, unless it has it: a kubelet whose disk fills up removes images that nobody runs."""
     stamp = ROOT / "images" / name
-    if stamp.exists() and stamp.read_text() == identifier:
-        return
     if not CONTAINERD_SOCKET.exists():
         raise ClusterError(f"image {name}: built, but there is no node: run `python -m tests.node up`")
-    ctr = [str(BIN / "ctr"), "--address", str(CONTAINERD_SOCKET), "--namespace", "k8s.io"]
-    shell.run([*ctr, "images", "import", str(_archive(name, identifier))], timeout=IMPORT_TIMEOUT)
+    if stamp.exists() and stamp.read_text() == identifier and reference(name) in _ctr("list", "--quiet").split():
+        return
+    _ctr("import", str(_archive(name, identifier)))
     stamp.parent.mkdir(parents=True, exist_ok=True)
     stamp.write_text(identifier)
+
+
+def _ctr(*arguments: str) -> str:
+    ctr = [str(BIN / "ctr"), "--address", str(CONTAINERD_SOCKET), "--namespace", "k8s.io", "images"]
+    return shell.run([*ctr, *arguments], timeout=IMPORT_TIMEOUT)
