@@ -69,6 +69,7 @@ ELSEWHERE = {
     r"python -m modules\.speech\.training": "tests/modules/speech/test_training.py",
     r"python -m modules\.signs\.accuracy": "tests/modules/signs/test_accuracy.py",
     r"python -m modules\.imu\.accuracy": "tests/modules/imu/test_motion.py",
+    r"python -m modules\.transcript\.accuracy": "tests/modules/transcript/test_accuracy.py",
     r"python -m modules\.(lidar|navigation)\.simulator": "tests/modules/navigation/test_simulator.py",
     r"python -m modules\.navigation\.guard": "tests/modules/navigation/test_guard.py",
     r"python -m robotkit\.ask": "tests/modules/robotkit/test_ask.py",
