@@ -37,6 +37,10 @@ DEFAULTS = {
     ("ClusterRoleBinding", "contextpolicy-restore"),
     ("Job", "contextpolicy-restore"),
     ("ServiceAccount", "contextpolicy-restore"),
+    ("ClusterRole", "contextpolicy-doctor"),
+    ("ClusterRoleBinding", "contextpolicy-doctor"),
+    ("Pod", "contextpolicy-doctor"),
+    ("ServiceAccount", "contextpolicy-doctor"),
 }
 
 
@@ -67,6 +71,7 @@ def test_everything_at_once_renders(render):
         ("Secret", "contextpolicy-signing"),
         ("Service", "contextpolicy-agent-metrics"),
         ("NetworkPolicy", "contextpolicy"),
+        ("NetworkPolicy", "contextpolicy-doctor"),
         ("NetworkPolicy", "contextpolicy-restore"),
         ("NetworkPolicy", "contextpolicy-router"),
         ("ServiceAccount", "contextpolicy-agent"),

@@ -133,7 +133,7 @@ def test_all_but_the_agent_pass_the_restricted_standard(render, workload):
     }
 
 
-def test_only_the_operator_and_what_cleans_up_after_it_get_a_token(render):
+def test_only_the_operator_its_test_and_what_cleans_up_after_it_get_a_token(render):
     rendered = render("agent.enabled=true")
     router, agent = rendered["Deployment", "contextpolicy-router"], rendered["DaemonSet", "contextpolicy-agent"]
     assert [one["spec"]["template"]["spec"]["automountServiceAccountToken"] for one in (router, agent)] == [
@@ -141,7 +141,7 @@ def test_only_the_operator_and_what_cleans_up_after_it_get_a_token(render):
         False,
     ]
     bound = [s["name"] for (kind, _), item in rendered.items() if kind.endswith("Binding") for s in item["subjects"]]
-    assert sorted(set(bound)) == ["contextpolicy", "contextpolicy-restore"]
+    assert sorted(set(bound)) == ["contextpolicy", "contextpolicy-doctor", "contextpolicy-restore"]
 
 
 @pytest.mark.parametrize(

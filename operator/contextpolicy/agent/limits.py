@@ -72,7 +72,7 @@ class Limits:
             self._close(path)
             self._give_way(path, text)
         if policy is not None:
-            self._enforce(policy, thorough=is_pod(path.parent))
+            self._enforce(policy)
         self._ledger.save()
 
     def _give_way(self, path: Path, text: str) -> None:
@@ -92,19 +92,16 @@ class Limits:
         if not any(other.parent.parent == pod for other in self._ledger.entries):
             self._ledger.close(pod / path.name)
 
-    def _enforce(self, policy: str, *, thorough: bool = False) -> None:
-        """Write what differs. The kernel refuses if the kubelet has just lowered the pod: recompute and retry, once.
-
-        Only a pod that somebody else wrote (`thorough`) can be too low where none of its containers rises.
-        """
+    def _enforce(self, policy: str) -> None:
+        """Write what differs. The kernel refuses if the kubelet has just lowered the pod: recompute and retry, once."""
         for last in (False, True):
-            failed = self._write(policy, self._pods(policy, thorough=thorough))
+            failed = self._write(policy, self._pods(policy))
             for error in failed if last else ():
                 self._refusals.note(error.reason, str(error))
             if not failed:
                 return
 
-    def _pods(self, policy: str, *, thorough: bool) -> list[PodLimits]:
+    def _pods(self, policy: str) -> list[PodLimits]:
         by_pod: dict[Path, dict[Path, tuple[int | None, int]]] = defaultdict(dict)
         for group, share in self._wanted[policy].items():
             try:
@@ -113,8 +110,6 @@ class Limits:
                 self._files.close(group)
         return [
             PodLimits(pod, self._now(pod), self._others(pod, containers), containers)
-            if thorough or any(now is not None and now < wanted for now, wanted in containers.values())
-            else PodLimits(pod, None, 0, containers)
             for pod, containers in by_pod.items()
         ]
 

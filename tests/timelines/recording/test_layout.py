@@ -25,7 +25,7 @@ from timelines.recording.recorder import BusRecorder
 
 ROOT = Path(__file__).parents[3]
 POLICY = ROOT / "config" / "policies" / "whole-robot.yaml"
-LAYOUT = ROOT / "timelines" / "foxglove.json"
+LAYOUT = ROOT / "timelines" / "recording" / "foxglove.json"
 ROBOT = load_policy(str(POLICY))
 
 
