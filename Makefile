@@ -41,9 +41,11 @@ lint: setup  ## check style and types
 unit: setup recordings cluster  ## run the tests that need no cluster (helm comes with the node)
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q --ignore tests/e2e --ignore tests/heavy
 
-heavy: setup  ## promtool on the alert rules, the live page in chromium
+heavy: images  ## promtool on the alert rules, the live page in chromium, a VerticalPodAutoscaler on the node
 	dpkg --status chromium >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends chromium; }
 	$(PYTHON) -m pytest -q tests/heavy
+	$(CLUSTER) autoscaler build
+	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/heavy/test_autoscaler.py
 
 e2e: images  ## run the tests that need a real node
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e --ignore tests/e2e/test_reboot.py

@@ -21,6 +21,7 @@ from contextpolicy.runtime import Runtime
 from contextpolicy.settings import Settings
 from tests.modules.robotkit.bus import free_port
 from tests.small_cluster import PATIENCE, SmallCluster, Told
+from tests.waiting import until
 
 OWN = ("system", "release")
 
@@ -123,7 +124,7 @@ def test_nothing_is_done_about_policies_before_all_pods_and_nodes_are_known(clus
     told.restored.set_result(None)
 
 
-def test_a_standby_does_nothing_but_is_ready(cluster, replica, told):
+def test_a_standby_does_nothing_but_is_ready_once_it_sees_that_its_leader_lives(cluster, replica, told):
     cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60)
     cluster.pods_allowed.set()
     cluster.nodes_allowed.set()
@@ -132,6 +133,9 @@ def test_a_standby_does_nothing_but_is_ready(cluster, replica, told):
     assert not cluster.policies_listed.wait(1)
     assert (cluster.holder("lab", NAMESPACE_LEASE), cluster.written) == (None, [])
     assert not standby.process._api.may_act("lab")
+    assert standby.page("readyz") == (503, "the Lease is not ours, and nobody was seen to renew it\n")
+    cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60, renewTime="later")
+    until(lambda: standby.page("readyz")[0] == 200)
     assert standby.page("readyz") == standby.page("healthz") == (200, "ok\n")
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from contextpolicy.errors import SettingsError
 from contextpolicy.policy.tenants import Tenant, Tenants
-from contextpolicy.settings import DEFAULT_CONNECT, Settings, read
+from contextpolicy.settings import DEFAULT_CONNECT, OwnPod, Settings, read
 
 
 def test_without_any_variable_the_defaults_hold():
@@ -25,6 +25,7 @@ def test_every_variable_is_read():
         "METRICS_PORT": "9081",
         "LEASE": "system/contextpolicy",
         "LEASE_SECONDS": "1",
+        "LEASE_POD": "pod-1/uid-1",
         "IDENTITY": "pod-1",
         "LOG_FORMAT": "JSON",
         "LOG_LEVEL": "Debug",
@@ -38,6 +39,7 @@ def test_every_variable_is_read():
         metrics_port=9081,
         lease=("system", "contextpolicy"),
         lease_seconds=1,
+        lease_pod=OwnPod("pod-1", "uid-1"),
         identity="pod-1",
         log_format="json",
         log_level="debug",
@@ -56,6 +58,7 @@ def test_every_variable_is_read():
         ("LOG_LEVEL", "loud", "one of debug, info, warning, error"),
         ("LEASE", "contextpolicy", "a namespace and a name, such as contextpolicy-system/contextpolicy"),
         ("LEASE", "a/b/c", "a namespace and a name, such as contextpolicy-system/contextpolicy"),
+        ("LEASE_POD", "pod-1", "a pod's name and UID, such as contextpolicy-1/d9607e19"),
         ("LEASE_SECONDS", "0", "whole seconds from 1 to 60"),
         ("LEASE_SECONDS", "61", "whole seconds from 1 to 60"),
         ("LEASE_SECONDS", "1.5", "whole seconds from 1 to 60"),

@@ -118,6 +118,7 @@ class Controller:
             self._contexts = before._contexts  # noqa: SLF001 - the same class
             self.run = max(self.run, before.run + 1)  # the wall clock may have been set back, but runs must increase
             metrics.replace(before.policy, self.policy)
+        metrics.begin(self.policy.reference)
         answers = {"plan": self.message, "explain": self.explain, "board": self.board}
         self._bus = Bus(self._session, self.policy, self._scheduler, answers)
         self._bus.signer, self._bus.may_speak = self.signer, self.may_act

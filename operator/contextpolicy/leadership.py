@@ -66,8 +66,11 @@ class Leadership:
 
     @property
     def follows(self) -> bool:
-        """Whether another replica leads, and we would notice if it did not."""
-        return self._replica is not None and bool(self._replica.holder) and not self._replica.held
+        """Whether another replica leads, and we would notice if it did not.
+
+        One that has not renewed its Lease since we look may be dead: then nobody decides until the Lease has run out.
+        """
+        return self._replica is not None and self._replica.follows
 
     @property
     def deposed(self) -> bool:
@@ -132,7 +135,7 @@ def _run_for_release(
     if settings.lease is None:
         return None, None
     namespace, name = settings.lease
-    candidacy = Candidacy(settings.identity, settings.lease_seconds)
+    candidacy = Candidacy(settings.identity, settings.lease_seconds, settings.lease_pod)
     keeper = LeaseKeeper(api, name, on_change, watched=namespace)
     keeper.stand(namespace, candidacy)
     return candidacy, keeper

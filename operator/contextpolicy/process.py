@@ -121,7 +121,7 @@ class OperatorProcess:
         if not self.runtime.has_router:
             problems.append("no Zenoh router answers")
         if not (self._leadership.leads or self._leadership.follows):
-            problems.append("the Lease is neither held nor seen")
+            problems.append("the Lease is not ours, and nobody was seen to renew it")
         return [*problems, *self.hung()]
 
     def _follow_leadership(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 from socket import gethostname
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from contextpolicy.errors import Finding, SettingsError
 from contextpolicy.policy.tenants import Tenants, read_tenants
@@ -19,6 +19,13 @@ DEFAULT_CONNECT = "tcp/127.0.0.1:7447"
 LONGEST_LEASE = 60
 
 
+class OwnPod(NamedTuple):
+    """The pod that this process runs in."""
+
+    name: str
+    uid: str
+
+
 @dataclass(frozen=True, slots=True)
 class Settings:
     """The operator's settings; empty `namespaces` means all.
@@ -27,7 +34,8 @@ class Settings:
     identity on the bus (None on an open bus), and the key that signs plans (None: plans are not signed).
 
     `lease` is the namespace and name of the Lease for which this operator's replicas run (None: it has none), held for
-    `lease_seconds` at a time by the replica that calls itself `identity`.
+    `lease_seconds` at a time by the replica that calls itself `identity`, and deleted with `lease_pod`, which is in the
+    same namespace (None: it stays).
     """
 
     connect: tuple[str, ...] = (DEFAULT_CONNECT,)
@@ -40,6 +48,7 @@ class Settings:
     live_port: int = 8082
     lease: tuple[str, str] | None = None
     lease_seconds: int = 15
+    lease_pod: OwnPod | None = None
     identity: str = field(default_factory=gethostname)
     log_format: str = "text"
     log_level: str = "info"
@@ -48,6 +57,9 @@ class Settings:
 def read(environment: Mapping[str, str]) -> Settings:
     """Read the settings; SettingsError names every invalid variable."""
     findings: list[Finding] = []
+    example = "contextpolicy-system/contextpolicy"
+    lease = _pair(environment, "LEASE", f"a namespace and a name, such as {example}", findings)
+    pod = _pair(environment, "LEASE_POD", "a pod's name and UID, such as contextpolicy-1/d9607e19", findings)
     settings = Settings(
         connect=_words(environment.get("ZENOH_CONNECT", "")) or (DEFAULT_CONNECT,),
         credentials=_directory(environment, "ZENOH_CREDENTIALS", findings),
@@ -57,8 +69,9 @@ def read(environment: Mapping[str, str]) -> Settings:
         health_port=_port(environment, "HEALTH_PORT", 8080, findings),
         metrics_port=_port(environment, "METRICS_PORT", 8081, findings),
         live_port=_port(environment, "LIVE_PORT", 8082, findings),
-        lease=_lease(environment, findings),
+        lease=lease,
         lease_seconds=_seconds(environment, findings),
+        lease_pod=OwnPod(*pod) if pod else None,
         identity=environment.get("IDENTITY", "") or gethostname(),
         log_format=_word(environment, "LOG_FORMAT", LOG_FORMATS, "text", findings),
         log_level=_word(environment, "LOG_LEVEL", LOG_LEVELS, "info", findings),
@@ -94,12 +107,12 @@ def _port(environment: Mapping[str, str], name: str, default: int, findings: lis
     return default
 
 
-def _lease(environment: Mapping[str, str], findings: list[Finding]) -> tuple[str, str] | None:
-    text = environment.get("LEASE", "")
-    namespace, _, name = text.partition("/")
-    if text and not (namespace and name and "/" not in name):
-        findings.append(Finding("LEASE", text, "a namespace and a name, such as contextpolicy-system/contextpolicy"))
-    return (namespace, name) if text else None
+def _pair(environment: Mapping[str, str], name: str, allowed: str, findings: list[Finding]) -> tuple[str, str] | None:
+    text = environment.get(name, "")
+    first, _, second = text.partition("/")
+    if text and not (first and second and "/" not in second):
+        findings.append(Finding(name, text, allowed))
+    return (first, second) if text else None
 
 
 def _seconds(environment: Mapping[str, str], findings: list[Finding]) -> int:

@@ -17,6 +17,7 @@ from contextpolicy.bus.roles import ROLES
 from contextpolicy.bus.session import _config, open_client, open_router, open_visitor
 from tests.bus.certificates import Authority
 from tests.modules.robotkit.bus import Matching, free_port
+from tests.waiting import until
 
 PLAN, SAMPLE, NODE = "contextpolicy/robot/delivery/plan", "robot/imu", "contextpolicy/agents/node-1"
 WILD = ["*/robot/delivery/plan", "**", "**/plan", "contextpolicy/**", "*/*/*/plan", "context$*/robot/delivery/plan"]
@@ -301,13 +302,6 @@ def test_sensors_can_be_kept_to_their_keys(authority):
 
 def routers(session):
     return list(session.info.routers_zid())
-
-
-def until(condition):
-    deadline = time.monotonic() + 3 * SOON
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def test_a_certificate_that_ends_ends_the_session_until_it_is_renewed(authority, closed):

@@ -106,6 +106,7 @@ def test_the_operator_is_told_all_it_needs(render):
         "POD_NAME": None,
         "POD_UID": None,
         "IDENTITY": "$(POD_NAME)_$(POD_UID)",
+        "LEASE_POD": "$(POD_NAME)/$(POD_UID)",
         "HEALTH_PORT": "8080",
         "METRICS_PORT": "8081",
         "LIVE_PORT": "8082",

@@ -78,7 +78,7 @@ def test_it_may_change_only_its_own_leases(render, settings):
     own = rendered["Role", "contextpolicy-lease"]
     served = rendered["Role" if settings else "ClusterRole", "contextpolicy"]
     assert own["metadata"]["namespace"] == "contextpolicy-system"
-    assert rights(own) == {("coordination.k8s.io", "leases"): {"get", "list", "watch", "update", "create"}}
+    assert rights(own) == {("coordination.k8s.io", "leases"): {"get", "list", "watch", "update", "create", "delete"}}
     rules = [rule for role in (own, served) for rule in role["rules"] if rule["resources"] == ["leases"]]
     assert all(rule.get("resourceNames") == ["contextpolicy"] or rule["verbs"] == ["create"] for rule in rules)
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from contextpolicy.cluster.lease import ACT, AGAIN, LONGEST, RENEW, Candidacy, Lease, read, write
+from contextpolicy.settings import OwnPod
 
 WALL = "2026-01-01T00:00:00.000000Z"
 
@@ -109,6 +110,21 @@ def test_who_is_killed_is_followed_when_its_time_is_over(cluster):
     attempt(standby, cluster, standby.due)
     assert cluster.lease.holder == "two"
     assert not acts(leader, standby.acts_until - ACT * 10)
+
+
+def test_only_who_takes_or_renews_the_lease_is_followed(cluster):
+    """One that was there before us may be dead: until its time is over nobody decides."""
+    leader, standby = a_leader(cluster), a_standby(cluster)
+    assert not standby.follows
+    attempt(leader, cluster, 3)
+    standby.see(cluster.lease, 3)
+    assert standby.follows
+    cluster.put(leader.resign())
+    standby.see(cluster.lease, 4)
+    assert not standby.follows
+    attempt(standby, cluster, 4)
+    assert not standby.follows
+    assert not leader.follows
 
 
 def test_a_lease_given_back_is_taken_the_moment_the_watch_tells(cluster):
@@ -258,6 +274,17 @@ def test_a_lease_is_read_as_it_was_written():
     item = write(lease, "system", "contextpolicy")
     assert item["metadata"] == {"name": "contextpolicy", "namespace": "system", "resourceVersion": "7"}
     assert read(item) == lease
+
+
+def test_a_lease_goes_with_the_pod_of_whoever_took_it_last():
+    """As Kubernetes' garbage collector reads it; a pod that is gone must not take the Lease of the next one along."""
+    candidate = Candidacy("two", 15, OwnPod("operator-2", "uid-2"))
+    candidate.see(Lease("one", 15, WALL, WALL, 3, "7", OwnPod("operator-1", "uid-1")), 0)
+    taken = candidate.ask(WALL)
+    item = write(taken, "system", "contextpolicy")
+    [owner] = item["metadata"]["ownerReferences"]
+    assert owner == {"apiVersion": "v1", "kind": "Pod", "name": "operator-2", "uid": "uid-2"}
+    assert read(item) == taken
 
 
 def test_a_new_lease_has_no_version():

@@ -16,9 +16,9 @@ from contextpolicy.bus.signatures import Signer
 from tests.agent.builders import NODE, SLAM, Tree, a_message, a_target
 from tests.bus.certificates import signing_keys
 from tests.modules.robotkit.bus import Matching, client, free_port, router
+from tests.waiting import PATIENCE, until
 
 KEY = plan_key("robot", "delivery")
-PATIENCE = 20
 
 
 @pytest.fixture
@@ -101,13 +101,6 @@ def start(tmp_path, tree, address, keys, free_port):
 @pytest.fixture(name="free_port")
 def _free_port():
     return free_port()
-
-
-def until(condition):
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def test_it_obeys_until_sigterm_and_undoes(start, operator, tree, slam):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import threading
-import time
+from queue import Queue
 
 import pytest
 
@@ -14,6 +14,7 @@ from contextpolicy.commands import router
 from contextpolicy.commands.credentials import directory
 from tests.bus.certificates import Authority
 from tests.modules.robotkit.bus import Matching, free_port
+from tests.waiting import PATIENCE, until
 
 PLAN = "contextpolicy/robot/delivery/plan"
 
@@ -43,29 +44,22 @@ def program(monkeypatch):
     assert not threads[0].is_alive()
 
 
-def until(condition):
-    deadline = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 def test_a_renewed_certificate_is_taken_up_and_clients_come_back(tmp_path, program, capfd):
     authority, endpoint = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
     program(endpoint, authority.issue("router"))
     operator, agent = (
         open_client([endpoint], threading.Event(), authority.issue(role)) for role in ("operator", "agent")
     )
-    heard = []
+    heard = Queue()
     with operator, agent, operator.declare_publisher(PLAN) as publisher:
-        agent.declare_subscriber(PLAN, lambda sample: heard.append(sample.payload.to_string()))
+        agent.declare_subscriber(PLAN, lambda sample: heard.put(sample.payload.to_string()))
         matching = Matching(publisher)
         matching.wait(expected=True)
         authority.issue("router")
         matching.wait(expected=False)
         matching.wait(expected=True)
         publisher.put("next plan")
-        until(lambda: heard == ["next plan"])
+        assert heard.get(timeout=PATIENCE) == "next plan"
     assert capfd.readouterr().out.count("routing at") == 2
 
 

@@ -70,16 +70,26 @@ class Release:
         found = run("kubectl", "get", KINDS, "-A", "-o", "json", "-l", f"app.kubernetes.io/instance={self.name}")
         return [f"{item['kind']} {item['metadata']['name']}" for item in json.loads(found)["items"]]
 
+    def leader(self) -> str:
+        """The pod that holds the release's Lease; empty without a Lease."""
+        query = ("kubectl", "get", "lease", self.name, "-n", self.system, "--ignore-not-found")
+        return run(*query, "-o", "jsonpath={.spec.holderIdentity}").partition("_")[0]
+
     def rights(self) -> list[str]:
         """Which of its objects give rights, or are somebody who has them."""
         return [one for one in self.objects() if one.startswith(("Role", "ClusterRole", "ServiceAccount"))]
 
     @contextmanager
-    def robot(self) -> Iterator[Robot]:
-        """A moving robot whose limits a policy has moved."""
+    def sensors(self) -> Iterator[Robot]:
+        """A robot whose sensors can be read; it has neither pods nor a policy yet."""
         endpoint = f"tcp/{free_address(self.address)}:7447"
         with open_visitor([endpoint], patience=20) as session, Sensors(session) as sensors:
-            robot = Robot(self.namespace, sensors)
+            yield Robot(self.namespace, sensors)
+
+    @contextmanager
+    def robot(self) -> Iterator[Robot]:
+        """A moving robot whose limits a policy has moved."""
+        with self.sensors() as robot:
             robot.drive(0.3)
             robot.start("slam", "speech")
             robot.policy()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 import signal
-import threading
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
+from tests.e2e.background import Background
 from tests.e2e.cluster import apply, delete, get, run, until
 from timelines.demo.cgroup import Cgroup, find
 
@@ -21,22 +21,13 @@ IDLE = ["python3", "-c", "import signal; signal.pause()"]
 BUSY = ["python3", "-c", "while True: pass"]
 
 
-class Sensors:
+class Sensors(Background):
     """Publishes the current readings at 50 Hz; a reading that is None is a silent sensor."""
 
     def __init__(self, session: zenoh.Session) -> None:
+        super().__init__(self._publish)
         self._session = session
         self._readings: dict[str, bytes | None] = {}
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._publish, daemon=True)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        self._thread.join(timeout=5)
 
     def read(self, key: str, value: object) -> None:
         """From now on the sensor reads this; bytes go out as they are."""

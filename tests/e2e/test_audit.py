@@ -13,6 +13,7 @@ OPERATOR = "e2e"
 REASONS = {
     ("", "pods", "get"): "only a resize whose answer was lost is looked up: test_faults",
     ("", "configmaps", "get"): "only policies with ROS types of their own read it: test_ros2",
+    ("coordination.k8s.io", "leases", "delete"): "whoever names an owner needs it where owners are guarded (OpenShift)",
 }
 """Rights that this story does not need, and who does."""
 

@@ -6,7 +6,7 @@ The autoscaler is Kubernetes' own; only the readings are made up: each pod uses 
 import pytest
 
 from tests.e2e.cluster import apply, delete, get, run, until
-from tests.e2e.metrics_api import Readings, metrics_api
+from tests.e2e.readings import Readings, metrics_api
 from tests.e2e.robot import IDLE, pod, task
 from tests.node import access
 

@@ -10,12 +10,12 @@ import os
 import signal
 import statistics
 import sys
-import threading
 import time
 
 import pytest
 
 from contextpolicy.bus.session import open_visitor
+from tests.e2e.background import Background
 from tests.e2e.cluster import REPOSITORY, apply, run, until
 from tests.e2e.robot import Robot, Sensors, together
 from timelines.demo.cgroup import find
@@ -81,23 +81,13 @@ def all_ready(count):
     return look
 
 
-class Flipping:
+class Flipping(Background):
     """Contexts that change all the time, and when the kernel's limits followed; sums of limits as they were."""
 
     def __init__(self, robot):
-        self._robot, self._stop = robot, threading.Event()
+        super().__init__(self._flip, self._look)
+        self._robot = robot
         self.changes, self.sums = [], []
-        self._threads = [threading.Thread(target=one, daemon=True) for one in (self._flip, self._look)]
-
-    def __enter__(self):
-        for thread in self._threads:
-            thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self._stop.set()
-        for thread in self._threads:
-            thread.join(10)
 
     def gap(self, since):
         """The longest time without a change of limits, from `since` on."""

@@ -11,7 +11,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -20,6 +19,7 @@ from random import randrange
 
 import pytest
 
+from tests.e2e.background import Background
 from tests.e2e.cluster import CommandError, apply, delete, run, until
 from tests.e2e.conftest import SYSTEM
 from tests.e2e.robot import IDLE, pod, policy, task
@@ -76,7 +76,7 @@ class Living:
 
 
 @dataclass
-class Watch:
+class Watch(Background):
     """Looks at limits and processes all the time, from a thread of its own."""
 
     planned: dict[str, set[int]]
@@ -87,16 +87,7 @@ class Watch:
     looks: int = 0
 
     def __post_init__(self):
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="soak", daemon=True)
-
-    def __enter__(self):
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self._stop.set()
-        self._thread.join(timeout=10)
+        super().__init__(self._watch)
 
     def _watch(self):
         due = 0.0
@@ -121,27 +112,16 @@ class Watch:
                 self.pids.pop(part, None)
 
 
-class Stage:
+class Stage(Background):
     """Carries out what the story says, each kind in its own thread: a pod that takes long must not stop contexts."""
 
     def __init__(self, robot, watch):
+        super().__init__(self._supervise, self._replace_all, patience=RECOVERY)
         self.robot, self.watch = robot, watch
         self.killed: list[str] = []
         self.originals: dict[str, int] = {}
         self._away: dict[str, float] = {}
         self._wanted: Queue[Coming] = Queue()
-        self._stop = threading.Event()
-        self._threads = [threading.Thread(target=run, daemon=True) for run in (self._supervise, self._replace_all)]
-
-    def __enter__(self):
-        for thread in self._threads:
-            thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self._stop.set()
-        for thread in self._threads:
-            thread.join(timeout=RECOVERY)
 
     def play(self, events):
         """All of the story, in its own time; then everything is back, and every pod has come that was to come."""

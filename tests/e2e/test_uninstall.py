@@ -51,6 +51,16 @@ def test_the_policy_stays_and_can_be_deleted_at_once(left):
     assert run("kubectl", "get", "ctxp", "-n", robot.namespace, "-o", "name") == ""
 
 
+def test_the_operators_lease_goes_with_it_so_that_the_next_one_decides_at_once(left):
+    """Helm takes the operator's rights before it ends, so that it can't give the Lease back; nobody waits for it."""
+    _, release = left
+    until("nobody holds the Lease", lambda: not release.leader() or release.leader())
+    release.install()
+    assert f"Pod {release.leader()}" in release.objects(), "ready, but it does not lead"
+    with release.robot():
+        pass
+
+
 def test_an_uninstall_that_fails_leaves_no_rights_behind():
     """The restoring Job gets no pod. Whoever cleans up later does so with rights of their own."""
     release = Release("stuck", 51)

@@ -8,7 +8,7 @@ import os
 import sys
 from pathlib import Path
 
-from tests.node import access, components, images, lifecycle
+from tests.node import access, autoscaler, build, components, images, lifecycle
 from tests.node.errors import ClusterError
 
 
@@ -24,6 +24,9 @@ def parser() -> argparse.ArgumentParser:
         single.add_argument("name", choices=components.names())
     inside = commands.add_parser("exec", help="run a command in the node's network, with kubectl, helm and ctr")
     inside.add_argument("argv", nargs=argparse.REMAINDER, metavar="-- COMMAND")
+    vpa = commands.add_parser("autoscaler", help="build, start or stop a VerticalPodAutoscaler with its metrics-server")
+    vpa.add_argument("deed", choices=("build", "start", "stop"))
+    vpa.add_argument("--interval", type=int, default=autoscaler.INTERVAL, help="seconds between its looks (10)")
     image = commands.add_parser("image", help="build an image as NAME:dev and import it")
     image.add_argument("name")
     image.add_argument("dockerfile", type=Path)
@@ -54,9 +57,22 @@ def dispatch(arguments: argparse.Namespace) -> int:
             lifecycle.start(arguments.name)
         case "exec":
             execute([word for index, word in enumerate(arguments.argv) if index or word != "--"])
+        case "autoscaler":
+            autoscale(arguments.deed, arguments.interval)
         case "image":
             images.image(arguments.name, arguments.dockerfile, arguments.context.resolve())
     return 0
+
+
+def autoscale(deed: str, interval: int) -> None:
+    match deed:
+        case "build":
+            for program in build.AUTOSCALER:
+                build.build(program)
+        case "start":
+            autoscaler.start(interval)
+        case "stop":
+            autoscaler.stop()
 
 
 def print_status() -> int:

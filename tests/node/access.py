@@ -34,6 +34,6 @@ def command(argv: list[str]) -> list[str]:
     return inside(argv)
 
 
-def run(argv: list[str], *, timeout: float = 60) -> str:
+def run(argv: list[str], *, timeout: float = 60, stdin: str | None = None) -> str:
     """Run a command against the cluster and return what it printed."""
-    return shell.run(command(argv), timeout=timeout, env=environment())
+    return shell.run(command(argv), timeout=timeout, env=environment(), stdin=stdin)

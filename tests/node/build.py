@@ -16,6 +16,7 @@ from tests.node.layout import (
     HELM_VERSION,
     KINE_VERSION,
     KUBERNETES_VERSION,
+    METRICS_SERVER_VERSION,
     RUNC_VERSION,
     SOURCES,
 )
@@ -82,6 +83,17 @@ PROGRAMS = (
 )
 PROMTOOL = Program("promtool", ("github.com/prometheus/prometheus/cmd/promtool",), source="promtool")
 """Judges the chart's alert rules; no part of a node. Its module has replacements, so it can't be fetched by version."""
+VPA_MODULE = "k8s.io/autoscaler/vertical-pod-autoscaler"
+AUTOSCALER = (
+    # Its module excludes versions, so it can't be fetched by version either.
+    Program(
+        "vpa",
+        tuple(f"{VPA_MODULE}/pkg/{part}" for part in ("recommender", "updater", "admission-controller")),
+        source="vpa",
+    ),
+    Program("metrics-server", (f"sigs.k8s.io/metrics-server/cmd/metrics-server@{METRICS_SERVER_VERSION}",)),
+)
+"""The VerticalPodAutoscaler and the metrics-server that it reads: no part of a node, but of what it may meet there."""
 
 
 def build_all() -> None:

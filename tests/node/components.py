@@ -41,17 +41,19 @@ def kubeconfig_path(name: str) -> str:
     return str(CONFIG / f"{name}.kubeconfig")
 
 
-def _flags(**flags: object) -> list[str]:
-    return [f"--{name.replace('_', '-')}={value}" for name, value in flags.items()]
+def as_flags(**values: object) -> list[str]:
+    """A program's arguments: names with `_` for `-`."""
+    return [f"--{name.replace('_', '-')}={value}" for name, value in values.items()]
 
 
-def _answers(url: str) -> tuple[str, ...]:
+def answers(url: str) -> tuple[str, ...]:
+    """The probe that asks an address."""
     return (sys.executable, str(SOURCES / "probe.py"), url)
 
 
 def etcd() -> Component:
     client, peer = "http://127.0.0.1:2379", "http://127.0.0.1:2380"
-    flags = _flags(
+    flags = as_flags(
         name="node",
         data_dir=ROOT / "etcd",
         listen_client_urls=client,
@@ -60,19 +62,19 @@ def etcd() -> Component:
         initial_advertise_peer_urls=peer,
         initial_cluster=f"node={peer}",
     )
-    return Component("etcd", (NODE_BINARY, "etcd", *flags), _answers(f"{client}/health"))
+    return Component("etcd", (NODE_BINARY, "etcd", *flags), answers(f"{client}/health"))
 
 
 def kine() -> Component:
     """SQLite behind etcd's API, with the parameters that k3s leaves at kine's default."""
     parameters = "_journal_mode=WAL&_busy_timeout=30000&_synchronous=NORMAL&_txlock=immediate&_stmt_cache_size=20"
     metrics = "127.0.0.1:2381"
-    flags = _flags(
+    flags = as_flags(
         endpoint=f"sqlite://{ROOT}/kine/state.db?{parameters}&cache=shared",
         listen_address=f"unix://{KINE_SOCKET}",
         metrics_bind_address=metrics,
     )
-    return Component("kine", (str(BIN / "kine"), *flags), _answers(f"http://{metrics}/metrics"))
+    return Component("kine", (str(BIN / "kine"), *flags), answers(f"http://{metrics}/metrics"))
 
 
 DATASTORES = {"kine": (kine, f"unix://{KINE_SOCKET}"), "etcd": (etcd, "http://127.0.0.1:2379")}
@@ -88,7 +90,7 @@ def datastore() -> str:
 
 
 def apiserver() -> Component:
-    flags = _flags(
+    flags = as_flags(
         advertise_address=NODE_ADDRESS,
         allow_privileged="true",
         audit_log_maxbackup=1,
@@ -110,11 +112,11 @@ def apiserver() -> Component:
         tls_private_key_file=private_key("apiserver"),
     )
     argv = (NODE_BINARY, "kube-apiserver", *flags)
-    return Component("apiserver", argv, _answers(f"{API_URL}/readyz"), patience=120)
+    return Component("apiserver", argv, answers(f"{API_URL}/readyz"), patience=120)
 
 
 def controller_manager() -> Component:
-    flags = _flags(
+    flags = as_flags(
         bind_address="127.0.0.1",
         cluster_signing_cert_file=certificate(AUTHORITY),
         cluster_signing_key_file=private_key(AUTHORITY),
@@ -126,16 +128,16 @@ def controller_manager() -> Component:
         use_service_account_credentials="true",
     )
     argv = (NODE_BINARY, "kube-controller-manager", *flags)
-    return Component("controller-manager", argv, _answers("https://127.0.0.1:10257/healthz"))
+    return Component("controller-manager", argv, answers("https://127.0.0.1:10257/healthz"))
 
 
 def scheduler() -> Component:
-    flags = _flags(
+    flags = as_flags(
         bind_address="127.0.0.1",
         kubeconfig=kubeconfig_path("scheduler"),
         leader_elect="false",
     )
-    return Component("scheduler", (NODE_BINARY, "kube-scheduler", *flags), _answers("https://127.0.0.1:10259/healthz"))
+    return Component("scheduler", (NODE_BINARY, "kube-scheduler", *flags), answers("https://127.0.0.1:10259/healthz"))
 
 
 def containerd() -> Component:
@@ -145,7 +147,7 @@ def containerd() -> Component:
 
 
 def kubelet() -> Component:
-    flags = _flags(
+    flags = as_flags(
         cert_dir=ROOT / "kubelet" / "pki",
         config=CONFIG / "kubelet.json",
         hostname_override=NODE_NAME,
@@ -153,11 +155,11 @@ def kubelet() -> Component:
         node_ip=NODE_ADDRESS,
         root_dir=ROOT / "kubelet",
     )
-    return Component("kubelet", (NODE_BINARY, "kubelet", *flags), _answers("http://127.0.0.1:10248/healthz"))
+    return Component("kubelet", (NODE_BINARY, "kubelet", *flags), answers("http://127.0.0.1:10248/healthz"))
 
 
 def proxy() -> Component:
-    flags = _flags(
+    flags = as_flags(
         cluster_cidr=POD_CIDR,
         conntrack_max_per_core=0,  # these sysctls belong to the host
         conntrack_tcp_timeout_close_wait=0,
@@ -168,7 +170,7 @@ def proxy() -> Component:
         oom_score_adj=0,
         proxy_mode="nftables",
     )
-    return Component("proxy", (NODE_BINARY, "kube-proxy", *flags), _answers("http://127.0.0.1:10256/healthz"))
+    return Component("proxy", (NODE_BINARY, "kube-proxy", *flags), answers("http://127.0.0.1:10256/healthz"))
 
 
 def all_components() -> tuple[Component, ...]:

@@ -38,6 +38,7 @@ CONTAINERD_VERSION = "v2.4.2"
 KINE_VERSION = "v0.17.5"
 RUNC_VERSION = "v1.5.2"
 HELM_VERSION = "v4.3.1"
+METRICS_SERVER_VERSION = "v0.9.0"
 
 TAG = "dev"
 PAUSE_IMAGE = "contextpolicy-pause"

@@ -19,10 +19,12 @@ HEARTBEAT = 15.0
 POLL = 0.1
 
 
-def run(argv: Sequence[str], *, timeout: float = 60, env: Mapping[str, str] | None = None) -> str:
+def run(
+    argv: Sequence[str], *, timeout: float = 60, env: Mapping[str, str] | None = None, stdin: str | None = None
+) -> str:
     """Return what the program printed; a failure or a timeout is a ClusterError with its last words."""
     try:
-        done = subprocess.run(argv, capture_output=True, text=True, timeout=timeout, env=env, check=False)
+        done = subprocess.run(argv, capture_output=True, text=True, timeout=timeout, env=env, input=stdin, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise ClusterError(f"{argv[0]}: {error}") from error
     if done.returncode:

@@ -39,7 +39,7 @@ def test_key_changes_with_everything_that_changes_the_binary(changed):
 
 
 def test_fetched_programs_are_pinned():
-    fetched = [program for program in build.PROGRAMS if not program.source]
+    fetched = [program for program in (*build.PROGRAMS, *build.AUTOSCALER) if not program.source]
     assert fetched
     assert all("@v" in package for program in fetched for package in program.packages)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from collections import Counter
 
 import pytest
@@ -38,6 +40,16 @@ def two_streams(**spec):
         contexts=[a_context("moving", "imu.speed > 0.2"), a_context("both", "imu.speed > 0.3 && mic.level > 0.3")],
         **spec,
     )
+
+
+def test_a_planner_that_is_replaced_is_freed():
+    """CEL's contexts are not Python's: a cycle through one is never collected, and each edit makes a new planner."""
+    planner = Planner(two_streams())
+    planner.start(START)
+    gone = weakref.ref(planner)
+    del planner
+    gc.collect()
+    assert gone() is None
 
 
 def test_a_sample_evaluates_only_what_reads_its_stream(evaluated):

@@ -60,6 +60,19 @@ def of(name):
     }
 
 
+def test_what_a_policy_will_count_is_there_from_the_start():
+    """`increase()` and a rate over buckets see nothing of a series that appears with its first count."""
+    metrics.begin("gone/new")
+    counted = {name for name, _ in of("new") if name.endswith(("_total", "_count"))}
+    assert counted == {
+        *(f"contextpolicy_{name}_total" for name in ("plans", "plans_held_back", "contests", "events_left_out")),
+        *(f"contextpolicy_{name}_seconds_count" for name in ("sample_to_plan", "plan_to_patch")),
+        *(f"contextpolicy_{name}_seconds_count" for name in ("patch_to_in_force", "reaction")),
+    }
+    metrics.forget("gone/new")
+    assert of("new") == set()
+
+
 def test_what_was_measured_goes_with_its_policy():
     for name in ("one", "two"):
         metrics.PLANS.labels("gone", name).inc()

@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.settings import LONGEST_LEASE
+from contextpolicy.settings import LONGEST_LEASE, OwnPod
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
 RENEW = 1 / 3
 """The part of a Lease's duration after which its holder renews it."""
@@ -35,7 +35,11 @@ LONGEST = LONGEST_LEASE
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """As the API server has it; `version` is empty when it has none, `holder` when nobody holds it."""
+    """As the API server has it; `version` is empty when it has none, `holder` when nobody holds it.
+
+    Kubernetes deletes a Lease with the `pod` of its holder. So it is free as soon as that is gone, also when the holder
+    could not give it back: `helm uninstall` takes its rights away before it ends.
+    """
 
     holder: str = ""
     seconds: int = 0
@@ -43,6 +47,7 @@ class Lease:
     acquired: str = ""
     transitions: int = 0
     version: str = ""
+    pod: OwnPod | None = None
 
 
 def read(item: Mapping[str, Any]) -> Lease:
@@ -55,6 +60,7 @@ def read(item: Mapping[str, Any]) -> Lease:
         acquired=str(spec.get("acquireTime") or ""),
         transitions=_natural(spec.get("leaseTransitions")),
         version=str(item["metadata"]["resourceVersion"]),
+        pod=_pod(item["metadata"].get("ownerReferences") or ()),
     )
 
 
@@ -68,18 +74,20 @@ def write(lease: Lease, namespace: str, name: str) -> dict[str, Any]:
         "leaseTransitions": lease.transitions,
     }
     version = {"resourceVersion": lease.version} if lease.version else {}
-    metadata = {"name": name, "namespace": namespace, **version}
+    owner = {"ownerReferences": [{"apiVersion": "v1", "kind": "Pod", **lease.pod._asdict()}]} if lease.pod else {}
+    metadata = {"name": name, "namespace": namespace, **version, **owner}
     return {"apiVersion": "coordination.k8s.io/v1", "kind": "Lease", "metadata": metadata, "spec": spec}
 
 
 class Candidacy:
     """One candidate for one Lease: `identity` is what it calls itself, `seconds` how long it holds it at a time.
 
-    Two processes with one identity must never run at the same time: a Lease in our name is ours at once.
+    Two processes with one identity must never run at the same time: a Lease in our name is ours at once. `pod` is the
+    one that we run in, if the Lease is to be deleted with it.
     """
 
-    def __init__(self, identity: str, seconds: int) -> None:
-        self.identity, self.seconds = identity, seconds
+    def __init__(self, identity: str, seconds: int, pod: OwnPod | None = None) -> None:
+        self.identity, self.seconds, self.pod = identity, seconds, pod
         self.acts_until = -inf
         """Until when we may act; it moves with each renewal."""
         self.lost = False
@@ -89,6 +97,8 @@ class Candidacy:
         self.refused = ""
         """Why we may not even run for it, if so: no right, or no such namespace."""
         self.wanted = True
+        self.follows = False
+        """Another holds the Lease and is alive: since we first looked, it has taken or renewed it."""
         self._seen: Lease | None = None
         self._seen_at = -inf
         self._due = -inf
@@ -118,6 +128,7 @@ class Candidacy:
             self.lost, self.acts_until = True, -inf
         if before is None or (before.holder, before.renewed) != (lease.holder, lease.renewed):
             self._seen_at = now
+            self.follows = before is not None and lease.holder not in ("", self.identity)
         if lease.holder not in ("", self.identity):
             self._due = self._seen_at + lease.seconds
         elif not self.held:
@@ -136,6 +147,7 @@ class Candidacy:
         return replace(
             self._seen,
             holder=self.identity,
+            pod=self.pod,
             seconds=self.seconds,
             renewed=wall,
             acquired=self._seen.acquired if held else wall,
@@ -146,7 +158,7 @@ class Candidacy:
         """The API server took what was sent at `sent`, as it has it now."""
         if self.lost:
             return
-        self._seen, self._seen_at, self.refused = written, sent, ""
+        self._seen, self._seen_at, self.refused, self.follows = written, sent, "", False
         self.interruptions += -inf < self.acts_until < now
         self.acts_until = sent + ACT * self.seconds
         self._due = sent + RENEW * self.seconds
@@ -171,6 +183,10 @@ class Candidacy:
 def _is_news(version: str, known: str) -> bool:
     """Versions count up; the watch may tell an older one than the answer to our own write."""
     return version != known if not (version and known) else int(version) > int(known)
+
+
+def _pod(owners: Iterable[Mapping[str, Any]]) -> OwnPod | None:
+    return next((OwnPod(one["name"], one["uid"]) for one in owners if one["kind"] == "Pod"), None)
 
 
 def _natural(value: object) -> int:

@@ -25,7 +25,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         description="Run the operator: watch ContextPolicy objects and sensor streams, resize the tasks' pods. "
         "Settings come from the environment: ZENOH_CONNECT, ZENOH_CREDENTIALS, PLAN_SIGNING, WATCH_NAMESPACES, "
         "TENANTS, HEALTH_PORT, METRICS_PORT, LIVE_PORT (the live page, on the loopback), LEASE (namespace/name, for "
-        "which replicas run), LEASE_SECONDS, IDENTITY, LOG_FORMAT, LOG_LEVEL.",
+        "which replicas run), LEASE_SECONDS, LEASE_POD (name/UID of the pod with which it goes), "
+        "IDENTITY, LOG_FORMAT, LOG_LEVEL.",
     )
     parser.set_defaults(main=main)
 

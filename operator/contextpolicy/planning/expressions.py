@@ -72,7 +72,7 @@ class Guarded:
 
     def probe(self, part: str, now: float) -> Any:
         """The value of a part of the source, for people to read; ExpressionError when it has none."""
-        self._scope.now = now
+        self._scope.instant.now = now
         return _part(part).evaluate(self._scope)
 
     def adopt(self, old: Guarded) -> None:
@@ -82,7 +82,7 @@ class Guarded:
     def _value(self, read: Callable[[Scope], Value], now: float) -> Value | None:
         if not self.changed:
             return self._known  # type: ignore[no-any-return]
-        self._scope.now = now
+        self._scope.instant.now = now
         try:
             value = read(self._scope)
         except UndecidedError as error:

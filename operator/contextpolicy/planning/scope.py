@@ -28,6 +28,27 @@ class Watcher(Protocol):
     """Set to true when that has changed."""
 
 
+class Instant:
+    """When expressions are evaluated, and what they ask about it.
+
+    Apart from the scope: the CEL library does not let Python see what its contexts refer to, so a scope to which its
+    own context refers would never be freed.
+    """
+
+    __slots__ = ("now",)
+
+    def __init__(self) -> None:
+        self.now = -math.inf
+
+    def reached(self, since: float, seconds: float) -> bool:
+        """Whether something that began at `since` is `seconds` old."""
+        return since + seconds <= self.now
+
+    def passed(self, since: float, seconds: float) -> bool:
+        """Whether it is older."""
+        return since + seconds < self.now
+
+
 class Scope:
     """The variables that expressions see: what they read of the latest sample of each stream.
 
@@ -37,11 +58,11 @@ class Scope:
 
     __slots__ = (
         *("_aged", "_asked", "_lacking", "_normal", "_parts", "_reads", "_since", "_values", "_watchers"),
-        *("context", "now", "whole"),
+        *("context", "instant", "whole"),
     )
 
     def __init__(self) -> None:
-        self.now = -math.inf
+        self.instant = Instant()
         self.whole: set[str] = set()
         self._normal = cel_numbers.Normal()
         self._reads: dict[str, dict[str, Any]] = {}
@@ -137,17 +158,11 @@ class Scope:
 
     def _context(self) -> cel.Context:
         """A new context with all that expressions see: the library can't remove a variable from one."""
-        asking = {REACHED: self._reached, PASSED: self._passed}
+        asking = {REACHED: self.instant.reached, PASSED: self.instant.passed}
         variables = dict(self._values)
         variables |= {HEARD + stream: stream in self._values for stream in self._asked}
         variables |= {SINCE + stream: since for stream, since in self._since.items()}
         return cel.Context(variables, FUNCTIONS | cel_numbers.FUNCTIONS | asking)
-
-    def _reached(self, since: float, seconds: float) -> bool:
-        return since + seconds <= self.now
-
-    def _passed(self, since: float, seconds: float) -> bool:
-        return since + seconds < self.now
 
     def holds_nan(self, streams: Iterable[str]) -> bool:
         """Whether expressions see a NaN in any of these streams."""

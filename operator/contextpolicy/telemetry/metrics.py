@@ -64,27 +64,30 @@ EVENTS_LEFT_OUT = Counter(
     "contextpolicy_events_left_out_total", "Events on a policy that were not posted, because it had too many.", POLICY
 )
 
-_OF_A_POLICY = (
+_KNOWN_BEFOREHAND = (
     SAMPLE_TO_PLAN,
     PLAN_TO_PATCH,
     PATCH_TO_IN_FORCE,
     REACTION,
     PLANS,
-    DROPS,
     HELD_BACK,
-    CONTEXT_ACTIVE,
-    TASK_SHARE,
-    TASK_WEIGHT,
-    RESIZES,
     CONTESTS,
     EVENTS_LEFT_OUT,
 )
+"""Those that need no label but the policy's."""
+_OF_A_POLICY = (*_KNOWN_BEFOREHAND, DROPS, CONTEXT_ACTIVE, TASK_SHARE, TASK_WEIGHT, RESIZES)
 
 
 def labels(policy: str) -> tuple[str, str]:
     """The first two labels of everything here, from the policy's `namespace/name`."""
     namespace, _, name = policy.partition("/")
     return namespace, name
+
+
+def begin(policy: str) -> None:
+    """The policy starts: count from 0, because the first increase of a series that was not there is not seen."""
+    for metric in _KNOWN_BEFOREHAND:
+        metric.labels(*labels(policy))
 
 
 def measure(policy: Policy, plan: Plan) -> None:

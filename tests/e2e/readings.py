@@ -11,17 +11,13 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING, Any
 
 from tests.bus.certificates import Authority
-from tests.e2e.cluster import CommandError, apply, run, until
+from tests.e2e.cluster import run
 from tests.node.layout import NODE_ADDRESS
+from tests.node.metrics_api import GROUP, ROOT, register, withdraw
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
-
-GROUP = "metrics.k8s.io"
-ROOT = f"/apis/{GROUP}/v1beta1"
-NAME = "e2e-metrics"
-NAMESPACE = "kube-system"
 
 
 class Readings:
@@ -78,50 +74,9 @@ def metrics_api(directory: Path, readings: Readings) -> Iterator[None]:
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:
-        apply(*_objects(server.server_port))
-        until("metrics are served", lambda: _served() or "not yet")
+        register(server.server_port)
         yield
     finally:
-        for kind, name in (("apiservice", f"v1beta1.{GROUP}"), ("service", NAME), ("endpointslice", NAME)):
-            run("kubectl", "delete", kind, name, "-n", NAMESPACE, "--ignore-not-found", "--timeout=60s")
+        withdraw()
         server.shutdown()
         server.server_close()
-
-
-def _served() -> bool:
-    try:
-        run("kubectl", "get", "--raw", ROOT)
-    except CommandError:
-        return False
-    return True
-
-
-def _objects(port: int) -> list[dict[str, Any]]:
-    metadata = {"name": NAME, "namespace": NAMESPACE}
-    labels = {"kubernetes.io/service-name": NAME}
-    port_of_slice = {"name": "https", "port": port, "protocol": "TCP"}
-    service = {"ports": [{**port_of_slice, "port": 443, "targetPort": port}]}
-    return [
-        {"apiVersion": "v1", "kind": "Service", "metadata": metadata, "spec": service},
-        {
-            "apiVersion": "discovery.k8s.io/v1",
-            "kind": "EndpointSlice",
-            "metadata": {**metadata, "labels": labels},
-            "addressType": "IPv4",
-            "ports": [port_of_slice],
-            "endpoints": [{"addresses": [NODE_ADDRESS], "conditions": {"ready": True}}],
-        },
-        {
-            "apiVersion": "apiregistration.k8s.io/v1",
-            "kind": "APIService",
-            "metadata": {"name": f"v1beta1.{GROUP}"},
-            "spec": {
-                "group": GROUP,
-                "version": "v1beta1",
-                "groupPriorityMinimum": 100,
-                "versionPriority": 100,
-                "insecureSkipTLSVerify": True,
-                "service": {"name": NAME, "namespace": NAMESPACE, "port": 443},
-            },
-        },
-    ]
