@@ -14,7 +14,6 @@ import sys
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from queue import Empty, Queue
 from random import randrange
 
 import pytest
@@ -121,7 +120,8 @@ class Stage(Background):
         self.killed: list[str] = []
         self.originals: dict[str, int] = {}
         self._away: dict[str, float] = {}
-        self._wanted: Queue[Coming] = Queue()
+        self._wanted: dict[str, Coming] = {}
+        self._come: dict[str, Coming] = {}
 
     def play(self, events):
         """All of the story, in its own time; then everything is back, and every pod has come that was to come."""
@@ -132,7 +132,7 @@ class Stage(Background):
         until("every part is back", lambda: not self._missing() or self._missing(), RECOVERY)
         for name in components.names():
             lifecycle.start(name)  # waits until it serves
-        until("every pod has come", lambda: self._wanted.unfinished_tasks == 0, RECOVERY)
+        until("every pod has come", lambda: self._come == self._wanted, RECOVERY)
         until("our own processes are back", lambda: all(map(main_processes, story.PODS)), RECOVERY)
 
     def _carry_out(self, event):
@@ -141,7 +141,7 @@ class Stage(Background):
                 self.robot.drive(speed)
                 self.robot.hear(level)
             case Coming():
-                self._wanted.put(event)
+                self._wanted[event.task] = event  # a busy node replaces pods more slowly than they are to come
             case Killing(part=part, away=away):
                 self._kill(part, away)
 
@@ -167,12 +167,10 @@ class Stage(Background):
                     self.watch.pids[part] = min(pids)
 
     def _replace_all(self):
-        while not self._stop.is_set():
-            with contextlib.suppress(Empty):
-                wanted = self._wanted.get(timeout=0.5)
-                while not self._replaced(wanted) and not self._stop.wait(1.0):
-                    pass
-                self._wanted.task_done()
+        while not self._stop.wait(0.2):
+            for name, wanted in list(self._wanted.items()):
+                if self._come.get(name) is not wanted and self._replaced(wanted):
+                    self._come[name] = wanted
 
     def _replaced(self, wanted):
         """Whether it could be done: the API or the kubelet may be away in the middle of it."""
