@@ -31,7 +31,7 @@ def narrow():
 @pytest.fixture(scope="module")
 def wide():
     """An operator of all namespaces; those that another serves it leaves alone."""
-    with governed(Release("wide", 57), watchNamespaces="{}") as release:
+    with governed(Release("wide", 57), watchNamespaces="null") as release:
         yield release
 
 
