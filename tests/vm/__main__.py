@@ -1,20 +1,25 @@
-"""The command line: python -m tests.vm builds the machine, runs the tests in it, and says how they ended."""
+"""The command line: python -m tests.vm [FILE[::TEST] ...] builds the machine, runs tests in it, says how they ended."""
 
 from __future__ import annotations
 
+import argparse
 import logging
 import shutil
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tests.node import build
 from tests.node.errors import ClusterError
 from tests.node.lock import held
 from tests.node.shell import run
 from tests.vm import machine, payload, system
-from tests.vm.guest import STAGES
+from tests.vm.guest import FILES, stages
 from tests.vm.places import BUILD, CONSOLE, DISK, INSIDE_LOGS, LOGS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
 
 log = logging.getLogger(__name__)
 
@@ -22,14 +27,15 @@ DEBIAN_PACKAGES = ("e2fsprogs", "qemu-system-x86")
 TIMEOUT = 5400.0
 
 
-def main() -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Exit 0 when every test passed; the logs stay in build/vm/ otherwise."""
     logging.basicConfig(level=logging.INFO, format="%(message)s")
+    tests = parser().parse_args(argv).tests
     started = time.monotonic()
     try:
         with held("vm"):
             build.install_packages(DEBIAN_PACKAGES)
-            failed = _run()
+            failed = _run(tests)
     except ClusterError as error:
         log.error("error: %s", error)  # noqa: TRY400, the message is the explanation
         return 1
@@ -37,13 +43,27 @@ def main() -> int:
     return 1 if failed else 0
 
 
-def _run() -> str:
+def parser() -> argparse.ArgumentParser:
+    """Return the command line; it refuses tests that are in no file of the machine's."""
+    top = argparse.ArgumentParser(prog="python -m tests.vm", description="Tests in a virtual machine with systemd.")
+    described = f"{', '.join(FILES)}, or a test of these; all if none is named"
+    top.add_argument("tests", nargs="*", type=_test, metavar="FILE[::TEST]", help=described)
+    return top
+
+
+def _test(name: str) -> str:
+    if not stages([name]):
+        raise argparse.ArgumentTypeError(f"{name}: its file is none of {', '.join(FILES)}")
+    return name
+
+
+def _run(tests: Sequence[str]) -> str:
     """Return what failed."""
     shutil.rmtree(BUILD, ignore_errors=True)
     root = BUILD / "root"
     try:
         system.unpack(root)
-        payload.write(root)
+        payload.write(root, tests)
         kernel, initial = (Path(shutil.copy(file, BUILD)) for file in system.kernel(root))
         system.make_disk(root, DISK)
         shutil.rmtree(root)
@@ -53,7 +73,7 @@ def _run() -> str:
         if DISK.exists():
             _read_logs()
             DISK.unlink()
-    return _verdict()
+    return _verdict(stages(tests))
 
 
 def _read_logs() -> None:
@@ -61,8 +81,8 @@ def _read_logs() -> None:
     run(["debugfs", "-R", f"rdump {INSIDE_LOGS} {LOGS}", str(DISK)], timeout=120)
 
 
-def _verdict() -> str:
-    codes = {stage: LOGS / INSIDE_LOGS.name / stage for stage in STAGES}
+def _verdict(planned: Iterable[str]) -> str:
+    codes = {stage: LOGS / INSIDE_LOGS.name / stage for stage in planned}
     return ", ".join(
         f"{stage}: {'exit ' + file.read_text() if file.exists() else 'not run'}; see {LOGS} and {CONSOLE}"
         for stage, file in codes.items()

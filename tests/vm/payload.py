@@ -12,9 +12,10 @@ from tests.node import build, cache
 from tests.node.layout import BIN, CACHE, CGROUP_DRIVER_VARIABLE, REPOSITORY, SOURCES
 from tests.node.shell import run_long
 from tests.vm import chart, store
-from tests.vm.places import INSIDE_CHART, INSIDE_LOGS, INSIDE_PACKAGES, INSIDE_REPOSITORY, SYSTEMS
+from tests.vm.places import INSIDE_CHART, INSIDE_LOGS, INSIDE_PACKAGES, INSIDE_REPOSITORY, SYSTEMS, TESTS_VARIABLE
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
 UNITS = SOURCES.parent / "vm" / "units"
@@ -26,14 +27,14 @@ SLOWNESS = 10
 PIP_TIMEOUT = 900.0
 
 
-def write(root: Path) -> None:
-    """Put everything into an unpacked root."""
+def write(root: Path, tests: Sequence[str]) -> None:
+    """Put everything into an unpacked root; `tests` are those to run, all if none is named."""
     _repository(root)
     shutil.copytree(_packages(), _below(root, INSIDE_PACKAGES))
     _programs(root)
     store.fill(root)
     _chart(root)
-    _settings(root)
+    _settings(root, tests)
 
 
 def _below(root: Path, inside: Path) -> Path:
@@ -90,11 +91,11 @@ def _chart(root: Path) -> None:
     _below(root, INSIDE_CHART).write_text(chart.rendered(str(helm / "helm")))
 
 
-def _settings(root: Path) -> None:
+def _settings(root: Path, tests: Sequence[str]) -> None:
     etc = root / "etc"
     (etc / "fstab").write_text("LABEL=root / ext4 defaults,noatime 0 1\n")
     (etc / "hostname").write_text("robot\n")
-    (etc / "contextpolicy-vm").write_text("".join(f"{name}={value}\n" for name, value in environment().items()))
+    (etc / "contextpolicy-vm").write_text("".join(f"{name}={value}\n" for name, value in environment(tests).items()))
     for unit in UNITS.iterdir():
         shutil.copy(unit, etc / "systemd" / "system")
     wanted = etc / "systemd" / "system" / "multi-user.target.wants"
@@ -105,7 +106,7 @@ def _settings(root: Path) -> None:
     (root / "var" / "log" / "journal").mkdir(exist_ok=True)  # makes the journal outlive the machine's reboot
 
 
-def environment() -> dict[str, str]:
+def environment(tests: Sequence[str] = ()) -> dict[str, str]:
     """Return what the machine's services find in their environment."""
     path = (INSIDE_REPOSITORY, INSIDE_REPOSITORY / "operator", INSIDE_PACKAGES)
     return {
@@ -115,4 +116,5 @@ def environment() -> dict[str, str]:
         "PATH": f"{BIN}:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
         "PYTHONPATH": os.pathsep.join(map(str, path)),
         "PYTHONUNBUFFERED": "1",
+        TESTS_VARIABLE: " ".join(tests),
     }

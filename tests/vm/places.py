@@ -17,3 +17,4 @@ INSIDE_REPOSITORY = INSIDE / "repository"
 INSIDE_PACKAGES = INSIDE / "packages"
 INSIDE_CHART = INSIDE / "chart.json"
 INSIDE_LOGS = Path("/var/log/contextpolicy-vm")
+TESTS_VARIABLE = "CONTEXTPOLICY_VM_TESTS"

@@ -7,7 +7,7 @@ import pytest
 from tests.node.errors import ClusterError
 from tests.vm import __main__ as command_line
 from tests.vm import machine
-from tests.vm.guest import STAGES
+from tests.vm.guest import FILES, STAGES, TESTS, stages
 
 
 def test_the_machine_has_no_network_and_its_own_time(tmp_path):
@@ -51,10 +51,31 @@ def logs(tmp_path, monkeypatch):
 def test_all_stages_must_have_run_and_passed(logs):
     for stage in STAGES:
         (logs / stage).write_text("0")
-    assert command_line._verdict() == ""
+    assert command_line._verdict(STAGES) == ""
 
 
 def test_a_stage_that_failed_or_never_ran_is_named(logs):
     (logs / "running").write_text("1")
-    assert "running: exit 1" in command_line._verdict()
-    assert "rebooted: not run" in command_line._verdict()
+    assert "running: exit 1" in command_line._verdict(STAGES)
+    assert "rebooted: not run" in command_line._verdict(STAGES)
+
+
+def test_everything_runs_when_nothing_is_chosen():
+    assert stages([]) == {stage: list(files) for stage, files in STAGES.items()}
+
+
+def test_a_stage_of_which_nothing_is_chosen_does_not_run(logs):
+    chosen = ["test_running.py::test_weights_move_too_and_are_restored"]
+    assert stages(chosen) == {"running": chosen}
+    (logs / "running").write_text("0")
+    assert command_line._verdict(stages(chosen)) == ""
+
+
+def test_files_that_can_be_chosen_are_all_there_are():
+    assert sorted(FILES) == sorted(file.name for file in TESTS.glob("test_*.py"))
+
+
+def test_an_unknown_file_is_refused_with_those_there_are(capsys):
+    with pytest.raises(SystemExit):
+        command_line.parser().parse_args(["test_runing.py"])
+    assert "test_runing.py: its file is none of test_systemd.py, test_running.py" in capsys.readouterr().err

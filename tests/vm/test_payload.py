@@ -20,6 +20,12 @@ def test_the_node_in_the_machine_uses_systemds_cgroups():
     assert str(INSIDE_REPOSITORY / "operator") in environment["PYTHONPATH"].split(":")
 
 
+def test_the_machine_is_told_which_tests_to_run():
+    assert payload.environment(["test_running.py::test_one", "test_rebooted.py"])["CONTEXTPOLICY_VM_TESTS"] == (
+        "test_running.py::test_one test_rebooted.py"
+    )
+
+
 @pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.stem)
 def test_what_units_start_and_name_exists(unit):
     text = unit.read_text()
