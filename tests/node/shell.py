@@ -57,7 +57,7 @@ def run_long(what: str, argv: Sequence[str], *, output: Path, timeout: float, en
     ):
         try:
             while process.poll() is None:
-                _heartbeat(what, process, elapsed=time.monotonic() - started, timeout=timeout)
+                _heartbeat(what, process, elapsed=time.monotonic() - started, timeout=timeout * PATIENCE)
         except BaseException:
             os.killpg(process.pid, signal.SIGKILL)  # and all that it started
             raise

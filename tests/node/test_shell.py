@@ -16,3 +16,10 @@ def test_a_program_that_takes_too_long_is_ended_with_all_that_it_started(tmp_pat
         shell.run_long("sleeping", ["sh", "-c", script], output=said, timeout=2, env=os.environ)
     child = Path(f"/proc/{said.read_text().strip()}")
     assert shell.wait_until(lambda: not child.exists() or "Z" in (child / "stat").read_text().split()[2], timeout=10)
+
+
+def test_every_bound_is_longer_on_a_machine_that_is_slow(tmp_path, monkeypatch):
+    monkeypatch.setattr(shell, "PATIENCE", 0.0)
+    monkeypatch.setattr(shell, "HEARTBEAT", 0.05)
+    with pytest.raises(ClusterError, match="sleeping: not done after 0 s"):
+        shell.run_long("sleeping", ["sleep", "10"], output=tmp_path / "log", timeout=60, env=os.environ)

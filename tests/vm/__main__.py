@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from tests.node import build
 from tests.node.errors import ClusterError
 from tests.node.lock import held
-from tests.node.shell import run
+from tests.node.shell import PATIENCE, run
 from tests.vm import machine, payload, system
 from tests.vm.guest import FILES, stages
 from tests.vm.places import BUILD, CONSOLE, DISK, INSIDE_LOGS, LOGS
@@ -67,7 +67,7 @@ def _run(tests: Sequence[str]) -> str:
         kernel, initial = (Path(shutil.copy(file, BUILD)) for file in system.kernel(root))
         system.make_disk(root, DISK)
         shutil.rmtree(root)
-        machine.run(machine.command(kernel, initial, DISK), CONSOLE, timeout=TIMEOUT)
+        machine.run(machine.command(kernel, initial, DISK), CONSOLE, timeout=TIMEOUT * PATIENCE)
     finally:
         shutil.rmtree(root, ignore_errors=True)
         if DISK.exists():
