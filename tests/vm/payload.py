@@ -22,6 +22,9 @@ UNITS = SOURCES.parent / "vm" / "units"
 LOCKED = REPOSITORY / "operator" / "requirements.txt"
 PYTHON = "3.11"  # Debian 12's
 PLATFORMS = ("manylinux_2_28_x86_64", "manylinux2014_x86_64", "manylinux_2_34_x86_64")
+MODULES = ("br_netfilter",)
+"""Kernel modules that k3s loads when it starts; in other kernels this one is built in. Without it the answer of a pod that
+was called at a service's address goes past what gives it that address back, if both pods are on one node."""
 SLOWNESS = 10
 """How many times longer the machine may take than a computer without emulation."""
 PIP_TIMEOUT = 900.0
@@ -95,6 +98,7 @@ def _settings(root: Path, tests: Sequence[str]) -> None:
     etc = root / "etc"
     (etc / "fstab").write_text("LABEL=root / ext4 defaults,noatime 0 1\n")
     (etc / "hostname").write_text("robot\n")
+    (etc / "modules-load.d" / "node.conf").write_text("".join(f"{module}\n" for module in MODULES))
     (etc / "contextpolicy-vm").write_text("".join(f"{name}={value}\n" for name, value in environment(tests).items()))
     for unit in UNITS.iterdir():
         shutil.copy(unit, etc / "systemd" / "system")

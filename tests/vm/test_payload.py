@@ -20,6 +20,15 @@ def test_the_node_in_the_machine_uses_systemds_cgroups():
     assert str(INSIDE_REPOSITORY / "operator") in environment["PYTHONPATH"].split(":")
 
 
+def test_pods_of_one_node_reach_each_other_through_a_service(tmp_path):
+    """The kernel of the machine has as a module what others have built in."""
+    for folder in ("systemd/system", "modules-load.d"):
+        (tmp_path / "etc" / folder).mkdir(parents=True)
+    (tmp_path / "var" / "log").mkdir(parents=True)
+    payload._settings(tmp_path, [])
+    assert "br_netfilter" in (tmp_path / "etc" / "modules-load.d" / "node.conf").read_text().split()
+
+
 def test_the_machine_is_told_which_tests_to_run():
     assert payload.environment(["test_running.py::test_one", "test_rebooted.py"])["CONTEXTPOLICY_VM_TESTS"] == (
         "test_running.py::test_one test_rebooted.py"
