@@ -23,8 +23,11 @@ LOCKED = REPOSITORY / "operator" / "requirements.txt"
 PYTHON = "3.11"  # Debian 12's
 PLATFORMS = ("manylinux_2_28_x86_64", "manylinux2014_x86_64", "manylinux_2_34_x86_64")
 MODULES = ("br_netfilter",)
-"""Kernel modules that k3s loads when it starts; in other kernels this one is built in. Without it the answer of a pod that
-was called at a service's address goes past what gives it that address back, if both pods are on one node."""
+"""Kernel modules that k3s loads when it starts; other kernels have this one built in.
+
+Without it the answer of a pod that was called at a service's address misses what gives it that address back, if both
+pods are on one node.
+"""
 SLOWNESS = 10
 """How many times longer the machine may take than a computer without emulation."""
 PIP_TIMEOUT = 900.0
