@@ -16,8 +16,8 @@ from modules.arm.task import MeArm
 from robotkit import Decision, DeviceError, Received
 from robotkit.simulated import on_a_pseudo_terminal
 from tests.modules.arm.test_joints import ARM
+from tests.waiting import PATIENCE
 
-PATIENCE_S = 10
 AWAY, BACK = {"move": [68, 100, 60], "grip": "open"}, {"home": True}
 
 
@@ -42,7 +42,7 @@ class World:
         self.arm.process(Received(json.dumps(order).encode(), now, now, "order"))
 
     def next(self, doing):
-        deadline = time.monotonic() + PATIENCE_S
+        deadline = time.monotonic() + PATIENCE
         while True:
             state = self.results.get(timeout=max(deadline - time.monotonic(), 0.01))
             if isinstance(state, DeviceError) or state["doing"] == doing:
@@ -61,7 +61,7 @@ def an_arm(device=None):
         finally:
             world.ended.set()
             world.arm.close()
-            thread.join(PATIENCE_S)
+            thread.join(PATIENCE)
     assert not thread.is_alive()
 
 
@@ -129,7 +129,7 @@ def test_what_does_not_answer_is_told(monkeypatch):
     device = Maestro()
     device.receive = lambda _: b""
     with an_arm(device) as world:
-        assert "no answer to a1 " in str(world.results.get(timeout=PATIENCE_S))
+        assert "no answer to a1 " in str(world.results.get(timeout=PATIENCE))
 
 
 def test_an_arm_that_is_unplugged_while_it_rests_is_told(monkeypatch):

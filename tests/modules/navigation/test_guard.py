@@ -14,8 +14,8 @@ from modules.navigation.guard import PASSED, PATIENCE, WAKE_EVERY, WAKE_S, Guard
 from modules.navigation.open_interface import Command, CommandParser, Opcode
 from modules.navigation.simulator import Create2
 from robotkit.simulated import on_a_pseudo_terminal
+from tests import waiting
 
-PATIENCE_S = 10
 FORWARD = oi.drive_direct(right=200, left=200)
 
 
@@ -93,7 +93,7 @@ class Witness(Create2):
 
     def wait_for(self, *, turning):
         with self.changed:
-            assert self.changed.wait_for(lambda: any(self.wheels) == turning, PATIENCE_S)
+            assert self.changed.wait_for(lambda: any(self.wheels) == turning, waiting.PATIENCE)
 
 
 @contextmanager
@@ -107,7 +107,7 @@ def a_guarded_robot():
             yield robot, guard, lambda: socket.create_connection(server.getsockname())
         finally:
             guard.wake()
-            thread.join(PATIENCE_S)
+            thread.join(waiting.PATIENCE)
             assert not thread.is_alive()
 
 
@@ -145,7 +145,7 @@ def test_wheels_that_a_dead_guard_left_turning_in_the_middle_of_a_command_stand(
         thread.start()
         robot.wait_for(turning=False)
         guard.wake()
-        thread.join(PATIENCE_S)
+        thread.join(waiting.PATIENCE)
 
 
 def test_a_robot_that_is_not_there_is_looked_for_until_the_end(caplog):
@@ -154,7 +154,7 @@ def test_a_robot_that_is_not_there_is_looked_for_until_the_end(caplog):
         thread = threading.Thread(target=guard.run, args=("/dev/nowhere",))
         thread.start()
         guard.wake()
-        thread.join(PATIENCE_S)
+        thread.join(waiting.PATIENCE)
     assert not thread.is_alive()
     assert os.path.exists("/dev/nowhere") is False  # noqa: PTH110
     assert all("cannot be opened" in message for message in caplog.messages)

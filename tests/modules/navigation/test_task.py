@@ -16,7 +16,8 @@ from modules.navigation.simulator import Body
 from modules.navigation.task import Navigation
 from robotkit import UNPLANNED, Decision, DeviceError, Received
 from robotkit.simulated import on_a_pseudo_terminal
-from tests.modules.navigation.test_guard import PATIENCE_S, Witness
+from tests.modules.navigation.test_guard import Witness
+from tests.waiting import PATIENCE
 
 AHEAD = {"waypoints": [[5, 0]]}
 
@@ -53,7 +54,7 @@ class World:
 
     def next(self, output, **expected):
         """Wait for a result that says what is expected."""
-        deadline = time.monotonic() + PATIENCE_S
+        deadline = time.monotonic() + PATIENCE
         while True:
             result = self.results.get(timeout=max(deadline - time.monotonic(), 0.01))
             if result.output == output and all(result.value[name] == value for name, value in expected.items()):
@@ -83,7 +84,7 @@ def a_driving_robot(body=None):
         finally:
             world.ended.set()
             for thread in threads:
-                thread.join(PATIENCE_S)
+                thread.join(PATIENCE)
 
 
 def watch(world):
@@ -148,7 +149,7 @@ def test_lifted_it_stands_until_it_is_told_again():
 def test_a_robot_that_falls_silent_is_a_device_error():
     with a_driving_robot() as world:
         world.robot.receive(oi.STOP)
-        assert "no sensor data for 1 s; is the robot on?" in str(world.failed.get(timeout=PATIENCE_S))
+        assert "no sensor data for 1 s; is the robot on?" in str(world.failed.get(timeout=PATIENCE))
 
 
 def test_noise_on_the_line_is_counted_and_the_drive_goes_on():

@@ -13,7 +13,8 @@ from contextpolicy.policy.spec import Encoding, Stream
 from contextpolicy.streams.subscription import inputs
 from contextpolicy.streams.timeline import parse
 from robotkit.euroc import DatasetError
-from tests.modules.robotkit.bus import PATIENCE_S, client, router
+from tests.modules.robotkit.bus import client, router
+from tests.waiting import PATIENCE
 from timelines.replay.__main__ import main
 from timelines.replay.player import Options, Report, TimelineInputs, _window, play
 
@@ -83,7 +84,7 @@ def test_samples_arrive_with_their_stamp(bus, datasets):
     robot.declare_subscriber("robot/**", lambda sample: heard.put((str(sample.key_expr), sample.payload.to_bytes())))
     report = play(parse(TIMELINE), player, stop=threading.Event(), options=Options(rate=4), datasets=datasets)
     assert report.published == {"robot/imu": 4, "robot/battery": 1, "robot/microphone": 2}
-    got = [heard.get(timeout=PATIENCE_S) for _ in range(5)]  # the first may be gone before the router knows the player
+    got = [heard.get(timeout=PATIENCE) for _ in range(5)]  # the first may be gone before the router knows the player
     assert ("robot/battery", b"7") in got
     assert ("robot/microphone", bytes(3200)) in got
     imu = json.loads(next(payload for key, payload in got if key == "robot/imu"))
@@ -124,9 +125,9 @@ def test_a_ros_policys_streams_hear_a_timeline_as_they_hear_the_robot(bus):
     )
     subscription = source.subscribe(heard.put)
     report = play(parse(ROS), player, stop=threading.Event())
-    samples = [heard.get(timeout=PATIENCE_S)]  # the first may be gone before the router knows the player
+    samples = [heard.get(timeout=PATIENCE)]  # the first may be gone before the router knows the player
     while samples[-1].stream != "light":
-        samples.append(heard.get(timeout=PATIENCE_S))
+        samples.append(heard.get(timeout=PATIENCE))
     subscription.dispose()
     loop.dispose()
     assert drops == []
