@@ -6,8 +6,8 @@ import random
 import socket
 
 PORTS = range(20_000, 30_000)
-"""Below those that Linux gives to outgoing connections (`net.ipv4.ip_local_port_range`): who connects somewhere, or tries
-to reach a server that is not there yet, can't take the port meanwhile."""
+"""Below those that Linux gives to outgoing connections (`net.ipv4.ip_local_port_range`): none of these can take the
+port between two lives of a server, or find itself there in place of a server that is not up yet."""
 
 
 def free_port() -> int:

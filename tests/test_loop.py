@@ -9,8 +9,7 @@ from reactivex.internal.exceptions import DisposedException
 
 from contextpolicy import loop as module
 from contextpolicy.loop import Loop
-
-PATIENCE = 5.0
+from tests.waiting import PATIENCE
 
 
 @pytest.fixture

@@ -13,7 +13,8 @@ from contextpolicy.bus.session import open_client, open_router
 from contextpolicy.commands import router
 from contextpolicy.commands.credentials import directory
 from tests.bus.certificates import Authority
-from tests.modules.robotkit.bus import Matching, free_port
+from tests.modules.robotkit.bus import Matching
+from tests.ports import free_port
 from tests.waiting import PATIENCE, until
 
 PLAN = "contextpolicy/robot/delivery/plan"
@@ -40,7 +41,7 @@ def program(monkeypatch):
 
     yield start
     handlers[router.signal.SIGTERM](None, None)
-    threads[0].join(10)
+    threads[0].join(PATIENCE)
     assert not threads[0].is_alive()
 
 

@@ -16,6 +16,13 @@ from robotkit.simulated import on_a_pseudo_terminal
 from tests.waiting import PATIENCE
 
 
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch):
+    """With a device that shares a busy machine with its task."""
+    monkeypatch.setattr(scanner, "ANSWER_S", PATIENCE)
+    monkeypatch.setattr(scanner, "SPIN_UP_S", PATIENCE)
+
+
 class Witness(RplidarA1):
     """A lidar that can be noisy or ill, and tells when its scan ends."""
 
@@ -82,7 +89,8 @@ def test_a_lidar_that_is_mounted_backward_shows_the_same_room():
 
 
 @pytest.mark.parametrize("mode", scanner.MODES)
-def test_noise_on_the_line_is_counted_and_the_scans_go_on(mode):
+def test_noise_on_the_line_is_counted_and_the_scans_go_on(mode, monkeypatch):
+    monkeypatch.setattr(scanner, "ANSWER_S", 1.0)  # before it begins it waits that long for the noise to end
     device = Witness()
     device.noise = b"\x13\xa5"
     with scans(device, mode=mode) as results:
@@ -114,10 +122,12 @@ def test_a_lidar_that_is_ill_also_after_a_reset_is_told():
 
 
 def test_a_lidar_that_falls_silent_is_told(monkeypatch):
-    monkeypatch.setattr(scanner, "ANSWER_S", 0.2)
     device = Witness()
     with scans(device) as results:
         results.get(timeout=PATIENCE)
+        monkeypatch.setattr(scanner, "ANSWER_S", 0.2)
+        for _ in range(5):  # what was read before has at most three turns: the new patience holds
+            results.get(timeout=PATIENCE)
         device.receive(rplidar.STOP)
         told = results.get(timeout=PATIENCE)
         while not isinstance(told, DeviceError):

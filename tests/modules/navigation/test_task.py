@@ -17,7 +17,7 @@ from modules.navigation.task import Navigation
 from robotkit import UNPLANNED, Decision, DeviceError, Received
 from robotkit.simulated import on_a_pseudo_terminal
 from tests.modules.navigation.test_guard import Witness
-from tests.waiting import PATIENCE
+from tests.waiting import PATIENCE, until
 
 AHEAD = {"waypoints": [[5, 0]]}
 
@@ -41,6 +41,17 @@ class World:
 
     def order(self, order):
         self.navigation.process(received("order", order))
+
+    def set_out(self):
+        """Drive ahead. On a busy machine an order may end because the robot was not in Safe mode soon enough."""
+
+        def turns():
+            if not self.navigation._pilot.wanted:
+                self.order(AHEAD)
+            return any(self.robot.wheels)
+
+        until(turns)
+        self.robot.wait_for(turning=True)
 
     def see(self, distance=3.0):
         self.navigation.process(received("scan", {"ranges": [distance] * 360}))
@@ -78,8 +89,7 @@ def a_driving_robot(body=None):
             thread.start()
         world.next("odometry")
         try:
-            world.order(AHEAD)
-            robot.wait_for(turning=True)
+            world.set_out()
             yield world
         finally:
             world.ended.set()
@@ -141,9 +151,9 @@ def test_lifted_it_stands_until_it_is_told_again():
         world.robot.drops = packets.DROP_LEFT | packets.DROP_RIGHT
         world.next("state", doing="lifted", mode="passive")
         world.robot.drops = 0
+        world.robot.wait_for(turning=False)
         world.hear_anew()
-        world.order(AHEAD)
-        world.robot.wait_for(turning=True)
+        world.set_out()
 
 
 def test_a_robot_that_falls_silent_is_a_device_error():

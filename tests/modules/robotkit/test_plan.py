@@ -8,7 +8,8 @@ import pytest
 import zenoh
 
 from robotkit.plan import UNPLANNED, Decision, Decisions, PlanListener
-from tests.modules.robotkit.bus import Matching, client, free_port, router
+from tests.modules.robotkit.bus import Matching, client, router
+from tests.ports import free_port
 from tests.waiting import PATIENCE
 
 KEY = "contextpolicy/robot/demo/plan"
