@@ -1,7 +1,7 @@
 """Property tests: the machine may be busy, so no example, and no making of one, has a deadline.
 
-The same code is tried on the same examples: what fails was broken by the change that it fails on. Others, at random, are
-tried with `pytest --hypothesis-profile default`.
+The same code is tried on the same examples: what fails was broken by the change that it fails on. Others, at random,
+are tried with `pytest --hypothesis-profile default`.
 """
 
 from __future__ import annotations
