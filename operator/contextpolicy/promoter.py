@@ -148,7 +148,8 @@ class Promoter:
         if health.suspended:
             trial.probation.rest(task)
         elif not trial.promoted:
-            trial.probation.learn(task, health.misses, plan.contexts, now)
+            if trial.probation.learn(task, health.misses, plan.contexts, now):
+                self._announcer.report(reference)
         elif trial.probation.judge(policy.shadow, task, health.misses, plan.contexts, now):
             self._take_back(reference, entry, trial, task)
 

@@ -113,6 +113,11 @@ def test_its_status_tells_the_misses_before_and_since(promoted):
     ]
 
 
+def test_its_status_tells_the_misses_before_as_soon_as_they_are_known(beside):
+    misses(beside, 20, 0.01)
+    assert shadow_of(beside)["tasks"] == [{"name": "slam", "missesBefore": pytest.approx(0.01)}]
+
+
 def test_what_was_taken_back_stays_back_until_it_is_edited(promoted):
     misses(promoted, 10, 0.9)
     taken = promoted.cluster.statuses["lab/robot-next"]

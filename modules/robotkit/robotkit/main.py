@@ -10,6 +10,8 @@ import sys
 import threading
 from typing import TYPE_CHECKING
 
+import zenoh
+
 from robotkit.errors import ConfigurationError
 from robotkit.module import load_module
 from robotkit.plan import PLAN_KEY
@@ -33,6 +35,7 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT)
 def main(module_yaml: Path, build: Callable[[], Task]) -> None:
     """Run the task that `build` makes until a signal comes; a bad configuration is one line and exit code 2."""
     logging.basicConfig(level=logging.INFO, format=f"%(asctime)s {module_yaml.parent.name}: %(message)s")
+    zenoh.init_log_from_env_or("error")  # else nobody learns why frames don't go by shared memory
     sys.setswitchinterval(SWITCH_S)
     stop = _stop_on_signal()
     try:

@@ -20,6 +20,9 @@ ATTEMPT_MS = 1000
 LEASE_MS = 1000
 QUEUE = 16
 """Messages queued for the network, per priority; with Zenoh's default of 2 a busy robot drops some."""
+POOL = 3 << 20
+"""Bytes of shared memory that a publisher makes for its frames. All of it is locked, by whoever hears it too: Zenoh's
+default of 16 MiB is more than a container may lock (8 MiB, systemd's default), and then frames go by TCP."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -63,6 +66,7 @@ def client_config(addresses: Sequence[str], *, shared_memory: bool = False, secr
         ("transport/link/tx/lease", LEASE_MS),
         *((f"transport/link/tx/queue/size/{priority}", QUEUE) for priority in ("real_time", "data")),
         ("transport/shared_memory/enabled", shared_memory),
+        ("transport/shared_memory/transport_optimization/pool_size", POOL),
         *(_identity(secret) if secret else ()),
     ):
         _insert(config, key, value)

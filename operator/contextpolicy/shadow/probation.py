@@ -66,10 +66,15 @@ class Probation:
         """The task is suspended: it misses nothing until it reports anew."""
         self._heard.pop(task, None)
 
-    def learn(self, task: str, misses: float, contexts: tuple[str, ...], now: float) -> None:
-        """A report while the shadow is not promoted: the part of its inputs that the task missed, in these contexts."""
+    def learn(self, task: str, misses: float, contexts: tuple[str, ...], now: float) -> bool:
+        """A report while the shadow is not promoted: the part of its inputs that the task missed, in these contexts.
+
+        True when this makes its misses known.
+        """
+        unknown = self.before(task) is None
         by_contexts = self._before.setdefault(task, {})
         by_contexts.setdefault(contexts, _Misses()).add(misses, self._lasted(task, now))
+        return unknown and self.before(task) is not None
 
     def judge(self, shadow: Shadow, task: str, misses: float, contexts: tuple[str, ...], now: float) -> bool:
         """A report while the shadow is promoted; True when its promotion is to be taken back."""

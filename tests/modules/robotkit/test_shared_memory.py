@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from contextlib import ExitStack
 
 import pytest
@@ -11,6 +13,18 @@ from robotkit.inputs import Inputs
 from tests.modules.robotkit.bus import Matching, client, router, soon
 
 FRAME = bytes(range(256)) * 1000
+USUAL = 8 << 20
+"""What systemd lets a service and its children lock, a container's processes too: they don't have CAP_IPC_LOCK."""
+CAMERA = """
+import sys
+from tests.modules.robotkit.bus import Matching, client
+from tests.modules.robotkit.test_shared_memory import FRAME
+with client(sys.argv[1], shared_memory=True) as camera:
+    publisher = camera.declare_publisher("test/frame")
+    Matching(publisher).wait(expected=True)
+    for _ in sys.stdin:
+        publisher.put(FRAME)
+"""
 
 
 @pytest.mark.parametrize("both", [True, False])
@@ -28,6 +42,21 @@ def test_a_frame_stays_where_it_is_when_all_share_memory(both):
             publisher.put(FRAME)
             assert soon(inputs.take).payload == FRAME
         assert (inputs.shared["frame"] > 0) == both
+        inputs.close()
+
+
+def test_a_containers_process_may_lock_enough_memory():
+    argv = ["setpriv", "--bounding-set", "-ipc_lock", "prlimit", f"--memlock={USUAL}", sys.executable, "-c", CAMERA]
+    with router() as address, client(address, shared_memory=True) as module:
+        inputs = Inputs(module, {"frame": Input("test/frame", depth=5)})
+        inputs.resume()
+        with subprocess.Popen([*argv, address], stdin=subprocess.PIPE, text=True) as camera:
+            for _ in range(3):
+                camera.stdin.write("\n")
+                camera.stdin.flush()
+                assert soon(inputs.take).payload == FRAME
+            camera.stdin.close()
+        assert inputs.shared["frame"] > 0
         inputs.close()
 
 
