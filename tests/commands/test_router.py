@@ -23,8 +23,8 @@ PLAN = "contextpolicy/robot/delivery/plan"
 @pytest.fixture
 def program(monkeypatch):
     """Run the command on a thread, where there are no signals."""
-    handlers, threads = {}, []
-    monkeypatch.setattr(router.signal, "signal", handlers.__setitem__)
+    stop, threads = threading.Event(), []
+    monkeypatch.setattr(router, "stop_on_signals", lambda: stop)
     monkeypatch.setattr(router, "LOOK", 0.02)
 
     def start(endpoint, credentials, *, fleet=False):
@@ -40,7 +40,7 @@ def program(monkeypatch):
         threads[0].start()
 
     yield start
-    handlers[router.signal.SIGTERM](None, None)
+    stop.set()
     threads[0].join(PATIENCE)
     assert not threads[0].is_alive()
 
