@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -123,29 +124,42 @@ class BusView:
 
 
 def _read(policy: str, content: Mapping[str, Any]) -> PolicyView:
-    fields = ("weight", "share", "suspended")
     limited = content["control"] == Control.LIMIT
     fair = {name for name, node in content["nodes"].items() if node["scheduler"] == Scheduler.CFS}
     return PolicyView(
         policy=policy,
         order=(int(content["run"]), int(content["sequence"]), int(content.get("edition", 0))),
-        time=float(content["time"]),
+        time=_number(content["time"]),
         mode=str(content["mode"]),
         scheduler=str(content["scheduler"]),
         control=str(content["control"]),
         contexts=[str(context) for context in content["contexts"]],
         cause=str(content["cause"]),
-        tasks={name: {one: task[one] for one in fields} for name, task in content["tasks"].items()},
+        tasks={
+            name: {
+                "weight": _number(task["weight"]),
+                "share": _number(task["share"]),
+                "suspended": bool(task["suspended"]),
+            }
+            for name, task in content["tasks"].items()
+        },
         targets={
             f"{one['namespace']}/{one['pod']}/{one['container']}": ShownTarget(
-                task=one["task"],
-                cores=one["cores"],
+                task=str(one["task"]),
+                cores=_number(one["cores"]),
                 stage="inForce" if limited and one["limit"] == one["cores"] else "planned",
                 resized=one["node"] in fair,
             )
             for one in content["targets"]
         },
     )
+
+
+def _number(value: float) -> float:
+    """What a message gives for a number: float() would also read text, and JSON as Python reads it has infinities."""
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"not a number: {value!r:.80}")
+    return value
 
 
 def live(view: BusView, now: float) -> Group | Text:
