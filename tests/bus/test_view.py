@@ -117,7 +117,7 @@ def test_a_withdrawn_plan_is_gone() -> None:
         (KEY, json.dumps(plan(targets=[{}])).encode()),
         (KEY, json.dumps(plan(tasks={"slam": {"weight": 1.0, "share": "all", "suspended": False}})).encode()),
         (KEY, json.dumps(plan(tasks={"slam": {"weight": [], "share": 0.1, "suspended": False}})).encode()),
-        (KEY, json.dumps(plan(targets=[target("slam", "1")])).encode()),
+        (KEY, json.dumps(plan(targets=[{**target("slam", 1.0), "cores": "1"}])).encode()),
         (KEY, json.dumps(plan(time=float("inf"))).encode()),
         (KEY, json.dumps(plan(tasks={"slam": 1})).encode()),
         (KEY, json.dumps(plan(time=None)).encode()),
