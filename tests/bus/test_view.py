@@ -142,6 +142,7 @@ def test_what_nobody_can_read_changes_nothing(key: str, payload: bytes) -> None:
         {"streams": {"imu": {"age": "long", "samples": 7, "silent": False}}},
         {"streams": []},
         {"reactions": {"count": 3}},
+        {"reactions": {}},
     ],
 )
 def test_a_board_that_nobody_can_read_is_not_shown(change: dict[str, Any]) -> None:

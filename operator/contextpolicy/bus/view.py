@@ -172,7 +172,9 @@ def _read_board(board: Mapping[str, Any]) -> dict[str, Any]:
             name: {"age": _known(one["age"]), "samples": int(one["samples"]), "silent": bool(one["silent"])}
             for name, one in board["streams"].items()
         },
-        "reactions": reactions and {name: _number(reactions[name]) for name in ("count", "median", "worst", "last")},
+        "reactions": None
+        if reactions is None
+        else {name: _number(reactions[name]) for name in ("count", "median", "worst", "last")},
     }
 
 
