@@ -12,8 +12,8 @@ from unittest.mock import create_autospec
 
 from contextpolicy.runtime import Runtime
 from tests.cluster.builders import a_pod
+from tests.waiting import PATIENCE
 
-PATIENCE = 20.0
 METHODS = (
     "connected",
     "policy_changed",

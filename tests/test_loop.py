@@ -3,14 +3,14 @@ from __future__ import annotations
 import logging
 from datetime import UTC, datetime, timedelta
 from threading import Event, current_thread
+from types import SimpleNamespace
 
 import pytest
 from reactivex.internal.exceptions import DisposedException
 
 from contextpolicy import loop as module
 from contextpolicy.loop import Loop
-
-PATIENCE = 5.0
+from tests.waiting import PATIENCE
 
 
 @pytest.fixture
@@ -35,12 +35,16 @@ def test_everything_happens_in_order_on_one_thread_that_is_not_the_callers(loop)
     assert seen == [(n, "loop") for n in range(100)]
 
 
-def test_timers_act_by_the_order_of_their_deadlines(loop):
-    seen, done = [], Event()
+def test_timers_act_by_the_order_of_their_deadlines(monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    loop, seen, done = Loop(), [], Event()
     loop.schedule_relative(0.02, lambda *_: (seen.append("late"), done.set()))
     loop.schedule_relative(0.01, lambda *_: seen.append("early"))
     loop.schedule(lambda *_: seen.append("now"))
+    clock[0] += 1.0
     assert done.wait(PATIENCE)
+    loop.dispose()
     assert seen == ["now", "early", "late"]
 
 

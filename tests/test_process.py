@@ -19,9 +19,9 @@ from contextpolicy.leadership import NAMESPACE_LEASE
 from contextpolicy.process import OperatorProcess, reach
 from contextpolicy.runtime import Runtime
 from contextpolicy.settings import Settings
-from tests.modules.robotkit.bus import free_port
-from tests.small_cluster import PATIENCE, SmallCluster, Told
-from tests.waiting import until
+from tests.ports import free_port
+from tests.small_cluster import SmallCluster, Told
+from tests.waiting import PATIENCE, until
 
 OWN = ("system", "release")
 

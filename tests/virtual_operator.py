@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import time
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from reactivex.disposable import Disposable
 from reactivex.testing import TestScheduler
 
+from contextpolicy import controller, insight
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.tenants import Tenants
 from contextpolicy.runtime import Runtime
+from contextpolicy.streams import subscription
 from contextpolicy.telemetry.reporter import STATUS_INTERVAL
 from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.actuators.resize.rig import MOMENT, Workers
@@ -20,9 +24,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from concurrent.futures import Future
 
+    import pytest
     from reactivex.abc import DisposableBase
 
 START = 1_000_000.0
+CLOCKED = (controller, insight, subscription)
+"""What notes for the recorder when something arrived or was published."""
 
 
 class VirtualLoop(TestScheduler):
@@ -85,6 +92,12 @@ class VirtualOperator:
         self.cluster, self.session = ClusterWithPolicies(*pods), FakeSession()
         self.tenants = Tenants()
         self.start()
+
+    def keep_time(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Let the recorder's clock be virtual too: what is recorded does not depend on how long the test takes."""
+        clock = SimpleNamespace(monotonic=lambda: self.loop.to_seconds(self.loop.now), time=time.time)
+        for module in CLOCKED:
+            monkeypatch.setattr(module, "time", clock)
 
     def start(self) -> None:
         """Begin anew, as after a crash."""

@@ -9,9 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
 import sys
-import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +21,7 @@ from modules.slam.trajectory import TrajectoryError, associate, load, save
 from modules.slam.trajectory_error import absolute_errors, end_drift, relative_errors, statistics
 from robotkit import ConfigurationError
 from robotkit.session import credentials, endpoints, open_session
+from robotkit.termination import stop_on_signals
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -71,9 +70,7 @@ def _estimate(options: argparse.Namespace) -> Estimate:
         return Estimate()
     if options.run:
         return estimates.run(options.truth, share=options.share, loops=not options.odometry)
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = stop_on_signals()
     with open_session(endpoints({"ZENOH_CONNECT": options.connect}), stop, secret=credentials(os.environ)) as session:
         return Estimate() if session is None else estimates.listen(session, options.key, stop, options.seconds)
 

@@ -89,7 +89,7 @@ def test_what_is_no_plan_changes_nothing_and_is_counted(tree, agent, slam, paylo
     assert sum(agent.report()["refused"].values()) == 2
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(st.sampled_from(sorted(a_target())), JSON)
 def test_no_message_ends_the_agent(agent, field, value):
     message = json.loads(a_message(a_target()))

@@ -8,8 +8,7 @@ import queue
 import pytest
 
 from contextpolicy.agent.inotify import WriteWatch
-
-PATIENCE = 10
+from tests.waiting import PATIENCE
 
 
 @pytest.fixture

@@ -16,7 +16,8 @@ from statistics import median
 import zenoh
 
 from robotkit.session import client_config
-from tests.modules.robotkit.bus import free_port, router_config
+from tests.modules.robotkit.bus import router_config
+from tests.ports import free_port
 
 KEY = "bench/frame"
 PERIOD_S = 0.02

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import ipaddress
+import tempfile
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519
 from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 DAY = 86400.0
 
@@ -48,8 +46,9 @@ class Authority:
     def trust(self, name: str) -> Path:
         """A directory with ca.crt only."""
         directory = self._directory / name
-        directory.mkdir(parents=True, exist_ok=True)
-        (directory / "ca.crt").write_bytes(self._certificate.public_bytes(Encoding.PEM))
+        if not directory.exists():
+            directory.mkdir(parents=True)
+            (directory / "ca.crt").write_bytes(self._certificate.public_bytes(Encoding.PEM))
         return directory
 
 
@@ -75,6 +74,12 @@ def _unsigned(name: str, issuer: str, key, seconds: float) -> x509.CertificateBu
 
 
 def _write(directory: Path, certificate: x509.Certificate, key) -> None:
-    (directory / "tls.crt").write_bytes(certificate.public_bytes(Encoding.PEM))
-    pem = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
-    (directory / "tls.key").write_bytes(pem)
+    """As a kubelet does it: whoever looks meanwhile finds both old files or both new ones."""
+    data, fresh = directory / "..data", Path(tempfile.mkdtemp(dir=directory, prefix=".."))
+    (fresh / "tls.crt").write_bytes(certificate.public_bytes(Encoding.PEM))
+    (fresh / "tls.key").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    (fresh / "link").symlink_to(fresh.name)
+    (fresh / "link").replace(data)
+    for name in ("tls.crt", "tls.key"):
+        if not (directory / name).is_symlink():
+            (directory / name).symlink_to(f"{data.name}/{name}")

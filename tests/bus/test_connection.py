@@ -6,9 +6,8 @@ import queue
 
 from contextpolicy.bus.connection import Connection
 from contextpolicy.bus.session import open_router, open_visitor
-from tests.modules.robotkit.bus import free_port
-
-PATIENCE = 15.0
+from tests.ports import free_port
+from tests.waiting import PATIENCE
 
 
 def test_a_router_that_ends_is_noticed_and_so_is_the_next():

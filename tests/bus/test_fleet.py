@@ -15,9 +15,11 @@ import zenoh
 
 from contextpolicy.bus.session import open_client, open_fleet_router, open_router
 from tests.bus.certificates import Authority
-from tests.modules.robotkit.bus import free_port
+from tests.modules.robotkit.bus import ask
+from tests.ports import free_port
+from tests.waiting import PATIENCE
 
-SOON, NEVER = 10.0, 0.5
+NEVER = 0.5
 IMU = "robot/imu"
 
 
@@ -96,8 +98,7 @@ def test_the_fleet_sees_what_every_robot_decides(fleet):
 def test_the_fleet_may_ask_each_robot_why(fleet):
     key, viewer = "contextpolicy/one/delivery/explain", fleet.client("fleet", "viewer")
     fleet.client("one", "operator").declare_queryable(key, lambda query: query.reply(key, "it moves"))
-    asked = (list(viewer.get(key, timeout=SOON)) for _ in range(1000))
-    assert next(filter(None, asked))[0].ok.payload.to_string() == "it moves"
+    assert ask(viewer, key) == ["it moves"]
 
 
 def test_nothing_goes_from_robot_to_robot(fleet):
@@ -161,7 +162,7 @@ def test_a_fleet_that_hangs_holds_no_robot_up(tmp_path):
         fleet.send_signal(signal.SIGSTOP)
         for number in range(2000):
             patient.put(f"{number} {'x' * 4000}")
-        heard = iter(lambda: plans.get(timeout=SOON)[1].partition(" ")[0], "1999")
+        heard = iter(lambda: plans.get(timeout=PATIENCE)[1].partition(" ")[0], "1999")
         assert set(heard) - {"first"} == {str(number) for number in range(1999)}
 
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import logging
-import socket
 from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 
@@ -11,14 +10,14 @@ import zenoh
 
 from contextpolicy.bus import session
 from contextpolicy.bus.session import open_client, open_router, open_visitor
-
-PATIENCE = 15.0
+from tests.modules.robotkit.bus import Matching
+from tests.ports import free_port
+from tests.waiting import PATIENCE
 
 
 @pytest.fixture
 def endpoint():
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 @pytest.fixture
@@ -31,9 +30,7 @@ def test_a_client_talks_through_the_router(endpoint):
     with open_router([endpoint]), open_client([endpoint], Event()) as one, open_client([endpoint], Event()) as other:
         one.declare_subscriber("robot/imu", lambda _: heard.set())
         publisher = other.declare_publisher("robot/imu")
-        matched = Event()
-        publisher.declare_matching_listener(lambda status: status.matching and matched.set())
-        assert publisher.matching_status.matching or matched.wait(PATIENCE)
+        Matching(publisher).wait(expected=True)
         publisher.put(b"{}")
         assert heard.wait(PATIENCE)
 

@@ -13,7 +13,7 @@ from contextpolicy.bus.roles import ROLES
 from contextpolicy.bus.session import open_client, open_router
 from contextpolicy.bus.signatures import Signer, Verifier
 from tests.charts.test_chart import container, environment
-from tests.modules.robotkit.bus import free_port
+from tests.ports import free_port
 
 NOW = 1_800_000_000_000_000_000
 WORKLOADS = {

@@ -15,6 +15,7 @@ from kubernetes.config import ConfigException
 from contextpolicy.cluster import api as module
 from contextpolicy.cluster.api import ApiServer
 from contextpolicy.errors import ActuationError
+from tests.ports import free_port
 
 POD = {"kind": "Pod", "metadata": {"name": "slam", "generation": 3, "resourceVersion": "4711"}}
 
@@ -198,9 +199,7 @@ def test_a_server_that_hangs_up_is_unreachable(api, server):
 
 
 def test_a_server_that_is_gone_is_unreachable(monkeypatch):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-    settings = client.Configuration(host=f"http://127.0.0.1:{port}")
+    settings = client.Configuration(host=f"http://127.0.0.1:{free_port()}")
     monkeypatch.setattr(module, "_configure", lambda: client.Configuration.set_default(settings))
     try:
         assert refusal(ApiServer()).reason == "Unreachable"

@@ -11,8 +11,8 @@ import pytest
 from contextpolicy.cluster import watching
 from contextpolicy.cluster.watching import ObjectWatch
 from contextpolicy.errors import ActuationError
+from tests.waiting import PATIENCE
 
-PATIENCE = 20.0
 UNREACHABLE = ActuationError("Unreachable", "nobody there", retriable=True)
 
 

@@ -15,7 +15,8 @@ from contextpolicy.bus.decision_bus import plan_key
 from contextpolicy.bus.signatures import Signer
 from tests.agent.builders import NODE, SLAM, Tree, a_message, a_target
 from tests.bus.certificates import signing_keys
-from tests.modules.robotkit.bus import Matching, client, free_port, router
+from tests.modules.robotkit.bus import Matching, client, router
+from tests.ports import free_port
 from tests.waiting import PATIENCE, until
 
 KEY = plan_key("robot", "delivery")

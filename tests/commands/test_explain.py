@@ -8,6 +8,7 @@ import pytest
 
 from contextpolicy.bus.session import open_router
 from contextpolicy.cli import main
+from tests.waiting import PATIENCE
 
 if TYPE_CHECKING:
     import zenoh
@@ -162,11 +163,19 @@ def endpoint(free_endpoint: str, capsys: pytest.CaptureFixture[str]) -> Any:
         yield free_endpoint
 
 
+@pytest.fixture
+def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a machine that is busy."""
+    monkeypatch.setattr("contextpolicy.commands.explain.PATIENCE", PATIENCE)
+
+
+@pytest.mark.usefixtures("_patience")
 def test_live(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", "robot/delivery-robot", "speech", "--connect", endpoint]) == 0
     assert capsys.readouterr().out.startswith("speech gets 10m on node robot")
 
 
+@pytest.mark.usefixtures("_patience")
 def test_nobody_explains_it(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", "robot/other", "--connect", endpoint]) == 2
     assert "nobody at" in capsys.readouterr().err

@@ -86,6 +86,7 @@ def cluster(monkeypatch, tmp_path):
 def operator(monkeypatch, cluster):  # noqa: ARG001 - the commands find the operator through it
     """An operator whose robot has begun to move; what `kubectl port-forward` opens leads to it."""
     started = VirtualOperator(*(a_pod(name, {name: resources()}) for name in ("slam", "speech")))
+    started.keep_time(monkeypatch)
     started.list_all()
     started.connect()
     started.apply(a_policy())

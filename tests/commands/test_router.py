@@ -13,7 +13,8 @@ from contextpolicy.bus.session import open_client, open_router
 from contextpolicy.commands import router
 from contextpolicy.commands.credentials import directory
 from tests.bus.certificates import Authority
-from tests.modules.robotkit.bus import Matching, free_port
+from tests.modules.robotkit.bus import Matching
+from tests.ports import free_port
 from tests.waiting import PATIENCE, until
 
 PLAN = "contextpolicy/robot/delivery/plan"
@@ -22,8 +23,8 @@ PLAN = "contextpolicy/robot/delivery/plan"
 @pytest.fixture
 def program(monkeypatch):
     """Run the command on a thread, where there are no signals."""
-    handlers, threads = {}, []
-    monkeypatch.setattr(router.signal, "signal", handlers.__setitem__)
+    stop, threads = threading.Event(), []
+    monkeypatch.setattr(router, "stop_on_signals", lambda: stop)
     monkeypatch.setattr(router, "LOOK", 0.02)
 
     def start(endpoint, credentials, *, fleet=False):
@@ -39,8 +40,8 @@ def program(monkeypatch):
         threads[0].start()
 
     yield start
-    handlers[router.signal.SIGTERM](None, None)
-    threads[0].join(10)
+    stop.set()
+    threads[0].join(PATIENCE)
     assert not threads[0].is_alive()
 
 

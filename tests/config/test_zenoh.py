@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from queue import Empty, Queue
@@ -12,10 +11,12 @@ import pytest
 import zenoh
 
 from contextpolicy.bus.roles import ROLES, access_control
+from tests.modules.robotkit.bus import Matching, ask
+from tests.ports import free_port
+from tests.waiting import PATIENCE, until
 
 CONFIGURATIONS = Path(__file__).parents[2] / "config" / "zenoh"
 USERS = ROLES
-SOON = 5.0
 NEVER = 0.3
 
 
@@ -35,8 +36,7 @@ def test_the_routers_rules_are_those_of_the_charts_router():
 def router(tmp_path):
     users = tmp_path / "users.txt"
     users.write_text("".join(f"{name}:{name}-password\n" for name in USERS))
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     config = zenoh.Config.from_file(str(CONFIGURATIONS / "router-acl.json5"))
     config.insert_json5("listen/endpoints", json.dumps([endpoint]))
     config.insert_json5("transport/auth/usrpwd/dictionary_file", json.dumps(str(users)))
@@ -67,60 +67,52 @@ def listen(session, key):
 
 def say(session, key, text):
     publisher = session.declare_publisher(key)
-    wait_for_listener(publisher)
+    Matching(publisher).wait(expected=True)
     publisher.put(text)
 
 
-def wait_for_listener(publisher):
-    matching: Queue[bool] = Queue()
-    with publisher.declare_matching_listener(lambda status: matching.put(status.matching)):
-        if not publisher.matching_status.matching:
-            matching.get(timeout=SOON)
-
-
 def test_a_sensor_is_heard_by_modules_and_operator(connect):
-    heard = [listen(connect(user), "robot/**") for user in ("module", "operator")]
-    say(connect("sensor"), "robot/imu", "sample")
-    assert [one.get(timeout=SOON) for one in heard] == ["sample", "sample"]
+    sensor, heard = connect("sensor"), [listen(connect(user), "robot/**") for user in ("module", "operator")]
+    for one in heard:  # each listener is known to the router when it is
+        until(lambda one=one: say(sensor, "robot/imu", "sample") or not one.empty())
+        assert one.get() == "sample"
 
 
 def test_the_operators_plan_is_heard_by_modules(connect):
     heard = listen(connect("module"), "contextpolicy/**")
     say(connect("operator"), "contextpolicy/robot/delivery-robot/plan", "plan")
-    assert heard.get(timeout=SOON) == "plan"
+    assert heard.get(timeout=PATIENCE) == "plan"
 
 
 def test_a_module_asks_for_the_last_plan(connect):
     key = "contextpolicy/robot/delivery-robot/plan"
     connect("operator").declare_queryable(key, lambda query: query.reply(key, "plan"))
-    answers = [reply.ok.payload.to_string() for reply in connect("module").get("contextpolicy/*/*/plan", timeout=SOON)]
-    assert answers == ["plan"]
+    assert ask(connect("module"), "contextpolicy/*/*/plan") == ["plan"]
 
 
 def test_a_module_tells_another_its_profile(connect):
     key = "robot/slam/profile"
     connect("module").declare_queryable(key, lambda query: query.reply(key, "profile"))
-    asker = connect("module")
-    answers = next(filter(None, (list(asker.get(key, timeout=SOON)) for _ in range(1000))))
-    assert answers[0].ok.payload.to_string() == "profile"
+    assert ask(connect("module"), key) == ["profile"]
 
 
 def test_the_operator_and_the_agents_know_of_each_other(connect):
     operator, agent = connect("operator"), connect("agent")
     plan, node = "contextpolicy/robot/delivery-robot/plan", "contextpolicy/agents/node-1"
-    heard: Queue[tuple[str, bool]] = Queue()
+    alive = set()
+
+    def follow(token):
+        (alive.add if token.kind == zenoh.SampleKind.PUT else alive.discard)(str(token.key_expr))
+
     for session, others in ((operator, "contextpolicy/agents/*"), (agent, "contextpolicy/*/*/plan")):
-        session.liveliness().declare_subscriber(
-            others, lambda token: heard.put((str(token.key_expr), token.kind == zenoh.SampleKind.PUT)), history=True
-        )
+        session.liveliness().declare_subscriber(others, follow, history=True)
     tokens = operator.liveliness().declare_token(plan), agent.liveliness().declare_token(node)
-    assert {heard.get(timeout=SOON) for _ in tokens} == {(plan, True), (node, True)}
+    until(lambda: alive == {plan, node})
     agent.declare_queryable(node, lambda query: query.reply(node, "report"))
-    answers = next(filter(None, (list(operator.get("contextpolicy/agents/*", timeout=SOON)) for _ in range(1000))))
-    assert answers[0].ok.payload.to_string() == "report"
+    assert ask(operator, "contextpolicy/agents/*") == ["report"]
     for token in tokens:
         token.undeclare()
-    assert {heard.get(timeout=SOON) for _ in tokens} == {(plan, False), (node, False)}
+    until(lambda: not alive)
 
 
 def test_an_agent_hears_that_plans_are_withdrawn(connect):
@@ -128,9 +120,9 @@ def test_an_agent_hears_that_plans_are_withdrawn(connect):
     withdrawn = Queue()
     connect("agent").declare_subscriber(key, lambda sample: withdrawn.put(sample.kind == zenoh.SampleKind.DELETE))
     publisher = connect("operator").declare_publisher(key)
-    wait_for_listener(publisher)
+    Matching(publisher).wait(expected=True)
     publisher.delete()
-    assert withdrawn.get(timeout=SOON)
+    assert withdrawn.get(timeout=PATIENCE)
 
 
 @pytest.mark.parametrize("user", ["sensor", "module", "agent"])
@@ -141,7 +133,7 @@ def test_nobody_else_makes_plans(connect, user):
     forger.put(key, "forged")
     say(connect("operator"), key, "plan")
     forger.put(key, "forged")
-    assert heard.get(timeout=SOON) == "plan"
+    assert heard.get(timeout=PATIENCE) == "plan"
     with pytest.raises(Empty):
         heard.get(timeout=NEVER)
 
@@ -149,7 +141,7 @@ def test_nobody_else_makes_plans(connect, user):
 def test_a_sensor_hears_nothing(connect):
     overheard, heard = listen(connect("sensor"), "**"), listen(connect("module"), "robot/**")
     say(connect("module"), "robot/slam/pose", "pose")
-    assert heard.get(timeout=SOON) == "pose"
+    assert heard.get(timeout=PATIENCE) == "pose"
     with pytest.raises(Empty):
         overheard.get(timeout=NEVER)
 

@@ -38,23 +38,37 @@ def running(name):
 
 
 @pytest.fixture
-def robot(empty):
-    """slam and speech run on the robot's node and, under other names, on another one of four cores."""
+def node():
+    """Another node of four cores, on which the scheduler puts nothing."""
     size = {"cpu": str(CORES), "memory": "8Gi", "pods": "10"}
-    node = {"apiVersion": "v1", "kind": "Node", "metadata": {"name": NODE}}
-    apply({**node, "status": {"capacity": size, "allocatable": size}})
+    status = {"capacity": size, "allocatable": size}
+    apply(
+        {
+            "apiVersion": "v1",
+            "kind": "Node",
+            "metadata": {"name": NODE},
+            "spec": {"unschedulable": True},
+            "status": status,
+        }
+    )
+    yield NODE
+    run("kubectl", "delete", "node", NODE)
+
+
+@pytest.fixture
+def robot(empty, node):
+    """slam and speech run on the robot's node and, under other names, on the other one."""
     empty.start("slam", "speech")
     for task in ("slam", "speech"):
         name = f"{task}-there"
         there = pod(task, empty.namespace, IDLE, LIMITS)
-        there["metadata"]["name"], there["spec"]["nodeName"] = name, NODE
+        there["metadata"]["name"], there["spec"]["nodeName"] = name, node
         apply(there)
         said = json.dumps(running(task))
         run("kubectl", "patch", "pod", name, "-n", empty.namespace, "--subresource=status", "--type=merge", "-p", said)
     yield empty
     for task in ("slam", "speech"):
         run("kubectl", "delete", "pod", f"{task}-there", "-n", empty.namespace, "--force", "--grace-period=0")
-    run("kubectl", "delete", "node", NODE)
 
 
 def limit(robot, name):

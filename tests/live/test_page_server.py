@@ -11,6 +11,7 @@ from importlib.resources import files
 import pytest
 
 from contextpolicy.live.page_server import ASSETS, AT_ONCE, PageServer
+from tests.waiting import PATIENCE
 
 
 class Watched:
@@ -25,7 +26,7 @@ class Watched:
     def boards(self):
         if self.hangs:
             raise TimeoutError
-        self.hold.wait(10)
+        self.hold.wait(PATIENCE)
         return [{"policy": "lab/robot"}]
 
     def plans(self, policy, since):
@@ -56,7 +57,7 @@ def server(watched):
 @pytest.fixture
 def get(server):
     def ask(path, method="GET", host="localhost"):
-        connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)
+        connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=PATIENCE)
         connection.request(method, path, headers={"Host": host})
         answer = connection.getresponse()
         body = answer.read()
@@ -144,5 +145,5 @@ def test_too_many_at_once_are_sent_away(get, watched):
         statuses = {get("/")[0]}
     watched.hold.set()
     for one in waiting:
-        one.join(10)
+        one.join(PATIENCE)
     assert get("/api/boards")[0] == 200

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 from dataclasses import replace
 from threading import Condition, Event, Thread, current_thread
 
@@ -20,8 +19,10 @@ from contextpolicy.streams import subscription
 from contextpolicy.streams.attachment import attach
 from contextpolicy.streams.decoding import Decoder
 from contextpolicy.streams.subscription import BATCH, _Inbox, inputs
+from tests.modules.robotkit.bus import Matching
+from tests.ports import free_port
+from tests.waiting import PATIENCE
 
-PATIENCE = 10.0
 IMU = Stream("imu", "robot/imu")
 TIMESTAMPING = {"timestamping/enabled": True}
 """As rmw_zenoh has it: what a publisher keeps for late listeners is in order by these."""
@@ -35,15 +36,10 @@ def open_session(**settings):
     return zenoh.open(config)
 
 
-def free_endpoint():
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-
-
 @pytest.fixture(scope="module")
 def robot_and_operator():
     """Two sessions, joined by TCP on the loopback; each test has keys of its own on them."""
-    endpoint = free_endpoint()
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     with (
         open_session(**{"listen/endpoints": [endpoint]}) as operator,
         open_session(
@@ -120,20 +116,12 @@ def publish(robot_and_operator):
 
     def put(key, *payloads):
         publisher = robot.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
-        wait_for_match(publisher)
+        Matching(publisher).wait(expected=True)
         for payload in payloads:
             publisher.put(payload)
         publisher.undeclare()
 
     return put
-
-
-def wait_for_match(publisher):
-    """A subscriber's declaration travels, too."""
-    matched = Event()
-    listener = publisher.declare_matching_listener(lambda status: status.matching and matched.set())
-    assert publisher.matching_status.matching or matched.wait(PATIENCE)
-    listener.undeclare()
 
 
 def test_samples_arrive_in_order_on_the_loops_thread(listen, publish, imu):
@@ -229,7 +217,7 @@ def test_a_type_without_a_header_has_the_time_of_its_publication(listen, robot_a
     heard = listen(mission)
     key = mission.key.replace("*", "hash")
     publisher = robot_and_operator[0].declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
-    wait_for_match(publisher)
+    Matching(publisher).wait(expected=True)
     publisher.put(int32(1), attachment=attach(1, 1_763_712_350_250_000_000, b"g" * 16))
     publisher.put(int32(2), attachment=b"somebody else's")
     publisher.put(int32(3))
@@ -242,11 +230,12 @@ def test_a_type_without_a_header_has_the_time_of_its_publication(listen, robot_a
 def test_after_the_end_of_the_subscription_nothing_arrives(robot_and_operator, loop, publish, imu, mic):
     _, operator = robot_and_operator
     ended, other = Heard(), Heard()
+    # First, so that the robot always knows of one: else it may look just when the ended one is gone.
+    lasting = inputs(operator, [imu], loop, other.on_drop).subscribe(other.on_next)
     inputs(operator, [imu, mic], loop, ended.on_drop).subscribe(ended.on_next).dispose()
-    later = inputs(operator, [imu], loop, other.on_drop).subscribe(other.on_next)
     publish(imu.key, "{}")
     other.wait_for(lambda h: h.inputs)
-    later.dispose()
+    lasting.dispose()
     assert ended.inputs == []
 
 

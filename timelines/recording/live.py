@@ -8,15 +8,14 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
 import sys
-import threading
 from typing import TYPE_CHECKING, Any
 
 import foxglove
 
 from robotkit.errors import ConfigurationError
 from robotkit.session import credentials, endpoints, open_session
+from robotkit.termination import stop_on_signals
 from timelines.recording.foxglove import shown
 from timelines.recording.mcap_file import definition_of, schema_for
 from timelines.recording.recorder import BusRecorder
@@ -57,9 +56,7 @@ class LiveChannels:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGINT or SIGTERM; exit code 2 when the bus can't be reached as asked."""
-    options, stop = _parser().parse_args(arguments), threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    options, stop = _parser().parse_args(arguments), stop_on_signals()
     try:
         addresses, secret = endpoints({"ZENOH_CONNECT": options.connect}), credentials(os.environ)
         with open_session(addresses, stop, secret=secret) as session:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
 import sys
-import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +17,7 @@ from contextpolicy.streams.timeline import load
 from robotkit import ConfigurationError
 from robotkit.euroc import DatasetError
 from robotkit.session import credentials, endpoints, open_session
+from robotkit.termination import stop_on_signals
 from timelines.datasets.recordings import ROOT
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
@@ -26,15 +25,15 @@ from timelines.replay.player import Options, TimelineInputs, publish
 from timelines.replay.recorded import RecordedInputs
 
 if TYPE_CHECKING:
+    import threading
+
     from timelines.replay.player import Inputs, Report
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Play until the end, SIGINT or SIGTERM; tell what was published and how late."""
     options = _parser().parse_args(arguments)
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = stop_on_signals()
     try:
         report = _play(_inputs(options), options, stop)
     except (ContextPolicyError, ConfigurationError, DatasetError) as error:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
-import socket
 import sys
 import threading
 from typing import TYPE_CHECKING
@@ -17,6 +15,7 @@ from robotkit.module import load_module
 from robotkit.plan import PLAN_KEY
 from robotkit.runner import Runner
 from robotkit.session import credentials, endpoints, open_session, switch
+from robotkit.termination import stop_on_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,7 +28,6 @@ LONGEST_END_S = 0.4
 SWITCH_S = 0.001
 """Seconds between thread switches. A suspended task gets 1 ms of CPU per 100 ms; with Python's default of 5 ms the
 thread that ends it would wait for half a second."""
-SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
 def main(module_yaml: Path, build: Callable[[], Task]) -> None:
@@ -37,7 +35,7 @@ def main(module_yaml: Path, build: Callable[[], Task]) -> None:
     logging.basicConfig(level=logging.INFO, format=f"%(asctime)s {module_yaml.parent.name}: %(message)s")
     zenoh.init_log_from_env_or("error")  # else nobody learns why frames don't go by shared memory
     sys.setswitchinterval(SWITCH_S)
-    stop = _stop_on_signal()
+    stop = stop_on_signals(_leave_soon)
     try:
         _run(module_yaml, build, stop)
     except ConfigurationError as error:
@@ -59,27 +57,9 @@ def _run(module_yaml: Path, build: Callable[[], Task], stop: threading.Event) ->
             _leave()  # before the session closes: the kernel closes its connection, which the router sees at once
 
 
-def _stop_on_signal() -> threading.Event:
-    """An event that a signal sets at once, whatever the main thread is doing.
-
-    Python's handlers run on the main thread between two bytecodes, where it may hold a lock or be stuck in a library.
-    So the interpreter's C handler writes into a socket (`set_wakeup_fd`), and a thread reads the other end.
-    """
-    stop = threading.Event()
-    hears, tells = socket.socketpair()
-    tells.setblocking(False)  # noqa: FBT003 - it has no other form
-    signal.set_wakeup_fd(tells.fileno())
-    for number in SIGNALS:
-        signal.signal(number, lambda *_: None)
-
-    def wait(ends: tuple[socket.socket, socket.socket]) -> None:
-        ends[0].recv(1)
-        stop.set()
-        threading.Event().wait(LONGEST_END_S)
-        _leave()
-
-    threading.Thread(target=wait, args=((hears, tells),), name="signals", daemon=True).start()
-    return stop
+def _leave_soon() -> None:
+    threading.Event().wait(LONGEST_END_S)
+    _leave()
 
 
 def _leave() -> None:

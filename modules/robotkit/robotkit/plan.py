@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import zenoh
+
+from robotkit import json_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -62,7 +63,7 @@ class Decisions:
 def _parse(payload: bytes, task: str) -> _Plan | None:
     """Read a plan; one that does not name the task, or is not enforced, does not bind it."""
     try:
-        document = json.loads(payload)
+        document = json_text.loads(payload)
         order = (int(document["run"]), int(document["sequence"]))
         if document["mode"] != "Enforce" or task not in document["tasks"]:
             return _Plan(order, UNPLANNED)
@@ -75,24 +76,33 @@ def _parse(payload: bytes, task: str) -> _Plan | None:
 
 
 class PlanListener:
-    """Calls `on_change` with each new decision, on a thread of its own, where callbacks may use the bus."""
+    """Calls `on_change` with each new decision, on a thread of its own, where callbacks may use the bus.
+
+    Who makes plans is asked for the one in force whenever they appear: at our start, at theirs, and when the network is
+    back. Their liveliness token tells, which they declare after all they publish and answer.
+    """
 
     def __init__(
         self, session: zenoh.Session, task: str, on_change: Callable[[Decision], None], *, key: str = PLAN_KEY
     ) -> None:
+        self._session = session
         self._decisions = Decisions(task)
         self._on_change = on_change
         self._heard: dict[str, bytes | None] = {}
+        self._appeared: set[str] = set()
         self._changed = threading.Condition()
         self._closed = False
         self._thread = threading.Thread(target=self._follow, name="plan", daemon=True)
         self._thread.start()
-        self._subscriber = session.declare_subscriber(key, self._hear)
-        session.get(key, self._hear_reply)  # the plan that is in force already
+        self._subscribers: list[zenoh.Subscriber[None]] = [
+            session.declare_subscriber(key, self._hear),
+            session.liveliness().declare_subscriber(key, self._find, history=True),
+        ]
 
     def close(self) -> None:
         """Stop listening and wait for the thread."""
-        self._subscriber.undeclare()
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -105,6 +115,13 @@ class PlanListener:
         with self._changed:
             self._heard[str(sample.key_expr)] = None if gone else sample.payload.to_bytes()
             self._changed.notify_all()
+
+    def _find(self, token: zenoh.Sample) -> None:
+        """Leave the question to the thread: Zenoh's callbacks must not call Zenoh."""
+        if token.kind == zenoh.SampleKind.PUT and "*" not in str(token.key_expr):
+            with self._changed:
+                self._appeared.add(str(token.key_expr))
+                self._changed.notify_all()
 
     def _hear_reply(self, reply: zenoh.Reply) -> None:
         if reply.ok is None or "*" in str(reply.ok.key_expr):
@@ -125,8 +142,11 @@ class PlanListener:
     def _messages(self) -> Iterator[tuple[str, bytes | None]]:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._heard or self._closed)
+                self._changed.wait_for(lambda: self._heard or self._appeared or self._closed)
                 if self._closed:
                     return
                 heard, self._heard = self._heard, {}
+                appeared, self._appeared = self._appeared, set()
+            for key in appeared:
+                self._session.get(key, self._hear_reply)
             yield from heard.items()

@@ -6,7 +6,6 @@ import argparse
 import os
 import pty
 import select
-import signal
 import socket
 import threading
 import time
@@ -14,6 +13,8 @@ import tty
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
+
+from robotkit.termination import stop_on_signals
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -85,9 +86,7 @@ def main(device: Device, name: str) -> None:
     parser.add_argument("--link", type=Path, help="also make this link to the pseudo-terminal")
     parser.add_argument("--listen", metavar="PORT", type=int, help="serve on 127.0.0.1:PORT instead")
     arguments = parser.parse_args()
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = stop_on_signals()
     if arguments.listen is not None:
         _listen(device, arguments.listen, stop)
         return

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-import signal
 import threading
 from typing import TYPE_CHECKING
+
+from contextpolicy.commands.termination import stop_on_signals
 
 if TYPE_CHECKING:
     import argparse
@@ -54,9 +55,7 @@ def main(arguments: argparse.Namespace) -> int:
 
     own = settings.read(os.environ, priority=arguments.priority, grace=arguments.grace)
     logs.configure(own.common.log_format, own.common.log_level)
-    stop, failed = threading.Event(), threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop, failed = stop_on_signals(), threading.Event()
 
     # An agent that lost a thread would still look alive: end the process instead.
     def fail(failure: threading.ExceptHookArgs) -> None:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 import socket
 import sys
-import threading
 from typing import TYPE_CHECKING
 
 from contextpolicy.commands.credentials import add_credentials
+from contextpolicy.commands.termination import stop_on_signals
 
 if TYPE_CHECKING:
     import argparse
@@ -77,9 +76,7 @@ def main(arguments: argparse.Namespace) -> int:
         return 2
     if arguments.metrics_port:
         _serve_metrics(arguments.metrics_port)
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = stop_on_signals()
     while not stop.is_set():
         files = _files(arguments.credentials)
         with _open(arguments) as session:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
-import threading
 from typing import TYPE_CHECKING
 
 from contextpolicy import settings
+from contextpolicy.commands.termination import stop_on_signals
 
 if TYPE_CHECKING:
     import argparse
@@ -56,9 +55,7 @@ def run(settings: Settings) -> int:
         log_format=formats[settings.log_format],
     )
     logging.getLogger("kopf.objects").setLevel(logging.WARNING)
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = stop_on_signals()
     tell_build("operator")
     prometheus_client.start_http_server(settings.metrics_port)
     pages: dict[str, Callable[[], list[str]]] = {"/healthz": list, "/readyz": lambda: ["no API server answers yet"]}

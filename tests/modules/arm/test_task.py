@@ -4,7 +4,9 @@ import json
 import queue
 import threading
 import time
+from collections import defaultdict
 from contextlib import contextmanager
+from itertools import pairwise
 
 import pytest
 
@@ -16,9 +18,27 @@ from modules.arm.task import MeArm
 from robotkit import Decision, DeviceError, Received
 from robotkit.simulated import on_a_pseudo_terminal
 from tests.modules.arm.test_joints import ARM
+from tests.waiting import PATIENCE
 
-PATIENCE_S = 10
 AWAY, BACK = {"move": [68, 100, 60], "grip": "open"}, {"home": True}
+
+
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch):
+    """With a device that shares a busy machine with its task."""
+    monkeypatch.setattr(controller, "ANSWER_S", PATIENCE)
+
+
+class Witness(Maestro):
+    """Remembers which targets it was sent, by channel."""
+
+    def __init__(self):
+        super().__init__()
+        self.sent = defaultdict(list)
+
+    def _aim(self, channel, target):
+        super()._aim(channel, target)
+        self.sent[channel].append(target)
 
 
 class World:
@@ -42,7 +62,7 @@ class World:
         self.arm.process(Received(json.dumps(order).encode(), now, now, "order"))
 
     def next(self, doing):
-        deadline = time.monotonic() + PATIENCE_S
+        deadline = time.monotonic() + PATIENCE
         while True:
             state = self.results.get(timeout=max(deadline - time.monotonic(), 0.01))
             if isinstance(state, DeviceError) or state["doing"] == doing:
@@ -61,7 +81,7 @@ def an_arm(device=None):
         finally:
             world.ended.set()
             world.arm.close()
-            thread.join(PATIENCE_S)
+            thread.join(PATIENCE)
     assert not thread.is_alive()
 
 
@@ -89,18 +109,18 @@ def test_it_moves_to_a_point_and_tells_where_it_is():
     ids=["stop order", "suspended", "closed", "ended"],
 )
 def test_what_stops_it_leaves_no_target_further_away_than_one_step(stop):
-    with an_arm() as world:
+    with an_arm(Witness()) as world:
         world.next("resting")
         world.order(AWAY)
         world.next("moving")
         stop(world)
         with world.arm._lock:  # whatever step was under way is done
-            pulses, targets = list(world.device.pulses), list(world.device.targets)
             assert world.arm._goal is None or world.ended.is_set()
     for name in NAMES:
         joint = ARM.joints[name]
-        behind = abs(joint.angle_at(targets[joint.channel] / 4) - joint.angle_at(pulses[joint.channel] / 4))
-        assert behind <= 2 * joint.speed * STEP_S + 0.5  # a step, and the ticks that the pulse is behind
+        angles = [joint.angle_at(target / 4) for target in world.device.sent[joint.channel]]
+        assert angles[-1] == pytest.approx(world.arm._posture[name], abs=0.5), "nothing was sent ahead"
+        assert max(abs(after - before) for before, after in pairwise(angles)) <= joint.speed * STEP_S + 0.5
 
 
 def test_relaxed_it_sends_no_pulses():
@@ -129,13 +149,13 @@ def test_what_does_not_answer_is_told(monkeypatch):
     device = Maestro()
     device.receive = lambda _: b""
     with an_arm(device) as world:
-        assert "no answer to a1 " in str(world.results.get(timeout=PATIENCE_S))
+        assert "no answer to a1 " in str(world.results.get(timeout=PATIENCE))
 
 
 def test_an_arm_that_is_unplugged_while_it_rests_is_told(monkeypatch):
-    monkeypatch.setattr(controller, "ANSWER_S", 0.1)
     with an_arm() as world:
         world.next("resting")
+        monkeypatch.setattr(controller, "ANSWER_S", 0.1)
         world.device.receive = lambda _: b""
         assert "is it a Maestro?" in str(world.next("never"))
 

@@ -13,8 +13,14 @@ from modules.lidar.simulator import ROOM, RplidarA1, seen
 from modules.lidar.task import Lidar, build
 from robotkit import ConfigurationError, DeviceError
 from robotkit.simulated import on_a_pseudo_terminal
+from tests.waiting import PATIENCE
 
-PATIENCE_S = 10
+
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch):
+    """With a device that shares a busy machine with its task."""
+    monkeypatch.setattr(scanner, "ANSWER_S", PATIENCE)
+    monkeypatch.setattr(scanner, "SPIN_UP_S", PATIENCE)
 
 
 class Witness(RplidarA1):
@@ -60,14 +66,14 @@ def scans(device, **settings):
             yield results
         finally:
             ended.set()
-            thread.join(PATIENCE_S)
+            thread.join(PATIENCE)
     assert not thread.is_alive()
 
 
 @pytest.mark.parametrize("mode", scanner.MODES)
 def test_a_scan_shows_the_room(mode):
     with scans(Witness(), mode=mode) as results:
-        scan = results.get(timeout=PATIENCE_S)
+        scan = results.get(timeout=PATIENCE)
     assert len(scan["ranges"]) == 360
     assert [scan["ranges"][at] for at in (0, 90, 180, 270)] == pytest.approx([3, 1.5, 2, 1.5], rel=0.02)
     assert scan["nearest"] == pytest.approx(1.5, rel=0.02)
@@ -79,15 +85,16 @@ def test_a_lidar_that_is_mounted_backward_shows_the_same_room():
     device = Witness()
     device._distance = lambda angle: seen(ROOM, 0, 0, -math.radians(angle + 180))
     with scans(device, forward=180.0) as results:
-        assert results.get(timeout=PATIENCE_S)["ranges"][0] == pytest.approx(3, rel=0.02)
+        assert results.get(timeout=PATIENCE)["ranges"][0] == pytest.approx(3, rel=0.02)
 
 
 @pytest.mark.parametrize("mode", scanner.MODES)
-def test_noise_on_the_line_is_counted_and_the_scans_go_on(mode):
+def test_noise_on_the_line_is_counted_and_the_scans_go_on(mode, monkeypatch):
+    monkeypatch.setattr(scanner, "ANSWER_S", 1.0)  # before it begins it waits that long for the noise to end
     device = Witness()
     device.noise = b"\x13\xa5"
     with scans(device, mode=mode) as results:
-        scans_ = [results.get(timeout=PATIENCE_S) for _ in range(3)]
+        scans_ = [results.get(timeout=PATIENCE) for _ in range(3)]
     assert scans_[-1]["skipped"] > 0
     assert min(filter(None, scans_[-1]["ranges"])) > 1
 
@@ -95,34 +102,36 @@ def test_noise_on_the_line_is_counted_and_the_scans_go_on(mode):
 def test_the_laser_is_off_when_the_task_ends():
     device = Witness()
     with scans(device) as results:
-        results.get(timeout=PATIENCE_S)
+        results.get(timeout=PATIENCE)
         assert not device.idle.is_set()
-    assert device.idle.wait(PATIENCE_S)
+    assert device.idle.wait(PATIENCE)
 
 
 def test_a_lidar_that_protects_itself_is_reset():
     device = Witness()
     device.health = Health(PROTECTING, 1)
     with scans(device) as results:
-        assert results.get(timeout=PATIENCE_S)["samples"] > 300
+        assert results.get(timeout=PATIENCE)["samples"] > 300
 
 
 def test_a_lidar_that_is_ill_also_after_a_reset_is_told():
     device = Witness()
     device.health, device.lasting = Health(PROTECTING, 0x8001), True
     with scans(device) as results:
-        assert "protects itself, error code 0x8001" in str(results.get(timeout=PATIENCE_S))
+        assert "protects itself, error code 0x8001" in str(results.get(timeout=PATIENCE))
 
 
 def test_a_lidar_that_falls_silent_is_told(monkeypatch):
-    monkeypatch.setattr(scanner, "ANSWER_S", 0.2)
     device = Witness()
     with scans(device) as results:
-        results.get(timeout=PATIENCE_S)
+        results.get(timeout=PATIENCE)
+        monkeypatch.setattr(scanner, "ANSWER_S", 0.2)
+        for _ in range(5):  # what was read before has at most three turns: the new patience holds
+            results.get(timeout=PATIENCE)
         device.receive(rplidar.STOP)
-        told = results.get(timeout=PATIENCE_S)
+        told = results.get(timeout=PATIENCE)
         while not isinstance(told, DeviceError):
-            told = results.get(timeout=PATIENCE_S)
+            told = results.get(timeout=PATIENCE)
     assert "no samples for 0.2 s" in str(told)
 
 
@@ -131,7 +140,7 @@ def test_what_does_not_answer_is_told(monkeypatch):
     device = Witness()
     device.receive = lambda _: b""
     with scans(device) as results:
-        assert "no answer to a5 52 within 0.1 s" in str(results.get(timeout=PATIENCE_S))
+        assert "no answer to a5 52 within 0.1 s" in str(results.get(timeout=PATIENCE))
 
 
 def test_a_port_that_is_not_there_is_told():

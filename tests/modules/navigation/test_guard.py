@@ -4,6 +4,7 @@ import os
 import socket
 import threading
 from contextlib import contextmanager
+from queue import Queue
 
 import pytest
 from hypothesis import given
@@ -14,8 +15,8 @@ from modules.navigation.guard import PASSED, PATIENCE, WAKE_EVERY, WAKE_S, Guard
 from modules.navigation.open_interface import Command, CommandParser, Opcode
 from modules.navigation.simulator import Create2
 from robotkit.simulated import on_a_pseudo_terminal
+from tests import waiting
 
-PATIENCE_S = 10
 FORWARD = oi.drive_direct(right=200, left=200)
 
 
@@ -77,23 +78,32 @@ def test_the_robot_is_kept_awake_by_one_long_pulse_a_minute():
 
 
 class Witness(Create2):
-    """A robot that tells when its wheels begin to turn or to stand."""
+    """A robot that notes each time that its wheels begin to turn or to stand: who waits may be too slow to see it."""
 
     def __init__(self):
         super().__init__()
+        self._changes, self._turning, self._told = Queue(), False, False
         self.receive(oi.START + oi.SAFE)
-        self.changed = threading.Condition()
 
     def receive(self, data):
         answer = super().receive(data)
-        if hasattr(self, "changed"):
-            with self.changed:
-                self.changed.notify_all()
+        self._notice()
         return answer
 
+    def advance(self, seconds):
+        frame = super().advance(seconds)
+        self._notice()
+        return frame
+
     def wait_for(self, *, turning):
-        with self.changed:
-            assert self.changed.wait_for(lambda: any(self.wheels) == turning, PATIENCE_S)
+        """From the change on that was waited for last."""
+        while self._told != turning:
+            self._told = self._changes.get(timeout=waiting.PATIENCE)
+
+    def _notice(self):
+        if any(self.wheels) != self._turning:
+            self._turning = not self._turning
+            self._changes.put(self._turning)
 
 
 @contextmanager
@@ -107,7 +117,7 @@ def a_guarded_robot():
             yield robot, guard, lambda: socket.create_connection(server.getsockname())
         finally:
             guard.wake()
-            thread.join(PATIENCE_S)
+            thread.join(waiting.PATIENCE)
             assert not thread.is_alive()
 
 
@@ -139,13 +149,14 @@ def test_wheels_stand_when_the_guard_ends():
 def test_wheels_that_a_dead_guard_left_turning_in_the_middle_of_a_command_stand():
     robot = Witness()
     robot.receive(FORWARD + FORWARD[:3])
+    robot.wait_for(turning=True)
     with on_a_pseudo_terminal(robot) as port, socket.create_server(("127.0.0.1", 0)) as server:
         guard = Guard(server, threading.Event())
         thread = threading.Thread(target=guard.run, args=(port,))
         thread.start()
         robot.wait_for(turning=False)
         guard.wake()
-        thread.join(PATIENCE_S)
+        thread.join(waiting.PATIENCE)
 
 
 def test_a_robot_that_is_not_there_is_looked_for_until_the_end(caplog):
@@ -154,7 +165,7 @@ def test_a_robot_that_is_not_there_is_looked_for_until_the_end(caplog):
         thread = threading.Thread(target=guard.run, args=("/dev/nowhere",))
         thread.start()
         guard.wake()
-        thread.join(PATIENCE_S)
+        thread.join(waiting.PATIENCE)
     assert not thread.is_alive()
     assert os.path.exists("/dev/nowhere") is False  # noqa: PTH110
     assert all("cannot be opened" in message for message in caplog.messages)

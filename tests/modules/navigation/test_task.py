@@ -16,7 +16,8 @@ from modules.navigation.simulator import Body
 from modules.navigation.task import Navigation
 from robotkit import UNPLANNED, Decision, DeviceError, Received
 from robotkit.simulated import on_a_pseudo_terminal
-from tests.modules.navigation.test_guard import PATIENCE_S, Witness
+from tests.modules.navigation.test_guard import Witness
+from tests.waiting import PATIENCE, until
 
 AHEAD = {"waypoints": [[5, 0]]}
 
@@ -41,6 +42,17 @@ class World:
     def order(self, order):
         self.navigation.process(received("order", order))
 
+    def set_out(self):
+        """Drive ahead. On a busy machine an order may end because the robot was not in Safe mode soon enough."""
+
+        def turns():
+            if not self.navigation._pilot.wanted:
+                self.order(AHEAD)
+            return any(self.robot.wheels)
+
+        until(turns)
+        self.robot.wait_for(turning=True)
+
     def see(self, distance=3.0):
         self.navigation.process(received("scan", {"ranges": [distance] * 360}))
 
@@ -53,7 +65,7 @@ class World:
 
     def next(self, output, **expected):
         """Wait for a result that says what is expected."""
-        deadline = time.monotonic() + PATIENCE_S
+        deadline = time.monotonic() + PATIENCE
         while True:
             result = self.results.get(timeout=max(deadline - time.monotonic(), 0.01))
             if result.output == output and all(result.value[name] == value for name, value in expected.items()):
@@ -77,13 +89,12 @@ def a_driving_robot(body=None):
             thread.start()
         world.next("odometry")
         try:
-            world.order(AHEAD)
-            robot.wait_for(turning=True)
+            world.set_out()
             yield world
         finally:
             world.ended.set()
             for thread in threads:
-                thread.join(PATIENCE_S)
+                thread.join(PATIENCE)
 
 
 def watch(world):
@@ -140,15 +151,15 @@ def test_lifted_it_stands_until_it_is_told_again():
         world.robot.drops = packets.DROP_LEFT | packets.DROP_RIGHT
         world.next("state", doing="lifted", mode="passive")
         world.robot.drops = 0
+        world.robot.wait_for(turning=False)
         world.hear_anew()
-        world.order(AHEAD)
-        world.robot.wait_for(turning=True)
+        world.set_out()
 
 
 def test_a_robot_that_falls_silent_is_a_device_error():
     with a_driving_robot() as world:
         world.robot.receive(oi.STOP)
-        assert "no sensor data for 1 s; is the robot on?" in str(world.failed.get(timeout=PATIENCE_S))
+        assert "no sensor data for 1 s; is the robot on?" in str(world.failed.get(timeout=PATIENCE))
 
 
 def test_noise_on_the_line_is_counted_and_the_drive_goes_on():

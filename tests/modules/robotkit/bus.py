@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
-import socket
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from queue import Queue
 
 import zenoh
 
+from contextpolicy.bus.session import PRIORITIES, QUEUE
 from robotkit.session import client_config
-
-PATIENCE_S = 10
+from tests.ports import free_port
+from tests.waiting import PATIENCE, until
 
 
 @contextmanager
@@ -23,12 +23,14 @@ def router(port=None):
 
 
 def router_config(address, *, shared_memory=True):
+    """Queues as long as those of the product's router: with Zenoh's own, a busy machine loses messages."""
     config = zenoh.Config()
     for key, value in (
         ("mode", "router"),
         ("scouting/multicast/enabled", False),
         ("listen/endpoints", [address]),
         ("transport/shared_memory/enabled", shared_memory),
+        *((f"transport/link/tx/queue/size/{priority}", QUEUE) for priority in PRIORITIES),
     ):
         config.insert_json5(key, json.dumps(value))
     return config
@@ -40,34 +42,34 @@ def client(address, *, shared_memory=False):
         yield session
 
 
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+def ask(session, key):
+    """The answers, as texts, as soon as the router knows who gives them."""
+    answers = []
+
+    def answered():
+        answers[:] = [reply.ok.payload.to_string() for reply in session.get(key, timeout=PATIENCE) if reply.ok]
+        return answers
+
+    until(answered)
+    return answers
 
 
 def soon(call):
     """Give the result of a call that blocks, or fail."""
     pool = ThreadPoolExecutor(1)
     try:
-        return pool.submit(call).result(PATIENCE_S)
+        return pool.submit(call).result(PATIENCE)
     finally:
         pool.shutdown(wait=False)
 
 
 class Matching:
-    """Waits until someone listens to a publisher, or nobody does."""
+    """Waits until someone listens to a publisher, or nobody does; a change is not missed, however short it was."""
 
     def __init__(self, publisher):
-        self._now = publisher.matching_status.matching
-        self._changed = threading.Condition()
-        self._listener = publisher.declare_matching_listener(self._hear)
+        self._now, self._changes = False, Queue()
+        self._listener = publisher.declare_matching_listener(lambda status: self._changes.put(status.matching))
 
     def wait(self, expected):
-        with self._changed:
-            assert self._changed.wait_for(lambda: self._now == expected, PATIENCE_S)
-
-    def _hear(self, status):
-        with self._changed:
-            self._now = status.matching
-            self._changed.notify_all()
+        while self._now != expected:
+            self._now = self._changes.get(timeout=PATIENCE)

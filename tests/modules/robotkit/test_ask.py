@@ -7,10 +7,12 @@ import pytest
 from robotkit import ask
 from tests.modules.robotkit.bus import router
 from tests.modules.robotkit.test_runner import ECHO, Echo, running
+from tests.waiting import PATIENCE
 
 
 @pytest.mark.parametrize(("what", "field"), [("profile", "inputs"), ("health", "misses")])
-def test_a_running_task_answers(what, field, capsys):
+def test_a_running_task_answers(what, field, capsys, monkeypatch):
+    monkeypatch.setattr(ask, "PATIENCE_S", PATIENCE)
     with running(ECHO, Echo()) as world:
         world.ask("robot/echo/profile")
         assert ask.main(["echo", what, "--connect", world.address]) == 0

@@ -7,7 +7,9 @@ import pytest
 from robotkit import Input
 from robotkit.inputs import Inputs
 from robotkit.stamps import attachment
-from tests.modules.robotkit.bus import Matching, client, free_port, router, soon
+from tests.modules.robotkit.bus import Matching, client, router, soon
+from tests.ports import free_port
+from tests.waiting import PATIENCE
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +53,7 @@ def test_a_slow_task_gets_the_newest_samples_and_knows_what_it_missed(sensor_and
         publisher.put(bytes([number]))
     while source.dropped["one"] < 3:
         with source._changed:
-            assert source._changed.wait(10)
+            assert source._changed.wait(PATIENCE)
     assert [soon(source.take).payload for _ in range(2)] == [b"\x03", b"\x04"]
 
 

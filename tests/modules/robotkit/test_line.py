@@ -2,17 +2,18 @@ from __future__ import annotations
 
 import os
 import pty
-import socket
 import threading
+from contextlib import suppress
 
 import pytest
 
 from robotkit import DeviceError
 from robotkit.line import open_line
 from robotkit.simulated import _listen, on_a_pseudo_terminal
+from tests.ports import free_port
+from tests.waiting import PATIENCE, until
 
 BAUD = 115_200
-PATIENCE_S = 10
 
 
 class Echo:
@@ -34,7 +35,7 @@ class Echo:
 def heard(line, size):
     found = b""
     while len(found) < size:
-        data = line.read(PATIENCE_S)
+        data = line.read(PATIENCE)
         assert data
         found += data
     return found
@@ -77,7 +78,7 @@ def test_a_device_that_is_unplugged_is_a_device_error_on_reading_and_writing():
         os.close(theirs)
         os.close(ours)
         with pytest.raises(DeviceError):
-            line.read(PATIENCE_S)
+            line.read(PATIENCE)
         with pytest.raises(DeviceError):
             line.write(b"stop")
 
@@ -98,12 +99,6 @@ def test_a_pseudo_terminal_has_no_other_wires_and_nobody_minds(wire):
         assert heard(line, 15) == b"data still pass"
 
 
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
 def test_a_simulator_in_another_pod_is_reached_by_tcp_and_its_end_is_a_device_error():
     port, stop = free_port(), threading.Event()
     ready = threading.Thread(target=_listen, args=(Echo(), port, stop))
@@ -113,18 +108,22 @@ def test_a_simulator_in_another_pod_is_reached_by_tcp_and_its_end_is_a_device_er
         line.write(b"hello")
         assert heard(line, 5) == b"hello"
         stop.set()
-        ready.join(PATIENCE_S)
+        ready.join(PATIENCE)
         with pytest.raises(DeviceError, match="the device is gone"):
-            line.read(PATIENCE_S)
+            line.read(PATIENCE)
 
 
 def connected(name):
-    for _ in range(100):
-        try:
-            return open_line(name, BAUD)
-        except DeviceError:
-            threading.Event().wait(0.05)
-    raise AssertionError(f"nobody listens on {name}")
+    """A line to it, as soon as it listens."""
+    lines = []
+
+    def opened():
+        with suppress(DeviceError):
+            lines.append(open_line(name, BAUD))
+        return lines
+
+    until(opened)
+    return lines[0]
 
 
 @pytest.mark.parametrize("name", ["/dev/nowhere", "", "tcp://127.0.0.1:1", "tcp://", "tcp://127.0.0.1:x", "/dev/null"])

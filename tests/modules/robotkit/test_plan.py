@@ -2,14 +2,20 @@ from __future__ import annotations
 
 import json
 import queue
+from contextlib import ExitStack, contextmanager
 
 import pytest
 import zenoh
 
 from robotkit.plan import UNPLANNED, Decision, Decisions, PlanListener
-from tests.modules.robotkit.bus import PATIENCE_S, Matching, client, router
+from tests.modules.robotkit.bus import Matching, client, router
+from tests.ports import free_port
+from tests.waiting import PATIENCE
 
 KEY = "contextpolicy/robot/demo/plan"
+
+
+DEEP = b"[" * 100_000
 
 
 def a_plan(run=1, sequence=1, *, task="slam", mode="Enforce", **changes):
@@ -41,25 +47,70 @@ def test_a_policy_that_does_not_name_the_task_changes_nothing():
     assert decisions.hear("contextpolicy/robot/other/plan", a_plan(run=9, task="arm")) == mine
 
 
-@pytest.mark.parametrize("payload", [b"", b"{", b"[]", b"7", b'{"run": 1}', a_plan().replace(b"0.5", b'"much"')])
+@pytest.mark.parametrize("payload", [b"", b"{", b"[]", b"7", b'{"run": 1}', a_plan().replace(b"0.5", b'"much"'), DEEP])
 def test_a_broken_plan_changes_nothing(payload):
     decisions = Decisions("slam")
     mine = decisions.hear(KEY, a_plan(share=0.7))
     assert decisions.hear(KEY, payload) == mine
 
 
+@contextmanager
+def a_source(session, plan):
+    """Somebody who makes plans: answers for the one in force, and then says with a token that it does."""
+    with session.declare_queryable(KEY, lambda query: query.reply(KEY, plan)):
+        token = session.liveliness().declare_token(KEY)
+        yield
+        token.undeclare()
+
+
+@contextmanager
+def listening(session, heard):
+    listener = PlanListener(session, "slam", heard.put)
+    yield
+    listener.close()
+
+
 def test_a_module_hears_the_plan_in_force_and_every_change():
     heard = queue.Queue()
-    with router() as address, client(address) as policy, client(address) as module:
-        answers = policy.declare_queryable(KEY, lambda query: query.reply(KEY, a_plan(sequence=1, share=0.1)))
-        listener = PlanListener(module, "slam", heard.put)
-        assert heard.get(timeout=PATIENCE_S).share == 0.1
+    with (
+        router() as address,
+        client(address) as policy,
+        client(address) as module,
+        a_source(policy, a_plan(sequence=1, share=0.1)),
+        listening(module, heard),
+    ):
+        assert heard.get(timeout=PATIENCE).share == 0.1
         policy.put(KEY, a_plan(sequence=2, share=0.2), congestion_control=zenoh.CongestionControl.BLOCK)
-        assert heard.get(timeout=PATIENCE_S).share == 0.2
-        policy.delete(KEY)
-        assert heard.get(timeout=PATIENCE_S) == UNPLANNED
-        listener.close()
-        answers.undeclare()
+        assert heard.get(timeout=PATIENCE).share == 0.2
+        policy.delete(KEY, congestion_control=zenoh.CongestionControl.BLOCK)
+        assert heard.get(timeout=PATIENCE) == UNPLANNED
+
+
+def test_a_module_asks_for_the_plan_of_whoever_comes_later():
+    heard = queue.Queue()
+    with router() as address, client(address) as policy, client(address) as module, listening(module, heard):
+        with a_source(policy, a_plan(run=1, share=0.1)):
+            assert heard.get(timeout=PATIENCE).share == 0.1
+        with a_source(policy, a_plan(run=2, share=0.2)):
+            assert heard.get(timeout=PATIENCE).share == 0.2
+
+
+def test_a_plan_that_was_made_while_the_router_was_gone_is_heard_when_it_is_back():
+    """Nobody repeats it: a task would stay suspended until the next one."""
+    heard, plans = queue.Queue(), [a_plan(sequence=1, suspended=True)]
+    port = free_port()
+    with ExitStack() as first, ExitStack() as sessions:
+        address = first.enter_context(router(port))
+        policy, module = (sessions.enter_context(client(address)) for _ in range(2))
+        sessions.enter_context(policy.declare_queryable(KEY, lambda query: query.reply(KEY, plans[-1])))
+        token = policy.liveliness().declare_token(KEY)
+        with listening(module, heard):
+            assert heard.get(timeout=PATIENCE).suspended
+            first.close()
+            plans.append(a_plan(sequence=2))
+            with router(port):
+                assert not heard.get(timeout=PATIENCE).suspended
+        token.undeclare()
 
 
 def test_a_plan_on_a_key_with_wildcards_is_nobodys():
@@ -71,6 +122,6 @@ def test_a_plan_on_a_key_with_wildcards_is_nobodys():
         Matching(publisher).wait(expected=True)
         policy.put("*/robot/*/plan", a_plan(sequence=9, share=0.9))
         policy.put(KEY, a_plan(sequence=1, share=0.1))
-        assert heard.get(timeout=PATIENCE_S).share == 0.1
+        assert heard.get(timeout=PATIENCE).share == 0.1
         listener.close()
         publisher.undeclare()

@@ -15,8 +15,9 @@ from robotkit.inputs import Inputs
 from robotkit.outputs import as_results
 from robotkit.runner import Runner
 from robotkit.stamps import attachment
-from tests.modules.robotkit.bus import PATIENCE_S, Matching, client, router
+from tests.modules.robotkit.bus import Matching, ask, client, router
 from tests.modules.robotkit.test_plan import KEY, a_plan
+from tests.waiting import PATIENCE
 
 ECHO = Module(
     "echo",
@@ -70,7 +71,7 @@ class Sensor(Task):
             yield Result("reading", {"value": self.opened}, stamp=7)
             if self.opened <= len(self.failures):
                 raise self.failures[self.opened - 1]
-            ended.wait(PATIENCE_S)
+            ended.wait(PATIENCE)
         finally:
             self.released.put(self.opened)
 
@@ -103,11 +104,10 @@ class World:
 
     def ask(self, key):
         """The answer, as soon as the router knows who gives it."""
-        replies = next(filter(None, (list(self.session.get(key)) for _ in range(1000))))
-        return json.loads(replies[0].ok.payload.to_bytes())
+        return json.loads(ask(self.session, key)[0])
 
     def next_raw(self, name):
-        return self.results[name].get(timeout=PATIENCE_S)
+        return self.results[name].get(timeout=PATIENCE)
 
     def next_result(self):
         return json.loads(self.next_raw(next(iter(self.results))), parse_constant=pytest.fail)
@@ -147,7 +147,7 @@ def test_runs_are_published_where_asked_for_without_any_result_too():
         while runs.empty() and said < 1000:  # the subscription is on its way
             world.say(b"nothing to tell")
             said += 1
-        timing = json.loads(runs.get(timeout=PATIENCE_S))
+        timing = json.loads(runs.get(timeout=PATIENCE))
     assert (timing["input"], timing["stamp"], timing["missed"]) == ("words", 5, False)
     assert timing["received"] <= timing["started"] <= timing["finished"]
 
@@ -193,7 +193,7 @@ def test_a_mapping_for_several_outputs_is_a_bug_of_the_module():
 
 def test_a_failing_source_of_another_kind_ends_the_module_loudly():
     with running(SENSOR, Sensor(RuntimeError("bug"))) as world, pytest.raises(RuntimeError, match="bug"):
-        world.running.result(PATIENCE_S)
+        world.running.result(PATIENCE)
 
 
 def test_a_bad_sample_does_not_end_the_module():
@@ -208,7 +208,7 @@ def test_any_other_failure_ends_the_module_loudly_and_safely():
     with running(ECHO, task) as world:
         world.say(b"fatal")
         with pytest.raises(RuntimeError, match="fatal"):
-            world.running.result(PATIENCE_S)
+            world.running.result(PATIENCE)
     assert task.closed
 
 
@@ -217,10 +217,10 @@ def test_a_suspended_task_takes_no_input_until_it_is_resumed():
     with running(ECHO, task) as world:
         world.decide(sequence=1, task="echo", suspended=True)
         world.wait_for_inputs(expected=False)
-        assert task.adapted.get(timeout=PATIENCE_S).suspended
+        assert task.adapted.get(timeout=PATIENCE).suspended
         world.decide(sequence=2, task="echo", share=0.3)
         world.wait_for_inputs(expected=True)
-        assert task.adapted.get(timeout=PATIENCE_S).share == 0.3
+        assert task.adapted.get(timeout=PATIENCE).share == 0.3
         world.say(b"awake")
         assert world.next_result()["heard"] == "awake"
 
@@ -251,8 +251,8 @@ def test_a_source_that_fails_is_opened_again_and_freed_while_suspended(failure, 
     task = Sensor(failure)
     with running(SENSOR, task) as world:
         assert [world.next_result() for _ in range(2)] == [{"stamp": 7, "value": 1}, {"stamp": 7, "value": 2}]
-        assert task.released.get(timeout=PATIENCE_S) == 1
+        assert task.released.get(timeout=PATIENCE) == 1
         world.decide(sequence=1, task="sensor", suspended=True)
-        assert task.released.get(timeout=PATIENCE_S) == 2, "of two plans in a row only the newer one counts"
+        assert task.released.get(timeout=PATIENCE) == 2, "of two plans in a row only the newer one counts"
         world.decide(sequence=2, task="sensor", share=0.1)
         assert world.next_result()["value"] == 3

@@ -8,7 +8,9 @@ from contextpolicy.bus.session import open_router
 from robotkit import ConfigurationError
 from robotkit.session import client_config, credentials, endpoints, open_session
 from tests.bus.certificates import Authority
-from tests.modules.robotkit.bus import free_port, router, soon
+from tests.modules.robotkit.bus import router, soon
+from tests.ports import free_port
+from tests.waiting import PATIENCE
 
 
 def test_addresses_come_from_the_environment():
@@ -39,8 +41,8 @@ def test_a_session_waits_for_its_router():
     thread = threading.Thread(target=lambda: thread_done.append(connect()))
     thread.start()
     with router(port):
-        assert connected.wait(10)
-        thread.join(10)
+        assert connected.wait(PATIENCE)
+        thread.join(PATIENCE)
     assert len(thread_done[0]) == 1
 
 

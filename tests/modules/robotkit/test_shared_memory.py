@@ -11,6 +11,7 @@ import pytest
 from robotkit import Input
 from robotkit.inputs import Inputs
 from tests.modules.robotkit.bus import Matching, client, router, soon
+from tests.waiting import until
 
 FRAME = bytes(range(256)) * 1000
 USUAL = 8 << 20
@@ -38,10 +39,16 @@ def test_a_frame_stays_where_it_is_when_all_share_memory(both):
         inputs = Inputs(module, {"frame": Input("test/frame", depth=5)})
         inputs.resume()
         matching.wait(expected=True)
-        for _ in range(3):  # the memory is made when the first frame asks for it, which itself goes by TCP
+
+        def shared():
             publisher.put(FRAME)
             assert soon(inputs.take).payload == FRAME
-        assert (inputs.shared["frame"] > 0) == both
+            return inputs.shared["frame"]
+
+        if both:
+            until(shared)  # the memory is made when the first frame asks for it, which itself goes by TCP
+        else:
+            assert [shared() for _ in range(3)] == [0, 0, 0]
         inputs.close()
 
 
@@ -51,12 +58,15 @@ def test_a_containers_process_may_lock_enough_memory():
         inputs = Inputs(module, {"frame": Input("test/frame", depth=5)})
         inputs.resume()
         with subprocess.Popen([*argv, address], stdin=subprocess.PIPE, text=True) as camera:
-            for _ in range(3):
+
+            def shared():
                 camera.stdin.write("\n")
                 camera.stdin.flush()
                 assert soon(inputs.take).payload == FRAME
+                return inputs.shared["frame"]
+
+            until(shared)
             camera.stdin.close()
-        assert inputs.shared["frame"] > 0
         inputs.close()
 
 
