@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 from modules.arm.kinematics import Unreachable
-from robotkit import MessageError
+from robotkit import MessageError, json_text
 
 if TYPE_CHECKING:
     from modules.arm.joints import Arm, Posture
@@ -26,7 +25,7 @@ class Order(Enum):
 def parse_order(payload: bytes, arm: Arm, current: Posture) -> Order | Posture:
     """Read an order; a goal is the posture that it leads to. MessageError tells what is wrong and what is allowed."""
     try:
-        document = json.loads(payload)
+        document = json_text.loads(payload)
     except ValueError as error:
         raise MessageError(f"not JSON: {error}") from error
     match document:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING
 
 from modules.chatbot.answers import answer
 from modules.chatbot.memory import Memory, UnusableError
-from robotkit import MessageError, Result, Task
+from robotkit import MessageError, Result, Task, json_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -50,7 +49,7 @@ class Chatbot(Task):
 
 def _object(payload: bytes) -> Mapping[str, object]:
     try:
-        message = json.loads(payload)
+        message = json_text.loads(payload)
     except ValueError as error:
         raise MessageError(f"not JSON: {error}") from error
     if not isinstance(message, dict):

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 from modules.navigation.pilot import DRIVE_PATIENCE, Drive
 from modules.navigation.waypoints import Motion, Route
-from robotkit import MessageError
+from robotkit import MessageError, json_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,7 +44,7 @@ def parse_ranges(payload: bytes) -> Sequence[float]:
 
 def _json(payload: bytes) -> Any:
     try:
-        return json.loads(payload)
+        return json_text.loads(payload)
     except ValueError as error:  # also when it is no UTF-8
         raise MessageError(f"not JSON: {error}") from error
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from dataclasses import dataclass, field
@@ -15,7 +14,7 @@ from modules.slam.geometry import quaternion
 from modules.slam.slam import State, StereoSlam
 from modules.slam.task import effort, track
 from modules.slam.trajectory import Trajectory, trajectory
-from robotkit import MessageError, euroc
+from robotkit import MessageError, euroc, json_text
 from robotkit.stereo import encode
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ class Estimate:
     def hear(self, payload: bytes) -> None:
         """Take a pose message; one that is none is counted as broken."""
         try:
-            message = json.loads(payload)
+            message = json_text.loads(payload)
             values = [float(value) for value in (*message["position"], *message["orientation"])]
             stamp, timing = int(message["frame"]), message.get("timing") or {}
             state = State(message["state"])

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING
 
-from robotkit import MessageError, Result, Task
+from robotkit import MessageError, Result, Task, json_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,7 +33,7 @@ class Voice(Task):
 
 def _text(payload: bytes) -> str:
     try:
-        message = json.loads(payload)
+        message = json_text.loads(payload)
         text = message["text"]
     except (ValueError, KeyError, TypeError) as error:
         raise MessageError(f"not an object with a text: {error!r}") from error

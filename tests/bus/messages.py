@@ -50,3 +50,16 @@ def step(stage: str, cores: float, task: str = "slam") -> dict[str, Any]:
     """A container reached a stage."""
     identity = f"robot/{task}-1/{task}"
     return {"run": 1, "sequence": 1, "stage": stage, "container": identity, "cores": cores, "time": 100.1}
+
+
+BOARD: dict[str, Any] = {
+    "policy": "robot/delivery",
+    "plan": plan(),
+    "containers": [{"task": "slam", "limit": 0.99, "use": 0.5, "throttled": 0.25}],
+    "streams": {
+        "imu": {"age": 0.25, "samples": 7, "silent": False},
+        "mic": {"age": None, "samples": 0, "silent": True},
+    },
+    "reactions": {"count": 3, "median": 0.02, "worst": 0.1, "last": 0.03},
+}
+"""What the operator answers about a policy."""

@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from contextpolicy.bus.view import BusView, live
-from tests.bus.messages import APPLIED, KEY, a_node, plan, step, target
+from tests.bus.messages import APPLIED, BOARD, KEY, a_node, plan, step, target
 
 
 def heard(*messages: tuple[str, dict[str, Any]]) -> BusView:
@@ -115,6 +115,10 @@ def test_a_withdrawn_plan_is_gone() -> None:
         (KEY, b"{}"),
         (KEY, b"[1]"),
         (KEY, json.dumps(plan(targets=[{}])).encode()),
+        (KEY, json.dumps(plan(tasks={"slam": {"weight": 1.0, "share": "all", "suspended": False}})).encode()),
+        (KEY, json.dumps(plan(tasks={"slam": {"weight": [], "share": 0.1, "suspended": False}})).encode()),
+        (KEY, json.dumps(plan(targets=[{**target("slam", 1.0), "cores": "1"}])).encode()),
+        (KEY, json.dumps(plan(time=float("inf"))).encode()),
         (KEY, json.dumps(plan(tasks={"slam": 1})).encode()),
         (KEY, json.dumps(plan(time=None)).encode()),
         (APPLIED, b"{}"),
@@ -129,16 +133,27 @@ def test_what_nobody_can_read_changes_nothing(key: str, payload: bytes) -> None:
     assert json.dumps(view.policies["robot/delivery"].as_json()) == before
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"policy": "no-slash"},
+        {"containers": [{"task": "slam"}]},
+        {"containers": [{"task": "slam", "limit": "1", "use": None, "throttled": None}]},
+        {"streams": {"imu": {"age": "long", "samples": 7, "silent": False}}},
+        {"streams": []},
+        {"reactions": {"count": 3}},
+        {"reactions": {}},
+    ],
+)
+def test_a_board_that_nobody_can_read_is_not_shown(change: dict[str, Any]) -> None:
+    view = BusView()
+    view.take_board({**BOARD, **change})
+    assert view.boards == {}
+
+
 def test_what_the_operator_itself_tells_is_added() -> None:
     view = BusView()
-    container = {"task": "slam", "limit": 0.99, "use": 0.5, "throttled": 0.25}
-    streams = {
-        "imu": {"age": 0.25, "samples": 7, "silent": False},
-        "mic": {"age": None, "samples": 0, "silent": True},
-    }
-    reactions = {"count": 3, "median": 0.02, "worst": 0.1, "last": 0.03}
-    board = {"policy": "robot/delivery", "plan": plan(), "containers": [container], "streams": streams}
-    view.take_board({**board, "reactions": reactions})
+    view.take_board(BOARD)
     text = drawn(view)
     rows = [[cell.strip() for cell in line.strip("│").split("│")] for line in text.splitlines() if line.startswith("│")]
     assert ["slam", "10", "990m", "990m", "500m", "25%", "planned"] in rows

@@ -81,8 +81,8 @@ ELSEWHERE = {
 NOT_HERE = {
     r"make (demo|test|e2e|unit|heavy|soak|arm64|test-all|experiments|bench\S*|cluster-down)": "it runs tests, "
     "or for minutes on a node of its own; CI runs `make test`",
-    r"make (crds|help|simulate|pictures|release|fuzz\S*)": "a line of the Makefile over a command that is tested",
-    r"(\.venv/bin/)?python -m tests\.(node|bench)": "it builds a node, or measures",
+    r"make (crds|help|simulate|pictures|release)": "a line of the Makefile over a command that is tested",
+    r"(\.venv/bin/)?python -m tests\.(node|bench|fuzz)": "it builds a node, measures, or needs atheris",
     r"python -m timelines\.datasets": "it renders and speaks for minutes; `make recordings` runs it before the tests",
     r"python -m modules\.signs\.training": "eight minutes of CPU; what it made is in the repository, and tested",
     r"sudo config/k3s/try\.sh": "it installs k3s from the internet; shellcheck reads it",

@@ -41,6 +41,7 @@ TARGETS: Mapping[str, Target] = {
     "order": either(targets.order, json.loads(a_message(a_target()))),
     "plan": either(lambda data: targets.shown([(messages.KEY, data)]), messages.plan()),
     "applied": either(lambda data: targets.shown([(messages.APPLIED, data)]), APPLIED),
+    "board": either(targets.board, messages.BOARD),
     "watch": either(targets.event, {"type": "MODIFIED", "object": a_pod(sidecars={"proxy": cpu("1m", "2m")})}),
     "answer": either(lambda data: targets.answer(200, data), a_pod()),
     "refusal": either(lambda data: targets.answer(422, data), {"message": "no", "details": {"causes": [{}]}}),

@@ -288,6 +288,14 @@ def shown(messages: list[tuple[str, bytes]]) -> None:
     console.print(live(seen, START))
 
 
+def board(payload: bytes) -> None:
+    """Anything as an answer about a policy's board, on an open bus: what makes sense is shown."""
+    seen = BusView()
+    with suppress(ValueError, RecursionError):
+        seen.take_board(json.loads(payload))
+    Console(width=120, file=io.StringIO()).print(live(seen, START))
+
+
 class _Server:
     """An API server that lists nothing, whose watch says one line, and that ends the watch when it is listed again."""
 

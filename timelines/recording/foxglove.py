@@ -6,11 +6,10 @@ The raw message is always recorded too; these are additions, for people.
 from __future__ import annotations
 
 import base64
-import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from robotkit import MessageError
+from robotkit import MessageError, json_text
 from robotkit.stereo import decode
 
 if TYPE_CHECKING:
@@ -42,14 +41,14 @@ def schema_of(name: str) -> dict[str, Any]:
 
 
 def _scan(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
-    ranges = [float(distance) for distance in json.loads(payload)["ranges"]]
+    ranges = [float(distance) for distance in json_text.loads(payload)["ranges"]]
     turn = 2 * 3.141592653589793
     fields = {"timestamp": time, "frame_id": "robot", "pose": _ORIGIN, "start_angle": 0.0, "end_angle": turn}
     yield Shown(f"{key}/shown", "foxglove.LaserScan", {**fields, "ranges": ranges, "intensities": []})
 
 
 def _pose(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
-    message = json.loads(payload)
+    message = json_text.loads(payload)
     position, orientation = (dict(zip("xyzw", message[name], strict=False)) for name in ("position", "orientation"))
     pose = {"position": position, "orientation": orientation}
     yield Shown(f"{key}/shown", "foxglove.PoseInFrame", {"timestamp": time, "frame_id": "world", "pose": pose})
@@ -78,7 +77,7 @@ def _sound(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]
 
 
 def _plan(key: str, payload: bytes, time: Mapping[str, int]) -> Iterator[Shown]:
-    plan = json.loads(payload)
+    plan = json_text.loads(payload)
     shares = ", ".join(f"{name} {task['share']:g}" for name, task in plan["tasks"].items())
     message = f"{', '.join(plan['contexts']) or 'no context'}; {plan['cause']}; {shares}"
     fields = {"level": 2, "name": str(plan["policy"]), "file": "", "line": 0}

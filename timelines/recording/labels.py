@@ -14,7 +14,6 @@ they are of that moment. Everything else (pictures, sound) stays in the recordin
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -28,6 +27,7 @@ from contextpolicy.policy.ros_types import is_known, type_store
 from contextpolicy.policy.spec import RosRelease
 from contextpolicy.streams.cdr import reader
 from contextpolicy.streams.recordings import Excerpt, bounds, timeline_key
+from robotkit import json_text
 from timelines.datasets.readers import stream_of
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ def _reader(topic: Topic) -> tuple[Read | None, dict[str, Any]]:
 
 def _from_json(payload: bytes) -> Any:
     try:
-        value = json.loads(payload)
+        value = json_text.loads(payload)
     except ValueError as error:
         raise DecodeError(f"a message is no JSON: {error}") from error
     return {name: part for name, part in value.items() if name != "stamp"} if isinstance(value, dict) else value

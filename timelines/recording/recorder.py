@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import queue
 import threading
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
+from robotkit import json_text
 from robotkit.stamps import stamp_of
 from timelines.demo.cgroup import find
 
@@ -135,7 +135,7 @@ def encoding_of(encoding: str, key: str, payload: bytes) -> str:
 def targets(payload: bytes) -> Iterator[tuple[str, str]]:
     """Task and container id of each container that a plan on the bus is for."""
     try:
-        listed = json.loads(payload).get("targets", ())
+        listed = json_text.loads(payload).get("targets", ())
         yield from [(str(target["task"]), str(target["containerId"])) for target in listed if target.get("containerId")]
     except (ValueError, AttributeError, KeyError, TypeError):
         return  # a withdrawal, or not from an operator
@@ -143,7 +143,7 @@ def targets(payload: bytes) -> Iterator[tuple[str, str]]:
 
 def _is_json(payload: bytes) -> bool:
     try:
-        json.loads(payload)
+        json_text.loads(payload)
     except ValueError:
         return False
     return True

@@ -1,4 +1,4 @@
-"""JSON that every reader accepts: NaN and Infinity, which JSON does not have, become null, "no value"."""
+"""JSON that every reader accepts, and nothing else: it has no NaN and no Infinity, which become null, "no value"."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+LONGEST = len("-9223372036854775808")
+
 
 def dumps(value: object) -> str:
     """Serialize a value; numpy's numbers and arrays become numbers and lists. TypeError for what JSON can't hold."""
@@ -14,6 +16,28 @@ def dumps(value: object) -> str:
         return json.dumps(value, allow_nan=False, default=_plain)
     except ValueError:  # NaN or Infinity: rare, so the value is searched only now
         return json.dumps(_finite(value), allow_nan=False)
+
+
+def loads(text: bytes | str) -> Any:
+    """Parse what somebody sent. ValueError for all that is wrong with it.
+
+    That includes what Python's parser takes or chokes on: NaN, integers beyond 64 bits (no float can be made of some),
+    and lists in lists in lists.
+    """
+    try:
+        return json.loads(text, parse_int=_integer, parse_constant=_refuse)
+    except RecursionError as error:
+        raise ValueError("nested too deep") from error
+
+
+def _integer(digits: str) -> int:
+    if len(digits) > LONGEST:
+        raise ValueError(f"{digits[:LONGEST]}... is no integer of 64 bits")
+    return int(digits)
+
+
+def _refuse(constant: str) -> Any:
+    raise ValueError(f"{constant} is no JSON")
 
 
 def _plain(value: Any) -> object:

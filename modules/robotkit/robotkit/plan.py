@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import zenoh
+
+from robotkit import json_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -62,7 +63,7 @@ class Decisions:
 def _parse(payload: bytes, task: str) -> _Plan | None:
     """Read a plan; one that does not name the task, or is not enforced, does not bind it."""
     try:
-        document = json.loads(payload)
+        document = json_text.loads(payload)
         order = (int(document["run"]), int(document["sequence"]))
         if document["mode"] != "Enforce" or task not in document["tasks"]:
             return _Plan(order, UNPLANNED)

@@ -10,6 +10,7 @@ import threading
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+from robotkit import json_text
 from robotkit.errors import ConfigurationError
 from robotkit.session import credentials, endpoints, open_session
 
@@ -59,7 +60,7 @@ def idle(answers: Iterable[dict[str, Any]]) -> list[str]:
 def _ask(session: zenoh.Session) -> Iterable[dict[str, Any]]:
     for reply in session.get(KEY, timeout=PATIENCE_S):
         if reply.ok is not None:
-            yield json.loads(reply.ok.payload.to_bytes())
+            yield json_text.loads(reply.ok.payload.to_bytes())
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from robotkit import json_text
 from robotkit.errors import MessageError
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def imu(received: Received) -> ImuSample:
         message, stamp = _ros(received, IMU)
         return ImuSample(stamp, _axes(message.angular_velocity), _axes(message.linear_acceleration))
     try:
-        fields = json.loads(received.payload)
+        fields = json_text.loads(received.payload)
         stamp = fields.get("stamp", received.stamp)
         gyro, accel = (tuple(map(float, fields[name])) for name in ("gyro", "accel"))
     except (ValueError, TypeError, KeyError, AttributeError) as error:

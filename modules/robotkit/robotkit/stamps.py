@@ -6,6 +6,8 @@ import json
 import struct
 from typing import TYPE_CHECKING
 
+from robotkit import json_text
+
 if TYPE_CHECKING:
     import zenoh
 
@@ -31,7 +33,7 @@ def stamp_of(sample: zenoh.Sample) -> int | None:
     if len(raw) == _RMW_ZENOH.size and raw[16] == 16:
         return int(_RMW_ZENOH.unpack(raw)[1])
     try:
-        stamp = json.loads(raw)["stamp"]
+        stamp = json_text.loads(raw)["stamp"]
     except (ValueError, KeyError, TypeError):  # someone else's attachment
         return None
     return stamp if isinstance(stamp, int) and not isinstance(stamp, bool) else None

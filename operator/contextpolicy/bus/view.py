@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
 
 STAGES = {"planned": 0, "accepted": 1, "inForce": 2}
 """How far a container's limit has come, in the bus's words: decided, accepted by the API, in force on the node."""
+UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
+"""What a message of somebody else may raise where it is read."""
 WORDS = {"planned": "planned", "accepted": "accepted", "inForce": "in force"}
 
 
@@ -77,11 +81,13 @@ class BusView:
     """What only the operator itself can tell of each policy (see `live.board`), if it was asked."""
 
     def take_board(self, board: Mapping[str, Any]) -> None:
-        """Take a policy's board; what it says of the plan counts like a message."""
-        policy = str(board["policy"])
-        self.boards[policy] = board
-        if board["plan"] is not None:
-            self.take(plan_key(*policy.split("/")), json.dumps(board["plan"]).encode())
+        """Take a policy's board; what it says of the plan counts like a message. An unreadable one is ignored."""
+        with suppress(*UNREADABLE):
+            policy = str(board["policy"])
+            key = plan_key(*policy.split("/"))
+            self.boards[policy] = _read_board(board)
+            if board["plan"] is not None:
+                self.take(key, json.dumps(board["plan"]).encode())
 
     def take(self, key: str, payload: bytes | None) -> dict[str, Any] | None:
         """Take a message, None when a plan was withdrawn; returns the new state of its policy if it has changed.
@@ -95,7 +101,7 @@ class BusView:
         try:
             content = json.loads(payload)
             changed = self._plan(policy, content) if topic == "plan" else self._applied(policy, content)
-        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
+        except UNREADABLE:
             return None
         return self.policies[policy].as_json() if changed else None
 
@@ -123,29 +129,64 @@ class BusView:
 
 
 def _read(policy: str, content: Mapping[str, Any]) -> PolicyView:
-    fields = ("weight", "share", "suspended")
     limited = content["control"] == Control.LIMIT
     fair = {name for name, node in content["nodes"].items() if node["scheduler"] == Scheduler.CFS}
     return PolicyView(
         policy=policy,
         order=(int(content["run"]), int(content["sequence"]), int(content.get("edition", 0))),
-        time=float(content["time"]),
+        time=_number(content["time"]),
         mode=str(content["mode"]),
         scheduler=str(content["scheduler"]),
         control=str(content["control"]),
         contexts=[str(context) for context in content["contexts"]],
         cause=str(content["cause"]),
-        tasks={name: {one: task[one] for one in fields} for name, task in content["tasks"].items()},
+        tasks={
+            name: {
+                "weight": _number(task["weight"]),
+                "share": _number(task["share"]),
+                "suspended": bool(task["suspended"]),
+            }
+            for name, task in content["tasks"].items()
+        },
         targets={
             f"{one['namespace']}/{one['pod']}/{one['container']}": ShownTarget(
-                task=one["task"],
-                cores=one["cores"],
+                task=str(one["task"]),
+                cores=_number(one["cores"]),
                 stage="inForce" if limited and one["limit"] == one["cores"] else "planned",
                 resized=one["node"] in fair,
             )
             for one in content["targets"]
         },
     )
+
+
+def _read_board(board: Mapping[str, Any]) -> dict[str, Any]:
+    """What is shown of a board."""
+    reactions = board["reactions"]
+    return {
+        "containers": [
+            {"task": str(one["task"]), **{what: _known(one[what]) for what in ("limit", "use", "throttled")}}
+            for one in board["containers"]
+        ],
+        "streams": {
+            name: {"age": _known(one["age"]), "samples": int(one["samples"]), "silent": bool(one["silent"])}
+            for name, one in board["streams"].items()
+        },
+        "reactions": None
+        if reactions is None
+        else {name: _number(reactions[name]) for name in ("count", "median", "worst", "last")},
+    }
+
+
+def _known(value: float | None) -> float | None:
+    return None if value is None else _number(value)
+
+
+def _number(value: float) -> float:
+    """What a message gives for a number: float() would also read text, and JSON as Python reads it has infinities."""
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"not a number: {value!r:.80}")
+    return value
 
 
 def live(view: BusView, now: float) -> Group | Text:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from typing import TYPE_CHECKING, Self
+from functools import partial
+from typing import TYPE_CHECKING
 
 import zenoh
 
 from tests.bench.live_case import steady
+from tests.e2e.background import Background
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,26 +24,20 @@ PAYLOADS: dict[str, Callable[[int], bytes]] = {
 }
 
 
-class Traffic:
+class Traffic(Background):
     """Publishes from `with` to its end; another session hears image and sound, as a module does."""
 
     def __init__(self, sensors: zenoh.Session, module: zenoh.Session, keys: dict[str, str]) -> None:
-        self._stop = threading.Event()
+        super().__init__(
+            *(
+                partial(self._publish, _publisher(sensors, keys[what]), rate, PAYLOADS[what])
+                for what, rate in RATES.items()
+            )
+        )
         self._heard = [module.declare_subscriber(keys[what], lambda _: None) for what in ("camera", "microphone")]
-        self._threads = [
-            threading.Thread(target=self._publish, args=(_publisher(sensors, keys[what]), rate, PAYLOADS[what]))
-            for what, rate in RATES.items()
-        ]
 
-    def __enter__(self) -> Self:
-        for thread in self._threads:
-            thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        for thread in self._threads:
-            thread.join()
+    def __exit__(self, *raised: object) -> None:
+        super().__exit__(*raised)
         for subscriber in self._heard:
             subscriber.undeclare()
 

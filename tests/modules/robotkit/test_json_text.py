@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from robotkit.json_text import dumps
+from robotkit.json_text import dumps, loads
 
 values = some.recursive(
-    some.none() | some.booleans() | some.integers() | some.floats() | some.text(),
+    some.none() | some.booleans() | some.integers(-(2**63), 2**63 - 1) | some.floats() | some.text(),
     lambda inner: some.lists(inner) | some.dictionaries(some.text(), inner),
     max_leaves=20,
 )
@@ -35,6 +35,19 @@ def test_every_reader_accepts_it(value):
 )
 def test_what_json_cannot_say_and_what_numpy_says(value, text):
     assert dumps(value) == text
+
+
+@given(values)
+def test_what_is_written_can_be_read(value):
+    assert json.dumps(loads(dumps(value))) == dumps(value)
+
+
+@pytest.mark.parametrize(
+    "text", [b"", b"\xff", b"{", "NaN", "[-Infinity]", b"[" * 100_000, b'{"a":' * 100_000, b"1" * 21, "-1" + "0" * 400]
+)
+def test_whatever_is_no_json_is_a_value_error(text):
+    with pytest.raises(ValueError):  # noqa: PT011 - of any kind
+        loads(text)
 
 
 def test_what_json_has_no_word_for_is_a_bug_of_the_module():

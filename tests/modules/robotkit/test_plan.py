@@ -15,6 +15,9 @@ from tests.waiting import PATIENCE
 KEY = "contextpolicy/robot/demo/plan"
 
 
+DEEP = b"[" * 100_000
+
+
 def a_plan(run=1, sequence=1, *, task="slam", mode="Enforce", **changes):
     decision = {"score": 1.0, "weight": 10.0, "share": 0.5, "suspended": False, **changes}
     return json.dumps({"run": run, "sequence": sequence, "mode": mode, "tasks": {task: decision}}).encode()
@@ -44,7 +47,7 @@ def test_a_policy_that_does_not_name_the_task_changes_nothing():
     assert decisions.hear("contextpolicy/robot/other/plan", a_plan(run=9, task="arm")) == mine
 
 
-@pytest.mark.parametrize("payload", [b"", b"{", b"[]", b"7", b'{"run": 1}', a_plan().replace(b"0.5", b'"much"')])
+@pytest.mark.parametrize("payload", [b"", b"{", b"[]", b"7", b'{"run": 1}', a_plan().replace(b"0.5", b'"much"'), DEEP])
 def test_a_broken_plan_changes_nothing(payload):
     decisions = Decisions("slam")
     mine = decisions.hear(KEY, a_plan(share=0.7))
