@@ -85,7 +85,8 @@ def metrics_server(programs: Path, interval: int) -> Component:
         metric_resolution=f"{max(10, interval)}s",
         secure_port=METRICS_PORT,
     )
-    probe = answers(f"https://127.0.0.1:{METRICS_PORT}/readyz")
+    # It is ready only when it has measured a pod twice, and there may be none yet.
+    probe = answers(f"https://127.0.0.1:{METRICS_PORT}/livez")
     return Component("metrics-server", (str(programs / "metrics-server"), *settings), probe, patience=90)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from contextpolicy.cluster.api import POOL
+from contextpolicy.recorder.flight_recorder import SECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,6 +25,8 @@ SOCKETS = POOL
 lost with each fault would be more within an hour."""
 SETTLED = 30.0
 """Seconds after which a process has imported, connected and listed."""
+FILLED = SECONDS + 60
+"""Seconds after which the operator's flight recorder is full; of a shorter life, the second half is looked at."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +51,9 @@ class Size:
 
 def last_life(sizes: Series) -> list[Size]:
     """The last process of a component, from when it had settled."""
-    own = [size for size in sizes if size.pid == sizes[-1].pid] if sizes else []
-    return [size for size in own if size.at >= own[0].at + SETTLED]
+    own = [size for size in sizes if size.pid == sizes[-1].pid]
+    settling = max(SETTLED, min(FILLED, (own[-1].at - own[0].at) / 2)) if own else 0.0
+    return [size for size in own if size.at >= own[0].at + settling]
 
 
 def slope(sizes: Series) -> float:

@@ -44,11 +44,17 @@ def test_the_slope_is_in_mebibytes_an_hour():
 
 
 def test_only_the_last_life_counts_and_only_when_it_has_settled():
-    sizes = [*life(pid=1), *(Size(3600 + 10 * n, 2, 20, 10, 90 * MIB) for n in range(10))]
+    sizes = [*life(pid=1), *(Size(3600 + 10 * n, 2, 20, 10, 90 * MIB) for n in range(7))]
     own = growth.last_life(sizes)
     assert {size.pid for size in own} == {2}
     assert own[0].at == 3630
     assert growth.last_life([]) == []
+
+
+def test_a_flight_recorder_that_fills_is_no_leak():
+    """As one was seen to, in the first minutes of a soak."""
+    filling = life(hours=0.5, memory=lambda part: min(113.0, 98 + part * 1800 * 0.05))
+    assert growth.leaks("operator", growth.last_life(filling)) == []
 
 
 def test_a_life_that_is_too_short_is_said_to_be():
