@@ -5,6 +5,7 @@
 --half tuning|rest   only the half of the speakers that the thresholds may be chosen on, or only the others; a connected
                      recording's speaker is its name up to the first hyphen, as in LibriSpeech
 --tune               what each threshold would hear and invent, and which one keeps to the goal
+--weights FILE       the networks that training.py wrote there, with the thresholds of the shipped ones
 --synthetic          the generated test set (other texts, sizes and rooms than those of the training)
 """
 
@@ -21,16 +22,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from modules.speech.listener import Listener
+from modules.speech.listener import THRESHOLDS, Listener, Teller
 from modules.speech.spectrum import RATE
-from modules.speech.speech_commands import RecordingError, between_silences, chunks, clips, load, noises
+from modules.speech.speech_commands import RecordingError, between_silences, check, chunks, clips, load, noises
 from modules.speech.spotter import KEYWORDS
 from modules.speech.tuning import Evidence
+from modules.speech.verifier import WEIGHTS, Verifier, WeightsError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from modules.speech.spectrum import Samples
+    from modules.speech.speech_commands import Clip
 
 TEST_SEED = 1000
 HALVES = ("tuning", "rest")
@@ -69,17 +72,18 @@ class Score:
 class _Ear:
     """Listens to recordings, each by itself, and keeps the score, and the evidence for all that might be a command."""
 
-    def __init__(self) -> None:
+    def __init__(self, verifier: Verifier) -> None:
         self.score = Score()
         self.evidence = Evidence()
-        self._listener = Listener()
+        self._listener = Listener(verifier=verifier)
+        self._teller = Teller(THRESHOLDS)
 
     def hear(self, truth: str | None, samples: Samples) -> None:
         gate = self._listener.gate
         gate.restart()
         utterances = [utterance for chunk in chunks(samples) for utterance in gate.feed(chunk)]
         candidates = [self._listener.candidates(utterance) for utterance in utterances]
-        told = [heard.keyword for found in candidates for heard in self._listener.told(found)]
+        told = [heard.keyword for found in candidates for heard in self._teller.tell(found)]
         self.score.count(truth, told, len(samples) / RATE)
         self.evidence.count(truth, [heard for found in candidates for heard in found], len(samples) / RATE)
 
@@ -89,16 +93,14 @@ def in_half(speaker: str, half: str | None) -> bool:
     return half is None or zlib.crc32(speaker.encode()) % len(HALVES) == HALVES.index(half)
 
 
-def words(folder: Path, split: str | None, half: str | None) -> Iterator[tuple[str | None, Samples]]:
+def words(spoken: Iterable[Clip]) -> Iterator[tuple[str | None, Samples]]:
     """Every clip with its word, between silences."""
-    for clip in clips(folder, split):
-        if in_half(clip.speaker, half):
-            yield clip.word, between_silences(load(clip.path))
+    return ((clip.word, between_silences(load(clip.path))) for clip in spoken)
 
 
-def connected(paths: Iterable[Path], half: str | None) -> Iterator[tuple[str | None, Samples]]:
+def connected(paths: Iterable[Path]) -> Iterator[tuple[str | None, Samples]]:
     """Long recordings without commands."""
-    return ((None, load(path)) for path in paths if in_half(path.stem.partition("-")[0], half))
+    return ((None, load(path)) for path in paths)
 
 
 def synthetic(scale: float) -> Iterator[tuple[str | None, Samples]]:
@@ -111,9 +113,9 @@ def synthetic(scale: float) -> Iterator[tuple[str | None, Samples]]:
         yield spoken.keyword, in_a_room(np.pad(spoken.samples(), RATE // 2), rng)
 
 
-def judge(recordings: Iterable[tuple[str | None, Samples]]) -> _Ear:
+def judge(recordings: Iterable[tuple[str | None, Samples]], verifier: Verifier) -> _Ear:
     """Listen to all of them."""
-    ear = _Ear()
+    ear = _Ear(verifier)
     for truth, samples in recordings:
         ear.hear(truth, samples)
     return ear
@@ -136,27 +138,33 @@ def main() -> int:
     parser.add_argument("--connected", type=Path, nargs="+", default=[])
     parser.add_argument("--half", choices=HALVES, help="of the speakers; all by default")
     parser.add_argument("--tune", action="store_true")
+    parser.add_argument("--weights", type=Path, default=WEIGHTS)
     parser.add_argument("--synthetic", action="store_true")
     parser.add_argument("--scale", type=float, default=0.1, help="how much to synthesise")
     options = parser.parse_args()
     try:
+        verifier = Verifier.load(options.weights)
         sets = list(_sets(options))
         for name, recordings in () if options.tune else sets:
-            _print(f"{name}\n{judge(recordings).score.report()}")
+            _print(f"{name}\n{judge(recordings, verifier).score.report()}")
         if options.tune:
-            _print(judge(chain.from_iterable(recordings for _, recordings in sets)).evidence.report())
-    except RecordingError as error:
+            _print(judge(chain.from_iterable(recordings for _, recordings in sets), verifier).evidence.report())
+    except (RecordingError, WeightsError) as error:
         sys.stderr.write(f"{error}\n")
         return 2
     return 0
 
 
 def _sets(options: argparse.Namespace) -> Iterator[tuple[str, Iterable[tuple[str | None, Samples]]]]:
-    if options.words:
-        yield f"words of {options.words}", words(options.words, options.split, options.half)
-        options.connected += noises(options.words)
-    if options.connected:
-        yield "connected speech and noise", connected(options.connected, options.half)
+    spoken = clips(options.words, options.split) if options.words else []
+    long = options.connected + (noises(options.words) if options.words else [])
+    spoken = [clip for clip in spoken if in_half(clip.speaker, options.half)]
+    long = [path for path in long if in_half(path.stem.partition("-")[0], options.half)]
+    check([*(clip.path for clip in spoken), *long])
+    if spoken:
+        yield f"words of {options.words}", words(spoken)
+    if long:
+        yield "connected speech and noise", connected(long)
     if options.synthetic:
         yield "synthesised speech", synthetic(options.scale)
 

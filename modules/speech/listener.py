@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from modules.speech.spectrum import Samples
 
 # The evidence (log-odds) that a command needs, chosen by `tuning.py`: see README.md.
-THRESHOLDS = {"forward": 1.5, "backward": 1.1, "left": 0.3, "right": 2.2, "stop": 2.2}
+THRESHOLDS = {"forward": 1.5, "backward": 1.1, "left": 0.3, "right": 1.8, "stop": 2.2}
 
 _DITHER = 0.003
 """Loudness of the noise that is added, as a part of the utterance's peak: 50 dB below it."""
@@ -43,29 +43,39 @@ class Heard:
         return 1 / (1 + math.exp(-self.evidence))
 
 
-class Listener:
-    """Hears commands in a stream of 16 bit samples at 16 kHz."""
+class Teller:
+    """Tells what has enough evidence, and no command twice, though the pieces of connected speech overlap."""
 
-    def __init__(self, thresholds: Mapping[str, float] = THRESHOLDS) -> None:
-        self.gate = Gate()
-        self._spotter = Spotter()
-        self._phones = PhoneModel()
-        self._verifier = Verifier.load()
+    def __init__(self, thresholds: Mapping[str, float]) -> None:
         self._thresholds = thresholds
         self._last: dict[str, float] = {}
 
-    def listen(self, utterance: Utterance) -> list[Heard]:
-        """The commands in an utterance, but not those that the piece of speech before it held already."""
-        return self.told(self.candidates(utterance))
-
-    def told(self, candidates: Iterable[Heard]) -> list[Heard]:
-        """Those of an utterance's candidates that have enough evidence and were not told just before."""
+    def tell(self, candidates: Iterable[Heard]) -> list[Heard]:
+        """Those of the candidates, in the order of time, that are commands and were not told just before."""
         told = []
         for heard in candidates:
             if heard.evidence >= self._thresholds[heard.keyword] and self._is_new(heard):
                 self._last[heard.keyword] = heard.start
                 told.append(heard)
         return told
+
+    def _is_new(self, heard: Heard) -> bool:
+        return heard.start - self._last.get(heard.keyword, -math.inf) >= _SAME
+
+
+class Listener:
+    """Hears commands in a stream of 16 bit samples at 16 kHz."""
+
+    def __init__(self, thresholds: Mapping[str, float] = THRESHOLDS, verifier: Verifier | None = None) -> None:
+        self.gate = Gate()
+        self._spotter = Spotter()
+        self._phones = PhoneModel()
+        self._verifier = verifier or Verifier.load()
+        self._teller = Teller(thresholds)
+
+    def listen(self, utterance: Utterance) -> list[Heard]:
+        """The commands in an utterance, but not those that the piece of speech before it held already."""
+        return self._teller.tell(self.candidates(utterance))
 
     def candidates(self, utterance: Utterance) -> list[Heard]:
         """All that the spotter marks, in the order of time, with the evidence for it."""
@@ -79,9 +89,6 @@ class Listener:
             Heard(mark.keyword, begin + mark.start, begin + mark.end, self._verifier.evidence(posteriors, mark))
             for mark in marks
         ]
-
-    def _is_new(self, heard: Heard) -> bool:
-        return heard.start - self._last.get(heard.keyword, -_SAME) >= _SAME
 
 
 def _dithered(samples: Samples) -> Samples:

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import wave
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ import numpy as np
 from modules.speech.spectrum import RATE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
 
     from modules.speech.spectrum import Samples
@@ -62,15 +63,34 @@ def noises(folder: Path) -> list[Path]:
 
 def load(path: Path) -> Samples:
     """16 kHz, 16 bit, mono."""
+    with _opened(path) as file:
+        content = file.readframes(file.getnframes())
+    return np.frombuffer(content[: len(content) // 2 * 2], "<i2").astype(np.float64)
+
+
+def check(paths: Iterable[Path]) -> None:
+    """Tell all that can't be loaded at once: listening takes hours, and one bad file would end it."""
+    problems = []
+    for path in paths:
+        try:
+            with _opened(path):
+                pass
+        except RecordingError as error:
+            problems.append(str(error))
+    if problems:
+        raise RecordingError("\n".join(problems))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[wave.Wave_read]:
     try:
         with wave.open(str(path)) as file:
             form = file.getframerate(), file.getsampwidth(), file.getnchannels()
-            content = file.readframes(file.getnframes())
+            if form != (RATE, 2, 1):
+                raise RecordingError(f"{path}: {form} is not allowed: {RATE} Hz, 2 bytes a sample, 1 channel")
+            yield file
     except (OSError, EOFError, wave.Error) as error:
         raise RecordingError(f"{path}: not a WAV file: {error}") from error
-    if form != (RATE, 2, 1):
-        raise RecordingError(f"{path}: {form} is not allowed: {RATE} Hz, 2 bytes a sample, 1 channel")
-    return np.frombuffer(content[: len(content) // 2 * 2], "<i2").astype(np.float64)
 
 
 def _listed(folder: Path, split: str) -> set[str]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from modules.speech.listener import Teller
 from modules.speech.spotter import KEYWORDS
 
 if TYPE_CHECKING:
@@ -25,18 +26,17 @@ class Evidence:
     """The strongest evidence for each command in the clips of it, and all that there was for it in connected sound."""
 
     said: defaultdict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
-    invented: defaultdict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    invented: defaultdict[str, list[Heard]] = field(default_factory=lambda: defaultdict(list))
     seconds: float = 0
 
     def count(self, truth: str | None, candidates: Iterable[Heard], seconds: float) -> None:
         """Count what might be told of a clip of one word, or of connected sound that holds no command."""
-        found = [(one.keyword, one.evidence) for one in candidates]
         if truth in KEYWORDS:
-            self.said[truth].append(max((evidence for keyword, evidence in found if keyword == truth), default=-np.inf))
+            self.said[truth].append(max((one.evidence for one in candidates if one.keyword == truth), default=-np.inf))
         elif truth is None:
             self.seconds += seconds
-            for keyword, evidence in found:
-                self.invented[keyword].append(evidence)
+            for one in candidates:
+                self.invented[one.keyword].append(one)
 
     def threshold(self, keyword: str) -> float:
         """The lowest threshold that keeps to the goal."""
@@ -44,8 +44,8 @@ class Evidence:
         return round(next((step for step in steps.tolist() if self.rate(keyword, step) <= GOAL), HIGHEST), 1)
 
     def rate(self, keyword: str, threshold: float) -> float:
-        """How many of a command are invented in a minute."""
-        return sum(evidence >= threshold for evidence in self.invented[keyword]) * 60 / max(self.seconds, 1)
+        """How many of a command are told in a minute without any."""
+        return len(Teller({keyword: threshold}).tell(self.invented[keyword])) * 60 / max(self.seconds, 1)
 
     def report(self) -> str:
         """A line for each command: what is heard and invented with its threshold, and with half less or more."""

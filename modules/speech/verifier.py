@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -36,6 +37,10 @@ _WIDENED = 1.5
 _SHORTEST_MARK = 0.2
 _SPOTTER_WEIGHT, _SPOTTER_OFFSET = 30.0, 5.5
 """How much the spotter's own score counts, and what is added to make 0 a low threshold: measured, see README.md."""
+
+
+class WeightsError(Exception):
+    """A file that holds no networks; the message names it."""
 
 
 @dataclass(frozen=True)
@@ -90,9 +95,12 @@ class Verifier:
     @classmethod
     def load(cls, path: Path = WEIGHTS) -> Verifier:
         """Read weights that `save` wrote."""
-        with np.load(path, allow_pickle=False) as file:
-            first, second = (_committee(file, f"view{view}.") for view in range(2))
-            return cls(tuple(map(str, file["labels"])), (first, second))
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                first, second = (_committee(file, f"view{view}.") for view in range(2))
+                return cls(tuple(map(str, file["labels"])), (first, second))
+        except (OSError, ValueError, KeyError, BadZipFile) as error:
+            raise WeightsError(f"{path}: not weights that training wrote: {error}") from error
 
 
 def views(posteriors: Array, start: float, end: float) -> tuple[Array, Array]:

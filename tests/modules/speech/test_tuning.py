@@ -10,8 +10,8 @@ from modules.speech.spotter import KEYWORDS
 from modules.speech.tuning import GOAL, HIGHEST, Evidence
 
 
-def heard(keyword, evidence):
-    return Heard(keyword, 0, 1, evidence)
+def heard(keyword, evidence, at=0.0):
+    return Heard(keyword, at, at + 0.4, evidence)
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def evidence():
     counted.count("left", [heard("right", 4.0)], 1)
     counted.count("lift", [heard("left", 7.0)], 60)  # clips of other words are no connected speech
     counted.count(None, [heard("left", 2.5)], 60)
-    counted.count(None, [heard("left", 1.0), heard("left", 1.5)], 540)
+    counted.count(None, [heard("left", 1.0, at=90), heard("left", 1.5, at=95)], 540)
     return counted
 
 
@@ -36,8 +36,15 @@ def test_a_command_that_nothing_resembles_needs_no_evidence(evidence):
 
 def test_what_is_always_invented_needs_the_most():
     counted = Evidence()
-    counted.count(None, [heard("stop", 20.0)] * 10, 60)
+    counted.count(None, [heard("stop", 20.0, at=second) for second in range(10)], 60)
     assert counted.threshold("stop") == HIGHEST
+
+
+def test_what_two_overlapping_pieces_of_speech_hold_is_invented_once():
+    counted = Evidence()
+    counted.count(None, [heard("left", 2.0, at=1.5), heard("left", 3.0, at=1.6), heard("left", 2.0, at=2.2)], 60)
+    assert counted.rate("left", 1.0) == 2
+    assert counted.rate("left", 2.5) == 1
 
 
 def test_the_report_says_what_each_choice_means(evidence):
