@@ -13,6 +13,7 @@ import sys
 import time
 
 import pytest
+import yaml
 
 from contextpolicy.bus.session import open_visitor
 from tests.e2e.background import Background
@@ -140,7 +141,7 @@ def governed():
             robot = Robot(NAMESPACE, sensors)
             robot.drive(0.0)
             robot.start("slam", "speech")
-            robot.policy()
+            robot.policy(transition="Strict")
             robot.expect(slam=500, speech=500)
             yield robot
             run("kubectl", "delete", "ctxp", "--all", "-n", NAMESPACE, "--timeout=60s")
@@ -187,6 +188,13 @@ def test_an_operator_that_wakes_up_after_another_took_over_changes_nothing(gover
     assert max(flipping.sums) <= 1000
     governed.drive(0.3)
     governed.expect(slam=990, speech=10)
+
+
+def test_the_kubelet_waits_no_longer_than_the_file_for_robots_says():
+    node = json.loads(run("kubectl", "get", "nodes", "-o", "json"))["items"][0]["metadata"]["name"]
+    config = json.loads(run("kubectl", "get", "--raw", f"/api/v1/nodes/{node}/proxy/configz"))["kubeletconfig"]
+    told = yaml.safe_load((REPOSITORY / "config" / "k3s" / "kubelet.conf").read_text(encoding="utf-8"))
+    assert config["crashLoopBackOff"] == told["crashLoopBackOff"]
 
 
 def test_a_rollout_leaves_no_gap(governed):

@@ -45,9 +45,9 @@ def test_what_is_accepted_and_in_force_goes_to_the_bus(running):
     steps = [step for key, step in running.session.published if key == "contextpolicy/lab/robot/applied"]
     assert [(step["stage"], step["container"], step["cores"]) for step in steps] == [
         ("accepted", "lab/speech/speech", 0.2),
-        ("inForce", "lab/speech/speech", 0.2),
         ("accepted", "lab/slam/slam", 0.8),
         ("inForce", "lab/slam/slam", 0.8),
+        ("inForce", "lab/speech/speech", 0.2),
     ]
     assert {step["sequence"] for step in steps} == {running.session.plans()[-1]["sequence"]}
 

@@ -59,7 +59,7 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
         mode=spec.choice("mode", policy.Mode.ENFORCE),
         scheduler=spec.choice("scheduler", policy.Scheduler.CFS),
         control=spec.choice("control", policy.Control.LIMIT),
-        transition=spec.choice("transition", policy.Transition.STRICT),
+        transition=spec.choice("transition", policy.Transition.PROMPT),
         realtime_fallback=spec.choice("realtimeFallback", policy.RealtimeFallback.CFS),
         realtime_policy=spec.choice("realtimePolicy", policy.RealtimePolicy.RR),
         period=_period(spec),

@@ -283,7 +283,7 @@ class Policy:
     mode: Mode = Mode.ENFORCE
     scheduler: Scheduler = Scheduler.CFS
     control: Control = Control.LIMIT
-    transition: Transition = Transition.STRICT
+    transition: Transition = Transition.PROMPT
     realtime_fallback: RealtimeFallback = RealtimeFallback.CFS
     realtime_policy: RealtimePolicy = RealtimePolicy.RR
     period: float = PERIOD
