@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 
 from contextpolicy.actuators.resize.pod_state import SETTLING
+from contextpolicy.actuators.resize.resizer import BOOKKEEPING
+from contextpolicy.cluster.pods import view
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.fake_cluster import refusal
 from tests.actuators.resize.rig import MOMENT, POLICY, Rig, limits, one_pod_for_two, two_pods
@@ -226,17 +228,52 @@ def test_pods_of_nobody_cost_nothing():
     assert looks == []
 
 
-def test_many_answers_at_once_cost_one_look():
-    names = [f"task-{n}" for n in range(10)]
-    rig = Rig(*(a_pod(name) for name in names))
-    rig.plan(**dict.fromkeys(names, 300))
+def looks_of(rig):
+    """When the policy's containers are looked at, all of them each time."""
     looks = []
     pursuit = rig.resizer._pursuits[POLICY]
     advance, pursuit.advance = pursuit.advance, lambda now: looks.append(now) or advance(now)
-    for _ in names:
-        rig.workers.run()
+    return looks
+
+
+def test_many_limits_that_fall_at_once_cost_one_look():
+    names = [f"task-{n}" for n in range(10)]
+    rig = Rig(*(a_pod(name) for name in names))
+    rig.plan(**dict.fromkeys(names, 300))
+    while rig.workers.jobs:
+        rig.work()
+    rig.watch()
+    looks = looks_of(rig)
+    rig.cluster.confirm()
+    for feed in rig.cluster.feeds.values():
+        rig.resizer.observe(view(feed.popleft()))
     rig.wait(MOMENT)
     assert len(looks) == 1
+
+
+def test_answers_that_free_nothing_cost_one_look_for_all_of_them():
+    names = [f"task-{n}" for n in range(10)]
+    rig = Rig(*(a_pod(name) for name in names))
+    rig.plan(**dict.fromkeys(names, 300))
+    looks = looks_of(rig)
+    while rig.workers.jobs:
+        rig.work()
+        rig.watch()
+    assert looks == []
+    rig.wait(BOOKKEEPING)
+    assert len(looks) == 1
+
+
+def test_a_plan_that_takes_a_patch_back_does_not_wait_for_bookkeeping():
+    """While the patch is under way, the API has what the new plan wants: only its end shows that it must be undone."""
+    rig = two_pods()
+    rig.plan(slam=800)
+    rig.plan(slam=500)
+    rig.work()
+    rig.cluster.confirm("uid-slam")
+    rig.watch("uid-slam")
+    rig.work()
+    assert rig.cluster.limit("slam") == 500
 
 
 # restarts

@@ -42,6 +42,10 @@ class PodIndex:
             if pod.view.namespace == namespace:
                 self._pods[uid] = TrackedPod(PodState(pod.view))
 
+    def knows(self, uid: str) -> bool:
+        """Whether a pod is tracked."""
+        return uid in self._pods
+
     def belongs_to(self, uid: str, namespace: str) -> bool:
         """Whether a pod is tracked and lives in this namespace."""
         return uid in self._pods and self._pods[uid].view.namespace == namespace

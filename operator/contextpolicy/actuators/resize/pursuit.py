@@ -44,10 +44,15 @@ class Pursuit:
         self.again = inf
         """Loop time in seconds at which to call `advance` again, if nothing happens before."""
         self._policy = order.policy
+        self._namespace = order.policy.partition("/")[0]
         self._pods, self._originals, self._dispatcher, self._observer = pods, originals, dispatcher, observer
         self._touched: set[str] = set()
         """UIDs of the pods that the policy resizes or still has to restore; it looks at no others."""
         self._falling: dict[str, float] = {}
+        self._wanted: dict[str, list[Wish]] = {}
+        """The wishes of the last pass, by pod UID."""
+        self._pressing: set[str] = set()
+        """UIDs of the pods whose every change counts: they can't be lowered, or are restored."""
 
     @property
     def order(self) -> Order:
@@ -62,9 +67,21 @@ class Pursuit:
 
     def concerns(self, pod: TrackedPod) -> bool:
         """Whether a change of the pod may matter to the policy."""
-        return pod.view.uid in self._touched or any(
-            container_id(pod.view, container.name) in self.order.claimed for container in pod.view.containers
+        view = pod.view
+        return view.namespace == self._namespace and (
+            view.uid in self._touched
+            or any(container_id(view, container.name) in self.order.claimed for container in view.containers)
         )
+
+    def awaits(self, pod: TrackedPod) -> bool:
+        """Whether there may be more to send because of the pod, whose standing is the same or whose patch has ended.
+
+        Not when the API merely has what the plan wants: until it is in force it frees nothing for others.
+        """
+        uid, state = pod.view.uid, pod.state
+        if self.done is not None or uid in self._pressing or state.phase not in (Phase.IDLE, Phase.IN_FLIGHT):
+            return True
+        return state.ready and any(state.spec(w.container.name) != w.cpu for w in self._wanted.get(uid, ()))
 
     def try_refused_again(self) -> None:
         """Forget refused restores, so that they are sent again at once."""
@@ -110,6 +127,10 @@ class Pursuit:
             if not (forward.get(uid) or back[uid] or pod.state.patch):
                 self._dispatcher.recovered(self._policy, pod)
         self._touched = {pod.view.uid for pod in pods if self._has_to_do_with(pod)}
+        self._pressing = {w.pod.view.uid for w in wishes if w.stuck} | {uid for uid, own in back.items() if own}
+        self._wanted = defaultdict(list)
+        for wish in wishes:
+            self._wanted[wish.pod.view.uid].append(wish)
 
     def _wishes(self, now: float) -> Iterator[Wish]:
         """The containers with a share. A plan ordered late may name containers that the policy has lost since."""

@@ -37,6 +37,10 @@ if TYPE_CHECKING:
 ROUNDING = 1e-3
 """Seconds that a timer fires late on purpose: times are floats, and one that fired early would find nothing due."""
 
+BOOKKEEPING = 0.1
+"""Seconds after which a policy is looked at because of news that let it send nothing more. A pass looks at all of its
+containers: one for each of their answers and status updates would cost the square of their number."""
+
 
 class PodResizer:
     """All pods that policies claim, and those that must be restored."""
@@ -51,6 +55,7 @@ class PodResizer:
         self._dispatcher = Dispatcher(self.originals, api, background, observer, self._on_end)
         self._record = StatusRecord(self.originals, api, background, observer, self._on_written)
         self._dirty: set[str] = set()
+        self._later: set[str] = set()
         self._timer = SerialDisposable()
 
     def recall(self, policy: str, stored: object) -> None:
@@ -81,11 +86,16 @@ class PodResizer:
 
     def observe(self, view: PodView) -> None:
         """Process a pod as the watch shows it."""
+        known = self._pods.knows(view.uid)
         pod = self._pods.get(view)
+        standing = pod.standing if known else None
         before = {container.name: container.actual for container in pod.view.containers}
         pod.observe(view, self._now())
         self._tell_in_force(pod, before)
-        self._mark(pod)
+        if pod.standing == standing:
+            self._mark_if_awaited(pod)
+        else:
+            self._mark(pod)
 
     def forget(self, uid: str) -> None:
         """The pod is gone."""
@@ -109,6 +119,15 @@ class PodResizer:
     def _mark(self, pod: TrackedPod) -> None:
         self._mark_dirty(self._concerned(pod))
 
+    def _mark_if_awaited(self, pod: TrackedPod) -> None:
+        """Schedule a pass over the policies that have more to send to the pod; over the others one for bookkeeping."""
+        concerned = self._concerned(pod)
+        self._mark_dirty(policy for policy in concerned if self._pursuits[policy].awaits(pod))
+        idle = not self._later
+        self._later.update(concerned)
+        if idle and self._later:
+            self._scheduler.schedule_relative(BOOKKEEPING, lambda *_: self._pursue(self._later))
+
     def _mark_dirty(self, policies: Iterable[str]) -> None:
         """Schedule one pass over the policies, so that thirty answers that arrive together cost one pass."""
         idle = not self._dirty
@@ -119,6 +138,7 @@ class PodResizer:
     def _pursue(self, policies: Iterable[str]) -> None:
         """Send every patch that may be sent now, for these policies and all that are marked dirty."""
         marked, self._dirty = self._dirty.union(policies), set()
+        self._later -= marked
         now = self._now()
         for policy in sorted(marked & self._pursuits.keys()):
             pursuit = self._pursuits[policy]
@@ -149,7 +169,7 @@ class PodResizer:
         if pod.state.phase is Phase.GONE:
             self.forget(pod.view.uid)
         elif self._pods.holds(pod):
-            self._mark(pod)
+            self._mark_if_awaited(pod)
 
     def _on_written(self, policy: str) -> None:
         self._mark_dirty([policy])

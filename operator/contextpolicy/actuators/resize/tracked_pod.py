@@ -45,6 +45,17 @@ class TrackedPod:
         """The pod as the watch shows it."""
         return self.state.view
 
+    @property
+    def standing(self) -> tuple[object, ...]:
+        """All of what the watch shows that decides what may be sent, to this pod or to others; equal: nothing is news.
+
+        While a patch is under way nothing else can be sent to the pod, and its end is news in any case.
+        """
+        state, view = self.state, self.view
+        limits = [(c.name, state.ready and state.spec(c.name), state.highest(c.name)) for c in view.containers]
+        place = view.node, view.ended, view.running, view.pending
+        return limits, place, len(state.putting_back), len(self.refusals), self.oversight.until
+
     def observe(self, view: PodView, now: float) -> None:
         """Process the pod as the watch shows it. A new spec voids refusals: the same patch may be accepted now."""
         generation = self.view.generation
