@@ -10,6 +10,7 @@ import argparse
 import os
 import signal
 import sys
+from importlib.metadata import version
 
 from contextpolicy.commands import (
     adopt,
@@ -45,10 +46,19 @@ PLUGIN = "kubectl-ctxp"
 def build_parser(prog: str) -> argparse.ArgumentParser:
     """The parser of all commands; `prog` is what people call the program."""
     parser = argparse.ArgumentParser(prog=prog, description="Context decides who gets the CPU.")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the installed version and exit")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
     for command in (*ON_THE_CLUSTER, *ON_THE_DESK, *IN_THE_CLUSTER):
         command.add(subparsers)
     return parser
+
+
+class _Version(argparse.Action):
+    """Looks the version up when it is asked for: that reads files."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        sys.stdout.write(f"{parser.prog} {version('contextpolicy')}\n")
+        parser.exit()
 
 
 def complete() -> int:

@@ -11,10 +11,11 @@ EVERYWHERE = [{"metadata": {"name": "one", "namespace": "lab"}}, {"metadata": {"
 
 
 class FakeApi:
-    """An API server without pods and nodes, which says what it was asked."""
+    """An API server without pods and nodes, which says what it was asked, and allows nothing."""
 
-    def __init__(self, forbidden=()):
-        self._forbidden = forbidden
+    def __init__(self, forbidden=(), operators=()):
+        self._forbidden, self._operators = forbidden, operators
+        self.reviewed = set()
 
     def serves_policies(self):
         return True
@@ -25,7 +26,19 @@ class FakeApi:
         return [one for one in EVERYWHERE if namespace in (None, one["metadata"]["namespace"])]
 
     def read(self, path):
-        return {"gitVersion": "v1.36.3"} if path == "/version" else {"items": []}
+        if path == "/version":
+            return {"gitVersion": "v1.36.3"}
+        return {"items": self._operators if "component%3Doperator" in path else []}
+
+    def may(self, user, right):
+        assert user == "system:serviceaccount:system:default"
+        self.reviewed.add(right.get("namespace"))
+        return False
+
+
+def an_operator(watched):
+    env = [{"name": "LEASE", "valueFrom": {}}, {"name": "WATCH_NAMESPACES", "value": watched}]
+    return {"metadata": {"name": "operator", "namespace": "system"}, "spec": {"containers": [{"env": env}]}}
 
 
 @pytest.mark.parametrize(
@@ -39,3 +52,13 @@ def test_it_judges_the_policies_of_the_namespaces_asked_for(namespaces, judged):
 def test_policies_that_may_not_be_listed_are_unknown_and_not_missing():
     found = facts(FakeApi(forbidden=[None]), [None])
     assert (found.policies, found.serves_policies) == (None, True)
+
+
+@pytest.mark.parametrize(
+    ("watched", "of_policies", "reviewed"),
+    [("lab,dock", [None], {"lab", "dock"}), ("", [None], {"lab", "hall"}), ("", ["dock"], {"system"})],
+)
+def test_the_operator_needs_its_rights_where_it_serves_policies(watched, of_policies, reviewed):
+    api = FakeApi(operators=[an_operator(watched)])
+    assert "list pods in " + min(reviewed) in facts(api, of_policies).lacking
+    assert api.reviewed == {*reviewed, None}

@@ -107,10 +107,11 @@ def _kubelet(api: ApiServer, node: str) -> tuple[Mapping[str, Any], str] | None:
 
 
 def _lacking(api: ApiServer, operator: Mapping[str, Any], policies: Sequence[Mapping[str, Any]]) -> list[str] | None:
-    """The rights that the operator's account lacks where policies are; None if that can't be asked."""
+    """The rights that the operator's account lacks where it serves policies; None if that can't be asked."""
     metadata, account = operator["metadata"], operator["spec"].get("serviceAccountName", "default")
     user = f"system:serviceaccount:{metadata['namespace']}:{account}"
-    namespaces = sorted({policy["metadata"]["namespace"] for policy in policies}) or [metadata["namespace"]]
+    used = sorted({policy["metadata"]["namespace"] for policy in policies})
+    namespaces = _watched(operator) or used or [metadata["namespace"]]
     wanted = [
         {"namespace": namespace, "group": group, "resource": resource, "subresource": sub, "verb": verb}
         for namespace in namespaces
@@ -122,6 +123,12 @@ def _lacking(api: ApiServer, operator: Mapping[str, Any], policies: Sequence[Map
         return [_told(right) for right in wanted if not api.may(user, right)]
     except ActuationError:
         return None
+
+
+def _watched(operator: Mapping[str, Any]) -> list[str]:
+    """The namespaces that the chart gives this pod; none means all. Elsewhere it needs no rights, and has none."""
+    values = {one["name"]: one.get("value") for part in operator["spec"]["containers"] for one in part.get("env") or ()}
+    return list(filter(None, (values.get("WATCH_NAMESPACES") or "").split(",")))
 
 
 def _told(right: Mapping[str, str]) -> str:
