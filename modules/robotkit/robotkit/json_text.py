@@ -21,8 +21,8 @@ def dumps(value: object) -> str:
 def loads(text: bytes | str) -> Any:
     """Parse what somebody sent. ValueError for all that is wrong with it.
 
-    That includes what Python's parser takes or chokes on: NaN, integers beyond 64 bits (no float can be made of some),
-    and lists in lists in lists.
+    That includes what Python's parser takes or chokes on: NaN, integers longer than any of 64 bits (no float can be
+    made of some), and lists nested too deep.
     """
     try:
         return json.loads(text, parse_int=_integer, parse_constant=_refuse)
@@ -32,7 +32,7 @@ def loads(text: bytes | str) -> Any:
 
 def _integer(digits: str) -> int:
     if len(digits) > LONGEST:
-        raise ValueError(f"{digits[:LONGEST]}... is no integer of 64 bits")
+        raise ValueError(f"{digits[:LONGEST]}... is longer than any integer of 64 bits")
     return int(digits)
 
 

@@ -28,9 +28,10 @@ def stop_on_signals(then: Callable[[], None] = lambda: None) -> threading.Event:
         signal.signal(number, lambda *_: None)
 
     def wait(ends: tuple[socket.socket, socket.socket]) -> None:
-        ends[0].recv(1)
-        stop.set()
-        then()
+        # For ever: a closed end's number may become another file's, into which the next signal would write.
+        while ends[0].recv(1):
+            stop.set()
+            then()
 
     threading.Thread(target=wait, args=((hears, tells),), name="signals", daemon=True).start()
     return stop

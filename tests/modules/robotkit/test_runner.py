@@ -119,6 +119,9 @@ def running(module, task, **options):
     with router() as address, client(address) as outside, client(address) as inside, ThreadPoolExecutor(1) as pool:
         world = World(outside, module)
         world.address = address
+        for output in module.outputs.values():  # a task without inputs begins at once
+            with inside.declare_publisher(output.key) as publisher:
+                Matching(publisher).wait(expected=True)
         world.running = pool.submit(Runner(inside, module, task).run, stop, **options)
         try:
             world.wait_for_inputs(expected=True)
