@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     import zenoh
 
 PATIENCE = 120.0
-TICKS = os.sysconf("SC_CLK_TCK")
+SCHEDULED = 2
+"""With a process id in the other bits, inverted: the clock of all its CPU time (clock_getcpuclockid), to the ns."""
 
 
 class MeasuredOperator:
@@ -71,8 +72,7 @@ class MeasuredOperator:
 
     def cpu(self) -> float:
         """Seconds of CPU since it started."""
-        fields = self._proc("stat").rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / TICKS
+        return time.clock_gettime(~self._process.pid << 3 | SCHEDULED)
 
     def resident(self) -> float:
         """MiB now."""

@@ -9,6 +9,8 @@ from tests.node.layout import PAUSE_IMAGE, TAG
 
 IMAGE = "contextpolicy:dev"
 WORKER_REQUEST = "10m"
+ORIGINAL = 0.5
+"""The limit, in cores, that a pod comes with which only counts or does nothing."""
 WORK = """
 import json, os, signal, sys, time
 processes, duty = int(sys.argv[1]), float(sys.argv[2])
@@ -53,7 +55,7 @@ Its arguments are the number of processes, and how much of a core each of them w
 
 def idle_pod(name: str, namespace: str) -> dict[str, Any]:
     """A task that does nothing: it is its limit that is measured."""
-    return pod(name, namespace, {"image": f"{PAUSE_IMAGE}:{TAG}", "resources": _cpu("5m", "500m")})
+    return pod(name, namespace, {"image": f"{PAUSE_IMAGE}:{TAG}", "resources": _cpu("5m", str(ORIGINAL))})
 
 
 def worker_pod(name: str, namespace: str, processes: int = 1, duty: float = 1.0) -> dict[str, Any]:
@@ -64,7 +66,8 @@ def worker_pod(name: str, namespace: str, processes: int = 1, duty: float = 1.0)
 
 def counting_pod(name: str, namespace: str) -> dict[str, Any]:
     """A task that counts its work, of the size of an idle one."""
-    return pod(name, namespace, {"image": IMAGE, "command": ["python3", "-c", COUNT], "resources": _cpu("5m", "500m")})
+    resources = _cpu("5m", str(ORIGINAL))
+    return pod(name, namespace, {"image": IMAGE, "command": ["python3", "-c", COUNT], "resources": resources})
 
 
 def pod(name: str, namespace: str, container: dict[str, Any]) -> dict[str, Any]:

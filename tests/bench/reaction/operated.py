@@ -55,7 +55,8 @@ class Operated:
 
     def turn_to(self, *, left: bool) -> dict[str, float]:
         """Make this the plan in force; the cores of each task in it."""
-        self._left = not left
+        if self._left == left:  # the same sample again would make no plan
+            self.await_limits(self.turn())
         self.await_limits(began := self.turn())
         return {target["task"]: target["cores"] for target in self._plans.since(began)[-1][1]["targets"]}
 

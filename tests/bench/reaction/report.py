@@ -18,10 +18,10 @@ def text(result: Mapping[str, Any]) -> str:
     """All parts that were measured."""
     parts = [
         str(result["machine"]),
-        *(_part(name, result.get(name, [])) for name in ("storm", "transition", "priority", "control")),
+        *(part(name, result.get(name, [])) for name in ("storm", "transition", "priority", "control")),
     ]
     if result["table"]:
-        parts[1:1] = [_part("table", result["table"]), _part("peers", result["peers"]), _keys(result)]
+        parts[1:1] = [part("table", result["table"]), part("peers", result["peers"]), _keys(result)]
     parts += [f"not measured: {path}: {reason}" for path, reason in result["unmeasured"].items()]
     parts += [f"missed: {reason}" for reason in result["missed"]]
     parts += [f"left to measure, with --resume: {step}" for step in result["left"]]
@@ -35,7 +35,7 @@ def _keys(result: Mapping[str, Any]) -> str:
     )
 
 
-def _part(name: str, rows: Sequence[Mapping[str, Any]]) -> str:
+def part(name: str, rows: Sequence[Mapping[str, Any]]) -> str:
     """The columns are the rows' own names."""
     if not rows:
         return ""

@@ -1,6 +1,7 @@
 """Rounds that miss a stage, or hear what belongs to the round before, on a machine that is too slow."""
 
 import contextlib
+import json
 import sys
 from types import SimpleNamespace
 
@@ -72,6 +73,17 @@ def test_a_plan_of_the_sample_before_is_not_this_rounds(path):
     path._plans, path._applied = Heard({**PLAN, "trigger": BEGAN - 0.5}), Heard(*stages(BEGAN + 0.003))
     with pytest.raises(MissedError):
         path.go()
+
+
+@pytest.mark.parametrize(("before", "samples"), [(False, [True]), (True, [False, True])])
+def test_the_plan_to_turn_to_is_made_whatever_was_in_force(path, before, samples):
+    sent = []
+    del path.turn
+    path._left, path._plans = before, Heard({**PLAN, "targets": [{"task": "slam", "cores": 0.2}]})
+    path._publisher = SimpleNamespace(put=lambda payload: sent.append(json.loads(payload)["left"]))
+    path.await_limits = lambda _began: None
+    assert path.turn_to(left=True) == {"slam": 0.2}
+    assert sent == samples
 
 
 def test_rounds_without_a_stage_leave_the_other_medians():

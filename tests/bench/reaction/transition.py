@@ -8,7 +8,7 @@ at once beside it, while the policy is paused.
 from __future__ import annotations
 
 import time
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import fields
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from contextpolicy.policy.spec import Policy, Transition
 from tests.bench.reaction import objects
 from tests.bench.reaction.counted_work import CountedWork
 from tests.bench.reaction.figures import IDLE, RESIZE, SATURATED, percentile
+from tests.bench.reaction.objects import ORIGINAL
 from tests.bench.reaction.operated import EXACT, PATIENCE, Operated
 from tests.bench.reaction.overshoot import overshoot
 from tests.bench.reaction.patch import BarePatch
@@ -114,7 +115,10 @@ class _Case:
 
     def _block(self, name: str, act: Callable[[], Reaction], rounds: int) -> list[Reaction]:
         with self._busy():
-            return [self._reaction(name, act) for _ in range(rounds)]
+            found = [self._reaction(name, act) for _ in range(rounds)]
+        if name == BARE:  # the operator takes what it finds for the pods' own limits
+            self._patch(dict.fromkeys(self._names, ORIGINAL))
+        return found
 
     @contextmanager
     def _busy(self) -> Iterator[None]:
@@ -135,7 +139,7 @@ class _Case:
         spec = {"mode": "Paused"} if name == BARE else {"mode": "Enforce", "transition": name}
         apply(objects.policy_of(PLAIN, {**_spec(self._names), **spec}))
         if name == BARE:
-            until("the policy is paused", lambda: {group.limit() for group in self._groups.values()} == {0.5})
+            until("the policy is paused", lambda: {group.limit() for group in self._groups.values()} == {ORIGINAL})
         else:
             self._path.begin({self._site.identities[PLAIN][name]: group for name, group in self._groups.items()})
 
@@ -157,16 +161,17 @@ class _Case:
 
     def _patched(self) -> Reaction:
         rests, runs = self._plans
-        patches = BarePatch(PLAIN, self._groups, self._stopwatch)
-        try:
+        with closing(BarePatch(PLAIN, self._groups, self._stopwatch)) as patches:
             patches.send(rests)
             time.sleep(PAUSE)
             before, began = self._limits(), time.time()
             work = self._work.during(began, WINDOW)
             patches.send(dict(sorted(runs.items(), key=lambda item: item[1] - before[self._groups[item[0]]])))
             return self._told(began, before, {self._groups[name]: cores for name, cores in runs.items()}, work)
-        finally:
-            patches.close()
+
+    def _patch(self, limits: Mapping[str, float]) -> None:
+        with closing(BarePatch(PLAIN, self._groups, self._stopwatch)) as patches:
+            patches.send(limits)
 
     def _told(
         self, began: float, before: Mapping[Cgroup, float], wanted: Mapping[Cgroup, float], work: Measured

@@ -1,0 +1,42 @@
+"""The picture shows what was measured, and no more."""
+
+import pytest
+
+from tests.bench.growth.curves import draw
+from tests.bench.growth.sweeps import SWEEPS
+
+NODE = [{"limits": 8, "all_ms": 207.0}]
+
+
+def a_row(size):
+    stages = ("first_patch_accepted", "all_patches_accepted")
+    reaction = {f"{stage}{end}": 20.0 + size for stage in stages for end in ("_ms", "_p90_ms")}
+    return {"size": size, **reaction, "cpu_ms_per_plan": 9.0, "resident_mib": 95.0}
+
+
+def a_result(*sweeps, node=()):
+    return {**{sweep: [a_row(size) for size in SWEEPS[sweep]] for sweep in sweeps}, "node": list(node)}
+
+
+def test_the_same_figures_give_the_same_picture(tmp_path):
+    for name in ("one", "other"):
+        draw(a_result(*SWEEPS, node=NODE), tmp_path / f"{name}.svg")
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()
+
+
+@pytest.mark.parametrize(("node", "told"), [(NODE, True), ([], False)])
+def test_a_real_node_is_drawn_where_one_was_measured(tmp_path, node, told):
+    draw(a_result(*SWEEPS, node=node), tmp_path / "all.svg")
+    assert ("on a real node" in (tmp_path / "all.svg").read_text()) is told
+
+
+def test_sweeps_that_were_not_measured_have_no_column(tmp_path):
+    draw(a_result("containers"), tmp_path / "one.svg")
+    text = (tmp_path / "one.svg").read_text()
+    assert "containers of one policy" in text
+    assert "samples a second" not in text
+
+
+def test_nothing_measured_is_no_picture(tmp_path):
+    draw(a_result(), tmp_path / "none.svg")
+    assert not (tmp_path / "none.svg").exists()
