@@ -10,6 +10,7 @@ EXP ?= exp1 exp2 exp3
 REPEATS ?= 3
 TIMELINE ?= timelines/demo.json
 CORES ?= 2
+BOARD ?= raspberry-pi-4
 DURATION ?= 3600
 
 .DEFAULT_GOAL := help
@@ -42,9 +43,10 @@ lint: setup  ## check style and types
 unit: setup recordings cluster  ## run the tests that need no cluster (helm comes with the node)
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q --ignore tests/e2e --ignore tests/heavy
 
-heavy: images release  ## promtool, chromium, a VerticalPodAutoscaler, GitOps tools' own libraries, a release and its copy, Flux, a HelmChart
+heavy: images  ## promtool, chromium, a VerticalPodAutoscaler, GitOps tools' own libraries, a release and its copy, Flux, a HelmChart
 	dpkg --status $(HEAVY) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(HEAVY); }
 	$(CLUSTER) program promtool vpa metrics-server flux registry helm-controller
+	$(PYTHON) -m charts.release
 	$(PYTHON) -m charts.release --architecture $$(dpkg --print-architecture) --no-bill --output build/release-again
 	$(PYTHON) -m pytest -q tests/heavy --ignore tests/heavy/node --ignore tests/heavy/test_helm_controller.py
 	$(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/heavy/node tests/heavy/test_helm_controller.py tests/heavy/test_autoscaler.py
@@ -85,8 +87,15 @@ bench-footprint: images  ## measure what operator, router and agent take on a re
 bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives (RESUME=--resume goes on)
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction $(RESUME)
 
+bench-board: images  ## the reaction benchmark on processors as slow as those of BOARD (raspberry-pi-4, raspberry-pi-5)
+	dpkg --status p7zip >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends p7zip; }
+	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.slow_board $(BOARD) -- $(PYTHON) -m tests.bench.reaction --only table --rounds 5 --patience 0
+
 bench-fleet: cluster  ## measure what 5000 pods and 50 policies cost the operator, on a real API server
 	$(PYTHON) -m tests.bench.fleet
+
+bench-growth: cluster  ## measure 1 to 100 policies, 1 to 300 containers and 1 to 1000 samples/s (RESUME=--resume goes on)
+	$(PYTHON) -m tests.bench.growth $(RESUME)
 
 bench-devices: setup  ## measure what navigation, lidar and arm cost, and how exact they are
 	$(PYTHON) -m tests.bench.device_modules
@@ -121,7 +130,7 @@ lock: setup  ## lock the versions and hashes of what goes into the operator's im
 	.venv/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
 	  --no-annotate --upgrade pyproject.toml --output-file operator/requirements.txt
 
-release: setup  ## build a release of the last commit into build/release (BASE_IMAGE and KEY as in charts/release/README.md)
+release: e2e-vm  ## build a release of the last commit into build/release (after e2e-vm, 40 minutes; BASE_IMAGE and KEY as in charts/release/README.md)
 	$(PYTHON) -m charts.release $(if $(BASE_IMAGE),--base-image $(BASE_IMAGE)) $(if $(KEY),--key $(KEY))
 
 version: setup  ## make VERSION the version everywhere, and what is unreleased its section of the changelog

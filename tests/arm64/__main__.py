@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+import signal
 import sys
 import time
 
@@ -26,6 +27,7 @@ TIMEOUT = 600.0
 def main() -> int:
     """Exit 0 when both architectures say the same, byte by byte."""
     logging.basicConfig(level=logging.INFO, format="%(message)s")
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # as after Ctrl-C, nothing is left behind
     try:
         build.install_packages(emulation.DEBIAN_PACKAGES)
         with emulation.registered():
@@ -55,7 +57,7 @@ def same(line: list[str], native: str, foreign: str) -> bool:
 
 def _answer(image: str, line: list[str]) -> tuple[str, float]:
     began = time.monotonic()
-    words = [str(REPOSITORY / word) if word.startswith(("config/", "timelines/")) else word for word in line]
+    words = [str(images.INSIDE / word) if word.startswith(("config/", "timelines/")) else word for word in line]
     return images.run(image, [PROGRAM, *words], folders=FOLDERS, timeout=TIMEOUT), time.monotonic() - began
 
 

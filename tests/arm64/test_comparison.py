@@ -25,6 +25,17 @@ def test_one_byte_is_a_difference(monkeypatch, caplog, foreign, same):
     assert ("identical" if same else "DIFFERENT") in caplog.text
 
 
+def test_what_an_image_reads_is_mounted_where_it_may_look(monkeypatch, tmp_path):
+    """A checkout may be below a home directory, which the image's user can't enter."""
+    ran = []
+    monkeypatch.setattr(images.shell, "run", lambda argv, **_: ran.append(argv) or "")
+    monkeypatch.setattr(images, "STORE", tmp_path)
+    command_line._answer("image", ["simulate", "config/policies/a.yaml"])
+    [argv] = [argv for argv in ran if "simulate" in argv]
+    assert f"{REPOSITORY / 'config'}:/srv/config:ro" in argv
+    assert argv[-1] == "/srv/config/policies/a.yaml"
+
+
 @pytest.fixture
 def commands(monkeypatch):
     called = []

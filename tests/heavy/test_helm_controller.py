@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import shutil
 import subprocess
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.e2e.cluster import REPOSITORY, apply, get, run, until
+from tests.e2e.cluster import REPOSITORY, CommandError, apply, apply_definition, get, run, until
 from tests.e2e.robot import IDLE, pod, policy, task
 from tests.node import access, build, images
 from tests.node.layout import K3S, KUBECONFIG
@@ -23,6 +24,7 @@ VALUES = {
     "fullnameOverride": NAME,
     "image": {"repository": "contextpolicy", "tag": "dev"},
     "watchNamespaces": [ROBOT],
+    "crds": {"enabled": False},  # other tests share the definition
 }
 
 pytestmark = pytest.mark.skipif(access.user_cluster() is not None, reason="k3s has its own helm-controller")
@@ -72,6 +74,7 @@ def chart(tmp_path):
 
 @pytest.fixture
 def robot():
+    apply_definition()
     apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": ROBOT}})
     apply(*(pod(name, ROBOT, IDLE, None) for name in ("slam", "speech")))
     yield
@@ -113,5 +116,8 @@ def ready():
 
 
 def jobs():
-    """What helm-controller's jobs are at."""
-    return run("kubectl", "get", "pods", "-n", "kube-system", "-l", f"helmcharts.helm.cattle.io/chart={NAME}")
+    """What helm-controller's jobs say."""
+    chosen = ("-n", "kube-system", "-l", f"helmcharts.helm.cattle.io/chart={NAME}")
+    with contextlib.suppress(CommandError):  # its container is just being made
+        return run("kubectl", "logs", *chosen, "--tail=20")
+    return run("kubectl", "get", "pods", *chosen)

@@ -151,6 +151,7 @@ def kubelet() -> Component:
     flags = as_flags(
         cert_dir=ROOT / "kubelet" / "pki",
         config=CONFIG / "kubelet.json",
+        config_dir=CONFIG / "kubelet.conf.d",
         hostname_override=NODE_NAME,
         kubeconfig=kubeconfig_path("kubelet"),
         node_ip=NODE_ADDRESS,

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 STORE = CACHE / "images" / "store"
+INSIDE = Path("/srv")
 BUILD_TIMEOUT = 1800.0
 IMPORT_TIMEOUT = 300.0
 
@@ -86,10 +87,13 @@ def foreign(name: str, dockerfile: Path, folder: Path, architecture: str) -> str
 
 
 def run(image: str, argv: Sequence[str], *, folders: Sequence[Path], timeout: float) -> str:
-    """Run a program of an image in the store and return what it printed; it sees the folders where they are here."""
+    """Run a program of an image in the store and return what it printed; it sees the folders below INSIDE.
+
+    Where they are here, perhaps below a home directory, is not for the image's user to read.
+    """
     with held("images"):
         container = shell.run(_buildah("from", "--pull-never", image), timeout=timeout).strip()
-        volumes = [part for folder in folders for part in ("--volume", f"{folder}:{folder}:ro")]
+        volumes = [part for folder in folders for part in ("--volume", f"{folder}:{INSIDE / folder.name}:ro")]
         try:
             command = _buildah("run", "--isolation", "chroot", *volumes, container, "--", *argv)
             return shell.run(command, timeout=timeout)

@@ -95,6 +95,10 @@ def test_kubelet_accepts_cgroup_v1_and_reads_static_pods():
     assert config["staticPodPath"] == str(layout.MANIFESTS)
 
 
+def test_the_kubelet_reads_the_directory_that_k3s_gives_it():
+    assert flags(components.kubelet())["config-dir"] == str(layout.CONFIG / "kubelet.conf.d")
+
+
 def test_kubeconfig_points_to_the_api_server_with_the_identity():
     config = json.loads(configuration.kubeconfig(certificates.ADMIN))
     assert config["clusters"][0]["cluster"]["server"] == layout.API_URL

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import shutil
+import signal
 import sys
 import time
 from pathlib import Path
@@ -31,6 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Exit 0 when every test passed; the logs stay in build/vm/ otherwise."""
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     tests = parser().parse_args(argv).tests
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # as after Ctrl-C, nothing is left behind
     started = time.monotonic()
     try:
         with held("vm"):

@@ -23,6 +23,8 @@ STAGES = {"running": ("test_systemd.py", "test_running.py"), "rebooted": ("test_
 """What runs before the machine is rebooted, and what after."""
 FILES = tuple(file for files in STAGES.values() for file in files)
 TESTS = REPOSITORY / "tests" / "vm" / "inside"
+OWN_CONFTEST = ("--confcutdir", str(TESTS))
+"""What the conftest.py further up wants is not on the machine."""
 
 
 def stages(chosen: Sequence[str]) -> dict[str, list[str]]:
@@ -57,7 +59,7 @@ def run_tests() -> None:
 def _pytest(tests: Sequence[str]) -> int:
     options = ["-v", "-p", "no:cacheprovider", "-o", "faulthandler_timeout=0", "--maxfail=3", "--durations=0"]
     inside = [sys.executable, "-m", "tests.node", "exec", "--"]
-    pytest = [sys.executable, "-m", "pytest", *options, *(str(TESTS / name) for name in tests)]
+    pytest = [sys.executable, "-m", "pytest", *OWN_CONFTEST, *options, *(str(TESTS / name) for name in tests)]
     return subprocess.run([*inside, *pytest], cwd=REPOSITORY, check=False).returncode
 
 

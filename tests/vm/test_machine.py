@@ -1,5 +1,9 @@
 """The machine's command line, its bounds, and what is said of how it ended."""
 
+import contextlib
+import os
+import signal
+import subprocess
 import sys
 
 import pytest
@@ -32,6 +36,23 @@ def test_a_machine_that_powers_itself_off_has_said_all(tmp_path, monkeypatch, ca
 def test_a_machine_that_stays_on_is_ended(tmp_path):
     with pytest.raises(ClusterError, match="still on after 0 s"):
         machine.run(a_machine("import threading; threading.Event().wait()"), tmp_path / "console.log", timeout=0)
+
+
+def test_a_machine_that_is_no_longer_wanted_is_ended(tmp_path, monkeypatch):
+    before, started = signal.getsignal(signal.SIGTERM), []
+    monkeypatch.setattr(command_line.build, "install_packages", lambda _: None)
+    monkeypatch.setattr(command_line, "held", lambda _: contextlib.nullcontext())
+    monkeypatch.setattr(machine, "_show", lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    popen = subprocess.Popen
+    monkeypatch.setattr(subprocess, "Popen", lambda *args, **more: started.append(popen(*args, **more)) or started[0])
+    waits = a_machine("import threading; threading.Event().wait()")
+    monkeypatch.setattr(command_line, "_run", lambda _: machine.run(waits, tmp_path / "console.log", timeout=60))
+    try:
+        with pytest.raises(SystemExit):
+            command_line.main([])
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert started[0].wait(60) == -signal.SIGKILL
 
 
 def test_a_machine_that_does_not_start_says_why(tmp_path, monkeypatch):

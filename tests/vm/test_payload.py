@@ -1,14 +1,17 @@
 """What the machine gets: units that start what exists, an environment that makes the node one of systemd's."""
 
 import json
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from tests.node.build import DEBIAN_PACKAGES
 from tests.node.layout import CGROUP_DRIVER_VARIABLE, REPOSITORY
-from tests.vm import chart, payload, system
+from tests.vm import chart, guest, payload, system
 from tests.vm.places import INSIDE_REPOSITORY
 
 UNITS = sorted(payload.UNITS.glob("*.service"))
@@ -67,3 +70,22 @@ def test_the_rendered_chart_has_its_namespaces_first(tmp_path):
 def test_wheels_are_for_the_python_of_the_machines_release():
     assert payload.PYTHON == "3.11", "Debian 12's"
     assert Path(payload.LOCKED).is_file()
+
+
+def test_the_tests_inside_need_no_more_than_the_machine_has():
+    """That is the operator's packages and pytest."""
+    collect = "import sys, pytest; sys.modules['hypothesis'] = None; sys.exit(pytest.main(sys.argv[1:]))"
+    argv = [
+        sys.executable,
+        "-c",
+        collect,
+        "--collect-only",
+        "-q",
+        *guest.OWN_CONFTEST,
+        *map(str, guest.TESTS.glob("test_*.py")),
+    ]
+    environment = {**os.environ, CGROUP_DRIVER_VARIABLE: "systemd", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    done = subprocess.run(
+        argv, cwd=REPOSITORY, env=environment, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -22,7 +22,7 @@ CTR = f"{BIN}/ctr --address {CONTAINERD_SOCKET}"
 def installed(tmp_path_factory):
     """What the archive's own command installed."""
     archives = list((REPOSITORY / "build" / "release").glob("contextpolicy-*-airgap.tar"))
-    assert len(archives) == 1, "run `make release`"
+    assert len(archives) == 1, "run `make heavy`"
     folder = tmp_path_factory.mktemp("robot")
     run("tar", "xf", str(archives[0]), "-C", str(folder))
     settings = {
