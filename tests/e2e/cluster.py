@@ -108,11 +108,17 @@ def _tried_resize(namespace: str, pod: str) -> str:
 
 
 def until(what: str, condition: Callable[[], object], patience: float = PATIENCE) -> None:
-    """Wait until a condition holds; `what` says what did not come true."""
+    """Wait until a condition holds; `what` says what did not come true.
+
+    A condition that looks at what is not there yet, such as a field of a status, does not hold yet.
+    """
     deadline = time.monotonic() + patience
     last: object = None
     while time.monotonic() < deadline:
-        last = condition()
+        try:
+            last = condition()
+        except LookupError as missing:
+            last = missing
         if last is True:
             return
         time.sleep(0.02 * shell.PATIENCE)

@@ -80,6 +80,10 @@ def there(robot):
     return {task: limit(robot, f"{task}-there") for task in ("slam", "speech")}
 
 
+def names(robot):
+    return {node["name"] for node in robot.status()["nodes"]}
+
+
 def expect_there(robot, **limits):
     until(f"{NODE} has {limits}", lambda: there(robot) == limits or there(robot))
 
@@ -91,9 +95,7 @@ def test_each_node_divides_what_it_has(robot):
     robot.drive(0.3)
     robot.expect(slam=990, speech=10)
     expect_there(robot, slam=2990, speech=10)
-    nodes = {one["name"]: one for one in robot.status()["nodes"]}
-    assert NODE in nodes
-    assert len(nodes) == 2
+    until("the status tells of both", lambda: NODE in (nodes := names(robot)) and len(nodes) == 2)
     delete("ctxp", "robot", robot.namespace)
     robot.expect(slam=500, speech=500)
     expect_there(robot, slam=500, speech=500)

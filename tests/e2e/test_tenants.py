@@ -32,7 +32,7 @@ def test_a_tiny_pod_in_another_namespace_leaves_the_robot_its_own(empty, neighbo
     empty.policy()
     empty.drive(0.3)
     empty.expect(slam=990, speech=10)
-    assert empty.condition("Accepted")[0] == "True"
+    until("its policy is accepted", lambda: empty.condition("Accepted")[0] == "True")
     assert neighbour.limits("tiny") == {"tiny": 10}
 
 
