@@ -59,6 +59,7 @@ ELSEWHERE = {
     r"contextpolicy skeleton modules/\*/": "tests/commands/test_skeleton.py",
     r"contextpolicy validate$": "tests/commands/test_validate.py",
     r"contextpolicy simulate (--profiles|policy\.yaml)": "tests/commands/test_simulate.py",
+    r"python -m charts\.release": "tests/heavy/test_release.py",
     r"python -m timelines\.scenarios": "tests/timelines/scenarios/test_scenarios.py",
     r"python -m timelines\.replay": "tests/timelines/replay/test_player.py",
     r"python -m timelines\.recording run": "tests/timelines/recording/test_labels.py",

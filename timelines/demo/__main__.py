@@ -88,7 +88,9 @@ def _show_lines(recording: Recording, player: threading.Thread, started: float) 
     shown = 0
     while player.is_alive():
         player.join(timeout=0.25)
-        for plan in recording.plans[shown:]:
+        fresh = recording.plans[shown:]  # others may come while these are printed
+        shown += len(fresh)
+        for plan in fresh:
             if plan.get("edition", 0):
                 continue
             shares = " ".join(f"{name}={task['share'] * 1000:.0f}m" for name, task in plan["tasks"].items())
@@ -96,7 +98,6 @@ def _show_lines(recording: Recording, player: threading.Thread, started: float) 
                 f"{plan['trigger'] - started:6.2f} s  {','.join(plan['contexts']) or '-':10} {shares}  {plan['cause']}"
             )
             console.print(line, highlight=False, soft_wrap=True)
-        shown = len(recording.plans)
 
 
 def _report(recording: Recording, started: float) -> list[str]:
