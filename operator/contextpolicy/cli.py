@@ -10,7 +10,6 @@ import argparse
 import os
 import signal
 import sys
-from importlib.metadata import version
 
 from contextpolicy.commands import (
     adopt,
@@ -57,6 +56,8 @@ class _Version(argparse.Action):
     """Looks the version up when it is asked for: that reads files."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from importlib.metadata import version
+
         sys.stdout.write(f"{parser.prog} {version('contextpolicy')}\n")
         parser.exit()
 

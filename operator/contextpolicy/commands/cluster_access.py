@@ -6,8 +6,6 @@ import json
 import re
 import shutil
 import subprocess
-import urllib.error
-import urllib.request
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlencode
@@ -133,6 +131,9 @@ def _local_port(forward: subprocess.Popen[str]) -> int:
 
 
 def _asker(port: int) -> Callable[..., Any]:
+    import urllib.error
+    import urllib.request
+
     def ask(path: str, **parameters: object) -> Any:
         try:
             with urllib.request.urlopen(

@@ -6,8 +6,6 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from contextpolicy.commands.cluster_access import (
     ClusterAccessError,
     add_namespace,
@@ -63,6 +61,8 @@ def main(arguments: argparse.Namespace) -> int:
 
 def contents(recorded: Mapping[str, Any]) -> dict[str, str]:
     """The files by name."""
+    import yaml
+
     return {
         "timeline.json": json.dumps(recorded["timeline"], indent=1) + "\n",
         "policy.yaml": yaml.safe_dump(recorded["policy"], sort_keys=False, allow_unicode=True),

@@ -6,7 +6,6 @@ import logging
 import os
 from typing import TYPE_CHECKING
 
-from contextpolicy import settings
 from contextpolicy.commands.termination import stop_on_signals
 
 if TYPE_CHECKING:
@@ -32,6 +31,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(_: argparse.Namespace) -> int:
     """Run until SIGTERM."""
+    from contextpolicy import settings
+
     return run(settings.read(os.environ))
 
 

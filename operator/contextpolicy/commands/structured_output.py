@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 if TYPE_CHECKING:
     import argparse
 
@@ -18,6 +16,8 @@ def add_output(parser: argparse.ArgumentParser) -> None:
 
 def structured(document: Any, output: str) -> str:
     """The document as JSON or YAML."""
+    import yaml
+
     if output == "json":
         return json.dumps(document, indent=2)
     return yaml.safe_dump(document, sort_keys=False, allow_unicode=True).rstrip("\n")
