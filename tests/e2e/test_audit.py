@@ -21,7 +21,7 @@ REASONS = {
 
 @pytest.fixture(scope="module")
 def asked(robot):
-    """What the operator asked up to the end of a policy's life; that may be shorter than it holds its Lease unrenewed."""
+    """What the operator asked up to the end of a policy's life, and until it has renewed its Lease."""
     robot.policy()
     robot.expect(slam=500, speech=500)
     robot.drive(0.3)
