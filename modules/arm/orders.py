@@ -40,7 +40,7 @@ def parse_order(payload: bytes, arm: Arm, current: Posture) -> Order | Posture:
 
 
 def _goal(document: Any, arm: Arm, current: Posture) -> Posture:
-    fields = document if isinstance(document, dict) else {}
+    fields = {name: value for name, value in document.items() if name != "stamp"} if isinstance(document, dict) else {}
     if not fields or fields.keys() - {"move", "home", "grip"} or ("move" in fields and "home" in fields):
         allowed = '{"stop": true}, {"relax": true}, {"home": true}, {"move": [x, y, z]} in mm, or {"grip": degrees}'
         raise MessageError(f"order: {document!r}, allowed is {allowed}; a grip may go with a move or with home")

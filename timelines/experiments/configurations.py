@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 UNIT = 10
 """Thousandths of a core: what a CPU quota is counted in."""
+REQUESTED = 0.75
+"""Part of a static limit that is requested: operator, router and drivers request CPU too, and all pods must fit."""
 BASELINE, IDEAL = "linux-default", "ideal"
 
 
@@ -75,7 +77,7 @@ def _resizable(document: Document, _cores: int) -> dict[str, Document]:
 
 
 def by_priority(document: Document, cores: int) -> dict[str, Document]:
-    """Requests and limits that divide the node by the policy's priorities, within its bounds, once and for all."""
+    """Limits that divide the node by the policy's priorities, within its bounds, once and for all; with requests."""
     spec = document["spec"]
     total = cores * 1000 - parse_cpu(spec.get("reserve", 0))
     claims = [
@@ -87,8 +89,11 @@ def by_priority(document: Document, cores: int) -> dict[str, Document]:
         )
         for task in spec["tasks"]
     ]
-    shares = {name: format_cpu(units * UNIT) for name, units in divide(total // UNIT, claims).items()}
-    return {name: {"request": share, "limit": share} for name, share in shares.items()}
+    shares = {name: units * UNIT for name, units in divide(total // UNIT, claims).items()}
+    return {
+        name: {"request": format_cpu(round(REQUESTED * share)), "limit": format_cpu(share)}
+        for name, share in shares.items()
+    }
 
 
 def _as_it_is(_spec: Document) -> None:

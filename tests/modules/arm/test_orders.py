@@ -32,10 +32,16 @@ def test_orders():
     assert goal["grip"] == 0
 
 
+def test_an_order_may_tell_when_it_was_given():
+    """As the player writes into all that it publishes."""
+    assert parsed({"grip": "closed", "stamp": 1795362405239985872}) == {**HOME, "grip": 0}
+
+
 @pytest.mark.parametrize(
     ("document", "problem"),
     [
         ({}, r"order: \{\}, allowed is"),
+        ({"stamp": 1}, "allowed is"),
         ([1], r"order: \[1\], allowed is"),
         ({"move": [1, 2, 3], "home": True}, "allowed is"),
         ({"move": [1, 2]}, r"move: \[1, 2\], allowed is \[x, y, z\] in mm"),

@@ -49,11 +49,18 @@ def test_static_limits_divide_the_node_by_priority_within_bounds():
     assert shares["slam"] > shares["arm"]  # priorities 10 and 5, none at a bound
 
 
+def test_static_requests_leave_room_for_what_runs_beside():
+    """Operator and router request 100m each, three drivers 50m each: the scheduler must find room for all."""
+    requests = {task: parse_cpu(cpu["request"]) for task, cpu in by_priority(POLICY, 2).items()}
+    assert sum(requests.values()) < 2000 - 2 * 100 - 3 * 50
+    assert requests["slam"] > requests["arm"]
+
+
 def test_values_remove_limits_and_deepen_queues():
     slam = values(LINUX_DEFAULT, POLICY, 2)["modules"]["slam"]
     assert slam["cpu"] == {"limit": ""}
     assert slam["env"] == {"PUBLISH_RUNS": "true", "INPUT_STEREO": f"{{depth: {DEPTH}}}"}
-    assert values(STATIC, POLICY, 2)["modules"]["slam"]["cpu"]["request"] == by_priority(POLICY, 2)["slam"]["limit"]
+    assert values(STATIC, POLICY, 2)["modules"]["slam"]["cpu"] == by_priority(POLICY, 2)["slam"]
 
 
 def test_autoscalers_move_cpu_in_place_within_the_policys_bounds():
