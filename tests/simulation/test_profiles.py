@@ -21,13 +21,17 @@ SCHEMA = Draft202012Validator(
 MS = 1_000_000
 
 
-def measured(*, cpu=20 * MS, took=10 * MS, runs=10):
-    """The document of robotkit for a task that used `cpu` ns for each input, in `took` ns."""
+def measured(*, cpu=20 * MS, took=10 * MS, runs=10, came=0, waited=0):
+    """The document of robotkit for a task that used `cpu` ns for each input, in `took` ns.
+
+    Before that, each was on its way for `came` ns, and `waited`.
+    """
     module = Module("slam", inputs={"stereo": Input("robot/camera/stereo", depth=2)}, needs=Needs(deadline=0.1))
     profile = Profile(module)
     for index in range(runs):
         start = 10**18 + index * 10**8
-        profile.inputs["stereo"].add(Run(start, start, start, start + took, cpu + index))
+        begun = start + came + waited
+        profile.inputs["stereo"].add(Run(start, start + came, begun, begun + took, cpu + index))
     return profile.as_json("slam", {"stereo": 0}, {"stereo": 0})
 
 
@@ -38,6 +42,12 @@ def test_what_robotkit_measures_is_understood_and_satisfies_the_schema():
     (cost,) = task.inputs
     assert (task.deadline, cost.key, cost.depth, task.threads) == (0.1, "robot/camera/stereo", 2, pytest.approx(2.0))
     assert cost.work(0) == pytest.approx(0.02, abs=1e-6)
+
+
+def test_what_is_neither_waiting_nor_work_was_the_way():
+    body = document([measured(came=4 * MS, waited=MS)], datetime(2026, 11, 22, tzinfo=UTC))
+    (cost,) = parse_profiles(body).tasks["slam"].inputs
+    assert cost.transit == pytest.approx(0.004)
 
 
 def test_a_task_that_did_nothing_has_no_cost_and_is_told():

@@ -21,6 +21,7 @@ works = st.lists(
         task=st.sampled_from(TASKS),
         input=st.just(0),
         cpu=st.floats(0, 0.5, allow_nan=False),
+        transit=st.just(0.0),
     ),
     max_size=40,
 ).map(sorted)
@@ -46,6 +47,10 @@ def responses(server, task="a"):
 def test_alone_on_a_core_work_takes_its_cpu_time():
     server = serve([Work(1.0, "a", 0, 0.25), Work(1.1, "a", 0, 0.25), Work(3.0, "a", 0, 0.1)])
     assert responses(server) == pytest.approx([0.25, 0.4, 0.1])
+
+
+def test_an_answer_is_later_by_the_way_of_its_input():
+    assert responses(serve([Work(1.0, "a", 0, 0.25, 0.1), Work(1.1, "a", 0, 0.25)])) == pytest.approx([0.35, 0.4])
 
 
 def test_a_quota_stops_a_task_for_the_rest_of_each_period():

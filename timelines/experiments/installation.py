@@ -14,7 +14,7 @@ import yaml
 
 from contextpolicy.bus.session import open_visitor
 from timelines.demo import cgroup, deploy
-from timelines.experiments.configurations import autoscalers
+from timelines.experiments.configurations import at_pace, autoscalers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -30,18 +30,27 @@ DEPTH = 100_000
 """So long that a queue drops nothing: what waits, waits."""
 ROOM = "1536Mi"
 """Memory limit of a module with such a queue of pictures."""
+KEEP = 1.0
+"""Seconds that an input waits for its place on the bus: all configurations must have the same work."""
 REALTIME = Path("/sys/fs/cgroup/cpu/cpu.rt_runtime_us")
 CONTROL = ("operator", "router", "agent")
 """Containers of what decides and carries it out; the router is the bus, with and without."""
 MODULES = deploy.REPOSITORY / "modules"
 SECURE = ("agent.enabled=true", "agent.realtime=true", f"security.namespaces={{{deploy.ROBOT}}}")
+POD_LOGS = "/var/log/pods"
+"""Where a kubelet keeps the logs of pods, if it does not say."""
 AUTOSCALERS = "verticalpodautoscalers.autoscaling.k8s.io"
 
 
-def policy_document() -> Document:
-    """The policy that divides the whole robot."""
+def policy_document(pace: float = 1.0) -> Document:
+    """The policy that divides the whole robot when it gets its inputs at this pace."""
     document: Document = yaml.safe_load(deploy.POLICY.read_text(encoding="utf-8"))
-    return document
+    return document if pace == 1 else at_pace(document, pace, cores())
+
+
+def cores() -> int:
+    """Processors of this machine."""
+    return os.cpu_count() or 1
 
 
 def module_file(task: str) -> Document:
@@ -91,7 +100,7 @@ def install(configuration: Configuration) -> None:
         deploy.run("kubectl", "create", "namespace", deploy.ROBOT, quiet=True)
     chart = str(deploy.REPOSITORY / "charts" / "contextpolicy")
     settings = ["image.repository=contextpolicy", "image.tag=dev", f"router.service.clusterIP={deploy.free_address()}"]
-    settings += SECURE if configuration.agent else ()
+    settings += (*SECURE, f"agent.podLogs={_pod_logs()}") if configuration.agent else ()
     deploy.run(
         *("helm", "upgrade", "--install", "contextpolicy", chart, "--namespace", deploy.SYSTEM, "--create-namespace"),
         *(part for setting in settings for part in ("--set", setting)),
@@ -99,12 +108,19 @@ def install(configuration: Configuration) -> None:
     )
 
 
-def start_robot(configuration: Configuration, folder: Path) -> None:
-    """Start the robot's modules anew, none of them knows what was; values and policy are kept in `folder`."""
+def _pod_logs() -> str:
+    """Where this node's kubelet keeps them: the agent tells by their names which pods are whose."""
+    [node] = json.loads(deploy.run("kubectl", "get", "nodes", "-o", "json"))["items"]
+    path = f"/api/v1/nodes/{node['metadata']['name']}/proxy/configz"
+    told = json.loads(deploy.run("kubectl", "get", "--raw", path))["kubeletconfig"]
+    return str(told.get("podLogsDir", POD_LOGS))
+
+
+def start_robot(configuration: Configuration, document: Document, folder: Path) -> None:
+    """Start the robot's modules anew, none of them knows what was; values are kept in `folder`."""
     stop_robot()
-    document, cores = policy_document(), os.cpu_count() or 1
     own = folder / "values.yaml"
-    own.write_text(yaml.safe_dump(values(configuration, document, cores)), encoding="utf-8")
+    own.write_text(yaml.safe_dump(values(configuration, document, cores())), encoding="utf-8")
     settings = ["image.tag=dev", f"zenoh.connect={endpoint(configuration)}"]
     settings += ["zenoh.secret=contextpolicy-bus-module"] if configuration.agent else []
     deploy.run(
@@ -115,13 +131,13 @@ def start_robot(configuration: Configuration, folder: Path) -> None:
     )
     if configuration.autoscaled:
         path = folder / "autoscalers.yaml"
-        path.write_text(yaml.safe_dump_all(autoscalers(document, cores)), encoding="utf-8")
+        path.write_text(yaml.safe_dump_all(autoscalers(document, cores())), encoding="utf-8")
         deploy.run("kubectl", "apply", "-f", str(path))
 
 
-def decide(configuration: Configuration, folder: Path) -> None:
+def decide(configuration: Configuration, document: Document, folder: Path) -> None:
     """Apply the configuration's policy, if there is one, and wait until its decisions are in force."""
-    variant = configuration.variant(policy_document())
+    variant = configuration.variant(document)
     if variant is None:
         return
     path = folder / "policy.yaml"
@@ -150,10 +166,10 @@ def endpoint(configuration: Configuration) -> str:
 
 @contextmanager
 def session(configuration: Configuration, role: str) -> Iterator[zenoh.Session]:
-    """A session on the robot's bus; on one that asks who speaks, in the given role."""
+    """A session on the robot's bus that rather waits than loses; where the bus asks who speaks, in the given role."""
     with tempfile.TemporaryDirectory() as folder:
         credentials = _credentials(role, Path(folder)) if configuration.agent else None
-        with open_visitor([endpoint(configuration)], patience=20, credentials=credentials) as opened:
+        with open_visitor([endpoint(configuration)], patience=20, credentials=credentials, keep=KEEP) as opened:
             yield opened
 
 

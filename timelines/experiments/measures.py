@@ -214,6 +214,12 @@ def cpu_seconds(run: RunData, task: str) -> float:
     return own[-1].usage - own[0].usage if own else 0.0
 
 
+def cpu_of_others(run: RunData, known: Sequence[str]) -> float | None:
+    """CPU seconds of all but the known containers: of Kubernetes, of what plays and records, and of strangers."""
+    busy = run.about.get("busy")
+    return None if busy is None else busy - sum(cpu_seconds(run, name) for name in known)
+
+
 def contexts(run: RunData) -> list[tuple[str, float, float]]:
     """When each context held, in seconds since the begin."""
     found: list[tuple[str, float, float]] = []

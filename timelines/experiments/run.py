@@ -65,11 +65,11 @@ def execute(trial: Trial, timeline: Path, datasets: Path, folder: Path) -> None:
     """Do the run and keep its raw data; the folder counts as finished once it has a run.json."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    installation.start_robot(trial.configuration, folder)
+    installation.start_robot(trial.configuration, installation.policy_document(trial.pace), folder)
     try:
         with (
             installation.session(trial.configuration, "sensor") as sensors,
-            installation.session(trial.configuration, "viewer") as viewer,
+            installation.session(trial.configuration, "module") as viewer,  # viewers hear no samples
         ):
             about = _record(trial, TimelineSource(load(timeline), datasets), folder, sensors, viewer)
         shutil.copyfile(timeline, folder / TIMELINE)
@@ -110,14 +110,15 @@ def _record(
     viewer.declare_subscriber(HEALTH, healths.hear)
     if not healths.wait_for_all(deploy.TASKS, time.time()):
         raise deploy.DeployError(f"not all of {', '.join(deploy.TASKS)} told their health within {PATIENCE:g} s")
-    installation.decide(trial.configuration, folder)
-    load_before = os.getloadavg()
+    installation.decide(trial.configuration, installation.policy_document(trial.pace), folder)
+    load_before, busy_before = os.getloadavg(), _busy()
     reports, drained = [], True
     with McapWriter(folder / MESSAGES) as file:
         with BusRecorder(viewer, file, installation.cgroups(), without_payload=source.recorded):
             for inputs in source.parts(alone=trial.configuration.alone):
                 reports.append(publish(inputs, sensors, stop=threading.Event(), options=Options(rate=trial.pace)))
                 drained &= healths.wait_for_all(deploy.TASKS, reports[-1].finished + SETTLING)
+            busy = _busy() - busy_before
             profiles = _profiles(viewer)
         file.describe({name: json.dumps(value) for name, value in reports[0].as_json().items()})
     (folder / PROFILES).write_text(json.dumps(document(profiles, dt.datetime.now(dt.UTC)), indent=1), encoding="utf-8")
@@ -130,6 +131,7 @@ def _record(
         "drained": drained,
         "date": dt.datetime.now(tz=dt.UTC).isoformat(timespec="seconds"),
         "machine": _machine(),
+        "busy": round(busy, 2),
         "load": {"before": load_before, "after": os.getloadavg()},
         "inputs": {task: _inputs(task) for task in deploy.TASKS},
         "deadlines": {task: installation.module_file(task)["needs"].get("deadline") for task in deploy.TASKS},
@@ -149,6 +151,13 @@ def _profiles(session: zenoh.Session) -> list[dict[str, Any]]:
 
 def _inputs(task: str) -> dict[str, str]:
     return {name: entry["key"] for name, entry in installation.module_file(task)["inputs"].items()}
+
+
+def _busy() -> float:
+    """CPU seconds that the whole machine has spent on anything, user and kernel, since it was booted."""
+    with open("/proc/stat", encoding="ascii") as file:  # noqa: PTH123 - a file of the kernel
+        user, nice, system, _idle, _waiting, hard, soft, *_ = map(int, file.readline().split()[1:])
+    return (user + nice + system + hard + soft) / os.sysconf("SC_CLK_TCK")
 
 
 def _machine() -> dict[str, Any]:

@@ -49,10 +49,18 @@ def overview(series: Series) -> str:
                 *(f"{sum(count[fate] for count in fates) / len(own):.0f}" for fate in Fate),
                 f"{median(times):.0f} ms ({len(times)})" if times else NONE,
                 *(over(own, cpu_of(container), "s") for container in installation.CONTROL),
+                _others(own),
             ]
         )
     head = ["", "total time", "speedup", "on equal work", *(f"inputs {fate}" for fate in Fate), "sample to cgroup"]
-    return table([*head, *(f"CPU of the {name}" for name in installation.CONTROL)], rows)
+    return table([*head, *(f"CPU of the {name}" for name in installation.CONTROL), "CPU of all else"], rows)
+
+
+def _others(runs: Sequence[RunData]) -> str:
+    """Kubernetes carries out what is decided: what that takes shows in the difference between configurations."""
+    found = [measures.cpu_of_others(run, [*run.inputs, *installation.CONTROL]) for run in runs]
+    known = [seconds for seconds in found if seconds is not None]
+    return f"{spread(known)} s" if known else NONE
 
 
 def critical(series: Series) -> str:

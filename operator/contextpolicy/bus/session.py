@@ -26,6 +26,8 @@ lost 3 % of 200 samples a second and 5 % of the plans: Zenoh drops a message tha
 PRIORITIES = (
     *("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low", "background"),
 )
+KEEP = 0.001
+"""Zenoh's own."""
 LEASE_MS = 1000
 """A hung peer is declared dead within this time; the default of 10 s is longer than a robot can wait."""
 
@@ -44,12 +46,20 @@ def open_client(endpoints: Sequence[str], stop: Event, credentials: Path | None 
     return None
 
 
-def open_visitor(endpoints: Sequence[str], *, patience: float, credentials: Path | None = None) -> zenoh.Session:
+def open_visitor(
+    endpoints: Sequence[str], *, patience: float, credentials: Path | None = None, keep: float = KEEP
+) -> zenoh.Session:
     """A client for one-off queries from the command line; zenoh.ZError when no router answers in `patience` seconds.
 
-    `credentials` is a directory (see `bus.credentials`), or None on a bus that is open to all.
+    `credentials` is a directory (see `bus.credentials`), or None on a bus that is open to all. A message that finds no
+    place in a queue waits `keep` seconds for one before it is dropped.
     """
-    settings = {"mode": "client", "connect/endpoints": list(endpoints), "connect/timeout_ms": int(patience * 1000)}
+    settings = {
+        "mode": "client",
+        "connect/endpoints": list(endpoints),
+        "connect/timeout_ms": int(patience * 1000),
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": int(keep * 1e6),
+    }
     return zenoh.open(_config({**settings, **client_settings(credentials)}))
 
 

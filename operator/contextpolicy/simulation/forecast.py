@@ -254,7 +254,7 @@ def _arrivals(
             if not times:
                 notes.append(f"the timeline has no input for {task} on {cost.key}, or says no rate: not predicted")
             for number, at in enumerate(times):
-                yield Work(at, task, index, cost.work(number))
+                yield Work(at + cost.transit, task, index, cost.work(number), cost.transit)
 
 
 def _times(entry: TimelineEntry) -> Iterator[float]:

@@ -26,7 +26,7 @@ MOST_THREADS = 1024
 _GOLDEN = 0.6180339887498949
 """Steps of the golden ratio fill the unit interval more evenly than chance, and are the same each time."""
 _TELLS = ("task", "module", "machine", "seconds", "failures")
-_COUNTS = ("done", "missed", "dropped", "broken", "shared", "wait", "latency")
+_COUNTS = ("done", "missed", "dropped", "broken", "shared")
 """What robotkit also tells of a task and of an input, and the model does not need."""
 
 
@@ -43,6 +43,8 @@ class Cost:
     quantiles: tuple[float, ...]
     rate: float = 0.0
     """How many came in a second while it was measured."""
+    transit: float = 0.0
+    """Seconds on the bus, and in the task before it waits in a queue."""
 
     def work(self, number: int) -> float:
         """CPU seconds of the input with this number: over many inputs they are distributed as measured."""
@@ -120,6 +122,7 @@ def _input(fields: Fields, seconds: float) -> tuple[Cost | None, float]:
     if depth is None or depth < 1 or depth % 1:
         fields.refuse("depth", depth, "how many samples wait at most: a whole number of 1 or more")
     cpu, service = fields.nested("cpu"), fields.nested("service")
+    transit = max(_median(fields.nested("latency")) - _median(fields.nested("wait")) - _median(service), 0.0)
     fields.close()
     quantiles = cpu.raw("quantiles")
     rising = isinstance(quantiles, list) and all(_is_seconds(value) for value in quantiles)
@@ -130,7 +133,15 @@ def _input(fields: Fields, seconds: float) -> tuple[Cost | None, float]:
     threads = min(max(1.0, used / took), MOST_THREADS) if took else 1.0
     if not quantiles:
         return None, threads
-    return Cost(key, int(depth or 1), tuple(map(float, quantiles)), came / seconds if seconds else 0.0), threads
+    rate = came / seconds if seconds else 0.0
+    return Cost(key, int(depth or 1), tuple(map(float, quantiles)), rate, transit), threads
+
+
+def _median(times: Fields) -> float:
+    """Of a distribution; 0 where it is not told."""
+    quantiles = times.raw("quantiles")
+    known = isinstance(quantiles, list) and quantiles and all(map(_is_seconds, quantiles))
+    return float(quantiles[len(quantiles) // 2]) if known else 0.0
 
 
 def with_steady_inputs(timeline: Timeline, profiles: Profiles) -> Timeline:

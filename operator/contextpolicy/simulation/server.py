@@ -26,12 +26,17 @@ LEAST = 0.001
 
 
 class Work(NamedTuple):
-    """One input of a task: `input` numbers its queues, `cpu` is in seconds."""
+    """One input of a task: `input` numbers its queues, `cpu` is in seconds, and so is `transit`, before it arrived."""
 
     at: float
     task: str
     input: int
     cpu: float
+    transit: float = 0.0
+
+    def response(self, now: float) -> float:
+        """Seconds since its source sent it."""
+        return now - self.at + self.transit
 
 
 class Allowance(NamedTuple):
@@ -59,7 +64,7 @@ class Fate(StrEnum):
 
 
 class Outcome(NamedTuple):
-    """An input's fate; `response` is from its arrival to its result, or for an unfinished one to the end."""
+    """An input's fate; `response` is from its source to its result, or for an unfinished one to the end."""
 
     work: Work
     fate: Fate
@@ -133,7 +138,7 @@ class Server:
             self._advance(min([until, *(due[0].at for due in (works, turns) if due)]))
         for worker in self.workers.values():
             for work, queue in ([worker.current] if worker.current else []) + list(worker.waiting):
-                self.outcomes.append(Outcome(work, Fate.UNFINISHED, until - work.at, queue))
+                self.outcomes.append(Outcome(work, Fate.UNFINISHED, work.response(until), queue))
 
     def _advance(self, until: float) -> None:
         """Let the workers run to the next moment at which anything changes, `until` at the latest."""
@@ -164,7 +169,7 @@ class Server:
         worker.left -= cpu
         if worker.remaining <= EPSILON and worker.current is not None:
             work, queue = worker.current
-            self.outcomes.append(Outcome(work, Fate.DONE, self.now - work.at, queue))
+            self.outcomes.append(Outcome(work, Fate.DONE, work.response(self.now), queue))
             worker.next()
 
     def _rates(self) -> dict[str, float]:
@@ -201,7 +206,7 @@ class Server:
         own = [item for item in worker.waiting if item[0].input == work.input]
         if len(own) >= worker.depths[work.input]:
             worker.waiting.remove(own[0])
-            self.outcomes.append(Outcome(own[0][0], Fate.DROPPED, self.now - own[0][0].at, own[0][1]))
+            self.outcomes.append(Outcome(own[0][0], Fate.DROPPED, own[0][0].response(self.now), own[0][1]))
         worker.waiting.append((work, len(worker.waiting)))
         if worker.current is None:
             worker.next()

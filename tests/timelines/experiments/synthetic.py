@@ -97,6 +97,7 @@ def _about(configuration, title, story):
         "pace": story.get("pace", 1.0),
         "date": "2026-11-22T03:00:00+00:00",
         "machine": {"processor": "a test", "cores": 2, "memory_gib": 4.0, "kernel": "6"},
+        "busy": 3.0,
         "load": {"before": [0.5, 0, 0], "after": [0.5, 0, 0]},
         "inputs": INPUTS,
         "deadlines": DEADLINES,

@@ -12,6 +12,7 @@ from timelines.experiments.configurations import (
     LINUX_DEFAULT,
     STATIC,
     UNSUSPENDED,
+    at_pace,
     autoscalers,
     by_priority,
 )
@@ -21,11 +22,21 @@ from timelines.experiments.run import idle
 POLICY = policy_document()
 
 
+@pytest.mark.parametrize("pace", [1.0, 4.0])
 @pytest.mark.parametrize("configuration", [one for one in ALL if one.policy], ids=lambda one: one.name)
-def test_every_variant_is_a_policy(configuration):
-    policy = parse(configuration.variant(POLICY))
+def test_every_variant_is_a_policy(configuration, pace):
+    policy = parse(configuration.variant(at_pace(POLICY, pace, 2)))
     assert policy.reference == "robot/whole-robot"
     assert (policy.scheduler == "Realtime") == configuration.realtime
+
+
+def test_at_four_times_the_pace_pauses_are_shorter_and_tasks_may_use_more():
+    spec = at_pace(POLICY, 4.0, 2)["spec"]
+    most = {task["name"]: task.get("max") for task in spec["tasks"]}
+    assert (most["navigation"], most["imu"], most["slam"], most["signs"]) == ("400m", "1600m", "2", None)
+    assert spec["contexts"][0]["enterAfter"] == "25ms"
+    assert [one["hold"] for one in spec["tasks"][0]["activity"]] == ["1250ms", "250ms"]
+    assert spec["streams"] == POLICY["spec"]["streams"]
 
 
 def test_the_shipped_policy_is_not_changed():

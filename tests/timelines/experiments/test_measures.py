@@ -76,6 +76,7 @@ def test_reaction_contexts_and_cpu(run):
     assert measures.reactions(found) == pytest.approx([0.05, 0.05])
     assert measures.contexts(found) == [("moving", pytest.approx(0.3), pytest.approx(0.8))]
     assert measures.cpu_seconds(found, "slam") == pytest.approx(0.8)
+    assert measures.cpu_of_others(found, ["slam", "speech"]) == pytest.approx(3.0 - 2 * 0.8)
     assert [cores for _, cores in measures.cores_used(found, "slam")] == pytest.approx([0.4] * 4)
 
 
