@@ -130,6 +130,12 @@ def test_realtime_budgets_are_quotas_of_a_longer_period():
     assert predicted.tasks["slam"][NONE].p99 > 0.3
 
 
+def test_a_realtime_budget_is_one_of_each_processor():
+    """60 ms of work every 100 ms, with 0.475 of each processor."""
+    _, predicted = predict(a_policy(scheduler="Realtime", period="100ms"), profiles(), cores=2000)
+    assert predicted.tasks["slam"][NONE].misses == 0
+
+
 def test_the_report_has_a_row_for_each_task_and_context():
     _, predicted = predict(a_policy(), profiles())
     lines = as_table(predicted).splitlines()

@@ -102,7 +102,7 @@ def forecast(  # noqa: PLR0913 - what a run consists of, by keyword
     outcomes: list[Outcome] = []
     phases = 1 if policy.control is Control.WEIGHT and policy.scheduler is Scheduler.CFS else PHASES
     for name, node in nodes.items():
-        changes = [_change(policy, plan, name, node.tasks) for plan in plans]
+        changes = [_change(policy, plan, name, node.tasks, processors[name] / 1000) for plan in plans]
         own = [work for work in arrivals if homes[work.task] == name]
         for phase in range(phases):
             server = Server(node.cores, node.workers(), _period(policy), phase / phases * _period(policy))
@@ -225,12 +225,16 @@ def _period(policy: Policy) -> float:
     return policy.period if policy.scheduler is Scheduler.REALTIME else PERIOD
 
 
-def _change(policy: Policy, plan: Plan, node: str, workers: Iterable[str]) -> Change:
-    """A plan's allowances, when the kernel has them; the first plan is in force from the start."""
+def _change(policy: Policy, plan: Plan, node: str, workers: Iterable[str], processors: float) -> Change:
+    """A plan's allowances, when the kernel has them; the first plan is in force from the start.
+
+    A realtime budget is one of each processor, and modules have threads enough to use several.
+    """
     own = plan.nodes.get(node)
+    times = processors if own and own.scheduler is Scheduler.REALTIME else 1.0
     allowances = {}
     for task in workers:
-        share = own.containers.get(task, own.shares.get(task, 0)) / 1000 if own else 0.0
+        share = times * own.containers.get(task, own.shares.get(task, 0)) / 1000 if own else 0.0
         allowances[task] = _allowance(policy, share, suspended=plan.tasks[task].suspended)
     return Change(plan.time + REACTION if plan.time > 0 else 0.0, allowances)
 
