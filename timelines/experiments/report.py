@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from timelines.demo.deploy import DeployError
 from timelines.experiments import figures, goals, measures, tables
-from timelines.experiments.configurations import BASELINE, CFS, WEIGHT
+from timelines.experiments.configurations import BASELINE, CFS, RT, WEIGHT
 from timelines.experiments.goals import CRITICAL
 from timelines.experiments.intervals import of_ratios, spread
 from timelines.experiments.series import read_series
@@ -71,13 +71,13 @@ def _machines(every: Sequence[Series]) -> str:
     dates = sorted(run.about["date"] for run in runs)
     return (
         f"Machine: {'; '.join(sorted(machines))}. {len(runs)} runs, {dates[0]} to {dates[-1]}. Load of the machine"
-        f" before a run (one minute): {spread([run.about['load']['before'][0] for run in runs])}; what is above 0 is"
-        " not the robot's.\n"
+        f" before a run (one minute): {spread([run.about['load']['before'][0] for run in runs])}; it is of the pods'"
+        " start, and of others.\n"
     )
 
 
 def _goals(every: Sequence[Series]) -> Iterator[str]:
-    for configuration in (CFS, WEIGHT):
+    for configuration in (CFS, WEIGHT, RT):
         found = list(goals.verdicts(every, configuration.name))
         if found:
             yield f"## Goals, {configuration.title}\n"
@@ -125,7 +125,7 @@ def _doubts(series: Series) -> Iterator[str]:
             yield f"- {run.title}: queues were not empty when the run was given up; its total time is a lower bound.\n"
         load, cores = run.about["load"]["before"][0], run.about["machine"]["cores"]
         if load > BUSY * cores:
-            yield f"- {run.title}: the machine had a load of {load:.1f} before the run, of others.\n"
+            yield f"- {run.title}: the machine had a load of {load:.1f} before the run.\n"
         for task, inputs in run.about["counted"].items():
             missing = sum(inputs.values()) - len(run.done.get(task, ()))
             if missing > 0:

@@ -33,6 +33,8 @@ RUN, MESSAGES, TIMELINE, PROFILES = "run.json", "run.mcap", "timeline.json", "pr
 HEALTH, PROFILE = "robot/*/health", "robot/*/profile"
 PATIENCE = 120.0
 """Seconds to wait for modules that start, and for queues that empty."""
+CALM = 3.0
+"""Seconds between the start of pods and policy, which Kubernetes works on, and the first input."""
 SETTLING = 2.0
 """Seconds after the last input before an empty queue counts: a starved task fetches late what was sent to it."""
 
@@ -111,6 +113,7 @@ def _record(
     if not healths.wait_for_all(deploy.TASKS, time.time()):
         raise deploy.DeployError(f"not all of {', '.join(deploy.TASKS)} told their health within {PATIENCE:g} s")
     installation.decide(trial.configuration, installation.policy_document(trial.pace), folder)
+    time.sleep(CALM)
     load_before, busy_before = os.getloadavg(), _busy()
     reports, drained = [], True
     with McapWriter(folder / MESSAGES) as file:

@@ -1,8 +1,8 @@
 """Delay resizes on nodes that have an agent until the plan has settled.
 
-The agent has already written the limits, and a resize takes tens of milliseconds. One that is overtaken by the next
-plan brings an old limit back until the agent corrects it, and can fail on the kernel's rules; contexts that change
-quickly would cause many of these. The API only has to agree in the end: its limits hold when the agent is gone.
+The agent has already written the limits. A resize takes tens of milliseconds, and as much of the node's CPU: that of
+the API server, its datastore, the kubelet and the runtime, which tasks lack. One that is overtaken by the next plan is
+wasted, brings an old limit back until the agent corrects it, and can fail on the kernel's rules. The API only has to agree in the end: its limits hold when the agent is gone.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
     from contextpolicy.planning.plan import NodePlan
 
-SETTLED = 0.5
+SETTLED = 3.0
 """Seconds for which a node's plan must stay the same before it is ordered."""
-LONGEST = 5.0
+LONGEST = 30.0
 """Seconds after which the newest plan is ordered even if plans keep changing."""
 
 

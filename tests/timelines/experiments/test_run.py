@@ -52,6 +52,7 @@ def node(monkeypatch):
         monkeypatch.setattr(installation, "stop_robot", lambda: None)
         monkeypatch.setattr(installation, "decide", lambda *_: None)
         monkeypatch.setattr(installation, "cgroups", dict)
+        monkeypatch.setattr(run_module, "CALM", 0.0)
         monkeypatch.setattr(installation, "session", lambda *_: client(address))
         running = pool.submit(Runner(inside, SLAM, Busy()).run, stop, publish_runs=True)
         yield
