@@ -72,7 +72,7 @@ def _run_all(missing: list[Trial], options: argparse.Namespace) -> None:
         if installed is not trial.configuration.agent:
             installation.install(trial.configuration)
             installed = trial.configuration.agent
-        execute(trial, timeline, options.datasets, trial.folder(options.out))
+        execute(trial, timeline, options.datasets, trial.folder(options.out), options.policy)
         took.append(time.monotonic() - begun)
 
 
@@ -85,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--minutes", type=float, default=float("inf"), help="begin no run that would end later than that"
     )
+    parser.add_argument("--policy", type=Path, default=deploy.POLICY, metavar="FILE", help="divide by this one instead")
     parser.add_argument("--out", type=Path, default=OUT, metavar="DIR", help="raw data (build/experiments)")
     parser.add_argument("--datasets", type=Path, default=ROOT, metavar="DIR", help="recordings (%(default)s)")
     parser.add_argument("--report", type=Path, metavar="DIR", help="where the report goes (default: to the raw data)")

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
     Document = dict[str, Any]
 
+OTHERS = "400m"
+"""What operator, router and the robot's drivers request, rounded up."""
 PAUSES = ("hold", "enterAfter", "exitAfter")
 """How long something has to last, in contexts and activities."""
 UNIT = 10
@@ -125,7 +127,8 @@ def _without_suspension(spec: Document) -> None:
 
 
 def _control(control: str) -> Callable[[Document], None]:
-    return lambda spec: spec.update(control=control)
+    """Shares are requests then, and the kubelet defers what does not fit beside the requests of all other pods."""
+    return lambda spec: spec.update(control=control, reserve=OTHERS)
 
 
 def _realtime(period: str) -> Callable[[Document], None]:

@@ -42,9 +42,9 @@ POD_LOGS = "/var/log/pods"
 AUTOSCALERS = "verticalpodautoscalers.autoscaling.k8s.io"
 
 
-def policy_document(pace: float = 1.0) -> Document:
+def policy_document(pace: float = 1.0, path: Path = deploy.POLICY) -> Document:
     """The policy that divides the whole robot when it gets its inputs at this pace."""
-    document: Document = yaml.safe_load(deploy.POLICY.read_text(encoding="utf-8"))
+    document: Document = yaml.safe_load(path.read_text(encoding="utf-8"))
     return document if pace == 1 else at_pace(document, pace, cores())
 
 

@@ -109,7 +109,7 @@ def _moving(truth: object) -> bool:
 def _take(run: RunData, message: Recorded) -> None:
     parts = message.topic.split("/")
     if parts[0] == "robot" and parts[-1] == "runs":
-        run.done[parts[1]].append(_done(json.loads(message.payload)))
+        run.done[parts[1]] += map(_done, json.loads(message.payload))
     elif (
         parts[0] == "robot" and parts[1] in run.inputs and parts[-1] not in _OWN and message.topic not in run.published
     ):

@@ -40,17 +40,24 @@ SETTLING = 2.0
 
 
 class Healths:
-    """The latest health message of each task. Pure but for the callback's thread."""
+    """The latest health message of each task, as a session hears them."""
 
-    def __init__(self) -> None:
+    def __init__(self, session: zenoh.Session) -> None:
+        self.session = session
         self._changed = threading.Condition()
         self._latest: dict[str, dict[str, Any]] = {}
+        session.declare_subscriber(HEALTH, self._hear)
 
-    def hear(self, sample: zenoh.Sample) -> None:
+    def _hear(self, sample: zenoh.Sample) -> None:
         """Take one message."""
         with self._changed:
             self._latest[str(sample.key_expr).split("/")[1]] = json.loads(sample.payload.to_bytes())
             self._changed.notify_all()
+
+    def wait_until_ready(self) -> None:
+        """Wait until all tasks of the robot have nothing to do; DeployError if one says nothing."""
+        if not self.wait_for_all(deploy.TASKS, time.time()):
+            raise deploy.DeployError(f"not all of {', '.join(deploy.TASKS)} told their health within {PATIENCE:g} s")
 
     def wait_for_all(self, tasks: tuple[str, ...], since: float) -> bool:
         """Wait until each task has said, after `since` (Unix seconds), that nothing waits; False if one does not."""
@@ -63,17 +70,21 @@ def idle(health: Mapping[str, Any] | None, since: float) -> bool:
     return health is not None and health["stamp"] > since * 1e9 and (health["suspended"] or not health["queue"])
 
 
-def execute(trial: Trial, timeline: Path, datasets: Path, folder: Path) -> None:
+def execute(trial: Trial, timeline: Path, datasets: Path, folder: Path, policy: Path = deploy.POLICY) -> None:
     """Do the run and keep its raw data; the folder counts as finished once it has a run.json."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    installation.start_robot(trial.configuration, installation.policy_document(trial.pace), folder)
+    wanted = installation.policy_document(trial.pace, policy)
+    installation.start_robot(trial.configuration, wanted, folder)
     try:
         with (
             installation.session(trial.configuration, "sensor") as sensors,
             installation.session(trial.configuration, "module") as viewer,  # viewers hear no samples
         ):
-            about = _record(trial, TimelineSource(load(timeline), datasets), folder, sensors, viewer)
+            healths = Healths(viewer)
+            healths.wait_until_ready()
+            installation.decide(trial.configuration, wanted, folder)
+            about = _record(trial, TimelineSource(load(timeline), datasets), folder, sensors, healths)
         shutil.copyfile(timeline, folder / TIMELINE)
         (folder / RUN).write_text(json.dumps(about, indent=1), encoding="utf-8")
     finally:
@@ -106,13 +117,9 @@ class TimelineSource:
 
 
 def _record(
-    trial: Trial, source: TimelineSource, folder: Path, sensors: zenoh.Session, viewer: zenoh.Session
+    trial: Trial, source: TimelineSource, folder: Path, sensors: zenoh.Session, healths: Healths
 ) -> dict[str, Any]:
-    healths = Healths()
-    viewer.declare_subscriber(HEALTH, healths.hear)
-    if not healths.wait_for_all(deploy.TASKS, time.time()):
-        raise deploy.DeployError(f"not all of {', '.join(deploy.TASKS)} told their health within {PATIENCE:g} s")
-    installation.decide(trial.configuration, installation.policy_document(trial.pace), folder)
+    viewer = healths.session
     time.sleep(CALM)
     load_before, busy_before = os.getloadavg(), _busy()
     reports, drained = [], True

@@ -16,15 +16,19 @@ from robotkit.stamps import attachment
 if TYPE_CHECKING:
     from robotkit.inputs import Inputs
     from robotkit.profile import Profile
+    from robotkit.run_log import RunLog
 
 
 class Reporter:
     """Runs from its construction until `close`."""
 
-    def __init__(self, session: zenoh.Session, task: str, profile: Profile, inputs: Inputs) -> None:
+    def __init__(
+        self, session: zenoh.Session, task: str, profile: Profile, inputs: Inputs, runs: RunLog | None = None
+    ) -> None:
         self._task = task
         self._profile = profile
         self._inputs = inputs
+        self._runs = runs
         self._cpu_stat = cgroup.find_cpu_stat()
         self._health = Health(self._snapshot())
         self._suspended = False
@@ -47,6 +51,8 @@ class Reporter:
 
     def _tell(self) -> None:
         while not self._closed.wait(EVERY_S):
+            if self._runs is not None:
+                self._runs.publish()  # first: who hears that nothing waits has heard what was done
             stamp = time.time_ns()
             message = self._health.message(self._snapshot(), self._queue(stamp), suspended=self._suspended)
             self._publisher.put(json_text.dumps({"stamp": stamp, **message}), attachment=attachment(stamp))

@@ -7,15 +7,14 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
-from robotkit import json_text
 from robotkit.errors import DeviceError, MessageError
 from robotkit.inputs import Inputs
-from robotkit.outputs import JSON, Outputs, as_results, publisher
+from robotkit.outputs import Outputs, as_results
 from robotkit.plan import PLAN_KEY, PlanListener
 from robotkit.producer import Producer
 from robotkit.profile import Profile, Run
 from robotkit.reporter import Reporter
-from robotkit.stamps import attachment
+from robotkit.run_log import RunLog
 from robotkit.task import Result
 
 if TYPE_CHECKING:
@@ -43,7 +42,7 @@ class Runner:
         self._task = task
         self._stop = threading.Event()
         self._failure: BaseException | None = None
-        self._runs: zenoh.Publisher | None = None
+        self._runs: RunLog | None = None
         self._inputs = Inputs(session, module.inputs)
         self._outputs = Outputs(session, module.outputs)
         self._profile = Profile(module)
@@ -55,15 +54,15 @@ class Runner:
         """Work until `stop` is set, then make the robot safe; raises the exception that the task failed with.
 
         `policy_task` is the task's name in the policy, the module's own by default. With `publish_runs` the timing of
-        each sample that is done goes to `robot/<task>/runs`, whether or not it led to a result.
+        each sample that is done goes to `robot/<task>/runs` in lists, whether or not it led to a result.
         """
         self._stop = stop
         name = policy_task or self._module.name
         if publish_runs:
-            self._runs = publisher(self._session, f"robot/{name}/runs", JSON)
+            self._runs = RunLog(self._session, name)
         token = self._session.liveliness().declare_token(f"robot/{name}/alive")
         worker = threading.Thread(target=self._guarded(self._work), name=name, daemon=True)
-        reporter = Reporter(self._session, name, self._profile, self._inputs)
+        reporter = Reporter(self._session, name, self._profile, self._inputs, self._runs)
         self._resume()
         worker.start()
         listener = PlanListener(self._session, name, lambda decision: self._decide(decision, reporter), key=plan_key)
@@ -128,7 +127,7 @@ class Runner:
         timing = {"input": received.input, **run._asdict(), "missed": missed}
         timing["dropped"] = self._inputs.dropped[received.input]
         if self._runs is not None:
-            self._runs.put(json_text.dumps(timing), attachment=attachment(run.finished))
+            self._runs.add(timing)
         for result in results:
             stamped = result if result.stamp is not None else Result(result.output, result.value, received.stamp)
             self._outputs.publish(stamped, timing)

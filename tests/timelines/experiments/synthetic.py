@@ -61,7 +61,7 @@ def _runs(service, skipped):
             free = started + service[task]
             times = {"started": round((BEGIN + started) * S), "finished": round((BEGIN + free) * S)}
             value = {"input": next(iter(inputs)), "stamp": stamp(index), "cpu": round(service[task] * S), **times}
-            yield free, f"robot/{task}/runs", value
+            yield free, f"robot/{task}/runs", [value]
 
 
 def _plans(plans):

@@ -8,10 +8,12 @@ from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.quantities import parse_cpu
 from timelines.experiments.configurations import (
     ALL,
+    BOTH,
     CFS,
     LINUX_DEFAULT,
     STATIC,
     UNSUSPENDED,
+    WEIGHT,
     at_pace,
     autoscalers,
     by_priority,
@@ -44,6 +46,12 @@ def test_the_shipped_policy_is_not_changed():
     for configuration in ALL:
         configuration.variant(POLICY)
     assert repr(POLICY) == before
+
+
+def test_shares_that_are_requests_fit_beside_those_of_other_pods():
+    """Operator and router request 100m each, three drivers 50m each."""
+    for configuration in (WEIGHT, BOTH):
+        assert parse_cpu(configuration.variant(POLICY)["spec"]["reserve"]) >= 2 * 100 + 3 * 50
 
 
 def test_without_suspension_contexts_still_weight():

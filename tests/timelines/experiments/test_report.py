@@ -78,7 +78,7 @@ def test_a_run_on_a_busy_machine_says_so(out):
     path = out / "exp3-x1" / "cfs-ca" / "1" / RUN
     about = json.loads(path.read_text(encoding="utf-8"))
     path.write_text(json.dumps(about | {"load": {"before": [9.0, 9.0, 9.0]}}), encoding="utf-8")
-    assert "CFS CA: the machine had a load of 9.0 before the run, of others" in report(out)
+    assert "CFS CA: the machine had a load of 9.0 before the run." in report(out)
 
 
 def test_the_report_can_be_kept_apart_from_the_raw_data(out):
@@ -101,7 +101,7 @@ def runs(monkeypatch):
     monkeypatch.setattr(command.installation, "can", lambda _: True)
     monkeypatch.setattr(command.time, "monotonic", lambda: clock["now"])
 
-    def execute(trial, timeline, _datasets, folder):
+    def execute(trial, timeline, _datasets, folder, _policy):
         if len(done) > clock["fails_after"]:
             raise DeployError("the node is gone")
         fresh(folder)
