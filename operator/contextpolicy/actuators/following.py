@@ -2,7 +2,8 @@
 
 The agent has already written the limits. A resize takes tens of milliseconds, and as much of the node's CPU: that of
 the API server, its datastore, the kubelet and the runtime, which tasks lack. One that is overtaken by the next plan is
-wasted, brings an old limit back until the agent corrects it, and can fail on the kernel's rules. The API only has to agree in the end: its limits hold when the agent is gone.
+wasted, brings an old limit back until the agent corrects it, and can fail on the kernel's rules. The API only has to
+agree in the end: its limits hold when the agent is gone.
 """
 
 from __future__ import annotations
