@@ -31,8 +31,8 @@ more. The raw data of each run is in `build/experiments/<timeline>-x<pace>/<conf
 every input's stamp and the machine, `run.mcap` what each task did with it (`robot/<task>/runs`) and told, the plans,
 and the kernel's counters ten times a second; `profiles.json` what inputs cost. `measures.json` has each run's figures.
 
-- *Pace*: at real pace inputs come as the story tells them; at four times the pace a robot has four times the work, what
-  one with a quarter of this machine's speed would have.
+- *Pace*: at real pace inputs come as the story tells them; at six times the pace a robot has six times the work, what
+  one with a sixth of this machine's speed would have.
 - *Total time*: from the first input until every input that the policy did not suspend is done (paper VI-B). Queues
   drop nothing; inputs that were suspended or lost on the bus are counted apart. No scheduler ends before the last input
   comes, so where Linux default keeps up there is nothing to gain.

@@ -18,9 +18,9 @@ def test_repeats_are_interleaved_over_configurations_and_paces():
     found = [str(one) for one in trials(["exp3"], 2, only=["linux-default", "cfs-ca"])]
     once = [
         "exp3-x1 Linux default, repeat {}",
-        "exp3-x4 Linux default, repeat {}",
+        "exp3-x6 Linux default, repeat {}",
         "exp3-x1 CFS CA, repeat {}",
-        "exp3-x4 CFS CA, repeat {}",
+        "exp3-x6 CFS CA, repeat {}",
     ]
     assert found == [line.format(repeat) for repeat in (0, 1) for line in once]
 
@@ -32,8 +32,8 @@ def test_the_ideal_is_run_once_and_what_the_node_cannot_do_never():
 
 
 def test_raw_data_lies_by_series_configuration_and_repeat():
-    (first, *_) = trials(["exp2"], 1, paces=[4.0])
-    assert first.folder(Path("out")) == Path("out/exp2-x4/linux-default/0")
+    (first, *_) = trials(["exp2"], 1, paces=[6.0])
+    assert first.folder(Path("out")) == Path("out/exp2-x6/linux-default/0")
 
 
 def test_the_next_run_takes_what_the_longest_took():

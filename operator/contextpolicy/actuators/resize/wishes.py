@@ -81,7 +81,11 @@ def _chosen(order: Order, capacity: int, wishes: Sequence[Wish]) -> tuple[set[st
     if order.control is Control.WEIGHT:
         return {wish.id for wish in wishes}, set()
     holdings = [wish.holding for wish in wishes]
-    return (strict(capacity, holdings), set()) if order.transition is Transition.STRICT else prompt(capacity, holdings)
+    # A request that rises before others have fallen may not fit on the node: the kubelet then defers the resize, with
+    # its limit, and looks again much later.
+    if order.transition is Transition.STRICT or order.control is Control.BOTH:
+        return strict(capacity, holdings), set()
+    return prompt(capacity, holdings)
 
 
 def _unseen(order: Order, by_node: Mapping[str, Iterable[Wish]]) -> set[str]:
