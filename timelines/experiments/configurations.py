@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     Document = dict[str, Any]
 
-OTHERS = "400m"
-"""What operator, router and the robot's drivers request, rounded up."""
+OTHERS = "500m"
+"""What operator, router, drivers and guards request, 450m, rounded up."""
 PAUSES = ("hold", "enterAfter", "exitAfter")
 """How long something has to last, in contexts and activities."""
 UNIT = 10

@@ -49,9 +49,9 @@ def test_the_shipped_policy_is_not_changed():
 
 
 def test_shares_that_are_requests_fit_beside_those_of_other_pods():
-    """Operator and router request 100m each, three drivers 50m each."""
+    """Operator and router request 100m each, drivers and guards 250m together."""
     for configuration in (WEIGHT, BOTH):
-        assert parse_cpu(configuration.variant(POLICY)["spec"]["reserve"]) >= 2 * 100 + 3 * 50
+        assert parse_cpu(configuration.variant(POLICY)["spec"]["reserve"]) >= 2 * 100 + 250
 
 
 def test_without_suspension_contexts_still_weight():
@@ -69,9 +69,9 @@ def test_static_limits_divide_the_node_by_priority_within_bounds():
 
 
 def test_static_requests_leave_room_for_what_runs_beside():
-    """Operator and router request 100m each, three drivers 50m each: the scheduler must find room for all."""
+    """Operator and router request 100m each, drivers and guards 250m: the scheduler must find room for all."""
     requests = {task: parse_cpu(cpu["request"]) for task, cpu in by_priority(POLICY, 2).items()}
-    assert sum(requests.values()) < 2000 - 2 * 100 - 3 * 50
+    assert sum(requests.values()) < 2000 - 2 * 100 - 250
     assert requests["slam"] > requests["arm"]
 
 
