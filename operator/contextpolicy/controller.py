@@ -65,7 +65,8 @@ class Controller:
     Agents act on its plans only if it has a `signer`. `initiatives` are the plugged-in functions that the policy names.
     `on_change` is called when the status has changed, `on_context` with a context that began (True) or ceased to hold
     and the cause, `on_plan` with the policy's reference and each new plan once it
-    is ordered, `on_published` with the reference, the stamp and the nodes of each plan that agents must carry out.
+    is ordered, `on_published` with the reference, the stamp and the nodes of each plan that agents must carry out, and
+    for how many seconds its tasks may keep all others from running.
     """
 
     def __init__(
@@ -85,7 +86,7 @@ class Controller:
         self.on_change: Callable[[], None] = lambda: None
         self.on_plan: Callable[[str, Plan], None] = lambda *_: None
         self.on_context: Callable[[str, bool, str], None] = lambda *_: None
-        self.on_published: Callable[[str, Stamp, Iterable[str]], None] = lambda *_: None
+        self.on_published: Callable[[str, Stamp, Iterable[str], float], None] = lambda *_: None
         self.board: Callable[[], dict[str, Any] | None] = lambda: None
         """What a query for the policy's board is answered with."""
         self.signer: Signer | None = None
@@ -251,7 +252,8 @@ class Controller:
                 self.recorder.take_plan(records, PlanRecord(time.monotonic(), payload))
             if self.policy.mode is Mode.ENFORCE:
                 stamp = content["run"], content["sequence"], content["edition"]
-                self.on_published(self.policy.reference, stamp, content["nodes"])
+                standstill = self.policy.period if self.policy.scheduler is Scheduler.REALTIME else 0.0
+                self.on_published(self.policy.reference, stamp, content["nodes"], standstill)
 
     def _republish(self) -> None:
         """Publish the plan in force again if containers restarted or moved, so that agents find their cgroups."""

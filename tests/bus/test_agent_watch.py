@@ -160,6 +160,15 @@ def test_an_agent_that_confirms_in_time_is_counted_on(bus):
     assert bus.changes == []
 
 
+def test_an_agent_that_realtime_tasks_keep_waiting_is_counted_on(bus):
+    """With a period of 1 s each of operator, router and agent may wait for most of one."""
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE], 1.0)
+    bus.turn(3.0)
+    assert bus.changes == []
+    bus.turn(BOUND)
+    assert bus.changes == [{NODE: NOT_CONFIRMING}]
+
+
 def test_a_frozen_agent_is_not_counted_on_until_it_answers(bus):
     """It may keep its token all the while."""
     bus.watch.expect("lab/robot", (1, 1, 0), [NODE])

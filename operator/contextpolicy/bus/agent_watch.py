@@ -38,7 +38,9 @@ RETURN = 10.0
 at once would quickly revert every limit, which kubelets get wrong (kubernetes#125205)."""
 
 BOUND = 0.5
-"""Seconds an agent has to confirm a plan. It needs milliseconds, and the resizes follow after half a second anyway."""
+"""Seconds an agent has to confirm a plan. It needs milliseconds, but a busy node may keep it waiting."""
+STANDSTILLS = 3
+"""How often realtime tasks may keep a plan waiting for a period's end: at operator, router and agent."""
 
 
 class AgentWatch:
@@ -66,8 +68,12 @@ class AgentWatch:
         for subscriber in self._subscribers:
             subscriber.undeclare()
 
-    def expect(self, policy: str, stamp: Stamp, nodes: Iterable[str]) -> None:
-        """A plan was published: each capable agent on `nodes` must confirm it, or a later plan, within BOUND."""
+    def expect(self, policy: str, stamp: Stamp, nodes: Iterable[str], standstill: float = 0.0) -> None:
+        """A plan was published: each capable agent on `nodes` must confirm it, or a later plan, within BOUND.
+
+        `standstill` is for how many seconds realtime tasks may keep all others from running.
+        """
+        bound = BOUND + STANDSTILLS * standstill
         for node in nodes:
             report = self.reports.get(node)
             # `limits` and `realtime` hold what the agent lacks; with both set it carries out nothing to confirm.
@@ -75,7 +81,7 @@ class AgentWatch:
                 continue
             waiting = self._unconfirmed.get((node, policy))
             if waiting is None:
-                self._unconfirmed[node, policy] = _Unconfirmed(stamp, stamp, self._arm(node, policy))
+                self._unconfirmed[node, policy] = _Unconfirmed(stamp, stamp, bound, self._arm(node, policy, bound))
             else:
                 waiting.last = stamp
 
@@ -84,8 +90,8 @@ class AgentWatch:
         for node, other in [key for key in self._unconfirmed if key[1] == policy]:
             self._unconfirmed.pop((node, other)).timer.dispose()
 
-    def _arm(self, node: str, policy: str) -> DisposableBase:
-        return self._scheduler.schedule_relative(BOUND, lambda *_: self._doubt(node, policy))
+    def _arm(self, node: str, policy: str, bound: float) -> DisposableBase:
+        return self._scheduler.schedule_relative(bound, lambda *_: self._doubt(node, policy))
 
     def _on_confirmation(self, sample: zenoh.Sample) -> None:
         node, said = str(sample.key_expr).split("/")[2], read_confirmation(sample.payload.to_bytes())
@@ -101,7 +107,7 @@ class AgentWatch:
         if said.stamp >= waiting.last:
             del self._unconfirmed[node, said.policy]
         else:
-            waiting.first, waiting.timer = waiting.last, self._arm(node, said.policy)
+            waiting.first, waiting.timer = waiting.last, self._arm(node, said.policy, waiting.bound)
 
     def _doubt(self, node: str, policy: str) -> None:
         """Stop counting on the node's agent; after RETURN it is asked again what it can do, until it answers."""
@@ -192,6 +198,8 @@ class _Unconfirmed:
 
     first: Stamp
     last: Stamp
+    bound: float
+    """Seconds that the agent has."""
     timer: DisposableBase
 
 

@@ -74,10 +74,10 @@ class RobotBus:
         """The latest usage by container ID (see `UsageWatch.now`)."""
         return self._usage.now() if self._usage else {}
 
-    def expect(self, policy: str, stamp: Stamp, nodes: Iterable[str]) -> None:
-        """A plan was published: the agents on `nodes` must confirm it."""
+    def expect(self, policy: str, stamp: Stamp, nodes: Iterable[str], standstill: float) -> None:
+        """A plan was published: the agents on `nodes` must confirm it (see `AgentWatch.expect`)."""
         if self._agents is not None:
-            self._agents.expect(policy, stamp, nodes)
+            self._agents.expect(policy, stamp, nodes, standstill)
 
     def forget(self, policy: str) -> None:
         """Nobody makes plans for this policy any more: expect no more confirmations."""
