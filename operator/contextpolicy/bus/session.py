@@ -27,7 +27,7 @@ PRIORITIES = (
     *("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low", "background"),
 )
 KEEP = 0.001
-"""Zenoh's own."""
+"""Seconds that a message waits for a place in a full queue before it is dropped: Zenoh's default."""
 LEASE_MS = 1000
 """A hung peer is declared dead within this time; the default of 10 s is longer than a robot can wait."""
 

@@ -81,8 +81,8 @@ def _chosen(order: Order, capacity: int, wishes: Sequence[Wish]) -> tuple[set[st
     if order.control is Control.WEIGHT:
         return {wish.id for wish in wishes}, set()
     holdings = [wish.holding for wish in wishes]
-    # A request that rises before others have fallen may not fit on the node: the kubelet then defers the resize, with
-    # its limit, and looks again much later.
+    # A request that rises before others have fallen may not fit on the node: the kubelet then defers the resize, and
+    # the limit in it.
     if order.transition is Transition.STRICT or order.control is Control.BOTH:
         return strict(capacity, holdings), set()
     return prompt(capacity, holdings)
