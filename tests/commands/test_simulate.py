@@ -253,6 +253,7 @@ def test_a_robot_that_makes_no_sense(
         (("--until", "1e9"), "seconds, 0 to 10000000"),
         (("--until", "soon"), "seconds, 0 to 10000000"),
         (("--cores", "2000"), "above 0 to 1024"),
+        (("--rate", "0"), "times as fast, 0.001 to 1000"),
         (("--cores", "0.0001"), "a CPU quantity"),
         (("--node", "arm"), "NAME=VALUE"),
         (("--replicas", "slam=0"), "a whole number from 1 to 100"),
@@ -345,6 +346,12 @@ def test_a_robots_recording_gives_the_plans_that_its_timeline_gives(tmp_path, ca
     assert capsys.readouterr().out == expected
     assert main(["simulate", POLICY, str(recording), "--start-offset", "99"]) == 2
     assert "start offset 99 is not allowed" in capsys.readouterr().err
+
+
+def test_at_twice_the_rate_everything_comes_in_half_the_time(capsys):
+    assert main([*TWO_CORES, "--until", "7.5", "--rate", "2", "--output", "json"]) == 0
+    (moving,) = [plan for plan in json.loads(capsys.readouterr().out)["plans"] if plan["sequence"] == 4][:1]
+    assert (moving["time"], moving["contexts"]) == (5.1, ["moving"])  # 10 s in the file, and 0.1 s of `enterAfter`
 
 
 def test_the_options_of_recordings_are_refused_with_a_timeline(capsys):

@@ -53,16 +53,18 @@ class Configuration:
         return changed
 
 
-def at_pace(document: Document, pace: float, cores: int) -> Document:
-    """The policy for a robot that does all of this `pace` times as fast: pauses are shorter, and tasks may use more.
+def at_pace(document: Document, pace: float) -> Document:
+    """The policy for a robot that does all of this `pace` times as fast: pauses are shorter.
 
-    Silence is judged as before: `staleAfter` is about faults, which the story has none of.
+    `max` stays: where a task has one, it is what its thread can use, or several times what its inputs cost; more would
+    lie idle. `protected` tasks get all of it, since their `min` is what they need at real pace. Silence is judged as
+    before: `staleAfter` is about faults, which the story has none of.
     """
     changed = copy.deepcopy(document)
     spec = changed["spec"]
     for task in spec["tasks"]:
-        if "max" in task:
-            task["max"] = format_cpu(min(round(parse_cpu(task["max"]) * pace), cores * 1000))
+        if task.get("protected") and "max" in task:
+            task["min"] = task["max"]
     activities = [activity for task in spec["tasks"] for activity in task.get("activity", ())]
     for timed in (*activities, *spec.get("contexts", ())):
         timed |= {name: f"{round(parse_duration(timed[name]) / pace * 1000)}ms" for name in PAUSES if name in timed}

@@ -45,7 +45,7 @@ AUTOSCALERS = "verticalpodautoscalers.autoscaling.k8s.io"
 def policy_document(pace: float = 1.0, path: Path = deploy.POLICY) -> Document:
     """The policy that divides the whole robot when it gets its inputs at this pace."""
     document: Document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    return document if pace == 1 else at_pace(document, pace, cores())
+    return document if pace == 1 else at_pace(document, pace)
 
 
 def cores() -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from contextpolicy.policy.validation.policy_file import load_policy
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from contextpolicy.simulation.forecast import Forecast
-    from contextpolicy.streams.timeline import Timeline
     from timelines.experiments.raw_data import RunData
 
 POLICY = "policy.yaml"
@@ -49,25 +47,8 @@ def compare(run: RunData, folder: Path) -> Iterator[Compared]:
 
 def predict(folder: Path, pace: float, cores: int) -> Forecast:
     """The forecast for a run's folder."""
-    policy, story = load_policy(str(folder / POLICY)), paced(load(folder / TIMELINE), pace)
+    policy, story = load_policy(str(folder / POLICY)), load(folder / TIMELINE).at_rate(pace)
     robot, until = Robot({NODE: cores * 1000}), TAIL * story.duration
     plans = simulate(policy, story, robot=robot, until=until).plans
     profiles = load_profiles(str(folder / PROFILES))
     return forecast(policy, story, plans, profiles, processors=robot.nodes, until=until)
-
-
-def paced(story: Timeline, pace: float) -> Timeline:
-    """The story told faster."""
-    if pace == 1:
-        return story
-    entries = tuple(
-        replace(
-            entry,
-            start=entry.start / pace,
-            end=entry.end / pace,
-            rate=entry.rate and entry.rate * pace,
-            dataset_rate=entry.dataset_rate and entry.dataset_rate * pace,
-        )
-        for entry in story.entries
-    )
-    return replace(story, duration=story.duration / pace, entries=entries)

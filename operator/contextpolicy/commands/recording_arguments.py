@@ -36,7 +36,12 @@ def topic(text: str) -> str:
 
 
 def load_inputs(arguments: argparse.Namespace, policy: Policy, definitions: Definitions) -> Timeline:
-    """The timeline, or the recording as one, that the command line names."""
+    """The timeline, or the recording as one, that the command line names, at the rate that it names."""
+    inputs = _load(arguments, policy, definitions)
+    return inputs if arguments.rate == 1 else inputs.at_rate(arguments.rate)
+
+
+def _load(arguments: argparse.Namespace, policy: Policy, definitions: Definitions) -> Timeline:
     from contextpolicy.errors import Finding, SettingsError
     from contextpolicy.streams import recordings, timeline
 

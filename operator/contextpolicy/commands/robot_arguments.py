@@ -19,11 +19,19 @@ if TYPE_CHECKING:
 MAX_CORES = 1024
 MAX_REPLICAS = 100
 MAX_SECONDS = 10**7
+MAX_RATE = 1000
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_types_argument(parser)
+    parser.add_argument(
+        "--rate",
+        type=rate,
+        default=1.0,
+        metavar="R",
+        help="inputs come R times as fast: a robot of 1/R of the speed",
+    )
     own = parser.add_argument_group(
         "robot", "Each task runs once, on the first node, with no CPU request, unless said otherwise."
     )
@@ -84,6 +92,14 @@ def seconds(text: str) -> float:
     value = _number(text)
     if not 0 <= value <= MAX_SECONDS:
         raise argparse.ArgumentTypeError(f"{text} is not allowed: seconds, 0 to {MAX_SECONDS}")
+    return value
+
+
+def rate(text: str) -> float:
+    """How many times as fast."""
+    value = _number(text)
+    if not 1 / MAX_RATE <= value <= MAX_RATE:
+        raise argparse.ArgumentTypeError(f"{text} is not allowed: times as fast, {1 / MAX_RATE:g} to {MAX_RATE}")
     return value
 
 

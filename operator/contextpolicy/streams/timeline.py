@@ -64,6 +64,16 @@ class TimelineEntry:
     payload: bytes | None = None
     """A recorded message, as it came over the bus."""
 
+    def at_rate(self, rate: float) -> TimelineEntry:
+        """See `Timeline.at_rate`; `offset` counts in the data set's own time, which stays."""
+        return replace(
+            self,
+            start=self.start / rate,
+            end=self.end / rate,
+            rate=self.rate and self.rate * rate,
+            dataset_rate=self.dataset_rate and self.dataset_rate * rate,
+        )
+
     def inputs(self) -> Iterator[TimedInput]:
         """All inputs of this entry; each time is computed from the start, so that a long entry does not drift."""
         # The tolerance absorbs rounding: (1.3 - 1.0) * 10 is a little more than 3, and means 3.
@@ -97,6 +107,15 @@ class Timeline:
     def inputs(self) -> Iterator[TimedInput]:
         """All inputs in time order; those of one instant in the order of the file."""
         return heapq.merge(*map(_in_turn, _runs(self.entries)), key=attrgetter("at"))
+
+    def at_rate(self, rate: float) -> Timeline:
+        """The same inputs, `rate` times as fast: what a machine of 1/`rate` of the speed has to do. Values stay."""
+        return replace(
+            self,
+            duration=self.duration / rate,
+            entries=tuple(entry.at_rate(rate) for entry in self.entries),
+            phases=tuple(replace(one, start=one.start / rate, end=one.end / rate) for one in self.phases),
+        )
 
 
 def _runs(entries: Iterable[TimelineEntry]) -> Iterator[list[TimelineEntry]]:

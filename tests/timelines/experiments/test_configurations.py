@@ -27,18 +27,27 @@ POLICY = policy_document()
 @pytest.mark.parametrize("pace", [1.0, 4.0])
 @pytest.mark.parametrize("configuration", [one for one in ALL if one.policy], ids=lambda one: one.name)
 def test_every_variant_is_a_policy(configuration, pace):
-    policy = parse(configuration.variant(at_pace(POLICY, pace, 2)))
+    policy = parse(configuration.variant(at_pace(POLICY, pace)))
     assert policy.reference == "robot/whole-robot"
     assert (policy.scheduler == "Realtime") == configuration.realtime
 
 
-def test_at_four_times_the_pace_pauses_are_shorter_and_tasks_may_use_more():
-    spec = at_pace(POLICY, 4.0, 2)["spec"]
-    most = {task["name"]: task.get("max") for task in spec["tasks"]}
-    assert (most["navigation"], most["imu"], most["slam"], most["signs"]) == ("400m", "1600m", "2", None)
+def test_at_four_times_the_pace_pauses_are_shorter_and_what_others_depend_on_has_its_max():
+    spec = at_pace(POLICY, 4.0)["spec"]
+    tasks = {task["name"]: task for task in spec["tasks"]}
+    assert (tasks["imu"]["min"], tasks["imu"]["max"]) == ("400m", "400m")
+    assert (tasks["speech"]["min"], tasks["speech"]["max"]) == ("50m", "300m")
     assert spec["contexts"][0]["enterAfter"] == "25ms"
     assert [one["hold"] for one in spec["tasks"][0]["activity"]] == ["1250ms", "250ms"]
     assert spec["streams"] == POLICY["spec"]["streams"]
+
+
+@pytest.mark.parametrize("pace", [1.0, 6.0])
+def test_no_task_is_given_cpu_that_it_has_no_use_for(pace):
+    """Navigation needs 13m at real pace, 28m at six times: at 600m, a third of the node would lie idle."""
+    shares = {task: parse_cpu(cpu["limit"]) for task, cpu in by_priority(at_pace(POLICY, pace), 2).items()}
+    assert shares["navigation"] == 100
+    assert shares["imu"] <= 400
 
 
 def test_the_shipped_policy_is_not_changed():

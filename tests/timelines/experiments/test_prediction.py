@@ -24,9 +24,9 @@ PROFILE = {
 }
 
 
-def test_a_faster_pace_has_the_same_inputs_in_less_time():
+def test_at_twice_the_rate_the_same_inputs_come_in_half_the_time():
     story = load(STORY)
-    twice = prediction.paced(story, 2.0)
+    twice = story.at_rate(2.0)
     assert twice.duration == story.duration / 2
     before, after = ([(one.at, one.key) for one in told.inputs() if one.dataset is None] for told in (story, twice))
     assert after == [(pytest.approx(at / 2), key) for at, key in before]
