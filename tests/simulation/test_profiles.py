@@ -21,16 +21,16 @@ SCHEMA = Draft202012Validator(
 MS = 1_000_000
 
 
-def measured(*, cpu=20 * MS, took=10 * MS, runs=10, came=0, waited=0):
+def measured(*, cpu=20 * MS, took=10 * MS, runs=10, came=0, waited=(0,)):
     """The document of robotkit for a task that used `cpu` ns for each input, in `took` ns.
 
-    Before that, each was on its way for `came` ns, and `waited`.
+    Before that, each was on its way for `came` ns, and waited for one of `waited` in turn.
     """
     module = Module("slam", inputs={"stereo": Input("robot/camera/stereo", depth=2)}, needs=Needs(deadline=0.1))
     profile = Profile(module)
     for index in range(runs):
         start = 10**18 + index * 10**8
-        begun = start + came + waited
+        begun = start + came + waited[index % len(waited)]
         profile.inputs["stereo"].add(Run(start, start + came, begun, begun + took, cpu + index))
     return profile.as_json("slam", {"stereo": 0}, {"stereo": 0})
 
@@ -44,10 +44,11 @@ def test_what_robotkit_measures_is_understood_and_satisfies_the_schema():
     assert cost.work(0) == pytest.approx(0.02, abs=1e-6)
 
 
-def test_what_is_neither_waiting_nor_work_was_the_way():
-    body = document([measured(came=4 * MS, waited=MS)], datetime(2026, 11, 22, tzinfo=UTC))
+def test_what_is_neither_queueing_nor_work_was_the_way_and_the_thread_that_wakes_up():
+    waited = [MS, *[6 * MS] * 9]  # a tenth met an empty queue
+    body = document([measured(runs=100, came=4 * MS, waited=waited)], datetime(2026, 11, 22, tzinfo=UTC))
     (cost,) = parse_profiles(body).tasks["slam"].inputs
-    assert cost.transit == pytest.approx(0.004)
+    assert cost.transit == pytest.approx(0.005)
 
 
 def test_a_task_that_did_nothing_has_no_cost_and_is_told():

@@ -25,6 +25,8 @@ MOST = 256
 MOST_THREADS = 1024
 _GOLDEN = 0.6180339887498949
 """Steps of the golden ratio fill the unit interval more evenly than chance, and are the same each time."""
+_UNQUEUED = 0.05
+"""Part of the inputs that is taken to have met an empty queue: what they waited for is the task's thread to wake up."""
 _TELLS = ("task", "module", "machine", "seconds", "failures")
 _COUNTS = ("done", "missed", "dropped", "broken", "shared")
 """What robotkit also tells of a task and of an input, and the model does not need."""
@@ -44,7 +46,7 @@ class Cost:
     rate: float = 0.0
     """How many came in a second while it was measured."""
     transit: float = 0.0
-    """Seconds on the bus, and in the task before it waits in a queue."""
+    """Seconds on the bus, and until a task that has nothing else to do takes it up."""
 
     def work(self, number: int) -> float:
         """CPU seconds of the input with this number: over many inputs they are distributed as measured."""
@@ -122,7 +124,9 @@ def _input(fields: Fields, seconds: float) -> tuple[Cost | None, float]:
     if depth is None or depth < 1 or depth % 1:
         fields.refuse("depth", depth, "how many samples wait at most: a whole number of 1 or more")
     cpu, service = fields.nested("cpu"), fields.nested("service")
-    transit = max(_median(fields.nested("latency")) - _median(fields.nested("wait")) - _median(service), 0.0)
+    wait = fields.nested("wait")
+    on_the_bus = max(_quantile(fields.nested("latency"), 0.5) - _quantile(wait, 0.5) - _quantile(service, 0.5), 0.0)
+    transit = on_the_bus + _quantile(wait, _UNQUEUED)
     fields.close()
     quantiles = cpu.raw("quantiles")
     rising = isinstance(quantiles, list) and all(_is_seconds(value) for value in quantiles)
@@ -137,11 +141,11 @@ def _input(fields: Fields, seconds: float) -> tuple[Cost | None, float]:
     return Cost(key, int(depth or 1), tuple(map(float, quantiles)), rate, transit), threads
 
 
-def _median(times: Fields) -> float:
+def _quantile(times: Fields, part: float) -> float:
     """Of a distribution; 0 where it is not told."""
     quantiles = times.raw("quantiles")
     known = isinstance(quantiles, list) and quantiles and all(map(_is_seconds, quantiles))
-    return float(quantiles[len(quantiles) // 2]) if known else 0.0
+    return float(quantiles[round(part * (len(quantiles) - 1))]) if known else 0.0
 
 
 def with_steady_inputs(timeline: Timeline, profiles: Profiles) -> Timeline:
