@@ -84,6 +84,9 @@ bench-hops: setup  ## measure where the time goes between a sample and the agent
 bench-footprint: images  ## measure what operator, router and agent take on a real node, beside the floor
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.footprint
 
+bench-container: images  ## measure what a container costs a module, beside a bare process
+	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.container
+
 bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives (RESUME=--resume goes on)
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction $(RESUME)
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tests.bench.engine_measure import machine
-from tests.bench.reaction import control, priority, quiet, report, rounds, storm, transition
+from tests.bench.reaction import autoscaler, control, priority, quiet, report, rounds, storm, transition
 from tests.bench.reaction.figures import AGENT as AGENT_PATH
 from tests.bench.reaction.figures import Figures
 from tests.bench.reaction.journal import Journal, OtherRunError
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 OUTPUT = Path(__file__).parents[3] / "build" / "bench"
-PARTS = ("table", "storm", "transition", "priority", "control")
+PARTS = ("table", "storm", "transition", "priority", "control", "autoscaler")
 
 
 def main() -> int:
@@ -92,6 +92,7 @@ def _steps(options: argparse.Namespace) -> list[str]:
         "transition": transition.steps(),
         "priority": [case.step for case in priority.cases()],
         "control": [control.step(name) for name in control.CONTROLS],
+        "autoscaler": [autoscaler.STEP],
     }
     return [step for part in options.only for step in made[part]]
 
@@ -116,6 +117,7 @@ def _measure(options: argparse.Namespace, journal: Journal, problems: dict[str, 
             "transition": lambda: transition.measure(site, stopwatch, buses[PLAIN], journal, options.rounds),
             "priority": lambda: priority.measure(site, stopwatch, buses[PLAIN], journal),
             "control": lambda: control.measure(site, journal),
+            "autoscaler": lambda: autoscaler.measure(site, stopwatch, journal, options.rounds),
         }
         for part in options.only:
             try:

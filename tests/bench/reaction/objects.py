@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tests.bench.reaction.counted_work import COUNT
 from tests.node.layout import PAUSE_IMAGE, TAG
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 IMAGE = "contextpolicy:dev"
 WORKER_REQUEST = "10m"
@@ -68,6 +71,46 @@ def counting_pod(name: str, namespace: str) -> dict[str, Any]:
     """A task that counts its work, of the size of an idle one."""
     resources = _cpu("5m", str(ORIGINAL))
     return pod(name, namespace, {"image": IMAGE, "command": ["python3", "-c", COUNT], "resources": resources})
+
+
+def module_pod(name: str, namespace: str, environment: Mapping[str, str]) -> dict[str, Any]:
+    """One of the robot's modules, without a limit."""
+    settings = [{"name": key, "value": value} for key, value in environment.items()]
+    return pod(name, namespace, {"image": f"contextpolicy-{name}:dev", "env": settings})
+
+
+def scaled_pod(name: str, namespace: str, request: str, limit: float) -> dict[str, Any]:
+    """A worker for an autoscaler, which keeps the ratio of limit and request."""
+    command = ["python3", "-c", WORK, "1", "1.0"]
+    return pod(name, namespace, {"image": IMAGE, "command": command, "resources": _cpu(request, str(limit))})
+
+
+def replicated(made: dict[str, Any]) -> dict[str, Any]:
+    """A StatefulSet of this one pod: an autoscaler looks after controllers, not after pods."""
+    metadata = made["metadata"]
+    labels = {"matchLabels": metadata["labels"]}
+    template = {"metadata": {"labels": metadata["labels"]}, "spec": made["spec"]}
+    return {
+        "apiVersion": "apps/v1",
+        "kind": "StatefulSet",
+        "metadata": metadata,
+        "spec": {"selector": labels, "serviceName": metadata["name"], "template": template},
+    }
+
+
+def autoscaler(name: str, namespace: str, least: str) -> dict[str, Any]:
+    """A VerticalPodAutoscaler for that StatefulSet, in place, CPU only."""
+    own = {"containerName": "*", "controlledResources": ["cpu"], "minAllowed": {"cpu": least}}
+    return {
+        "apiVersion": "autoscaling.k8s.io/v1",
+        "kind": "VerticalPodAutoscaler",
+        "metadata": {"name": name, "namespace": namespace},
+        "spec": {
+            "targetRef": {"apiVersion": "apps/v1", "kind": "StatefulSet", "name": name},
+            "updatePolicy": {"updateMode": "InPlace"},
+            "resourcePolicy": {"containerPolicies": [own]},
+        },
+    }
 
 
 def pod(name: str, namespace: str, container: dict[str, Any]) -> dict[str, Any]:

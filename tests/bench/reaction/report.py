@@ -18,7 +18,7 @@ def text(result: Mapping[str, Any]) -> str:
     """All parts that were measured."""
     parts = [
         str(result["machine"]),
-        *(part(name, result.get(name, [])) for name in ("storm", "transition", "priority", "control")),
+        *(part(name, result.get(name, [])) for name in ("storm", "transition", "priority", "control", "autoscaler")),
     ]
     if result["table"]:
         parts[1:1] = [part("table", result["table"]), part("peers", result["peers"]), _keys(result)]

@@ -65,6 +65,22 @@ class Site:
         new = {name: settings for name, settings in wanted.items() if name not in known}
         self._start(namespace, [objects.worker_pod(name, namespace, *settings) for name, settings in new.items()])
 
+    def module(self, namespace: str, pod: dict[str, Any]) -> None:
+        """One pod as it is."""
+        self._namespace(namespace)
+        self._start(namespace, [pod])
+
+    def replicated(self, namespace: str, pods: list[dict[str, Any]]) -> None:
+        """Each of these pods under a controller, which gives it another name; it is known by its own."""
+        self._namespace(namespace)
+        say(f"{len(pods)} controllers in {namespace}")
+        apply(*map(objects.replicated, pods))
+        for name in (pod["metadata"]["name"] for pod in pods):
+            run("kubectl", "rollout", "status", f"statefulset/{name}", "-n", namespace, "--timeout=120s", timeout=150)
+            self._know(
+                namespace, name, json.loads(run("kubectl", "get", "pod", f"{name}-0", "-n", namespace, "-o", "json"))
+            )
+
     def counter(self, namespace: str, name: str) -> None:
         """A pod that counts what it computes when told to."""
         self._namespace(namespace)
@@ -139,10 +155,10 @@ class Site:
         )
         for pod in json.loads(run("kubectl", "get", "pods", "-n", namespace, "-o", "json"))["items"]:
             if pod["metadata"]["name"] in names:
-                self._know(namespace, pod)
+                self._know(namespace, pod["metadata"]["name"], pod)
 
-    def _know(self, namespace: str, pod: dict[str, Any]) -> None:
-        name, identity = pod["metadata"]["name"], pod["status"]["containerStatuses"][0]["containerID"]
+    def _know(self, namespace: str, name: str, pod: dict[str, Any]) -> None:
+        identity = pod["status"]["containerStatuses"][0]["containerID"]
         group = find(identity)
         if group is None:
             raise CommandError(f"no cgroup of {identity}: the benchmark has to run on the node itself")
