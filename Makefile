@@ -84,6 +84,9 @@ bench-hops: setup  ## measure where the time goes between a sample and the agent
 bench-footprint: images  ## measure what operator, router and agent take on a real node, beside the floor
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.footprint
 
+bench-boot: images  ## measure how long a robot that is switched on has no plan
+	$(PYTHON) -m tests.bench.boot
+
 bench-container: images  ## measure what a container costs a module, beside a bare process
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.container
 

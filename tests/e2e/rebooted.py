@@ -1,0 +1,72 @@
+"""A robot with two tasks and an operator of its own, for what switches the node off and on, outside of its network."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from tests.e2e.cluster import REPOSITORY, until
+from tests.e2e.robot import IDLE, pod, policy, task
+from tests.node import access, lifecycle
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROBOT, SYSTEM = "e2e-reboot", "e2e-reboot-system"
+ORIGINAL = {"slam": ("500m", "500m"), "speech": ("500m", "500m")}
+PLANNED = {"slam": ("750m", "750m"), "speech": ("250m", "250m")}
+SETTINGS = (
+    "image.repository=contextpolicy",
+    "image.tag=dev",
+    "fullnameOverride=reboot",
+    f"watchNamespaces={{{ROBOT}}}",
+    "router.service.clusterIP=10.96.7.51",
+)
+
+
+@contextmanager
+def governed() -> Iterator[None]:
+    """The node is up and the robot's policy in force; all of it is removed at the end."""
+    lifecycle.up()
+    apply(*({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}} for name in (ROBOT, SYSTEM)))
+    chart = str(REPOSITORY / "charts" / "contextpolicy")
+    install = ["helm", "upgrade", "--install", "reboot", chart, "--namespace", SYSTEM]
+    install += [part for setting in SETTINGS for part in ("--set", setting)]
+    access.run([*install, "--take-ownership", "--force-conflicts", "--wait", "--timeout", "120s"], timeout=150)
+    try:
+        apply(*(pod(name, ROBOT, IDLE, None) for name in ("slam", "speech")))
+        apply(policy(ROBOT, tasks=[task("slam", priority=3), task("speech")]))
+        until("the policy holds", lambda: limits() == PLANNED or limits(), patience=120)
+        yield
+    finally:
+        kubectl("delete", "ctxp", "--all", "-n", ROBOT, "--timeout=60s")
+        access.run(["helm", "uninstall", "reboot", "--namespace", SYSTEM, "--wait", "--timeout", "60s"], timeout=90)
+        kubectl("delete", "namespace", ROBOT, SYSTEM, "--timeout=90s")
+
+
+def kubectl(*argv: str) -> str:
+    """Its answer."""
+    return access.run(["kubectl", *argv], timeout=120)
+
+
+def apply(*objects: dict[str, Any]) -> None:
+    """`kubectl apply` of objects."""
+    with tempfile.NamedTemporaryFile("w", suffix=".json") as manifest:
+        json.dump({"apiVersion": "v1", "kind": "List", "items": list(objects)}, manifest)
+        manifest.flush()
+        kubectl("apply", "-f", manifest.name)
+
+
+def limits() -> dict[str, tuple[str, str | None]]:
+    """What the API has and what the kubelet reports as in force, by pod."""
+    items = json.loads(kubectl("get", "pods", "-n", ROBOT, "-o", "json"))["items"]
+    return {
+        item["metadata"]["name"]: (
+            item["spec"]["containers"][0]["resources"]["limits"]["cpu"],
+            status.get("resources", {}).get("limits", {}).get("cpu") if "running" in status["state"] else None,
+        )
+        for item in items
+        for status in item["status"].get("containerStatuses", [])
+    }
