@@ -8,12 +8,24 @@ import pytest
 HEAVY = {"cel", "importlib.metadata", "kopf", "kubernetes", "msgspec", "reactivex", "urllib.request", "yaml", "zenoh"}
 
 
-@pytest.fixture(scope="module")
-def loaded():
-    code = "import sys; from contextpolicy.cli import build_parser; build_parser('x'); print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+AGENT = ("agent.agent", "agent.agent_settings", "agent.bus_link", "agent.service", "bus.signatures")
+ROUTER = ("bus.session", "telemetry.logs")
+
+
+def loaded(code):
+    """All modules that are imported once a program has run."""
+    program = f"import sys; {code}; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     return set(done.stdout.split())
 
 
-def test_the_command_line_alone_imports_nothing_that_is_large(loaded):
-    assert loaded & HEAVY == set()
+def test_the_command_line_alone_imports_nothing_that_is_large():
+    assert loaded("from contextpolicy.cli import build_parser; build_parser('x')") & HEAVY == set()
+
+
+@pytest.mark.parametrize(
+    ("parts", "needed"), [(AGENT, {"msgspec", "reactivex", "urllib.request", "zenoh"}), (ROUTER, {"zenoh"})]
+)
+def test_agent_and_router_import_what_they_need(parts, needed):
+    modules = ", ".join(f"contextpolicy.{part}" for part in parts)
+    assert loaded(f"import {modules}") & HEAVY <= needed

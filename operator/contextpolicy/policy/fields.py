@@ -7,8 +7,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from contextpolicy.errors import Finding
-from contextpolicy.policy import cel_mistakes, quantities
-from contextpolicy.policy.cel import Expression
+from contextpolicy.policy import quantities
 from contextpolicy.policy.key_expressions import refusal
 from contextpolicy.policy.suggestions import did_you_mean
 
@@ -142,6 +141,9 @@ class Fields:
         value = self.raw(name)
         if value is None:
             return default
+        from contextpolicy.policy import cel_mistakes  # noqa: PLC0415 - router and agent read fields without any
+        from contextpolicy.policy.cel import Expression  # noqa: PLC0415
+
         try:
             unknown = Expression(value).unknown_functions if isinstance(value, str) else None
         except ValueError as error:
