@@ -9,7 +9,7 @@ import sys
 import time
 
 from tests.arm64 import emulation
-from tests.node import build, images
+from tests.node import images
 from tests.node.errors import ClusterError
 from tests.node.layout import REPOSITORY
 
@@ -29,7 +29,6 @@ def main() -> int:
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # as after Ctrl-C, nothing is left behind
     try:
-        build.install_packages(emulation.DEBIAN_PACKAGES)
         with emulation.registered():
             images.built("contextpolicy", DOCKERFILE, REPOSITORY)
             foreign = images.foreign("contextpolicy", DOCKERFILE, REPOSITORY, ARCHITECTURE)

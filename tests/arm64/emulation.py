@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tests.node.build import install_packages
 from tests.node.shell import run
 
 if TYPE_CHECKING:
@@ -18,7 +19,8 @@ DEBIAN_PACKAGES = ("arch-test", "binfmt-support", "qemu-user-static")
 
 @contextmanager
 def registered() -> Iterator[None]:
-    """The kernel starts arm64's programs with the emulator; afterwards only if it did before."""
+    """The kernel starts arm64's programs with the emulator, which is installed; afterwards only if it did before."""
+    install_packages(DEBIAN_PACKAGES)
     mounted = (FORMATS / "register").exists()
     if not mounted:
         run(["mount", "-t", "binfmt_misc", "binfmt_misc", str(FORMATS)])

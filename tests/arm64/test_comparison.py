@@ -40,14 +40,16 @@ def test_what_an_image_reads_is_mounted_where_it_may_look(monkeypatch, tmp_path)
 def commands(monkeypatch):
     called = []
     monkeypatch.setattr(emulation, "run", called.append)
+    monkeypatch.setattr(emulation, "install_packages", lambda names: called.append(["install", *names]))
     return called
 
 
 def test_the_emulator_is_registered_no_longer_than_needed(monkeypatch, tmp_path, commands):
     monkeypatch.setattr(emulation, "FORMATS", tmp_path)
     with emulation.registered():
-        assert [words[0] for words in commands] == ["mount", "update-binfmts"]
-    assert [words[:2] for words in commands[2:]] == [["update-binfmts", "--disable"], ["umount", str(tmp_path)]]
+        assert [words[0] for words in commands] == ["install", "mount", "update-binfmts"]
+        assert commands[0][1:] == list(emulation.DEBIAN_PACKAGES)
+    assert [words[:2] for words in commands[3:]] == [["update-binfmts", "--disable"], ["umount", str(tmp_path)]]
 
 
 def test_an_emulator_that_was_registered_before_stays(monkeypatch, tmp_path, commands):
@@ -56,7 +58,7 @@ def test_an_emulator_that_was_registered_before_stays(monkeypatch, tmp_path, com
         (tmp_path / name).touch()
     with emulation.registered():
         pass
-    assert commands == []
+    assert [words[0] for words in commands] == ["install"]
 
 
 def test_another_architectures_base_is_another_image(tmp_path):
