@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from modules.speech.spectrum import Samples
 
 # The evidence (log-odds) that a command needs, chosen by `tuning.py`: see README.md.
-THRESHOLDS = {"forward": 1.5, "backward": 1.1, "left": 0.3, "right": 1.8, "stop": 2.2}
+THRESHOLDS = {"forward": 1.5, "backward": -0.3, "left": -1.5, "right": 0.6, "stop": 1.1}
 
 _DITHER = 0.003
 """Loudness of the noise that is added, as a part of the utterance's peak: 50 dB below it."""

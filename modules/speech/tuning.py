@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 GOAL = 0.15
 """How many of each command may be invented in a minute: of all five together that is 0.75, and 1 is allowed."""
-LOWEST, HIGHEST, STEP = 0.0, 8.0, 0.1
+LOWEST, HIGHEST, STEP = -4.0, 8.0, 0.1
 
 
 @dataclass
@@ -40,8 +40,8 @@ class Evidence:
 
     def threshold(self, keyword: str) -> float:
         """The lowest threshold that keeps to the goal."""
-        steps = np.arange(LOWEST, HIGHEST + STEP / 2, STEP)
-        return round(next((step for step in steps.tolist() if self.rate(keyword, step) <= GOAL), HIGHEST), 1)
+        steps = np.arange(LOWEST, HIGHEST + STEP / 2, STEP).round(1)
+        return next((step for step in steps.tolist() if self.rate(keyword, step) <= GOAL), HIGHEST)
 
     def rate(self, keyword: str, threshold: float) -> float:
         """How many of a command are told in a minute without any."""

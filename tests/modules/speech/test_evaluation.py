@@ -60,7 +60,7 @@ def test_words_and_connected_sound_of_one_half_are_scored_and_tuned_on(run, tmp_
     assert "connected speech and noise\ninvented: 0 in" in printed.out
     code, printed = run(*of_half, "--tune")
     assert code == 0
-    assert "forward: at 0.0 1 of 1 heard, 0.00 a minute invented" in printed.out
+    assert "forward: at -4.0 1 of 1 heard, 0.00 a minute invented" in printed.out
     assert len(printed.out.splitlines()) == 1 + len(KEYWORDS)
 
 
