@@ -101,7 +101,7 @@ FLUX = Program("flux", ("./health", "github.com/fluxcd/kustomize-controller"), s
 """Flux' kustomize-controller, and a program that asks GitOps tools' own libraries for an object's health."""
 REGISTRY = Program("registry", (".",), source="registry")
 """Serves a release's chart and image in a test."""
-SYFT = Program("syft", ("github.com/anchore/syft/cmd/syft@v1.57.0",), ldflags="-s -w -X main.version=1.57.0")
+SYFT = Program("syft", ("github.com/anchore/syft/cmd/syft@v1.54.1",), ldflags="-s -w -X main.version=1.54.1")
 """Lists what is in a release's image."""
 HELM_CONTROLLER = Program("helm-controller", (f"github.com/k3s-io/helm-controller@{HELM_CONTROLLER_VERSION}",))
 """What k3s installs charts with (`HelmChart` manifests); no part of this node, a test runs it."""
