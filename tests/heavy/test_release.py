@@ -73,10 +73,10 @@ def test_checksums_and_signature_hold():
 @pytest.mark.parametrize("architecture", images.ARCHITECTURES)
 def test_the_bill_lists_what_was_locked_and_what_debian_gave(architecture):
     bill = json.loads(one(f"*-linux-{architecture}.spdx.json").read_text())
-    listed = {package["name"].lower().replace("_", "-"): package.get("versionInfo") for package in bill["packages"]}
-    locked = dict(re.findall(r"^([a-z0-9-]+)==([^ ;]+) \\$", LOCK, flags=re.MULTILINE))
-    assert {name: listed.get(name) for name in locked} == locked
-    assert {"contextpolicy", "libc6", "python3.11-minimal"} <= listed.keys()
+    found = {(package["name"].lower().replace("_", "-"), package.get("versionInfo")) for package in bill["packages"]}
+    locked = set(re.findall(r"^([a-z0-9-]+)==([^ ;]+) \\$", LOCK, flags=re.MULTILINE))
+    assert locked - found == set()  # Debian has packages of the same name, such as tzdata
+    assert {"contextpolicy", "libc6", "python3.11-minimal"} <= {name for name, _ in found}
 
 
 @pytest.fixture(scope="module")
