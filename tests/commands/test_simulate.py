@@ -350,7 +350,7 @@ def test_a_robots_recording_gives_the_plans_that_its_timeline_gives(tmp_path, ca
 
 def test_at_twice_the_rate_everything_comes_in_half_the_time(capsys):
     assert main([*TWO_CORES, "--until", "7.5", "--rate", "2", "--output", "json"]) == 0
-    (moving,) = [plan for plan in json.loads(capsys.readouterr().out)["plans"] if plan["sequence"] == 4][:1]
+    moving = next(plan for plan in json.loads(capsys.readouterr().out)["plans"] if plan["sequence"] == 4)
     assert (moving["time"], moving["contexts"]) == (5.1, ["moving"])  # 10 s in the file, and 0.1 s of `enterAfter`
 
 

@@ -21,7 +21,7 @@ EXPERIMENTS: Mapping[str, Mapping[float, Sequence[Configuration]]] = {
     "exp2": {FAST: (LINUX_DEFAULT, CFS, *REST, RT)},
     "exp3": {REAL_PACE: ALL, FAST: (*MAIN, WEIGHT)},
 }
-"""Of each timeline: which configurations at which pace. All of it, three times, takes about two hours."""
+"""Of each timeline: which configurations at which pace. All of it, three times, takes about an hour."""
 
 
 class Trial(NamedTuple):

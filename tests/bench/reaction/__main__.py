@@ -29,6 +29,7 @@ from tests.bench.reaction.journal import Journal, OtherRunError
 from tests.bench.reaction.site import AGENT, PLAIN, Site
 from tests.bench.reaction.stopwatch import MissedError, Stopwatch
 from tests.e2e.cluster import CommandError
+from tests.node.errors import ClusterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -122,7 +123,7 @@ def _measure(options: argparse.Namespace, journal: Journal, problems: dict[str, 
         for part in options.only:
             try:
                 made[part]()
-            except (MissedError, CommandError) as error:  # the others can still be measured
+            except (MissedError, CommandError, ClusterError) as error:  # the others can still be measured
                 problems["unmeasured"][part] = str(error)
             problems["disturbed"] = site.quiet.disturbed
 

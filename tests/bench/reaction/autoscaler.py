@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 STEP = "autoscaler: load step"
 LEAST, LIMIT = "100m", 0.2
 """Request and limit (cores) of an idle task; the autoscaler keeps their ratio."""
+MOST = 5
+"""Rounds at once, so that all of them together fit on a small node."""
 WARM = 60.0
 """Seconds for which it sees idle tasks."""
 PATIENCE, AGAIN = 300.0, 20.0
@@ -32,7 +34,7 @@ PATIENCE, AGAIN = 300.0, 20.0
 
 def measure(site: Site, stopwatch: Stopwatch, journal: Journal, rounds: int) -> None:
     """One row for all rounds, which run side by side: with little more than LIMIT each, none is in another's way."""
-    journal.once(STEP, lambda: [_row(site, stopwatch, min(rounds, 5))])
+    journal.once(STEP, lambda: [_row(site, stopwatch, min(rounds, MOST))])
 
 
 def _row(site: Site, stopwatch: Stopwatch, rounds: int) -> dict[str, Any]:

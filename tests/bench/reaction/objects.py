@@ -81,8 +81,9 @@ def module_pod(name: str, namespace: str, environment: Mapping[str, str]) -> dic
 
 def scaled_pod(name: str, namespace: str, request: str, limit: float) -> dict[str, Any]:
     """A worker for an autoscaler, which keeps the ratio of limit and request."""
-    command = ["python3", "-c", WORK, "1", "1.0"]
-    return pod(name, namespace, {"image": IMAGE, "command": command, "resources": _cpu(request, str(limit))})
+    made = worker_pod(name, namespace)
+    made["spec"]["containers"][0]["resources"] = _cpu(request, str(limit))
+    return made
 
 
 def replicated(made: dict[str, Any]) -> dict[str, Any]:
