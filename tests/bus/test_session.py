@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import logging
+import socket
 from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 
@@ -23,6 +24,7 @@ def endpoint():
 @pytest.fixture
 def quick(monkeypatch):
     monkeypatch.setattr(session, "ATTEMPT", 0.05)
+    monkeypatch.setattr(session, "PAUSE", 0.05)
 
 
 def test_a_client_talks_through_the_router(endpoint):
@@ -73,6 +75,18 @@ def test_a_wait_for_a_router_can_be_ended(endpoint):
 def test_a_visitor_does_not_wait_longer_than_it_has_patience(endpoint):
     with pytest.raises(zenoh.ZError):
         open_visitor([endpoint], patience=0.05)
+
+
+def test_a_visitor_that_waits_knocks_often():
+    """After Zenoh's default of 1, 2 and 4 s, a robot that was switched on waited for a router that was there."""
+    with socket.create_server(("127.0.0.1", 0)) as door, ThreadPoolExecutor(1) as pool:
+        door.settimeout(PATIENCE)
+        visitor = pool.submit(open_visitor, [f"tcp/127.0.0.1:{door.getsockname()[1]}"], patience=3)
+        for _ in range(5):
+            door.accept()[0].close()
+            assert not visitor.done()
+        with pytest.raises(zenoh.ZError):
+            visitor.result(PATIENCE)
 
 
 @pytest.mark.usefixtures("quick")

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
 ATTEMPT_MS = 1000
+PAUSE_S = 0.2
+RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5}
+"""How often a router that is not there is tried again; Zenoh's default is 1, 2, then 4 s."""
 LEASE_MS = 1000
 QUEUE = 16
 """Messages queued for the network, per priority; with Zenoh's default of 2 a busy robot drops some."""
@@ -62,6 +65,7 @@ def client_config(addresses: Sequence[str], *, shared_memory: bool = False, secr
         ("mode", "client"),
         ("connect/endpoints", list(addresses)),
         ("connect/timeout_ms", ATTEMPT_MS),
+        ("connect/retry", RETRY),
         ("scouting/multicast/enabled", False),
         ("transport/link/tx/lease", LEASE_MS),
         *((f"transport/link/tx/queue/size/{priority}", QUEUE) for priority in ("real_time", "data")),
@@ -108,7 +112,7 @@ def _connect(config: zenoh.Config, stop: threading.Event) -> zenoh.Session | Non
             return zenoh.open(config)
         except zenoh.ZError as error:
             _LOG.warning("no router yet: %s", error)
-            stop.wait(ATTEMPT_MS / 1000)
+            stop.wait(PAUSE_S)
     return None
 
 
