@@ -32,6 +32,11 @@ class Utterance:
     start: float
     samples: np.typing.NDArray[np.float64]
 
+    @property
+    def spoken(self) -> float:
+        """Seconds of it without what came before and after the voice."""
+        return (len(self.samples) - 2 * _BEFORE * FRAME) / RATE
+
 
 class Gate:
     """Takes a stream of 16 bit samples at 16 kHz and gives the utterances that end in it.

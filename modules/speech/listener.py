@@ -19,8 +19,13 @@ if TYPE_CHECKING:
     from modules.speech.gate import Utterance
     from modules.speech.spectrum import Samples
 
-# The evidence (log-odds) that a command needs, chosen by `tuning.py`: see README.md.
-THRESHOLDS = {"forward": 1.5, "backward": -0.3, "left": -1.5, "right": 0.6, "stop": 1.1}
+# The evidence (log-odds) that a command needs: see README.md.
+THRESHOLDS = {"forward": 2.0, "backward": -3.0, "left": -1.8, "right": -0.5, "stop": 0.0}
+
+_ALONE, _AMONG = 0.5, 1.3
+"""Seconds of speech beside a mark up to which it stands alone, and from which on it is one word among many."""
+_DOUBT = 3.0
+"""What a mark among many words loses: who gives an order says little else, and much that is said sounds like one."""
 
 _DITHER = 0.003
 """Loudness of the noise that is added, as a part of the utterance's peak: 50 dB below it."""
@@ -86,9 +91,19 @@ class Listener:
         posteriors = self._phones.posteriors(samples)
         begin = utterance.start
         return [
-            Heard(mark.keyword, begin + mark.start, begin + mark.end, self._verifier.evidence(posteriors, mark))
+            Heard(
+                mark.keyword,
+                begin + mark.start,
+                begin + mark.end,
+                self._verifier.evidence(posteriors, mark) - doubt(utterance.spoken - (mark.end - mark.start)),
+            )
             for mark in marks
         ]
+
+
+def doubt(beside: float) -> float:
+    """What so many seconds of speech beside a mark take from its evidence."""
+    return _DOUBT * min(max((beside - _ALONE) / (_AMONG - _ALONE), 0.0), 1.0)
 
 
 def _dithered(samples: Samples) -> Samples:

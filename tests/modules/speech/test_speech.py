@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from modules.speech.listener import Listener
+from modules.speech.listener import Listener, doubt
 from modules.speech.sound import SoundStream
 from modules.speech.spectrum import RATE
 from modules.speech.task import Speech
@@ -42,6 +42,13 @@ def hear(task, chunks):
     return [result.value for one in received for result in task.process(one)]
 
 
+def heard(text):
+    """All that might be a command in a spoken text."""
+    listener = Listener()
+    said = np.pad(speech.speak(text, "rms"), RATE).astype("<i2").tobytes()
+    return [found for utterance in listener.gate.feed(said) for found in listener.candidates(utterance)]
+
+
 @needs_voices
 def test_most_commands_are_heard_at_their_time_and_none_is_invented(script, chunks):
     told = hear(Speech(Listener()), chunks)
@@ -65,6 +72,20 @@ def test_other_words_are_no_commands():
         said = np.pad(speech.speak(text, "rms"), RATE // 2).astype("<i2").tobytes()
         chunks = [said[start : start + 3200] for start in range(0, len(said), 3200)]
         assert hear(Speech(Listener()), chunks) == [], index
+
+
+@needs_voices
+def test_a_command_among_other_words_needs_to_be_clearer():
+    alone, among = (
+        max(h.evidence for h in heard(text) if h.keyword == "left")
+        for text in ("left", "the people left the house before the war")
+    )
+    assert among < alone - 2
+
+
+@pytest.mark.parametrize(("beside", "lost"), [(0.0, 0), (0.5, 0), (0.9, 1.5), (1.3, 3), (1.8, 3)])
+def test_evidence_is_lost_with_the_speech_beside_a_mark(beside, lost):
+    assert doubt(beside) == pytest.approx(lost)
 
 
 def test_half_a_sample_is_refused():
