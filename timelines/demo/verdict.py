@@ -89,7 +89,8 @@ def _reaction(
     recording: Recording, plan: Mapping[str, Any], until: float, started: float, changed: set[str]
 ) -> Reaction:
     trigger = plan["trigger"]
-    patches = [s["time"] for s in recording.applied if s["stage"] == "accepted" and s["sequence"] == plan["sequence"]]
+    told = [s for s in recording.applied if s["stage"] == "accepted" and s["sequence"] == plan["sequence"]]
+    patches = [s["time"] for s in told if s["time"] >= plan["time"]]
     limits = [_reached(recording, task, plan["tasks"][task]["share"], trigger, until) for task in changed]
     in_cgroup = max((moment for moment in limits if moment is not None), default=None)
     return Reaction(

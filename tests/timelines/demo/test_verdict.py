@@ -55,6 +55,13 @@ def test_reactions_are_timed_from_what_triggered_them():
     assert (first.patch_ms, third.patch_ms) == (None, pytest.approx(20))
 
 
+def test_a_patch_that_was_accepted_before_the_plan_is_of_another():
+    """A step is told with the number of the newest plan, which may have been made while the patch was under way."""
+    recording = a_recording()
+    recording.applied.insert(0, accepted(2, 4.9))
+    assert reactions(recording, STARTED)[1].patch_ms == pytest.approx(10)
+
+
 def test_a_plan_that_moves_no_share_is_no_reaction():
     recording = a_recording()
     recording.plans.insert(2, a_plan(9, 7, {"slam": 0.99, "speech": 0.01}, "moving", "carrying"))
