@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.actuators.following import SETTLED
 from tests.bench.reaction.figures import rounded
 from tests.bench.reaction.rounds import PAUSE, operated
 from tests.bench.reaction.site import say
@@ -94,5 +95,5 @@ def _storm(path: Operated) -> tuple[float, int, int]:
         time.sleep(INTERVAL)
     path.await_limits(last)
     after = (time.time() - last) * 1e3
-    time.sleep(PAUSE * 5)  # an agent's resizes follow when the plan has settled
+    time.sleep(SETTLED + PAUSE)  # an agent's resizes follow then: the next round must not begin before
     return after, path.plans_since(began), path.resizes_since(began)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.bench.reaction import __main__ as command
-from tests.bench.reaction import priority, storm
+from tests.bench.reaction import priority, storm, transition
 from tests.bench.reaction.figures import RESIZE, Figures, medians, rounded
 from tests.bench.reaction.operated import Operated
 from tests.bench.reaction.stopwatch import MissedError
@@ -101,6 +101,14 @@ def test_missed_reactions_are_counted_and_the_others_stay():
     figures.note("idle", 8, [{"path": "p", "stages": {"cgroup": 5.0}}, {"path": "p", "missed": "2 of 8 limits"}])
     assert figures.rows()[0]["n"] == 1
     assert figures.missed == ["idle, 8 pods, p: 2 of 8 limits"]
+
+
+def test_a_round_before_which_the_critical_task_had_its_limit_is_missed():
+    group = Group()
+    case = object.__new__(transition._Case)
+    case._groups, case._stopwatch = {transition.CRITICAL: group}, SimpleNamespace(forget=lambda: None)
+    reaction = case._reaction("Prompt", lambda: case._told(BEGAN, {group: 0.2}, {group: 0.2}, None))
+    assert "missed" in reaction
 
 
 def missing(*_):

@@ -177,6 +177,8 @@ class _Case:
         self, began: float, before: Mapping[Cgroup, float], wanted: Mapping[Cgroup, float], work: Measured
     ) -> Reaction:
         moved = {group: cores for group, cores in wanted.items() if abs(cores - before[group]) > EXACT}
+        if self._groups[CRITICAL] not in moved:
+            raise MissedError(f"{CRITICAL} had the limit before the sample that should bring it")
         seen = self._stopwatch.wait(moved, began, PATIENCE)
         over = overshoot(CAPACITY, before, self._stopwatch.steps(before, began))
         loops, cpu = work.result()
