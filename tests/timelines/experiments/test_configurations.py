@@ -24,6 +24,11 @@ from timelines.experiments.run import idle
 POLICY = policy_document()
 
 
+def context(spec, name):
+    """The context of this name."""
+    return next(one for one in spec["contexts"] if one["name"] == name)
+
+
 @pytest.mark.parametrize("pace", [1.0, 4.0])
 @pytest.mark.parametrize("configuration", [one for one in ALL if one.policy], ids=lambda one: one.name)
 def test_every_variant_is_a_policy(configuration, pace):
@@ -37,7 +42,7 @@ def test_at_four_times_the_pace_pauses_are_shorter_and_what_others_depend_on_has
     tasks = {task["name"]: task for task in spec["tasks"]}
     assert (tasks["imu"]["min"], tasks["imu"]["max"]) == ("400m", "400m")
     assert (tasks["speech"]["min"], tasks["speech"]["max"]) == ("50m", "300m")
-    assert spec["contexts"][0]["enterAfter"] == "25ms"
+    assert context(spec, "moving")["enterAfter"] == "25ms"
     assert [one["hold"] for one in spec["tasks"][0]["activity"]] == ["1250ms", "250ms"]
     assert spec["streams"] == POLICY["spec"]["streams"]
 
@@ -64,8 +69,9 @@ def test_shares_that_are_requests_fit_beside_those_of_other_pods():
 
 
 def test_without_suspension_contexts_still_weight():
-    assert UNSUSPENDED.variant(POLICY)["spec"]["contexts"][0]["tasks"] == {"slam": {"weight": 20}}
-    assert "speech" in CFS.variant(POLICY)["spec"]["contexts"][0]["tasks"]
+    weights = {"slam": {"weight": 20}, "signs": {"weight": 5}}
+    assert context(UNSUSPENDED.variant(POLICY)["spec"], "moving")["tasks"] == weights
+    assert "speech" in context(CFS.variant(POLICY)["spec"], "moving")["tasks"]
 
 
 def test_static_limits_divide_the_node_by_priority_within_bounds():
@@ -95,7 +101,7 @@ def test_autoscalers_move_cpu_in_place_within_the_policys_bounds():
     slam = next(one for one in autoscalers(POLICY, 2) if one["metadata"]["name"] == "slam")
     assert slam["spec"]["updatePolicy"]["updateMode"] == "InPlaceOrRecreate"
     own, others = slam["spec"]["resourcePolicy"]["containerPolicies"]
-    assert own["minAllowed"] == {"cpu": "300m"}
+    assert own["minAllowed"] == {"cpu": "100m"}
     assert own["maxAllowed"] == {"cpu": "1050m"}
     assert others == {"containerName": "*", "mode": "Off"}
 
