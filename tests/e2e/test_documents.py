@@ -8,7 +8,7 @@ import pytest
 
 from contextpolicy.cli import main
 from tests.documents.commands import ROOT, commands
-from tests.e2e.cluster import run
+from tests.e2e.cluster import run, until
 
 NAMES = {
     r"contextpolicy-system": "e2e-system",
@@ -38,7 +38,9 @@ def renamed(text):
 
 @pytest.mark.parametrize("text", chosen(LOOK, 3))
 def test_kubectl_does_what_it_is_told(governed, text):
-    del governed
+    if "events" in text:
+        governed.drive(0.5)
+        until("a context tells of itself", lambda: bool(governed.told("ContextEntered")))
     dry = " --dry-run=server" if " create " in text else ""
     assert run("bash", "-c", f"cd {ROOT} && {renamed(text)}{dry}")
 
