@@ -200,6 +200,91 @@ def test_a_held_limit_is_kept_against_anybody_and_still_undone(tree, limits, sla
     assert tree.limit(slam) == 300
 
 
+def told_late(tree, limits, group):
+    """The watch tells of a write that the agent has overwritten meanwhile."""
+    limits.on_other_write(tree.limit_file(group))
+
+
+def test_a_resize_that_a_plan_overtakes_is_no_confirmation(tree, limits, slam):
+    limits.apply(POLICY, {slam: 800})
+    resize(tree, limits, slam, 800)
+    tree.set(slam, 500)
+    limits.apply(POLICY, {slam: 1000})
+    told_late(tree, limits, slam)
+    assert tree.limit(slam) == 1000
+    limits.release(POLICY)
+    assert tree.limit(slam) == 500
+
+
+def test_a_resize_that_a_second_plan_overtakes_is_what_comes_back(tree, limits, slam):
+    limits.apply(POLICY, {slam: 800})
+    tree.set(slam, 300)
+    limits.apply(POLICY, {slam: 900})
+    told_late(tree, limits, slam)
+    limits.release(POLICY)
+    assert tree.limit(slam) == 300
+
+
+def test_a_resize_that_a_held_limit_overtakes_is_what_comes_back(tree, limits, slam):
+    limits.apply(POLICY, {slam: 20}, held=True)
+    tree.set(slam, 300)
+    limits.apply(POLICY, {slam: 10}, held=True)
+    told_late(tree, limits, slam)
+    assert tree.limit(slam) == 10
+    limits.release(POLICY)
+    assert tree.limit(slam) == 300
+
+
+def test_a_resize_between_ledger_and_write_is_what_comes_back(tree, limits, ledger, slam, monkeypatch):
+    save = ledger.save
+
+    def overtaken():
+        monkeypatch.setattr(ledger, "save", save)
+        save()
+        tree.set(slam, 300)
+
+    limits.apply(POLICY, {slam: 900})
+    monkeypatch.setattr(ledger, "save", overtaken)
+    limits.apply(POLICY, {slam: 800})
+    told_late(tree, limits, slam)
+    assert tree.limit(slam) == 800
+    limits.release(POLICY)
+    assert tree.limit(slam) == 300
+
+
+def test_the_next_plan_tells_whether_the_overtaking_one_was_confirmed(tree, limits, ledger, slam):
+    limits.apply(POLICY, {slam: 800})
+    tree.set(slam, 300)
+    limits.apply(POLICY, {slam: 900})
+    told_late(tree, limits, slam)
+    resize(tree, limits, slam, 900)
+    limits.settle(slam, 900)
+    assert tree.limit_file(slam) not in ledger.entries
+    limits.apply(POLICY, {slam: 900})
+    limits.release(POLICY)
+    assert tree.limit(slam) == 900
+
+
+def test_after_an_overtaken_resize_the_next_one_confirms_the_next_plan(tree, limits, ledger, slam):
+    limits.apply(POLICY, {slam: 800})
+    tree.set(slam, 300)
+    limits.apply(POLICY, {slam: 900})
+    told_late(tree, limits, slam)
+    limits.apply(POLICY, {slam: 700})
+    resize(tree, limits, slam, 700)
+    assert tree.limit_file(slam) not in ledger.entries
+
+
+def test_another_owners_value_stays_also_if_another_files_write_is_told_first(tree, limits, slam):
+    """The kubelet writes a pod's limit just before its container's."""
+    limits.apply(POLICY, {slam: 800})
+    tree.set(slam, 300)
+    resize(tree, limits, slam.parent, 500)
+    assert tree.limit(slam) == 300
+    told_late(tree, limits, slam)
+    assert tree.limit(slam) == 300
+
+
 @pytest.fixture
 def heir(tree, limits, slam, tmp_path):
     """A second life, after the first was killed with an unconfirmed limit of 800 in force."""

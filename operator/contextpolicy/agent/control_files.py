@@ -62,6 +62,7 @@ class ControlFile:
         self.path = group / form.file
         self.seen = ""
         """The text that `read` found last."""
+        self._known = ""
         self._form = form
         try:
             text = (group / (form.period_file or form.file)).read_text()
@@ -76,7 +77,18 @@ class ControlFile:
             self.seen = os.pread(self._descriptor, 64, 0).decode().partition("\n")[0]
         except OSError as error:
             raise _failure(self.path, error) from error
+        self._known = self._known or self.seen
         return self.seen
+
+    @property
+    def unheard(self) -> bool:
+        """Whether the last `read` found a write of somebody else that we have not been told of (`heed`) yet."""
+        return self.seen != self._known
+
+    def heed(self) -> str:
+        """Somebody else has written the file: its text."""
+        self._known = ""
+        return self.read()
 
     def write(self, text: str) -> None:
         """Write `text`; ActuationError says why the kernel refuses it."""
@@ -86,6 +98,7 @@ class ControlFile:
             failure = _failure(self.path, error)
             WRITES.labels(failure.reason).inc()
             raise failure from error
+        self._known = text
         _WRITTEN.inc()
 
     def amount(self, text: str) -> int | None:

@@ -26,7 +26,8 @@ class Entry:
 
     `earlier` are values that we wrote before, which a resize under way may still write. A `held` file is ours alone to
     write. `inherited` entries are from an earlier run, which may have ended before its write: the file then holds an
-    earlier value. Only the next plan tells whether a resize has confirmed it since.
+    earlier value. `overtook` says that the watch has yet to tell of a write before ours, which is not ours confirmed.
+    In both cases only the next plan tells whether a resize has confirmed it since.
     """
 
     policy: str
@@ -34,6 +35,7 @@ class Entry:
     ours: str
     held: bool = False
     inherited: bool = False
+    overtook: bool = False
     earlier: set[str] = field(default_factory=set)
 
     def wrote(self, text: str) -> bool:
@@ -75,7 +77,13 @@ class Ledger:
             return
         if entry.ours != ours:
             entry.earlier.add(entry.ours)
-        entry.policy, entry.ours, entry.held, entry.inherited = policy, ours, held, False
+        entry.policy, entry.ours, entry.held = policy, ours, held
+        entry.inherited = entry.overtook = False
+
+    def overtake(self, path: Path, theirs: str) -> None:
+        """What we intend goes over `theirs`, which somebody else wrote and we have yet to be told of."""
+        entry = self.entries[path]
+        entry.theirs, entry.overtook = theirs, True
 
     def hear(self, path: Path, theirs: str) -> None:
         """Somebody else wrote `theirs`, and the entry stays open."""

@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from contextpolicy.agent.cgroup_paths import is_pod, pod_of
-from contextpolicy.agent.control_files import Children, ControlFiles
+from contextpolicy.agent.control_files import Children, ControlFile, ControlFiles
 from contextpolicy.agent.steps import PodLimits, limit_steps
 from contextpolicy.errors import ActuationError
 
@@ -35,7 +35,7 @@ class Limits:
         """Set the policy's limits and undo any others it had. `held` ones are restored whoever overwrites them."""
         self._wanted[policy] = dict(shares)
         (self._held.add if held else self._held.discard)(policy)
-        self._enforce(policy)
+        self._enforce(policy, anew=True)
         wanted = {self._files[group].path for group in self._groups(policy) if group in self._files}
         self._undo({path: e for path, e in self._own(policy).items() if path not in wanted})
         self._keep()
@@ -50,7 +50,8 @@ class Limits:
         with suppress(ActuationError):
             file = self._files[group]
             entry = self._ledger.entries.get(file.path)
-            if entry is not None and entry.inherited and file.text(limit) == file.read():
+            unsure = entry is not None and (entry.inherited or entry.overtook)
+            if unsure and file.text(limit) == file.read():
                 self._close(file.path)
 
     def knows(self, group: Path) -> bool:
@@ -62,9 +63,11 @@ class Limits:
         entry = self._ledger.entries.get(path)
         policy = entry.policy if entry else self._owner(path.parent)
         try:
-            text = self._files[path.parent].read()
+            text = self._files[path.parent].heed()
         except ActuationError:
             self._ledger.close(path)
+            return
+        if entry is not None and entry.overtook and text == entry.ours:
             return
         if entry is not None and (entry.held or text == entry.theirs or text in entry.earlier):
             self._ledger.hear(path, text)
@@ -92,22 +95,28 @@ class Limits:
         if not any(other.parent.parent == pod for other in self._ledger.entries):
             self._ledger.close(pod / path.name)
 
-    def _enforce(self, policy: str) -> None:
-        """Write what differs. The kernel refuses if the kubelet has just lowered the pod: recompute and retry, once."""
+    def _enforce(self, policy: str, *, anew: bool = False) -> None:
+        """Write what differs. The kernel refuses if the kubelet has just lowered the pod: recompute and retry, once.
+
+        A new plan overtakes what others wrote; otherwise a write that we have yet to be told of is left until then.
+        """
         for last in (False, True):
-            failed = self._write(policy, self._pods(policy))
+            failed = self._write(policy, self._pods(policy, anew=anew))
             for error in failed if last else ():
                 self._refusals.note(error.reason, str(error))
             if not failed:
                 return
 
-    def _pods(self, policy: str) -> list[PodLimits]:
+    def _pods(self, policy: str, *, anew: bool) -> list[PodLimits]:
         by_pod: dict[Path, dict[Path, tuple[int | None, int]]] = defaultdict(dict)
         for group, share in self._wanted[policy].items():
             try:
-                by_pod[pod_of(group)][group] = (self._now(group), share)
+                now = self._now(group)
             except ActuationError:
                 self._files.close(group)
+            else:
+                if anew or not self._files[group].unheard:
+                    by_pod[pod_of(group)][group] = (now, share)
         return [
             PodLimits(pod, self._now(pod), self._others(pod, containers), containers)
             for pod, containers in by_pod.items()
@@ -144,19 +153,27 @@ class Limits:
 
     def _write(self, policy: str, pods: Iterable[PodLimits]) -> list[ActuationError]:
         """Write the limits, the ledger first: an agent killed in between can still undo them. Returns the failures."""
-        held = policy in self._held
         files = [(self._files[step.group], step.amount) for step in limit_steps(pods)]
         for file, amount in files:
-            self._ledger.intend(file.path, policy, now=file.seen, ours=file.text(amount), held=held)
+            self._intend(policy, file, amount)
         self._ledger.save()
         failed = []
         for file, amount in files:
             try:
+                if file.seen != file.read():  # somebody else wrote meanwhile: realtime tasks can stop us for 0.1 s here
+                    self._intend(policy, file, amount)
+                    self._ledger.save()
                 file.write(file.text(amount))
             except ActuationError as error:
                 self._ledger.close(file.path)
                 failed += [error] if error.reason != "Gone" else []
         return failed
+
+    def _intend(self, policy: str, file: ControlFile, amount: int) -> None:
+        held = policy in self._held
+        self._ledger.intend(file.path, policy, now=file.seen, ours=file.text(amount), held=held)
+        if file.unheard:
+            self._ledger.overtake(file.path, file.seen)
 
     def _fits(self, group: Path, limit: int | None) -> bool:
         """Whether a pod's limit is no less than the sum of its containers'; always true of a container's."""
