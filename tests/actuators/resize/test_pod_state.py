@@ -168,6 +168,15 @@ def test_a_patch_that_is_found_to_have_taken_effect_is_as_good_as_accepted(state
     assert (state.spec("slam"), state.highest("slam"), state.settles_at > NOW) == (NEW, 500, True)
 
 
+def test_what_was_lowered_to_its_original_is_put_back_once_the_kubelet_says_so(state):
+    send(state)
+    state.accept(102, NOW)
+    state.expect_back("slam", POLICY)
+    assert state.putting_back == {"slam": POLICY}
+    shown(state, actual=NEW, version=105)
+    assert state.putting_back == {}
+
+
 def test_failures_in_a_row_make_the_pauses_longer_until_one_is_accepted(state):
     pauses = []
     for _ in range(4):

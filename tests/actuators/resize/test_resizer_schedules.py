@@ -111,10 +111,11 @@ class World:
 
     def meddle(self) -> None:
         """Somebody else resizes a container; that is not ours, but from when it is known we add nothing to it."""
-        if self.rig.workers.jobs:
-            return
         pod = self.random.choice(list(PODS))
         container = self.random.choice(list(PODS[pod]))
+        self.rig.watch(f"uid-{pod}")
+        if self.rig.workers.jobs:  # sent before it is known
+            return
         self.cluster.edit(f"uid-{pod}", container, cpu=f"{self.random.choice([50, 300, 700])}m")
         self.rig.watch(f"uid-{pod}")
         self.bound = self._highest()

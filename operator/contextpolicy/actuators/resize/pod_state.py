@@ -167,8 +167,7 @@ class PodState:
 
     def expect_back(self, name: str, policy: str) -> None:
         """The API already has the container's original; until the kubelet applies it, the container may have more."""
-        container = self.view.container(name)
-        if container is not None and self.highest(name) > (container.spec.limit or 0):
+        if self.view.container(name) is not None and self.highest(name) > self.least_known(name):
             self.putting_back[name] = policy
 
     # what is known
