@@ -10,6 +10,7 @@ from prometheus_client import REGISTRY
 from reactivex import operators
 
 from contextpolicy import controller as module
+from contextpolicy.bus import head_start
 from contextpolicy.policy.spec import Control
 from tests.cluster.builders import NODE
 from tests.controller_rig import APPLIED, IMU, PLAN, Robot
@@ -37,12 +38,39 @@ def test_a_plan_becomes_an_order_and_a_message():
     assert message["trigger"] == pytest.approx(START, abs=1.0)
 
 
+def with_agent():
+    robot = Robot()
+    robot.session.agents[NODE] = b'{"missing": {"CFS": [], "Realtime": []}}'
+    robot.begin()
+    robot.loop.advance_by(1.0)
+    return robot
+
+
+def test_an_agent_has_the_processors_until_it_has_acted():
+    robot = with_agent()
+    orders, messages, told = len(robot.orders.all), len(robot.session.plans()), []
+    robot.controller.on_plan = lambda *plan: told.append(plan)
+    robot.session.deliver(IMU, speed=0.3)
+    robot.loop.advance_by(0.001)
+    assert (len(robot.session.plans()), len(robot.orders.all), told) == (messages + 1, orders, [])
+    robot.loop.advance_by(head_start.SECONDS)
+    assert len(robot.orders.all) == orders + 1
+    assert [plan.contexts for _, plan in told] == [("moving",)]
+
+
+def test_what_waits_for_the_agent_ends_with_the_policys_version():
+    robot = with_agent()
+    orders = len(robot.orders.all)
+    robot.session.deliver(IMU, speed=0.3)
+    robot.loop.advance_by(0.001)
+    robot.controller.end()
+    robot.loop.advance_by(1.0)
+    assert len(robot.orders.all) == orders
+
+
 @pytest.mark.parametrize(("agent", "told_before"), [(False, 0), (True, 1)])
 def test_patches_are_sent_before_the_message_is_made_unless_an_agent_acts_on_the_message(agent, told_before):
-    robot = Robot()
-    if agent:
-        robot.session.agents[NODE] = b'{"missing": {"CFS": [], "Realtime": []}}'
-    robot.begin()
+    robot = with_agent() if agent else Robot().begin()
     told, apply = len(robot.session.plans()), robot.orders.apply
     seen = []
     robot.orders.apply = lambda order: [seen.append(len(robot.session.plans()) - told), apply(order)]

@@ -16,6 +16,7 @@ from reactivex.disposable import CompositeDisposable
 from contextpolicy.actuators.following import Follower
 from contextpolicy.actuators.order import Order, order_of
 from contextpolicy.bus.decision_bus import Bus, message
+from contextpolicy.bus.head_start import HeadStart
 from contextpolicy.bus.pacing import Pacing
 from contextpolicy.cluster.claims import Claim
 from contextpolicy.explain.explanation import explain as explanation_of
@@ -99,6 +100,7 @@ class Controller:
         self._pods: Collection[PodView] = ()
         self._bus: Bus | None = None
         self._follower = Follower(scheduler, self._order)
+        self._head_start = HeadStart(scheduler)
         self._plans = Pacing(scheduler, PLAN_INTERVAL, self._carry_out)
         self._figures = Pacing(scheduler, FIGURES_INTERVAL, self._tell_figures)
         self._ordered = 0
@@ -148,6 +150,7 @@ class Controller:
     def stop(self) -> None:
         """Unsubscribe; the last order stays in force."""
         self._follower.stop()
+        self._head_start.stop()
         self._plans.stop()
         self._figures.stop()
         if self._subscription is not None:
@@ -192,26 +195,32 @@ class Controller:
             return
         if plan.sequence == self._ordered:
             self._figures.ask()
-            self._tell_contexts(plan)
+            self._head_start.in_turn(lambda: self._tell_contexts(plan))
         elif plan.arrived is None:
             self._carry_out()
         else:
             self._plans.ask()
 
     def _carry_out(self) -> None:
-        """First what acts soonest: workers send patches while the bus message is made; agents act on the message."""
+        """First what acts soonest: agents act on the message; without them workers send patches while it is made."""
         plan = self.planner.decided
         if plan is None or plan.sequence == self._ordered:
             return
         self._plans.rest()
         self._ordered, self._edition = plan.sequence, 0
         trigger = plan.time if plan.arrived is None else self._moment(plan.arrived)
-        first, second = self._order, partial(self._publish, {"trigger": trigger})
+        publish = partial(self._publish, {"trigger": trigger})
         if self.claim.agents:
-            first, second = second, first
-        first()
+            publish()
+            self._head_start.later(lambda: self._follow_up(plan, self._order))
+        else:
+            self._order()
+            self._follow_up(plan, publish)
+
+    def _follow_up(self, plan: Plan, action: Callable[[], None]) -> None:
+        """Tell everybody else of the plan; `action` is the one of ordering and publishing that is still to do."""
         self.on_plan(self.policy.reference, plan)
-        second()
+        action()
         self._count()
         metrics.measure(self.policy, plan)
         log_plan(self.policy, plan)

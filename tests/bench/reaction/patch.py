@@ -34,12 +34,12 @@ class BarePatch:
         self._client = client.ApiClient(settings)
         self._requests = {pod: self._prepare(namespace, pod) for pod in groups}
         self._threads = ThreadPoolExecutor(CONNECTIONS, thread_name_prefix="bare")
+        self._cores = cycle(CORES)
         self.name = "bare PATCH" if len(groups) == 1 else "bare PATCHes at once"
 
     def go(self) -> dict[str, float]:
         """Milliseconds to each stage."""
-        now = {group.limit() for group in self._groups.values()}
-        cores = next(cores for cores in CORES if cores not in now)
+        cores = self._next()
         began = time.time()
         accepted = self.send(dict.fromkeys(self._groups, cores))
         seen = self._stopwatch.wait(dict.fromkeys(self._groups.values(), cores), began, PATIENCE)
@@ -50,6 +50,13 @@ class BarePatch:
         }
         return {stage: (at - began) * 1e3 for stage, at in moments.items()}
 
+    def pair(self, apart: float) -> float:
+        """Milliseconds until the second of two changes, so many seconds apart, is in force."""
+        began = time.time()
+        self.send(dict.fromkeys(self._groups, self._next()))
+        time.sleep(max(0.0, began + apart - time.time()))
+        return self.go()["all cgroups"]
+
     def send(self, wanted: Mapping[str, float]) -> list[float]:
         """Send all of these, in order, as fast as the connections take them; when the API accepted each."""
         return list(self._threads.map(self._send, wanted, wanted.values()))
@@ -58,6 +65,11 @@ class BarePatch:
         """Give the connections back."""
         self._threads.shutdown()
         self._client.rest_client.pool_manager.clear()
+
+    def _next(self) -> float:
+        """A limit that no pod has, nor is about to get."""
+        now = {group.limit() for group in self._groups.values()}
+        return next(cores for cores in self._cores if cores not in now)
 
     def _prepare(self, namespace: str, pod: str) -> tuple[str, str, dict[str, str]]:
         """All of a request but its body, so that the client's own work is not measured."""

@@ -1,5 +1,6 @@
 """How long until the newest plan is in force: after a storm of contexts, where the plan turns every 5 ms for 2 s, and
-of two plans 100 ms apart, as the `enterAfter` of a context makes them."""
+of two plans 100 ms apart, as the `enterAfter` of a context makes them. Beside it what the kubelet makes of as many bare
+PATCHes, once and twice, that nobody decides about."""
 
 from __future__ import annotations
 
@@ -8,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.actuators.following import SETTLED
 from tests.bench.reaction.figures import rounded
+from tests.bench.reaction.patch import BarePatch
 from tests.bench.reaction.rounds import PAUSE, operated
-from tests.bench.reaction.site import say
+from tests.bench.reaction.site import SPARE, say
 from tests.bench.reaction.stopwatch import MissedError
 
 if TYPE_CHECKING:
@@ -39,25 +41,31 @@ def measure(site: Site, stopwatch: Stopwatch, buses: dict[str, zenoh.Session], j
 
 
 def _row(site: Site, stopwatch: Stopwatch, namespace: str, bus: zenoh.Session) -> dict[str, Any]:
-    names = [f"task-{number}" for number in range(PODS)]
+    names, spare = ([f"{kind}-{number}" for number in range(PODS)] for kind in ("task", "spare"))
     site.pods(namespace, names)
+    site.pods(SPARE, spare)
     path = operated(site, stopwatch, namespace, bus, names)
+    bare = BarePatch(SPARE, {name: site.groups[SPARE][name] for name in spare}, stopwatch)
     try:
-        return _storms(site, path)
+        return _storms(site, path, bare)
     finally:
         path.close()
+        bare.close()
 
 
-def _storms(site: Site, path: Operated) -> dict[str, Any]:
-    calm, storms, pairs = [], [], []
+def _storms(site: Site, path: Operated, bare: BarePatch) -> dict[str, Any]:
+    calm, storms, pairs, bare_once, bare_pairs = [], [], [], [], []
     for _ in range(STORMS):
         site.quiet.wait()
         try:
             before = path.go()["all cgroups"]
             second = _pair(path)
+            once, twice = _bare(bare)
             storms.append(_storm(path))
             calm.append(before)
             pairs.append(second)
+            bare_once.append(once)
+            bare_pairs.append(twice)
         except MissedError as error:
             say(str(error))
     after = [after for after, *_ in storms]
@@ -68,6 +76,9 @@ def _storms(site: Site, path: Operated) -> dict[str, Any]:
         "calm_all_cgroups_ms_max": rounded(calm, 100),
         "second_of_pair_ms_p50": rounded(pairs, 50),
         "second_of_pair_ms_max": rounded(pairs, 100),
+        "bare_all_cgroups_ms_p50": rounded(bare_once, 50),
+        "bare_second_of_pair_ms_p50": rounded(bare_pairs, 50),
+        "bare_second_of_pair_ms_max": rounded(bare_pairs, 100),
         "after_storm_ms_p50": rounded(after, 50),
         "after_storm_ms_max": rounded(after, 100),
         "plans": rounded([plans for _, plans, _ in storms], 50),
@@ -86,6 +97,15 @@ def _pair(path: Operated) -> float:
     after = (time.time() - last) * 1e3
     time.sleep(PAUSE)
     return after
+
+
+def _bare(bare: BarePatch) -> tuple[float, float]:
+    """Milliseconds until the limits of one change are in force, and those of the second of a pair."""
+    once = bare.go()["all cgroups"]
+    time.sleep(PAUSE)
+    twice = bare.pair(APART)
+    time.sleep(PAUSE)
+    return once, twice
 
 
 def _storm(path: Operated) -> tuple[float, int, int]:
