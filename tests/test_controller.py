@@ -38,8 +38,8 @@ def test_a_plan_becomes_an_order_and_a_message():
     assert message["trigger"] == pytest.approx(START, abs=1.0)
 
 
-def with_agent():
-    robot = Robot()
+def with_agent(**spec):
+    robot = Robot(**spec)
     robot.session.agents[NODE] = b'{"missing": {"CFS": [], "Realtime": []}}'
     robot.begin()
     robot.loop.advance_by(1.0)
@@ -56,6 +56,18 @@ def test_an_agent_has_the_processors_until_it_has_acted():
     robot.loop.advance_by(head_start.SECONDS)
     assert len(robot.orders.all) == orders + 1
     assert [plan.contexts for _, plan in told] == [("moving",)]
+
+
+def test_a_context_that_begins_meanwhile_is_not_told_to_end():
+    moving = a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 4}})
+    robot = with_agent(contexts=[moving, a_context("dark", "imu.light < 5.0", {})], minDwell="100ms")
+    told = []
+    robot.controller.on_context = lambda name, holds, _: told.append((name, holds))
+    for light in (9.0, 1.0):
+        robot.session.deliver(IMU, speed=0.3, light=light)
+        robot.loop.advance_by(0.001)
+    robot.loop.advance_by(1.0)
+    assert told == [("moving", True), ("dark", True)]
 
 
 def test_what_waits_for_the_agent_ends_with_the_policys_version():
