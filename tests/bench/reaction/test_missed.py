@@ -132,7 +132,7 @@ def test_weights_under_which_every_round_is_missed_are_a_row_all_the_same(site, 
 
 
 def test_storms_that_are_missed_are_a_row_all_the_same(site):
-    row = storm._storms(site, SimpleNamespace(name="operator, resize", go=missing))
+    row = storm._storms(site, SimpleNamespace(name="operator, resize", go=missing), SimpleNamespace(go=missing))
     assert (row["n"], row["missed"], row["after_storm_ms_p50"]) == (0, storm.STORMS, None)
 
 
