@@ -10,7 +10,7 @@ from tests.cluster.builders import a_pod
 from tests.runtime.builders import resources
 
 NAMESPACE = "lab"
-STREAM = f"{NAMESPACE}/turn"
+STREAM, IMU = f"{NAMESPACE}/turn", f"{NAMESPACE}/imu"
 SENT, RELAYED = "bench/sent", "bench/relayed"
 """The keys of the floor: a sample, and what stands for a plan."""
 
@@ -21,8 +21,10 @@ def names(limits: int) -> list[str]:
 
 
 def policy(limits: int) -> dict[str, Any]:
-    """Each sample turns the plan."""
+    """Each sample of the one stream turns the plan, those of the other change nothing."""
     made = objects.policy(NAMESPACE, names(limits), "0")
+    made["spec"]["streams"].append({"name": "imu", "key": IMU})
+    made["spec"]["contexts"].append({"name": "racing", "when": "imu.speed > 5.0"})
     made["metadata"] |= {"uid": "uid-bench", "generation": 1}
     return made
 

@@ -21,7 +21,7 @@ import zenoh
 from contextpolicy import cli
 from contextpolicy.bus.session import open_visitor
 from contextpolicy.bus.signatures import Signer
-from tests.bench.hops.case import RELAYED, SENT, pods, policy
+from tests.bench.hops.case import IMU, RELAYED, SENT, pods, policy
 from tests.bench.hops.stamps import AGENT, OPERATOR, Stamps
 from tests.bench.live_operator import LiveOperator
 
@@ -36,7 +36,12 @@ def main() -> int:
     if kind == "agent":
         return _agent()
     endpoint, credentials, *rest = arguments
-    made: dict[str, Callable[..., Subject]] = {"operator": _operator, "relay": _relay, "writer": _writer}
+    made: dict[str, Callable[..., Subject]] = {
+        "operator": _operator,
+        "sensor": _sensor,
+        "relay": _relay,
+        "writer": _writer,
+    }
     with open_visitor([endpoint], patience=5.0, credentials=Path(credentials) if credentials else None) as session:
         _answer(made[kind](session, *rest))
     return 0
@@ -61,11 +66,26 @@ def _agent() -> int:
     return cli.main(["agent"])
 
 
+def _sensor(session: zenoh.Session, rate: str) -> Subject:
+    publisher = session.declare_publisher(IMU, express=True, congestion_control=zenoh.CongestionControl.DROP)
+
+    def publish() -> None:
+        while True:
+            publisher.put(b'{"speed": 0.1}')
+            time.sleep(1 / float(rate))
+
+    Thread(target=publish, daemon=True).start()
+    return lambda: True
+
+
 def _relay(session: zenoh.Session, size: str) -> Subject:
     plan = b"x" * int(size)
     publisher = session.declare_publisher(RELAYED, express=True, congestion_control=zenoh.CongestionControl.DROP)
-    subscriber = session.declare_subscriber(SENT, lambda _: publisher.put(plan))
-    return lambda: bool(subscriber)
+    subscribers = [
+        session.declare_subscriber(SENT, lambda _: publisher.put(plan)),
+        session.declare_subscriber(IMU, lambda sample: sample.payload.to_bytes()),
+    ]
+    return lambda: bool(subscribers)
 
 
 def _writer(session: zenoh.Session, *files: str) -> Subject:
