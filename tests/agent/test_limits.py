@@ -216,19 +216,11 @@ def test_a_resize_that_a_plan_overtakes_is_no_confirmation(tree, limits, slam):
     assert tree.limit(slam) == 500
 
 
-def test_a_resize_that_a_second_plan_overtakes_is_what_comes_back(tree, limits, slam):
-    limits.apply(POLICY, {slam: 800})
+@pytest.mark.parametrize("held", [False, True])
+def test_a_resize_that_a_second_plan_overtakes_is_what_comes_back(tree, limits, slam, held):
+    limits.apply(POLICY, {slam: 20}, held=held)
     tree.set(slam, 300)
-    limits.apply(POLICY, {slam: 900})
-    told_late(tree, limits, slam)
-    limits.release(POLICY)
-    assert tree.limit(slam) == 300
-
-
-def test_a_resize_that_a_held_limit_overtakes_is_what_comes_back(tree, limits, slam):
-    limits.apply(POLICY, {slam: 20}, held=True)
-    tree.set(slam, 300)
-    limits.apply(POLICY, {slam: 10}, held=True)
+    limits.apply(POLICY, {slam: 10}, held=held)
     told_late(tree, limits, slam)
     assert tree.limit(slam) == 10
     limits.release(POLICY)

@@ -67,6 +67,7 @@ def _agent() -> int:
 
 
 def _sensor(session: zenoh.Session, rate: str) -> Subject:
+    """Publishes at this rate (Hz) until the process ends; there is nothing to ask it."""
     publisher = session.declare_publisher(IMU, express=True, congestion_control=zenoh.CongestionControl.DROP)
 
     def publish() -> None:
