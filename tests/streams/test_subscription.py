@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import deque
 from dataclasses import replace
 from threading import Condition, Event, Thread, current_thread
 
@@ -258,6 +259,14 @@ def test_beyond_the_backlog_the_oldest_are_dropped_and_counted(monkeypatch):
     assert sorted(heard.drops) == [("imu", "overrun")] * 14 + [("mic", "overrun")]
 
 
+def test_an_inbox_that_the_loop_empties_before_the_oldest_is_dropped_drops_none(monkeypatch):
+    monkeypatch.setattr(subscription, "BACKLOG", 0)
+    scheduler, heard = TestScheduler(), Heard()
+    an_inbox(scheduler, heard).put(Decoder(IMU), b"{}")
+    scheduler.advance_by(1)
+    assert (len(heard.inputs), heard.drops) == (1, [])
+
+
 def test_a_storm_leaves_others_their_turn():
     """A new sample for each that is taken: timers and finished patches still act."""
     scheduler, heard = TestScheduler(), Heard()
@@ -287,6 +296,38 @@ def test_a_backlog_leaves_others_their_turn_after_each_batch():
     scheduler.advance_by(1)
     assert turns == [BATCH, BATCH]
     assert heard.values() == [{"n": n} for n in range(2 * BATCH + 1)]
+
+
+def test_a_sample_that_comes_while_the_loop_falls_asleep_wakes_it_once():
+    scheduler, heard = TestScheduler(), Heard()
+    inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
+
+    class Waiting(deque):
+        """Empty when it is looked at, and no more just after."""
+
+        def __bool__(self):
+            empty = len(self) == 0
+            if empty and len(heard.inputs) < 3:
+                inbox.put(decoder, b"{}")
+            return not empty
+
+    drains = []
+    schedule = scheduler.schedule
+    scheduler.schedule = lambda action, state=None: drains.append(action) or schedule(action, state)
+    inbox._waiting = Waiting()
+    inbox.put(decoder, b"{}")
+    scheduler.advance_by(1)
+    assert len(heard.inputs) == 3
+    assert len(drains) == 3
+
+
+def test_many_threads_that_put_at_once_lose_nothing(loop):
+    heard = Heard()
+    inbox, decoder = an_inbox(loop, heard), Decoder(IMU)
+    senders = [Thread(target=lambda: [inbox.put(decoder, b"{}") for _ in range(1000)]) for _ in range(3)]
+    for sender in senders:
+        sender.start()
+    heard.wait_for(lambda h: len(h.inputs) == 3000)
 
 
 def test_a_batch_keeps_the_order_across_streams_and_ends(monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import threading
 from typing import TYPE_CHECKING
@@ -86,6 +87,7 @@ def _run(settings: AgentSettings, stop: threading.Event) -> None:
     agent = Agent(settings, loop, watch)
     _later(loop, agent.start)
     serve(settings.common.metrics_port, lambda: _later(loop, lambda: None).wait(HUNG))
+    gc.freeze()  # as the operator: no collection in the middle of a plan goes through all that was imported
     session = open_client(settings.common.connect, stop, settings.common.credentials)
     if session is not None:
         CONNECTED.set_function(lambda: bool(session.info.routers_zid()))

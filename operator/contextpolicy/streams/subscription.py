@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
+from contextlib import suppress
 from threading import Lock
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -105,7 +106,8 @@ class _Inbox:
         self._waiting: deque[_Arrived | Gone] = deque()
         self._lock = Lock()
         self._awake = False
-        self._overrun: dict[str, int] = {}
+        """Whether the loop is to drain, or does; changed to true under the lock only, so that one drain is queued."""
+        self._overrun: Counter[str] = Counter()
 
     def put(self, decoder: Decoder, payload: bytes, attachment: bytes = b"", key: str = "") -> None:
         """Take a sample; called on a Zenoh thread."""
@@ -117,43 +119,42 @@ class _Inbox:
 
     def _append(self, item: _Arrived | Gone) -> None:
         """Wake the loop only if it is not awake already: it empties the whole inbox."""
+        if len(self._waiting) >= BACKLOG:
+            self._discard_oldest()
+        self._waiting.append(item)
+        if not self._awake:
+            self._wake()
+
+    def _wake(self) -> None:
         with self._lock:
-            if len(self._waiting) >= BACKLOG:
-                stream = _stream(self._waiting.popleft())
-                self._overrun[stream] = self._overrun.get(stream, 0) + 1
-            self._waiting.append(item)
-            wake, self._awake = not self._awake, True
-        if wake:
+            asleep, self._awake = not self._awake, True
+        if asleep:
             self._scheduler.schedule(self._drain)
+
+    def _discard_oldest(self) -> None:
+        # The loop may have emptied the inbox meanwhile.
+        with self._lock, suppress(IndexError):
+            self._overrun[_stream(self._waiting.popleft())] += 1
 
     def _drain(self, *_: object) -> None:
-        batch = self._take()
+        """Deliver what has arrived, oldest first, up to a batch; then queue behind the loop's other work, or sleep."""
+        if self._overrun:
+            self._tell_overrun()
         try:
-            while batch:
-                self._deliver(batch.popleft())
+            for _ in range(min(BATCH, len(self._waiting))):
+                self._deliver(self._waiting.popleft())
         # Even after an exception: the inbox would stay marked awake and never be drained again.
         finally:
-            self._rest(batch)
+            # In this order: a sample that comes meanwhile either is seen here or finds us asleep and wakes us.
+            self._awake = False
+            if self._waiting:
+                self._wake()
 
-    def _take(self) -> deque[_Arrived | Gone]:
-        """What has arrived, oldest first, up to a batch: one hand-over for all of it."""
+    def _tell_overrun(self) -> None:
         with self._lock:
-            waiting = self._waiting
-            batch = deque(waiting.popleft() for _ in range(min(BATCH, len(waiting))))
-            overrun, self._overrun = self._overrun, {}
-        for stream, count in overrun.items():
-            for _ in range(count):
-                self._on_drop(stream, "overrun")
-        return batch
-
-    def _rest(self, untaken: deque[_Arrived | Gone]) -> None:
-        """Queue behind the loop's other work if there is more, else sleep."""
-        # Under the lock: a sample put meanwhile is either seen here or finds us asleep and wakes us.
-        with self._lock:
-            self._waiting.extendleft(reversed(untaken))
-            self._awake = awake = bool(self._waiting)
-        if awake:
-            self._scheduler.schedule(self._drain)
+            overrun, self._overrun = self._overrun, Counter()
+        for stream in overrun.elements():
+            self._on_drop(stream, "overrun")
 
     def _deliver(self, item: _Arrived | Gone) -> None:
         if isinstance(item, Gone):
