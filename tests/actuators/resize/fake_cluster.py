@@ -238,12 +238,14 @@ def _merged(kept: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
 
 def _note_manager(metadata: dict[str, Any], manager: str, field: str, container: str, kind: str) -> None:
-    """As the API server does: who changes a value owns it, and nobody else."""
+    """As the API server does: who changes a value owns it, and nobody else; who owns nothing more is forgotten."""
     entries = metadata.setdefault("managedFields", [])
     for entry in entries:
         entry["fieldsV1"].get("f:spec", {}).get(f"f:{field}", {}).get(_key(container), {}).get("f:resources", {}).pop(
             f"f:{kind}", None
         )
+    nothing = {"f:spec": {f"f:{field}": {_key(container): {"f:resources": {}}}}}
+    entries[:] = [entry for entry in entries if entry["fieldsV1"] != nothing]
     path: dict[str, Any] = {_key(container): {"f:resources": {f"f:{kind}": {"f:cpu": {}}}}}
     entries.append({"manager": manager, "subresource": "resize", "fieldsV1": {"f:spec": {f"f:{field}": path}}})
 

@@ -107,12 +107,17 @@ def _case(limits: int, rate: int, options: argparse.Namespace) -> dict[str, Any]
         scheme = "tcp" if options.plain else "tls"
         bus = Bus(f"{scheme}/127.0.0.1:{PORT + limits}", None if options.plain else Authority(place / "bus"))
         stack.enter_context(Child("-m", "contextpolicy", "router", "--listen", bus.endpoint, *_credentials(bus)))
-        layout = stack.enter_context(cgroups(place / "cgroup", [*names(limits), "floor"]))
+        layout = stack.enter_context(cgroups(place / "cgroup", [*names(limits), *_floor_names(limits)]))
         made = _Rounds(stack, place, bus, layout, limits)
         if rate:
             stack.enter_context(_subject("sensor", bus.endpoint, _path(bus, "module"), str(rate)))
         measured = made.measure(options.rounds)
         return {what: found for what, found in measured.items() if not (rate and what == "hops_ms_p50")}
+
+
+def _floor_names(limits: int) -> list[str]:
+    """The containers whose limits the floor writes: none of the agent's, which would take note of it."""
+    return [f"floor-{number}" for number in range(limits)]
 
 
 def _credentials(bus: Bus) -> list[str]:
@@ -139,7 +144,7 @@ class _Rounds:
         time.sleep(SETTLING)
         self._left = False
         self.size = self._plan_size(session)
-        files = [_quota(layout, name) for name in [*names(limits), "floor"][-limits:]]
+        files = [_quota(layout, name) for name in _floor_names(limits)]
         stack.enter_context(_subject("relay", bus.endpoint, _path(bus, "module"), str(self.size)))
         self._writer = stack.enter_context(_subject("writer", bus.endpoint, _path(bus, "module"), *files))
         time.sleep(SETTLING)
