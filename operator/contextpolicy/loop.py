@@ -79,21 +79,29 @@ class Loop(PeriodicScheduler):
     def _run(self) -> None:
         waiting = self._waiting
         while not self._disposed:
-            self._take_arrived(max(0.0, waiting[0][0] - time.monotonic()) if waiting else None)
+            self._wait()
             while waiting and waiting[0][0] <= time.monotonic() and not self._disposed:
                 heapq.heappop(waiting)[2].run()
-                self._take_arrived(0.0)
+                self._take_arrived()
 
-    def _take_arrived(self, patience: float | None) -> None:
-        """Sort in all that was scheduled; wait for something, for `patience` seconds or (None) as long as it takes."""
-        arriving, waiting = self._arriving, self._waiting
+    def _wait(self) -> None:
+        """Wait until an action is due or another arrives."""
+        waiting = self._waiting
         try:
-            entry = arriving.get(timeout=patience)
-            while entry is not None:
-                heapq.heappush(waiting, entry)
-                entry = arriving.get_nowait()
+            entry = self._arriving.get(timeout=max(0.0, waiting[0][0] - time.monotonic()) if waiting else None)
         except Empty:
-            pass
+            return
+        self._sort_in(entry)
+        self._take_arrived()
+
+    def _take_arrived(self) -> None:
+        arriving = self._arriving
+        while not arriving.empty():  # nobody else takes from it
+            self._sort_in(arriving.get_nowait())
+
+    def _sort_in(self, entry: tuple[float, int, _Action] | None) -> None:
+        if entry is not None:
+            heapq.heappush(self._waiting, entry)
 
 
 def on_loop(loop: SchedulerBase, action: Callable[[], Answer]) -> Future[Answer]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import re
 import socket
@@ -10,6 +11,7 @@ import subprocess
 import tarfile
 import time
 import urllib.request
+from collections import Counter
 
 import pytest
 
@@ -20,6 +22,7 @@ from tests.node.layout import REPOSITORY
 RELEASE, AGAIN = REPOSITORY / "build" / "release", REPOSITORY / "build" / "release-again"
 LOCK = (REPOSITORY / "operator" / "requirements.txt").read_text(encoding="utf-8")
 INDEX = "application/vnd.oci.image.index.v1+json"
+UNCHECKED_HASH = (1).to_bytes(4, "little")
 
 
 def run(*argv):
@@ -57,6 +60,24 @@ def test_the_image_is_there_for_both_architectures_under_its_version():
         assert config["architecture"] == architecture
         assert config["config"]["Labels"]["org.opencontainers.image.version"] == version
         assert re.fullmatch("[0-9a-f]{40}", config["config"]["Labels"]["org.opencontainers.image.revision"])
+
+
+def test_no_start_compiles_a_library_whatever_times_its_files_were_given():
+    """Bytecode that names the time of its source is out of date in an image whose files all have the commit's."""
+    found, content, _ = described(one("*-image.tar"))
+    for each in found.values():
+        layers = [blob(content, layer) for layer in json.loads(blob(content, each))["layers"]]
+        kinds = Counter(kind for layer in layers for kind in bytecode(layer))
+        assert kinds.keys() == {UNCHECKED_HASH}
+        assert kinds[UNCHECKED_HASH] > 1000
+
+
+def bytecode(layer):
+    """What each file of bytecode says about its source (PEP 552)."""
+    with tarfile.open(fileobj=io.BytesIO(layer)) as tar:
+        for member in tar:
+            if member.name.endswith(".pyc"):
+                yield tar.extractfile(member).read(8)[4:]
 
 
 def test_built_again_it_is_the_same():

@@ -22,6 +22,8 @@ DOCKERFILE = "FROM scratch\nADD base.tar /\n"
 # The host's apt settings serve to build the image and are no part of it; nor are apt's 80 MB of caches.
 HOOKS = (
     'rm -f "$1/etc/apt/apt.conf.d/99mmdebstrap" "$1/etc/dpkg/dpkg.cfg.d/99mmdebstrap" "$1"/var/cache/apt/*.bin',
+    # As in python:*-slim, no bytecode: it names the time of its source, and images get times of their own.
+    'find "$1/usr/lib" -depth -name __pycache__ -exec rm -r {} +',
     """echo 'Dir::Cache { pkgcache ""; srcpkgcache ""; };' > "$1/etc/apt/apt.conf.d/no-caches\"""",
 )
 APT_SOURCES = (Path("/etc/apt/sources.list.d/debian.sources"), Path("/etc/apt/sources.list"))

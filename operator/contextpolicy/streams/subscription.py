@@ -64,10 +64,11 @@ def _declare(session: zenoh.Session, stream: Stream, inbox: _Inbox) -> list[Call
     decoder, wild = Decoder(stream), "*" in stream.key
 
     def on_sample(sample: zenoh.Sample) -> None:
-        if sample.kind == zenoh.SampleKind.PUT:
+        payload = sample.payload.to_bytes()
+        if payload or sample.kind == zenoh.SampleKind.PUT:  # a deletion has no payload
             attached = sample.attachment if decoder.reads_attachment else None
             key = str(sample.key_expr) if wild else ""
-            inbox.put(decoder, sample.payload.to_bytes(), b"" if attached is None else attached.to_bytes(), key)
+            inbox.put(decoder, payload, b"" if attached is None else attached.to_bytes(), key)
 
     def on_token(sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
@@ -141,7 +142,7 @@ class _Inbox:
         if self._overrun:
             self._tell_overrun()
         try:
-            for _ in range(min(BATCH, len(self._waiting))):
+            for _turn in range(min(BATCH, len(self._waiting))):
                 self._deliver(self._waiting.popleft())
         # Even after an exception: the inbox would stay marked awake and never be drained again.
         finally:

@@ -244,7 +244,7 @@ def _note_manager(metadata: dict[str, Any], manager: str, field: str, container:
         entry["fieldsV1"].get("f:spec", {}).get(f"f:{field}", {}).get(_key(container), {}).get("f:resources", {}).pop(
             f"f:{kind}", None
         )
-    nothing = {"f:spec": {f"f:{field}": {_key(container): {"f:resources": {}}}}}
+    nothing: dict[str, Any] = {"f:spec": {f"f:{field}": {_key(container): {"f:resources": {}}}}}
     entries[:] = [entry for entry in entries if entry["fieldsV1"] != nothing]
     path: dict[str, Any] = {_key(container): {"f:resources": {f"f:{kind}": {"f:cpu": {}}}}}
     entries.append({"manager": manager, "subresource": "resize", "fieldsV1": {"f:spec": {f"f:{field}": path}}})
