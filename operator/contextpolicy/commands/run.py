@@ -71,7 +71,8 @@ def run(settings: Settings) -> int:
     REGISTRY.register(Scrape(process.runtime.insight.scrape))
     live = PageServer(settings.live_port, process.runtime.insight)
     live.start()
-    gc.freeze()  # a full collection takes 50 ms to find that all that was imported is still needed; nobody decides then
+    # A full collection takes tens of milliseconds, in which nobody decides, to find that all imports are still needed.
+    gc.freeze()
     try:
         return process.run(stop)
     finally:
