@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections import deque
 from dataclasses import replace
@@ -10,6 +11,7 @@ from threading import Condition, Event, Thread, current_thread
 import pytest
 import zenoh
 import zenoh.ext
+from reactivex.scheduler import VirtualTimeScheduler
 from reactivex.testing import TestScheduler
 
 from contextpolicy.loop import Loop
@@ -328,6 +330,38 @@ def test_many_threads_that_put_at_once_lose_nothing(loop):
     for sender in senders:
         sender.start()
     heard.wait_for(lambda h: len(h.inputs) == 3000)
+
+
+@pytest.fixture
+def stamped(monkeypatch):
+    """What the planner gets of a timestamp of 17.0 where looks at the wall clock show these; the loop's stands at 0."""
+    scheduler, heard = VirtualTimeScheduler(), Heard()
+    inbox, decoder = an_inbox(scheduler, heard), Decoder(replace(IMU, timestamp="stamp"))
+
+    def stamped(*readings):
+        shown = itertools.cycle(readings)
+        with monkeypatch.context() as patch:
+            patch.setattr(subscription.time, "time", lambda: next(shown))
+            inbox.put(decoder, b'{"stamp": 17.0}')
+            scheduler.start()
+        return heard.inputs[-1].timestamp
+
+    return stamped
+
+
+@pytest.mark.parametrize("set_to", [0.0, 1000.0])
+def test_equal_timestamps_stay_equal(stamped, set_to):
+    """They are judged by their order, and a simulation's clock may stand still."""
+    first = stamped(set_to)
+    assert {stamped(set_to + noise) for noise in (4e-6, -3e-6, 1e-3, -1e-3)} == {first}
+
+
+def test_a_wall_clock_that_is_set_shifts_timestamps(stamped):
+    assert [stamped(wall) for wall in (0.0, 60.0, 60.0, 0.0)] == [17.0, -43.0, -43.0, 17.0]
+
+
+def test_an_interruption_between_two_looks_at_the_clocks_sets_no_clock(stamped):
+    assert [stamped(0.1, 0.0), stamped(0.0)] == [17.0, 17.0]
 
 
 def test_a_batch_keeps_the_order_across_streams_and_ends(monkeypatch):

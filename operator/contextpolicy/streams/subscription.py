@@ -35,6 +35,9 @@ Tap: TypeAlias = "Callable[[float, str, bytes, bytes, str], object]"
 BACKLOG = 10_000
 """Samples that may wait for the loop; beyond that the oldest is dropped: a newer reading is worth more."""
 
+STEP = 0.005
+"""Seconds by which the wall clock must differ from what was known of it to count as set; less is noise."""
+
 BATCH = 100
 """Samples taken in a row; then timers and finished patches get their turn, however fast samples come."""
 
@@ -109,6 +112,8 @@ class _Inbox:
         self._awake = False
         """Whether the loop is to drain, or does; changed to true under the lock only, so that one drain is queued."""
         self._overrun: Counter[str] = Counter()
+        self._ahead = 0.0
+        """The loop's time minus the wall clock, in seconds: 0 from the loop's start until the wall clock is set."""
 
     def put(self, decoder: Decoder, payload: bytes, attachment: bytes = b"", key: str = "") -> None:
         """Take a sample; called on a Zenoh thread."""
@@ -168,11 +173,21 @@ class _Inbox:
         except DecodeError:
             self._on_drop(decoder.stream.name, "undecodable")
             return
-        taken = None if sample.timestamp is None else sample.timestamp + self._ahead()
+        taken = None if sample.timestamp is None else self._on_our_clock(sample.timestamp)
         self._observer.on_next(Sample(sample.stream, sample.value, taken, arrived))
 
-    def _ahead(self) -> float:
-        """The loop's time minus the wall clock, in seconds. Senders use the wall clock, which can step."""
+    def _on_our_clock(self, timestamp: float) -> float:
+        """A time of the wall clock, which senders use, and which can step, as the loop's.
+
+        All are shifted alike between two steps, to the last digit: samples are judged by the order of their timestamps,
+        and a simulation may give many the same.
+        """
+        if abs(self._difference() - self._ahead) > STEP:
+            # To be interrupted between the two readings makes it smaller.
+            self._ahead = max(self._difference() for _ in range(3))
+        return timestamp + self._ahead
+
+    def _difference(self) -> float:
         return self._scheduler.to_seconds(self._scheduler.now) - time.time()
 
 
