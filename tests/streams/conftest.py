@@ -1,0 +1,12 @@
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.loop import Loop
+
+
+@pytest.fixture
+def loop():
+    running = Loop()
+    yield running
+    running.dispose()

@@ -1,0 +1,208 @@
+"""Between Zenoh's threads and the loop: in order, bounded, one wake-up, and timestamps on the loop's clock."""
+
+from __future__ import annotations
+
+import itertools
+from collections import deque
+from dataclasses import replace
+from threading import Thread
+
+import pytest
+from reactivex.scheduler import VirtualTimeScheduler
+from reactivex.testing import TestScheduler
+
+from contextpolicy.planning.inputs import Gone
+from contextpolicy.planning.sample import Sample
+from contextpolicy.policy.spec import Encoding
+from contextpolicy.streams import subscription
+from contextpolicy.streams.decoding import Decoder
+from contextpolicy.streams.subscription import BATCH, _Inbox
+from tests.streams.heard import IMU, MIC, Heard
+from tests.waiting import PATIENCE
+
+
+def an_inbox(scheduler, heard):
+    return _Inbox(heard, scheduler, heard.on_drop)
+
+
+def test_each_sample_carries_the_time_of_its_arrival(monkeypatch):
+    """Not that at which the loop gets to it."""
+    clock = iter([5.0, 6.0])
+    monkeypatch.setattr(subscription.time, "monotonic", lambda: next(clock))
+    scheduler, heard = TestScheduler(), Heard()
+    inbox = an_inbox(scheduler, heard)
+    for number in range(2):
+        inbox.put(Decoder(IMU), b'{"n": %d}' % number)
+    scheduler.advance_by(1)
+    assert heard.inputs == [Sample("imu", {"n": 0}, arrived=5.0), Sample("imu", {"n": 1}, arrived=6.0)]
+
+
+def test_beyond_the_backlog_the_oldest_are_dropped_and_counted(monkeypatch):
+    monkeypatch.setattr(subscription, "BACKLOG", 10)
+    scheduler, heard = TestScheduler(), Heard()
+    inbox, imu, mic = an_inbox(scheduler, heard), Decoder(IMU), Decoder(MIC)
+    inbox.put(mic, b'{"level": 1}')
+    for n in range(24):
+        inbox.put(imu, b'{"n": %d}' % n)
+    scheduler.advance_by(1)
+    assert heard.values() == [{"n": n} for n in range(14, 24)]
+    assert sorted(heard.drops) == [("imu", "overrun")] * 14 + [("mic", "overrun")]
+
+
+def test_an_inbox_that_the_loop_empties_before_the_oldest_is_dropped_drops_none(monkeypatch):
+    monkeypatch.setattr(subscription, "BACKLOG", 0)
+    scheduler, heard = TestScheduler(), Heard()
+    an_inbox(scheduler, heard).put(Decoder(IMU), b"{}")
+    scheduler.advance_by(1)
+    assert (len(heard.inputs), heard.drops) == (1, [])
+
+
+def test_a_storm_leaves_others_their_turn():
+    """A new sample for each that is taken: timers and finished patches still act."""
+    scheduler, heard = TestScheduler(), Heard()
+    inbox, decoder, others = an_inbox(scheduler, heard), Decoder(IMU), []
+    put_again = heard.on_next
+
+    def on_next(event):
+        put_again(event)
+        if not others:
+            inbox.put(decoder, b"{}")
+
+    heard.on_next = on_next
+    inbox.put(decoder, b"{}")
+    scheduler.schedule(lambda *_: others.append("a patch"))
+    scheduler.advance_by(1)
+    assert others == ["a patch"]
+    assert len(heard.inputs) == 2
+
+
+def test_a_backlog_leaves_others_their_turn_after_each_batch():
+    scheduler, heard, turns = TestScheduler(), Heard(), []
+    inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
+    for n in range(2 * BATCH + 1):
+        inbox.put(decoder, b'{"n": %d}' % n)
+    for _ in range(2):
+        scheduler.schedule(lambda *_: turns.append(len(heard.inputs)))
+    scheduler.advance_by(1)
+    assert turns == [BATCH, BATCH]
+    assert heard.values() == [{"n": n} for n in range(2 * BATCH + 1)]
+
+
+def test_a_sample_that_comes_while_the_loop_falls_asleep_wakes_it_once():
+    scheduler, heard = TestScheduler(), Heard()
+    inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
+
+    class Waiting(deque):
+        """Empty when it is looked at, and no more just after."""
+
+        def __bool__(self):
+            empty = len(self) == 0
+            if empty and len(heard.inputs) < 3:
+                inbox.put(decoder, b"{}")
+            return not empty
+
+    drains = []
+    schedule = scheduler.schedule
+    scheduler.schedule = lambda action, state=None: drains.append(action) or schedule(action, state)
+    inbox._waiting = Waiting()
+    inbox.put(decoder, b"{}")
+    scheduler.advance_by(1)
+    assert len(heard.inputs) == 3
+    assert len(drains) == 3
+
+
+@pytest.fixture
+def stamped(monkeypatch):
+    """What the planner gets of a timestamp of 17.0 where looks at the wall clock show these; the loop's stands at 0."""
+    scheduler, heard = VirtualTimeScheduler(), Heard()
+    inbox, decoder = an_inbox(scheduler, heard), Decoder(replace(IMU, timestamp="stamp"))
+
+    def stamped(*readings):
+        shown = itertools.cycle(readings)
+        with monkeypatch.context() as patch:
+            patch.setattr(subscription.time, "time", lambda: next(shown))
+            inbox.put(decoder, b'{"stamp": 17.0}')
+            scheduler.start()
+        return heard.inputs[-1].timestamp
+
+    return stamped
+
+
+@pytest.mark.parametrize("set_to", [0.0, 1000.0])
+def test_equal_timestamps_stay_equal(stamped, set_to):
+    """They are judged by their order, and a simulation's clock may stand still."""
+    first = stamped(set_to)
+    assert {stamped(set_to + noise) for noise in (4e-6, -3e-6, 1e-3, -1e-3)} == {first}
+
+
+def test_a_wall_clock_that_is_set_shifts_timestamps(stamped):
+    assert [stamped(wall) for wall in (0.0, 60.0, 60.0, 0.0)] == [17.0, -43.0, -43.0, 17.0]
+
+
+def test_an_interruption_between_two_looks_at_the_clocks_sets_no_clock(stamped):
+    assert [stamped(0.1, 0.0), stamped(0.0)] == [17.0, 17.0]
+
+
+def test_a_batch_keeps_the_order_across_streams_and_ends(monkeypatch):
+    clock = iter(range(100))
+    monkeypatch.setattr(subscription.time, "monotonic", lambda: float(next(clock)))
+    scheduler, heard = TestScheduler(), Heard()
+    inbox, imu, mic = an_inbox(scheduler, heard), Decoder(IMU), Decoder(MIC)
+    inbox.put(mic, b'{"level": 1}')
+    inbox.put(imu, b'{"n": 1}')
+    inbox.put_gone("mic")
+    inbox.put(imu, b'{"n": 2}')
+    inbox.put(mic, b'{"level": 2}')
+    scheduler.advance_by(1)
+    told = [event if isinstance(event, Gone) else (event.stream, event.arrived) for event in heard.inputs]
+    assert told == [("mic", 0.0), ("imu", 1.0), Gone("mic"), ("imu", 2.0), ("mic", 3.0)]
+
+
+def test_the_loop_is_woken_once_for_all_that_wait():
+    scheduler, heard = TestScheduler(), Heard()
+    inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
+    for _ in range(50):
+        inbox.put(decoder, b"{}")
+    assert len(scheduler._queue) == 1
+    scheduler.advance_by(1)
+    assert len(heard.inputs) == 50
+    inbox.put(decoder, b"{}")
+    assert len(scheduler._queue) == 1
+
+
+def test_a_reader_that_fails_does_not_end_the_stream():
+    scheduler, heard = TestScheduler(), Heard()
+    inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
+    take = heard.on_next
+
+    def fail_once(_):
+        heard.on_next = take
+        raise RuntimeError("by accident")
+
+    heard.on_next = fail_once
+    inbox.put(decoder, b'{"n": 1}')
+    inbox.put(decoder, b'{"n": 2}')
+    with pytest.raises(RuntimeError):
+        scheduler.advance_by(1)
+    scheduler.stop()
+    scheduler.advance_by(1)
+    assert heard.values() == [{"n": 2}]
+
+
+def test_many_threads_may_put_at_once(loop):
+    heard = Heard()
+    inbox = an_inbox(loop, heard)
+    decoders = [Decoder(replace(IMU, name=f"imu{n}", encoding=Encoding.JSON)) for n in range(8)]
+
+    def put_all(decoder):
+        for n in range(500):
+            inbox.put(decoder, b'{"n": %d}' % n)
+
+    threads = [Thread(target=put_all, args=(decoder,)) for decoder in decoders]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE)
+    heard.wait_for(lambda h: len(h.inputs) == 4000)
+    for n in range(8):
+        assert heard.values(f"imu{n}") == [{"n": n} for n in range(500)]
