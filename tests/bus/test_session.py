@@ -63,6 +63,22 @@ def test_a_client_waits_for_its_router(endpoint, caplog):
     assert f"no Zenoh router at {endpoint} yet" in caplog.text
 
 
+def test_a_slow_handshake_gets_more_time_with_each_attempt(monkeypatch):
+    """All attempts took a second at most: a board that needs longer for TLS never had a session."""
+    given = []
+
+    def slow(*_, patience, **__):
+        given.append(patience)
+        if len(given) < 6:
+            raise zenoh.ZError
+        return "session"
+
+    monkeypatch.setattr(session, "open_visitor", slow)
+    monkeypatch.setattr(session, "PAUSE", 0)
+    assert open_client(["tls/router:7447"], Event()) == "session"
+    assert given == [0.5, 1, 2, 4, 4, 4]
+
+
 @pytest.mark.usefixtures("quick")
 def test_a_wait_for_a_router_can_be_ended(endpoint):
     stop = Event()

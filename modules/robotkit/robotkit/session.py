@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     import threading
     from collections.abc import Iterator, Mapping, Sequence
 
-ATTEMPT_MS = 1000
+ATTEMPT_MS, LONGEST_MS = 1000, 4000
+"""The first attempt to reach the router, and any later one at most; each is twice as long as the one before. A module
+that is suspended while it starts has a hundredth of a core for its TLS handshake."""
 PAUSE_S = 0.2
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5}
 """How often a router that is not there is tried again; Zenoh's default is 1, 2, then 4 s."""
@@ -107,12 +109,15 @@ def open_session(
 
 def _connect(config: zenoh.Config, stop: threading.Event) -> zenoh.Session | None:
     # Zenoh could wait by itself, but nothing could interrupt that wait, not even a signal handler.
+    attempt = ATTEMPT_MS
     while not stop.is_set():
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
             _LOG.warning("no router yet: %s", error)
             stop.wait(PAUSE_S)
+            attempt = min(2 * attempt, LONGEST_MS)
+            _insert(config, "connect/timeout_ms", attempt)
     return None
 
 

@@ -18,8 +18,11 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-ATTEMPT = 1.0
-"""Seconds for which one attempt to connect tries again and again."""
+ATTEMPT, LONGEST = 0.5, 4.0
+"""Seconds for which the first attempt to connect tries again and again, and any later one at most.
+
+A connection that goes nowhere, as while a node starts, takes up a whole attempt, so the first is short. Each later one
+is twice as long: on a slow or busy board a TLS handshake may take seconds."""
 PAUSE = 0.2
 """Seconds before the next attempt: one with an address that is none fails at once."""
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5}
@@ -40,14 +43,17 @@ LEASE_MS = 1000
 def open_client(endpoints: Sequence[str], stop: Event, credentials: Path | None = None) -> zenoh.Session | None:
     """Block until the router at `endpoints` answers, and return a client of it; None when `stop` is set first.
 
-    Zenoh could wait by itself, but nothing could interrupt it. Once open, a session reconnects by itself.
+    Zenoh could wait by itself, but nothing could interrupt it: `stop` is heard after an attempt. Once open, a session
+    reconnects by itself.
     """
+    patience = ATTEMPT
     while not stop.is_set():
         try:
-            return open_visitor(endpoints, patience=ATTEMPT, credentials=credentials)
+            return open_visitor(endpoints, patience=patience, credentials=credentials)
         except zenoh.ZError as error:
             log.warning("no Zenoh router at %s yet: %s", ", ".join(endpoints), error)
             stop.wait(PAUSE)
+            patience = min(2 * patience, LONGEST)
     return None
 
 

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import threading
+from types import SimpleNamespace
 
 import pytest
+import zenoh
 
 from contextpolicy.bus.session import open_router
 from robotkit import ConfigurationError
@@ -44,6 +46,22 @@ def test_a_session_waits_for_its_router():
         assert connected.wait(PATIENCE)
         thread.join(PATIENCE)
     assert len(thread_done[0]) == 1
+
+
+def test_a_slow_handshake_gets_more_time_with_each_attempt(monkeypatch):
+    """All attempts took a second: a module that needs longer for TLS, on its hundredth of a core, never connected."""
+    given = []
+
+    def slow(config):
+        given.append(int(config.get_json("connect/timeout_ms")))
+        if len(given) < 6:
+            raise zenoh.ZError
+        return SimpleNamespace(close=lambda: None)
+
+    monkeypatch.setattr(zenoh, "open", slow)
+    monkeypatch.setattr("robotkit.session.PAUSE_S", 0)
+    with open_session(["tls/127.0.0.1:7447"], threading.Event()):
+        assert given == [1000, 2000, 4000, 4000, 4000, 4000]
 
 
 def test_stop_ends_the_wait_for_a_router():
