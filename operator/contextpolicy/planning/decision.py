@@ -129,7 +129,7 @@ class Decider:
         found = {
             task.name
             for task in self._leaves
-            if weights[task.name].value == 0
+            if not weights[task.name].value
             and task.name not in division.resting
             and not (task.protected and weights[task.name].able)
         }

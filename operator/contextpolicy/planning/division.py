@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from contextpolicy.errors import ShareError
 from contextpolicy.planning.plan import Basis, NodePlan, Shortfall
@@ -22,8 +21,7 @@ if TYPE_CHECKING:
     AtRest = Callable[[], Mapping[str, Weight]]
 
 
-@dataclass(frozen=True, slots=True)
-class Division:
+class Division(NamedTuple):
     """All nodes' plans, each task's share over all of them, and what could not be met.
 
     `resting` are the tasks that get a share by priority because nothing is active on their node. `claims` are what the
@@ -33,12 +31,11 @@ class Division:
     nodes: Mapping[str, NodePlan]
     shares: Mapping[str, int]
     shortfalls: tuple[Shortfall, ...]
-    resting: AbstractSet[str] = frozenset()
-    claims: Mapping[str, Sequence[Demand]] = field(default_factory=dict)
+    resting: AbstractSet[str]
+    claims: Mapping[str, Sequence[Demand]]
 
 
-@dataclass(frozen=True, slots=True)
-class Terms:
+class Terms(NamedTuple):
     """What one node's division starts from: N, the step that shares move in, and each task's claim in steps."""
 
     capacity: int

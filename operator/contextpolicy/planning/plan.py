@@ -34,8 +34,7 @@ class Basis(StrEnum):
     NOTHING = "Nothing"
 
 
-@dataclass(frozen=True, slots=True)
-class NodePlan:
+class NodePlan(NamedTuple):
     """One node's division: `capacity` is N in thousandths of a core, or the realtime budget."""
 
     capacity: int

@@ -53,12 +53,12 @@ def divide(total: int, claims: Sequence[Demand]) -> dict[str, int]:
 
 def floors_exceed(total: int, claims: Sequence[Demand]) -> bool:
     """Whether the floors alone are more than there is to divide."""
-    return sum(claim.floor for claim in claims) > total
+    return sum([claim.floor for claim in claims]) > total
 
 
 def _whole(weights: Sequence[float]) -> list[int]:
     heaviest = max(weights)
-    return [max(1, round(weight / heaviest * RESOLUTION)) if weight > 0 else 0 for weight in weights]
+    return [round(weight / heaviest * RESOLUTION) or 1 if weight > 0 else 0 for weight in weights]
 
 
 class _Division:
@@ -71,7 +71,7 @@ class _Division:
         self.units = list(floors)
         """What each claim gets; of a free one its floor until it is settled."""
         self._free = [place for place, weight in enumerate(weights) if weight > 0 and floors[place] != ceilings[place]]
-        self._left = total - sum(floors) + sum(floors[place] for place in self._free)
+        self._left = total - sum(floors) + sum([floors[place] for place in self._free])
         """What is left for the free claims."""
 
     def clamp(self) -> None:
@@ -82,7 +82,7 @@ class _Division:
         """
         floors, ceilings, weights = self._floors, self._ceilings, self._weights
         while True:
-            left, weight = self._left, sum(weights[place] for place in self._free)
+            left, weight = self._left, sum([weights[place] for place in self._free])
             low, high, missing, excess = [], [], 0, 0
             for place in self._free:
                 part = left * weights[place]
@@ -107,15 +107,15 @@ class _Division:
 
     def settle(self) -> None:
         """Divide what is left over the free claims, by largest remainder."""
-        weights, total = self._weights, self._left
-        weight = sum(weights[place] for place in self._free)
-        order = []
+        names, weights, units, total = self._names, self._weights, self.units, self._left
+        weight = sum([weights[place] for place in self._free])
+        left, order = total, []
         for place in self._free:
-            self.units[place], remainder = divmod(total * weights[place], weight)
-            self._left -= self.units[place]
-            order.append((-remainder, -weights[place], self._names[place], place))
-        for *_, place in sorted(order)[: self._left]:
-            self.units[place] += 1
+            units[place], remainder = divmod(total * weights[place], weight)
+            left -= units[place]
+            order.append((-remainder, -weights[place], names[place], place))
+        for *_, place in sorted(order)[:left]:
+            units[place] += 1
 
 
 def _scaled_floors(total: int, claims: Sequence[Demand]) -> dict[str, int]:

@@ -49,6 +49,7 @@ class Weigher:
         self._groups = sorted(groups, key=lambda task: len(self._tree.ancestors(task.name)))
         self._contexts: Sequence[Context] = ()
         self._own: dict[str, Weight] = {}
+        self._scores: Mapping[str, float] = {}
         self._seen: tuple[object, ...] | None = None
         self._blocked: dict[str, str] = {}
 
@@ -60,11 +61,10 @@ class Weigher:
         `scores` has every task; `contexts` are the active ones in list order: the last one that names a task decides.
         """
         self._look_at(obstacles, contexts)
-        own = self._own
-        for task in self._policy.tasks:
-            name = task.name
-            if name not in own or own[name].score != scores[name]:
-                own[name] = _own_weight(task, scores[name], contexts)
+        own, tasks = self._own, self._tree.tasks
+        for name in [name for name, score in scores.items() if self._scores.get(name) != score]:
+            own[name] = _own_weight(tasks[name], scores[name], contexts)
+        self._scores = dict(scores)
         return self._spread(dict(own))
 
     def weigh_at_rest(self) -> dict[str, Weight]:
@@ -75,7 +75,7 @@ class Weigher:
         """Recompute who can run only if that may have changed: it does so rarely, scores with every sample."""
         if contexts != self._contexts:
             self._contexts = contexts
-            self._own.clear()
+            self._scores = {}
         seen = (contexts, dict(obstacles.waiting), obstacles.absent, obstacles.yielding)
         if seen != self._seen:
             self._seen = seen
