@@ -290,7 +290,7 @@ def test_a_robot_without_realtime_falls_back_as_the_policy_says(
     assert "note: node robot can't do realtime and is left alone" in err
 
 
-@pytest.mark.parametrize("nested", ['{"name": ' * 2000, "[" * 100_000])
+@pytest.mark.parametrize("nested", ['{"name": ' * 100_000, "[" * 100_000])
 def test_a_timeline_that_nests_deeply_is_refused(
     nested: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
