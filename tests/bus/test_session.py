@@ -64,7 +64,7 @@ def test_a_client_waits_for_its_router(endpoint, caplog):
 
 
 def test_a_slow_handshake_gets_more_time_with_each_attempt(monkeypatch):
-    """All attempts took a second at most: a board that needs longer for TLS never had a session."""
+    """All attempts took a second at most: a board that needs longer for TLS might never have had a session."""
     given = []
 
     def slow(*_, patience, **__):

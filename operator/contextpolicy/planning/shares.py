@@ -62,7 +62,10 @@ def _whole(weights: Sequence[float]) -> list[int]:
 
 
 class _Division:
-    """One division under way, in columns with a place for each claim: it is made anew with nearly every plan."""
+    """One division under way, in columns with a place for each claim.
+
+    It is made anew with nearly every plan, so it sums lists: for 20 claims that is quicker than generators.
+    """
 
     def __init__(
         self, total: int, names: Sequence[str], weights: list[int], floors: Sequence[int], ceilings: Sequence[int]

@@ -50,6 +50,7 @@ class Weigher:
         self._contexts: Sequence[Context] = ()
         self._own: dict[str, Weight] = {}
         self._scores: Mapping[str, float] = {}
+        """What `_own` was made from; empty when other contexts hold, which makes all of it anew."""
         self._seen: tuple[object, ...] | None = None
         self._blocked: dict[str, str] = {}
 

@@ -49,7 +49,7 @@ def test_a_session_waits_for_its_router():
 
 
 def test_a_slow_handshake_gets_more_time_with_each_attempt(monkeypatch):
-    """All attempts took a second: a module that needs longer for TLS, on its hundredth of a core, never connected."""
+    """All attempts took a second: one that needs longer for TLS, on its hundredth of a core, might never connect."""
     given = []
 
     def slow(config):
