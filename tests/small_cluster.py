@@ -10,7 +10,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from unittest.mock import create_autospec
 
-from contextpolicy.runtime import Runtime
+from contextpolicy.app.wiring import Operator
 from tests.cluster.builders import a_pod
 from tests.waiting import PATIENCE
 
@@ -37,7 +37,7 @@ class Told:
         self.restored: Future[Any] = Future()
         self.readable = True
         self._news = threading.Condition()
-        self.runtime = create_autospec(Runtime, instance=True, spec_set=True)
+        self.runtime = create_autospec(Operator, instance=True, spec_set=True)
         for name in METHODS:
             getattr(self.runtime, name).side_effect = partial(self._note, name)
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 from reactivex.disposable import Disposable
 from reactivex.testing import TestScheduler
 
-from contextpolicy import controller, insight
+from contextpolicy.app.wiring import Operator
 from contextpolicy.errors import ActuationError
+from contextpolicy.policies import policy_runner, queries
 from contextpolicy.policy.tenants import Tenants
-from contextpolicy.runtime import Runtime
 from contextpolicy.streams import subscription
 from contextpolicy.telemetry.reporter import STATUS_INTERVAL
 from tests.actuators.resize.fake_cluster import FakeCluster
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from reactivex.abc import DisposableBase
 
 START = 1_000_000.0
-CLOCKED = (controller, insight, subscription)
+CLOCKED = (policy_runner, queries, subscription)
 """What notes for the recorder when something arrived or was published."""
 
 
@@ -102,7 +102,7 @@ class VirtualOperator:
     def start(self) -> None:
         """Begin anew, as after a crash."""
         self.loop, self.patches, self.reports = VirtualLoop(), Pool(), Pool()
-        self.runtime = Runtime(
+        self.runtime = Operator(
             self.cluster,  # type: ignore[arg-type]
             self.loop,  # type: ignore[arg-type]
             patches=self.patches,  # type: ignore[arg-type]

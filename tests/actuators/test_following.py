@@ -6,7 +6,7 @@ import pytest
 from reactivex.testing import TestScheduler
 
 from contextpolicy.actuators.following import LONGEST, SETTLED, Follower
-from contextpolicy.planning.plan import NodePlan
+from contextpolicy.planning.allocation.plan import NodePlan
 
 NODE, OTHER = "node-1", "node-2"
 AHEAD = frozenset({NODE})

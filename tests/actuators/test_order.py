@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from contextpolicy.actuators.order import order_of
-from contextpolicy.planning.placement import Container
-from contextpolicy.planning.plan import NodePlan
+from contextpolicy.planning.allocation.placement import Container
+from contextpolicy.planning.allocation.plan import NodePlan
 from contextpolicy.policy.parsing import parse
 from tests.planning.builders import a_task
-from tests.runtime.builders import a_policy
+from tests.policies.builders import a_policy
 
 SLAM, SPEECH = Container("a", "slam", "robot-1"), Container("b", "speech", "robot-2")
 

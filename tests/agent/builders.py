@@ -13,7 +13,7 @@ from contextpolicy.agent.agent_settings import AgentSettings
 from contextpolicy.agent.cgroup_paths import CgroupPaths, Driver
 from contextpolicy.agent.control_files import CFS, REALTIME
 from contextpolicy.agent.threads import THREAD_FILES
-from contextpolicy.settings import Settings
+from contextpolicy.policy.environment import DEFAULT_CONNECT
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -106,7 +106,24 @@ class Tree:
 
 def an_agent(tree: Tree, state: Path, scheduler, watch, *, grace: float = 10.0):
     """An agent of this node, whose messages are signed one after the other unless a test says when."""
-    return Informed(AgentSettings(NODE, Settings(), state, tree.mount, tree.logs, state, grace=grace), scheduler, watch)
+    return Informed(
+        AgentSettings(
+            node=NODE,
+            keys=state,
+            connect=(DEFAULT_CONNECT,),
+            credentials=None,
+            metrics_port=8081,
+            log_format="text",
+            log_level="info",
+            cgroup_root=tree.mount,
+            logs=tree.logs,
+            state=state,
+            priority=10,
+            grace=grace,
+        ),
+        scheduler,
+        watch,
+    )
 
 
 class Informed(Agent):

@@ -23,7 +23,7 @@ def test_settings_come_from_the_environment(tmp_path):
         grace=2,
     )
     assert (own.keys, own.logs) == (tmp_path, tmp_path)
-    assert (own.node, own.cgroup_root, own.common.connect) == ("node-1", tmp_path, ("tcp/r:1",))
+    assert (own.node, own.cgroup_root, own.connect) == ("node-1", tmp_path, ("tcp/r:1",))
     assert (own.grace, own.priority, own.state) == (2, 10, Path("/run/contextpolicy"))
 
 

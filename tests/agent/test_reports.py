@@ -10,7 +10,7 @@ from contextpolicy.agent.capabilities import NodeFacts, missing, quota_period
 from contextpolicy.agent.cgroup_paths import Driver
 from contextpolicy.cluster.agent_reports import NO_AGENT, UNREADABLE, AgentReport, read_report, with_agents
 from contextpolicy.cluster.claims import Claim
-from contextpolicy.planning.placement import Container, Placement
+from contextpolicy.planning.allocation.placement import Container, Placement
 from contextpolicy.policy.parsing import parse
 from tests.agent.builders import NODE, SLAM, Tree
 

@@ -14,7 +14,7 @@ from tests.planning.builders import on_node
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from contextpolicy.planning.placement import Placement
+    from contextpolicy.planning.allocation.placement import Placement
     from contextpolicy.policy.spec import Policy
 
 RATE = 200.0

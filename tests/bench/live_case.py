@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from tests.planning.builders import a_context, a_stream, a_task
-from tests.runtime.builders import a_policy
+from tests.policies.builders import a_policy
 
 KEYS = {kind: f"bench/{kind}" for kind in ("bare", "hand-over", "operator", "storm")}
 SHARES = {0: 200, 1: 800}

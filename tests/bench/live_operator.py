@@ -7,10 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.loop import Loop
-from contextpolicy.runtime import Runtime
+from contextpolicy.app.wiring import Operator
+from contextpolicy.streams.loop import Loop
 from tests.cluster.builders import NODE, a_pod
-from tests.runtime.builders import resources
+from tests.policies.builders import resources
 from tests.virtual_operator import ClusterWithPolicies
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class LiveOperator:
         self.cluster = StandInCluster(pods or [a_pod(name, {name: resources()}) for name in TASKS])
         self.cluster.policies[f"{body['metadata']['namespace']}/{body['metadata']['name']}"] = {}
         patches, reports = ThreadPoolExecutor(WORKERS), ThreadPoolExecutor(1)
-        self._runtime = Runtime(self.cluster, Loop(), patches=patches, reports=reports, signer=signer)  # type: ignore[arg-type]
+        self._runtime = Operator(self.cluster, Loop(), patches=patches, reports=reports, signer=signer)  # type: ignore[arg-type]
         self.cluster.tell = self._runtime.pod_changed
         self._runtime.node_changed({"metadata": {"name": NODE}, "status": {"allocatable": {"cpu": "1"}}})
         for feed in self.cluster.feeds.values():

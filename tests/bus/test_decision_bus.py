@@ -11,7 +11,7 @@ from reactivex.testing import TestScheduler
 from contextpolicy.bus.decision_bus import Bus, agent_key, applied_key, message, plan_key, policy_of, topic_key
 from contextpolicy.bus.signatures import Signer, Verifier
 from contextpolicy.cluster.pods import view
-from contextpolicy.planning.placement import Container, Placement
+from contextpolicy.planning.allocation.placement import Container, Placement
 from tests.bus.certificates import signing_keys
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE, a_pod

@@ -92,7 +92,7 @@ def events():
     for call in calls(*EVENT_SOURCES):
         if len(call.args) > 1:
             found |= set(words(call.args[1]))
-    announcer = ast.parse((PACKAGE / "announcer.py").read_text(encoding="utf-8"))
+    announcer = ast.parse((PACKAGE / "policies/status_publisher.py").read_text(encoding="utf-8"))
     for node in ast.walk(announcer):
         if isinstance(node, ast.Assign) and "reason" in ast.unparse(node.targets[0]):
             found |= set(words(node.value))

@@ -6,8 +6,8 @@ import json
 
 import pytest
 
+from contextpolicy.app.settings import read
 from contextpolicy.policy.tenants import Tenant, Tenants
-from contextpolicy.settings import read
 from tests.charts.test_chart import container
 
 TENANTS = {"lab": {"priority": 10, "streamPrefixes": ["robot"]}, "*": {"streamPrefixes": ["{namespace}"]}}

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from contextpolicy.cluster.lease import ACT, AGAIN, LONGEST, RENEW, Candidacy, Lease, read, write
-from contextpolicy.settings import OwnPod
+from contextpolicy.cluster.lease import ACT, AGAIN, LONGEST, RENEW, Candidacy, Lease, OwnPod, read, write
 
 WALL = "2026-01-01T00:00:00.000000Z"
 

@@ -16,7 +16,7 @@ from contextpolicy.live.page_server import PageServer
 from contextpolicy.policy.validation.policy_file import load_policy
 from contextpolicy.streams import timeline
 from tests.cluster.builders import a_pod
-from tests.runtime.builders import IMU, a_policy, resources
+from tests.policies.builders import IMU, a_policy, resources
 from tests.virtual_operator import VirtualOperator
 
 POLICIES = "/apis/contextpolicy.dev/v1alpha1/namespaces/lab/contextpolicies"
@@ -95,7 +95,7 @@ def operator(monkeypatch, cluster):  # noqa: ARG001 - the commands find the oper
         started.settle()
     started.turn(2.0)
     started.loop.inline = True
-    server = PageServer(0, started.runtime.insight)
+    server = PageServer(0, started.runtime.queries)
     server.start()
     monkeypatch.setattr(cluster_access, "_pods", lambda _: [("lab", "operator", 8082)])
     monkeypatch.setattr(cluster_access, "_local_port", lambda _: server.server_port)

@@ -13,11 +13,12 @@ REPORT = "print(len(gc.get_objects()), gc.get_freeze_count())"
 OPERATOR = f"""
 import gc
 from unittest.mock import Mock
-from contextpolicy import cli, process
+from contextpolicy import cli
+from contextpolicy.app import supervisor
 def run(stop):
     {REPORT}
     return 0
-process.reach, process.OperatorProcess = Mock(), Mock(return_value=Mock(run=run))
+supervisor.reach, supervisor.Supervisor = Mock(), Mock(return_value=Mock(run=run))
 cli.main(["run"])
 """
 AGENT = f"""

@@ -9,8 +9,8 @@ import pytest
 from contextpolicy import cli
 from contextpolicy.commands.adopt import adopted
 from tests.commands import test_on_the_cluster as small
-from tests.runtime.builders import a_policy
-from tests.runtime.test_shadows import a_shadow, misses
+from tests.policies.builders import a_policy
+from tests.policies.test_promotion import a_shadow, misses
 
 cluster, operator = small.cluster, small.operator
 PROFILES = {

@@ -7,8 +7,8 @@ from pathlib import Path
 import ormsgpack
 import pytest
 
+from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.planner import Planner
-from contextpolicy.planning.sample import Sample
 from contextpolicy.policy.validation.policy_file import load_policy
 from contextpolicy.streams.decoding import Decoder
 from tests.planning.builders import START, on_node

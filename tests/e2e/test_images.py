@@ -9,7 +9,7 @@ from tests.node.layout import REPOSITORY
 
 MODULES = sorted(path.parent.name for path in (REPOSITORY / "modules").glob("*/Dockerfile"))
 STARTS = {
-    "contextpolicy": ("/opt/contextpolicy", "kopf, contextpolicy.process, contextpolicy.agent.agent"),
+    "contextpolicy": ("/opt/contextpolicy", "kopf, contextpolicy.app.supervisor, contextpolicy.agent.agent"),
     **{f"contextpolicy-{module}": ("/opt/module", "asyncio, email, robotkit") for module in MODULES},
 }
 """Where each image has its Python, and what it imports at its start."""

@@ -9,7 +9,7 @@ import pytest
 import zenoh
 import zenoh.ext
 
-from contextpolicy.handlers import REREAD
+from contextpolicy.app.kopf_handlers import REREAD
 from contextpolicy.streams.timeline import parse
 from tests.e2e.cluster import apply, delete, until
 from tests.e2e.conftest import router

@@ -31,8 +31,8 @@ from contextpolicy.cluster.api import _refusal, _version
 from contextpolicy.cluster.pods import view
 from contextpolicy.cluster.watching import ObjectWatch
 from contextpolicy.errors import ActuationError, DecodeError, DefinitionError, ExpressionError, OrderError, PolicyError
+from contextpolicy.planning.conditions.scope import Scope
 from contextpolicy.planning.planner import Planner
-from contextpolicy.planning.scope import Scope
 from contextpolicy.policy import parsing
 from contextpolicy.policy.ros_types import type_store
 from contextpolicy.policy.spec import Encoding, RosRelease, Stream

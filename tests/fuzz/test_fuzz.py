@@ -13,9 +13,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from contextpolicy.cluster.pods import view
+from contextpolicy.planning.allocation.placement import Container, Placement
+from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.inputs import Gone, Score
-from contextpolicy.planning.placement import Container, Placement
-from contextpolicy.planning.sample import Sample
 from tests.agent.builders import a_message, a_target
 from tests.bus import messages
 from tests.cluster.builders import a_pod, cpu

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.cluster.builders import a_pod
-from tests.runtime.builders import IMU, a_policy, resources
+from tests.policies.builders import IMU, a_policy, resources
 from tests.virtual_operator import VirtualOperator
 
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 from reactivex.notification import OnNext
 from reactivex.testing import Recorded, TestScheduler
 
+from contextpolicy.planning.allocation.placement import Container, Placement
+from contextpolicy.planning.allocation.plan import NodePlan, Plan
+from contextpolicy.planning.conditions.sample import Sample
+from contextpolicy.planning.conditions.stream import UNHEARD
 from contextpolicy.planning.inputs import Gone
 from contextpolicy.planning.observable import plans
-from contextpolicy.planning.placement import Container, Placement
-from contextpolicy.planning.plan import NodePlan, Plan
 from contextpolicy.planning.planner import Planner
-from contextpolicy.planning.sample import Sample
-from contextpolicy.planning.stream import UNHEARD
 from contextpolicy.policy import parsing
 from contextpolicy.policy.spec import Scheduler
 

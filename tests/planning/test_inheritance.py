@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from contextpolicy.planning.conditions.stream import UNHEARD
 from contextpolicy.planning.planner import Planner
-from contextpolicy.planning.stream import UNHEARD
 from contextpolicy.policy import parsing
 from tests.planning.builders import START, Story, a_body, a_context, a_policy, a_stream, a_task
 

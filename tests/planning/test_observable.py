@@ -12,17 +12,17 @@ from reactivex import Subject
 from reactivex import operators as ops
 from reactivex.testing import ReactiveTest, TestScheduler
 
+from contextpolicy.planning.conditions.sample import Sample
+from contextpolicy.planning.conditions.stream import UNHEARD
 from contextpolicy.planning.observable import plans
 from contextpolicy.planning.planner import Planner
-from contextpolicy.planning.sample import Sample
-from contextpolicy.planning.stream import UNHEARD
-from contextpolicy.plugins import load
+from contextpolicy.policies.plugins import load
 from tests.planning.builders import a_context, a_policy, a_stream, a_task, on_node, record
 from tests.planning.example_initiative import steadiness
 
 if TYPE_CHECKING:
+    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.planning.inputs import Input
-    from contextpolicy.planning.plan import Plan
 
 MOVING = a_context("moving", "imu.speed > 0.1", tasks={"speech": {"suspend": True}}, enterAfter="250ms")
 
@@ -133,7 +133,7 @@ class TestInitiatives:
             def load(self):
                 return steadiness
 
-        monkeypatch.setattr("contextpolicy.plugins.entry_points", lambda **_: [Installed()])
+        monkeypatch.setattr("contextpolicy.policies.plugins.entry_points", lambda **_: [Installed()])
         assert load(curious_policy()) == {"steadiness": steadiness}
 
     def test_it_gets_streams_scheduler_and_its_arguments(self):

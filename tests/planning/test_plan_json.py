@@ -7,7 +7,7 @@ import re
 
 from contextpolicy.bus.decision_bus import message
 from contextpolicy.planning import plan_json as module
-from contextpolicy.planning.placement import Container, Placement
+from contextpolicy.planning.allocation.placement import Container, Placement
 from contextpolicy.planning.plan_json import plan_json
 from contextpolicy.simulation import report
 from tests.bus.messages import plan as a_message

@@ -8,9 +8,9 @@ from collections import Counter
 
 import pytest
 
+from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.inputs import Score
 from contextpolicy.planning.planner import Planner
-from contextpolicy.planning.sample import Sample
 from contextpolicy.policy.cel import Expression
 from tests.planning.builders import START, Story, a_context, a_policy, a_stream, a_task, on_node
 

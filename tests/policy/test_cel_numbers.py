@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contextpolicy.errors import ExpressionError
-from contextpolicy.planning.scope import Scope
+from contextpolicy.planning.conditions.scope import Scope
 from contextpolicy.policy import cel_numbers
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.spec import Encoding, Stream

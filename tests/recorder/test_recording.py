@@ -12,7 +12,7 @@ from contextpolicy.recorder.recording import key_without_wildcards, recording
 from contextpolicy.simulation.run import simulate
 from contextpolicy.streams import timeline
 from tests.planning.builders import a_stream
-from tests.runtime.builders import IMU, a_policy
+from tests.policies.builders import IMU, a_policy
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextpolicy.planning.placement import Container
+from contextpolicy.planning.allocation.placement import Container
 from contextpolicy.policy.spec import Scheduler
 from contextpolicy.simulation.robot import Robot
 from contextpolicy.simulation.run import simulate

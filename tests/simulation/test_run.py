@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from contextpolicy.planning.placement import Container, Placement
+from contextpolicy.planning.allocation.placement import Container, Placement
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.validation.policy_file import load_policy

@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import chain, combinations, product
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.planner import Planner
-from contextpolicy.planning.sample import Sample
 from contextpolicy.policy import parsing
 from tests.planning.builders import on_node
 

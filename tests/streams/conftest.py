@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.loop import Loop
+from contextpolicy.streams.loop import Loop
 
 
 @pytest.fixture

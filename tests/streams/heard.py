@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from threading import Condition, current_thread
 
-from contextpolicy.planning.sample import Sample
+from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.policy.spec import Stream
 from tests.waiting import PATIENCE
 

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from contextpolicy.streams import subscription
-from tests.controller_rig import IMU, Robot
 from tests.planning.builders import a_context, a_stream, a_task
+from tests.policies.runner_rig import IMU, Robot
 from tests.virtual_operator import START
 
 
@@ -38,7 +38,7 @@ def drive(robot, seconds, *, lag=0.0):
         robot.loop.advance_by(0.1)
         robot.session.deliver(IMU, speed=0.3, stamp=now(robot) + robot.step - lag)
         robot.loop.advance_by(0.001)
-        contexts |= set(robot.controller.planner.last.contexts)
+        contexts |= set(robot.runner.planner.last.contexts)
     return contexts
 
 
@@ -47,7 +47,7 @@ def test_a_clock_that_is_set_neither_drops_a_sample_nor_ends_a_context(robot, st
     assert drive(robot, 1) == {"moving"}
     robot.step = step
     assert drive(robot, 3) == {"moving"}
-    assert not robot.controller.planner.drops
+    assert not robot.runner.planner.drops
 
 
 def test_a_sample_that_was_long_under_way_is_too_old_before_and_after_a_step(robot):
@@ -55,4 +55,4 @@ def test_a_sample_that_was_long_under_way_is_too_old_before_and_after_a_step(rob
     robot.step = -3600.0
     drive(robot, 1)
     assert drive(robot, 1, lag=0.7) >= {"blind"}
-    assert set(robot.controller.planner.drops) == {("imu", "out of order"), ("imu", "too old")}
+    assert set(robot.runner.planner.drops) == {("imu", "out of order"), ("imu", "too old")}

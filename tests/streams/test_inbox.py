@@ -11,8 +11,8 @@ import pytest
 from reactivex.scheduler import VirtualTimeScheduler
 from reactivex.testing import TestScheduler
 
+from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.inputs import Gone
-from contextpolicy.planning.sample import Sample
 from contextpolicy.policy.spec import Encoding
 from contextpolicy.streams import subscription
 from contextpolicy.streams.decoding import Decoder

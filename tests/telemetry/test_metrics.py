@@ -17,7 +17,7 @@ NAMES = {
     *("contextpolicy_plans", "contextpolicy_samples_dropped", "contextpolicy_api_requests"),
     *("contextpolicy_events_left_out",),
     *("contextpolicy_plans_held_back", "contextpolicy_context_active", "contextpolicy_task_share_cores"),
-    *("contextpolicy_task_weight", "contextpolicy_resizes", "contextpolicy_contests"),
+    *("contextpolicy_task_weight", "contextpolicy_resizes", "contextpolicy_conflicts"),
 }
 
 
@@ -65,7 +65,7 @@ def test_what_a_policy_will_count_is_there_from_the_start():
     metrics.begin("gone/new")
     counted = {name for name, _ in of("new") if name.endswith(("_total", "_count"))}
     assert counted == {
-        *(f"contextpolicy_{name}_total" for name in ("plans", "plans_held_back", "contests", "events_left_out")),
+        *(f"contextpolicy_{name}_total" for name in ("plans", "plans_held_back", "conflicts", "events_left_out")),
         *(f"contextpolicy_{name}_seconds_count" for name in ("sample_to_plan", "plan_to_patch")),
         *(f"contextpolicy_{name}_seconds_count" for name in ("patch_to_in_force", "reaction")),
     }

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 from prometheus_client import REGISTRY
 
-from contextpolicy.actuators.resize.contest import Contest
+from contextpolicy.actuators.resize.conflict import Conflict
 from contextpolicy.cluster.pods import Cpu, view
 from contextpolicy.telemetry import resize_watch
 from contextpolicy.telemetry.resize_watch import ResizeWatch
@@ -52,8 +52,8 @@ def count(leg, of="count"):
     return REGISTRY.get_sample_value(f"contextpolicy_{leg}_seconds_{of}", LABELS) or 0.0
 
 
-def contests():
-    return REGISTRY.get_sample_value("contextpolicy_contests_total", LABELS) or 0.0
+def conflicts():
+    return REGISTRY.get_sample_value("contextpolicy_conflicts_total", LABELS) or 0.0
 
 
 def resizes(result):
@@ -104,7 +104,7 @@ def test_a_resize_that_no_sample_asked_for_is_told_and_not_measured(told):
     """An hour after the sample somebody changes the limit, and it is put back."""
     told.watch.planned(POLICY, a_plan(1, slam=500))
     told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300))
-    told.watch.on_contest(POLICY, "lab/slam/slam", Contest("vpa-updater", Cpu(100, 300), Cpu(100, 700)))
+    told.watch.on_conflict(POLICY, "lab/slam/slam", Conflict("vpa-updater", Cpu(100, 300), Cpu(100, 700)))
     before = [count(leg) for leg in LEGS]
     told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 3601.0)
     told.watch.on_in_force(POLICY, "lab/slam/slam", 300)
@@ -167,9 +167,9 @@ def test_a_resize_of_somebody_else_that_is_held_back_is_no_news(told):
 
 
 def test_a_contest_is_told_with_who_did_what(told):
-    before = contests()
-    contest = Contest("vpa-updater", Cpu(100, 300), Cpu(150, 700))
-    told.watch.on_contest(POLICY, "lab/slam/slam", contest)
+    before = conflicts()
+    conflict = Conflict("vpa-updater", Cpu(100, 300), Cpu(150, 700))
+    told.watch.on_conflict(POLICY, "lab/slam/slam", conflict)
     [(reason, message)] = told.problems
     assert reason == "ResizedByOther"
     assert message.startswith(
@@ -177,24 +177,24 @@ def test_a_contest_is_told_with_who_did_what(told):
         "it gets what the plan says again; set updateMode"
     )
     assert told.watch.problems(POLICY) == {"lab/slam/slam": message}
-    assert contests() == before + 1
+    assert conflicts() == before + 1
 
 
 def test_a_writer_who_does_the_same_again_is_counted_and_told_once(told):
-    before = contests()
+    before = conflicts()
     for _ in range(3):
-        told.watch.on_contest(POLICY, "lab/slam/slam", Contest("", Cpu(100, 300), Cpu(100, 700)))
+        told.watch.on_conflict(POLICY, "lab/slam/slam", Conflict("", Cpu(100, 300), Cpu(100, 700)))
     assert len(told.problems) == 1
-    assert contests() == before + 3
-    told.watch.on_contest(POLICY, "lab/slam/slam", None)
-    told.watch.on_contest(POLICY, "lab/slam/slam", Contest("", Cpu(100, 300), Cpu(100, 700)))
+    assert conflicts() == before + 3
+    told.watch.on_conflict(POLICY, "lab/slam/slam", None)
+    told.watch.on_conflict(POLICY, "lab/slam/slam", Conflict("", Cpu(100, 300), Cpu(100, 700)))
     assert [reason for reason, _ in told.problems] == ["ResizedByOther", "ResizeRecovered", "ResizedByOther"]
 
 
 def test_a_contest_that_is_over_is_no_problem_any_more(told):
-    told.watch.on_contest(POLICY, "lab/slam/slam", Contest("", Cpu(None, 300), Cpu(None, None)))
+    told.watch.on_conflict(POLICY, "lab/slam/slam", Conflict("", Cpu(None, 300), Cpu(None, None)))
     for _ in range(2):
-        told.watch.on_contest(POLICY, "lab/slam/slam", None)
+        told.watch.on_conflict(POLICY, "lab/slam/slam", None)
     assert [reason for reason, _ in told.problems] == ["ResizedByOther", "ResizeRecovered"]
     assert "somebody changed its CPU limit from 300m to none" in told.problems[0][1]
     assert told.watch.problems(POLICY) == {}
@@ -203,7 +203,7 @@ def test_a_contest_that_is_over_is_no_problem_any_more(told):
 def test_a_pod_takes_its_problems_along(told):
     told.watch.on_problem(POLICY, "slam", refusal())
     told.watch.on_problem("elsewhere/other", "slam", refusal())
-    told.watch.on_contest(POLICY, "lab/slam/slam", Contest("", Cpu(100, 300), Cpu(100, 700)))
+    told.watch.on_conflict(POLICY, "lab/slam/slam", Conflict("", Cpu(100, 300), Cpu(100, 700)))
     told.watch.observe(held_back(), {POLICY})
     told.watch.lose(held_back())
     assert told.watch.problems(POLICY) == {}
@@ -217,9 +217,9 @@ def test_a_policy_takes_its_problems_along(told):
 
 
 def test_a_contest_that_we_yield_is_told_once_more(told):
-    contest = Contest("vpa-updater", Cpu(100, 300), Cpu(100, 700))
-    for one in (contest, contest, replace(contest, yielded=True), replace(contest, yielded=True)):
-        told.watch.on_contest(POLICY, "lab/slam/slam", one)
+    conflict = Conflict("vpa-updater", Cpu(100, 300), Cpu(100, 700))
+    for one in (conflict, conflict, replace(conflict, yielded=True), replace(conflict, yielded=True)):
+        told.watch.on_conflict(POLICY, "lab/slam/slam", one)
     [first, last] = told.problems
     assert "it gets what the plan says again" in first[1]
     assert "that goes on, so it is left like that, and the plan's value tried again every 10 min" in last[1]

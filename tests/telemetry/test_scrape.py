@@ -7,7 +7,7 @@ from prometheus_client import CollectorRegistry, generate_latest
 
 from contextpolicy.telemetry.scrape import Scrape
 from tests.cluster.builders import a_pod
-from tests.runtime.builders import IMU, a_policy, resources
+from tests.policies.builders import IMU, a_policy, resources
 from tests.virtual_operator import VirtualOperator
 
 POLICY = {"namespace": "lab", "name": "robot"}
@@ -28,7 +28,7 @@ def page(operator):
     def read():
         operator.loop.inline = True
         try:
-            return operator.runtime.insight.scrape()
+            return operator.runtime.queries.scrape()
         finally:
             operator.loop.inline = False
 

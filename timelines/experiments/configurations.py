@@ -6,7 +6,7 @@ import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.planning.shares import Demand, divide
+from contextpolicy.planning.allocation.shares import Demand, divide
 from contextpolicy.policy.quantities import format_cpu, parse_cpu, parse_duration
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from reactivex.abc import SchedulerBase
 
-    from contextpolicy.planning.plan import NodePlan
+    from contextpolicy.planning.allocation.plan import NodePlan
 
 SETTLED = 3.0
 """Seconds for which a node's plan must stay the same before it is ordered."""

@@ -10,8 +10,8 @@ from contextpolicy.policy.spec import Control, Transition
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from contextpolicy.planning.placement import Container
-    from contextpolicy.planning.plan import NodePlan
+    from contextpolicy.planning.allocation.placement import Container
+    from contextpolicy.planning.allocation.plan import NodePlan
     from contextpolicy.policy.spec import Policy
 
 

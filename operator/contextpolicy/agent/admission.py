@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.bus.signatures import MAX_AGE
 from contextpolicy.errors import OrderError
-from contextpolicy.planning.seating import REALTIME_BUDGET
+from contextpolicy.planning.allocation.seating import REALTIME_BUDGET
 from contextpolicy.policy.spec import Control, Mode, Scheduler
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from contextpolicy.agent.refusals import Refusals
 from contextpolicy.agent.service import OBEYED_SECONDS
 from contextpolicy.agent.usage import usage
 from contextpolicy.errors import ActuationError, OrderError
-from contextpolicy.planning.placement import QUANTUM
+from contextpolicy.planning.allocation.placement import QUANTUM
 from contextpolicy.policy.spec import Mode, Scheduler
 
 if TYPE_CHECKING:

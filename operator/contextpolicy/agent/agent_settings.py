@@ -6,47 +6,65 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from contextpolicy import settings
-from contextpolicy.errors import Finding, SettingsError
+from contextpolicy.errors import Finding
+from contextpolicy.policy.environment import LOG_FORMATS, LOG_LEVELS, Environment
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
 
 @dataclass(frozen=True, slots=True)
 class AgentSettings:
     """The agent's configuration: `priority` is that of realtime threads, `grace` the grace period in seconds.
 
-    `keys` is the directory of the certificate with the operator's public key; in `logs` the kubelet keeps a directory
-    for each pod; the ledger is in `state`.
+    `keys` is the directory of the certificate with the operator's public key, `credentials` that of our identity on the
+    bus (None on an open bus); in `logs` the kubelet keeps a directory for each pod; the ledger is in `state`.
     """
 
     node: str
-    common: settings.Settings
     keys: Path
-    cgroup_root: Path = Path("/sys/fs/cgroup")
-    logs: Path = Path("/var/log/pods")
-    state: Path = Path("/run/contextpolicy")
-    priority: int = 10
-    grace: float = 10.0
+    connect: tuple[str, ...]
+    credentials: Path | None
+    metrics_port: int
+    log_format: str
+    log_level: str
+    cgroup_root: Path
+    logs: Path
+    state: Path
+    priority: int
+    grace: float
 
 
-def read(environment: Mapping[str, str], *, priority: int, grace: float) -> AgentSettings:
+def read(variables: Mapping[str, str], *, priority: int, grace: float) -> AgentSettings:
     """Read the settings; SettingsError lists every invalid variable."""
-    common = settings.read(environment)
-    node = environment.get("NODE_NAME", "")
-    root = Path(environment.get("CGROUP_ROOT", "") or "/sys/fs/cgroup")
-    logs = Path(environment.get("POD_LOGS", "") or "/var/log/pods")
-    findings = []
+    environment = Environment(variables)
+    keys = environment.directory("PLAN_SIGNING")
+    settings = AgentSettings(
+        node=environment.text("NODE_NAME"),
+        keys=keys or Path(),
+        connect=environment.endpoints("ZENOH_CONNECT"),
+        credentials=environment.directory("ZENOH_CREDENTIALS"),
+        metrics_port=environment.port("METRICS_PORT", 8081),
+        log_format=environment.word("LOG_FORMAT", LOG_FORMATS, "text"),
+        log_level=environment.word("LOG_LEVEL", LOG_LEVELS, "info"),
+        cgroup_root=Path(environment.text("CGROUP_ROOT", "/sys/fs/cgroup")),
+        logs=Path(environment.text("POD_LOGS", "/var/log/pods")),
+        state=Path(environment.text("STATE_DIRECTORY", "/run/contextpolicy")),
+        priority=priority,
+        grace=grace,
+    )
+    environment.findings += _findings(settings, has_keys=keys is not None)
+    environment.check()
+    return settings
+
+
+def _findings(settings: AgentSettings, *, has_keys: bool) -> Iterator[Finding]:
+    node, root, logs = settings.node, settings.cgroup_root, settings.logs
     if not node or "/" in node:
-        findings.append(Finding("NODE_NAME", node, "the name of this node in the cluster"))
+        yield Finding("NODE_NAME", node, "the name of this node in the cluster")
     if not root.is_dir():
-        findings.append(Finding("CGROUP_ROOT", str(root), "the directory where the node's cgroups are mounted"))
+        yield Finding("CGROUP_ROOT", str(root), "the directory where the node's cgroups are mounted")
     if not logs.is_dir():
-        findings.append(Finding("POD_LOGS", str(logs), "the directory where the kubelet keeps the pods' logs"))
-    if common.signing is None:
-        findings.append(Finding("PLAN_SIGNING", "", "the directory of the certificate with the operator's public key"))
-    if findings or common.signing is None:
-        raise SettingsError("environment", tuple(findings))
-    state = Path(environment.get("STATE_DIRECTORY", "") or "/run/contextpolicy")
-    return AgentSettings(node, common, common.signing, root, logs, state, priority, grace)
+        yield Finding("POD_LOGS", str(logs), "the directory where the kubelet keeps the pods' logs")
+    if not has_keys:
+        yield Finding("PLAN_SIGNING", "", "the directory of the certificate with the operator's public key")

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from contextpolicy.bus.signatures import Signer
     from contextpolicy.cluster.pods import PodView
-    from contextpolicy.planning.placement import Container
-    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.allocation.placement import Container
+    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.policy.spec import Policy
 
 
@@ -61,7 +61,7 @@ def topic_key(namespace: str, name: str, topic: str) -> str:
 def message(
     policy: Policy, run: int, plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]
 ) -> dict[str, Any]:
-    """A plan as the bus carries it (see `plan_json`), without `edition` and `trigger`: the controller adds those."""
+    """A plan as the bus carries it (see `plan_json`), without `edition` and `trigger`: the runner adds those."""
     return {**plan_json(policy, plan), "run": run, "targets": list(_targets(plan, containers, pods))}
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from contextpolicy.bus.agent_watch import AgentWatch
 from contextpolicy.bus.connection import Connection
 from contextpolicy.bus.usage_watch import UsageWatch
-from contextpolicy.loop import on_loop
+from contextpolicy.streams.loop import on_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

@@ -6,7 +6,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from contextpolicy.planning.placement import QUANTUM, Container, Placement
+from contextpolicy.planning.allocation.placement import QUANTUM, Container, Placement
 from contextpolicy.policy.spec import Control, Mode
 from contextpolicy.policy.tenants import Tenants
 

@@ -13,9 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf
-from typing import TYPE_CHECKING, Any
-
-from contextpolicy.settings import LONGEST_LEASE, OwnPod
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -29,8 +27,15 @@ AGAIN = 0.2
 """Seconds after which a request that failed is sent again."""
 REFUSED = 5.0
 """Seconds after which a refused request is sent again: nothing tells when a right or a namespace is there."""
-LONGEST = LONGEST_LEASE
+LONGEST = 60
 """Seconds that a holder may ask for at most: whatever a Lease says, it is not waited for any longer."""
+
+
+class OwnPod(NamedTuple):
+    """The pod that this process runs in."""
+
+    name: str
+    uid: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from kubernetes.utils.quantity import parse_quantity
 
 from contextpolicy.cluster.writers import NOBODY, Writers, writers
-from contextpolicy.planning.placement import QUANTUM
+from contextpolicy.planning.allocation.placement import QUANTUM
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from contextpolicy.agent.agent_settings import AgentSettings
-    from contextpolicy.loop import Loop
+    from contextpolicy.streams.loop import Loop
 
 HUNG = 2.0
 """Seconds after which a loop that does not answer counts as hung."""
@@ -55,7 +55,7 @@ def main(arguments: argparse.Namespace) -> int:
     from contextpolicy.telemetry import logs
 
     own = settings.read(os.environ, priority=arguments.priority, grace=arguments.grace)
-    logs.configure(own.common.log_format, own.common.log_level)
+    logs.configure(own.log_format, own.log_level)
     stop, failed = stop_on_signals(), threading.Event()
 
     # An agent that lost a thread would still look alive: end the process instead.
@@ -77,7 +77,7 @@ def _run(settings: AgentSettings, stop: threading.Event) -> None:
     from contextpolicy.agent.service import CONNECTED, serve
     from contextpolicy.bus.session import open_client
     from contextpolicy.bus.signatures import Verifier
-    from contextpolicy.loop import Loop
+    from contextpolicy.streams.loop import Loop
     from contextpolicy.telemetry.build_info import tell_build
 
     tell_build("agent")
@@ -86,9 +86,9 @@ def _run(settings: AgentSettings, stop: threading.Event) -> None:
     watch = WriteWatch(lambda path: _later(loop, lambda: agent.on_other_write(path)))
     agent = Agent(settings, loop, watch)
     _later(loop, agent.start)
-    serve(settings.common.metrics_port, lambda: _later(loop, lambda: None).wait(HUNG))
+    serve(settings.metrics_port, lambda: _later(loop, lambda: None).wait(HUNG))
     gc.freeze()  # as the operator: no collection in the middle of a plan goes through all that was imported
-    session = open_client(settings.common.connect, stop, settings.common.credentials)
+    session = open_client(settings.connect, stop, settings.credentials)
     if session is not None:
         CONNECTED.set_function(lambda: bool(session.info.routers_zid()))
         bus = AgentBus(session, settings.node, loop, agent, verifier)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
-    from contextpolicy.settings import Settings
+    from contextpolicy.app.settings import Settings
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -32,7 +32,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(_: argparse.Namespace) -> int:
     """Run until SIGTERM."""
-    from contextpolicy import settings
+    from contextpolicy.app import settings
 
     return run(settings.read(os.environ))
 
@@ -43,9 +43,9 @@ def run(settings: Settings) -> int:
     import prometheus_client
     from prometheus_client import REGISTRY
 
-    from contextpolicy import health
+    from contextpolicy.app import probes
+    from contextpolicy.app.supervisor import Supervisor, reach, start_anew
     from contextpolicy.live.page_server import PageServer
-    from contextpolicy.process import OperatorProcess, reach, start_anew
     from contextpolicy.telemetry import metrics
     from contextpolicy.telemetry.build_info import tell_build
     from contextpolicy.telemetry.scrape import Scrape
@@ -61,19 +61,19 @@ def run(settings: Settings) -> int:
     tell_build("operator")
     prometheus_client.start_http_server(settings.metrics_port)
     pages: dict[str, Callable[[], list[str]]] = {"/healthz": list, "/readyz": lambda: ["no API server answers yet"]}
-    health.serve(settings.health_port, pages)
+    probes.serve(settings.health_port, pages)
     api = reach(stop)
     if api is None:
         return 0
-    process = OperatorProcess(api, settings, start_anew)
-    pages |= {"/healthz": process.hung, "/readyz": process.unready}
+    supervisor = Supervisor(api, settings, start_anew)
+    pages |= {"/healthz": supervisor.hung, "/readyz": supervisor.unready}
     api.on_answer = lambda method, code: metrics.API_REQUESTS.labels(method, code).inc()
-    REGISTRY.register(Scrape(process.runtime.insight.scrape))
-    live = PageServer(settings.live_port, process.runtime.insight)
+    REGISTRY.register(Scrape(supervisor.runtime.queries.scrape))
+    live = PageServer(settings.live_port, supervisor.runtime.queries)
     live.start()
     # A full collection takes tens of milliseconds, in which nobody decides, to find that all imports are still needed.
     gc.freeze()
     try:
-        return process.run(stop)
+        return supervisor.run(stop)
     finally:
         live.close()

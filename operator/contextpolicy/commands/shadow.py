@@ -86,8 +86,8 @@ def _compared(
 
 def _misses(ask: Callable[..., Any], body: Mapping[str, Any], arguments: argparse.Namespace) -> dict[str, float]:
     """The predicted misses of each profiled task, if this policy had decided on what was recorded of it."""
-    from contextpolicy import plugins
     from contextpolicy.commands.record import robot_of
+    from contextpolicy.policies import plugins
     from contextpolicy.policy.parsing import parse
     from contextpolicy.simulation.forecast import ALL, forecast
     from contextpolicy.simulation.profiles import load_profiles, with_steady_inputs

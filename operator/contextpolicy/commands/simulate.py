@@ -139,7 +139,7 @@ def read_files(arguments: argparse.Namespace) -> tuple[Policy, Timeline]:
 
 def run_policy(policy: Policy, inputs: Timeline, *, robot: Robot, until: float | None) -> Simulation:
     """Simulate with the installed initiatives, with a progress bar on a terminal."""
-    from contextpolicy import plugins
+    from contextpolicy.policies import plugins
     from contextpolicy.simulation.run import simulate
 
     with progress(inputs.duration if until is None else until, "simulating") as tell:

@@ -139,7 +139,7 @@ class Suggestion:
 
 
 def _trial(arguments: argparse.Namespace) -> Trial:
-    from contextpolicy import plugins
+    from contextpolicy.policies import plugins
     from contextpolicy.policy.definition_files import of_folder
     from contextpolicy.policy.validation.policy_file import load_policy, load_resource
     from contextpolicy.simulation.profiles import load_profiles

@@ -11,8 +11,8 @@ from contextpolicy.policy.cel_syntax import Construct, Node
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from contextpolicy.planning.expressions import Guarded
-    from contextpolicy.planning.stream import StreamState
+    from contextpolicy.planning.conditions.expressions import Guarded
+    from contextpolicy.planning.conditions.stream import StreamState
 
 _JOINED = {"&&", "||"}
 _COMPARED = {"<", "<=", "==", "!=", ">=", ">", "in"}

@@ -12,21 +12,21 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import ShareError
 from contextpolicy.explain.deciding import absence, deciding_parts
-from contextpolicy.planning.division import terms
-from contextpolicy.planning.seating import seat_tasks
-from contextpolicy.planning.shares import divide, floors_exceed
+from contextpolicy.planning.allocation.division import terms
+from contextpolicy.planning.allocation.seating import seat_tasks
+from contextpolicy.planning.allocation.shares import divide, floors_exceed
 from contextpolicy.policy.bandwidth import throttle_gap
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from contextpolicy.planning.context import ContextState
-    from contextpolicy.planning.division import Terms
-    from contextpolicy.planning.expressions import Guarded
-    from contextpolicy.planning.initiative import Initiative
-    from contextpolicy.planning.plan import NodePlan, Plan
+    from contextpolicy.planning.allocation.division import Terms
+    from contextpolicy.planning.allocation.plan import NodePlan, Plan
+    from contextpolicy.planning.conditions.context import ContextState
+    from contextpolicy.planning.conditions.expressions import Guarded
+    from contextpolicy.planning.conditions.initiative import Initiative
+    from contextpolicy.planning.conditions.stream import StreamState
     from contextpolicy.planning.planner import Planner
-    from contextpolicy.planning.stream import StreamState
     from contextpolicy.policy.spec import Context, Effect, Task
 
 

@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from contextpolicy.explain.explanation import change
-from contextpolicy.planning.weights import Obstacles, Weigher
+from contextpolicy.planning.allocation.weights import Obstacles, Weigher
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.policy.spec import Enforce, SatisfiedBy

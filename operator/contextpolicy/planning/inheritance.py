@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from contextpolicy.planning.context import ContextState
-    from contextpolicy.planning.initiative import Initiative
+    from contextpolicy.planning.conditions.context import ContextState
+    from contextpolicy.planning.conditions.initiative import Initiative
+    from contextpolicy.planning.conditions.stream import StreamState
     from contextpolicy.planning.planner import Planner
-    from contextpolicy.planning.stream import StreamState
 
 
 class Inheritance:

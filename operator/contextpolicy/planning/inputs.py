@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from contextpolicy.planning.placement import Placement
-from contextpolicy.planning.sample import Sample
+from contextpolicy.planning.allocation.placement import Placement
+from contextpolicy.planning.conditions.sample import Sample
 
 
 @dataclass(frozen=True, slots=True)

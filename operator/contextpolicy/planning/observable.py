@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 from reactivex import Observable, Subject
 from reactivex.disposable import CompositeDisposable, SerialDisposable
 
+from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.inputs import Input, Score
-from contextpolicy.planning.sample import Sample
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from reactivex.abc import DisposableBase, ObserverBase, SchedulerBase
 
-    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.planning.planner import Planner
     from contextpolicy.policy.spec import Activity
 

@@ -22,7 +22,7 @@ shortfalls  what the plan can't meet: a list of `task` and `message`
 The decision bus adds what only a running operator has:
 
 ==========  ==========================================================================================================
-run         when the policy's controller was started, in milliseconds since 1970; (run, sequence, edition) only grows
+run         when the policy's runner was started, in milliseconds since 1970; (run, sequence, edition) only grows
 edition     counts the messages with one sequence number: weights, scores or contexts changed, or containers were
             restarted or moved
 targets     each container: `task`, `node`, `namespace`, `pod`, `uid`, `qos`, `container`, `containerId`, `cores` (what
@@ -36,7 +36,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.policy.spec import Policy
 
 

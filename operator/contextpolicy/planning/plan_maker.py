@@ -5,20 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
-from contextpolicy.planning.decision import Decider, Situation
-from contextpolicy.planning.placement import Placement
-from contextpolicy.planning.plan import Plan
-from contextpolicy.planning.seating import Seating, seat_tasks
-from contextpolicy.planning.timers import SAME_INSTANT
+from contextpolicy.planning.allocation.decision import Decider, Situation
+from contextpolicy.planning.allocation.placement import Placement
+from contextpolicy.planning.allocation.plan import Plan
+from contextpolicy.planning.allocation.seating import Seating, seat_tasks
+from contextpolicy.planning.conditions.timers import SAME_INSTANT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from contextpolicy.planning.decision import Decision
-    from contextpolicy.planning.plan import TaskPlan
-    from contextpolicy.planning.scores import Scores
-    from contextpolicy.planning.timers import Timers
-    from contextpolicy.planning.weights import Weight
+    from contextpolicy.planning.allocation.decision import Decision
+    from contextpolicy.planning.allocation.plan import TaskPlan
+    from contextpolicy.planning.allocation.weights import Weight
+    from contextpolicy.planning.conditions.scores import Scores
+    from contextpolicy.planning.conditions.timers import Timers
     from contextpolicy.policy.spec import Context, Policy
 
 Substance: TypeAlias = tuple[object, ...]

@@ -6,25 +6,25 @@ import math
 from collections import Counter, defaultdict
 from typing import TYPE_CHECKING
 
-from contextpolicy.planning.context import ContextState
+from contextpolicy.planning.allocation.placement import Placement
+from contextpolicy.planning.conditions.context import ContextState
+from contextpolicy.planning.conditions.initiative import Initiative
+from contextpolicy.planning.conditions.sample import Sample
+from contextpolicy.planning.conditions.scope import Scope
+from contextpolicy.planning.conditions.scores import Scores
+from contextpolicy.planning.conditions.stream import StreamState
+from contextpolicy.planning.conditions.timers import SAME_INSTANT, Timers
 from contextpolicy.planning.inheritance import Inheritance
-from contextpolicy.planning.initiative import Initiative
 from contextpolicy.planning.inputs import Gone, Input, Score
-from contextpolicy.planning.placement import Placement
 from contextpolicy.planning.plan_maker import PlanMaker
-from contextpolicy.planning.sample import Sample
-from contextpolicy.planning.scope import Scope
-from contextpolicy.planning.scores import Scores
-from contextpolicy.planning.stream import StreamState
-from contextpolicy.planning.timers import SAME_INSTANT, Timers
 from contextpolicy.policy.fields import LARGEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
-    from contextpolicy.planning.expressions import Waiting
-    from contextpolicy.planning.plan import Plan
-    from contextpolicy.planning.weights import Weight
+    from contextpolicy.planning.allocation.plan import Plan
+    from contextpolicy.planning.allocation.weights import Weight
+    from contextpolicy.planning.conditions.expressions import Waiting
     from contextpolicy.policy.spec import Policy
 
 

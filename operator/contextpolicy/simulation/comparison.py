@@ -11,7 +11,7 @@ from contextpolicy.simulation.forecast import stats
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.simulation.expectations import Expectation, Range
     from contextpolicy.simulation.forecast import Forecast
 

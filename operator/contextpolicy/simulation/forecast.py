@@ -16,7 +16,7 @@ from contextpolicy.simulation.server import Allowance, Change, Fate, Server, Wor
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.policy.spec import Policy
     from contextpolicy.simulation.profiles import Profiles, TaskProfile
     from contextpolicy.simulation.server import Outcome, Served

@@ -14,7 +14,7 @@ from contextpolicy.policy.spec import Scheduler
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.policy.spec import Policy
 
 CSV_COLUMNS = ("time", "sequence", "cause", "contexts", "task", "score", "weight", "share", "suspended")

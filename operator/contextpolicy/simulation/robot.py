@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from contextpolicy.planning.placement import Container, Placement
+from contextpolicy.planning.allocation.placement import Container, Placement
 from contextpolicy.policy.spec import RealtimeFallback, Scheduler
 
 if TYPE_CHECKING:

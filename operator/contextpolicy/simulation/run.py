@@ -18,9 +18,9 @@ from contextpolicy.simulation.samples import Skipped, samples
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.planning.inputs import Input
     from contextpolicy.planning.observable import Instantiate
-    from contextpolicy.planning.plan import Plan
     from contextpolicy.policy.spec import Policy
     from contextpolicy.streams.timeline import Timeline
 

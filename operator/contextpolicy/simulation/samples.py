@@ -19,7 +19,7 @@ from contextpolicy.streams.timeline import RECORDED
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from contextpolicy.planning.sample import Sample
+    from contextpolicy.planning.conditions.sample import Sample
     from contextpolicy.policy.spec import Policy, Stream
     from contextpolicy.streams.timeline import TimedInput
 

@@ -9,7 +9,7 @@ from contextpolicy.policy.spec import Scheduler
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.allocation.plan import Plan
 
 
 def unit(plans: Sequence[Plan]) -> str:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from contextpolicy.errors import DecodeError
-from contextpolicy.planning.sample import Sample, as_fields
+from contextpolicy.planning.conditions.sample import Sample, as_fields
 from contextpolicy.policy.spec import Clock, Encoding, Stream
 from contextpolicy.streams.attachment import source_timestamp
 

@@ -14,8 +14,8 @@ from reactivex import Observable
 from reactivex.disposable import CompositeDisposable, Disposable
 
 from contextpolicy.errors import DecodeError
+from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.inputs import Gone
-from contextpolicy.planning.sample import Sample
 from contextpolicy.policy.spec import Encoding
 from contextpolicy.streams.decoding import Decoder
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from contextpolicy.policy.quantities import format_cpu
 
 if TYPE_CHECKING:
-    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.policy.spec import Policy
 
 log = logging.getLogger(__name__)

@@ -13,7 +13,7 @@ from prometheus_client import Counter, Gauge, Histogram
 from contextpolicy.policy.spec import Mode
 
 if TYPE_CHECKING:
-    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.policy.spec import Policy
 
 POLICY = ("namespace", "name")
@@ -50,8 +50,8 @@ CONTEXT_ACTIVE = Gauge("contextpolicy_context_active", "1 while the context has 
 TASK_SHARE = Gauge("contextpolicy_task_share_cores", "What the plan gives the task.", [*POLICY, "task"])
 TASK_WEIGHT = Gauge("contextpolicy_task_weight", "The task's weight.", [*POLICY, "task"])
 RESIZES = Counter("contextpolicy_resizes_total", "Patches of pods/resize by result.", [*POLICY, "result"])
-CONTESTS = Counter(
-    "contextpolicy_contests_total",
+CONFLICTS = Counter(
+    "contextpolicy_conflicts_total",
     "Times that somebody else changed the CPU of a container of the policy.",
     POLICY,
 )
@@ -71,7 +71,7 @@ _KNOWN_BEFOREHAND = (
     REACTION,
     PLANS,
     HELD_BACK,
-    CONTESTS,
+    CONFLICTS,
     EVENTS_LEFT_OUT,
 )
 """Those that need no label but the policy's."""

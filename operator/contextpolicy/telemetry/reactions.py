@@ -9,7 +9,7 @@ from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
     from contextpolicy.cluster.pods import Cpu
-    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.allocation.plan import Plan
 
 STAGES = ("patch", "status")
 """The API has accepted the limit, and the kubelet reports it in force."""

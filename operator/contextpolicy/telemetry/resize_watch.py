@@ -6,7 +6,7 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING
 
-from contextpolicy.actuators.resize.contest import YIELDED, Contest
+from contextpolicy.actuators.resize.conflict import YIELDED, Conflict
 from contextpolicy.cluster.pods import Cpu
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.telemetry import metrics, remedies
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.errors import ActuationError
-    from contextpolicy.planning.plan import Plan
+    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.telemetry.reactions import Reaction
 
 RECENT = 100
@@ -44,7 +44,7 @@ class ResizeWatch:
         self._recent: dict[str, deque[float]] = {}
         self._failed: dict[str, dict[str, str]] = {}
         self._held: dict[str, dict[str, str]] = {}
-        self._contested: dict[str, dict[str, str]] = {}
+        self._conflicts: dict[str, dict[str, str]] = {}
 
     def planned(self, policy: str, plan: Plan) -> None:
         """A new plan was made."""
@@ -90,18 +90,18 @@ class ResizeWatch:
             failed[pod] = message
             self._on_problem(policy, FAILED, message)
 
-    def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:
+    def on_conflict(self, policy: str, container: str, conflict: Conflict | None) -> None:
         """Somebody else resized a container, or (None) has not done so for a while."""
-        contested = self._contested.setdefault(policy, {})
-        if contest is None:
+        contested = self._conflicts.setdefault(policy, {})
+        if conflict is None:
             if contested.pop(container, None):
                 self._on_problem(policy, RECOVERED, f"{container}: nobody else has resized it for a while")
             return
         self._reactions.drop(policy, container)
-        metrics.CONTESTS.labels(*metrics.labels(policy)).inc()
-        by, changes = contest.by or "somebody", ", ".join(_changes(contest))
-        message = f"{container}: {by} changed its {changes}; {_answer(contest)}"
-        message = _advised(message, remedies.for_writer(contest.by))
+        metrics.CONFLICTS.labels(*metrics.labels(policy)).inc()
+        by, changes = conflict.by or "somebody", ", ".join(_changes(conflict))
+        message = f"{container}: {by} changed its {changes}; {_answer(conflict)}"
+        message = _advised(message, remedies.for_writer(conflict.by))
         if contested.get(container) != message:
             contested[container] = message
             self._on_problem(policy, "ResizedByOther", message)
@@ -126,7 +126,7 @@ class ResizeWatch:
         identity = f"{pod.namespace}/{pod.name}"
         for held in self._held.values():
             held.pop(identity, None)
-        for contested in self._contested.values():
+        for contested in self._conflicts.values():
             for container in [container for container in contested if container.startswith(f"{identity}/")]:
                 del contested[container]
         for policy, failed in self._failed.items():
@@ -135,7 +135,7 @@ class ResizeWatch:
 
     def problems(self, policy: str) -> dict[str, str]:
         """What can't be applied now, or does not stay applied: messages by pod or container."""
-        every = (self._failed, self._held, self._contested)
+        every = (self._failed, self._held, self._conflicts)
         return {subject: message for known in every for subject, message in known.get(policy, {}).items()}
 
     def recent(self, policy: str) -> list[float]:
@@ -146,7 +146,7 @@ class ResizeWatch:
         """The policy is gone."""
         self._reactions.forget(policy)
         self._recent.pop(policy, None)
-        for known in (self._failed, self._held, self._contested):
+        for known in (self._failed, self._held, self._conflicts):
             known.pop(policy, None)
 
 
@@ -154,16 +154,16 @@ def _advised(message: str, remedy: str) -> str:
     return f"{message}; {remedy}" if remedy else message
 
 
-def _answer(contest: Contest) -> str:
-    if contest.yielded:
+def _answer(conflict: Conflict) -> str:
+    if conflict.yielded:
         return f"that goes on, so it is left like that, and the plan's value tried again every {YIELDED / 60:g} min"
     return "it gets what the plan says again"
 
 
-def _changes(contest: Contest) -> Iterator[str]:
+def _changes(conflict: Conflict) -> Iterator[str]:
     for kind, had, got in (
-        ("limit", contest.had.limit, contest.got.limit),
-        ("request", contest.had.request, contest.got.request),
+        ("limit", conflict.had.limit, conflict.got.limit),
+        ("request", conflict.had.request, conflict.got.request),
     ):
         if had != got:
             yield f"CPU {kind} from {_cpu(had)} to {_cpu(got)}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.planning.stream import UNHEARD
+from contextpolicy.planning.conditions.stream import UNHEARD
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.policy.spec import Mode, Scheduler
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from contextpolicy.cluster.claims import Claim
-    from contextpolicy.planning.plan import Plan, TaskPlan
+    from contextpolicy.planning.allocation.plan import Plan, TaskPlan
+    from contextpolicy.planning.conditions.stream import StreamState
     from contextpolicy.planning.planner import Planner
-    from contextpolicy.planning.stream import StreamState
 
 MAX_MESSAGE = 1024
 NO_ROUTER = "no Zenoh router answers: no sample is heard, the last plan stays in force"
@@ -97,7 +97,7 @@ def status(planner: Planner, facts: StatusFacts, previous: Sequence[Mapping[str,
 def waiting(
     rejected: Sequence[str], generation: int, previous: Sequence[Mapping[str, Any]], now: float, *, connected: bool
 ) -> dict[str, Any]:
-    """The status of a policy without a controller: no version was ever valid, or the bus was never connected."""
+    """The status of a policy without a runner: no version was ever valid, or the bus was never connected."""
     findings = [ConditionFinding("Accepted", "Valid", "Invalid", rejected), _connection(connected=connected)]
     return {"observedGeneration": generation, "conditions": conditions(findings, generation, previous, now)}
 

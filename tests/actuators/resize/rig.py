@@ -18,7 +18,7 @@ from tests.cluster.builders import NODE, a_pod, cpu
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from contextpolicy.actuators.resize.contest import Contest
+    from contextpolicy.actuators.resize.conflict import Conflict
     from contextpolicy.cluster.pods import Cpu
     from contextpolicy.errors import ActuationError
 
@@ -50,7 +50,7 @@ class Witness:
         self.accepted: list[tuple[str, int | None]] = []
         self.in_force: list[tuple[str, int]] = []
         self.problems: list[tuple[str, str, str]] = []
-        self.contests: list[tuple[str, object]] = []
+        self.conflicts: list[tuple[str, object]] = []
 
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:  # noqa: ARG002 - its signature
         self.accepted.append((container, cpu.limit))
@@ -61,9 +61,9 @@ class Witness:
     def on_problem(self, policy: str, subject: str, error: ActuationError | None) -> None:
         self.problems.append((policy, subject, error.reason if error else "recovered"))
 
-    def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:  # noqa: ARG002 - as above
-        limits = (contest.by, contest.had.limit, contest.got.limit) if contest else "over"
-        self.contests.append((container, limits))
+    def on_conflict(self, policy: str, container: str, conflict: Conflict | None) -> None:  # noqa: ARG002 - as above
+        limits = (conflict.by, conflict.had.limit, conflict.got.limit) if conflict else "over"
+        self.conflicts.append((container, limits))
 
 
 class Rig:

@@ -20,7 +20,7 @@ POINTS = list(itertools.product(range(CALLS), [False, True]))
 
 
 class Story:
-    """A policy plans twice and is deleted; `wish` is what it wants now, None when it is to be gone."""
+    """A policy plans twice and is deleted; `target` is what it wants now, None when it is to be gone."""
 
     def __init__(self) -> None:
         self.rig = Rig(
@@ -28,10 +28,10 @@ class Story:
             a_pod("speech", {"speech": cpu("10m", "400m")}),
             stores=True,
         )
-        self.wish: dict[str, int] | None = None
+        self.target: dict[str, int] | None = None
 
     def run(self) -> None:
-        for self.wish in (FIRST, SECOND, None):
+        for self.target in (FIRST, SECOND, None):
             self.rig.survive(self.ask_and_settle)
             self.go_on()
 
@@ -40,18 +40,18 @@ class Story:
         self.ask_and_settle()
         limits = {**self.rig.cluster.limits("uid-slam"), **self.rig.cluster.limits("uid-speech")}
         originals = {**self.rig.cluster.originals("uid-slam"), **self.rig.cluster.originals("uid-speech")}
-        if self.wish is None:
+        if self.target is None:
             assert (limits, originals, self.rig.released) == (BEFORE, {}, [POLICY])
         else:
-            assert limits == {name.rpartition("__")[2]: share for name, share in self.wish.items()}
+            assert limits == {name.rpartition("__")[2]: share for name, share in self.target.items()}
             assert {name: original.cpu.limit for name, original in originals.items()} == BEFORE
 
     def ask_and_settle(self) -> None:
         self.rig.released.clear()
-        if self.wish is None:
+        if self.target is None:
             self.rig.release()
         else:
-            self.rig.order(POLICY, by_id(self.wish), n=1200)
+            self.rig.order(POLICY, by_id(self.target), n=1200)
         self.rig.settle()
 
 
@@ -73,11 +73,11 @@ def test_killed_at_a_call_the_next_operator_ends_where_the_policy_wants(call, ef
 def test_killed_at_a_call_and_deleted_meanwhile_all_is_as_it_was(call, effect):
     story = Story()
     story.rig.cluster.faults.extend([None] * call + [Unanswered(Killed()) if effect else Killed()])
-    for story.wish in (FIRST, SECOND, None):
+    for story.target in (FIRST, SECOND, None):
         if not story.rig.survive(story.ask_and_settle):
             break
     assert not story.rig.cluster.faults, "never killed"
-    story.wish = None
+    story.target = None
     story.go_on()
 
 
@@ -87,7 +87,7 @@ def test_killed_twice(first, second):
     """The next operator dies as well, after as many calls of its own."""
     story = Story()
     story.rig.cluster.faults.extend([None] * first + [Unanswered(Killed())] + [None] * second + [Killed()])
-    for story.wish in (FIRST, SECOND, None):
+    for story.target in (FIRST, SECOND, None):
         while not story.rig.survive(story.ask_and_settle):
             pass
         story.go_on()

@@ -2,7 +2,7 @@
 
 from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.cluster.builders import a_pod
-from tests.runtime.builders import resources
+from tests.policies.builders import resources
 
 
 def test_a_value_has_one_owner_however_often_it_changes():

@@ -220,8 +220,8 @@ def test_pods_of_nobody_cost_nothing():
     rig.plan(slam=300)
     rig.settle()
     looks = []
-    pursuit = rig.resizer._pursuits[POLICY]
-    pursuit.advance = looks.append
+    reconciler = rig.resizer._reconcilers[POLICY]
+    reconciler.advance = looks.append
     for n in range(5):
         rig.cluster.report(f"uid-other-{n}")
     rig.watch()
@@ -231,8 +231,8 @@ def test_pods_of_nobody_cost_nothing():
 def looks_of(rig):
     """When the policy's containers are looked at, all of them each time."""
     looks = []
-    pursuit = rig.resizer._pursuits[POLICY]
-    advance, pursuit.advance = pursuit.advance, lambda now: looks.append(now) or advance(now)
+    reconciler = rig.resizer._reconcilers[POLICY]
+    advance, reconciler.advance = reconciler.advance, lambda now: looks.append(now) or advance(now)
     return looks
 
 

@@ -38,7 +38,7 @@ class World:
             *(a_pod(name, own) for name, own in PODS.items()), stores=True, observed_generation=observed_generation
         )
         self.cluster = self.rig.cluster
-        self.wishes: dict[str, dict[str, int]] = {}
+        self.targets: dict[str, dict[str, int]] = {}
         self.bounded: set[str] = set()
         self.under_way = False
         self.bound = self._highest()
@@ -50,7 +50,7 @@ class World:
             *MOODS[self.mood](self),
         ]
         if self.mood == "contested":
-            self.wishes = {policy: dict.fromkeys(own, N[policy] // 30 * 10) for policy, own in OWN.items()}
+            self.targets = {policy: dict.fromkeys(own, N[policy] // 30 * 10) for policy, own in OWN.items()}
             self.settle()
         for act in self.random.choices([act for act, _ in acts], [weight for _, weight in acts], k=STEPS):
             act()
@@ -60,7 +60,7 @@ class World:
         policy = self.random.choice([POLICY, OTHER])
         parts = [self.random.choice([1, 5, 20]) for _ in OWN[policy]]
         units = N[policy] // 10
-        self.wishes[policy] = {
+        self.targets[policy] = {
             name: max(1, units * part // sum(parts)) * 10 for name, part in zip(OWN[policy], parts, strict=True)
         }
         self.tell(policy)
@@ -68,7 +68,7 @@ class World:
     def release(self) -> None:
         """What was there before is not above N either; where the kubelet takes its time, N counts no longer."""
         policy = self.random.choice([POLICY, OTHER])
-        self.wishes.pop(policy, None)
+        self.targets.pop(policy, None)
         if self.mood == "faulty":
             self.bounded.discard(policy)
         self.tell(policy)
@@ -137,8 +137,8 @@ class World:
         return f"uid-{self.random.choice(list(PODS))}"
 
     def tell(self, policy: str) -> None:
-        if policy in self.wishes:
-            self.rig.order(policy, by_id(self.wishes[policy]), n=N[policy])
+        if policy in self.targets:
+            self.rig.order(policy, by_id(self.targets[policy]), n=N[policy])
         else:
             self.rig.release(policy)
 
@@ -155,15 +155,15 @@ class World:
         before, self.bound = self.bound, self._highest()
         quiet = not self.under_way and not self.rig.workers.jobs
         for policy, bound in self.bound.items():
-            if policy in self.wishes and bound <= N[policy] and quiet:
+            if policy in self.targets and bound <= N[policy] and quiet:
                 self.bounded.add(policy)
             allowed = max(N[policy], before[policy])
             bounded = policy in self.bounded and self.tells_version
             assert not bounded or bound <= allowed, f"{policy}: {bound}m of {N[policy]}m"
 
     def settle(self) -> None:
-        for policy, wish in self.wishes.items():
-            self.rig.hold(policy, **wish)  # what was refused is only asked again after the wish has changed
+        for policy, target in self.targets.items():
+            self.rig.hold(policy, **target)  # what was refused is only asked again after the target has changed
         self.tell_all()
         self.rig.settle()
 
@@ -196,11 +196,11 @@ def test_limits_never_sum_above_n_and_end_as_asked(seed, mood, observed_generati
     world.run()
     world.settle()
     for policy, own in OWN.items():
-        wish = world.wishes.get(policy)
+        target = world.targets.get(policy)
         for name in own:
             pod, _, container = name.partition("__")
             limit = world.cluster.limits(f"uid-{pod}")[container]
             note = world.cluster.originals(f"uid-{pod}").get(container)
-            assert limit == (wish[name] if wish else original(name))
+            assert limit == (target[name] if target else original(name))
             assert note.cpu.limit == original(name) if note else limit == original(name)
-            assert wish or note is None
+            assert target or note is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from contextpolicy.actuators.order import Order
-from contextpolicy.actuators.resize.pursuit import RESTORE_PATIENCE
+from contextpolicy.actuators.resize.reconciler import RESTORE_PATIENCE
 from tests.actuators.resize.fake_cluster import UNREACHABLE, refusal
 from tests.actuators.resize.rig import POLICY, Rig, limits, one_pod_for_two, two_pods
 from tests.cluster.builders import NODE, a_pod, cpu

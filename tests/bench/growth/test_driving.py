@@ -4,7 +4,7 @@ from time import time
 
 import pytest
 
-from contextpolicy.planning.placement import Container, Placement
+from contextpolicy.planning.allocation.placement import Container, Placement
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy import parsing
 from contextpolicy.streams.decoding import Decoder

@@ -7,7 +7,7 @@ from typing import Any
 from tests.bench.hops.tree import container_id
 from tests.bench.reaction import objects
 from tests.cluster.builders import a_pod
-from tests.runtime.builders import resources
+from tests.policies.builders import resources
 
 NAMESPACE = "lab"
 STREAM, IMU = f"{NAMESPACE}/turn", f"{NAMESPACE}/imu"

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from contextpolicy.loop import Loop
 from contextpolicy.policy.spec import Encoding, Stream
+from contextpolicy.streams.loop import Loop
 from contextpolicy.streams.subscription import inputs
 from contextpolicy.streams.timeline import parse
 from robotkit.euroc import DatasetError

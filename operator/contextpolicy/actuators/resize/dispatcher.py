@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from contextpolicy.actuators.resize.background import Background
-    from contextpolicy.actuators.resize.contest import Contest
+    from contextpolicy.actuators.resize.conflict import Conflict
     from contextpolicy.actuators.resize.originals import Originals
     from contextpolicy.actuators.resize.pod_patch import ResizeApi
     from contextpolicy.actuators.resize.tracked_pod import TrackedPod
@@ -31,7 +31,7 @@ class Observer(Protocol):
     def on_problem(self, policy: str, subject: str, error: ActuationError | None) -> None:
         """A write to a pod (`subject`), or to the policy's status, failed; None: it works again."""
 
-    def on_contest(self, policy: str, container: str, contest: Contest | None) -> None:
+    def on_conflict(self, policy: str, container: str, conflict: Conflict | None) -> None:
         """Somebody else resized a container of the policy, or has not done so for a while (None)."""
 
 
@@ -104,7 +104,7 @@ class Dispatcher:
 
     def _take_effect(self, pod: TrackedPod, patch: Patch, received: float) -> None:
         pod.refusals.pop((patch.policy, patch.restore), None)
-        pod.oversight.nudged()
+        pod.nudge_state.nudged()
         self.recovered(patch.policy, pod)
         for name, cpu in patch.resources.items():
             if patch.restore:

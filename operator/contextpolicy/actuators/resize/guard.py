@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from contextpolicy.actuators.resize.contest import Contest, Ownership
+from contextpolicy.actuators.resize.conflict import Conflict, Ownership
 from contextpolicy.cluster.pods import Cpu
 from contextpolicy.cluster.writers import FIELD_MANAGER
 
 if TYPE_CHECKING:
     from contextpolicy.actuators.resize.originals import Original
-    from contextpolicy.actuators.resize.wishes import Wish
+    from contextpolicy.actuators.resize.targets import Target
     from contextpolicy.cluster.pods import ContainerView
 
 
-def look(policy: str, wish: Wish, original: Original | None, now: float) -> Contest | None:
+def look(policy: str, target: Target, original: Original | None, now: float) -> Conflict | None:
     """Compare what a container has with what its policy last gave it; returns a foreign change when it is new."""
-    pod, container = wish.pod, wish.container
+    pod, container = target.pod, target.container
     spec = pod.state.spec(container.name)
     # While a patch is under way, the watch may already show its effect.
     if pod.state.patch is not None or spec is None:
@@ -25,15 +25,15 @@ def look(policy: str, wish: Wish, original: Original | None, now: float) -> Cont
     if ownership is None:
         had = _last_given(container, original)
         # We never resized it, so there is nothing yet that somebody else could have changed.
-        if had is None and spec != wish.cpu:
+        if had is None and spec != target.cpu:
             return None
         ownership = pod.owned[container.name] = Ownership(policy, had or spec)
-    if spec in (wish.cpu, ownership.cpu):
+    if spec in (target.cpu, ownership.cpu):
         ownership.give(policy, spec)
     elif ownership.compare(spec, now):
         ownership.told = True
         by = container.writers.limit if spec.limit != ownership.cpu.limit else container.writers.request
-        return Contest(by, ownership.cpu, spec, ownership.yielded)
+        return Conflict(by, ownership.cpu, spec, ownership.yielded)
     return None
 
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from contextpolicy.errors import ActuationError
 
 SETTLING = 0.3
-"""Seconds for which a newer wish waits for the kubelet to finish the last resize. The kubelet handles the resizes of a
-pod one after the other, so when contexts change quickly each outdated one would only delay the newest."""
+"""Seconds for which a newer target waits for the kubelet to finish the last resize. The kubelet handles the resizes of
+a pod one after the other, so when contexts change quickly each outdated one would only delay the newest."""
 
 
 class Phase(Enum):
@@ -78,7 +78,7 @@ TRANSITIONS: Mapping[Phase, Mapping[Event, Phase]] = {
 
 
 class PodState:
-    """One pod; at most one patch is under way, newer wishes wait until it ends.
+    """One pod; at most one patch is under way, newer targets wait until it ends.
 
     Three layers of knowledge: `view` is what the watch shows, `_accepted` what the API server has confirmed since, and
     `_peaks` are limits that may still be in force although neither says so.

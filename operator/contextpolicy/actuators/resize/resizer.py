@@ -17,9 +17,9 @@ from contextpolicy.actuators.resize.dispatcher import Dispatcher
 from contextpolicy.actuators.resize.originals import Originals
 from contextpolicy.actuators.resize.pod_index import PodIndex
 from contextpolicy.actuators.resize.pod_state import Phase
-from contextpolicy.actuators.resize.pursuit import Pursuit
+from contextpolicy.actuators.resize.reconciler import Reconciler
 from contextpolicy.actuators.resize.status_record import StatusRecord
-from contextpolicy.actuators.resize.wishes import wanted_cpu
+from contextpolicy.actuators.resize.targets import target_cpu
 from contextpolicy.cluster.claims import container_id
 from contextpolicy.policy.spec import Control
 
@@ -49,7 +49,7 @@ class PodResizer:
         self.originals = Originals()
         self._scheduler, self._observer = scheduler, observer
         self._pods = PodIndex()
-        self._pursuits: dict[str, Pursuit] = {}
+        self._reconcilers: dict[str, Reconciler] = {}
         background = Background(scheduler, workers)
         self._now = background.now
         self._dispatcher = Dispatcher(self.originals, api, background, observer, self._on_end)
@@ -68,19 +68,19 @@ class PodResizer:
 
     def apply(self, order: Order) -> None:
         """Replace what the policy wants, and start to make it real."""
-        self._pursuit(order).done = None
-        self._pursue([order.policy])
+        self._reconciler(order).done = None
+        self._reconcile([order.policy])
 
     def release(self, policy: str, done: Callable[[], None]) -> None:
         """Restore all containers of the policy, then call `done`; calling again retries at once what was refused."""
-        pursuit = self._pursuit(Order(policy, frozenset()))
-        pursuit.done = done
-        pursuit.try_refused_again()
-        self._pursue([policy])
+        reconciler = self._reconciler(Order(policy, frozenset()))
+        reconciler.done = done
+        reconciler.try_refused_again()
+        self._reconcile([policy])
 
     def abandon(self, policy: str) -> None:
         """Forget a policy and its pods without restoring anything: another operator serves its namespace now."""
-        if self._pursuits.pop(policy, None) is not None:
+        if self._reconcilers.pop(policy, None) is not None:
             self._pods.renew(policy.partition("/")[0])
         self._record.forget(policy)
 
@@ -104,17 +104,17 @@ class PodResizer:
             self._mark(pod)
             self.originals.drop_pod(uid)
 
-    def _pursuit(self, order: Order) -> Pursuit:
-        pursuit = self._pursuits.get(order.policy)
-        if pursuit is None:
-            pursuit = Pursuit(order, self._pods, self.originals, self._dispatcher, self._observer)
-            self._pursuits[order.policy] = pursuit
-        pursuit.order = order
-        return pursuit
+    def _reconciler(self, order: Order) -> Reconciler:
+        reconciler = self._reconcilers.get(order.policy)
+        if reconciler is None:
+            reconciler = Reconciler(order, self._pods, self.originals, self._dispatcher, self._observer)
+            self._reconcilers[order.policy] = reconciler
+        reconciler.order = order
+        return reconciler
 
     def _concerned(self, pod: TrackedPod) -> list[str]:
         """All policies that a change of this pod may matter to: policies share pods, and one may wait for another."""
-        return [policy for policy, pursuit in self._pursuits.items() if pursuit.concerns(pod)]
+        return [policy for policy, reconciler in self._reconcilers.items() if reconciler.concerns(pod)]
 
     def _mark(self, pod: TrackedPod) -> None:
         self._mark_dirty(self._concerned(pod))
@@ -122,38 +122,38 @@ class PodResizer:
     def _mark_if_awaited(self, pod: TrackedPod) -> None:
         """Schedule a pass over the policies that have more to send to the pod; over the others one for bookkeeping."""
         concerned = self._concerned(pod)
-        self._mark_dirty(policy for policy in concerned if self._pursuits[policy].awaits(pod))
+        self._mark_dirty(policy for policy in concerned if self._reconcilers[policy].awaits(pod))
         idle = not self._later
         self._later.update(concerned)
         if idle and self._later:
-            self._scheduler.schedule_relative(BOOKKEEPING, lambda *_: self._pursue(self._later))
+            self._scheduler.schedule_relative(BOOKKEEPING, lambda *_: self._reconcile(self._later))
 
     def _mark_dirty(self, policies: Iterable[str]) -> None:
         """Schedule one pass over the policies, so that thirty answers that arrive together cost one pass."""
         idle = not self._dirty
         self._dirty.update(policies)
         if idle and self._dirty:
-            self._scheduler.schedule(lambda *_: self._pursue(()))
+            self._scheduler.schedule(lambda *_: self._reconcile(()))
 
-    def _pursue(self, policies: Iterable[str]) -> None:
+    def _reconcile(self, policies: Iterable[str]) -> None:
         """Send every patch that may be sent now, for these policies and all that are marked dirty."""
         marked, self._dirty = self._dirty.union(policies), set()
         self._later -= marked
         now = self._now()
-        for policy in sorted(marked & self._pursuits.keys()):
-            pursuit = self._pursuits[policy]
-            pursuit.advance(now)
-            if pursuit.done is not None and pursuit.is_released():
-                del self._pursuits[policy]
+        for policy in sorted(marked & self._reconcilers.keys()):
+            reconciler = self._reconcilers[policy]
+            reconciler.advance(now)
+            if reconciler.done is not None and reconciler.is_released():
+                del self._reconcilers[policy]
                 self._record.forget(policy)
-                pursuit.done()
+                reconciler.done()
             else:
-                pursuit.again = min(pursuit.again, self._record.pursue(policy, now))
+                reconciler.again = min(reconciler.again, self._record.pursue(policy, now))
         self._arm(now)
 
     def _arm(self, now: float) -> None:
         """One timer for all policies, for the earliest time at which any of them may have something to do."""
-        due = min((pursuit.again for pursuit in self._pursuits.values()), default=inf)
+        due = min((reconciler.again for reconciler in self._reconcilers.values()), default=inf)
         if due == inf:
             self._timer.disposable = Disposable()
         else:
@@ -162,7 +162,7 @@ class PodResizer:
 
     def _on_timer(self) -> None:
         now = self._now()
-        self._pursue([policy for policy, pursuit in self._pursuits.items() if pursuit.again <= now])
+        self._reconcile([policy for policy, reconciler in self._reconcilers.items() if reconciler.again <= now])
 
     def _on_end(self, pod: TrackedPod) -> None:
         """A patch has ended; its pod may be gone by now."""
@@ -177,12 +177,12 @@ class PodResizer:
     def _tell_in_force(self, pod: TrackedPod, before: Mapping[str, Cpu | None]) -> None:
         news = [c for c in pod.view.containers if c.actual is not None and c.actual != before.get(c.name)]
         for policy in self._concerned(pod) if news else ():
-            order = self._pursuits[policy].order
+            order = self._reconcilers[policy].order
             for container in news:
                 identity = container_id(pod.view, container.name)
                 if identity in order.shares and container.actual is not None:
                     original = self.originals.at(pod.view.uid, container.name)
-                    wanted = wanted_cpu(order, identity, pod, container, original)
+                    wanted = target_cpu(order, identity, pod, container, original)
                     same = container.actual.limit == wanted.limit
                     if same and (order.control is Control.LIMIT or container.actual == wanted):
                         self._observer.on_in_force(policy, identity, order.shares[identity])

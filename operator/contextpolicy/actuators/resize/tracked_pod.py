@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import TYPE_CHECKING
 
-from contextpolicy.actuators.resize.contest import Ownership
-from contextpolicy.actuators.resize.oversight import Oversight, nudge
+from contextpolicy.actuators.resize.conflict import Ownership
+from contextpolicy.actuators.resize.kubelet_nudge import NudgeState, nudge
 from contextpolicy.actuators.resize.pauses import REFUSED
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class TrackedPod:
 
     state: PodState
     owned: dict[str, Ownership] = field(default_factory=dict)
-    oversight: Oversight = field(default_factory=Oversight)
+    nudge_state: NudgeState = field(default_factory=NudgeState)
     refusals: dict[tuple[str, bool], Refusal] = field(default_factory=dict)
     troubled: set[str] = field(default_factory=set)
 
@@ -54,13 +54,13 @@ class TrackedPod:
         state, view = self.state, self.view
         limits = [(c.name, state.ready and state.spec(c.name), state.highest(c.name)) for c in view.containers]
         place = view.node, view.ended, view.running, view.pending
-        return limits, place, len(state.putting_back), len(self.refusals), self.oversight.until
+        return limits, place, len(state.putting_back), len(self.refusals), self.nudge_state.until
 
     def observe(self, view: PodView, now: float) -> None:
         """Process the pod as the watch shows it. A new spec voids refusals: the same patch may be accepted now."""
         generation = self.view.generation
         if self.state.observe(view):
-            self.oversight.look(view, now)
+            self.nudge_state.look(view, now)
             if view.generation != generation:
                 self.refusals.clear()
 
@@ -96,7 +96,7 @@ class TrackedPod:
         A container that every resize restarts is not nudged: half a minute until the kubelet looks by itself is the
         lesser evil.
         """
-        overlooked = now >= self.oversight.until and self.state.spec(container.name) == wanted
+        overlooked = now >= self.nudge_state.until and self.state.spec(container.name) == wanted
         overlooked = overlooked and not container.restarts
         return nudge(container, wanted) if overlooked else wanted
 

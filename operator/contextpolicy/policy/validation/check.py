@@ -13,7 +13,7 @@ from contextpolicy.policy.validation import crd_rules, crd_schema
 from contextpolicy.policy.validation.advice import advice
 from contextpolicy.policy.validation.documents import Document, DocumentError, Position, read
 from contextpolicy.policy.validation.mistakes import mistakes_in
-from contextpolicy.policy.validation.overlaps import Conflict, conflicts
+from contextpolicy.policy.validation.overlaps import Overlap, overlaps
 from contextpolicy.policy.validation.problem import Problem, Severity, short
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def check(files: Iterable[tuple[str, str]], types: Definitions | None = None) ->
         else:
             _check_document(file, known, report)
     report.problems += _repeated(report)
-    report.problems += [_claimed(report, conflict) for conflict in conflicts(_latest(report))]
+    report.problems += [_claimed(report, overlap) for overlap in overlaps(_latest(report))]
     return report
 
 
@@ -190,17 +190,17 @@ def _latest(report: CheckReport) -> list[Policy]:
     return list({policy.reference: policy for _, policy in report.policies}.values())
 
 
-def _claimed(report: CheckReport, conflict: Conflict) -> Problem:
+def _claimed(report: CheckReport, overlap: Overlap) -> Problem:
     """An error if certain and within one file, else a warning: two files may be alternatives."""
     sources = {id(policy): source for source, policy in report.policies}
-    earlier, later = conflict.earlier, conflict.later
+    earlier, later = overlap.earlier, overlap.later
     source, other = sources[id(later.policy)], sources[id(earlier.policy)]
     field = f"spec.tasks[{later.place}].selector"
     message = (
-        f"task {later.task.name} {'claims' if conflict.certain else 'may claim'} container {later.task.container} of "
+        f"task {later.task.name} {'claims' if overlap.certain else 'may claim'} container {later.task.container} of "
         f"the pods that task {earlier.task.name} of {earlier.policy.reference} ({other.file}) claims"
     )
-    severity = Severity.ERROR if conflict.certain and source.file == other.file else Severity.WARNING
+    severity = Severity.ERROR if overlap.certain and source.file == other.file else Severity.WARNING
     return Problem(source.file, source.position(field), message, later.policy.name, field, severity=severity)
 
 

@@ -22,7 +22,7 @@ class TaskClaim(NamedTuple):
     task: Task
 
 
-class Conflict(NamedTuple):
+class Overlap(NamedTuple):
     """Two claims; `certain` if one selector matches every pod that the other matches."""
 
     earlier: TaskClaim
@@ -30,7 +30,7 @@ class Conflict(NamedTuple):
     certain: bool
 
 
-def conflicts(policies: Iterable[Policy]) -> Iterator[Conflict]:
+def overlaps(policies: Iterable[Policy]) -> Iterator[Overlap]:
     """Every pair of tasks that may claim the same container. Only policies in mode Enforce claim any."""
     claims = [
         TaskClaim(policy, place, task)
@@ -43,7 +43,7 @@ def conflicts(policies: Iterable[Policy]) -> Iterator[Conflict]:
         if first is None or second is None or one.task.container != other.task.container:
             continue
         if one.policy.namespace == other.policy.namespace and not _exclude(first, second):
-            yield Conflict(one, other, certain=_implies(first, second) or _implies(second, first))
+            yield Overlap(one, other, certain=_implies(first, second) or _implies(second, first))
 
 
 def _implies(narrow: Selector, wide: Selector) -> bool:

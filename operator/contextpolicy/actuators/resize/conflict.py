@@ -1,0 +1,94 @@
+"""Containers that somebody else resizes too: what they changed, and when to change it back. Pure.
+
+The last good plan stays in force, so the first foreign change is reverted at once. A writer who insists is answered
+after growing pauses, so that two controllers that correct each other never spin. After STRIKES of them we yield: the
+change stays in place, and is reverted once in a while to see whether the writer still insists.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators.resize.pauses import CONTESTED
+
+if TYPE_CHECKING:
+    from contextpolicy.cluster.pods import Cpu
+
+QUIET = 30.0
+"""Seconds without a foreign change after which the next one is reverted at once again."""
+REMEMBERED = 90.0
+"""Seconds after the last foreign change until a conflict counts as over; an autoscaler may act only once a minute."""
+
+
+STRIKES = 10
+"""How many foreign changes of one conflict are reverted: half a minute of somebody who writes all the time, ten minutes
+of an autoscaler that acts once a minute."""
+YIELDED = 600.0
+"""Seconds for which any further change is left in place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """A foreign change of a container that a policy decides about: by whom, from what, to what.
+
+    `yielded`: it is left in place for YIELDED seconds.
+    """
+
+    by: str
+    had: Cpu
+    got: Cpu
+    yielded: bool = False
+
+
+@dataclass(slots=True)
+class Ownership:
+    """A container that a policy decides about: `cpu` is what the policy gave it, `found` a foreign change in place.
+
+    `strikes` counts those of this conflict, `times` those in a row without a quiet while, from 0; `seen` is the last
+    change, `until` when to revert it. `told`: the conflict was reported.
+    """
+
+    policy: str
+    cpu: Cpu
+    found: Cpu | None = None
+    strikes: int = 0
+    times: int = 0
+    seen: float = -inf
+    until: float = -inf
+    told: bool = False
+
+    def give(self, policy: str, cpu: Cpu) -> None:
+        """The policy's resources are in the API (again): the foreign change, if any, is over."""
+        self.policy, self.cpu, self.found = policy, cpu, None
+
+    def compare(self, spec: Cpu, now: float) -> bool:
+        """Note what somebody else set; returns whether this is a new strike.
+
+        Further foreign changes before we revert the first belong to the same strike.
+        """
+        if spec == self.found:
+            return False
+        struck = self.found is None
+        if struck:
+            self.strikes = 1 if now >= self.forgotten_at else self.strikes + 1
+            self.times = 0 if now - self.seen > QUIET else self.times + 1
+            self.until = now + (YIELDED if self.yielded else CONTESTED.after(self.times))
+        self.found, self.seen = spec, now
+        return struck
+
+    @property
+    def yielded(self) -> bool:
+        """Whether the other writer has insisted for long enough."""
+        return self.strikes > STRIKES
+
+    @property
+    def rests_until(self) -> float:
+        """Until when the foreign change is left in place."""
+        return self.until if self.found is not None else -inf
+
+    @property
+    def forgotten_at(self) -> float:
+        """When the conflict counts as over, unless it goes on; not while the foreign change is in place."""
+        return inf if self.found is not None else max(self.seen, self.until) + REMEMBERED

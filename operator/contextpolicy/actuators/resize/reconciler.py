@@ -1,0 +1,264 @@
+"""How one policy gets what it wants: finds every difference from what is, and sends what may be sent now."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from math import inf
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators.resize import guard
+from contextpolicy.actuators.resize.pod_patch import Patch
+from contextpolicy.actuators.resize.pod_state import Phase
+from contextpolicy.actuators.resize.put_back import is_falling, to_put_back, without_rises
+from contextpolicy.actuators.resize.targets import Target, steps, target_cpu
+from contextpolicy.cluster.claims import container_id
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+
+    from contextpolicy.actuators.order import Order
+    from contextpolicy.actuators.resize.dispatcher import Dispatcher, Observer
+    from contextpolicy.actuators.resize.originals import Originals
+    from contextpolicy.actuators.resize.pod_index import PodIndex
+    from contextpolicy.actuators.resize.tracked_pod import TrackedPod
+    from contextpolicy.cluster.pods import Cpu
+
+RESTORE_PATIENCE = 2.0
+"""Seconds for which restored limits wait to rise until others have fallen. Bounded, because a refusal or a dead kubelet
+must not block a restore."""
+
+
+class Reconciler:
+    """Level-triggered: `advance` may be called at any time and sends only what is missing.
+
+    `done` is set while the policy is being released; the resizer calls it when nothing is left to put back.
+    """
+
+    def __init__(
+        self, order: Order, pods: PodIndex, originals: Originals, dispatcher: Dispatcher, observer: Observer
+    ) -> None:
+        self._order = order
+        self._before: dict[str, Cpu] = {}
+        """What each container had when the current plan came, by identity."""
+        self.done: Callable[[], None] | None = None
+        self.again = inf
+        """Loop time in seconds at which to call `advance` again, if nothing happens before."""
+        self._policy = order.policy
+        self._namespace = order.policy.partition("/")[0]
+        self._pods, self._originals, self._dispatcher, self._observer = pods, originals, dispatcher, observer
+        self._touched: set[str] = set()
+        """UIDs of the pods that the policy resizes or still has to restore; it looks at no others."""
+        self._falling: dict[str, float] = {}
+        self._wanted: dict[str, list[Target]] = {}
+        """The targets of the last pass, by pod UID."""
+        self._pressing: set[str] = set()
+        """UIDs of the pods whose every change counts: they can't be lowered, or are restored."""
+
+    @property
+    def order(self) -> Order:
+        """What the policy wants."""
+        return self._order
+
+    @order.setter
+    def order(self, order: Order) -> None:
+        if order.shares != self._order.shares:
+            self._before.clear()
+        self._order = order
+
+    def concerns(self, pod: TrackedPod) -> bool:
+        """Whether a change of the pod may matter to the policy."""
+        view = pod.view
+        return view.namespace == self._namespace and (
+            view.uid in self._touched
+            or any(container_id(view, container.name) in self.order.claimed for container in view.containers)
+        )
+
+    def awaits(self, pod: TrackedPod) -> bool:
+        """Whether there may be more to send because of the pod, whose standing is the same or whose patch has ended.
+
+        Not when the API merely has what the plan wants: until it is in force it frees nothing for others.
+        """
+        uid, state = pod.view.uid, pod.state
+        if self.done is not None or uid in self._pressing or state.phase not in (Phase.IDLE, Phase.IN_FLIGHT):
+            return True
+        return state.ready and any(state.spec(w.container.name) != w.cpu for w in self._wanted.get(uid, ()))
+
+    def try_refused_again(self) -> None:
+        """Forget refused restores, so that they are sent again at once."""
+        for pod in self._pods.known(self._touched):
+            pod.refusals.pop((self._policy, True), None)
+
+    def advance(self, now: float) -> None:
+        """Send what may be sent now."""
+        self.again = min(self._advance(now), default=inf)
+
+    def is_released(self) -> bool:
+        """Whether nothing is left to restore or in doubt; pods that have ended don't count."""
+        kept = {uid for uid, _ in self._originals.of(self._policy)}
+        return all(
+            pod.view.ended or not (pod.view.uid in kept or pod.state.originator == self._policy)
+            for pod in self._pods.known(self._touched | kept)
+        )
+
+    def _advance(self, now: float) -> Iterator[float]:
+        """Yields the times at which there may be more to do."""
+        targets = list(self._targets(now))
+        self._touched.update(target.pod.view.uid for target in targets)
+        self._touched.update(uid for uid, _ in self._originals.of(self._policy))
+        pods = list(self._pods.known(self._touched))
+        for pod in pods:
+            yield self._wake(pod, now)
+            self._let_go(pod)
+        for target in targets:
+            yield from self._guard(target, now)
+        forward = self._steps(targets, now)
+        back = {pod.view.uid: self._to_put_back(pod) for pod in pods}
+        bound = self._bound(pods, back, now)
+        yield from (end for end in bound.values() if end > now)
+        # Decreases first: workers take patches in this order, so the room for the increases is free sooner.
+        for pod in sorted(pods, key=lambda pod: _turn(pod, forward.get(pod.view.uid, {}))):
+            held = bound.get(pod.view.node, -inf) > now
+            uid = pod.view.uid
+            ready = without_rises(pod.state, back[uid]) if held else back[uid]
+            if not pod.view.ended:
+                # At most one of the two is sent: the first leaves the pod busy, and its end brings us back here.
+                yield self._request(pod, forward.get(uid, {}), now, restore=False)
+                yield self._request(pod, ready, now, restore=True)
+            if not (forward.get(uid) or back[uid] or pod.state.patch):
+                self._dispatcher.recovered(self._policy, pod)
+        self._touched = {pod.view.uid for pod in pods if self._has_to_do_with(pod)}
+        self._pressing = {w.pod.view.uid for w in targets if w.stuck} | {uid for uid, own in back.items() if own}
+        self._wanted = defaultdict(list)
+        for target in targets:
+            self._wanted[target.pod.view.uid].append(target)
+
+    def _targets(self, now: float) -> Iterator[Target]:
+        """The containers with a share. A plan ordered late may name containers that the policy has lost since."""
+        for identity in self.order.shares:
+            pod, container = self._pods.find(identity)
+            if pod is not None and container is not None and identity in self.order.claimed and not pod.view.ended:
+                original = self._originals.at(pod.view.uid, container.name)
+                wanted = target_cpu(self.order, identity, pod, container, original)
+                before = self._before.setdefault(identity, pod.state.spec(container.name) or container.spec)
+                stuck = pod.is_stuck(self._policy, now)
+                yield Target(identity, pod, container, wanted, before, stuck)
+
+    def _wake(self, pod: TrackedPod, now: float) -> float:
+        """Let a pod continue after its pause; returns when the pause ends, or infinity."""
+        if pod.state.due > now:
+            return pod.state.due
+        pod.state.wake()
+        if pod.state.phase is Phase.ASKING:
+            self._dispatcher.ask(pod)
+        return inf
+
+    def _let_go(self, pod: TrackedPod) -> None:
+        """Give up ownership of containers that the policy no longer claims."""
+        for name, ownership in list(pod.owned.items()):
+            identity = container_id(pod.view, name)
+            if ownership.policy == self._policy and (pod.view.ended or identity not in self.order.claimed):
+                del pod.owned[name]
+                if ownership.told:
+                    self._observer.on_conflict(self._policy, identity, None)
+
+    def _guard(self, target: Target, now: float) -> Iterator[float]:
+        """Report when others resize the policy's container, and when that is over; yields when to look next."""
+        pod, name = target.pod, target.container.name
+        conflict = guard.look(self._policy, target, self._originals.at(pod.view.uid, name), now)
+        if conflict is not None:
+            self._observer.on_conflict(self._policy, target.id, conflict)
+        ownership = pod.owned.get(name)
+        if ownership is not None and ownership.told:
+            if now >= ownership.forgotten_at:
+                ownership.told = False
+                self._observer.on_conflict(self._policy, target.id, None)
+            else:
+                yield from (moment for moment in (ownership.rests_until, ownership.forgotten_at) if moment > now)
+        if pod.nudge_state.until > now:
+            yield pod.nudge_state.until
+
+    def _steps(self, targets: Collection[Target], now: float) -> dict[str, dict[str, Cpu]]:
+        """The resources that may be set now, by pod UID and container name.
+
+        Before the first resize, the originals of all containers with a share are stored: that costs one write for all,
+        and none when a later plan resizes the next container.
+        """
+        found = steps(self.order, targets, self._leaving(), now)
+        stored = {
+            uid: {name: cpu for name, cpu in resources.items() if self._originals.is_stored(self._policy, uid, name)}
+            for uid, resources in found.items()
+        }
+        if stored != found:
+            for target in targets:
+                self._note(target)
+        return stored
+
+    def _note(self, target: Target) -> None:
+        """Note the container's original. For one that we own already, a foreign change of it is not the original."""
+        view, name = target.pod.view, target.container.name
+        ownership = target.pod.owned.get(name)
+        before = ownership.cpu if ownership is not None else target.pod.state.spec(name)
+        if before is not None:
+            self._originals.note(self._policy, view.uid, view.name, name, before)
+
+    def _leaving(self) -> Mapping[str, int]:
+        """By node, the limits that pods being deleted have from the policy: they hold until their containers end."""
+        leaving: dict[str, int] = defaultdict(int)
+        for uid, name in self._originals.of(self._policy):
+            for pod in self._pods.known([uid]):
+                if pod.view.ended and pod.view.running:
+                    leaving[pod.view.node] += pod.state.highest(name)
+        return leaving
+
+    def _to_put_back(self, pod: TrackedPod) -> dict[str, Cpu]:
+        """The originals of containers that the policy no longer claims; those restored already are just dropped."""
+        uid, state = pod.view.uid, pod.state
+        back = to_put_back(state, self._originals.in_pod(uid), self._policy, self.order.claimed)
+        if state.ready and not pod.view.ended:
+            # In a ready pod, a spec of None means that there is no such container.
+            for name in [name for name, cpu in back.items() if state.spec(name) in (cpu, None)]:
+                del back[name]
+                state.expect_back(name, self._policy)
+                self._originals.drop(uid, name)
+        return back
+
+    def _bound(
+        self, pods: Iterable[TrackedPod], back: Mapping[str, Mapping[str, Cpu]], now: float
+    ) -> Mapping[str, float]:
+        """The nodes on which no restored limit may rise yet, and until when."""
+        before, restoring = self._falling, any(back.values())
+        nodes = {p.view.node for p in pods if restoring and is_falling(p.state, self._policy, back[p.view.uid])}
+        self._falling = {node: before.get(node, now) for node in nodes}
+        return {node: since + RESTORE_PATIENCE for node, since in self._falling.items()}
+
+    def _request(self, pod: TrackedPod, wanted: Mapping[str, Cpu], now: float, *, restore: bool) -> float:
+        """Send a patch for one pod unless it has to wait; returns until when, or infinity."""
+        if not wanted:
+            pod.refusals.pop((self._policy, restore), None)
+            return inf
+        if not pod.state.ready:
+            return inf  # the end of the patch under way triggers the next pass
+        moment = max(pod.state.settles_at, pod.refused_until(self._policy, wanted, restore=restore))
+        if moment > now:
+            return moment
+        self._dispatcher.send(pod, Patch(self._policy, wanted, restore))
+        return inf
+
+    def _has_to_do_with(self, pod: TrackedPod) -> bool:
+        mine = (
+            *(ownership.policy for ownership in pod.owned.values()),
+            *(original.policy for original in self._originals.in_pod(pod.view.uid).values()),
+            *pod.state.putting_back.values(),
+            *pod.troubled,
+            pod.state.originator,
+        )
+        return self._policy in mine
+
+
+def _turn(pod: TrackedPod, step: Mapping[str, Cpu]) -> tuple[bool, int]:
+    """Where a pod's step stands in line: what raises the sum of its limits last, and of its like the most first.
+
+    With dozens of pods the workers take several resizes' time for the line, and the plan is about what gains the most.
+    """
+    change = sum((cpu.limit or 0) - pod.state.least_known(name) for name, cpu in step.items())
+    return change > 0, -abs(change)

@@ -1,0 +1,94 @@
+"""From a policy's order to the resources that may be set on each pod now. Pure."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from contextpolicy.actuators.resize.headroom import Holding, prompt, strict
+from contextpolicy.actuators.resize.patches import cpu_for
+from contextpolicy.cluster.pods import Cpu
+from contextpolicy.policy.spec import Control, Transition
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from contextpolicy.actuators.order import Order
+    from contextpolicy.actuators.resize.originals import Original
+    from contextpolicy.actuators.resize.tracked_pod import TrackedPod
+    from contextpolicy.cluster.pods import ContainerView
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What the plan gives one container, and what it had `before` the plan; `stuck`: it can't be lowered for now."""
+
+    id: str
+    pod: TrackedPod
+    container: ContainerView
+    cpu: Cpu
+    before: Cpu
+    stuck: bool = False
+
+    @property
+    def holding(self) -> Holding:
+        """The container's limits as the headroom computation counts them."""
+        name, state, wanted = self.container.name, self.pod.state, self.cpu.limit or 0
+        return Holding(
+            self.id, state.least_known(name), state.highest(name), wanted, self.before.limit or 0, stuck=self.stuck
+        )
+
+
+def target_cpu(
+    order: Order, identity: str, pod: TrackedPod, container: ContainerView, original: Original | None
+) -> Cpu:
+    """The resources that the container's share means; where only limits move, with the request it had before us."""
+    share = order.shares[identity]
+    cpu = cpu_for(pod.view, container, share, order.control, order.ceilings.get(identity, share))
+    ownership = pod.owned.get(container.name)
+    before = original.cpu if original else ownership.cpu if ownership else None
+    if before is None or order.control is not Control.LIMIT or pod.view.qos == "Guaranteed":
+        return cpu
+    return Cpu(before.request, cpu.limit)
+
+
+def steps(order: Order, targets: Iterable[Target], leaving: Mapping[str, int], now: float) -> dict[str, dict[str, Cpu]]:
+    """The resources that differ from the plan and may be set now, by pod UID and container name.
+
+    `leaving` is, by node, what pods that are being deleted still have from the policy: it is not free until their
+    containers have ended.
+    """
+    by_node: dict[str, list[Target]] = defaultdict(list)
+    for target in targets:
+        by_node[target.pod.view.node].append(target)
+    found: dict[str, dict[str, Cpu]] = defaultdict(dict)
+    unseen = _unseen(order, by_node)
+    for node, here in by_node.items():
+        # A container that the watch has not shown yet may have any limit: until it does, nothing on its node rises.
+        capacity = 0 if unseen & {node, ""} else order.capacity.get(node, 0) - leaving.get(node, 0)
+        go, back = _chosen(order, capacity, here)
+        for target in here:
+            name, state = target.container.name, target.pod.state
+            step = target.before if target.id in back else target.pod.step(target.container, target.cpu, now)
+            if target.id in go | back and step != state.spec(name) and now >= target.pod.rests_until(name):
+                found[target.pod.view.uid][name] = step
+    return found
+
+
+def _chosen(order: Order, capacity: int, targets: Sequence[Target]) -> tuple[set[str], set[str]]:
+    """The containers of a node that may get their share now, and those that must go back to what they had before."""
+    if order.control is Control.WEIGHT:
+        return {target.id for target in targets}, set()
+    holdings = [target.holding for target in targets]
+    # A request that rises before others have fallen may not fit on the node: the kubelet then defers the resize, and
+    # the limit in it.
+    if order.transition is Transition.STRICT or order.control is Control.BOTH:
+        return strict(capacity, holdings), set()
+    return prompt(capacity, holdings)
+
+
+def _unseen(order: Order, by_node: Mapping[str, Iterable[Target]]) -> set[str]:
+    """The nodes of containers that have a share but were not seen on the watch yet; "" when the node is unknown."""
+    seen = {target.id for targets in by_node.values() for target in targets}
+    return {order.nodes.get(identity, "") for identity in (order.shares.keys() & order.claimed) - seen}

@@ -1,0 +1,54 @@
+"""Kopf's event loop on a thread of its own, so that the process can start it, end it and see it fail."""
+
+from __future__ import annotations
+
+from threading import Event, Thread
+from typing import TYPE_CHECKING
+
+import kopf
+
+from contextpolicy.app import kopf_handlers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+
+    from contextpolicy.app.wiring import Operator
+
+
+class KopfThread:
+    """Kopf on a thread of its own, for a fixed set of namespaces; `on_end` is called there when it ends by itself."""
+
+    def __init__(self, runtime: Operator, namespaces: Collection[str], on_end: Callable[[], None]) -> None:
+        self.namespaces = frozenset(namespaces)
+        self.failed = False
+        self._memo = kopf.Memo(runtime=runtime, loop=None)
+        self._stop, self._on_end = Event(), on_end
+        self._thread = Thread(target=self._run, name="kopf", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End it, and wait until no handler runs any more."""
+        self._stop.set()
+        self._thread.join()
+
+    def submit(self, beat: Callable[[], None]) -> None:
+        """Call `beat` on kopf's loop; at once before there is one."""
+        loop = self._memo.loop
+        if loop is None:
+            beat()
+        else:
+            loop.call_soon_threadsafe(beat)
+
+    def _run(self) -> None:
+        try:
+            kopf.run(
+                registry=kopf_handlers.registry,
+                standalone=True,
+                namespaces=sorted(self.namespaces),
+                stop_flag=self._stop,
+                memo=self._memo,
+            )
+        finally:
+            self.failed = not self._stop.is_set()
+            if self.failed:
+                self._on_end()

@@ -1,0 +1,141 @@
+"""Who acts: one replica of a release, and one release in a namespace.
+
+The replicas of a release (the chart's `operator.replicas`) run for its Lease. The one that holds it runs, in the
+release's name, for the Lease `contextpolicy` of each namespace that it serves. So two releases exclude each other
+namespace by namespace, and a standby that takes over does not have to wait for the namespaces.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING
+
+from contextpolicy.cluster.lease import Candidacy
+from contextpolicy.cluster.lease_keeper import LeaseKeeper, clock
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from contextpolicy.app.settings import Settings
+    from contextpolicy.cluster.lease_keeper import LeaseApi
+
+log = logging.getLogger(__name__)
+
+NAMESPACE_LEASE = "contextpolicy"
+"""The Lease in each namespace that says which release serves it."""
+NAMESPACE_SECONDS = 30
+"""How long a release holds a namespace at a time. It does not give it back at its end: the next replica goes on, and
+after an uninstallation a Job puts containers back before another release resizes them."""
+
+
+class Leadership:
+    """`on_news` is called, on any thread, whenever what we may do has changed or may have changed."""
+
+    def __init__(self, api: LeaseApi, settings: Settings) -> None:
+        self.on_news: Callable[[], None] = lambda: None
+        self._replica, self._keeper = _run_for_release(api, settings, self._tell)
+        self._release = "/".join(settings.lease or (settings.identity,))
+        self._claims: dict[str, Candidacy] = {}
+        self._told: dict[str, str] = {}
+        self._claiming = LeaseKeeper(api, NAMESPACE_LEASE, self._tell)
+        self._claiming_started = False
+
+    def start(self) -> None:
+        """Run for the release's Lease, if it has one."""
+        if self._keeper is not None:
+            self._keeper.start()
+
+    def stop(self) -> None:
+        """Give the release's Lease back; call it when nothing acts any more."""
+        if self._claiming_started:
+            self._claiming.abandon()
+        if self._keeper is not None:
+            self._keeper.stop()
+
+    def check(self) -> None:
+        """RuntimeError when a thread has ended."""
+        if self._keeper is not None:
+            self._keeper.check()
+        if self._claiming_started:
+            self._claiming.check()
+
+    @property
+    def leads(self) -> bool:
+        """Whether this replica acts for its release now. It may be False for a moment and True again."""
+        return self._replica is None or clock() < self._replica.acts_until
+
+    @property
+    def follows(self) -> bool:
+        """Whether another replica leads, and we would notice if it did not.
+
+        One that has not renewed its Lease since we look may be dead: then nobody decides until the Lease has run out.
+        """
+        return self._replica is not None and self._replica.follows
+
+    @property
+    def deposed(self) -> bool:
+        """Whether another replica may have led since we did: all that we know may be wrong."""
+        return self._replica is not None and self._replica.lost
+
+    @property
+    def interruptions(self) -> int:
+        """How often we had to pause because a renewal came late; it only grows."""
+        own = [] if self._replica is None else [self._replica]
+        return sum(candidacy.interruptions for candidacy in (*own, *list(self._claims.values())))
+
+    def may_act(self, namespace: str) -> bool:
+        """Whether we may act in a namespace at this instant."""
+        claim = self._claims.get(namespace)
+        return claim is not None and clock() < claim.acts_until and self.leads
+
+    def serve(self, namespaces: Iterable[str]) -> None:
+        """Run for these namespaces, and no others; only for a replica that leads."""
+        wanted = set(namespaces)
+        if not self._claiming_started:
+            self._claiming_started = True
+            self._claiming.start()
+        for namespace in self._claims.keys() - wanted:
+            del self._claims[namespace]
+            self._claiming.leave(namespace)
+        for namespace in sorted(wanted):
+            claim = self._claims.get(namespace)
+            if claim is None or claim.lost:
+                self._claims[namespace] = Candidacy(self._release, NAMESPACE_SECONDS)
+                self._claiming.stand(namespace, self._claims[namespace])
+
+    @property
+    def served(self) -> frozenset[str] | None:
+        """The namespaces that are ours; None while that is not known of all."""
+        claims = dict(self._claims)
+        for namespace, claim in claims.items():
+            self._tell_other(namespace, claim)
+        if not all(claim.held or claim.holder or claim.lost or claim.refused for claim in claims.values()):
+            return None
+        return frozenset(namespace for namespace, claim in claims.items() if claim.held)
+
+    def _tell_other(self, namespace: str, claim: Candidacy) -> None:
+        """Say once why a namespace is not served: by whom it is, or what is missing."""
+        told = ""
+        if claim.refused:
+            told = f"namespace {namespace} can't be served: {claim.refused}"
+        elif claim.holder not in ("", self._release):
+            told = f"namespace {namespace} is served by {claim.holder}: it is left alone until that one ends"
+        if told != self._told.get(namespace, ""):
+            self._told[namespace] = told
+            if told:
+                log.warning("%s", told)
+
+    def _tell(self) -> None:
+        self.on_news()
+
+
+def _run_for_release(
+    api: LeaseApi, settings: Settings, on_change: Callable[[], None]
+) -> tuple[Candidacy | None, LeaseKeeper | None]:
+    if settings.lease is None:
+        return None, None
+    namespace, name = settings.lease
+    candidacy = Candidacy(settings.identity, settings.lease_seconds, settings.lease_pod)
+    keeper = LeaseKeeper(api, name, on_change, watched=namespace)
+    keeper.stand(namespace, candidacy)
+    return candidacy, keeper

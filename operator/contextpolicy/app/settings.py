@@ -1,0 +1,69 @@
+"""The operator's settings, read once from the environment; all mistakes are reported together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from socket import gethostname
+from typing import TYPE_CHECKING
+
+from contextpolicy.cluster.lease import LONGEST, OwnPod
+from contextpolicy.policy.environment import DEFAULT_CONNECT, LOG_FORMATS, LOG_LEVELS, Environment
+from contextpolicy.policy.tenants import Tenants, read_tenants
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """The operator's settings; empty `namespaces` means all.
+
+    `credentials` and `signing` are directories with the files that `bus.credentials` and `bus.signatures` describe: our
+    identity on the bus (None on an open bus), and the key that signs plans (None: plans are not signed).
+
+    `lease` is the namespace and name of the Lease for which this operator's replicas run (None: it has none), held for
+    `lease_seconds` at a time by the replica that calls itself `identity`, and deleted with `lease_pod`, which is in the
+    same namespace (None: it stays).
+    """
+
+    connect: tuple[str, ...] = (DEFAULT_CONNECT,)
+    credentials: Path | None = None
+    signing: Path | None = None
+    namespaces: tuple[str, ...] = ()
+    tenants: Tenants = field(default_factory=Tenants)
+    health_port: int = 8080
+    metrics_port: int = 8081
+    live_port: int = 8082
+    lease: tuple[str, str] | None = None
+    lease_seconds: int = 15
+    lease_pod: OwnPod | None = None
+    identity: str = field(default_factory=gethostname)
+    log_format: str = "text"
+    log_level: str = "info"
+
+
+def read(variables: Mapping[str, str]) -> Settings:
+    """Read the settings; SettingsError names every invalid variable."""
+    environment = Environment(variables)
+    pod = environment.pair("LEASE_POD", "a pod's name and UID, such as contextpolicy-1/d9607e19")
+    settings = Settings(
+        connect=environment.endpoints("ZENOH_CONNECT"),
+        credentials=environment.directory("ZENOH_CREDENTIALS"),
+        signing=environment.directory("PLAN_SIGNING"),
+        namespaces=environment.words("WATCH_NAMESPACES"),
+        tenants=read_tenants(environment.text("TENANTS", "{}"), environment.findings),
+        health_port=environment.port("HEALTH_PORT", 8080),
+        metrics_port=environment.port("METRICS_PORT", 8081),
+        live_port=environment.port("LIVE_PORT", 8082),
+        lease=environment.pair("LEASE", "a namespace and a name, such as contextpolicy-system/contextpolicy"),
+        lease_seconds=environment.whole(
+            "LEASE_SECONDS", 15, most=LONGEST, expected=f"whole seconds from 1 to {LONGEST}"
+        ),
+        lease_pod=OwnPod(*pod) if pod else None,
+        identity=environment.text("IDENTITY", gethostname()),
+        log_format=environment.word("LOG_FORMAT", LOG_FORMATS, "text"),
+        log_level=environment.word("LOG_LEVEL", LOG_LEVELS, "info"),
+    )
+    environment.check()
+    return settings

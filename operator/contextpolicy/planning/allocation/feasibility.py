@@ -1,0 +1,59 @@
+"""Checks capability constraints against the shares of a plan (paper III)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from contextpolicy.planning.allocation.placement import QUANTUM
+from contextpolicy.planning.allocation.plan import Shortfall
+from contextpolicy.policy.bandwidth import throttle_gap
+from contextpolicy.policy.quantities import format_cpu
+from contextpolicy.policy.spec import Control, Scheduler
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from collections.abc import Set as AbstractSet
+
+    from contextpolicy.planning.allocation.placement import Container
+    from contextpolicy.planning.allocation.plan import NodePlan
+    from contextpolicy.planning.allocation.seating import SeatedNode, Seating
+    from contextpolicy.planning.allocation.weights import Weight
+    from contextpolicy.policy.spec import Policy, Task
+
+
+def shortfalls(
+    policy: Policy,
+    weights: Mapping[str, Weight],
+    suspended: AbstractSet[str],
+    layout: Seating,
+    nodes: Mapping[str, NodePlan],
+) -> Iterator[Shortfall]:
+    """Every unmet need of a running task, and every CPU request that holds a suspended task's limit up."""
+    tasks = {task.name: task for task in policy.leaves} if layout.demanding else {}
+    seated = {node.name: node for node in layout.nodes} if layout.demanding else {}
+    for container in layout.demanding:
+        share = nodes[container.node].containers.get(container.id) if container.node in nodes else None
+        if share is None:
+            continue
+        if weights[container.task].value > 0:
+            yield from _unmet(tasks[container.task], share, container, seated[container.node])
+        elif container.task in suspended and policy.control is Control.LIMIT and share > QUANTUM:
+            request = format_cpu(container.request)
+            yield Shortfall(
+                container.task,
+                f"is suspended but its CPU request of {request} keeps its limit at {format_cpu(share)}",
+            )
+
+
+def _unmet(task: Task, share: int, container: Container, node: SeatedNode) -> Iterator[Shortfall]:
+    needs, cores = task.needs, node.cores(share)
+    if needs.cores is not None and cores < needs.cores:
+        yield Shortfall(task.name, f"needs {format_cpu(needs.cores)} cores, gets {format_cpu(cores)}")
+    if needs.memory is not None and container.memory is not None and container.memory < needs.memory:
+        yield Shortfall(task.name, f"needs {needs.memory} bytes of memory, its limit is {container.memory}")
+    gap = throttle_gap(share, node.period)
+    if needs.deadline is not None and gap > needs.deadline:
+        part = format_cpu(share) if node.scheduler is Scheduler.CFS else f"{share / 10:g} % of the period"
+        yield Shortfall(
+            task.name, f"needs results within {needs.deadline:g} s, with {part} it may stand still for {gap:.3g} s"
+        )

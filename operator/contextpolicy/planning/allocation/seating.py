@@ -1,0 +1,143 @@
+"""A placement seen through a policy: all of a division that weights don't change, computed once per placement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from contextpolicy.planning.allocation.placement import QUANTUM
+from contextpolicy.planning.allocation.shares import Demand
+from contextpolicy.policy.bandwidth import PERIOD
+from contextpolicy.policy.spec import Control, Needs, Scheduler
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from contextpolicy.planning.allocation.placement import Container, Placement
+    from contextpolicy.planning.allocation.weights import Weight
+    from contextpolicy.policy.spec import Policy, Task
+
+REALTIME_BUDGET = 950
+"""Thousandths of each processor's period for realtime tasks: the default of sched_rt_runtime_us / sched_rt_period_us.
+Less where N, spread over all processors, comes to less."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seat:
+    """One task on one node; bounds in units of the node's quantum."""
+
+    task: str
+    containers: tuple[Container, ...]
+    floors: tuple[int, ...]
+    """What each container can't go below."""
+    floor: int
+    ceiling: int
+    protected: bool = False
+
+    def claim(self, weight: float, *, protect: bool = True) -> Demand:
+        """A suspended task claims the least possible, not its min; a protected one never less than its min.
+
+        Without `protect` its min is scaled down with the other floors: there is not enough for all protected ones.
+        """
+        least = self.floor if self.protected and protect else len(self.floors)
+        if weight == 0:
+            floor = self.floor if self.protected else sum(self.floors)
+            return Demand(self.task, 0.0, floor, floor, least)
+        return Demand(self.task, weight, self.floor, self.ceiling, least)
+
+
+@dataclass(frozen=True, slots=True)
+class SeatedNode:
+    """One node: N in thousandths of a core (or of the realtime period), and the step that shares move in.
+
+    A realtime share is a part of each processor's period; `period` is in seconds.
+    """
+
+    name: str
+    capacity: int
+    quantum: int
+    seats: tuple[Seat, ...]
+    scheduler: Scheduler = Scheduler.CFS
+    processors: int = 1
+    period: float = PERIOD
+    protects: bool = False
+    """Whether any of its tasks is protected."""
+
+    def cores(self, share: int) -> int:
+        """What a share comes to in thousandths of a core."""
+        return share * self.processors if self.scheduler is Scheduler.REALTIME else share
+
+    def claims(self, weights: Mapping[str, Weight], last: Sequence[Demand] = ()) -> list[Demand]:
+        """Each task's claim; one of unchanged weight keeps that of `last`, an earlier result of this node's."""
+        if not last:  # nearly every plan has all weights but one from the plan before
+            return [seat.claim(weights[seat.task].value) for seat in self.seats]
+        return [
+            claim if claim.weight == (weight := weights[claim.name].value) else seat.claim(weight)
+            for seat, claim in zip(self.seats, last, strict=True)
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Seating:
+    """All nodes of known size, the containers that may come up short of their needs, and the tasks without a pod."""
+
+    nodes: tuple[SeatedNode, ...] = ()
+    demanding: tuple[Container, ...] = ()
+    absent: frozenset[str] = frozenset()
+
+
+def seat_tasks(policy: Policy, placement: Placement) -> Seating:
+    """Seat the policy's tasks on their nodes; containers of other tasks are ignored."""
+    tasks = {task.name: task for task in policy.leaves}
+    seats = {
+        name: [(tasks[task], containers) for task, containers in seated.items() if task in tasks]
+        for name, seated in placement.by_node().items()
+    }
+    nodes = tuple(
+        _node(_on(name, policy, placement), name, placement, seated) for name, seated in seats.items() if seated
+    )
+    demanding = tuple(
+        container
+        for container in placement.containers
+        if container.task in tasks and (tasks[container.task].needs != Needs() or container.floor > QUANTUM)
+    )
+    return Seating(nodes, demanding, placement.absent)
+
+
+def _on(node: str, policy: Policy, placement: Placement) -> Policy:
+    """The policy as it holds on a node, which may be unable to do realtime."""
+    return replace(policy, scheduler=Scheduler.CFS) if node in placement.fair_only else policy
+
+
+def _node(
+    policy: Policy, name: str, placement: Placement, seated: Sequence[tuple[Task, Sequence[Container]]]
+) -> SeatedNode:
+    allocatable = placement.allocatable[name]
+    divisible = max(0, min(allocatable - policy.reserve, placement.left.get(name, allocatable)))
+    processors = placement.processors_of(name)
+    if policy.scheduler is Scheduler.REALTIME:
+        capacity, quantum, step = min(REALTIME_BUDGET, divisible // processors), 1, processors
+    else:
+        capacity, quantum, step = divisible // QUANTUM * QUANTUM, QUANTUM, QUANTUM
+    period = (
+        policy.period if policy.scheduler is Scheduler.REALTIME else placement.quota_periods.get(name, policy.period)
+    )
+    seats = tuple(_seat(policy, *seat, capacity // quantum, step) for seat in seated)
+    protects = any(seat.protected for seat in seats)
+    return SeatedNode(name, capacity, quantum, seats, policy.scheduler, processors, period, protects)
+
+
+def _seat(policy: Policy, task: Task, containers: Sequence[Container], most: int, step: int) -> Seat:
+    """`step` is a unit in thousandths of a core; under realtime a unit is a thousandth of each processor."""
+    floors = tuple(_floor(policy, container) for container in containers)
+    floor = max(sum(floors), -(-task.min // step))
+    # A request can hold the floor above `max`; the ceiling rises with it, as `Demand` needs floor <= ceiling.
+    ceiling = most if task.max is None else task.max // step
+    return Seat(task.name, tuple(containers), floors, floor, max(floor, ceiling), task.protected)
+
+
+def _floor(policy: Policy, container: Container) -> int:
+    """Units below which a container can't go: where only limits move, its request holds it up."""
+    if policy.scheduler is Scheduler.REALTIME or policy.control is not Control.LIMIT:
+        return 1
+    return container.floor // QUANTUM

@@ -1,0 +1,107 @@
+"""Where everything runs: tells each policy's runner which containers are its own, and what its nodes have."""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from contextpolicy.cluster.agent_reports import with_agents
+from contextpolicy.cluster.claims import claim
+from contextpolicy.cluster.pod_directory import PodDirectory
+
+if TYPE_CHECKING:
+    from contextpolicy.actuators.resize.originals import Originals
+    from contextpolicy.bus.robot_bus import RobotBus
+    from contextpolicy.cluster.claims import Claim
+    from contextpolicy.cluster.pods import PodView
+    from contextpolicy.policies.policy_runner import PolicyRunner
+    from contextpolicy.policies.registry import PolicyRegistry
+    from contextpolicy.policies.status_publisher import StatusPublisher
+    from contextpolicy.policy.tenants import Tenants
+    from contextpolicy.streams.loop import Loop
+
+
+class Binder:
+    """Knows all pods and nodes, everything on the loop's thread. `originals` are what containers had before us."""
+
+    def __init__(  # noqa: PLR0913 - all that a claim depends on
+        self,
+        loop: Loop,
+        registry: PolicyRegistry,
+        bus: RobotBus,
+        publisher: StatusPublisher,
+        *,
+        originals: Originals,
+        tenants: Tenants,
+    ) -> None:
+        self.pods = PodDirectory()
+        self._loop, self._registry, self._bus, self._publisher = loop, registry, bus, publisher
+        self._originals, self._tenants = originals, tenants
+        self._nodes: dict[str, int] = {}
+        self._moved: set[str] = set()
+        """Namespaces whose pods came, went or moved since the last placement."""
+
+    def take_pod(self, pod: PodView) -> None:
+        """A pod is new or has changed."""
+        before = self.pods.put(pod)
+        if before is None or self._seat(before) != self._seat(pod):
+            self._move(pod.namespace)
+
+    def lose_pod(self, uid: str) -> PodView | None:
+        """A pod was deleted; returns its last view, None if it is unknown."""
+        pod = self.pods.pop(uid)
+        if pod is not None:
+            self._move(pod.namespace)
+        return pod
+
+    def take_node(self, name: str, cpu: int) -> None:
+        """A node has this much allocatable CPU, in millicores."""
+        if self._nodes.get(name) != cpu:
+            self._nodes[name] = cpu
+            self.place()
+
+    def place(self) -> None:
+        """Tell all runners what they may claim."""
+        claims = self._claims()
+        self._moved = set()
+        for runner, own in claims:
+            self._give(runner, own)
+
+    def _place_moved(self) -> None:
+        """Tell the runners that pods of the moved namespaces concern."""
+        moved, self._moved = self._moved, set()
+        if moved & self._registry.namespaces():
+            for runner, own in self._claims():
+                if runner.policy.namespace in moved or own != runner.claim:
+                    self._give(runner, own)
+
+    def _claims(self) -> list[tuple[PolicyRunner, Claim]]:
+        runners = self._registry.runners()
+        policies = [runner.policy for runner in runners]
+        pods = chain.from_iterable(self.pods.of(namespace) for namespace in {own.namespace for own in policies})
+        claims = claim(policies, pods, self._nodes, self._originals.cpu, self._tenants)
+        return [
+            (runner, with_agents(policy, claims[policy.reference], self._bus.reports))
+            for runner, policy in zip(runners, policies, strict=True)
+        ]
+
+    def _give(self, runner: PolicyRunner, own: Claim) -> None:
+        policy = runner.policy
+        self._publisher.tell_claim(policy.reference, runner.claim, own)
+        runner.place(own, self.pods.of(policy.namespace))
+
+    def _move(self, namespace: str) -> None:
+        """Schedule one placement, so that a list of thousands of pods costs one and not thousands."""
+        idle = not self._moved
+        self._moved.add(namespace)
+        if idle:
+            self._loop.schedule(lambda *_: self._place_moved())
+
+    def _seat(self, pod: PodView) -> tuple[object, ...]:
+        """The parts of a pod that claims depend on: a mere status update must not cost a new placement."""
+        original = self._originals.cpu
+        bounds = tuple(
+            (c.name, pod.floor(c, original(pod.uid, c.name)), c.spec.limit is None, c.memory_limit, c.container_id)
+            for c in pod.containers
+        )
+        return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds

@@ -1,0 +1,134 @@
+"""What an operator says about its policies: their statuses, and Events about what is news."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.policies.registry import LeavingPolicy
+from contextpolicy.telemetry import metrics
+from contextpolicy.telemetry.events import event
+from contextpolicy.telemetry.reporter import Reporter
+from contextpolicy.telemetry.resize_watch import FAILED, RECOVERED, ResizeWatch
+from contextpolicy.telemetry.status import GIVE_UP, StatusFacts, releasing, status, waiting
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from concurrent.futures import Executor
+
+    from contextpolicy.bus.robot_bus import RobotBus
+    from contextpolicy.cluster.claims import Claim
+    from contextpolicy.policies.registry import PolicyEntry, PolicyRegistry
+    from contextpolicy.streams.loop import Loop
+    from contextpolicy.telemetry.reporter import ReportApi
+    from contextpolicy.telemetry.status import ShadowFacts
+
+log = logging.getLogger(__name__)
+
+
+class StatusPublisher:
+    """On the loop's thread, but for `close`. `worker` writes, and must have one thread, which keeps things in order.
+
+    `resizes` hears of every patch; what goes wrong with them is part of what is said.
+    """
+
+    def __init__(self, api: ReportApi, loop: Loop, worker: Executor, registry: PolicyRegistry, bus: RobotBus) -> None:
+        self.resizes = ResizeWatch(self._on_problem, self._on_stage)
+        self.shadows: Callable[[str], ShadowFacts | None] = lambda _: None
+        """What there is to say of a policy that is a shadow of another one."""
+        self._loop, self._registry, self._bus = loop, registry, bus
+        self._reporter = Reporter(api, loop, worker)
+
+    def close(self) -> None:
+        """Finish the write in progress and drop the queued ones."""
+        self._reporter.close()
+
+    def report(self, reference: str) -> None:
+        """Have the policy's status written soon."""
+        self._reporter.status(reference, lambda: self._status(reference))
+
+    def report_all(self) -> None:
+        """Likewise for all policies: something has changed that each of them tells."""
+        for reference in self._registry.present:
+            self.report(reference)
+
+    def tell(self, reference: str, reason: str, message: str) -> None:
+        """Log a problem, or that it is over, and post an Event about it."""
+        entry = self._registry.find(reference)
+        log.warning("%s: %s: %s", reference, reason, message)
+        if entry is not None:
+            self._post(entry, reason, message, warning=reason != RECOVERED)
+
+    def note(self, reference: str, reason: str, message: str) -> None:
+        """Log news that are no problem, and post an Event about them."""
+        entry = self._registry.find(reference)
+        log.info("%s: %s: %s", reference, reason, message)
+        if entry is not None:
+            self._post(entry, reason, message, warning=False)
+
+    def tell_context(self, reference: str, context: str, cause: str, *, active: bool) -> None:
+        """Post an Event about a context that began or ceased to hold; the log has it with the plan already."""
+        entry = self._registry.present.get(reference)
+        if entry is not None:
+            reason = "ContextEntered" if active else "ContextExited"
+            self._post(entry, reason, f"{context}: {cause}", warning=False)
+
+    def tell_claim(self, reference: str, before: Claim, now: Claim) -> None:
+        """One Event for each kind of problem that a new claim has and the one before had not."""
+        for reason, had, have in (
+            ("Conflicted", before.conflicts, now.conflicts),
+            ("NotResizable", list(before.obstacles.values()), list(now.obstacles.values())),
+            ("RealtimeUnavailable", before.realtime, now.realtime),
+        ):
+            if have and have != had:
+                self.tell(reference, reason, "; ".join(have))
+
+    def forget(self, reference: str) -> None:
+        """Say nothing more about a policy, unless it is reported anew."""
+        self._reporter.forget(reference)
+        self.resizes.forget(reference)
+
+    def _status(self, reference: str) -> dict[str, Any]:
+        now = self._loop.to_seconds(self._loop.now)
+        entry = self._registry.leaving.get(reference) or self._registry.present[reference]
+        generation = entry.body["metadata"].get("generation", 0)
+        if isinstance(entry, LeavingPolicy):
+            made = releasing(self.resizes.problems(reference).values(), generation, entry.conditions, now)
+        elif entry.runner is None:
+            made = waiting(entry.loaded.rejected, generation, entry.conditions, now, connected=self._bus.connected)
+        else:
+            running, problems = entry.runner, self.resizes.problems(reference)
+            facts = StatusFacts(
+                generation=generation,
+                run=running.run,
+                claim=running.claim,
+                connected=self._bus.connected,
+                rejected=entry.loaded.rejected,
+                unmet_actuation=problems,
+                shadow=self.shadows(reference),
+                promoted_shadow=entry.stand_in.body["metadata"]["name"] if entry.stand_in is not None else None,
+            )
+            made = status(running.planner, facts, entry.conditions, now)
+        entry.conditions = made["conditions"]
+        return made
+
+    def _on_problem(self, policy: str, reason: str, message: str) -> None:
+        if policy in self._registry.leaving and reason == FAILED:
+            reason, message = "RestoreFailed", f"{message}; {GIVE_UP}"
+        self.tell(policy, reason, message)
+        if self._registry.find(policy) is not None:
+            self.report(policy)
+
+    def _on_stage(self, policy: str, stage: str, container: str, cores: float, at: float) -> None:
+        runner = self._registry.runner(policy)
+        if runner is not None:
+            runner.tell(stage, container, cores, at)
+
+    def _post(self, entry: PolicyEntry | LeavingPolicy, reason: str, message: str, *, warning: bool) -> None:
+        now = self._loop.to_seconds(self._loop.now)
+        if entry.events.spend(now):
+            told = entry.events.admit_to(message)
+            self._reporter.event(event(entry.body, reason=reason, message=told, now=now, warning=warning))
+        else:
+            metadata = entry.body["metadata"]
+            metrics.EVENTS_LEFT_OUT.labels(metadata["namespace"], metadata["name"]).inc()

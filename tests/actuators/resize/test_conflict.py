@@ -1,0 +1,346 @@
+"""Somebody else resizes the same containers: told, put back, and never a fight."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+
+from contextpolicy.actuators.resize.conflict import QUIET, REMEMBERED, STRIKES, YIELDED, Ownership
+from contextpolicy.actuators.resize.originals import Original
+from contextpolicy.actuators.resize.pauses import CONTESTED
+from contextpolicy.cluster.pods import Cpu
+from contextpolicy.policy.spec import Control
+from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered
+from tests.actuators.resize.rig import MOMENT, POLICY, Rig
+from tests.cluster.builders import a_pod, cpu
+
+SLAM = "lab/slam/slam"
+OURS, THEIRS, OTHERS = Cpu(10, 300), Cpu(10, 700), Cpu(10, 710)
+
+
+def governed_rig(share: int = 300) -> Rig:
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=share)
+    rig.settle()
+    rig.cluster.calls.clear()
+    return rig
+
+
+def take(rig: Rig, limit: str = "700m", **more: str) -> None:
+    """Somebody else resizes, and the watch tells."""
+    rig.cluster.edit("uid-slam", "slam", cpu=limit, **more)
+    rig.watch()
+
+
+# the pauses
+
+
+def test_each_strike_of_an_insistent_writer_is_answered_later():
+    governed, now, pauses = Ownership(POLICY, OURS), 0.0, []
+    for _ in range(7):
+        assert governed.compare(THEIRS, now)
+        pauses.append(governed.until - now)
+        now = governed.until
+        assert governed.rests_until <= now
+        governed.give(POLICY, OURS)
+    assert pauses == [0, CONTESTED.first, 1, 2, 4, CONTESTED.longest, CONTESTED.longest]
+
+
+def strike_by_strike(every):
+    """What is done about a writer who changes the limit `every` so many seconds, until we have yielded twice."""
+    governed, now, pauses = Ownership(POLICY, OURS), 0.0, []
+    while pauses.count(YIELDED) < 2:
+        assert governed.compare(THEIRS, now)
+        pauses.append(round(governed.until - now, 6))
+        assert governed.forgotten_at == math.inf, "while it is in place it is not over"
+        now = governed.until
+        governed.give(POLICY, OURS)
+        now += every
+    return pauses
+
+
+@pytest.mark.parametrize("every", [0.1, 60.0], ids=["all the time", "an autoscaler"])
+def test_a_contest_ends_we_yield_and_try_again_once_in_a_while(every):
+    pauses = strike_by_strike(every)
+    assert len(pauses) == STRIKES + 2
+    assert all(pause <= CONTESTED.longest for pause in pauses[:STRIKES])
+
+
+def test_a_writer_who_gave_up_starts_from_the_beginning():
+    governed = Ownership(POLICY, OURS)
+    for strike in range(STRIKES + 1):
+        governed.compare(THEIRS, float(strike))
+        governed.give(POLICY, OURS)
+    assert governed.yielded
+    tried_again = governed.until
+    assert governed.forgotten_at == tried_again + REMEMBERED
+    governed.compare(THEIRS, tried_again + REMEMBERED)
+    assert not governed.yielded
+    assert governed.rests_until == tried_again + REMEMBERED, "put back at once"
+
+
+def test_what_it_makes_of_it_during_a_pause_is_the_same_strike():
+    governed = Ownership(POLICY, OURS)
+    governed.compare(THEIRS, 0.0)
+    governed.give(POLICY, OURS)
+    assert governed.compare(THEIRS, 0.1)
+    until = governed.until
+    assert not governed.compare(THEIRS, 0.2)
+    assert not governed.compare(OTHERS, 0.3)
+    assert (governed.rests_until, governed.seen) == (until, 0.3)
+
+
+def test_after_a_quiet_while_it_is_put_back_at_once_again():
+    governed = Ownership(POLICY, OURS)
+    for now in (0.0, 1.0, 1.0 + QUIET + 0.1):
+        governed.compare(THEIRS, now)
+        pause = governed.until - now
+        governed.give(POLICY, OURS)
+    assert pause == 0
+
+
+def test_nothing_rests_that_nobody_took():
+    assert Ownership(POLICY, OURS).rests_until == -math.inf
+
+
+# the resizer
+
+
+def test_a_foreign_limit_is_told_and_put_back_at_once():
+    rig = governed_rig()
+    take(rig)
+    rig.work()
+    assert rig.cluster.limit("slam") == 300
+    assert rig.witness.conflicts == [(SLAM, ("vpa-updater", 300, 700))]
+    rig.settle()
+    rig.wait(REMEMBERED)
+    assert rig.witness.conflicts[1:] == [(SLAM, "over")]
+
+
+def test_a_foreign_request_is_told_and_put_back():
+    rig = governed_rig()
+    take(rig, "300m", request="250m", by="kubectl-edit")
+    rig.settle()
+    assert rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]["requests"]["cpu"] == "100m"
+    assert rig.witness.conflicts[:1] == [(SLAM, ("kubectl-edit", 300, 300))]
+
+
+def test_a_writer_who_insists_gets_ever_fewer_answers():
+    rig = governed_rig()
+    times = []
+    for step in range(2000):
+        if rig.cluster.limit("slam") == 300:
+            rig.cluster.edit("uid-slam", "slam", cpu="700m")
+        rig.cluster.confirm()
+        rig.watch()
+        while rig.workers.jobs:
+            rig.work()
+            times.append(step / 100)
+        rig.wait(0.01)
+    gaps = [after - before for before, after in pairwise(times)]
+    assert gaps == pytest.approx([CONTESTED.first, 1, 2, 4, CONTESTED.longest, CONTESTED.longest], abs=0.1)
+    assert len(rig.witness.conflicts) == len(times) + 1, "told at each strike, the last of which still rests"
+
+
+def test_a_writer_who_never_stops_gets_its_way_and_that_is_told():
+    rig = governed_rig()
+    for _ in range(40 * 60):
+        if rig.cluster.limit("slam") == 300:
+            rig.cluster.edit("uid-slam", "slam", cpu="700m")
+        rig.cluster.confirm()
+        rig.watch()
+        while rig.workers.jobs:
+            rig.work()
+        rig.wait(0.5)
+    assert rig.cluster.limit("slam") == 700
+    assert len(rig.cluster.resizes()) == STRIKES + 1, "once more after ten minutes"
+    assert rig.witness.conflicts[-1] == (SLAM, ("vpa-updater", 300, 700))
+    assert "over" not in [what for _, what in rig.witness.conflicts]
+
+
+def test_new_plans_do_not_wake_a_contest_that_is_over():
+    rig = governed_rig()
+    for _ in range(STRIKES + 1):
+        take(rig)
+        rig.wait(CONTESTED.longest + 0.1)
+        while rig.workers.jobs:
+            rig.work()
+        rig.watch()
+    for share in (400, 200, 600):
+        rig.plan(slam=share)
+        rig.wait(10)
+        assert rig.workers.jobs == []
+    assert rig.cluster.limit("slam") == 700
+    rig.wait(YIELDED)
+    rig.work()
+    assert rig.cluster.limit("slam") == 600
+
+
+def test_a_writer_who_takes_it_back_and_comes_again_has_struck_twice():
+    rig = governed_rig()
+    take(rig)
+    rig.work()
+    rig.watch()
+    for limit in ("700m", "300m", "700m"):
+        take(rig, limit)
+    rig.wait(CONTESTED.first + 0.1)
+    assert rig.workers.jobs == []
+    rig.wait(2 * CONTESTED.first)
+    assert len(rig.workers.jobs) == 1
+    assert len(rig.witness.conflicts) == 3
+
+
+def test_new_plans_do_not_shorten_a_pause():
+    rig = governed_rig()
+    for _ in range(2):
+        take(rig)
+        while rig.workers.jobs:
+            rig.work()
+    for share in (400, 200, 300, 600):
+        rig.plan(slam=share)
+        assert rig.workers.jobs == []
+    rig.wait(CONTESTED.first + 0.1)
+    rig.work()
+    assert rig.cluster.limit("slam") == 600
+
+
+def test_a_foreign_limit_takes_its_room_from_the_node():
+    rig = Rig(a_pod("slam"), a_pod("speech"))
+    rig.plan(slam=800, speech=200)
+    rig.settle()
+    for _ in range(2):
+        rig.cluster.edit("uid-speech", "speech", cpu="600m")
+        rig.cluster.confirm()
+        rig.watch()
+        while rig.workers.jobs:
+            rig.work()
+    rig.plan(slam=900, speech=100)
+    assert rig.workers.jobs == [], "slam must not rise beside 600m"
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.cluster.limit("speech")) == (900, 100)
+
+
+def test_a_foreign_limit_that_was_replaced_before_it_was_reported_still_counts():
+    rig = Rig(a_pod("slam"), a_pod("speech"))
+    rig.plan(slam=300, speech=200)
+    rig.settle()
+    take(rig, "700m")
+    take(rig, "300m")  # its writer takes it back; the kubelet may have seen it
+    rig.work()
+    rig.watch()
+    rig.plan(slam=300, speech=600)
+    assert rig.workers.jobs == []
+    rig.settle()
+    assert rig.cluster.limit("speech") == 600
+
+
+def test_a_foreign_limit_is_never_what_comes_back():
+    rig = governed_rig()
+    for _ in range(3):
+        take(rig)
+        while rig.workers.jobs:
+            rig.work()
+    rig.release()
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam"), rig.released) == (500, {}, [POLICY])
+
+
+def test_what_the_plan_left_as_it_was_is_governed_too():
+    """Its share is what it has, so nothing was ever noted in the pod."""
+    rig = governed_rig(share=500)
+    take(rig, request="200m")
+    rig.settle()
+    assert rig.witness.conflicts[:1] == [(SLAM, ("vpa-updater", 500, 700))]
+    assert rig.cluster.limit("slam") == 500
+    assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
+
+
+def test_what_was_there_before_the_policy_is_nobodys_fault():
+    rig = Rig(a_pod("slam"))
+    take(rig)
+    rig.plan(slam=300)
+    rig.settle()
+    assert rig.witness.conflicts == []
+    rig.release()
+    rig.settle()
+    assert rig.cluster.limit("slam") == 700
+
+
+def test_after_the_policy_everybody_may_do_what_they_like():
+    for share in (300, 500):
+        rig = governed_rig(share)
+        rig.release()
+        rig.settle()
+        take(rig)
+        rig.plan(slam=300)
+        rig.settle()
+        assert rig.witness.conflicts == []
+
+
+def test_a_foreign_limit_that_the_plan_wants_by_now_is_the_plans():
+    rig = governed_rig()
+    rig.cluster.edit("uid-slam", "slam", cpu="700m")
+    rig.plan(slam=700)
+    rig.watch()
+    rig.settle()
+    assert rig.cluster.limit("slam") == 700
+
+
+def test_an_answer_that_was_lost_is_not_taken_for_somebody_else():
+    rig = governed_rig()
+    rig.cluster.faults.append(Unanswered(UNREACHABLE))
+    rig.plan(slam=400)
+    rig.work()
+    rig.watch()
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.witness.conflicts) == (400, [])
+
+
+@pytest.mark.parametrize("control", list(Control))
+def test_nobody_is_accused_while_all_goes_well(control):
+    rig = Rig(a_pod("slam", {"slam": cpu("100m", "500m", None), "map": cpu("100m", "500m", None)}))
+    for slam in (300, 400, 200):
+        rig.plan(slam__slam=slam, slam__map=600 - slam, control=control)
+        rig.settle()
+    rig.kill()
+    rig.plan(slam__slam=250, slam__map=250, control=control)
+    rig.settle()
+    assert rig.witness.conflicts == []
+
+
+def test_what_others_did_while_no_operator_ran_is_told():
+    rig = governed_rig()
+    rig.cluster.edit("uid-slam", "slam", cpu="700m", by="kubectl-edit")
+    rig.kill()
+    rig.plan(slam=300)
+    assert rig.witness.conflicts == [(SLAM, ("kubectl-edit", 500, 700))]
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam")["slam"].cpu.limit) == (300, 500)
+
+
+def test_a_note_without_its_resize_accuses_nobody():
+    """The operator before died between the two."""
+    rig = Rig(a_pod("slam"))
+    rig.cluster.policies[POLICY] = {
+        "uid-slam": {"pod": "slam", "containers": {"slam": {"request": "100m", "limit": "500m"}}}
+    }
+    rig.kill()
+    rig.plan(slam=300)
+    rig.wait(MOMENT)
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.witness.conflicts) == (300, [])
+
+
+def test_a_contest_ends_when_nobody_contests_any_more():
+    rig = governed_rig()
+    for _ in range(3):
+        take(rig)
+        rig.settle()
+        rig.wait(REMEMBERED / 2)
+    assert (SLAM, "over") not in rig.witness.conflicts
+    rig.wait(REMEMBERED)
+    assert rig.witness.conflicts[-1] == (SLAM, "over")
+    rig.wait(10 * REMEMBERED)
+    assert [told for _, told in rig.witness.conflicts].count("over") == 1

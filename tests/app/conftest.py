@@ -1,0 +1,5 @@
+"""The operator as a whole, in virtual time."""
+
+from tests.policies.conftest import operator, running
+
+__all__ = ["operator", "running"]

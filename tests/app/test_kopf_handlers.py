@@ -1,0 +1,51 @@
+"""What kopf's handlers tell the runtime, and what they tell kopf."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+
+import kopf
+import pytest
+
+from contextpolicy.app import kopf_handlers
+from tests.small_cluster import Told
+
+
+def run(coroutine):
+    return asyncio.run(coroutine)
+
+
+def memo(told):
+    return SimpleNamespace(runtime=told.runtime)
+
+
+@pytest.fixture
+def told():
+    return Told()
+
+
+def test_a_policy_is_handed_over_as_a_plain_object(told):
+    run(kopf_handlers.apply(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(told)))
+    assert told.calls == [("policy_changed", "robot")]
+    assert type(told.runtime.policy_changed.call_args.args[0]) is dict
+
+
+def test_a_policy_that_names_what_is_not_there_yet_comes_again(told):
+    told.readable = False
+    with pytest.raises(kopf.TemporaryError) as caught:
+        run(kopf_handlers.apply(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(told)))
+    assert caught.value.delay == kopf_handlers.REREAD
+
+
+def test_a_policy_goes_when_all_is_restored(told):
+    told.restored.set_result(None)
+    run(kopf_handlers.release(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(told)))
+    assert told.calls == [("policy_deleted", "robot")]
+
+
+def test_a_restore_that_takes_long_is_asked_for_again(monkeypatch, told):
+    monkeypatch.setattr(kopf_handlers, "RESTORE_TIMEOUT", 0.01)
+    with pytest.raises(kopf.TemporaryError, match="not restored yet"):
+        run(kopf_handlers.release(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(told)))
+    assert told.restored.cancelled(), "the runtime may skip an answer that nobody awaits"

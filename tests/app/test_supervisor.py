@@ -1,0 +1,256 @@
+"""The operator's process against a small API server: what it does before it leads, and in what order it ends."""
+
+from __future__ import annotations
+
+import json
+import threading
+from unittest.mock import create_autospec
+from urllib.error import HTTPError
+from urllib.request import urlopen
+
+import kubernetes.config.kube_config
+import pytest
+
+from contextpolicy.app import supervisor
+from contextpolicy.app.leadership import NAMESPACE_LEASE
+from contextpolicy.app.probes import serve
+from contextpolicy.app.settings import Settings
+from contextpolicy.app.supervisor import Supervisor, reach
+from contextpolicy.app.wiring import Operator
+from contextpolicy.cluster.api import ApiServer
+from contextpolicy.errors import ActuationError
+from tests.ports import free_port
+from tests.small_cluster import SmallCluster, Told
+from tests.waiting import PATIENCE, until
+
+OWN = ("system", "release")
+
+
+class RestartedError(Exception):
+    """Ends the process in place of a new program."""
+
+
+def restart():
+    raise RestartedError
+
+
+@pytest.fixture
+def cluster(tmp_path, monkeypatch):
+    with SmallCluster() as running:
+        threading.Thread(target=running.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True).start()
+        path = tmp_path / "config"
+        path.write_text(json.dumps(running.kubeconfig))
+        monkeypatch.setenv("KUBECONFIG", str(path))
+        monkeypatch.setattr(kubernetes.config.kube_config, "KUBE_CONFIG_DEFAULT_LOCATION", str(path))
+        yield running
+        for event in (running.pods_allowed, running.nodes_allowed, running.ended):
+            event.set()
+        running.shutdown()
+
+
+@pytest.fixture
+def told():
+    return Told()
+
+
+class Replica:
+    """A replica on a thread, with a runtime that only notes."""
+
+    def __init__(self, told, port, identity, seconds, namespaces):
+        self.told, self.port = told, port
+        self.stop, self.code, self.deposed = threading.Event(), None, threading.Event()
+        own = Settings(lease=OWN, lease_seconds=seconds, identity=identity, namespaces=namespaces)
+        self.supervisor = Supervisor(ApiServer(), own, restart)
+        self._server = serve(port, {"/healthz": self.supervisor.hung, "/readyz": self.supervisor.unready})
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        try:
+            self.code = self.supervisor.run(self.stop)
+        except RestartedError:
+            self.deposed.set()
+        finally:
+            self.supervisor._api.close()
+
+    def end(self):
+        self.stop.set()
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
+        self._server.shutdown()
+        self._server.server_close()
+
+    def page(self, name):
+        try:
+            with urlopen(f"http://127.0.0.1:{self.port}/{name}", timeout=PATIENCE) as answer:
+                return answer.status, answer.read().decode()
+        except HTTPError as error:
+            with error:
+                return error.code, error.read().decode()
+
+
+@pytest.fixture
+def replica(cluster, monkeypatch):
+    """Start a replica; its runtime is the fixture's, with a router."""
+    monkeypatch.setattr(supervisor, "open_client", lambda *_: None)
+    started = []
+
+    def start(told, identity="one", seconds=60, namespaces=("lab",)):
+        told.runtime.has_router = True
+        monkeypatch.setattr(supervisor, "Operator", create_autospec(Operator, return_value=told.runtime))
+        started.append(Replica(told, free_port(), identity, seconds, namespaces))
+        return started[-1]
+
+    yield start
+    cluster.pods_allowed.set()
+    cluster.nodes_allowed.set()
+    cluster.ended.set()
+    for one in started:
+        one.end()
+
+
+def test_nothing_is_done_about_policies_before_all_pods_and_nodes_are_known(cluster, replica, told):
+    """A policy whose containers are not known yet would seem restored, and be gone."""
+    one = replica(told)
+    cluster.pods_allowed.set()
+    told.wait_for("pod_changed", "slam")
+    assert not cluster.policies_listed.wait(1), "kopf has heard of policies before the nodes are known"
+    assert one.page("readyz")[0] == 503
+    cluster.nodes_allowed.set()
+    told.wait_for("policy_deleted", "robot")
+    assert [name for name, *_ in told.calls] == ["pod_changed", "node_changed", "policy_deleted"]
+    assert not cluster.by_kopf, "kopf is too slow for what changes with every resize"
+    assert one.page("readyz") == (200, "ok\n")
+    told.restored.set_result(None)
+
+
+def test_a_standby_does_nothing_but_is_ready_once_it_sees_that_its_leader_lives(cluster, replica, told):
+    cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60)
+    cluster.pods_allowed.set()
+    cluster.nodes_allowed.set()
+    standby = replica(told)
+    told.wait_for("node_changed", "robot-1")
+    assert not cluster.policies_listed.wait(1)
+    assert (cluster.holder("lab", NAMESPACE_LEASE), cluster.written) == (None, [])
+    assert not standby.supervisor._api.may_act("lab")
+    assert standby.page("readyz") == (503, "the Lease is not ours, and nobody was seen to renew it\n")
+    cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60, renewTime="later")
+    until(lambda: standby.page("readyz")[0] == 200)
+    assert standby.page("readyz") == standby.page("healthz") == (200, "ok\n")
+
+
+def test_a_standby_leads_as_soon_as_the_lease_is_given_back(cluster, replica, told):
+    cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60)
+    cluster.pods_allowed.set()
+    cluster.nodes_allowed.set()
+    standby = replica(told)
+    told.wait_for("node_changed", "robot-1")
+    cluster.put_lease(*OWN, holderIdentity=None, leaseDurationSeconds=1)
+    told.wait_for("policy_deleted", "robot")
+    assert (cluster.holder(*OWN), cluster.holder("lab", NAMESPACE_LEASE)) == ("one", "system/release")
+    assert standby.supervisor._api.may_act("lab")
+    assert not standby.supervisor._api.may_act("kitchen")
+
+
+def test_a_replica_that_is_deposed_acts_no_more_and_starts_anew(cluster, replica, told):
+    cluster.pods_allowed.set()
+    cluster.nodes_allowed.set()
+    one = replica(told)
+    told.wait_for("policy_deleted", "robot")
+    cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60)
+    assert one.deposed.wait(PATIENCE)
+    assert not one.supervisor._api.may_act("lab")
+    with pytest.raises(ActuationError, match="no valid Lease"):
+        one.supervisor._api.resize("lab", "slam", {})
+    assert cluster.holder(*OWN) == "other"
+
+
+def test_a_namespace_that_another_release_serves_is_left_alone(cluster, replica, told, caplog):
+    cluster.put_lease("lab", NAMESPACE_LEASE, holderIdentity="elsewhere/release", leaseDurationSeconds=60)
+    cluster.pods_allowed.set()
+    cluster.nodes_allowed.set()
+    one = replica(told)
+    told.wait_for("node_changed", "robot-1")
+    assert not cluster.policies_listed.wait(1)
+    assert not one.supervisor._api.may_act("lab")
+    assert cluster.written == []
+    assert "namespace lab is served by elsewhere/release" in caplog.text
+
+
+def test_a_namespace_whose_role_is_gone_does_not_keep_it_from_the_others_and_is_told(cluster, replica, told, caplog):
+    """As after the namespace was deleted while no operator ran: its policies hold it, and the Role went first."""
+    cluster.closed.add("gone")
+    cluster.pods_allowed.set()
+    cluster.nodes_allowed.set()
+    one = replica(told, namespaces=("gone", "lab"))
+    told.wait_for("policy_deleted", "robot")
+    assert one.supervisor._api.may_act("lab")
+    assert not one.supervisor._api.may_act("gone")
+    assert "contextpolicy restore --namespace gone --remove-finalizers" in caplog.text
+    assert one.page("readyz") == (200, "ok\n")
+
+
+def test_the_end_gives_the_lease_back_when_nothing_acts_any_more(cluster, replica, told):
+    cluster.pods_allowed.set()
+    cluster.nodes_allowed.set()
+    one = replica(told)
+    told.wait_for("policy_deleted", "robot")
+    held = []
+    told.runtime.close.side_effect = lambda: held.append(cluster.holder(*OWN))
+    cluster.ended.set()
+    one.stop.set()
+    one.end()
+    assert (one.code, held, cluster.holder(*OWN)) == (0, ["one"], None)
+    assert cluster.holder("lab", NAMESPACE_LEASE) == "system/release", "the release's next replica goes on"
+
+
+def test_a_router_that_answers_is_handed_over(cluster, replica, told, monkeypatch):
+    one = replica(told)
+    monkeypatch.setattr(supervisor, "open_client", lambda *_: "session")
+    one.supervisor._connect()
+    assert ("connected", "session") in told.calls
+    assert cluster.installed
+
+
+def test_readiness_tells_that_no_router_answers(replica, told, cluster):
+    cluster.pods_allowed.set()
+    cluster.nodes_allowed.set()
+    one = replica(told)
+    told.wait_for("policy_deleted", "robot")
+    told.runtime.has_router = False
+    assert one.page("readyz") == (503, "no Zenoh router answers\n")
+    assert one.page("healthz")[0] == 200, "a restart would not bring the router back"
+
+
+def test_a_start_waits_for_the_api_server_and_is_there_at_once(monkeypatch):
+    answers = iter([ActuationError("Unreachable", "refused", retriable=True), False, True])
+
+    class Api:
+        def serves_policies(self):
+            answer = next(answers)
+            if isinstance(answer, Exception):
+                raise answer
+            return answer
+
+    paused = []
+
+    class Stop:
+        def wait(self, pause):
+            paused.append(pause)
+            return False
+
+    monkeypatch.setattr(supervisor, "ApiServer", Api)
+    assert isinstance(reach(Stop()), Api)
+    assert sum(paused) < 1
+    assert max(supervisor.PAUSES) <= 1, "however long it takes"
+
+
+def test_without_the_custom_resource_the_operator_waits_and_says_what_to_do(cluster, caplog):
+    cluster.installed = False
+
+    class Stop:
+        def wait(self, _):
+            return True
+
+    assert reach(Stop()) is None
+    assert "kubectl apply -f crds/" in caplog.text

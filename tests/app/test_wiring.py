@@ -1,0 +1,162 @@
+"""The operator from its watches' news to patches, statuses and messages, in virtual time."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from contextpolicy.actuators.following import SETTLED
+from contextpolicy.bus.agent_watch import BOUND
+from contextpolicy.cluster.agent_reports import NO_AGENT
+from contextpolicy.telemetry import metrics
+from contextpolicy.telemetry.reporter import STATUS_INTERVAL
+from contextpolicy.telemetry.status import NO_ROUTER
+from tests.cluster.builders import NODE
+from tests.policies.builders import IMU, a_policy
+
+
+def test_samples_become_limits(running):
+    assert running.limits() == {"slam": 500, "speech": 500}
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+    running.sample(IMU, speed=0.0)
+    running.settle()
+    assert running.limits() == {"slam": 500, "speech": 500}
+
+
+def test_status_and_bus_tell_the_same(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    running.turn(STATUS_INTERVAL)
+    status, plan = running.cluster.statuses["lab/robot"], running.session.plans()[-1]
+    assert status["activeContexts"] == plan["contexts"] == ["moving"]
+    assert status["plan"]["sequence"] == plan["sequence"]
+    assert {task["name"]: task["share"] for task in status["tasks"]} == {"slam": "800m", "speech": "200m"}
+    assert {name: task["share"] for name, task in plan["tasks"].items()} == {"slam": 0.8, "speech": 0.2}
+    assert running.condition("Ready") == ("True", "Working", "")
+
+
+def test_what_is_accepted_and_in_force_goes_to_the_bus(running):
+    running.session.published.clear()
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    steps = [step for key, step in running.session.published if key == "contextpolicy/lab/robot/applied"]
+    assert [(step["stage"], step["container"], step["cores"]) for step in steps] == [
+        ("accepted", "lab/speech/speech", 0.2),
+        ("accepted", "lab/slam/slam", 0.8),
+        ("inForce", "lab/slam/slam", 0.8),
+        ("inForce", "lab/speech/speech", 0.2),
+    ]
+    assert {step["sequence"] for step in steps} == {running.session.plans()[-1]["sequence"]}
+
+
+# the router
+
+
+def test_policies_wait_for_the_router_and_say_so(operator):
+    operator.list_all()
+    operator.apply(a_policy())
+    operator.turn(0.5)
+    assert operator.condition("Connected") == ("False", "NoRouter", NO_ROUTER)
+    assert operator.condition("Accepted")[0] == "True"
+    assert operator.cluster.calls == []
+    operator.connect()
+    operator.sample(IMU, speed=0.3)
+    operator.settle()
+    assert operator.limits() == {"slam": 800, "speech": 200}
+    assert operator.condition("Ready")[0] == "True"
+
+
+def test_an_invalid_policy_is_told_without_a_router(operator):
+    operator.apply(a_policy(tasks=[]))
+    operator.turn(0.5)
+    assert operator.condition("Accepted")[:2] == ("False", "Invalid")
+    assert operator.condition("Connected")[0] == "False"
+
+
+def test_a_bus_that_is_lost_after_it_was_there_is_told_at_once(running):
+    running.session.lose_router()
+    running.turn(0.5)
+    assert running.condition("Connected") == ("False", "NoRouter", NO_ROUTER)
+    assert running.condition("Ready")[0] == "False"
+    running.session.find_router("another")
+    running.turn(0.5)
+    assert running.condition("Connected")[0] == running.condition("Ready")[0] == "True"
+
+
+# agents
+
+
+def test_a_realtime_policy_without_agents_falls_back_and_says_why(operator):
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(scheduler="Realtime"))
+    operator.sample(IMU, speed=0.3)
+    operator.settle()
+    assert operator.limits() == {"slam": 800, "speech": 200}
+    assert operator.condition("Realtime") == ("False", "Unavailable", f"node {NODE} falls back to CFS: {NO_AGENT}")
+    assert [reason for reason, _ in operator.told() if reason != "ContextEntered"] == ["RealtimeUnavailable"]
+
+
+def test_the_nodes_of_realtime_agents_are_left_to_them(operator):
+    operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(scheduler="Realtime"))
+    operator.sample(IMU, speed=0.3)
+    operator.turn(10.0)
+    operator.settle()
+    assert operator.cluster.calls == []
+    assert operator.condition("Realtime")[0] == "True"
+
+
+@pytest.mark.parametrize("confirming", [True, False])
+def test_resizes_follow_an_agent_that_confirms_and_wait_for_no_other(operator, confirming):
+    operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
+    operator.session.confirming = confirming
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy())
+    operator.sample(IMU, speed=0.3)
+    operator.turn(BOUND + 0.1)
+    operator.settle()
+    operator.sample(IMU, speed=0.0)
+    operator.turn(SETTLED / 2)
+    assert (operator.patches.jobs == []) is confirming
+
+
+# start and end
+
+
+def test_closing_ends_everything_and_leaves_the_limits(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    running.close()
+    assert running.session.everything_declared() == []
+    assert running.session.closed
+    assert (running.loop.disposed, running.patches.ended, running.reports.ended) == (True, True, True)
+    assert running.limits() == {"slam": 800, "speech": 200}
+
+
+def test_closing_before_the_router_was_found(operator):
+    operator.list_all()
+    operator.close()
+    assert operator.loop.disposed
+
+
+def test_plans_that_min_dwell_held_back_are_counted(operator):
+    def counted():
+        return metrics.HELD_BACK.labels("lab", "robot")._value.get()
+
+    before = counted()
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(minDwell="5s"))
+    operator.sample(IMU, speed=0.0)
+    operator.turn(6)
+    operator.sample(IMU, speed=0.3)
+    operator.sample(IMU, speed=0.0)
+    operator.turn(6)
+    assert counted() == before + 1

@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contextpolicy.planning.conditions.timers import Timers
+
+
+class Bell:
+    """Notes when it rang, in a list that all bells of a test share."""
+
+    def __init__(self, name: str, rung: list[tuple[str, float]]) -> None:
+        self.name, self.rung = name, rung
+
+    def on_due(self, now: float) -> None:
+        self.rung.append((self.name, now))
+
+
+def bells(*names: str) -> tuple[list[tuple[str, float]], list[Bell]]:
+    rung: list[tuple[str, float]] = []
+    return rung, [Bell(name, rung) for name in names]
+
+
+def test_nothing_set_means_nothing_due():
+    timers = Timers()
+    timers.fire(1e9)
+    assert timers.next_due() is None
+
+
+def test_only_what_is_due_by_then_counts():
+    _, (early, late) = bells("early", "late")
+    timers = Timers()
+    timers.set(early, 1.0)
+    timers.set(late, 3.0)
+    assert [timers.next_due(by) for by in (0.9, 1.0, 5.0)] == [None, 1.0, 1.0]
+    timers.set(early, 4.0)
+    assert [timers.next_due(by) for by in (2.9, 3.0, 5.0)] == [None, 3.0, 3.0]
+
+
+def test_deadlines_act_in_order_and_once():
+    rung, (early, late) = bells("early", "late")
+    timers = Timers()
+    timers.set(late, 2.0)
+    timers.set(early, 1.0)
+    assert timers.next_due() == 1.0
+    timers.fire(5.0)
+    timers.fire(6.0)
+    assert [name for name, _ in rung] == ["early", "late"]
+
+
+def test_a_deadline_later_than_now_waits():
+    rung, (bell,) = bells("bell")
+    timers = Timers()
+    timers.set(bell, 2.0)
+    timers.fire(1.999)
+    assert (rung, timers.next_due()) == ([], 2.0)
+
+
+def test_setting_again_replaces_the_earlier_deadline():
+    rung, (bell,) = bells("bell")
+    timers = Timers()
+    for due in (5.0, 1.0, 3.0):
+        timers.set(bell, due)
+    assert timers.next_due() == 3.0
+    timers.fire(10.0)
+    assert len(rung) == 1
+    assert timers.next_due() is None
+
+
+def test_a_cleared_deadline_never_acts():
+    rung, (bell,) = bells("bell")
+    timers = Timers()
+    timers.set(bell, 1.0)
+    timers.clear(bell)
+    timers.fire(2.0)
+    assert (rung, timers.next_due()) == ([], None)
+
+
+def test_a_cleared_deadline_can_be_set_again_for_the_same_moment():
+    rung, (bell,) = bells("bell")
+    timers = Timers()
+    timers.set(bell, 1.0)
+    timers.clear(bell)
+    timers.set(bell, 1.0)
+    timers.fire(1.0)
+    timers.fire(1.0)
+    assert rung == [("bell", 1.0)]
+
+
+def test_one_instant_keeps_the_order_of_first_setting():
+    rung, (first, second) = bells("first", "second")
+    timers = Timers()
+    timers.set(first, 9.0)
+    timers.set(second, 1.0)
+    timers.set(first, 1.0)
+    timers.fire(1.0)
+    assert [name for name, _ in rung] == ["first", "second"]
+
+
+def test_what_is_set_while_firing_and_due_acts_too():
+    timers = Timers()
+    rung: list[tuple[str, float]] = []
+    after = Bell("after", rung)
+
+    class Chain:
+        def on_due(self, now: float) -> None:
+            timers.set(after, now)
+
+    timers.set(Chain(), 1.0)
+    timers.fire(1.0)
+    assert rung == [("after", 1.0)]
+
+
+def test_moving_a_deadline_later_again_and_again_does_not_grow_the_heap():
+    """What every sample does to its stream's watchdog."""
+    _, (bell,) = bells("bell")
+    timers = Timers()
+    for tick in range(10_000):
+        timers.set(bell, 1.0 + tick)
+    assert len(timers._heap) == 1
+
+
+def test_setting_and_clearing_again_and_again_does_not_grow_the_heap():
+    """What a flapping condition does to its context's delay."""
+    _, (bell,) = bells("bell")
+    timers = Timers()
+    for tick in range(10_000):
+        timers.set(bell, 3600.0 + tick)
+        timers.clear(bell)
+    assert len(timers._heap) == 1
+    assert timers.next_due() is None
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.sampled_from(["set", "clear", "fire"]), st.integers(0, 9))))
+def test_it_behaves_as_a_plain_table_of_deadlines_would(steps):
+    rung, (a, b, c) = bells("a", "b", "c")
+    timers, table = Timers(), {}
+    for name, step, when in steps:
+        owner = {"a": a, "b": b, "c": c}[name]
+        if step == "set":
+            timers.set(owner, when)
+            table[name] = when
+        elif step == "clear":
+            timers.clear(owner)
+            table.pop(name, None)
+        else:
+            rung.clear()
+            timers.fire(when)
+            assert sorted(name for name, _ in rung) == sorted(name for name, due in table.items() if due <= when)
+            table = {name: due for name, due in table.items() if due > when}
+        assert timers.next_due() == min(table.values(), default=None)

@@ -1,0 +1,136 @@
+"""Pods and nodes that come, change and go under a policy, in virtual time."""
+
+from __future__ import annotations
+
+from contextpolicy.cluster.claims import claim
+from contextpolicy.policies import binder
+from tests.cluster.builders import a_pod, cpu
+from tests.planning.builders import a_context, a_task
+from tests.policies.builders import IMU, a_policy, resources
+from tests.virtual_operator import VirtualOperator
+
+
+def test_a_node_that_changes_its_size_changes_n(running):
+    running.node("2")
+    running.settle()
+    assert running.limits() == {"slam": 1000, "speech": 1000}
+    running.node("500m")
+    running.settle()
+    assert running.limits() == {"slam": 250, "speech": 250}
+
+
+def test_a_node_that_tells_no_size_is_ignored(running):
+    running.runtime.node_changed({"metadata": {"name": "joining"}, "status": {}})
+    running.turn()
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+
+
+def test_pods_known_before_their_node_are_governed_as_soon_as_it_is(operator):
+    for pod in operator.cluster.pods.values():
+        operator.runtime.pod_changed(pod)
+    operator.connect()
+    operator.apply(a_policy())
+    operator.sample(IMU, speed=0.3)
+    assert operator.patches.jobs == []
+    operator.node()
+    operator.settle()
+    assert operator.limits() == {"slam": 800, "speech": 200}
+
+
+def test_a_pod_that_is_replaced_gets_the_share_of_its_task(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    running.runtime.pod_gone("uid-slam")
+    running.cluster.remove("uid-slam")
+    running.turn()
+    running.cluster.create(a_pod("slam-2", {"slam": resources()}, labels={"app": "slam"}))
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+
+
+def test_a_restarted_container_is_told_to_agents_with_the_plan_in_force(running):
+    running.session.published.clear()
+    running.cluster.pods["uid-slam"]["status"]["containerStatuses"][0]["containerID"] = "containerd://again"
+    running.cluster._commit("uid-slam")
+    running.settle()
+    [plan] = running.session.plans()
+    assert plan["edition"] == 1
+    assert "containerd://again" in [target["containerId"] for target in plan["targets"]]
+    assert "trigger" in plan
+
+
+def test_a_container_that_a_resize_would_restart_is_left_alone_and_told_once(running):
+    delicate = a_pod("slam-2", {"slam": resources()}, labels={"app": "slam"})
+    delicate["spec"]["containers"][0]["resizePolicy"] = [{"resourceName": "cpu", "restartPolicy": "RestartContainer"}]
+    running.cluster.create(delicate)
+    for speed in (0.3, 0.0, 0.3):
+        running.sample(IMU, speed=speed)
+        running.settle()
+    assert "slam-2" not in [pod for pod, _ in running.cluster.resizes()]
+    assert running.condition("Applied")[:2] == ("False", "NotApplied")
+    [(reason, message)] = [one for one in running.told() if not one[0].startswith("Context")]
+    assert reason == "NotResizable"
+    assert message in running.condition("Applied")[2]
+    assert "slam-2/slam restarts whenever its CPU changes" in message
+
+
+def test_thousands_of_pods_that_come_at_once_cost_one_placement(running, monkeypatch):
+    placements = []
+    monkeypatch.setattr(binder, "claim", lambda *arguments: placements.append(1) or claim(*arguments))
+    for number in range(300):
+        namespace = "lab" if number % 3 == 0 else "elsewhere"
+        running.runtime.pod_changed(a_pod(f"other-{number}", {"other": resources()}, namespace=namespace))
+    running.turn()
+    assert len(placements) == 1
+    running.runtime.pod_changed(a_pod("far", namespace="elsewhere"))
+    running.turn()
+    assert len(placements) == 1, "no policy is there"
+
+
+def test_a_change_in_one_namespace_leaves_the_policies_of_others_alone(running):
+    other = a_policy("other", tasks=[a_task("arm")], contexts=[], streams=[])
+    other["metadata"]["namespace"] = "elsewhere"
+    running.apply(other)
+    running.settle()
+    before = len(running.session.plans())
+    running.cluster.create(a_pod("arm", {"arm": resources()}, namespace="elsewhere"))
+    running.settle()
+    [*_, last] = running.session.plans()[before:]
+    assert {plan["policy"] for plan in running.session.plans()[before:] if plan} <= {"elsewhere/other", "lab/robot"}
+    assert running.limits()["arm"] > 0
+    assert last is not None
+
+
+def test_a_pod_that_makes_no_sense_is_left_alone(running, caplog):
+    running.runtime.pod_changed(a_pod("odd", {"odd": cpu("1m", "many")}))
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+    assert any("can't be read" in message and "'odd'" in message for message in caplog.messages)
+
+
+def test_a_guaranteed_pod_grows_and_shrinks():
+    guaranteed = a_pod("slam", {"slam": cpu("400m", "400m", ("64Mi", "64Mi"))}, qos="Guaranteed")
+    operator = VirtualOperator(guaranteed, a_pod("speech", {"speech": resources()}))
+    operator.list_all()
+    operator.connect()
+    still = a_context("still", "imu.speed <= 0.1", {"slam": {"weight": 2}, "speech": {"weight": 8}})
+    operator.apply(a_policy(contexts=[*a_policy()["spec"]["contexts"], still]))
+    for speed, slam in ((0.3, 800), (0.0, 200), (0.3, 800)):
+        operator.sample(IMU, speed=speed)
+        operator.settle()
+        assert operator.limits() == {"slam": slam, "speech": 1000 - slam}
+
+
+def test_from_weights_back_to_limits(running):
+    running.apply(
+        a_policy(generation=2, control="Both", contexts=[], tasks=[a_task("slam", priority=9), a_task("speech")])
+    )
+    running.settle()
+    running.apply(a_policy(generation=3))
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+    assert running.condition("Applied")[0] == "True"

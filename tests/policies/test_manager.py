@@ -1,0 +1,288 @@
+"""Policies that are edited, paused and deleted, and several of them, in virtual time."""
+
+from __future__ import annotations
+
+import pytest
+from prometheus_client import REGISTRY
+
+from contextpolicy.policy.tenants import Tenant, Tenants
+from tests.actuators.resize.fake_cluster import UNREACHABLE
+from tests.cluster.builders import a_pod, cpu
+from tests.planning.builders import a_context, a_stream, a_task
+from tests.policies.builders import IMU, a_policy
+
+
+def test_an_invalid_edit_keeps_the_last_good_plan_in_force_and_says_why(running):
+    running.apply(a_policy(generation=2, tasks=[a_task("slam", min="2", max="1")]))
+    running.turn(0.5)
+    assert running.condition("Accepted")[:2] == ("False", "Invalid")
+    assert "spec.tasks[0].max" in running.condition("Accepted")[2]
+    assert running.cluster.statuses["lab/robot"]["observedGeneration"] == 2
+    assert running.told()[-1][0] == "Invalid"
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+
+
+@pytest.mark.parametrize(
+    "stream",
+    [a_stream("imu", key="robot/**/**"), a_stream("imu", encoding="cdr", type="no_msgs/msg/Such")],
+    ids=["key expression", "ROS type"],
+)
+def test_an_edit_that_only_the_bus_refuses_keeps_the_last_good_plan_too(running, stream):
+    running.apply(a_policy(generation=2, streams=[stream]))
+    running.turn(0.5)
+    assert running.condition("Accepted")[:2] == ("False", "Invalid")
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+
+
+def test_a_good_edit_after_an_invalid_one_is_all_well_again(running):
+    running.apply(a_policy(generation=2, tasks=[]))
+    running.apply(a_policy(generation=3))
+    running.settle()
+    assert running.condition("Ready") == ("True", "Working", "")
+
+
+def test_an_edit_keeps_what_the_streams_told_and_moves_only_what_it_changes(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    effects = {"slam": {"weight": 7}, "speech": {"weight": 3}}
+    edited = a_policy(generation=2, contexts=[a_context("moving", "imu.speed > 0.1", effects)])
+    resized = running.resizes_while(lambda: running.apply(edited))
+    assert resized == [("slam", {"slam": "700m"}), ("speech", {"speech": "300m"})]
+
+
+@pytest.mark.parametrize("streams", [[a_stream("imu", staleAfter="10s")], [a_stream("imu")]], ids=["watched", "plain"])
+def test_an_edit_that_changes_nothing_moves_nothing(operator, streams):
+    """Least of all does it put containers back for a moment."""
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(streams=streams))
+    operator.sample(IMU, speed=0.3)
+    operator.settle()
+    calls = len(operator.cluster.calls)
+    operator.session.published.clear()
+    operator.apply(a_policy(generation=2, streams=streams, reserve="0"))
+    operator.settle()
+    assert operator.cluster.calls[calls:] == []
+    assert operator.limits() == {"slam": 800, "speech": 200}
+    assert all(len(plan["targets"]) == 2 for plan in operator.session.plans()), "agents act on every message"
+
+
+def test_a_new_operator_moves_nothing_that_is_right(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    calls = len(running.cluster.calls)
+    running.start()
+    running.list_all()
+    running.connect()
+    running.apply(a_policy())
+    running.turn(1.0)
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.cluster.calls[calls:] == []
+
+
+def test_a_policy_without_a_watched_stream_starts_without_a_restore(running):
+    """Its first plan is made before it is known where the containers run."""
+    plain = a_policy(streams=[a_stream("imu")], contexts=[], tasks=[a_task("slam", priority=4), a_task("speech")])
+    running.apply({**plain, "metadata": {**plain["metadata"], "generation": 2}})
+    running.settle()
+    calls = len(running.cluster.calls)
+    running.start()
+    running.list_all()
+    running.connect()
+    running.apply(plain)
+    running.settle()
+    assert running.cluster.calls[calls:] == []
+    assert running.limits() == {"slam": 800, "speech": 200}
+
+
+def test_deletion_is_done_when_all_is_as_it_was(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    done = running.delete(a_policy())
+    assert not done.done()
+    running.patch()
+    assert not done.done()
+    running.settle()
+    assert done.done()
+    assert running.limits() == {"slam": 400, "speech": 400}
+    assert running.session.plans()[-1] is None, "whoever acts on its plans must stop"
+
+
+def test_what_was_measured_of_a_policy_goes_with_it(running):
+    def measured():
+        samples = (sample for family in REGISTRY.collect() for sample in family.samples)
+        return {s.name for s in samples if (s.labels.get("namespace"), s.labels.get("name")) == ("lab", "robot")}
+
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert {"contextpolicy_task_weight", "contextpolicy_plans_total", "contextpolicy_resizes_total"} <= measured()
+    running.delete(a_policy())
+    running.settle()
+    assert measured() == set()
+
+
+def test_deletion_before_the_first_sample_has_nothing_to_do(operator):
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy())
+    assert operator.delete(a_policy()).done()
+
+
+def test_a_policy_that_is_deleted_while_the_router_is_away_is_restored(running):
+    running.start()
+    running.list_all()
+    done = running.delete(a_policy())
+    running.settle()
+    assert done.done()
+    assert running.limits() == {"slam": 400, "speech": 400}
+
+
+def test_a_deletion_that_nobody_awaits_any_more_is_still_done(running):
+    done = running.delete(a_policy())
+    done.cancel()
+    again = running.delete(a_policy())
+    running.settle()
+    assert again.done()
+    assert running.limits() == {"slam": 400, "speech": 400}
+
+
+def test_a_restore_that_fails_is_tried_until_it_works(running):
+    running.cluster.faults += [UNREACHABLE] * 4
+    done = running.delete(a_policy())
+    for _ in range(6):
+        while running.patches.jobs:
+            running.patch()
+        running.turn(5.0)
+    assert done.done()
+
+
+@pytest.mark.parametrize("mode", ["Paused", "DryRun"])
+def test_a_policy_that_stops_enforcing_puts_all_back_and_takes_it_up_again(running, mode):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    running.apply(a_policy(generation=2, mode=mode))
+    running.settle()
+    assert running.limits() == {"slam": 400, "speech": 400}
+    assert running.condition("Applied")[:2] == ("True", mode)
+    assert None in running.session.plans(), "an agent must not act on it either"
+    running.apply(a_policy(generation=3))
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.limits() == {"slam": 800, "speech": 200}
+
+
+def test_a_dry_run_says_what_it_would_do(operator, caplog):
+    operator.list_all()
+    operator.connect()
+    with caplog.at_level("INFO"):
+        operator.apply(a_policy(mode="DryRun"))
+        operator.sample(IMU, speed=0.3)
+    assert operator.cluster.calls == []
+    assert "dry run: lab/robot would set the CPU of lab/slam/slam to 800m" in caplog.messages
+
+
+def test_a_paused_policy_hears_nothing(operator):
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(mode="Paused"))
+    assert [one.key for one in operator.session.subscribers] == ["contextpolicy/agents/*/confirmed"]
+    operator.settle()
+    assert operator.condition("Ready")[0] == "True"
+
+
+# several
+
+
+def two_policies(operator):
+    operator.list_all("2")
+    operator.connect()
+    tasks = {
+        name: {"tasks": [a_task(name)], "contexts": [], "streams": [], "reserve": "1"} for name in ("slam", "speech")
+    }
+    old = a_policy("old", **tasks["slam"])
+    young = a_policy("young", created="2026-02-01T00:00:00Z", **tasks["speech"])
+    return old, young
+
+
+def test_a_tiny_pod_in_another_namespace_leaves_the_robot_alone(operator):
+    """Its policy is older than the robot's, reserves nothing, and its pod was on the node first."""
+    tiny = a_pod("tiny", {"tiny": cpu("10m", "10m")}, namespace="elsewhere")
+    older = a_policy("older", created="2020-01-01T00:00:00Z", tasks=[a_task("tiny")], contexts=[], streams=[])
+    older["metadata"]["namespace"] = "elsewhere"
+    operator.list_all("2")
+    operator.connect()
+    operator.cluster.create(tiny)
+    operator.settle()
+    operator.apply(older)
+    operator.apply(a_policy())
+    operator.sample(IMU, speed=0.3)
+    operator.settle()
+    assert operator.condition("Accepted")[0] == "True"
+    assert operator.limits() == {"slam": 640, "speech": 160, "tiny": 10}
+
+
+def test_streams_beyond_what_the_administrator_allows_are_refused(operator):
+    operator.tenants = Tenants({"lab": Tenant(stream_prefixes=("robot",))})
+    operator.start()
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy(streams=[a_stream("imu", key="other/imu")]))
+    operator.turn(1.0)
+    told = "spec.streams[0].key: 'other/imu' is not allowed: the administrator lets namespace lab read robot/**"
+    assert operator.condition("Accepted") == ("False", "Invalid", told)
+    assert "other/imu" not in operator.session.everything_declared()
+    operator.apply(a_policy(generation=2))
+    operator.turn(1.0)
+    assert operator.condition("Accepted")[0] == "True"
+
+
+def test_two_policies_share_a_node(operator):
+    for body in two_policies(operator):
+        operator.apply(body)
+    operator.settle()
+    assert operator.limits() == {"slam": 1000, "speech": 1000}
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_the_older_policy_wins_whichever_is_seen_first(operator, first):
+    old, young = two_policies(operator)
+    young["spec"] = {**young["spec"], "tasks": [a_task("slam")], "reserve": "500m"}
+    for body in (old, young) if first == 0 else (young, old):
+        operator.apply(body)
+    operator.settle()
+    assert operator.limits()["slam"] == 1000
+    assert operator.condition("Accepted", "lab/old")[0] == "True"
+    assert operator.condition("Accepted", "lab/young")[:2] == ("False", "Conflicted")
+    assert "belongs to task slam of lab/old" in operator.condition("Accepted", "lab/young")[2]
+
+
+def test_a_policy_takes_over_what_an_older_one_leaves(operator):
+    old, young = two_policies(operator)
+    young["spec"] = {**young["spec"], "tasks": [a_task("slam")], "reserve": "500m"}
+    operator.apply(old)
+    operator.apply(young)
+    operator.settle()
+    done = operator.delete(old)
+    operator.settle()
+    assert done.done()
+    assert operator.limits()["slam"] == 1500
+    operator.delete(young)
+    operator.settle()
+    assert operator.limits()["slam"] == 400
+
+
+def test_a_conflict_is_told_once_however_often_pods_come_and_go(operator, caplog):
+    old, young = two_policies(operator)
+    young["spec"] = {**young["spec"], "tasks": [a_task("slam")]}
+    operator.apply(old)
+    operator.apply(young)
+    for n in range(5):
+        operator.runtime.pod_changed(a_pod(f"other-{n}"))
+        operator.turn()
+    assert sum("belongs to task slam" in message for message in caplog.messages) == 1
+    assert [reason for reason, _ in operator.told()] == ["Conflicted"]

@@ -1,0 +1,350 @@
+"""One policy alive: what it orders and publishes, and what it hands over to its next version."""
+
+from __future__ import annotations
+
+import time
+from types import SimpleNamespace
+
+import pytest
+from prometheus_client import REGISTRY
+from reactivex import operators
+
+from contextpolicy.bus import head_start
+from contextpolicy.policies import policy_runner as module
+from contextpolicy.policy.spec import Control
+from tests.cluster.builders import NODE
+from tests.planning.builders import a_context, a_stream, a_task
+from tests.policies.runner_rig import APPLIED, IMU, PLAN, Robot
+from tests.virtual_operator import START
+
+
+def test_nothing_is_ordered_or_told_before_it_is_known_where_the_containers_run():
+    robot = Robot()
+    robot.runner.start()
+    assert robot.runner.planner.last is not None
+    assert (robot.orders.all, robot.session.published) == ([], [])
+
+
+def test_a_plan_becomes_an_order_and_a_message():
+    robot = Robot().begin()
+    robot.sample(speed=0.3)
+    order = robot.orders.last
+    assert order.policy == "lab/robot"
+    assert order.claimed == {"lab/slam/slam", "lab/speech/speech"}
+    assert order.shares == {"lab/slam/slam": 800, "lab/speech/speech": 200}
+    assert order.capacity == {NODE: 1000}
+    message = robot.session.plans()[-1]
+    assert (message["contexts"], message["edition"]) == (["moving"], 0)
+    assert message["trigger"] == pytest.approx(START, abs=1.0)
+
+
+def with_agent(**spec):
+    robot = Robot(**spec)
+    robot.session.agents[NODE] = b'{"missing": {"CFS": [], "Realtime": []}}'
+    robot.begin()
+    robot.loop.advance_by(1.0)
+    return robot
+
+
+def test_an_agent_has_the_processors_until_it_has_acted():
+    robot = with_agent()
+    orders, messages, told = len(robot.orders.all), len(robot.session.plans()), []
+    robot.runner.on_plan = lambda *plan: told.append(plan)
+    robot.session.deliver(IMU, speed=0.3)
+    robot.loop.advance_by(0.001)
+    assert (len(robot.session.plans()), len(robot.orders.all), told) == (messages + 1, orders, [])
+    robot.loop.advance_by(head_start.SECONDS)
+    assert len(robot.orders.all) == orders + 1
+    assert [plan.contexts for _, plan in told] == [("moving",)]
+
+
+def test_a_context_that_begins_meanwhile_is_not_told_to_end():
+    moving = a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 4}})
+    robot = with_agent(contexts=[moving, a_context("dark", "imu.light < 5.0", {})], minDwell="100ms")
+    told = []
+    robot.runner.on_context = lambda name, holds, _: told.append((name, holds))
+    for light in (9.0, 1.0):
+        robot.session.deliver(IMU, speed=0.3, light=light)
+        robot.loop.advance_by(0.001)
+    robot.loop.advance_by(1.0)
+    assert told == [("moving", True), ("dark", True)]
+
+
+def test_what_waits_for_the_agent_ends_with_the_policys_version():
+    robot = with_agent()
+    orders = len(robot.orders.all)
+    robot.session.deliver(IMU, speed=0.3)
+    robot.loop.advance_by(0.001)
+    robot.runner.end()
+    robot.loop.advance_by(1.0)
+    assert len(robot.orders.all) == orders
+
+
+@pytest.mark.parametrize(("agent", "told_before"), [(False, 0), (True, 1)])
+def test_patches_are_sent_before_the_message_is_made_unless_an_agent_acts_on_the_message(agent, told_before):
+    robot = with_agent() if agent else Robot().begin()
+    told, apply = len(robot.session.plans()), robot.orders.apply
+    seen = []
+    robot.orders.apply = lambda order: [seen.append(len(robot.session.plans()) - told), apply(order)]
+    robot.sample(speed=0.3)
+    assert seen[0] == told_before
+
+
+def stormy():
+    """A robot on which nearly every sample makes a plan."""
+    follow = {"activity": [{"stream": "imu", "scoreFrom": "imu.speed"}], "idle": 0.1}
+    robot = Robot(tasks=[a_task("slam", **follow), a_task("speech")], contexts=[]).begin()
+    robot.loop.advance_by(1.0)
+    return robot, len(robot.orders.all), len(robot.session.plans())
+
+
+def test_in_a_storm_of_plans_the_first_is_carried_out_at_once_and_then_the_newest():
+    robot, orders, messages = stormy()
+    for speed in (1.0, 2.0, 3.0, 4.0):
+        robot.session.deliver(IMU, speed=speed)
+        robot.loop.advance_by(0.001)
+    assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500]
+    robot.loop.advance_by(0.002)
+    assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500, 800]
+    told = robot.session.plans()[messages:]
+    assert [plan["tasks"]["slam"]["share"] for plan in told] == [0.5, 0.8]
+    assert told[1]["sequence"] == told[0]["sequence"] + 3
+    assert robot.orders.last.shares == {"lab/slam/slam": 800, "lab/speech/speech": 200}
+
+
+def test_a_plan_that_no_sample_made_does_not_wait():
+    robot, orders, _ = stormy()
+    robot.session.deliver(IMU, speed=1.0)
+    robot.loop.advance_by(0.001)
+    robot.place("slam", "speech", cpu=2000)
+    assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500, 1000]
+
+
+def test_a_controller_that_was_stopped_carries_nothing_out():
+    robot, orders, _ = stormy()
+    for speed in (1.0, 2.0):
+        robot.session.deliver(IMU, speed=speed)
+        robot.loop.advance_by(0.001)
+    robot.runner.stop()
+    robot.loop.advance_by(1.0)
+    assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500]
+
+
+def test_a_policy_without_any_container_is_still_on_the_bus():
+    robot = Robot()
+    robot.runner.start()
+    robot.place()
+    [message] = robot.session.plans()
+    assert message["targets"] == []
+
+
+def test_the_patches_of_a_plan_are_under_way_before_the_bus_is_told():
+    robot = Robot().begin()
+    heard = []
+    robot.orders.apply = lambda _: heard.append(("order", len(robot.session.plans())))
+    before = len(robot.session.plans())
+    robot.sample(speed=0.3)
+    assert heard == [("order", before)]
+
+
+def test_ceilings_are_the_tasks_own_or_all_there_is():
+    robot = Robot(control="Weight", tasks=[a_task("slam", max="600m"), a_task("speech")]).begin()
+    assert robot.orders.last.control is Control.WEIGHT
+    assert robot.orders.last.ceilings == {"lab/slam/slam": 600, "lab/speech/speech": 1000}
+
+
+def test_a_placement_orders_once_whether_it_makes_a_plan_or_not():
+    robot = Robot()
+    robot.runner.start()
+    robot.place("slam", "speech")
+    assert len(robot.orders.all) == 1, "with the first plan"
+    robot.place("slam", "speech", cpu=2000)
+    assert len(robot.orders.all) == 2, "with another plan"
+    robot.place("slam", "speech", cpu=2000)
+    assert len(robot.orders.all) == 3, "without one: the claim may have changed"
+
+
+def test_the_same_placement_again_is_ordered_and_not_told():
+    robot = Robot().begin()
+    told, ordered = len(robot.session.published), len(robot.orders.all)
+    robot.place("slam", "speech")
+    assert len(robot.session.published) == told
+    assert len(robot.orders.all) == ordered + 1
+
+
+def test_a_question_is_answered_with_the_plan_and_its_reasons():
+    robot = Robot().begin()
+    plan, why = robot.session.ask(PLAN), robot.session.ask("contextpolicy/lab/robot/explain")
+    robot.loop.advance_by(0.01)
+    assert plan.answers[0]["sequence"] == robot.session.plans()[-1]["sequence"]
+    assert why.answers[0]["policy"] == "lab/robot"
+
+
+def test_run_and_sequence_only_move_forward_even_when_the_clock_does_not(monkeypatch):
+    robot = Robot().begin()
+    monkeypatch.setattr(module.time, "time", lambda: 1.0)
+    robot.edit()
+    robot.place("slam", "speech")
+    robot.edit()
+    robot.place("slam", "speech")
+    numbers = [(message["run"], message["sequence"]) for message in robot.session.plans()]
+    assert numbers == sorted(set(numbers))
+
+
+def test_stages_are_told_with_the_plan_they_belong_to(monkeypatch):
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: 100.0, time=time.time))
+    robot = Robot()
+    robot.runner.tell("accepted", "lab/slam/slam", 0.8, 100.0)
+    robot.begin()
+    robot.runner.tell("accepted", "lab/slam/slam", 0.8, 95.0)
+    [step] = [message for key, message in robot.session.published if key == APPLIED]
+    last = robot.session.plans()[-1]
+    assert (step["run"], step["sequence"]) == (last["run"], last["sequence"])
+    assert (step["stage"], step["container"], step["cores"]) == ("accepted", "lab/slam/slam", 0.8)
+    assert robot.runner._now() - step["time"] == pytest.approx(5)
+
+
+# editing and ending
+
+
+def test_an_edit_goes_on_from_what_the_streams_told():
+    robot = Robot().begin()
+    robot.sample(speed=0.3)
+    robot.edit(contexts=[a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 9}})])
+    robot.place("slam", "speech")
+    assert robot.orders.last.shares == {"lab/slam/slam": 900, "lab/speech/speech": 100}
+    assert [set(order.claimed) for order in robot.orders.all[-2:]] == [{"lab/slam/slam", "lab/speech/speech"}] * 2
+
+
+def test_the_version_before_hears_and_says_nothing_more():
+    robot = Robot().begin()
+    before = robot.runner
+    robot.edit()
+    robot.place("slam", "speech")
+    ordered = len(robot.orders.all)
+    robot.changes.clear()
+    robot.sample(speed=0.3)
+    assert before not in robot.changes
+    assert len(robot.orders.all) == ordered + 1
+    assert len(robot.session.subscribers) == len(robot.session.tokens) == 1
+
+
+def test_the_end_of_a_policy_withdraws_its_plans_and_leaves_nothing_declared():
+    robot = Robot().begin()
+    robot.runner.end()
+    assert robot.session.plans()[-1] is None
+    assert robot.session.everything_declared() == []
+
+
+def test_a_stop_leaves_plans_in_force():
+    robot = Robot().begin()
+    ordered = len(robot.orders.all)
+    robot.runner.stop()
+    assert None not in robot.session.plans()
+    assert len(robot.orders.all) == ordered
+    assert robot.session.everything_declared() == []
+
+
+def test_a_controller_that_never_started_can_be_stopped():
+    robot = Robot()
+    robot.runner.stop()
+    robot.runner.end()
+    assert robot.session.published == []
+
+
+# modes
+
+
+def test_a_paused_policy_claims_nothing_and_hears_nothing():
+    robot = Robot(mode="Paused").begin()
+    [order] = robot.orders.all
+    assert (order.claimed, dict(order.shares)) == (frozenset(), {})
+    assert robot.session.subscribers == []
+    assert robot.session.plans() == [None]
+
+
+def test_a_dry_run_withdraws_what_agents_acted_on():
+    robot = Robot(mode="DryRun").begin()
+    assert robot.session.plans()[0] is None
+    assert robot.session.plans()[-1]["mode"] == "DryRun"
+
+
+def test_nodes_in_realtime_are_not_resized_and_put_back():
+    robot = Robot(scheduler="Realtime")
+    robot.session.agents[NODE] = b'{"missing": {"CFS": [], "Realtime": []}}'
+    robot.begin()
+    robot.loop.advance_by(10)
+    assert robot.orders.last.claimed == frozenset()
+    assert robot.session.plans()[-1]["nodes"][NODE]["scheduler"] == "Realtime"
+
+
+# telling
+
+
+def test_a_sample_that_is_not_used_is_counted_and_told_once():
+    robot = Robot().begin()
+    labels = {"namespace": "lab", "name": "robot", "stream": "imu", "reason": "undecodable"}
+    before = REGISTRY.get_sample_value("contextpolicy_samples_dropped_total", labels) or 0.0
+    robot.changes.clear()
+    for _ in range(3):
+        robot.session.deliver_bytes(IMU, b"{")
+        robot.loop.advance_by(0.01)
+    assert robot.runner.planner.drops["imu", "undecodable"] == 3
+    assert len(robot.changes) == 1
+    assert REGISTRY.get_sample_value("contextpolicy_samples_dropped_total", labels) == before + 3
+
+
+def test_a_plan_is_measured():
+    robot = Robot().begin()
+    robot.sample(speed=0.3)
+
+    def gauge(name, **labels):
+        return REGISTRY.get_sample_value(f"contextpolicy_{name}", {"namespace": "lab", "name": "robot", **labels})
+
+    assert gauge("context_active", context="moving") == 1.0
+    assert gauge("task_share_cores", task="slam") == 0.8
+    assert gauge("task_weight", task="slam") == 4.0
+    robot.sample(speed=0.0)
+    assert gauge("context_active", context="moving") == 0.0
+
+
+def test_health_is_told_though_no_plan_changes():
+    robot = Robot(streams=[a_stream("imu", staleAfter="1s")], contexts=[]).begin()
+    robot.sample(speed=0.0)
+    plans = len(robot.session.plans())
+    robot.changes.clear()
+    robot.loop.advance_by(2)
+    assert len(robot.session.plans()) == plans
+    assert robot.changes
+
+
+def test_on_plan_hears_of_each_new_plan_and_of_no_order_of_the_same_one():
+    robot = Robot().begin()
+    heard = []
+    robot.runner.on_plan = lambda policy, plan: heard.append((policy, plan))
+    robot.sample(speed=0.3)
+    robot.place("slam", "speech")
+    [(policy, plan)] = heard
+    assert policy == "lab/robot"
+    assert plan is robot.runner.planner.last
+    assert plan.arrived is not None
+
+
+def test_the_bus_hears_when_what_triggered_a_plan_arrived(monkeypatch):
+    robot = Robot().begin()
+    clock = iter([10.0, 12.5])
+    monkeypatch.setattr(module.time, "monotonic", lambda: next(clock, 12.5))
+    robot.sample(speed=0.3)
+    message = robot.session.plans()[-1]
+    assert message["trigger"] == pytest.approx(robot.runner._now() - 2.5, abs=0.1)
+
+
+def test_plugged_in_functions_get_the_streams_and_give_scores():
+    def bumps(streams, scheduler, **_):
+        assert scheduler is not None
+        return streams["imu"].pipe(operators.map(lambda value: value["bump"]))
+
+    tasks = [a_task("slam", activity=[{"initiative": "bumps"}]), a_task("speech")]
+    robot = Robot(tasks=tasks, contexts=[], initiatives={"bumps": bumps}).begin()
+    robot.sample(bump=3.0)
+    assert robot.orders.last.shares == {"lab/slam/slam": 750, "lab/speech/speech": 250}

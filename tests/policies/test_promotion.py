@@ -1,0 +1,283 @@
+"""A shadow beside its policy, promoted and taken back, in virtual time."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from contextpolicy.policy.tenants import Tenant, Tenants
+from tests.planning.builders import a_context, a_stream, a_task
+from tests.policies.builders import IMU, a_policy
+
+HALF = {"slam": {"weight": 5}, "speech": {"weight": 5}}
+LATER = "2026-01-02T00:00:00Z"
+
+
+def a_shadow(mode="DryRun", generation=1, name="robot-next", of="robot", **spec):
+    """While the robot moves both get the same."""
+    contexts = [a_context("moving", "imu.speed > 0.1", HALF)]
+    full = {"mode": mode, "shadow": {"of": of}, "contexts": contexts, **spec}
+    return a_policy(name=name, generation=generation, created=LATER, **full)
+
+
+@pytest.fixture
+def beside(running):
+    """The shadow of a robot that moves."""
+    running.apply(a_shadow())
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    return running
+
+
+@pytest.fixture
+def promoted(beside):
+    misses(beside, 60, 0.01)
+    beside.apply(a_shadow("Enforce", generation=2))
+    beside.settle()
+    return beside
+
+
+def misses(operator, seconds, part, task="slam", *, suspended=False):
+    """A report each second, while the robot goes on."""
+    for _ in range(seconds):
+        operator.sample(IMU, speed=0.3)
+        said = json.dumps({"misses": part, "suspended": suspended}).encode()
+        operator.session.deliver_bytes("robot/*/health", said, f"robot/{task}/health")
+        operator.turn(1.0)
+    operator.settle()
+
+
+def shadow_of(operator, policy="lab/robot-next"):
+    operator.turn(1.0)
+    return operator.cluster.statuses[policy]["shadow"]
+
+
+def test_a_shadow_moves_nothing_and_says_what_it_would(beside):
+    assert beside.limits() == {"slam": 800, "speech": 200}
+    assert shadow_of(beside)["difference"] == "slam 800m -> 500m, speech 200m -> 500m"
+    assert beside.condition("Ready", "lab/robot-next")[0] == "True"
+    assert beside.condition("Applied", "lab/robot-next") == ("True", "DryRun", "")
+
+
+def test_its_difference_follows_the_other_policy(beside):
+    beside.apply(a_policy(generation=2, contexts=[a_context("moving", "imu.speed > 0.1", HALF)]))
+    beside.settle()
+    assert shadow_of(beside)["difference"] == ""
+
+
+def test_a_promoted_shadow_decides_in_the_others_place(promoted):
+    assert promoted.limits() == {"slam": 500, "speech": 500}
+    assert promoted.condition("Applied", "lab/robot-next") == ("True", "Promoted", "")
+    assert promoted.condition("Applied") == ("True", "InForce", "")
+    assert promoted.cluster.statuses["lab/robot"]["promotedShadow"] == "robot-next"
+    assert ("Promoted", "robot is carried out as it says") in promoted.told()
+
+
+def test_modules_and_agents_hear_the_plan_where_they_always_did(promoted):
+    spoken = [(key, plan["mode"]) for key, plan in promoted.session.published if plan and key.endswith("/plan")]
+    assert ("contextpolicy/lab/robot/plan", "Enforce") in spoken
+    assert ("contextpolicy/lab/robot-next/plan", "Enforce") not in spoken
+
+
+def test_a_promotion_moves_only_what_the_shadow_changes(beside):
+    """Nothing is put back on the way, and the context that holds goes on to hold."""
+    resized = beside.resizes_while(lambda: beside.apply(a_shadow("Enforce", generation=2)))
+    assert resized == [("slam", {"slam": "500m"}), ("speech", {"speech": "500m"})]
+
+
+def test_a_rise_of_misses_takes_it_back(promoted):
+    misses(promoted, 10, 0.9)
+    assert promoted.limits() == {"slam": 800, "speech": 200}
+    status, reason, message = promoted.condition("Applied", "lab/robot-next")
+    assert (status, reason) == ("False", "TakenBack")
+    assert "slam has missed" in message
+    assert promoted.condition("Ready", "lab/robot-next")[0] == "False"
+    assert promoted.condition("Ready")[0] == "True"
+    assert promoted.cluster.statuses["lab/robot"]["promotedShadow"] is None
+    assert [reason for reason, _ in promoted.told()].count("TakenBack") == 2
+    assert shadow_of(promoted)["takenBack"]["generation"] == 2
+
+
+@pytest.mark.parametrize("told", [{"part": 0.02}, {"part": 1.0, "suspended": True}, {"part": 1.0, "task": "stranger"}])
+def test_what_is_no_rise_takes_nothing_back(promoted, told):
+    misses(promoted, 60, **told)
+    assert promoted.limits() == {"slam": 500, "speech": 500}
+
+
+def test_its_status_tells_the_misses_before_and_since(promoted):
+    misses(promoted, 20, 0.03)
+    promoted.apply(a_shadow("Enforce", generation=3))
+    assert shadow_of(promoted)["tasks"] == [
+        {"name": "slam", "missesBefore": 0.01, "misses": pytest.approx(0.03, abs=0.002)}
+    ]
+
+
+def test_its_status_tells_the_misses_before_as_soon_as_they_are_known(beside):
+    misses(beside, 20, 0.01)
+    assert shadow_of(beside)["tasks"] == [{"name": "slam", "missesBefore": pytest.approx(0.01)}]
+
+
+def test_what_was_taken_back_stays_back_until_it_is_edited(promoted):
+    misses(promoted, 10, 0.9)
+    taken = promoted.cluster.statuses["lab/robot-next"]
+    promoted.apply({**a_shadow("Enforce", generation=2), "status": taken})
+    promoted.settle()
+    assert promoted.limits() == {"slam": 800, "speech": 200}
+    promoted.apply({**a_shadow("Enforce", generation=3), "status": taken})
+    promoted.settle()
+    assert promoted.limits() == {"slam": 500, "speech": 500}
+
+
+def restarted(operator, *bodies):
+    calls = len(operator.cluster.calls)
+    statuses = dict(operator.cluster.statuses)
+    operator.start()
+    operator.list_all()
+    operator.connect()
+    for body in bodies:
+        operator.apply({**body, "status": statuses[f"lab/{body['metadata']['name']}"]})
+        operator.sample(IMU, speed=0.3)
+    operator.settle()
+    return operator.cluster.calls[calls:]
+
+
+def test_a_new_operator_moves_nothing_of_a_promoted_shadow(promoted):
+    assert restarted(promoted, a_policy(), a_shadow("Enforce", generation=2)) == []
+    assert promoted.limits() == {"slam": 500, "speech": 500}
+    misses(promoted, 60, 0.03)
+    assert promoted.limits() == {"slam": 500, "speech": 500}, "it knows what was missed before"
+
+
+def test_a_new_operator_knows_what_was_taken_back(promoted):
+    misses(promoted, 10, 0.9)
+    assert restarted(promoted, a_shadow("Enforce", generation=2), a_policy()) == []
+    assert promoted.condition("Applied", "lab/robot-next")[1] == "TakenBack"
+
+
+def test_a_new_operator_does_not_wait_for_ever_for_a_shadow_that_is_gone(promoted):
+    restarted(promoted, a_policy())
+    promoted.turn(2.0)
+    promoted.sample(IMU, speed=0.3)
+    promoted.settle()
+    assert promoted.limits() == {"slam": 800, "speech": 200}
+
+
+def test_a_shadow_that_is_deleted_gives_the_policy_back_to_itself(promoted):
+    done = promoted.delete(a_shadow("Enforce", generation=2))
+    promoted.settle()
+    assert done.done()
+    assert promoted.limits() == {"slam": 800, "speech": 200}
+
+
+def test_what_is_kept_moves_nothing(promoted):
+    """The policy gets the shadow's spec, then the shadow goes: as `kubectl ctxp adopt` does it, or two commits."""
+    calls = len(promoted.cluster.calls)
+    promoted.apply(a_policy(generation=2, contexts=[a_context("moving", "imu.speed > 0.1", HALF)]))
+    promoted.settle()
+    promoted.delete(a_shadow("Enforce", generation=2))
+    promoted.settle()
+    assert promoted.cluster.calls[calls:] == []
+
+
+@pytest.mark.parametrize(("mode", "limits"), [("Paused", 400), ("DryRun", 400)])
+def test_whoever_pauses_the_policy_pauses_its_shadow_too(promoted, mode, limits):
+    promoted.apply(a_policy(generation=2, mode=mode))
+    promoted.settle()
+    assert promoted.limits() == {"slam": limits, "speech": limits}
+
+
+def test_a_context_that_is_forced_on_the_policy_holds(promoted):
+    promoted.sample(IMU, speed=0.0)
+    promoted.turn(5)
+    force = {"context": "moving", "until": "2033-05-18T03:33:20Z"}
+    promoted.apply(a_policy(generation=2, force=force))
+    promoted.turn(1.0)
+    assert promoted.cluster.statuses["lab/robot"]["activeContexts"] == ["moving"]
+
+
+def test_only_one_shadow_is_promoted(promoted):
+    promoted.apply(a_shadow("Enforce", name="robot-too"))
+    promoted.settle()
+    assert promoted.condition("Applied", "lab/robot-too") == (
+        "False",
+        "NotApplied",
+        "lab/robot-next is promoted already: only one shadow of a policy can be",
+    )
+    assert promoted.limits() == {"slam": 500, "speech": 500}
+
+
+@pytest.mark.parametrize("of", ["nobody", "robot-next"])
+def test_a_shadow_of_nothing_says_what_there_is(beside, of):
+    beside.apply(a_shadow(name="lost", of=of))
+    beside.settle()
+    status, reason, message = beside.condition("Accepted", "lab/lost")
+    assert (status, reason) == ("False", "Conflicted")
+    assert message == f"spec.shadow.of: '{of}' is not allowed: a policy of namespace lab that runs, one of robot"
+    assert beside.limits() == {"slam": 800, "speech": 200}
+
+
+def test_it_finds_what_it_waits_for_when_that_comes(operator):
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_shadow("Enforce"))
+    operator.settle()
+    assert operator.condition("Accepted", "lab/robot-next")[0] == "False"
+    operator.apply(a_policy())
+    operator.sample(IMU, speed=0.3)
+    operator.settle()
+    assert operator.condition("Accepted", "lab/robot-next")[0] == "True"
+    assert operator.limits() == {"slam": 500, "speech": 500}
+
+
+def test_an_invalid_edit_of_a_promoted_shadow_leaves_it_promoted(promoted):
+    promoted.apply(a_shadow("Enforce", generation=3, tasks=[a_task("slam", min="2", max="1")]))
+    promoted.settle()
+    assert promoted.limits() == {"slam": 500, "speech": 500}
+    assert promoted.condition("Accepted", "lab/robot-next")[:2] == ("False", "Invalid")
+
+
+def test_a_policy_without_a_shadow_listens_to_nobody(running):
+    keys = [subscriber.key for subscriber in running.session.subscribers]
+    assert keys == ["contextpolicy/agents/*/confirmed", IMU]
+
+
+def test_nobody_is_listened_to_once_the_shadow_is_gone(beside):
+    assert "robot/*/health" in [subscriber.key for subscriber in beside.session.subscribers]
+    beside.delete(a_shadow())
+    assert "robot/*/health" not in [subscriber.key for subscriber in beside.session.subscribers]
+
+
+def test_a_tenant_may_not_listen_where_it_may_not_read(operator):
+    operator.tenants = Tenants({"lab": Tenant(stream_prefixes=("robot",))})
+    operator.start()
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy())
+    operator.apply(a_shadow(shadow={"of": "robot", "health": "other/*/health"}))
+    operator.settle()
+    assert operator.condition("Accepted", "lab/robot-next")[1:] == (
+        "Invalid",
+        "spec.shadow.health: 'other/*/health' is not allowed: the administrator lets namespace lab read robot/**",
+    )
+
+
+def test_a_recording_has_the_spec_that_decided(promoted):
+    promoted.loop.inline = True
+    recorded = promoted.runtime.queries.recording("lab/robot", 300)
+    assert recorded["policy"]["metadata"]["name"] == "robot"
+    assert recorded["policy"]["spec"]["contexts"] == a_shadow()["spec"]["contexts"]
+    assert recorded["policy"]["spec"].keys().isdisjoint({"shadow", "mode"})
+
+
+def test_a_stream_that_only_the_shadow_has_is_known_when_it_is_promoted(running):
+    """It was heard beside the policy: the promoted plan is at once the one that was shown."""
+    streams = [a_stream("imu", staleAfter="10s"), a_stream("mode", staleAfter="1h")]
+    contexts = [a_context("careful", "mode.careful", HALF)]
+    running.apply(a_shadow(streams=streams, contexts=contexts))
+    running.sample("robot/mode", careful=True)
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    running.apply(a_shadow("Enforce", generation=2, streams=streams, contexts=contexts))
+    running.settle()
+    assert running.limits() == {"slam": 500, "speech": 500}

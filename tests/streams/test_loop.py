@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import logging
+from datetime import UTC, datetime, timedelta
+from threading import Event, current_thread
+from types import SimpleNamespace
+
+import pytest
+from reactivex.internal.exceptions import DisposedException
+
+from contextpolicy.streams import loop as module
+from contextpolicy.streams.loop import Loop
+from tests.waiting import PATIENCE
+
+
+@pytest.fixture
+def loop():
+    running = Loop()
+    yield running
+    running.dispose()
+
+
+def settle(loop):
+    """Return when everything scheduled so far has had its turn."""
+    done = Event()
+    loop.schedule(lambda *_: done.set())
+    assert done.wait(PATIENCE)
+
+
+def test_everything_happens_in_order_on_one_thread_that_is_not_the_callers(loop):
+    seen = []
+    for n in range(100):
+        loop.schedule(lambda *_, n=n: seen.append((n, current_thread().name)))
+    settle(loop)
+    assert seen == [(n, "loop") for n in range(100)]
+
+
+def test_timers_act_by_the_order_of_their_deadlines(monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    loop, seen, done = Loop(), [], Event()
+    loop.schedule_relative(0.02, lambda *_: (seen.append("late"), done.set()))
+    loop.schedule_relative(0.01, lambda *_: seen.append("early"))
+    loop.schedule(lambda *_: seen.append("now"))
+    clock[0] += 1.0
+    assert done.wait(PATIENCE)
+    loop.dispose()
+    assert seen == ["now", "early", "late"]
+
+
+def test_an_action_that_fails_is_logged_and_the_others_have_their_turn(loop, caplog):
+    seen = []
+
+    def fail(*_):
+        raise ValueError("by accident")
+
+    with caplog.at_level(logging.ERROR):
+        loop.schedule(fail)
+        loop.schedule_relative(0.0, fail)
+        loop.schedule(lambda *_: seen.append("still here"))
+        settle(loop)
+    assert seen == ["still here"]
+    assert [str(record.exc_info[1]) for record in caplog.records] == ["by accident", "by accident"]
+
+
+def test_its_clock_follows_the_monotonic_clock_from_the_wall_clocks_time(monkeypatch):
+    monotonic = [100.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: monotonic[0])
+    loop = Loop()
+    began = loop.now
+    assert abs(began - datetime.now(UTC)) < timedelta(seconds=1)
+    monotonic[0] += 12.5
+    assert loop.now - began == timedelta(seconds=12.5)
+    assert loop.to_seconds(loop.now) - loop.to_seconds(began) == 12.5
+
+
+def test_a_loop_that_was_disposed_takes_nothing_more(loop):
+    loop.dispose()
+    with pytest.raises(DisposedException):
+        loop.schedule(lambda *_: None)
