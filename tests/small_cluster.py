@@ -1,4 +1,4 @@
-"""An API server that serves just enough for the operator's process, and a runtime that only notes what it is told."""
+"""An API server that serves just enough for the operator's process, and a operator that only notes what it is told."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ METHODS = (
 
 
 class Told:
-    """`runtime` takes what the real one takes, and does nothing; `restored` is done when the test says so.
+    """`operator` takes what the real one takes, and does nothing; `restored` is done when the test says so.
 
     `calls` are in order, objects by their names.
     """
@@ -37,9 +37,9 @@ class Told:
         self.restored: Future[Any] = Future()
         self.readable = True
         self._news = threading.Condition()
-        self.runtime = create_autospec(Operator, instance=True, spec_set=True)
+        self.operator = create_autospec(Operator, instance=True, spec_set=True)
         for name in METHODS:
-            getattr(self.runtime, name).side_effect = partial(self._note, name)
+            getattr(self.operator, name).side_effect = partial(self._note, name)
 
     def wait_for(self, *call: object) -> None:
         with self._news:

@@ -11,7 +11,7 @@ from reactivex.testing import TestScheduler
 
 from contextpolicy.app.wiring import Operator
 from contextpolicy.errors import ActuationError
-from contextpolicy.policies import policy_runner, queries
+from contextpolicy.policies import plan_publisher, queries
 from contextpolicy.policy.tenants import Tenants
 from contextpolicy.streams import subscription
 from contextpolicy.telemetry.reporter import STATUS_INTERVAL
@@ -21,14 +21,14 @@ from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
     from concurrent.futures import Future
 
     import pytest
     from reactivex.abc import DisposableBase
 
 START = 1_000_000.0
-CLOCKED = (policy_runner, queries, subscription)
+CLOCKED = (plan_publisher, queries, subscription)
 """What notes for the recorder when something arrived or was published."""
 
 
@@ -70,7 +70,6 @@ class ClusterWithPolicies(FakeCluster):
         self.statuses: dict[str, dict[str, Any]] = {}
         self.events: list[dict[str, Any]] = []
         self.config_maps: dict[str, dict[str, str]] = {}
-        self.may_act: Callable[[str], bool] = lambda _: True
 
     def config_map(self, namespace: str, name: str) -> dict[str, str]:
         try:
@@ -78,11 +77,21 @@ class ClusterWithPolicies(FakeCluster):
         except KeyError:
             raise ActuationError("NotFound", f'configmaps "{name}" not found (HTTP 404)', retriable=False) from None
 
-    def write_status(self, namespace: str, name: str, status: dict[str, Any]) -> None:
-        self.statuses[f"{namespace}/{name}"] = status
+    def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
+        self.statuses[f"{namespace}/{name}"] = dict(status)
 
-    def post_event(self, _: str, event: dict[str, Any]) -> None:
-        self.events.append(event)
+    def post_event(self, namespace: str, event: Mapping[str, Any]) -> None:  # noqa: ARG002 - the API's signature
+        self.events.append(dict(event))
+
+
+class OpenFence:
+    """Lets the operator act everywhere, until it is closed."""
+
+    def __init__(self) -> None:
+        self.open = True
+
+    def may_act(self, _: str) -> bool:
+        return self.open
 
 
 class VirtualOperator:
@@ -90,7 +99,7 @@ class VirtualOperator:
 
     def __init__(self, *pods: dict[str, Any]) -> None:
         self.cluster, self.session = ClusterWithPolicies(*pods), FakeSession()
-        self.tenants = Tenants()
+        self.tenants, self.fence = Tenants(), OpenFence()
         self.start()
 
     def keep_time(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,8 +111,9 @@ class VirtualOperator:
     def start(self) -> None:
         """Begin anew, as after a crash."""
         self.loop, self.patches, self.reports = VirtualLoop(), Pool(), Pool()
-        self.runtime = Operator(
-            self.cluster,  # type: ignore[arg-type]
+        self.operator = Operator(
+            self.cluster,
+            self.fence,
             self.loop,  # type: ignore[arg-type]
             patches=self.patches,  # type: ignore[arg-type]
             reports=self.reports,  # type: ignore[arg-type]
@@ -115,27 +125,27 @@ class VirtualOperator:
         self.node(cpu)
         for uid, feed in self.cluster.feeds.items():
             feed.clear()
-            self.runtime.pod_changed(self.cluster.pods[uid])
+            self.operator.pod_changed(self.cluster.pods[uid])
         self.turn()
 
     def node(self, cpu: str = "1", name: str = NODE) -> None:
-        self.runtime.node_changed({"metadata": {"name": name}, "status": {"allocatable": {"cpu": cpu}}})
+        self.operator.node_changed({"metadata": {"name": name}, "status": {"allocatable": {"cpu": cpu}}})
         self.turn()
 
     def connect(self) -> None:
-        self.runtime.connected(self.session)  # type: ignore[arg-type]
+        self.operator.connected(self.session)  # type: ignore[arg-type]
         self.turn()
 
     def apply(self, body: dict[str, Any]) -> Future[bool]:
         self.cluster.policies.setdefault(f"{body['metadata']['namespace']}/{body['metadata']['name']}", {})
-        done = self.runtime.policy_changed(body)
+        done = self.operator.policy_changed(body)
         self.turn()
         return done
 
     def delete(self, body: dict[str, Any]) -> Future[None]:
         metadata = body["metadata"]
         stored = self.cluster.policies.get(f"{metadata['namespace']}/{metadata['name']}", {})
-        done = self.runtime.policy_deleted({**body, "status": {"originals": stored}})
+        done = self.operator.policy_deleted({**body, "status": {"originals": stored}})
         self.turn()
         return done
 
@@ -154,7 +164,7 @@ class VirtualOperator:
 
     def close(self) -> None:
         self.loop.inline = True
-        self.runtime.close()
+        self.operator.close()
 
     def patch(self) -> None:
         """One worker carries its patch out."""
@@ -169,7 +179,7 @@ class VirtualOperator:
             self.cluster.confirm()
             for feed in self.cluster.feeds.values():
                 while feed:
-                    self.runtime.pod_changed(feed.popleft())
+                    self.operator.pod_changed(feed.popleft())
             self.turn()
             if not self.patches.jobs:
                 self.turn(0.25)

@@ -1,4 +1,4 @@
-"""What kopf's handlers tell the runtime, and what they tell kopf."""
+"""What kopf's handlers tell the operator, and what they tell kopf."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def run(coroutine):
 
 
 def memo(told):
-    return SimpleNamespace(runtime=told.runtime)
+    return SimpleNamespace(operator=told.operator)
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def told():
 def test_a_policy_is_handed_over_as_a_plain_object(told):
     run(kopf_handlers.apply(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(told)))
     assert told.calls == [("policy_changed", "robot")]
-    assert type(told.runtime.policy_changed.call_args.args[0]) is dict
+    assert type(told.operator.policy_changed.call_args.args[0]) is dict
 
 
 def test_a_policy_that_names_what_is_not_there_yet_comes_again(told):
@@ -48,4 +48,4 @@ def test_a_restore_that_takes_long_is_asked_for_again(monkeypatch, told):
     monkeypatch.setattr(kopf_handlers, "RESTORE_TIMEOUT", 0.01)
     with pytest.raises(kopf.TemporaryError, match="not restored yet"):
         run(kopf_handlers.release(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(told)))
-    assert told.restored.cancelled(), "the runtime may skip an answer that nobody awaits"
+    assert told.restored.cancelled(), "the operator may skip an answer that nobody awaits"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from unittest.mock import create_autospec
+from unittest.mock import Mock, create_autospec
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
@@ -18,6 +18,7 @@ from contextpolicy.app.settings import Settings
 from contextpolicy.app.supervisor import Supervisor, reach
 from contextpolicy.app.wiring import Operator
 from contextpolicy.cluster.api import ApiServer
+from contextpolicy.cluster.fencing import FencedApi
 from contextpolicy.errors import ActuationError
 from tests.ports import free_port
 from tests.small_cluster import SmallCluster, Told
@@ -54,7 +55,7 @@ def told():
 
 
 class Replica:
-    """A replica on a thread, with a runtime that only notes."""
+    """A replica on a thread, with a operator that only notes."""
 
     def __init__(self, told, port, identity, seconds, namespaces):
         self.told, self.port = told, port
@@ -91,13 +92,13 @@ class Replica:
 
 @pytest.fixture
 def replica(cluster, monkeypatch):
-    """Start a replica; its runtime is the fixture's, with a router."""
+    """Start a replica; its operator is the fixture's, with a router."""
     monkeypatch.setattr(supervisor, "open_client", lambda *_: None)
     started = []
 
     def start(told, identity="one", seconds=60, namespaces=("lab",)):
-        told.runtime.has_router = True
-        monkeypatch.setattr(supervisor, "Operator", create_autospec(Operator, return_value=told.runtime))
+        told.operator.has_router = True
+        monkeypatch.setattr(supervisor, "Operator", create_autospec(Operator, return_value=told.operator))
         started.append(Replica(told, free_port(), identity, seconds, namespaces))
         return started[-1]
 
@@ -132,7 +133,7 @@ def test_a_standby_does_nothing_but_is_ready_once_it_sees_that_its_leader_lives(
     told.wait_for("node_changed", "robot-1")
     assert not cluster.policies_listed.wait(1)
     assert (cluster.holder("lab", NAMESPACE_LEASE), cluster.written) == (None, [])
-    assert not standby.supervisor._api.may_act("lab")
+    assert not standby.supervisor._leadership.may_act("lab")
     assert standby.page("readyz") == (503, "the Lease is not ours, and nobody was seen to renew it\n")
     cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60, renewTime="later")
     until(lambda: standby.page("readyz")[0] == 200)
@@ -148,8 +149,8 @@ def test_a_standby_leads_as_soon_as_the_lease_is_given_back(cluster, replica, to
     cluster.put_lease(*OWN, holderIdentity=None, leaseDurationSeconds=1)
     told.wait_for("policy_deleted", "robot")
     assert (cluster.holder(*OWN), cluster.holder("lab", NAMESPACE_LEASE)) == ("one", "system/release")
-    assert standby.supervisor._api.may_act("lab")
-    assert not standby.supervisor._api.may_act("kitchen")
+    assert standby.supervisor._leadership.may_act("lab")
+    assert not standby.supervisor._leadership.may_act("kitchen")
 
 
 def test_a_replica_that_is_deposed_acts_no_more_and_starts_anew(cluster, replica, told):
@@ -159,9 +160,9 @@ def test_a_replica_that_is_deposed_acts_no_more_and_starts_anew(cluster, replica
     told.wait_for("policy_deleted", "robot")
     cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60)
     assert one.deposed.wait(PATIENCE)
-    assert not one.supervisor._api.may_act("lab")
+    assert not one.supervisor._leadership.may_act("lab")
     with pytest.raises(ActuationError, match="no valid Lease"):
-        one.supervisor._api.resize("lab", "slam", {})
+        FencedApi(one.supervisor._api, one.supervisor._leadership).resize("lab", "slam", {})
     assert cluster.holder(*OWN) == "other"
 
 
@@ -172,7 +173,7 @@ def test_a_namespace_that_another_release_serves_is_left_alone(cluster, replica,
     one = replica(told)
     told.wait_for("node_changed", "robot-1")
     assert not cluster.policies_listed.wait(1)
-    assert not one.supervisor._api.may_act("lab")
+    assert not one.supervisor._leadership.may_act("lab")
     assert cluster.written == []
     assert "namespace lab is served by elsewhere/release" in caplog.text
 
@@ -184,8 +185,8 @@ def test_a_namespace_whose_role_is_gone_does_not_keep_it_from_the_others_and_is_
     cluster.nodes_allowed.set()
     one = replica(told, namespaces=("gone", "lab"))
     told.wait_for("policy_deleted", "robot")
-    assert one.supervisor._api.may_act("lab")
-    assert not one.supervisor._api.may_act("gone")
+    assert one.supervisor._leadership.may_act("lab")
+    assert not one.supervisor._leadership.may_act("gone")
     assert "contextpolicy restore --namespace gone --remove-finalizers" in caplog.text
     assert one.page("readyz") == (200, "ok\n")
 
@@ -196,7 +197,7 @@ def test_the_end_gives_the_lease_back_when_nothing_acts_any_more(cluster, replic
     one = replica(told)
     told.wait_for("policy_deleted", "robot")
     held = []
-    told.runtime.close.side_effect = lambda: held.append(cluster.holder(*OWN))
+    told.operator.close.side_effect = lambda: held.append(cluster.holder(*OWN))
     cluster.ended.set()
     one.stop.set()
     one.end()
@@ -217,7 +218,7 @@ def test_readiness_tells_that_no_router_answers(replica, told, cluster):
     cluster.nodes_allowed.set()
     one = replica(told)
     told.wait_for("policy_deleted", "robot")
-    told.runtime.has_router = False
+    told.operator.has_router = False
     assert one.page("readyz") == (503, "no Zenoh router answers\n")
     assert one.page("healthz")[0] == 200, "a restart would not bring the router back"
 
@@ -226,6 +227,9 @@ def test_a_start_waits_for_the_api_server_and_is_there_at_once(monkeypatch):
     answers = iter([ActuationError("Unreachable", "refused", retriable=True), False, True])
 
     class Api:
+        def __init__(self, _):
+            pass
+
         def serves_policies(self):
             answer = next(answers)
             if isinstance(answer, Exception):
@@ -240,7 +244,7 @@ def test_a_start_waits_for_the_api_server_and_is_there_at_once(monkeypatch):
             return False
 
     monkeypatch.setattr(supervisor, "ApiServer", Api)
-    assert isinstance(reach(Stop()), Api)
+    assert isinstance(reach(Stop(), Mock()), Api)
     assert sum(paused) < 1
     assert max(supervisor.PAUSES) <= 1, "however long it takes"
 
@@ -252,5 +256,5 @@ def test_without_the_custom_resource_the_operator_waits_and_says_what_to_do(clus
         def wait(self, _):
             return True
 
-    assert reach(Stop()) is None
+    assert reach(Stop(), Mock()) is None
     assert "kubectl apply -f crds/" in caplog.text

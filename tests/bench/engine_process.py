@@ -10,7 +10,7 @@ IDLE_SECONDS = 10.0
 
 _IMPORTS = """
 import kopf, kubernetes, zenoh, reactivex, cel, prometheus_client
-from contextpolicy.planning.observable import plans
+from contextpolicy.planning.observable import plan_with
 from contextpolicy.planning.planner import Planner
 from tests.bench.engine_case import NAMED
 from tests.bench.engine_measure import Engine
@@ -37,7 +37,7 @@ from reactivex.scheduler.eventloop import AsyncIOScheduler
 async def main(seconds):
     inputs = Subject()
     scheduler = AsyncIOScheduler(asyncio.get_running_loop())
-    plans(Planner(NAMED.policy()), inputs, scheduler).subscribe()
+    inputs.pipe(plan_with(Planner(NAMED.policy()), scheduler)).subscribe()
     inputs.on_next(NAMED.placement())
     await asyncio.sleep(2)
     begin = time.process_time()

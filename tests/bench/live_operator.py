@@ -11,7 +11,7 @@ from contextpolicy.app.wiring import Operator
 from contextpolicy.streams.loop import Loop
 from tests.cluster.builders import NODE, a_pod
 from tests.policies.builders import resources
-from tests.virtual_operator import ClusterWithPolicies
+from tests.virtual_operator import ClusterWithPolicies, OpenFence
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -72,12 +72,12 @@ class LiveOperator:
         self.cluster = StandInCluster(pods or [a_pod(name, {name: resources()}) for name in TASKS])
         self.cluster.policies[f"{body['metadata']['namespace']}/{body['metadata']['name']}"] = {}
         patches, reports = ThreadPoolExecutor(WORKERS), ThreadPoolExecutor(1)
-        self._runtime = Operator(self.cluster, Loop(), patches=patches, reports=reports, signer=signer)  # type: ignore[arg-type]
-        self.cluster.tell = self._runtime.pod_changed
-        self._runtime.node_changed({"metadata": {"name": NODE}, "status": {"allocatable": {"cpu": "1"}}})
+        self._operator = Operator(self.cluster, OpenFence(), Loop(), patches=patches, reports=reports, signer=signer)
+        self.cluster.tell = self._operator.pod_changed
+        self._operator.node_changed({"metadata": {"name": NODE}, "status": {"allocatable": {"cpu": "1"}}})
         for feed in self.cluster.feeds.values():
             feed.clear()
         for pod in self.cluster.pods.values():
-            self._runtime.pod_changed(pod)
-        self._runtime.connected(session)
-        self._runtime.policy_changed(body).result(timeout=5.0)
+            self._operator.pod_changed(pod)
+        self._operator.connected(session)
+        self._operator.policy_changed(body).result(timeout=5.0)

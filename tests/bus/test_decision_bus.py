@@ -16,6 +16,7 @@ from tests.bus.certificates import signing_keys
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE, a_pod
 from tests.planning.builders import START, Story, a_context, a_policy, a_stream, a_task
+from tests.virtual_operator import OpenFence
 
 POLICY = a_policy(
     streams=[a_stream("imu")],
@@ -127,8 +128,25 @@ def session():
     return FakeSession()
 
 
-def a_bus(session, scheduler, current=lambda: {"n": 1}, explain=lambda: {"why": "so"}):
-    return Bus(session, POLICY, scheduler, {"plan": current, "explain": explain})
+class Asked:
+    """What queries are answered with; `plan` is there to be changed."""
+
+    def __init__(self, plan):
+        self.plan = plan
+
+    def message(self):
+        return self.plan
+
+    def explain(self):
+        return {"why": "so"}
+
+    def board(self):
+        return {"shows": "all"}
+
+
+def a_bus(session, scheduler, answers=None, signer=None, fence=None):
+    answers, fence = answers or Asked({"n": 1}), fence or OpenFence()
+    return Bus(session, POLICY, scheduler, answers, signer=signer, fence=fence)
 
 
 def test_what_is_published_goes_to_the_policys_keys(session, scheduler):
@@ -144,17 +162,17 @@ def test_what_is_published_goes_to_the_policys_keys(session, scheduler):
 
 
 def test_questions_are_answered_on_the_loop_with_what_holds_then(session, scheduler):
-    state = {"n": 1}
-    a_bus(session, scheduler, lambda: dict(state))
+    answers = Asked({"n": 1})
+    a_bus(session, scheduler, answers)
     plan, why = session.ask("contextpolicy/lab/robot/plan"), session.ask("contextpolicy/lab/robot/explain")
     assert (plan.answers, why.answers) == ([], [])
-    state["n"] = 2
+    answers.plan = {"n": 2}
     scheduler.advance_by(1)
     assert (plan.answers, why.answers) == ([{"n": 2}], [{"why": "so"}])
 
 
 def test_without_a_plan_there_is_no_answer(session, scheduler):
-    a_bus(session, scheduler, lambda: None)
+    a_bus(session, scheduler, Asked(None))
     query = session.ask("contextpolicy/lab/robot/plan")
     scheduler.advance_by(1)
     assert query.answers == []
@@ -169,8 +187,8 @@ def test_a_token_tells_that_somebody_makes_the_plans(session, scheduler):
 
 def test_plans_withdrawals_and_answers_are_signed(session, scheduler, tmp_path):
     keys = signing_keys(tmp_path)
-    bus, verifier, key = a_bus(session, scheduler), Verifier(keys), plan_key("lab", "robot")
-    bus.signer = Signer(keys)
+    verifier, key = Verifier(keys), plan_key("lab", "robot")
+    bus = a_bus(session, scheduler, signer=Signer(keys))
     bus.publish({"n": 1})
     bus.withdraw()
     query, why = session.ask(key), session.ask(topic_key("lab", "robot", "explain"))
@@ -183,3 +201,15 @@ def test_plans_withdrawals_and_answers_are_signed(session, scheduler, tmp_path):
 def test_without_a_key_nothing_is_signed(session, scheduler):
     a_bus(session, scheduler).publish({"n": 1})
     assert session.attachments == [None]
+
+
+def test_an_operator_that_lost_its_lease_is_silent_at_once(session, scheduler):
+    fence = OpenFence()
+    bus = a_bus(session, scheduler, fence=fence)
+    query = session.ask("contextpolicy/lab/robot/plan")
+    fence.open = False
+    assert bus.publish({"n": 1}) is None
+    bus.withdraw()
+    bus.publish_applied({"stage": "accepted"})
+    scheduler.advance_by(1)
+    assert (session.published, query.answers) == ([], [])

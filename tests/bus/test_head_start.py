@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import pytest
+from reactivex import Subject
 from reactivex.testing import TestScheduler
 
-from contextpolicy.bus.head_start import SECONDS, HeadStart
+from contextpolicy.bus.head_start import SECONDS, head_start
 
 
 class Course:
     def __init__(self):
-        self.scheduler = TestScheduler()
+        self.scheduler, self.source, self.done = TestScheduler(), Subject(), []
         self.scheduler.advance_to(10)
-        self.done = []
-        self.start = HeadStart(self.scheduler)
+        held_back = self.source.pipe(head_start(self.scheduler, lambda item: item.startswith("agent")))
+        self.end = held_back.subscribe(self.note, on_completed=lambda: self.note("end"))
 
-    def note(self, name):
-        return lambda: self.done.append((name, round(self.scheduler.to_seconds(self.scheduler.now) - 10, 6)))
+    def note(self, item):
+        self.done.append((item, round(self.scheduler.to_seconds(self.scheduler.now) - 10, 6)))
 
 
 @pytest.fixture
@@ -24,29 +25,36 @@ def course():
     return Course()
 
 
-def test_all_that_waits_is_done_in_order_a_moment_after_the_first(course):
-    course.start.later(course.note("order"))
+def test_all_that_waits_goes_on_in_order_a_moment_after_the_first(course):
+    course.source.on_next("agent 1")
     course.scheduler.advance_by(SECONDS / 2)
-    course.start.later(course.note("log"))
+    course.source.on_next("agent 2")
     assert course.done == []
     course.scheduler.advance_by(1)
-    assert course.done == [("order", SECONDS), ("log", SECONDS)]
-    course.start.later(course.note("next"))
+    assert course.done == [("agent 1", SECONDS), ("agent 2", SECONDS)]
+    course.source.on_next("agent 3")
     course.scheduler.advance_by(SECONDS)
-    assert [name for name, _ in course.done] == ["order", "log", "next"]
+    assert [name for name, _ in course.done] == ["agent 1", "agent 2", "agent 3"]
 
 
-def test_what_has_a_turn_goes_after_what_waits_and_at_once_if_nothing_does(course):
-    course.start.in_turn(course.note("alone"))
-    course.start.later(course.note("first"))
-    course.start.in_turn(course.note("second"))
+def test_what_is_not_held_back_goes_on_at_once_but_overtakes_nothing(course):
+    course.source.on_next("alone")
+    course.source.on_next("agent")
+    course.source.on_next("after it")
     assert course.done == [("alone", 0)]
     course.scheduler.advance_by(1)
-    assert [name for name, _ in course.done] == ["alone", "first", "second"]
+    assert [name for name, _ in course.done] == ["alone", "agent", "after it"]
 
 
-def test_nothing_is_done_after_the_end(course):
-    course.start.later(course.note("order"))
-    course.start.stop()
+def test_nothing_goes_on_after_the_end_of_the_subscription(course):
+    course.source.on_next("agent")
+    course.end.dispose()
     course.scheduler.advance_by(1)
     assert course.done == []
+
+
+def test_the_end_of_the_source_waits_for_nothing_and_loses_nothing(course):
+    course.source.on_next("agent")
+    course.source.on_completed()
+    course.scheduler.advance_by(1)
+    assert course.done == [("agent", 0), ("end", 0)]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import contextpolicy
 from contextpolicy.errors import OrderError
+from contextpolicy.policy.spec import Mode
 from contextpolicy.telemetry import status
 from tests.charts.conftest import CHART
 from tests.charts.test_monitoring import ALERTS, EXPORTED
@@ -16,7 +17,7 @@ from tests.crds.schema import nodes, schema
 GUIDE = (CHART / "OPERATING.md").read_text(encoding="utf-8")
 PACKAGE = Path(contextpolicy.__file__).parent
 SOURCES = [ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.py")]
-EVENT_SOURCES = {"tell", "note", "_on_problem", "_post"}
+EVENT_SOURCES = {"tell", "note", "on_problem", "_post"}
 """The methods whose second argument is an Event's reason."""
 WORD = re.compile(r"[A-Z][A-Za-z]+")
 
@@ -66,7 +67,10 @@ def calls(*names):
 
 
 def reasons_of_conditions():
-    """What a condition of each type may say: the words in whatever makes one, and in the functions' local names."""
+    """What a condition of each type may say: the words in whatever makes one, and in the functions' local names.
+
+    Where nothing is enforced, `Applied` says why: the mode.
+    """
     found = set()
     tree = ast.parse(Path(status.__file__).read_text(encoding="utf-8"))
     for function in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)):
@@ -83,7 +87,7 @@ def reasons_of_conditions():
                     names = [inner.id for inner in ast.walk(argument) if isinstance(inner, ast.Name)]
                     values = [argument, *(local[name] for name in names if name in local)]
                     found |= {(call.args[0].value, word) for value in values for word in words(value)}
-    return found
+    return found | {("Applied", mode.value) for mode in Mode if mode is not Mode.ENFORCE}
 
 
 def events():
@@ -92,8 +96,8 @@ def events():
     for call in calls(*EVENT_SOURCES):
         if len(call.args) > 1:
             found |= set(words(call.args[1]))
-    announcer = ast.parse((PACKAGE / "policies/status_publisher.py").read_text(encoding="utf-8"))
-    for node in ast.walk(announcer):
+    publisher = ast.parse((PACKAGE / "policies/status_publisher.py").read_text(encoding="utf-8"))
+    for node in ast.walk(publisher):
         if isinstance(node, ast.Assign) and "reason" in ast.unparse(node.targets[0]):
             found |= set(words(node.value))
         if isinstance(node, ast.For) and "reason" in ast.unparse(node.target):

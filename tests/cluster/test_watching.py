@@ -89,12 +89,27 @@ def _no_pauses(monkeypatch):
     monkeypatch.setattr(watching, "PAUSES", (0.0,))
 
 
+class Notes:
+    """What a watch reports."""
+
+    def __init__(self):
+        self.objects, self.listings = [], 0
+
+    def on_object(self, item):
+        self.objects.append(item["metadata"]["name"])
+
+    def on_gone(self, uid):
+        self.objects.append(f"-{uid}")
+
+    def on_listing(self):
+        self.listings += 1
+
+
 def follow(*script):
-    """What a watch tells and asks, until the script has ended."""
-    api, told = Api(*script), []
-    watch = ObjectWatch(
-        api, "/pods", lambda item: told.append(item["metadata"]["name"]), lambda uid: told.append(f"-{uid}")
-    )
+    """What a watch reports and asks, until the script has ended."""
+    api, notes = Api(*script), Notes()
+    told = notes.objects
+    watch = ObjectWatch(api, "/pods", notes)
     watch.start()
     assert api.idle.wait(PATIENCE)
     watch.check()
@@ -192,7 +207,7 @@ class RefusedAfterTheEnd(Response):
 def test_a_watch_that_ends_by_itself_just_now_can_be_stopped(error):
     api = Api(a_list())
     api.quiet = RefusedAfterTheEnd(error)
-    watch = ObjectWatch(api, "/pods", lambda _: None, lambda _: None)
+    watch = ObjectWatch(api, "/pods", Notes())
     watch.start()
     assert api.idle.wait(PATIENCE)
     watch.stop()
@@ -203,7 +218,7 @@ def test_a_watch_can_be_stopped_in_the_pause_after_an_end(monkeypatch):
     monkeypatch.setattr(watching, "PAUSES", (PATIENCE,))
     ended = Response()
     api = Api(a_list(), ended)
-    watch = ObjectWatch(api, "/pods", lambda _: None, lambda _: None)
+    watch = ObjectWatch(api, "/pods", Notes())
     watch.start()
     watch.listed.result(PATIENCE)
     while not ended.closed:
@@ -215,35 +230,43 @@ def test_a_watch_can_be_stopped_in_the_pause_after_an_end(monkeypatch):
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_watch_that_has_ended_unasked_is_found_out():
-    def fail(_):
-        raise SystemExit
+    class Ends(Notes):
+        def on_object(self, _):
+            raise SystemExit
 
-    watch = ObjectWatch(Api(a_list(an_item("slam"))), "/pods", fail, lambda _: None)
+    watch = ObjectWatch(Api(a_list(an_item("slam"))), "/pods", Ends())
     watch.start()
     watch._thread.join(PATIENCE)
     with pytest.raises(RuntimeError, match="/pods is not watched any more"):
         watch.check()
 
 
-def test_a_refusal_is_told_when_it_begins_and_when_it_ends(monkeypatch):
-    monkeypatch.setattr(watching, "PAUSES", (0.0,))
-    forbidden = ActuationError("Forbidden", "no right to list", retriable=False)
-    api = Api(forbidden, forbidden, a_list(an_item("slam")))
-    watch = ObjectWatch(api, "/pods", lambda _: None, lambda _: None)
-    told = []
-    watch.on_refused = lambda: told.append(watch.refused)
+class NotesRefusals(Notes):
+    def __init__(self):
+        super().__init__()
+        self.watch, self.refusals = None, []
+
+    def on_listing(self):
+        super().on_listing()
+        self.refusals.append(self.watch.refused)
+
+
+def watched(api):
+    """What the listener sees of refusals until everything was listed."""
+    notes = NotesRefusals()
+    notes.watch = watch = ObjectWatch(api, "/pods", notes)
     watch.start()
     watch.listed.result(PATIENCE)
     watch.stop()
-    assert told == ["no right to list", ""]
+    return notes.refusals
+
+
+def test_a_refusal_is_told_when_it_begins_and_when_it_ends(monkeypatch):
+    monkeypatch.setattr(watching, "PAUSES", (0.0,))
+    forbidden = ActuationError("Forbidden", "no right to list", retriable=False)
+    assert watched(Api(forbidden, forbidden, a_list(an_item("slam")))) == ["no right to list", "", ""]
 
 
 def test_a_server_that_is_not_there_has_refused_nothing(monkeypatch):
     monkeypatch.setattr(watching, "PAUSES", (0.0,))
-    watch = ObjectWatch(Api(UNREACHABLE, a_list()), "/pods", lambda _: None, lambda _: None)
-    told = []
-    watch.on_refused = lambda: told.append(watch.refused)
-    watch.start()
-    watch.listed.result(PATIENCE)
-    watch.stop()
-    assert told == []
+    assert watched(Api(UNREACHABLE, a_list())) == [""]

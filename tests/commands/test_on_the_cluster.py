@@ -95,7 +95,7 @@ def operator(monkeypatch, cluster):  # noqa: ARG001 - the commands find the oper
         started.settle()
     started.turn(2.0)
     started.loop.inline = True
-    server = PageServer(0, started.runtime.queries)
+    server = PageServer(0, started.operator.queries)
     server.start()
     monkeypatch.setattr(cluster_access, "_pods", lambda _: [("lab", "operator", 8082)])
     monkeypatch.setattr(cluster_access, "_local_port", lambda _: server.server_port)

@@ -328,9 +328,22 @@ class _NoWait:
 def event(line: bytes) -> None:
     """Anything as a line of a watch: its thread goes on, and reads the list anew or watches on."""
     server = _Server(line)
-    watch = ObjectWatch(server, "/api/v1/pods", pod, lambda _uid: None)
+    watch = ObjectWatch(server, "/api/v1/pods", Pods())
     watch._stop = _NoWait(server)  # type: ignore[assignment]
     watch._run()
+
+
+class Pods:
+    """Takes each object as a pod."""
+
+    def on_object(self, document: Any) -> None:
+        pod(document)
+
+    def on_gone(self, _uid: str) -> None:
+        """Nothing."""
+
+    def on_listing(self) -> None:
+        """Nothing."""
 
 
 def pod(document: Any) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from contextpolicy.actuators.resize import pod_patch
 from contextpolicy.live.page_server import PageServer
-from contextpolicy.policies import policy_runner, queries
+from contextpolicy.policies import plan_publisher, queries
 from contextpolicy.streams import subscription
 from contextpolicy.telemetry import resize_watch
 from tests.cluster.builders import a_pod
@@ -59,7 +59,7 @@ def page():
     operator = VirtualOperator(*(a_pod(name, {name: resources()}) for name in TASKS))
     clock = SimpleNamespace(monotonic=lambda: operator.loop.to_seconds(operator.loop.now), time=time.time)
     with pytest.MonkeyPatch.context() as patch:
-        for module in (policy_runner, queries, subscription, resize_watch, pod_patch):
+        for module in (plan_publisher, queries, subscription, resize_watch, pod_patch):
             patch.setattr(module, "time", clock)
         operator.list_all("4")
         operator.connect()
@@ -70,7 +70,7 @@ def page():
             operator.settle()
             operator.turn(lasts)
         operator.loop.inline = True
-        server = PageServer(0, operator.runtime.queries)
+        server = PageServer(0, operator.operator.queries)
         server.start()
         yield f"http://localhost:{server.server_port}/"
         server.close()

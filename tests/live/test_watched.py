@@ -12,7 +12,7 @@ from contextpolicy.streams import timeline
 
 
 def test_the_board_of_a_policy(operator):
-    [board] = operator.runtime.queries.boards()
+    [board] = operator.operator.queries.boards()
     assert board["policy"] == "lab/robot"
     assert {condition["type"]: condition["status"] for condition in board["conditions"]}["Ready"] == "True"
     assert board["streams"]["imu"]["age"] == pytest.approx(5.0, abs=1.0)
@@ -30,16 +30,16 @@ def test_the_board_of_a_policy(operator):
 
 
 def test_the_plans_of_the_last_minutes_each_once(operator):
-    plans = operator.runtime.queries.plans("lab/robot", 0.0)
+    plans = operator.operator.queries.plans("lab/robot", 0.0)
     assert [plan["contexts"] for plan in plans][-3:] == [[], ["moving"], []]
     assert plans[-1]["published"] - plans[-2]["published"] == pytest.approx(10.0, abs=1.0)
-    assert operator.runtime.queries.plans("lab/robot", plans[-1]["published"]) == []
-    assert operator.runtime.queries.plans("lab/robot", plans[-2]["published"]) == plans[-1:]
-    assert operator.runtime.queries.plans("lab/nobody", 0.0) == []
+    assert operator.operator.queries.plans("lab/robot", plans[-1]["published"]) == []
+    assert operator.operator.queries.plans("lab/robot", plans[-2]["published"]) == plans[-1:]
+    assert operator.operator.queries.plans("lab/nobody", 0.0) == []
 
 
 def test_what_happened_on_the_robot_happens_on_the_desk(operator):
-    recorded = operator.runtime.queries.recording("lab/robot", 300.0)
+    recorded = operator.operator.queries.recording("lab/robot", 300.0)
     policy = parse(recorded["policy"])
     run = simulate(policy, timeline.parse(recorded["timeline"]), cores=1)
     shares = [{name: task.share / 1000 for name, task in plan.tasks.items()} for plan in run.plans]
@@ -49,9 +49,9 @@ def test_what_happened_on_the_robot_happens_on_the_desk(operator):
 
 
 def test_of_a_policy_that_is_not_there_there_is_nothing(operator):
-    assert operator.runtime.queries.recording("lab/nobody", 60.0) is None
-    assert operator.runtime.queries.explanation("lab/nobody") is None
-    assert operator.runtime.queries.explanation("lab/robot")["policy"] == "lab/robot"
+    assert operator.operator.queries.recording("lab/nobody", 60.0) is None
+    assert operator.operator.queries.explanation("lab/nobody") is None
+    assert operator.operator.queries.explanation("lab/robot")["policy"] == "lab/robot"
 
 
 def test_the_bus_answers_with_the_board_too(operator):

@@ -12,13 +12,13 @@ from contextpolicy.planning.allocation.plan import NodePlan, Plan
 from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.conditions.stream import UNHEARD
 from contextpolicy.planning.inputs import Gone
-from contextpolicy.planning.observable import plans
+from contextpolicy.planning.observable import plan_with
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy import parsing
 from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from reactivex import Observable
 
@@ -80,11 +80,19 @@ class Story:
     """A planner from its start on; seconds count from there, plans collect in `plans`."""
 
     def __init__(self, policy: Policy, placement: Placement | None = None) -> None:
-        self.planner = Planner(policy)
+        self._health_listeners: list[Callable[[], object]] = []
+        self.planner = Planner(policy, self)
         self.plans: list[Plan] = self.planner.start(START)
         if placement is None:
             placement = on_node(*(task.name for task in policy.leaves))
         self.place(placement, at=0.0)
+
+    def on_health(self) -> None:
+        for listener in self._health_listeners:
+            listener()
+
+    def on_each_health(self, listener: Callable[[], object]) -> None:
+        self._health_listeners.append(listener)
 
     def sample(
         self, stream: str, *, at: float, stamp: float | None = None, arrived: float | None = None, **fields: Any
@@ -144,7 +152,7 @@ def record(
     source: Observable[Input] = scheduler.create_hot_observable(
         *(Recorded(at, OnNext(event)) for at, event in inputs.items())  # type: ignore[arg-type]
     )
-    made = plans(planner or Planner(policy), source, scheduler, initiatives)
+    made = source.pipe(plan_with(planner or Planner(policy), scheduler, initiatives))
     observer = scheduler.start(lambda: made, created=0.5, subscribed=1.0, disposed=until)
     seen: list[tuple[float, Plan]] = []
     for message in observer.messages:

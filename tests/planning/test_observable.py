@@ -14,7 +14,7 @@ from reactivex.testing import ReactiveTest, TestScheduler
 
 from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.conditions.stream import UNHEARD
-from contextpolicy.planning.observable import plans
+from contextpolicy.planning.observable import plan_with
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policies.plugins import load
 from tests.planning.builders import a_context, a_policy, a_stream, a_task, on_node, record
@@ -68,7 +68,7 @@ def test_nothing_is_scheduled_but_the_hour_without_samples_while_nothing_is_due(
     scheduler = TestScheduler()
     inputs: Subject[Input] = Subject()
     seen: list[Plan] = []
-    plans(Planner(moving_policy()), inputs, scheduler).subscribe(seen.append)
+    inputs.pipe(plan_with(Planner(moving_policy()), scheduler)).subscribe(seen.append)
     assert due(scheduler) == [UNHEARD]
     inputs.on_next(Sample("imu", {"speed": 0.0}))
     assert due(scheduler) == [UNHEARD]
@@ -81,7 +81,7 @@ def test_nothing_is_scheduled_but_the_hour_without_samples_while_nothing_is_due(
 def test_one_timer_is_armed_however_many_samples_feed_the_watchdog():
     scheduler = TestScheduler()
     inputs: Subject[Input] = Subject()
-    plans(Planner(moving_policy(staleAfter="1s")), inputs, scheduler).subscribe()
+    inputs.pipe(plan_with(Planner(moving_policy(staleAfter="1s")), scheduler)).subscribe()
     for _ in range(100):
         inputs.on_next(Sample("imu", {"speed": 0.0}))
     assert len(scheduler._queue) == 1
@@ -90,7 +90,8 @@ def test_one_timer_is_armed_however_many_samples_feed_the_watchdog():
 def test_disposal_disarms_the_timer():
     scheduler = TestScheduler()
     seen: list[Plan] = []
-    subscription = plans(Planner(moving_policy(staleAfter="1s")), Subject(), scheduler).subscribe(seen.append)
+    planned = Subject().pipe(plan_with(Planner(moving_policy(staleAfter="1s")), scheduler))
+    subscription = planned.subscribe(seen.append)
     subscription.dispose()
     scheduler.start()
     assert seen == []
@@ -102,7 +103,7 @@ def test_the_end_of_the_inputs_does_not_end_what_is_due():
     source = scheduler.create_hot_observable(
         ReactiveTest.on_next(2, Sample("imu", {"speed": 1.0})), ReactiveTest.on_completed(3)
     )
-    observer = scheduler.start(lambda: plans(Planner(policy), source, scheduler), 0.5, 1.0, 100)
+    observer = scheduler.start(lambda: source.pipe(plan_with(Planner(policy), scheduler)), 0.5, 1.0, 100)
     assert [message.time for message in observer.messages] == [2.0, 2.25, 5.0]
 
 
@@ -194,8 +195,13 @@ class TestFailingInitiatives:
         def breaks_at_2(*, streams, scheduler):  # noqa: ARG001 - the contract's signature
             return streams["imu"].pipe(ops.map(lambda sample: sample["speed"] / (2.0 - sample["speed"]) ** 2))
 
-        planner, health = Planner(curious_policy()), []
-        planner.on_health = lambda: health.append(dict(planner.errors))
+        health = []
+
+        class Listener:
+            def on_health(self):
+                health.append(dict(planner.errors))
+
+        planner = Planner(curious_policy(), Listener())
         assert self.run(breaks_at_2, planner=planner).errors == {}
         told = [errors for errors, _ in groupby(health)]
         assert told[told.index({self.SOURCE: "float division by zero"}) :] == [
@@ -211,7 +217,7 @@ class TestFailingInitiatives:
             calls.append(scheduler.clock)
             raise RuntimeError("no camera")
 
-        plans(Planner(curious_policy()), inputs, scheduler, {"steadiness": unwilling}).subscribe()
+        inputs.pipe(plan_with(Planner(curious_policy()), scheduler, {"steadiness": unwilling})).subscribe()
         for _ in range(30):
             scheduler.advance_by(0.1)
             inputs.on_next(Sample("imu", {"speed": 1.0}))

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from contextpolicy.actuators.dry_run import DryRun
 from contextpolicy.cluster.agent_reports import read_report, with_agents
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pods import view
 from contextpolicy.policies.policy_runner import PolicyRunner
+from contextpolicy.policies.services import Services
+from contextpolicy.recorder.flight_recorder import FlightRecorder
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE, a_pod
 from tests.planning.builders import a_context, a_policy, a_stream, a_task
-from tests.virtual_operator import VirtualLoop
+from tests.virtual_operator import OpenFence, VirtualLoop
 
 IMU, PLAN, APPLIED = "robot/imu", "contextpolicy/lab/robot/plan", "contextpolicy/lab/robot/applied"
 
 
-class Orders:
-    """Notes what is ordered."""
+class Orders(DryRun):
+    """An actuator that notes what is ordered."""
 
     def __init__(self):
+        super().__init__()
         self.all = []
 
     def apply(self, order):
@@ -33,7 +37,7 @@ class Robot:
 
     def __init__(self, **spec):
         self.session, self.loop, self.orders = FakeSession(), VirtualLoop(), Orders()
-        self.changes = []
+        self.changes, self.plans, self.contexts = 0, [], []
         self.runner = self.version(**spec)
 
     def version(self, initiatives=None, **spec):
@@ -42,15 +46,32 @@ class Robot:
             "tasks": [a_task("slam"), a_task("speech")],
             "contexts": [a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 4}})],
         }
-        made = PolicyRunner(
-            a_policy(**{**defaults, **spec}),
+        services = Services(
             session=self.session,
             scheduler=self.loop,
-            actuator=self.orders,
-            initiatives=initiatives or {},
+            signer=None,
+            fence=OpenFence(),
+            agents=self,
+            boards=self,
+            recorder=FlightRecorder(),
+            listener=self,
         )
-        made.on_change = lambda: self.changes.append(made)
-        return made
+        return PolicyRunner(a_policy(**{**defaults, **spec}), services, self.orders, initiatives or {})
+
+    def on_change(self, _):
+        self.changes += 1
+
+    def on_plan(self, policy, plan):
+        self.plans.append((policy, plan))
+
+    def on_context(self, _, context, __, *, active):
+        self.contexts.append((context, active))
+
+    def expect(self, *expected):
+        """What agents confirm is not looked at."""
+
+    def board(self, policy):
+        return {"policy": policy}
 
     def place(self, *names, cpu=1000, runner=None):
         runner = runner or self.runner

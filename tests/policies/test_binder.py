@@ -20,7 +20,7 @@ def test_a_node_that_changes_its_size_changes_n(running):
 
 
 def test_a_node_that_tells_no_size_is_ignored(running):
-    running.runtime.node_changed({"metadata": {"name": "joining"}, "status": {}})
+    running.operator.node_changed({"metadata": {"name": "joining"}, "status": {}})
     running.turn()
     running.sample(IMU, speed=0.3)
     running.settle()
@@ -29,7 +29,7 @@ def test_a_node_that_tells_no_size_is_ignored(running):
 
 def test_pods_known_before_their_node_are_governed_as_soon_as_it_is(operator):
     for pod in operator.cluster.pods.values():
-        operator.runtime.pod_changed(pod)
+        operator.operator.pod_changed(pod)
     operator.connect()
     operator.apply(a_policy())
     operator.sample(IMU, speed=0.3)
@@ -42,7 +42,7 @@ def test_pods_known_before_their_node_are_governed_as_soon_as_it_is(operator):
 def test_a_pod_that_is_replaced_gets_the_share_of_its_task(running):
     running.sample(IMU, speed=0.3)
     running.settle()
-    running.runtime.pod_gone("uid-slam")
+    running.operator.pod_gone("uid-slam")
     running.cluster.remove("uid-slam")
     running.turn()
     running.cluster.create(a_pod("slam-2", {"slam": resources()}, labels={"app": "slam"}))
@@ -81,10 +81,10 @@ def test_thousands_of_pods_that_come_at_once_cost_one_placement(running, monkeyp
     monkeypatch.setattr(binder, "claim", lambda *arguments: placements.append(1) or claim(*arguments))
     for number in range(300):
         namespace = "lab" if number % 3 == 0 else "elsewhere"
-        running.runtime.pod_changed(a_pod(f"other-{number}", {"other": resources()}, namespace=namespace))
+        running.operator.pod_changed(a_pod(f"other-{number}", {"other": resources()}, namespace=namespace))
     running.turn()
     assert len(placements) == 1
-    running.runtime.pod_changed(a_pod("far", namespace="elsewhere"))
+    running.operator.pod_changed(a_pod("far", namespace="elsewhere"))
     running.turn()
     assert len(placements) == 1, "no policy is there"
 
@@ -104,7 +104,7 @@ def test_a_change_in_one_namespace_leaves_the_policies_of_others_alone(running):
 
 
 def test_a_pod_that_makes_no_sense_is_left_alone(running, caplog):
-    running.runtime.pod_changed(a_pod("odd", {"odd": cpu("1m", "many")}))
+    running.operator.pod_changed(a_pod("odd", {"odd": cpu("1m", "many")}))
     running.sample(IMU, speed=0.3)
     running.settle()
     assert running.limits() == {"slam": 800, "speech": 200}

@@ -118,7 +118,7 @@ def test_everything_is_loaded_before_the_loop_is_asked_for_anything(operator, mo
     kind = "sensor_msgs/msg/MagneticField"
     contexts = [a_context("lost", "mood.magnetic_field.x > 1.0", {"slam": {"weight": 8}})]
     mood = a_stream("mood", encoding="cdr", type=kind)
-    adopted = operator.runtime.policy_changed(a_policy(streams=[mood], contexts=contexts))
+    adopted = operator.operator.policy_changed(a_policy(streams=[mood], contexts=contexts))
     assert kind in type_store().cache
     monkeypatch.setattr(builtins, "compile", None)
     monkeypatch.setattr(builtins, "exec", None)

@@ -282,7 +282,7 @@ def test_a_conflict_is_told_once_however_often_pods_come_and_go(operator, caplog
     operator.apply(old)
     operator.apply(young)
     for n in range(5):
-        operator.runtime.pod_changed(a_pod(f"other-{n}"))
+        operator.operator.pod_changed(a_pod(f"other-{n}"))
         operator.turn()
     assert sum("belongs to task slam" in message for message in caplog.messages) == 1
     assert [reason for reason, _ in operator.told()] == ["Conflicted"]

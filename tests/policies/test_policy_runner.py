@@ -10,7 +10,7 @@ from prometheus_client import REGISTRY
 from reactivex import operators
 
 from contextpolicy.bus import head_start
-from contextpolicy.policies import policy_runner as module
+from contextpolicy.policies import plan_publisher
 from contextpolicy.policy.spec import Control
 from tests.cluster.builders import NODE
 from tests.planning.builders import a_context, a_stream, a_task
@@ -48,26 +48,24 @@ def with_agent(**spec):
 
 def test_an_agent_has_the_processors_until_it_has_acted():
     robot = with_agent()
-    orders, messages, told = len(robot.orders.all), len(robot.session.plans()), []
-    robot.runner.on_plan = lambda *plan: told.append(plan)
+    orders, messages = len(robot.orders.all), len(robot.session.plans())
+    robot.plans.clear()
     robot.session.deliver(IMU, speed=0.3)
     robot.loop.advance_by(0.001)
-    assert (len(robot.session.plans()), len(robot.orders.all), told) == (messages + 1, orders, [])
+    assert (len(robot.session.plans()), len(robot.orders.all), robot.plans) == (messages + 1, orders, [])
     robot.loop.advance_by(head_start.SECONDS)
     assert len(robot.orders.all) == orders + 1
-    assert [plan.contexts for _, plan in told] == [("moving",)]
+    assert [plan.contexts for _, plan in robot.plans] == [("moving",)]
 
 
 def test_a_context_that_begins_meanwhile_is_not_told_to_end():
     moving = a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 4}})
     robot = with_agent(contexts=[moving, a_context("dark", "imu.light < 5.0", {})], minDwell="100ms")
-    told = []
-    robot.runner.on_context = lambda name, holds, _: told.append((name, holds))
     for light in (9.0, 1.0):
         robot.session.deliver(IMU, speed=0.3, light=light)
         robot.loop.advance_by(0.001)
     robot.loop.advance_by(1.0)
-    assert told == [("moving", True), ("dark", True)]
+    assert robot.contexts == [("moving", True), ("dark", True)]
 
 
 def test_what_waits_for_the_agent_ends_with_the_policys_version():
@@ -182,7 +180,7 @@ def test_a_question_is_answered_with_the_plan_and_its_reasons():
 
 def test_run_and_sequence_only_move_forward_even_when_the_clock_does_not(monkeypatch):
     robot = Robot().begin()
-    monkeypatch.setattr(module.time, "time", lambda: 1.0)
+    monkeypatch.setattr(plan_publisher.time, "time", lambda: 1.0)
     robot.edit()
     robot.place("slam", "speech")
     robot.edit()
@@ -192,16 +190,16 @@ def test_run_and_sequence_only_move_forward_even_when_the_clock_does_not(monkeyp
 
 
 def test_stages_are_told_with_the_plan_they_belong_to(monkeypatch):
-    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: 100.0, time=time.time))
+    monkeypatch.setattr(plan_publisher, "time", SimpleNamespace(monotonic=lambda: 100.0, time=time.time))
     robot = Robot()
-    robot.runner.tell("accepted", "lab/slam/slam", 0.8, 100.0)
+    robot.runner.publisher.publish_applied("accepted", "lab/slam/slam", 0.8, 100.0)
     robot.begin()
-    robot.runner.tell("accepted", "lab/slam/slam", 0.8, 95.0)
+    robot.runner.publisher.publish_applied("accepted", "lab/slam/slam", 0.8, 95.0)
     [step] = [message for key, message in robot.session.published if key == APPLIED]
     last = robot.session.plans()[-1]
     assert (step["run"], step["sequence"]) == (last["run"], last["sequence"])
     assert (step["stage"], step["container"], step["cores"]) == ("accepted", "lab/slam/slam", 0.8)
-    assert robot.runner._now() - step["time"] == pytest.approx(5)
+    assert robot.loop.to_seconds(robot.loop.now) - step["time"] == pytest.approx(5)
 
 
 # editing and ending
@@ -218,13 +216,14 @@ def test_an_edit_goes_on_from_what_the_streams_told():
 
 def test_the_version_before_hears_and_says_nothing_more():
     robot = Robot().begin()
-    before = robot.runner
     robot.edit()
     robot.place("slam", "speech")
     ordered = len(robot.orders.all)
-    robot.changes.clear()
+    alone = Robot().begin()
+    robot.changes = alone.changes = 0
     robot.sample(speed=0.3)
-    assert before not in robot.changes
+    alone.sample(speed=0.3)
+    assert robot.changes == alone.changes
     assert len(robot.orders.all) == ordered + 1
     assert len(robot.session.subscribers) == len(robot.session.tokens) == 1
 
@@ -255,10 +254,11 @@ def test_a_controller_that_never_started_can_be_stopped():
 # modes
 
 
-def test_a_paused_policy_claims_nothing_and_hears_nothing():
-    robot = Robot(mode="Paused").begin()
-    [order] = robot.orders.all
-    assert (order.claimed, dict(order.shares)) == (frozenset(), {})
+def test_a_policy_without_an_actuator_hears_nothing():
+    robot = Robot(mode="Paused")
+    robot.orders = None
+    robot.runner = robot.version(mode="Paused")
+    robot.begin()
     assert robot.session.subscribers == []
     assert robot.session.plans() == [None]
 
@@ -285,12 +285,12 @@ def test_a_sample_that_is_not_used_is_counted_and_told_once():
     robot = Robot().begin()
     labels = {"namespace": "lab", "name": "robot", "stream": "imu", "reason": "undecodable"}
     before = REGISTRY.get_sample_value("contextpolicy_samples_dropped_total", labels) or 0.0
-    robot.changes.clear()
+    robot.changes = 0
     for _ in range(3):
         robot.session.deliver_bytes(IMU, b"{")
         robot.loop.advance_by(0.01)
     assert robot.runner.planner.drops["imu", "undecodable"] == 3
-    assert len(robot.changes) == 1
+    assert robot.changes == 1
     assert REGISTRY.get_sample_value("contextpolicy_samples_dropped_total", labels) == before + 3
 
 
@@ -312,7 +312,7 @@ def test_health_is_told_though_no_plan_changes():
     robot = Robot(streams=[a_stream("imu", staleAfter="1s")], contexts=[]).begin()
     robot.sample(speed=0.0)
     plans = len(robot.session.plans())
-    robot.changes.clear()
+    robot.changes = 0
     robot.loop.advance_by(2)
     assert len(robot.session.plans()) == plans
     assert robot.changes
@@ -320,11 +320,10 @@ def test_health_is_told_though_no_plan_changes():
 
 def test_on_plan_hears_of_each_new_plan_and_of_no_order_of_the_same_one():
     robot = Robot().begin()
-    heard = []
-    robot.runner.on_plan = lambda policy, plan: heard.append((policy, plan))
+    robot.plans.clear()
     robot.sample(speed=0.3)
     robot.place("slam", "speech")
-    [(policy, plan)] = heard
+    [(policy, plan)] = robot.plans
     assert policy == "lab/robot"
     assert plan is robot.runner.planner.last
     assert plan.arrived is not None
@@ -333,10 +332,10 @@ def test_on_plan_hears_of_each_new_plan_and_of_no_order_of_the_same_one():
 def test_the_bus_hears_when_what_triggered_a_plan_arrived(monkeypatch):
     robot = Robot().begin()
     clock = iter([10.0, 12.5])
-    monkeypatch.setattr(module.time, "monotonic", lambda: next(clock, 12.5))
+    monkeypatch.setattr(plan_publisher.time, "monotonic", lambda: next(clock, 12.5))
     robot.sample(speed=0.3)
     message = robot.session.plans()[-1]
-    assert message["trigger"] == pytest.approx(robot.runner._now() - 2.5, abs=0.1)
+    assert message["trigger"] == pytest.approx(robot.loop.to_seconds(robot.loop.now) - 2.5, abs=0.1)
 
 
 def test_plugged_in_functions_get_the_streams_and_give_scores():

@@ -55,14 +55,14 @@ def test_a_namespace_that_another_operator_serves_is_forgotten_and_left_as_it_is
     running.sample(IMU, speed=0.3)
     running.settle()
     before, calls = running.limits(), len(running.cluster.calls)
-    running.runtime.abandon("lab")
+    running.operator.abandon("lab")
     running.turn(1)
     running.sample(IMU, speed=0.0)
     running.turn(20)
     running.settle()
     assert (running.limits(), len(running.cluster.calls)) == (before, calls)
     assert running.session.tokens == []
-    assert running.runtime.queries._recorder.of("lab/robot") is None, "its records take room from other policies'"
+    assert running.operator.queries._recorder.of("lab/robot") is None, "its records take room from other policies'"
     running.apply({**a_policy(), "status": {"originals": running.cluster.policies["lab/robot"]}})
     running.sample(IMU, speed=0.0)
     running.settle()
@@ -71,14 +71,14 @@ def test_a_namespace_that_another_operator_serves_is_forgotten_and_left_as_it_is
 
 
 def test_an_operator_without_its_lease_is_silent_and_says_the_plan_again_when_it_is_back(running):
-    running.cluster.may_act = lambda _: False
+    running.fence.open = False
     plans = len(running.session.plans())
     running.sample(IMU, speed=0.3)
     running.settle()
     assert len(running.session.plans()) == plans
     assert running.session.ask("contextpolicy/lab/robot/plan").answers == []
-    running.cluster.may_act = lambda _: True
-    running.runtime.resume()
+    running.fence.open = True
+    running.operator.resume()
     running.turn(1)
     assert running.session.plans()[-1]["contexts"] == ["moving"]
 
@@ -118,7 +118,7 @@ def test_the_problems_of_a_pod_go_with_it(running):
     running.cluster.pods["uid-slam"]["status"]["conditions"].append(waits)
     running.cluster._commit("uid-slam")
     running.settle()
-    running.runtime.pod_gone("uid-slam")
+    running.operator.pod_gone("uid-slam")
     running.cluster.remove("uid-slam")
     running.settle()
     assert running.condition("Applied")[0] == "True"
@@ -184,7 +184,7 @@ def test_an_edit_that_is_refused_is_told_again_when_it_was_mended_in_between(run
 
 def test_an_error_inside_is_the_callers_and_the_loop_goes_on(running):
     broken = {"metadata": {}}
-    future = running.runtime.policy_changed(broken)
+    future = running.operator.policy_changed(broken)
     with pytest.raises(KeyError):
         running.turn()
     assert isinstance(future.exception(), KeyError)
@@ -198,7 +198,7 @@ def test_a_caller_that_gave_up_waiting_harms_nobody(operator):
     operator.list_all()
     operator.connect()
     operator.cluster.policies["lab/robot"] = {}
-    future = operator.runtime.policy_changed(a_policy())
+    future = operator.operator.policy_changed(a_policy())
     assert future.cancel()
     operator.turn()
     operator.sample(IMU, speed=0.3)

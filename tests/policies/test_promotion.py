@@ -264,7 +264,7 @@ def test_a_tenant_may_not_listen_where_it_may_not_read(operator):
 
 def test_a_recording_has_the_spec_that_decided(promoted):
     promoted.loop.inline = True
-    recorded = promoted.runtime.queries.recording("lab/robot", 300)
+    recorded = promoted.operator.queries.recording("lab/robot", 300)
     assert recorded["policy"]["metadata"]["name"] == "robot"
     assert recorded["policy"]["spec"]["contexts"] == a_shadow()["spec"]["contexts"]
     assert recorded["policy"]["spec"].keys().isdisjoint({"shadow", "mode"})

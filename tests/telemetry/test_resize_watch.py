@@ -22,10 +22,13 @@ class Told:
 
     def __init__(self):
         self.problems, self.stages = [], []
-        self.watch = ResizeWatch(
-            lambda _, reason, message: self.problems.append((reason, message)),
-            lambda _, stage, container, cores, __: self.stages.append((stage, container, cores)),
-        )
+        self.watch = ResizeWatch(self)
+
+    def on_problem(self, _, reason, message):
+        self.problems.append((reason, message))
+
+    def on_stage(self, _, stage, container, cores, __):
+        self.stages.append((stage, container, cores))
 
 
 @pytest.fixture

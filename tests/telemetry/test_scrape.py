@@ -28,7 +28,7 @@ def page(operator):
     def read():
         operator.loop.inline = True
         try:
-            return operator.runtime.queries.scrape()
+            return operator.operator.queries.scrape()
         finally:
             operator.loop.inline = False
 

@@ -210,7 +210,7 @@ def test_a_lost_bus_is_told_while_the_last_plan_stays():
 def test_an_hour_without_any_sample_is_told_of_a_stream_without_stale_after_too():
     story = Story(a_robot(streams=[a_stream("imu"), a_stream("mic")]))
     health = []
-    story.planner.on_health = lambda: health.append(condition(made(story), "StreamsHealthy"))
+    story.on_each_health(lambda: health.append(condition(made(story), "StreamsHealthy")))
     story.sample("imu", at=1, speed=0.3)
     story.sample("imu", at=1800, speed=0.3)
     story.wait(3600)
@@ -289,7 +289,7 @@ def test_it_is_told_which_stream_a_condition_waits_for_and_since_when():
         contexts=[a_context("alarm", "imu.speed > 9 || button.pressed", {"speech": {"suspend": True}})],
     )
     health = []
-    story.planner.on_health = lambda: health.append(made(story)["streams"])
+    story.on_each_health(lambda: health.append(made(story)["streams"]))
     told = f"context alarm has been waiting since {timestamp(START)}: button has no value"
     assert [stream["message"] for stream in made(story)["streams"]] == ["", told]
     assert condition(made(story), "StreamsHealthy")[0] == "True"

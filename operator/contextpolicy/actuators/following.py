@@ -1,4 +1,4 @@
-"""Delay resizes on nodes that have an agent until the plan has settled.
+"""An Rx operator that delays resizes on nodes that have an agent until the plan has settled.
 
 The agent has already written the limits. A resize takes tens of milliseconds, and as much of the node's CPU: that of
 the API server, its datastore, the kubelet and the runtime, which tasks lack. One that is overtaken by the next plan is
@@ -8,15 +8,15 @@ agree in the end: its limits hold when the agent is gone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-from reactivex.disposable import SerialDisposable
+from reactivex import Observable
+from reactivex.disposable import CompositeDisposable, SerialDisposable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from reactivex.abc import SchedulerBase
+    from reactivex.abc import DisposableBase, ObserverBase, SchedulerBase
 
     from contextpolicy.planning.allocation.plan import NodePlan
 
@@ -25,9 +25,31 @@ SETTLED = 3.0
 LONGEST = 30.0
 """Seconds after which the newest plan is ordered even if plans keep changing."""
 
+NodePlans: TypeAlias = "Mapping[str, NodePlan]"
+"""Plans by node."""
 
-@dataclass(slots=True)
-class _Waiting:
+
+def follow_agents(
+    scheduler: SchedulerBase, ahead: Callable[[], frozenset[str]]
+) -> Callable[[Observable[NodePlans]], Observable[NodePlans]]:
+    """Turn what is planned into what is to be ordered now: once for each item, and when a plan has settled.
+
+    Nodes in `ahead` have an agent: they keep the plan ordered last until the next has settled. A node whose first plan
+    has not settled yet is missing.
+    """
+
+    def operator(source: Observable[NodePlans]) -> Observable[NodePlans]:
+        def subscribe(observer: ObserverBase[NodePlans], _: SchedulerBase | None = None) -> DisposableBase:
+            follower = _Follower(observer, scheduler, ahead)
+            subscription = source.subscribe(follower.on_next, observer.on_error, observer.on_completed)
+            return CompositeDisposable(subscription, follower.timer)
+
+        return Observable(subscribe)
+
+    return operator
+
+
+class _Waiting(NamedTuple):
     """A plan that is not ordered yet: `began` is when its node started to wait, `since` when this very plan came."""
 
     plan: NodePlan
@@ -39,35 +61,37 @@ class _Waiting:
         return min(self.since + SETTLED, self.began + LONGEST)
 
 
-class Follower:
-    """Decides which plans to order now; calls `again`, on the loop's thread, when a waiting plan is due."""
+class _Follower:
+    """One subscription."""
 
-    def __init__(self, scheduler: SchedulerBase, again: Callable[[], None]) -> None:
-        self._scheduler, self._again = scheduler, again
-        self._ordered: dict[str, NodePlan] = {}
+    def __init__(
+        self, observer: ObserverBase[NodePlans], scheduler: SchedulerBase, ahead: Callable[[], frozenset[str]]
+    ) -> None:
+        self.timer = SerialDisposable()
+        self._observer, self._scheduler, self._ahead = observer, scheduler, ahead
+        self._planned: NodePlans = {}
+        self._ordered: NodePlans = {}
         self._waiting: dict[str, _Waiting] = {}
-        self._wake = SerialDisposable()
 
-    def choose(self, nodes: Mapping[str, NodePlan], ahead: frozenset[str]) -> dict[str, NodePlan]:
-        """The plans to order now, by node; those in `ahead` have an agent, and keep the last until the next is due."""
-        now = self._scheduler.to_seconds(self._scheduler.now)
-        self._waiting = {node: waiting for node, waiting in self._waiting.items() if node in nodes}
-        self._ordered = {
-            node: chosen
-            for node, plan in nodes.items()
-            if (chosen := self._choose(node, plan, now) if node in ahead else plan) is not None
-        }
-        self._arm(now)
-        return self._ordered
+    def on_next(self, planned: NodePlans) -> None:
+        self._planned = planned
+        self._emit()
 
-    def stop(self) -> None:
-        """Cancel the timer: waiting plans are never ordered."""
-        self._wake.dispose()
+    def _emit(self, *_: object) -> None:
+        now, ahead = self._scheduler.to_seconds(self._scheduler.now), self._ahead()
+        if ahead or self._waiting:
+            self._waiting = {node: waiting for node, waiting in self._waiting.items() if node in self._planned}
+            chosen = {node: self._choose(node, plan, now, ahead) for node, plan in self._planned.items()}
+            self._ordered = {node: plan for node, plan in chosen.items() if plan is not None}
+            self._arm(now)
+        else:
+            self._ordered = self._planned
+        self._observer.on_next(self._ordered)
 
-    def _choose(self, node: str, plan: NodePlan, now: float) -> NodePlan | None:
+    def _choose(self, node: str, plan: NodePlan, now: float, ahead: frozenset[str]) -> NodePlan | None:
         waiting = self._waiting.pop(node, None) or _Waiting(plan, now, now)
         ordered = self._ordered.get(node)
-        if plan == ordered:
+        if node not in ahead or plan == ordered:
             return plan
         if plan != waiting.plan:
             waiting = _Waiting(plan, waiting.began, now)
@@ -79,4 +103,4 @@ class Follower:
     def _arm(self, now: float) -> None:
         if self._waiting:
             due = min(waiting.due for waiting in self._waiting.values())
-            self._wake.disposable = self._scheduler.schedule_relative(due - now, lambda *_: self._again())
+            self.timer.disposable = self._scheduler.schedule_relative(due - now, self._emit)

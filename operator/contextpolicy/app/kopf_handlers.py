@@ -45,7 +45,7 @@ async def configure(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> Non
 @kopf.on.update(GROUP, PLURAL)
 async def apply(body: kopf.Body, memo: Any, **_: Any) -> None:
     """A policy exists at startup, is new or was edited."""
-    adopted = await asyncio.to_thread(memo.runtime.policy_changed, dict(body))
+    adopted = await asyncio.to_thread(memo.operator.policy_changed, dict(body))
     if not await asyncio.wrap_future(adopted):
         raise kopf.TemporaryError("not all that the policy names can be read", delay=REREAD)
 
@@ -53,7 +53,7 @@ async def apply(body: kopf.Body, memo: Any, **_: Any) -> None:
 @kopf.on.delete(GROUP, PLURAL)
 async def release(body: kopf.Body, memo: Any, **_: Any) -> None:
     """Restore every container before the finalizer is removed."""
-    restored = memo.runtime.policy_deleted(dict(body))
+    restored = memo.operator.policy_deleted(dict(body))
     try:
         await asyncio.wait_for(asyncio.wrap_future(restored), RESTORE_TIMEOUT)
     except TimeoutError:

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 class KopfThread:
     """Kopf on a thread of its own, for a fixed set of namespaces; `on_end` is called there when it ends by itself."""
 
-    def __init__(self, runtime: Operator, namespaces: Collection[str], on_end: Callable[[], None]) -> None:
+    def __init__(self, operator: Operator, namespaces: Collection[str], on_end: Callable[[], None]) -> None:
         self.namespaces = frozenset(namespaces)
         self.failed = False
-        self._memo = kopf.Memo(runtime=runtime, loop=None)
+        self._memo = kopf.Memo(operator=operator, loop=None)
         self._stop, self._on_end = Event(), on_end
         self._thread = Thread(target=self._run, name="kopf", daemon=True)
         self._thread.start()

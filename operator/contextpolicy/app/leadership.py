@@ -29,15 +29,14 @@ after an uninstallation a Job puts containers back before another release resize
 
 
 class Leadership:
-    """`on_news` is called, on any thread, whenever what we may do has changed or may have changed."""
+    """`on_change` is called, on any thread, whenever what we may do has changed or may have changed."""
 
-    def __init__(self, api: LeaseApi, settings: Settings) -> None:
-        self.on_news: Callable[[], None] = lambda: None
-        self._replica, self._keeper = _run_for_release(api, settings, self._tell)
+    def __init__(self, api: LeaseApi, settings: Settings, on_change: Callable[[], None]) -> None:
+        self._replica, self._keeper = _run_for_release(api, settings, on_change)
         self._release = "/".join(settings.lease or (settings.identity,))
         self._claims: dict[str, Candidacy] = {}
         self._told: dict[str, str] = {}
-        self._claiming = LeaseKeeper(api, NAMESPACE_LEASE, self._tell)
+        self._claiming = LeaseKeeper(api, NAMESPACE_LEASE, on_change)
         self._claiming_started = False
 
     def start(self) -> None:
@@ -124,9 +123,6 @@ class Leadership:
             self._told[namespace] = told
             if told:
                 log.warning("%s", told)
-
-    def _tell(self) -> None:
-        self.on_news()
 
 
 def _run_for_release(

@@ -10,17 +10,21 @@ import logging
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.actuators.actuator import Actuators
+from contextpolicy.actuators.dry_run import DryRun
 from contextpolicy.actuators.resize.resizer import PodResizer
 from contextpolicy.bus.robot_bus import RobotBus
+from contextpolicy.cluster.fencing import FencedApi
 from contextpolicy.cluster.nodes import allocatable
 from contextpolicy.cluster.pods import view
 from contextpolicy.policies.binder import Binder
 from contextpolicy.policies.loader import load
 from contextpolicy.policies.manager import PolicyManager
-from contextpolicy.policies.promotion import Promotion
 from contextpolicy.policies.queries import Queries
 from contextpolicy.policies.registry import PolicyRegistry
+from contextpolicy.policies.shadows import Shadows
 from contextpolicy.policies.status_publisher import StatusPublisher
+from contextpolicy.policy.spec import Mode
 from contextpolicy.policy.tenants import Tenants
 from contextpolicy.recorder.flight_recorder import FlightRecorder
 from contextpolicy.streams.loop import on_loop
@@ -32,7 +36,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from contextpolicy.bus.signatures import Signer
-    from contextpolicy.cluster.api import ApiServer
+    from contextpolicy.cluster.fencing import Fence, PolicyApi
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.streams.loop import Loop
 
@@ -42,13 +46,14 @@ log = logging.getLogger(__name__)
 class Operator:
     """The operator without its watches.
 
-    `patches` sends resizes; `reports` writes statuses and events and must have one thread, which keeps them in order.
-    `close` shuts both down.
+    `api` is written to only where the `fence` lets us act. `patches` sends resizes; `reports` writes statuses and
+    events and must have one thread, which keeps them in order. `close` shuts both down.
     """
 
     def __init__(  # noqa: PLR0913 - what an operator is made of
         self,
-        api: ApiServer,
+        api: PolicyApi,
+        fence: Fence,
         loop: Loop,
         *,
         patches: Executor,
@@ -56,32 +61,34 @@ class Operator:
         signer: Signer | None = None,
         tenants: Tenants | None = None,
     ) -> None:
-        self._api, self._loop, self._patches = api, loop, patches
+        self._api, self._loop, self._patches = FencedApi(api, fence), loop, patches
         self._tenants = tenants or Tenants()
         registry, recorder = PolicyRegistry(), FlightRecorder()
+        shadows = Shadows(registry)
         self._bus = RobotBus(loop)
-        self._publisher = StatusPublisher(api, loop, reports, registry, self._bus)
-        self._resizer = PodResizer(api, loop, patches, self._publisher.resizes)
-        originals = self._resizer.originals
-        self._binder = Binder(loop, registry, self._bus, self._publisher, originals=originals, tenants=self._tenants)
+        self._publisher = StatusPublisher(self._api, loop, reports, registry, bus=self._bus, shadows=shadows)
+        resizer = PodResizer(self._api, loop, patches, self._publisher.resizes)
+        self._originals = resizer.originals
+        self._actuators = Actuators({Mode.ENFORCE: resizer, Mode.DRY_RUN: DryRun()})
+        self._binder = Binder(
+            loop, registry, self._bus, self._publisher, originals=self._originals, tenants=self._tenants
+        )
         self.queries = Queries(
             loop, registry, self._bus, pods=self._binder.pods, resizes=self._publisher.resizes, recorder=recorder
         )
-        promotion = Promotion(loop, registry, self._bus, self._publisher)
         self._policies = PolicyManager(
-            api=api,
-            loop=loop,
-            registry=registry,
-            bus=self._bus,
-            resizer=self._resizer,
+            loop,
+            registry,
+            self._bus,
+            actuators=self._actuators,
             publisher=self._publisher,
             binder=self._binder,
-            promotion=promotion,
             queries=self.queries,
+            shadows=shadows,
             recorder=recorder,
+            fence=fence,
             signer=signer,
         )
-        promotion.on_change = self._policies.settle
 
     def close(self) -> None:
         """Stop; limits stay in force, as after a crash, and the next start goes on from there."""
@@ -94,12 +101,19 @@ class Operator:
 
     def connected(self, session: zenoh.Session) -> None:
         """The session to the robot's bus is open: start the policies that waited for it. Blocks up to a second."""
-        self._bus.open(
-            session,
-            on_open=self._policies.begin,
-            on_agents=self._binder.place,
-            on_link=self._publisher.report_all,
-        )
+        self._bus.open(session, self)
+
+    def on_session(self) -> None:
+        """There is a session: start the policies that waited for it."""
+        self._policies.begin()
+
+    def on_agents(self) -> None:
+        """An agent's report has changed, and with it what policies can count on."""
+        self._binder.place()
+
+    def on_router(self) -> None:
+        """The router came or went: every status has that."""
+        self._publisher.report_all()
 
     @property
     def has_router(self) -> bool:
@@ -149,12 +163,12 @@ class Operator:
 
     def _take_pod(self, pod: PodView) -> None:
         self._binder.take_pod(pod)
-        resized = self._resizer.originals.in_pod(pod.uid)
+        resized = self._originals.in_pod(pod.uid)
         self._publisher.resizes.observe(pod, {original.policy for original in resized.values()})
-        self._resizer.observe(pod)
+        self._actuators.observe(pod)
 
     def _lose_pod(self, uid: str) -> None:
         pod = self._binder.lose_pod(uid)
         if pod is not None:
             self._publisher.resizes.lose(pod)
-            self._resizer.forget(uid)
+            self._actuators.forget(uid)

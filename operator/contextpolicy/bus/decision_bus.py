@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 import zenoh
@@ -12,11 +12,12 @@ from contextpolicy.cluster.claims import container_id
 from contextpolicy.planning.plan_json import plan_json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator
 
     from reactivex.abc import SchedulerBase
 
     from contextpolicy.bus.signatures import Signer
+    from contextpolicy.cluster.fencing import Fence
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.planning.allocation.placement import Container
     from contextpolicy.planning.allocation.plan import Plan
@@ -61,7 +62,7 @@ def topic_key(namespace: str, name: str, topic: str) -> str:
 def message(
     policy: Policy, run: int, plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]
 ) -> dict[str, Any]:
-    """A plan as the bus carries it (see `plan_json`), without `edition` and `trigger`: the runner adds those."""
+    """A plan as the bus carries it (see `plan_json`), without `edition` and `trigger`: the publisher adds those."""
     return {**plan_json(policy, plan), "run": run, "targets": list(_targets(plan, containers, pods))}
 
 
@@ -87,25 +88,39 @@ def _targets(plan: Plan, containers: Iterable[Container], pods: Iterable[PodView
                 }
 
 
+class Answers(Protocol):
+    """What queries for a policy are answered with, on the loop's thread; None when there is no answer yet."""
+
+    def message(self) -> dict[str, Any] | None:
+        """The plan in force."""
+
+    def explain(self) -> dict[str, Any] | None:
+        """Why each task has its share."""
+
+    def board(self) -> dict[str, Any] | None:
+        """The policy as the live page shows it."""
+
+
 class Bus:
     """One policy's place on the decision bus: publishes plans, answers queries for the last one and its explanation."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - who speaks, for which policy, under whose name
         self,
         session: zenoh.Session,
         policy: Policy,
         scheduler: SchedulerBase,
-        answers: Mapping[str, Callable[[], dict[str, Any] | None]],
+        answers: Answers,
+        *,
+        signer: Signer | None,
+        fence: Fence,
     ) -> None:
-        """`answers` are what queries get, by topic (`plan`, `explain`, `board`), called on the scheduler's thread only.
+        """The liveliness token on the plans' key shows agents that an operator still makes plans.
 
-        The liveliness token on the plans' key shows agents that an operator still makes plans. Agents ignore plans
-        published without a `signer`.
+        Agents ignore plans published without a `signer`. The `fence` is asked before each message and answer: an
+        operator that lost its Lease must be silent at once.
         """
-        self.signer: Signer | None = None
-        self.may_speak: Callable[[], bool] = lambda: True
-        """Asked before each message and answer: an operator that is not the one any more must be silent at once."""
-        self._scheduler = scheduler
+        self._scheduler, self._signer, self._fence = scheduler, signer, fence
+        self._namespace = policy.namespace
         self._key = key = plan_key(policy.namespace, policy.name)
         self._publisher = session.declare_publisher(
             key, express=True, congestion_control=zenoh.CongestionControl.DROP, priority=zenoh.Priority.REAL_TIME
@@ -113,16 +128,17 @@ class Bus:
         self._applied = session.declare_publisher(
             applied_key(policy.namespace, policy.name), congestion_control=zenoh.CongestionControl.DROP
         )
+        topics = {"plan": answers.message, "explain": answers.explain, "board": answers.board}
         self._queryables = [
             session.declare_queryable(of, self._answer(of, content))
-            for topic, content in answers.items()
+            for topic, content in topics.items()
             for of in [topic_key(policy.namespace, policy.name, topic)]
         ]
         self._token = session.liveliness().declare_token(key)
 
     def publish(self, plan: dict[str, Any]) -> bytes | None:
         """Publish a plan, and return it as it was sent, None if we may not. A slow listener never slows the loop."""
-        if not self.may_speak():
+        if not self._may_speak():
             return None
         payload = msgspec.json.encode(plan)
         self._publisher.put(payload, encoding=zenoh.Encoding.APPLICATION_JSON, attachment=self._signature(payload))
@@ -130,12 +146,12 @@ class Bus:
 
     def withdraw(self) -> None:
         """Declare that no plan of this policy holds any more."""
-        if self.may_speak():
+        if self._may_speak():
             self._publisher.delete(attachment=self._signature(None))
 
     def publish_applied(self, step: dict[str, Any]) -> None:
         """Report that a container's limit reached the next stage."""
-        if self.may_speak():
+        if self._may_speak():
             self._applied.put(msgspec.json.encode(step), encoding=zenoh.Encoding.APPLICATION_JSON)
 
     def close(self) -> None:
@@ -146,9 +162,12 @@ class Bus:
         self._applied.undeclare()
         self._publisher.undeclare()
 
+    def _may_speak(self) -> bool:
+        return self._fence.may_act(self._namespace)
+
     def _signature(self, payload: bytes | None) -> bytes | None:
         """The attachment that proves to agents that a plan, or its withdrawal (None), comes from the operator."""
-        return self.signer.sign(self._key, payload, time.time_ns()) if self.signer else None
+        return self._signer.sign(self._key, payload, time.time_ns()) if self._signer else None
 
     def _answer(self, key: str, content: Callable[[], dict[str, Any] | None]) -> Callable[[zenoh.Query], None]:
         """A query callback that replies from the loop, since Zenoh's callbacks must not call Zenoh.
@@ -157,7 +176,7 @@ class Bus:
         """
 
         def reply(query: zenoh.Query) -> None:
-            answer = content() if self.may_speak() else None
+            answer = content() if self._may_speak() else None
             with query:
                 if answer is not None:
                     payload = msgspec.json.encode(answer)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.bus.agent_watch import AgentWatch
 from contextpolicy.bus.connection import Connection
@@ -11,7 +11,7 @@ from contextpolicy.bus.usage_watch import UsageWatch
 from contextpolicy.streams.loop import on_loop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Iterable, Mapping
 
     import zenoh
     from reactivex.abc import SchedulerBase
@@ -20,6 +20,19 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.agent_reports import AgentReport, Stamp
 
 log = logging.getLogger(__name__)
+
+
+class BusListener(Protocol):
+    """What hears of the bus; called on the loop."""
+
+    def on_session(self) -> None:
+        """There is a session."""
+
+    def on_agents(self) -> None:
+        """An agent's report has changed."""
+
+    def on_router(self) -> None:
+        """The router came or went."""
 
 
 class RobotBus:
@@ -37,20 +50,13 @@ class RobotBus:
     def open(
         self,
         session: zenoh.Session,
-        *,
-        on_open: Callable[[], object],
-        on_agents: Callable[[], object],
-        on_link: Callable[[], object],
+        listener: BusListener,
     ) -> None:
-        """Take the session and follow the agents and the router; blocks up to a second for the agents' answers.
-
-        The callbacks run on the loop: when there is a session, when an agent's report has changed, and when the router
-        came or went.
-        """
-        agents = AgentWatch(session, self._loop, lambda: on_loop(self._loop, on_agents))
-        on_loop(self._loop, lambda: self._begin(session, agents, on_open))
+        """Take the session and follow the agents and the router; blocks up to a second for the agents' answers."""
+        agents = AgentWatch(session, self._loop, lambda: on_loop(self._loop, listener.on_agents))
+        on_loop(self._loop, lambda: self._begin(session, agents, listener))
         self._connection = Connection(
-            session, lambda connected: on_loop(self._loop, lambda: self._link(on_link, connected=connected))
+            session, lambda connected: on_loop(self._loop, lambda: self._link(listener, connected=connected))
         )
 
     def stop(self) -> None:
@@ -84,12 +90,12 @@ class RobotBus:
         if self._agents is not None:
             self._agents.forget(policy)
 
-    def _begin(self, session: zenoh.Session, agents: AgentWatch, on_open: Callable[[], object]) -> None:
+    def _begin(self, session: zenoh.Session, agents: AgentWatch, listener: BusListener) -> None:
         self.session, self._agents, self._usage = session, agents, UsageWatch(session, self._loop)
-        on_open()
+        listener.on_session()
 
-    def _link(self, on_link: Callable[[], object], *, connected: bool) -> None:
+    def _link(self, listener: BusListener, *, connected: bool) -> None:
         if connected is not self.connected:
             self.connected = connected
             log.log(logging.INFO if connected else logging.WARNING, "the bus is %s", "there" if connected else "lost")
-            on_link()
+            listener.on_router()

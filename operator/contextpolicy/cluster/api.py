@@ -49,12 +49,12 @@ _REASONS = {
 class ApiServer:
     """A pooled client; safe to use from several threads."""
 
-    def __init__(self) -> None:
-        """Find the cluster as kubectl does: the pod's service account, else KUBECONFIG."""
-        self.on_answer: Callable[[str, str], object] = lambda *_: None
-        """Called with the HTTP method and the status code of each answer; the code is `none` if there was none."""
-        self.may_act: Callable[[str], bool] = lambda _: True
-        """Whether we may write in a namespace now; asked before each write there, but for those of Leases."""
+    def __init__(self, on_answer: Callable[[str, str], object] | None = None) -> None:
+        """Find the cluster as kubectl does: the pod's service account, else KUBECONFIG.
+
+        `on_answer` is called with the HTTP method and the status code of each answer, or `none` if there was none.
+        """
+        self._on_answer = on_answer
         _configure()
         settings = client.Configuration.get_default_copy()
         settings.connection_pool_maxsize = POOL
@@ -80,7 +80,6 @@ class ApiServer:
 
     def resize(self, namespace: str, pod: str, patch: Mapping[str, Any]) -> int:
         """PATCH pods/resize: containers merge by name. Returns the changed pod's resourceVersion, 0 if not a number."""
-        self._require_right(namespace)
         return _version(self._send("PATCH", f"/api/v1/namespaces/{namespace}/pods/{pod}/resize", patch, STRATEGIC))
 
     def pod(self, namespace: str, name: str) -> dict[str, Any]:
@@ -93,7 +92,6 @@ class ApiServer:
 
     def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
         """Merge into the status of a ContextPolicy; None removes a field."""
-        self._require_right(namespace)
         path = f"/apis/contextpolicy.dev/v1alpha1/namespaces/{namespace}/contextpolicies/{name}/status"
         self._send("PATCH", path, {"status": dict(status)}, MERGE)
 
@@ -183,13 +181,7 @@ class ApiServer:
 
     def post_event(self, namespace: str, event: Mapping[str, Any]) -> None:
         """Create an Event."""
-        self._require_right(namespace)
         self._send("POST", f"/api/v1/namespaces/{namespace}/events", event, JSON)
-
-    def _require_right(self, namespace: str) -> None:
-        if not self.may_act(namespace):
-            message = f"namespace {namespace} is not ours to act on: no valid Lease"
-            raise ActuationError("NotLeading", message, retriable=True)
 
     def _list(self, root: str, namespace: str | None, plural: str) -> list[dict[str, Any]]:
         path = f"{root}/{plural}" if namespace is None else f"{root}/namespaces/{namespace}/{plural}"
@@ -219,11 +211,15 @@ class ApiServer:
         except config.ConfigException as error:  # the token could not be renewed
             raise ActuationError("NoToken", str(error), retriable=True) from error
         except (urllib3.exceptions.HTTPError, OSError) as error:
-            self.on_answer(method, "none")
+            self._count(method, "none")
             path = target.partition("?")[0]
             raise ActuationError("Unreachable", f"{method} {path}: {error}", retriable=True, in_doubt=True) from error
-        self.on_answer(method, str(response.status))
+        self._count(method, str(response.status))
         return response
+
+    def _count(self, method: str, code: str) -> None:
+        if self._on_answer is not None:
+            self._on_answer(method, code)
 
 
 def _lease_path(namespace: str, name: str) -> str:

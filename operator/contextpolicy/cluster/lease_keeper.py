@@ -54,7 +54,7 @@ class LeaseKeeper:
         self._news, self._stopping = Condition(), False
         path = f"/apis/coordination.k8s.io/v1/namespaces/{watched}/leases?fieldSelector=metadata.name={name}"
         self._watched = watched
-        self._watch = ObjectWatch(api, path, self._on_lease, self._on_gone) if watched else None
+        self._watch = ObjectWatch(api, path, self) if watched else None
         self._thread = Thread(target=self._run, name=f"lease {name}", daemon=True)
 
     def start(self) -> None:
@@ -88,6 +88,17 @@ class LeaseKeeper:
             self._watch.check()
         if not self._thread.is_alive():
             raise RuntimeError(f"the Lease {self._name} is not kept any more")
+
+    def on_object(self, item: Mapping[str, Any]) -> None:
+        """The watched Lease has changed."""
+        self._see(leases.read(item))
+
+    def on_gone(self, _: str) -> None:
+        """The watched Lease was deleted."""
+        self._see(Lease())
+
+    def on_listing(self) -> None:
+        """Nothing: what the watch can't see is looked at all the same."""
 
     def stand(self, namespace: str, candidacy: Candidacy) -> None:
         """Run for the Lease of a namespace from now on, in place of an earlier candidacy."""
@@ -165,15 +176,7 @@ class LeaseKeeper:
         except ActuationError as error:
             log.warning("%s is not given back: %s", self._told(namespace), error)
 
-    def _on_lease(self, item: Mapping[str, Any]) -> None:
-        """On the watch's thread."""
-        self._tell(leases.read(item))
-
-    def _on_gone(self, _: str) -> None:
-        """On the watch's thread."""
-        self._tell(Lease())
-
-    def _tell(self, found: Lease) -> None:
+    def _see(self, found: Lease) -> None:
         with self._news:
             candidacy = self._candidacies.get(self._watched)
             if candidacy is not None:

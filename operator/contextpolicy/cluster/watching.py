@@ -21,7 +21,7 @@ from kubernetes.watch.watch import iter_resp_lines
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
     import urllib3
 
@@ -46,22 +46,30 @@ class ListWatch(Protocol):
         """The changes of a list since `version`, one JSON object per line."""
 
 
+class WatchListener(Protocol):
+    """What hears of a list's changes."""
+
+    def on_object(self, item: Mapping[str, Any]) -> None:
+        """An object is new, was there already, or has changed."""
+
+    def on_gone(self, uid: str) -> None:
+        """An object was deleted."""
+
+    def on_listing(self) -> None:
+        """The list was read, or the server now refuses it, or no longer does."""
+
+
 class ObjectWatch:
     """One list, followed on a thread of its own.
 
-    `on_change(object)` and `on_gone(uid)` are called on that thread. `listed` is done once `on_change` was called for
-    everything that existed at the start. `refused` says why the server lets us see nothing, if it does not;
-    `on_refused` is called when that changes.
+    The listener is called on that thread. `listed` is done once it has heard of everything that existed at the start.
+    `refused` says why the server lets us see nothing, if it does not.
     """
 
-    def __init__(
-        self, api: ListWatch, path: str, on_change: Callable[[Mapping[str, Any]], None], on_gone: Callable[[str], None]
-    ) -> None:
+    def __init__(self, api: ListWatch, path: str, listener: WatchListener) -> None:
         self.listed: Future[None] = Future()
         self.refused = ""
-        self.on_refused: Callable[[], object] = lambda: None
-        self._api, self._path = api, path
-        self._on_change, self._on_gone = on_change, on_gone
+        self._api, self._path, self._listener = api, path, listener
         self._known: set[str] = set()
         self._version: str | None = None
         self._failures = 0
@@ -107,10 +115,10 @@ class ObjectWatch:
             uids |= {item["metadata"]["uid"] for item in page["items"]}
             self._known |= uids  # should a later page fail, these are known all the same
             for item in page["items"]:
-                self._on_change(item)
+                self._listener.on_object(item)
             self._version = page["metadata"]["resourceVersion"]
         for uid in self._known - uids:
-            self._on_gone(uid)
+            self._listener.on_gone(uid)
         self._known = uids
         if self._failures:
             log.info("%s is told again", self._path)
@@ -118,6 +126,7 @@ class ObjectWatch:
         self._note_refusal("")
         if not self.listed.done():
             self.listed.set_result(None)
+            self._listener.on_listing()
 
     def _pages(self) -> Iterator[dict[str, Any]]:
         path = f"{self._path}{'&' if '?' in self._path else '?'}limit={PAGE}"
@@ -142,10 +151,10 @@ class ObjectWatch:
         metadata = item["metadata"]
         if event["type"] == "DELETED":
             self._known.discard(metadata["uid"])
-            self._on_gone(metadata["uid"])
+            self._listener.on_gone(metadata["uid"])
         elif event["type"] != "BOOKMARK":
             self._known.add(metadata["uid"])
-            self._on_change(item)
+            self._listener.on_object(item)
         self._version = metadata["resourceVersion"]
 
     def _rest(self, error: Exception) -> None:
@@ -163,4 +172,4 @@ class ObjectWatch:
     def _note_refusal(self, why: str) -> None:
         if self.refused != why:
             self.refused = why
-            self.on_refused()
+            self._listener.on_listing()

@@ -44,7 +44,7 @@ def run(settings: Settings) -> int:
     from prometheus_client import REGISTRY
 
     from contextpolicy.app import probes
-    from contextpolicy.app.supervisor import Supervisor, reach, start_anew
+    from contextpolicy.app.supervisor import Supervisor, reach, restart_process
     from contextpolicy.live.page_server import PageServer
     from contextpolicy.telemetry import metrics
     from contextpolicy.telemetry.build_info import tell_build
@@ -62,14 +62,13 @@ def run(settings: Settings) -> int:
     prometheus_client.start_http_server(settings.metrics_port)
     pages: dict[str, Callable[[], list[str]]] = {"/healthz": list, "/readyz": lambda: ["no API server answers yet"]}
     probes.serve(settings.health_port, pages)
-    api = reach(stop)
+    api = reach(stop, lambda method, code: metrics.API_REQUESTS.labels(method, code).inc())
     if api is None:
         return 0
-    supervisor = Supervisor(api, settings, start_anew)
+    supervisor = Supervisor(api, settings, restart_process)
     pages |= {"/healthz": supervisor.hung, "/readyz": supervisor.unready}
-    api.on_answer = lambda method, code: metrics.API_REQUESTS.labels(method, code).inc()
-    REGISTRY.register(Scrape(supervisor.runtime.queries.scrape))
-    live = PageServer(settings.live_port, supervisor.runtime.queries)
+    REGISTRY.register(Scrape(supervisor.operator.queries.scrape))
+    live = PageServer(settings.live_port, supervisor.operator.queries)
     live.start()
     # A full collection takes tens of milliseconds, in which nobody decides, to find that all imports are still needed.
     gc.freeze()

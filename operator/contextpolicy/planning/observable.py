@@ -30,23 +30,25 @@ RESTART = 1.0
 """Seconds between restarts of an instantiation function that fails: it may be slow, and fail on every sample."""
 
 
-def plans(
+def plan_with(
     planner: Planner,
-    inputs: Observable[Input],
     scheduler: SchedulerBase,
     initiatives: Mapping[str, Instantiate] | None = None,
     before: Planner | None = None,
-) -> Observable[Plan]:
-    """Every new plan, from the moment of subscription on.
+) -> Callable[[Observable[Input]], Observable[Plan]]:
+    """The Rx operator that scans inputs into plans: every new plan, from the moment of subscription on.
 
     Inputs must arrive on the scheduler's thread. Between inputs one timer is armed, for the planner's next deadline;
     with no deadline nothing runs. `before` is the planner of the policy's previous version, if any.
     """
 
-    def subscribe(observer: ObserverBase[Plan], _: SchedulerBase | None = None) -> DisposableBase:
-        return _Run(planner, observer, scheduler).begin(inputs, initiatives or {}, before)
+    def operator(inputs: Observable[Input]) -> Observable[Plan]:
+        def subscribe(observer: ObserverBase[Plan], _: SchedulerBase | None = None) -> DisposableBase:
+            return _Run(planner, observer, scheduler).begin(inputs, initiatives or {}, before)
 
-    return Observable(subscribe)
+        return Observable(subscribe)
+
+    return operator
 
 
 class _Run:
@@ -63,7 +65,7 @@ class _Run:
     ) -> DisposableBase:
         self._emit(self._planner.start(self._now(), before))
         scores = CompositeDisposable(*self._instantiate(initiatives))
-        source = inputs.subscribe(self._on_input, self._observer.on_error, scheduler=self._scheduler)
+        source = inputs.subscribe(self._on_input, self._observer.on_error)
         return CompositeDisposable(source, scores, self._wake)
 
     def _instantiate(self, initiatives: Mapping[str, Instantiate]) -> list[DisposableBase]:

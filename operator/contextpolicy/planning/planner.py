@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.planning.allocation.placement import Placement
 from contextpolicy.planning.conditions.context import ContextState
@@ -20,12 +20,19 @@ from contextpolicy.planning.plan_maker import PlanMaker
 from contextpolicy.policy.fields import LARGEST
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.planning.allocation.weights import Weight
     from contextpolicy.planning.conditions.expressions import Waiting
     from contextpolicy.policy.spec import Policy
+
+
+class HealthListener(Protocol):
+    """What hears that the status has news even when no plan changes."""
+
+    def on_health(self) -> None:
+        """A stream fell silent, is heard again or changed its clock, or an expression began or ceased to fail."""
 
 
 class Planner:
@@ -36,17 +43,15 @@ class Planner:
     that of the last only shows how scores, weights and contexts went on. Unchanged plans are not returned.
     """
 
-    def __init__(self, policy: Policy) -> None:
+    def __init__(self, policy: Policy, listener: HealthListener | None = None) -> None:
         self.policy = policy
+        self._listener = listener
         self.timers = Timers()
         self.drops: Counter[tuple[str, str]] = Counter()
         self.errors: dict[str, str] = {}
         self.transitions: Counter[str] = Counter()
         """How often each context began or ceased to hold."""
         self.started = False
-        self.on_health: Callable[[], None] = lambda: None
-        """Called when a stream fell silent or was not heard for an hour, is heard again or changed its clock, or an
-        expression began or ceased to fail: the status has news even when no plan changes."""
         self._maker = PlanMaker(policy, self.timers)
         scope = Scope()
         self.streams = {s.name: StreamState(s, scope, self.timers, self) for s in policy.streams}
@@ -125,25 +130,25 @@ class Planner:
             reader.on_value(now)
         self._fall_back(now)
         self._maker.note(stream, f"{stream.spec.name}: silent")
-        self.on_health()
+        self._report_health()
 
     def on_recovery(self, stream: StreamState, now: float) -> None:
         """A silent stream is heard again."""
         self._fall_back(now)
         self._maker.note(stream, f"{stream.spec.name}: heard again")
-        self.on_health()
+        self._report_health()
 
     def on_first_value(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature
         """A stream without a value has one: nothing waits for it any more."""
-        self.on_health()
+        self._report_health()
 
     def on_unheard(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature
         """A stream without a watchdog had no sample for an hour, or is heard again."""
-        self.on_health()
+        self._report_health()
 
     def on_clock(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature
         """A stream's timestamps no longer count, or count again."""
-        self.on_health()
+        self._report_health()
 
     def on_drop(self, stream: str, reason: str, detail: str = "") -> None:  # noqa: ARG002 - the listener's signature
         """Count a sample that was not used."""
@@ -155,12 +160,12 @@ class Planner:
         known = source in self.errors
         self.errors[source] = reason
         if not known:
-            self.on_health()
+            self._report_health()
 
     def on_expression_recovery(self, source: str) -> None:
         """Drop the error from the status."""
         if self.errors.pop(source, None) is not None:
-            self.on_health()
+            self._report_health()
 
     def on_score(self, initiative: Initiative, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """An activity or a pre-condition changed."""
@@ -223,6 +228,10 @@ class Planner:
     def active_contexts(self) -> list[ContextState]:
         """The contexts that have effects now, in list order."""
         return [context for context in self.contexts if context.active]
+
+    def _report_health(self) -> None:
+        if self._listener is not None:
+            self._listener.on_health()
 
     def _let_act(self, now: float, plans: list[Plan]) -> None:
         """Let every timer due by now act, collecting the plans."""

@@ -17,7 +17,7 @@ from contextpolicy.policy.validation.mistakes import mistakes_in
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from contextpolicy.cluster.api import ApiServer
+    from contextpolicy.cluster.fencing import PolicyApi
     from contextpolicy.planning.observable import Instantiate
     from contextpolicy.policy.definition_files import Definitions
     from contextpolicy.policy.spec import Policy
@@ -37,7 +37,7 @@ class Loaded:
     unread: bool = False
 
 
-def load(body: Mapping[str, Any], api: ApiServer, tenants: Tenants) -> Loaded:
+def load(body: Mapping[str, Any], api: PolicyApi, tenants: Tenants) -> Loaded:
     """Parse the object and read what it names; findings are returned, never raised."""
     files = _ConfigMaps(api)
     try:
@@ -50,7 +50,7 @@ def load(body: Mapping[str, Any], api: ApiServer, tenants: Tenants) -> Loaded:
 class _ConfigMaps:
     """Reads each ConfigMap once and keeps its content, or the error."""
 
-    def __init__(self, api: ApiServer) -> None:
+    def __init__(self, api: PolicyApi) -> None:
         self.unread: dict[str, ActuationError] = {}
         self._api = api
         self._read: dict[str, Definitions] = {}

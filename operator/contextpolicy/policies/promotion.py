@@ -2,53 +2,56 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.bus.health_watch import HealthWatch
 from contextpolicy.policies.registry import reference_of
+from contextpolicy.policies.shadows import ShadowTrial, shadow_of, wants
 from contextpolicy.policy.spec import Mode
 from contextpolicy.shadow.probation import Probation
-from contextpolicy.telemetry.status import ShadowFacts, timestamp
+from contextpolicy.telemetry.status import timestamp
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
     from typing import Any
 
     import zenoh
 
     from contextpolicy.bus.health_watch import TaskHealth
-    from contextpolicy.bus.robot_bus import RobotBus
     from contextpolicy.policies.loader import Loaded
     from contextpolicy.policies.registry import PolicyEntry, PolicyRegistry
+    from contextpolicy.policies.shadows import Shadows
     from contextpolicy.policies.status_publisher import StatusPublisher
-    from contextpolicy.policy.spec import Policy, Shadow
+    from contextpolicy.policy.spec import Policy
     from contextpolicy.streams.loop import Loop
 
 LATE = 2.0
 """Seconds that a new operator waits for the shadow that the one before it had promoted, before it does without."""
 
 
-@dataclass(slots=True)
-class _Trial:
-    """A shadow beside `original`, the other policy's own version."""
+class PromotionListener(Protocol):
+    """What hears of promotions."""
 
-    original: Policy
-    probation: Probation
-    watch: HealthWatch
-    promoted: bool = False
+    def on_promotion(self) -> None:
+        """Something else is to be carried out than before."""
 
 
 class Promotion:
-    """Everything on the loop's thread. `on_change` is called when something else is to be carried out than before."""
+    """Everything on the loop's thread."""
 
-    def __init__(self, loop: Loop, registry: PolicyRegistry, bus: RobotBus, publisher: StatusPublisher) -> None:
-        self.on_change: Callable[[], None] = lambda: None
-        self._loop, self._registry, self._bus, self._publisher = loop, registry, bus, publisher
-        self._trials: dict[str, _Trial] = {}
+    def __init__(
+        self,
+        loop: Loop,
+        registry: PolicyRegistry,
+        shadows: Shadows,
+        publisher: StatusPublisher,
+        listener: PromotionListener,
+    ) -> None:
+        self._loop, self._registry, self._shadows = loop, registry, shadows
+        self._publisher, self._listener = publisher, listener
         self._awaited: dict[str, str] = {}
-        publisher.shadows = self.facts
 
     def recall(self, entry: PolicyEntry) -> None:
         """The policy is new to this operator: go on where an earlier one has left it."""
@@ -65,7 +68,7 @@ class Promotion:
         for entry in present.values():
             entry.stand_in = None
         for entry in sorted(present.values(), key=lambda entry: entry.age):
-            original = self._original(entry)
+            original = self._shadows.original(entry)
             if original is not None and original.stand_in is None and _is_promoted(entry, original):
                 original.stand_in = entry
         self._awaited = {policy: shadow for policy, shadow in self._awaited.items() if shadow not in present}
@@ -82,45 +85,15 @@ class Promotion:
             return replace(other.good, policy=in_place_of(own.policy, other.good.policy))
         return own
 
-    def report(self, reference: str) -> None:
-        """Have the statuses written that tell of this policy: its own, and those of its shadows."""
-        self._publisher.report(reference)
-        for shadow, trial in self._trials.items():
-            if trial.original.reference == reference:
-                self._publisher.report(shadow)
-
-    def facts(self, reference: str) -> ShadowFacts | None:
-        """What the status of a shadow says about it; None for any other policy."""
-        entry = self._registry.present.get(reference)
-        original = None if entry is None else self._original(entry)
-        if entry is None or original is None:
-            return None
-        trial, rival = self._trials.get(reference), original.stand_in
-        tasks = trial.probation.tasks if trial else ()
-        return ShadowFacts(
-            promoted=rival is entry,
-            decided=original.runner.planner.last if original.runner and rival is not entry else None,
-            misses={task: (trial.probation.before(task), trial.probation.since(task)) for task in tasks if trial},
-            taken_back=entry.taken_back,
-            is_back=_is_back(entry),
-            rival=reference_of(rival.body) if rival is not None and rival is not entry and _wants(entry) else "",
-        )
-
     def _give_up(self, reference: str) -> None:
         if self._awaited.pop(reference, None) is not None:
-            self.on_change()
-
-    def _original(self, entry: PolicyEntry) -> PolicyEntry | None:
-        """The policy of which this one is a shadow, if it runs."""
-        shadow = _shadow(entry)
-        other = None if shadow is None else self._registry.present.get(f"{entry.namespace}/{shadow.of}")
-        return other if other is not None and other.good is not None and _shadow(other) is None else None
+            self._listener.on_promotion()
 
     def _follow(self, session: zenoh.Session) -> None:
         """Listen for each shadow that has something to be compared with; what is known is kept over its own edits."""
-        before, self._trials = self._trials, {}
+        before, self._shadows.trials = self._shadows.trials, {}
         for reference, entry in self._registry.present.items():
-            original, shadow = self._original(entry), _shadow(entry)
+            original, shadow = self._shadows.original(entry), shadow_of(entry)
             if shadow is None or original is None or original.good is None or original.good.policy is None:
                 continue
             known = before.get(reference)
@@ -129,7 +102,7 @@ class Promotion:
             on_health = partial(self._on_health, reference)
             watch = HealthWatch(session, shadow.health, self._loop, on_health)
             promoted = original.stand_in is entry
-            self._trials[reference] = _Trial(original.good.policy, probation, watch, promoted=promoted)
+            self._shadows.trials[reference] = ShadowTrial(original.good.policy, probation, watch, promoted=promoted)
             if promoted and not (known and known.promoted):
                 probation.restart()
                 entry.taken_back = None
@@ -138,7 +111,7 @@ class Promotion:
             trial.watch.close()
 
     def _on_health(self, reference: str, task: str, health: TaskHealth) -> None:
-        entry, trial = self._registry.present.get(reference), self._trials.get(reference)
+        entry, trial = self._registry.present.get(reference), self._shadows.trials.get(reference)
         if entry is None or trial is None or entry.runner is None or trial.original.mode is not Mode.ENFORCE:
             return
         policy, plan = entry.runner.policy, entry.runner.planner.last
@@ -153,14 +126,14 @@ class Promotion:
         elif trial.probation.judge(policy.shadow, task, health.misses, plan.contexts, now):
             self._take_back(reference, entry, trial, task)
 
-    def _take_back(self, reference: str, entry: PolicyEntry, trial: _Trial, task: str) -> None:
+    def _take_back(self, reference: str, entry: PolicyEntry, trial: ShadowTrial, task: str) -> None:
         before, since = trial.probation.before(task) or 0.0, trial.probation.since(task) or 0.0
         told = f"{task} has missed {since:.1%} of its inputs since the promotion, at most {before:.1%} before"
         now = self._loop.to_seconds(self._loop.now)
         entry.taken_back = {"generation": entry.generation, "time": timestamp(now), "message": told}
         for concerned in (reference, trial.original.reference):
             self._publisher.tell(concerned, "TakenBack", f"{reference}: {told}")
-        self.on_change()
+        self._listener.on_promotion()
 
 
 def in_place_of(own: Policy, shadow: Policy) -> Policy:
@@ -170,23 +143,9 @@ def in_place_of(own: Policy, shadow: Policy) -> Policy:
     return replace(shadow, name=own.name, mode=own.mode, force=force, shadow=None)
 
 
-def _shadow(entry: PolicyEntry) -> Shadow | None:
-    return entry.good.policy.shadow if entry.good is not None and entry.good.policy is not None else None
-
-
-def _wants(entry: PolicyEntry) -> bool:
-    """Whether people have promoted it, and the operator has not taken that back."""
-    policy = entry.good.policy if entry.good is not None else None
-    return policy is not None and policy.mode is Mode.ENFORCE and not _is_back(entry)
-
-
-def _is_back(entry: PolicyEntry) -> bool:
-    return entry.taken_back is not None and entry.taken_back.get("generation") == entry.generation
-
-
 def _is_promoted(entry: PolicyEntry, original: PolicyEntry) -> bool:
     own = original.good.policy if original.good is not None else None
-    return own is not None and own.mode is Mode.ENFORCE and _wants(entry)
+    return own is not None and own.mode is Mode.ENFORCE and wants(entry)
 
 
 def _recalled(entry: PolicyEntry) -> dict[str, float]:

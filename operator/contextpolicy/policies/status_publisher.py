@@ -1,4 +1,4 @@
-"""What an operator says about its policies: their statuses, and Events about what is news."""
+"""What an operator publishes about its policies at the API server: statuses, and Events about what is news."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from contextpolicy.telemetry.resize_watch import FAILED, RECOVERED, ResizeWatch
 from contextpolicy.telemetry.status import GIVE_UP, StatusFacts, releasing, status, waiting
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from concurrent.futures import Executor
 
     from contextpolicy.bus.robot_bus import RobotBus
     from contextpolicy.cluster.claims import Claim
+    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.policies.registry import PolicyEntry, PolicyRegistry
+    from contextpolicy.policies.shadows import Shadows
     from contextpolicy.streams.loop import Loop
     from contextpolicy.telemetry.reporter import ReportApi
-    from contextpolicy.telemetry.status import ShadowFacts
 
 log = logging.getLogger(__name__)
 
@@ -29,14 +29,22 @@ log = logging.getLogger(__name__)
 class StatusPublisher:
     """On the loop's thread, but for `close`. `worker` writes, and must have one thread, which keeps things in order.
 
-    `resizes` hears of every patch; what goes wrong with them is part of what is said.
+    `resizes` hears of every patch; what goes wrong with them is part of what is published. Running policies report to
+    it as their `RunnerListener`.
     """
 
-    def __init__(self, api: ReportApi, loop: Loop, worker: Executor, registry: PolicyRegistry, bus: RobotBus) -> None:
-        self.resizes = ResizeWatch(self._on_problem, self._on_stage)
-        self.shadows: Callable[[str], ShadowFacts | None] = lambda _: None
-        """What there is to say of a policy that is a shadow of another one."""
-        self._loop, self._registry, self._bus = loop, registry, bus
+    def __init__(  # noqa: PLR0913 - a status has parts from everywhere
+        self,
+        api: ReportApi,
+        loop: Loop,
+        worker: Executor,
+        registry: PolicyRegistry,
+        *,
+        bus: RobotBus,
+        shadows: Shadows,
+    ) -> None:
+        self.resizes = ResizeWatch(self)
+        self._loop, self._registry, self._bus, self._shadows = loop, registry, bus, shadows
         self._reporter = Reporter(api, loop, worker)
 
     def close(self) -> None:
@@ -66,12 +74,36 @@ class StatusPublisher:
         if entry is not None:
             self._post(entry, reason, message, warning=False)
 
-    def tell_context(self, reference: str, context: str, cause: str, *, active: bool) -> None:
+    def on_change(self, policy: str) -> None:
+        """Have the statuses written that depend on this policy: its own, and those of its shadows."""
+        self.report(policy)
+        for shadow in self._shadows.beside(policy):
+            self.report(shadow)
+
+    def on_plan(self, policy: str, plan: Plan) -> None:
+        """Measure the reactions to a new plan."""
+        self.resizes.planned(policy, plan)
+
+    def on_context(self, policy: str, context: str, cause: str, *, active: bool) -> None:
         """Post an Event about a context that began or ceased to hold; the log has it with the plan already."""
-        entry = self._registry.present.get(reference)
+        entry = self._registry.present.get(policy)
         if entry is not None:
             reason = "ContextEntered" if active else "ContextExited"
             self._post(entry, reason, f"{context}: {cause}", warning=False)
+
+    def on_problem(self, policy: str, reason: str, message: str) -> None:
+        """Report a problem with resizes, or that it is over."""
+        if policy in self._registry.leaving and reason == FAILED:
+            reason, message = "RestoreFailed", f"{message}; {GIVE_UP}"
+        self.tell(policy, reason, message)
+        if self._registry.find(policy) is not None:
+            self.report(policy)
+
+    def on_stage(self, policy: str, stage: str, container: str, cores: float, at: float) -> None:
+        """Publish on the bus which stage a container's limit has reached."""
+        runner = self._registry.runner(policy)
+        if runner is not None:
+            runner.publisher.publish_applied(stage, container, cores, at)
 
     def tell_claim(self, reference: str, before: Claim, now: Claim) -> None:
         """One Event for each kind of problem that a new claim has and the one before had not."""
@@ -100,29 +132,17 @@ class StatusPublisher:
             running, problems = entry.runner, self.resizes.problems(reference)
             facts = StatusFacts(
                 generation=generation,
-                run=running.run,
+                run=running.publisher.run,
                 claim=running.claim,
                 connected=self._bus.connected,
                 rejected=entry.loaded.rejected,
                 unmet_actuation=problems,
-                shadow=self.shadows(reference),
+                shadow=self._shadows.facts(reference),
                 promoted_shadow=entry.stand_in.body["metadata"]["name"] if entry.stand_in is not None else None,
             )
             made = status(running.planner, facts, entry.conditions, now)
         entry.conditions = made["conditions"]
         return made
-
-    def _on_problem(self, policy: str, reason: str, message: str) -> None:
-        if policy in self._registry.leaving and reason == FAILED:
-            reason, message = "RestoreFailed", f"{message}; {GIVE_UP}"
-        self.tell(policy, reason, message)
-        if self._registry.find(policy) is not None:
-            self.report(policy)
-
-    def _on_stage(self, policy: str, stage: str, container: str, cores: float, at: float) -> None:
-        runner = self._registry.runner(policy)
-        if runner is not None:
-            runner.tell(stage, container, cores, at)
 
     def _post(self, entry: PolicyEntry | LeavingPolicy, reason: str, message: str, *, warning: bool) -> None:
         now = self._loop.to_seconds(self._loop.now)

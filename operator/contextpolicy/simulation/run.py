@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from reactivex import Subject
 from reactivex.scheduler import HistoricalScheduler
 
-from contextpolicy.planning.observable import plans
+from contextpolicy.planning.observable import plan_with
 from contextpolicy.simulation.epoch import epoch_of
 from contextpolicy.simulation.notes import NotingPlanner
 from contextpolicy.simulation.robot import CORES, NODE, Robot
@@ -61,7 +61,7 @@ def simulate(  # noqa: PLR0913 - what a run may be given, by keyword
     robot = robot or Robot({NODE: CORES if cores is None else round(cores * 1000)})
     clock = _Clock(epoch)
     inputs: Subject[Input] = Subject()
-    plans(run.planner, inputs, clock, initiatives).subscribe(run.plans.append)
+    inputs.pipe(plan_with(run.planner, clock, initiatives)).subscribe(run.plans.append)
     inputs.on_next(robot.placement(policy))
     timed = samples(policy, timeline.inputs(), run.skipped, run.planner.drops, epoch)
     for count, (at, sample) in enumerate(timed):

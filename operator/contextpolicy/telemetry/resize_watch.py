@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.actuators.resize.conflict import YIELDED, Conflict
 from contextpolicy.cluster.pods import Cpu
@@ -13,7 +13,7 @@ from contextpolicy.telemetry import metrics, remedies
 from contextpolicy.telemetry.reactions import Reactions
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Collection, Iterator
 
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.errors import ActuationError
@@ -28,18 +28,21 @@ RECOVERED = "ResizeRecovered"
 """Reason of the event which says that a problem is over."""
 
 
+class ResizeListener(Protocol):
+    """What hears of resizes."""
+
+    def on_problem(self, policy: str, reason: str, message: str) -> None:
+        """There is a problem, or it is over: once each."""
+
+    def on_stage(self, policy: str, stage: str, container: str, cores: float, at: float) -> None:
+        """The API has accepted a limit (`accepted`), or the node has it in force (`inForce`); `at` is monotonic."""
+
+
 class ResizeWatch:
-    """Notified of every patch, on the loop's thread.
+    """Notified of every patch, on the loop's thread. Times are monotonic seconds."""
 
-    `on_problem(policy, reason, message)` is called once per new problem and once when it is over, `on_stage(policy,
-    stage, container, cores, at)` when the API accepts a limit (`accepted`) and when the node applies it (`inForce`).
-    Times are monotonic seconds.
-    """
-
-    def __init__(
-        self, on_problem: Callable[[str, str, str], None], on_stage: Callable[[str, str, str, float, float], None]
-    ) -> None:
-        self._on_problem, self._on_stage = on_problem, on_stage
+    def __init__(self, listener: ResizeListener) -> None:
+        self._listener = listener
         self._reactions = Reactions()
         self._recent: dict[str, deque[float]] = {}
         self._failed: dict[str, dict[str, str]] = {}
@@ -55,7 +58,7 @@ class ResizeWatch:
 
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
         """The API has accepted new resources; `answered` is when its answer came."""
-        self._on_stage(policy, "accepted", container, (cpu.limit or 0) / 1000, answered)
+        self._listener.on_stage(policy, "accepted", container, (cpu.limit or 0) / 1000, answered)
         metrics.RESIZES.labels(*metrics.labels(policy), "accepted").inc()
         reaction = self._reactions.reach(policy, container, "patch", cpu)
         if reaction is not None:
@@ -65,7 +68,7 @@ class ResizeWatch:
     def on_in_force(self, policy: str, container: str, limit: int) -> None:
         """The kubelet reports the plan's limit, in millicores."""
         now = time.monotonic()
-        self._on_stage(policy, "inForce", container, limit / 1000, now)
+        self._listener.on_stage(policy, "inForce", container, limit / 1000, now)
         reaction = self._reactions.reach(policy, container, "status", Cpu(None, limit))
         if reaction is not None:
             self._on_reaction(policy, reaction, now)
@@ -82,20 +85,20 @@ class ResizeWatch:
         failed = self._failed.setdefault(policy, {})
         if error is None:
             if failed.pop(pod, None):
-                self._on_problem(policy, RECOVERED, f"{pod} can be resized again")
+                self._listener.on_problem(policy, RECOVERED, f"{pod} can be resized again")
             return
         metrics.RESIZES.labels(*metrics.labels(policy), error.reason).inc()
         message = _advised(f"{pod}: {error.reason}: {error}", remedies.for_refusal(error))
         if failed.get(pod) != message:
             failed[pod] = message
-            self._on_problem(policy, FAILED, message)
+            self._listener.on_problem(policy, FAILED, message)
 
     def on_conflict(self, policy: str, container: str, conflict: Conflict | None) -> None:
         """Somebody else resized a container, or (None) has not done so for a while."""
         contested = self._conflicts.setdefault(policy, {})
         if conflict is None:
             if contested.pop(container, None):
-                self._on_problem(policy, RECOVERED, f"{container}: nobody else has resized it for a while")
+                self._listener.on_problem(policy, RECOVERED, f"{container}: nobody else has resized it for a while")
             return
         self._reactions.drop(policy, container)
         metrics.CONFLICTS.labels(*metrics.labels(policy)).inc()
@@ -104,7 +107,7 @@ class ResizeWatch:
         message = _advised(message, remedies.for_writer(conflict.by))
         if contested.get(container) != message:
             contested[container] = message
-            self._on_problem(policy, "ResizedByOther", message)
+            self._listener.on_problem(policy, "ResizedByOther", message)
 
     def observe(self, pod: PodView, policies: Collection[str]) -> None:
         """Note whether the kubelet holds back a resize of the pod; `policies` are those that have resized it."""
@@ -116,10 +119,10 @@ class ResizeWatch:
             message = _advised(f"{pod.name}: {pod.pending}", remedies.for_pending(pod.pending))
             if policy in asking and held.get(identity) != message:
                 held[identity] = message
-                self._on_problem(policy, "ResizePending", message)
+                self._listener.on_problem(policy, "ResizePending", message)
             elif policy not in asking and identity in held:
                 del held[identity]
-                self._on_problem(policy, RECOVERED, f"{pod.name}: no resize is held back any more")
+                self._listener.on_problem(policy, RECOVERED, f"{pod.name}: no resize is held back any more")
 
     def lose(self, pod: PodView) -> None:
         """The pod is gone, and its problems with it."""

@@ -165,7 +165,7 @@ def _findings(planner: Planner, facts: StatusFacts) -> list[ConditionFinding]:
 
 def _application(mode: Mode, shadow: ShadowFacts | None, unapplied: Sequence[str]) -> ConditionFinding:
     """A shadow's containers are the other policy's: what keeps them from their shares is told there."""
-    good = {Mode.ENFORCE: "InForce", Mode.DRY_RUN: "DryRun", Mode.PAUSED: "Paused"}[mode]
+    good = "InForce" if mode is Mode.ENFORCE else mode.value
     if shadow is None:
         return ConditionFinding("Applied", good, "NotApplied", unapplied if mode is Mode.ENFORCE else ())
     if shadow.is_back and shadow.taken_back is not None:

@@ -27,8 +27,8 @@ class Hop:
 OPERATOR = (
     Hop("sensor, router, operator's callback", "contextpolicy.streams.subscription:_Inbox._append"),
     Hop("to the operator's loop", "contextpolicy.streams.subscription:_Inbox._drain"),
-    Hop("decode, decide", "contextpolicy.policies.policy_runner:PolicyRunner._carry_out"),
-    Hop("what precedes the message", "contextpolicy.policies.policy_runner:PolicyRunner._publish"),
+    Hop("decode, decide", "contextpolicy.policies.policy_runner:PolicyRunner.instruct_agents"),
+    Hop("what precedes the message", "contextpolicy.policies.plan_publisher:PlanPublisher._publish"),
     Hop("make the message", "contextpolicy.bus.decision_bus:Bus.publish"),
     Hop("encode", "contextpolicy.bus.signatures:Signer.sign"),
     Hop("sign", "contextpolicy.bus.signatures:Signer.sign", end=True),

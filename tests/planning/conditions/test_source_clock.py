@@ -123,7 +123,7 @@ def test_the_policy_may_know_better():
 def test_the_status_hears_of_another_clock_once_each_way():
     told = []
     story = listening(staleAfter=None)
-    story.planner.on_health = lambda: told.append(story.planner.streams["imu"].clock.behind)
+    story.on_each_health(lambda: told.append(story.planner.streams["imu"].clock.behind))
     play(story, range(40), offset=-HOUR)
     play(story, range(40), offset=0.0, begin=4.0)
     heard, *changes = told

@@ -1,0 +1,79 @@
+"""Fencing: an operator that lost its Lease writes nothing more, however late its threads notice."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+from contextpolicy.errors import ActuationError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+class Fence(Protocol):
+    """Who may act where."""
+
+    def may_act(self, namespace: str) -> bool:
+        """Whether we may write in a namespace at this instant."""
+
+
+class PolicyApi(Protocol):
+    """What running policies need of the API server."""
+
+    def config_map(self, namespace: str, name: str) -> dict[str, str]:
+        """The data of a ConfigMap."""
+
+    def pod(self, namespace: str, name: str) -> dict[str, Any]:
+        """GET a pod."""
+
+    def resize(self, namespace: str, pod: str, patch: Mapping[str, Any]) -> int:
+        """PATCH pods/resize; the changed pod's resourceVersion."""
+
+    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> None:
+        """Merge into `status.originals` of a ContextPolicy."""
+
+    def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
+        """Merge into the status of a ContextPolicy."""
+
+    def post_event(self, namespace: str, event: Mapping[str, Any]) -> None:
+        """Create an Event."""
+
+
+class FencedApi:
+    """The API server, with the fence asked before each write: ActuationError `NotLeading` where we may not act."""
+
+    def __init__(self, api: PolicyApi, fence: Fence) -> None:
+        self._api, self._fence = api, fence
+
+    def config_map(self, namespace: str, name: str) -> dict[str, str]:
+        """See `ApiServer.config_map`."""
+        return self._api.config_map(namespace, name)
+
+    def pod(self, namespace: str, name: str) -> dict[str, Any]:
+        """See `ApiServer.pod`."""
+        return self._api.pod(namespace, name)
+
+    def resize(self, namespace: str, pod: str, patch: Mapping[str, Any]) -> int:
+        """See `ApiServer.resize`."""
+        self._check(namespace)
+        return self._api.resize(namespace, pod, patch)
+
+    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> None:
+        """See `ApiServer.write_originals`."""
+        self._check(namespace)
+        self._api.write_originals(namespace, policy, changes)
+
+    def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
+        """See `ApiServer.write_status`."""
+        self._check(namespace)
+        self._api.write_status(namespace, name, status)
+
+    def post_event(self, namespace: str, event: Mapping[str, Any]) -> None:
+        """See `ApiServer.post_event`."""
+        self._check(namespace)
+        self._api.post_event(namespace, event)
+
+    def _check(self, namespace: str) -> None:
+        if not self._fence.may_act(namespace):
+            message = f"namespace {namespace} is not ours to act on: no valid Lease"
+            raise ActuationError("NotLeading", message, retriable=True)

@@ -1,0 +1,128 @@
+"""The whole path of one policy as one Rx pipeline, from samples to everybody who acts on a plan or reports it.
+
+    samples, placements -> merge -> plan -> drop equal plans -> pace +-> message to agents
+                                     |                               +-> head start +-> follow agents -> actuator
+                                     |                                              +-> bus, metrics, events, status
+                                     +-> updates of the plan in force -> pace -> bus, metrics, events, status
+
+Everything runs on the loop's thread. Nothing polls: without samples and due timers there is no work.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from reactivex import merge
+from reactivex import operators as ops
+from reactivex.disposable import CompositeDisposable
+
+from contextpolicy.actuators.following import follow_agents
+from contextpolicy.bus.head_start import head_start
+from contextpolicy.streams.pacing import pace
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from reactivex import Observable
+    from reactivex.abc import DisposableBase, SchedulerBase
+
+    from contextpolicy.actuators.following import NodePlans
+    from contextpolicy.planning.allocation.plan import Plan
+    from contextpolicy.planning.inputs import Input
+    from contextpolicy.planning.planner import Planner
+
+PLAN_INTERVAL = 0.005
+"""Seconds between two plans made by samples; of those in between only the newest is carried out. The first of a storm
+does not wait. A limit takes longer to be in force, and an order that is overtaken costs more than deciding."""
+
+UPDATE_INTERVAL = 0.5
+"""Seconds between messages that only update weights and scores: a score that follows a sensor changes with every
+sample, and every message also costs a status write."""
+
+
+class Outputs(Protocol):
+    """Who acts on plans, in this order, and who reports them."""
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether it is known where the containers run: a plan made before would claim none, and put all back."""
+
+    def instructs_agents(self, plan: Plan) -> bool:
+        """Whether agents act on the plan's message."""
+
+    def followed(self) -> frozenset[str]:
+        """The nodes where the actuator follows an agent."""
+
+    def is_update(self, plan: Plan) -> bool:
+        """Whether the plan shows new weights, scores or contexts of the one that was published last."""
+
+    def instruct_agents(self, plan: Plan) -> None:
+        """Publish the plan if agents act on it."""
+
+    def measure(self, plan: Plan) -> None:
+        """Reactions are measured from here."""
+
+    def order(self, nodes: NodePlans) -> None:
+        """Have the actuator carry out the plans of these nodes."""
+
+    def report(self, plan: Plan) -> None:
+        """Publish the plan if that was not done, and report it."""
+
+    def show(self, plan: Plan) -> None:
+        """Publish and report such an update."""
+
+
+class Inputs(NamedTuple):
+    """What a pipeline starts from; `moves` are node plans to be ordered again, because containers came or went."""
+
+    samples: Observable[Input]
+    placements: Observable[Input]
+    moves: Observable[NodePlans]
+
+
+def connect(
+    inputs: Inputs,
+    planner: Planner,
+    plan: Callable[[Observable[Input]], Observable[Plan]],
+    outputs: Outputs,
+    scheduler: SchedulerBase,
+) -> DisposableBase:
+    """Start a policy's pipeline; disposing of the result ends it, with all that waits in it.
+
+    `plan` is the operator that scans inputs with the `planner`.
+    """
+    plans = merge(inputs.samples, inputs.placements).pipe(
+        plan, ops.skip_while(lambda _: not outputs.is_placed), ops.publish()
+    )
+    decisions = plans.pipe(
+        ops.map(lambda plan: planner.decided or plan),
+        ops.distinct_until_changed(_sequence),
+        pace(PLAN_INTERVAL, scheduler, at_once=_is_no_reaction),
+        ops.share(),
+    )
+    slowly: Callable[[Observable[Plan]], Observable[Plan]] = pace(UPDATE_INTERVAL, scheduler)
+    updates = plans.pipe(ops.filter(outputs.is_update), slowly)
+    carried_out = decisions.pipe(head_start(scheduler, outputs.instructs_agents), ops.share())
+    nodes = carried_out.pipe(ops.map(_nodes))
+    orders = merge(nodes, inputs.moves).pipe(follow_agents(scheduler, outputs.followed))
+    return CompositeDisposable(
+        decisions.subscribe(outputs.instruct_agents),
+        carried_out.subscribe(outputs.measure),
+        orders.subscribe(outputs.order),
+        carried_out.subscribe(outputs.report),
+        updates.subscribe(outputs.show),
+        plans.connect(),
+    )
+
+
+def _sequence(plan: Plan) -> int:
+    return plan.sequence
+
+
+def _nodes(plan: Plan) -> NodePlans:
+    return plan.nodes
+
+
+def _is_no_reaction(plan: Plan) -> bool:
+    """Timers and placements make few plans, and these can't be overtaken by the next sample's."""
+    return plan.arrived is None

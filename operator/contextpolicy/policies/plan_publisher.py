@@ -1,0 +1,119 @@
+"""One policy's plans on the decision bus: each new one, and again when its figures or containers have changed."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from contextpolicy.bus.decision_bus import Bus, message
+from contextpolicy.cluster.claims import Claim
+from contextpolicy.planning.allocation.placement import Placement
+from contextpolicy.policy.spec import Mode, Scheduler
+from contextpolicy.recorder.flight_recorder import PlanRecord
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from contextpolicy.bus.decision_bus import Answers
+    from contextpolicy.cluster.pods import PodView
+    from contextpolicy.planning.allocation.plan import Plan
+    from contextpolicy.planning.planner import Planner
+    from contextpolicy.policies.services import Services
+
+
+class PlanPublisher:
+    """Closed until it is opened; then it is on the bus under the policy's name, which one publisher at a time may be.
+
+    `run` and the plan's sequence and edition only grow: agents and modules take what is newest.
+    """
+
+    def __init__(self, planner: Planner, services: Services) -> None:
+        self.run = int(time.time() * 1000)
+        self.claim = Claim(Placement())
+        """Where the containers run."""
+        self._planner, self._policy, self._services = planner, planner.policy, services
+        self._bus: Bus | None = None
+        self._pods: Collection[PodView] = ()
+        self._sequence = self._edition = 0
+        self._whereabouts: list[tuple[str, str]] | None = None
+
+    def open(self, answers: Answers) -> None:
+        """Go on the bus. An earlier, enforced version may have left a plan in force with the agents."""
+        own = self._services
+        self._bus = Bus(own.session, self._policy, own.scheduler, answers, signer=own.signer, fence=own.fence)
+        if self._policy.mode is not Mode.ENFORCE:
+            self._bus.withdraw()
+
+    def close(self) -> None:
+        """Leave the bus; the plan stays in force."""
+        if self._bus is not None:
+            self._bus.close()
+
+    def withdraw(self) -> None:
+        """The policy is gone: agents undo its plan."""
+        if self._bus is not None:
+            self._bus.withdraw()
+
+    def place(self, claim: Claim, pods: Collection[PodView]) -> None:
+        """Take where the containers run. `pods` is a live view: most pod updates change it without a new placement."""
+        self.claim, self._pods = claim, pods
+
+    def is_published(self, plan: Plan) -> bool:
+        """Whether a plan is the one that was published last, or an update of it."""
+        return plan.sequence == self._sequence
+
+    def publish(self, plan: Plan) -> None:
+        """Publish a new plan."""
+        self._sequence, self._edition = plan.sequence, 0
+        self._publish(plan.time if plan.arrived is None else self._on_our_clock(plan.arrived))
+
+    def publish_again(self, trigger: float | None = None) -> None:
+        """Publish the plan in force with all that has changed since; `trigger` is when, by default now."""
+        self._edition += 1
+        self._publish(self._now() if trigger is None else trigger)
+
+    def publish_moves(self) -> None:
+        """Publish the plan in force again if containers restarted or moved, so that agents find their cgroups."""
+        content = self.message()
+        if content is not None and _whereabouts(content) != self._whereabouts:
+            self.publish_again()
+
+    def publish_applied(self, stage: str, container: str, cores: float, at: float) -> None:
+        """Publish that a container's new limit reached a stage; `at` is when it did, in monotonic seconds."""
+        plan = self._planner.last
+        if self._bus is not None and plan is not None:
+            step = {"stage": stage, "container": container, "cores": cores, "time": self._on_our_clock(at)}
+            self._bus.publish_applied({"run": self.run, "sequence": plan.sequence, **step})
+
+    def message(self) -> dict[str, Any] | None:
+        """The bus message for the plan in force, with the containers as they are now; None before the first plan."""
+        plan = self._planner.last
+        if plan is None:
+            return None
+        content = message(self._policy, self.run, plan, self.claim.placement.containers, self._pods)
+        return {**content, "edition": self._edition}
+
+    def _publish(self, trigger: float) -> None:
+        content = self.message()
+        if self._bus is None or content is None:
+            return
+        self._whereabouts = _whereabouts(content)
+        payload = self._bus.publish({**content, "trigger": trigger})
+        if payload is not None:
+            recorder = self._services.recorder
+            recorder.take_plan(recorder.begin(self._policy.reference), PlanRecord(time.monotonic(), payload))
+        if self._policy.mode is Mode.ENFORCE:
+            stamp = content["run"], content["sequence"], content["edition"]
+            standstill = self._policy.period if self._policy.scheduler is Scheduler.REALTIME else 0.0
+            self._services.agents.expect(self._policy.reference, stamp, content["nodes"], standstill)
+
+    def _on_our_clock(self, monotonic: float) -> float:
+        return self._now() - (time.monotonic() - monotonic)
+
+    def _now(self) -> float:
+        scheduler = self._services.scheduler
+        return scheduler.to_seconds(scheduler.now)
+
+
+def _whereabouts(content: Mapping[str, Any]) -> list[tuple[str, str]]:
+    return [(target["node"], target["containerId"]) for target in content["targets"]]

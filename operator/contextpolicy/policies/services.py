@@ -1,0 +1,59 @@
+"""What all running policies of an operator share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import zenoh
+    from reactivex.abc import SchedulerBase
+
+    from contextpolicy.bus.signatures import Signer
+    from contextpolicy.cluster.agent_reports import Stamp
+    from contextpolicy.cluster.fencing import Fence
+    from contextpolicy.planning.allocation.plan import Plan
+    from contextpolicy.recorder.flight_recorder import FlightRecorder
+
+
+class RunnerListener(Protocol):
+    """What hears of a running policy, by its reference."""
+
+    def on_change(self, policy: str) -> None:
+        """Its status has news."""
+
+    def on_plan(self, policy: str, plan: Plan) -> None:
+        """It has a new plan, which is carried out now."""
+
+    def on_context(self, policy: str, context: str, cause: str, *, active: bool) -> None:
+        """A context began or ceased to hold."""
+
+
+class Agents(Protocol):
+    """What hears of plans that agents must confirm."""
+
+    def expect(self, policy: str, stamp: Stamp, nodes: Iterable[str], standstill: float) -> None:
+        """A plan was published; its tasks may keep all others from running for `standstill` seconds."""
+
+
+class Boards(Protocol):
+    """What a policy's board shows."""
+
+    def board(self, policy: str) -> dict[str, Any]:
+        """The policy as it is now."""
+
+
+@dataclass(frozen=True, slots=True)
+class Services:
+    """Agents act on plans only if there is a `signer`."""
+
+    session: zenoh.Session
+    scheduler: SchedulerBase
+    signer: Signer | None
+    fence: Fence
+    agents: Agents
+    boards: Boards
+    recorder: FlightRecorder
+    listener: RunnerListener

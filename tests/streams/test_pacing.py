@@ -1,0 +1,70 @@
+"""Often enough, not too often, and the newest item always."""
+
+from __future__ import annotations
+
+import pytest
+from reactivex import Subject
+from reactivex.testing import TestScheduler
+
+from contextpolicy.streams.pacing import pace
+
+
+class Story:
+    """Items are their own times, in seconds; negative ones can't wait."""
+
+    def __init__(self):
+        self.scheduler, self.source, self.seen = TestScheduler(), Subject(), []
+        paced = self.source.pipe(pace(1.0, self.scheduler, at_once=lambda item: item < 0))
+        self.end = paced.subscribe(self.note, on_completed=lambda: self.note("end"))
+
+    def note(self, item):
+        self.seen.append((self.scheduler.to_seconds(self.scheduler.now), item))
+
+    def items(self, *items):
+        for item in items:
+            self.scheduler.advance_to(abs(item))
+            self.source.on_next(item)
+
+
+@pytest.fixture
+def story():
+    return Story()
+
+
+def test_an_item_after_a_rest_goes_on_at_once(story):
+    story.items(1, 5)
+    assert story.seen == [(1, 1), (5, 5)]
+
+
+def test_of_a_flood_the_newest_goes_on_once_in_an_interval_and_so_does_the_last(story):
+    story.items(*(10 + tick / 4 for tick in range(10)))
+    story.scheduler.advance_to(60)
+    assert story.seen == [(10, 10), (11, 10.75), (12, 11.75), (13, 12.25)]
+
+
+def test_an_item_that_cannot_wait_takes_the_place_of_the_one_that_waits(story):
+    story.items(1, 1.5, -1.75)
+    assert story.seen == [(1, 1), (1.75, -1.75)]
+    story.items(2.5)
+    assert len(story.seen) == 2, "the interval began again"
+    story.scheduler.advance_to(60)
+    assert story.seen[2:] == [(2.75, 2.5)]
+
+
+def test_no_timer_runs_without_items(story):
+    story.items(1)
+    assert len(story.scheduler._queue) == 0
+
+
+def test_nothing_goes_on_after_the_end_of_the_subscription(story):
+    story.items(1, 1.5)
+    story.end.dispose()
+    story.scheduler.advance_to(60)
+    assert story.seen == [(1, 1)]
+
+
+def test_the_last_item_goes_on_before_the_end_of_the_source(story):
+    story.items(1, 1.5)
+    story.source.on_completed()
+    story.scheduler.advance_to(60)
+    assert story.seen == [(1, 1), (1.5, 1.5), (1.5, "end")]
