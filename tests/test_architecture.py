@@ -184,3 +184,78 @@ def test_only_the_handlers_and_what_starts_them_import_kopf():
 def test_the_operator_folder_cannot_shadow_pythons_operator_module():
     assert not (OPERATOR / "__init__.py").exists()
     assert list(OPERATOR.glob("*.py")) == []
+
+
+def functions_defined(trees):
+    """The names of all functions and methods, properties excepted: what is assigned under such a name is callable."""
+    return {
+        node.name
+        for tree in trees
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef) and not any("property" in ast.unparse(d) for d in node.decorator_list)
+    }
+
+
+METHODS = functions_defined(ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.glob("**/*.py"))
+
+
+OWN = {"self", "threading"}
+"""A component's own attributes, and `threading.excepthook`, which Python has for this."""
+
+
+def is_callable(value, own, methods):
+    """Whether an expression is a function as far as its text says: a lambda, a partial, the name of one or a method."""
+    if isinstance(value, ast.Call):
+        return ast.unparse(value.func).rpartition(".")[2] == "partial"
+    if isinstance(value, ast.Name):
+        return value.id in own
+    return isinstance(value, ast.Lambda) or (isinstance(value, ast.Attribute) and value.attr in methods)
+
+
+def pairs(node):
+    """What is assigned to what, tuples taken apart."""
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+    for target in targets:
+        if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+            yield from zip(target.elts, node.value.elts, strict=True)
+        elif node.value is not None:
+            yield target, node.value
+
+
+def patched_on(source, methods=frozenset()):
+    """Every callable that is assigned onto another object, or waits in a public attribute for that to happen."""
+    tree = ast.parse(source)
+    own = functions_defined([tree])
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Assign | ast.AnnAssign):
+            continue
+        slots = isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation).startswith("Callable")
+        for target, value in pairs(node):
+            if isinstance(target, ast.Attribute):
+                patched = ast.unparse(target.value) not in OWN and is_callable(value, own, methods | own)
+                if patched or (slots and not target.attr.startswith("_")):
+                    yield ast.unparse(target)
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.glob("**/*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_collaborators_come_through_constructors(path):
+    assert list(patched_on(path.read_text(encoding="utf-8"), METHODS)) == []
+
+
+@pytest.mark.parametrize(
+    ("planted", "found"),
+    [
+        ("runner.on_change = lambda: None", ["runner.on_change"]),
+        ("made.signer, made.may_act = signer, lambda: True", ["made.may_act"]),
+        ("def wake(): pass\nself.watch.on_refused = wake", ["self.watch.on_refused"]),
+        ("class A:\n    def settle(self): pass\npromoter.on_change = self.policies.settle", ["promoter.on_change"]),
+        ("x.board = partial(show, 1)", ["x.board"]),
+        ("self.on_change: Callable[[], None] = lambda: None", ["self.on_change"]),
+        ("self._on_change: Callable[[], None] = on_change", []),
+        ("self._on_change = on_change", []),
+        ("entry.runner = PolicyRunner(policy)", []),
+        ("class A:\n    @property\n    def body(self): pass\nentry.body = body", []),
+    ],
+)
+def test_a_callable_that_is_patched_on_is_found(planted, found):
+    assert list(patched_on(planted)) == found

@@ -221,7 +221,7 @@ def test_pods_of_nobody_cost_nothing():
     rig.settle()
     looks = []
     reconciler = rig.resizer._reconcilers[POLICY]
-    reconciler.advance = looks.append
+    reconciler.reconcile = looks.append
     for n in range(5):
         rig.cluster.report(f"uid-other-{n}")
     rig.watch()
@@ -232,7 +232,7 @@ def looks_of(rig):
     """When the policy's containers are looked at, all of them each time."""
     looks = []
     reconciler = rig.resizer._reconcilers[POLICY]
-    advance, reconciler.advance = reconciler.advance, lambda now: looks.append(now) or advance(now)
+    reconcile, reconciler.reconcile = reconciler.reconcile, lambda now: looks.append(now) or reconcile(now)
     return looks
 
 

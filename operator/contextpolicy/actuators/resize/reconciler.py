@@ -6,6 +6,7 @@ from collections import defaultdict
 from math import inf
 from typing import TYPE_CHECKING
 
+from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize import guard
 from contextpolicy.actuators.resize.pod_patch import Patch
 from contextpolicy.actuators.resize.pod_state import Phase
@@ -14,9 +15,8 @@ from contextpolicy.actuators.resize.targets import Target, steps, target_cpu
 from contextpolicy.cluster.claims import container_id
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from collections.abc import Collection, Iterable, Iterator, Mapping
 
-    from contextpolicy.actuators.order import Order
     from contextpolicy.actuators.resize.dispatcher import Dispatcher, Observer
     from contextpolicy.actuators.resize.originals import Originals
     from contextpolicy.actuators.resize.pod_index import PodIndex
@@ -29,10 +29,7 @@ must not block a restore."""
 
 
 class Reconciler:
-    """Level-triggered: `advance` may be called at any time and sends only what is missing.
-
-    `done` is set while the policy is being released; the resizer calls it when nothing is left to put back.
-    """
+    """Level-triggered: `reconcile` may be called at any time and sends only what is missing."""
 
     def __init__(
         self, order: Order, pods: PodIndex, originals: Originals, dispatcher: Dispatcher, observer: Observer
@@ -40,9 +37,9 @@ class Reconciler:
         self._order = order
         self._before: dict[str, Cpu] = {}
         """What each container had when the current plan came, by identity."""
-        self.done: Callable[[], None] | None = None
+        self._releasing = False
         self.again = inf
-        """Loop time in seconds at which to call `advance` again, if nothing happens before."""
+        """Loop time in seconds at which to call `reconcile` again, if nothing happens before."""
         self._policy = order.policy
         self._namespace = order.policy.partition("/")[0]
         self._pods, self._originals, self._dispatcher, self._observer = pods, originals, dispatcher, observer
@@ -59,11 +56,18 @@ class Reconciler:
         """What the policy wants."""
         return self._order
 
-    @order.setter
-    def order(self, order: Order) -> None:
+    def follow(self, order: Order) -> None:
+        """Take what the policy wants from now on."""
         if order.shares != self._order.shares:
             self._before.clear()
-        self._order = order
+        self._order, self._releasing = order, False
+
+    def release(self) -> None:
+        """The policy is being deleted: put everything back, and send what was refused again at once."""
+        self.follow(Order(self._policy, frozenset()))
+        self._releasing = True
+        for pod in self._pods.known(self._touched):
+            pod.refusals.pop((self._policy, True), None)
 
     def concerns(self, pod: TrackedPod) -> bool:
         """Whether a change of the pod may matter to the policy."""
@@ -79,18 +83,13 @@ class Reconciler:
         Not when the API merely has what the plan wants: until it is in force it frees nothing for others.
         """
         uid, state = pod.view.uid, pod.state
-        if self.done is not None or uid in self._pressing or state.phase not in (Phase.IDLE, Phase.IN_FLIGHT):
+        if self._releasing or uid in self._pressing or state.phase not in (Phase.IDLE, Phase.IN_FLIGHT):
             return True
         return state.ready and any(state.spec(w.container.name) != w.cpu for w in self._wanted.get(uid, ()))
 
-    def try_refused_again(self) -> None:
-        """Forget refused restores, so that they are sent again at once."""
-        for pod in self._pods.known(self._touched):
-            pod.refusals.pop((self._policy, True), None)
-
-    def advance(self, now: float) -> None:
+    def reconcile(self, now: float) -> None:
         """Send what may be sent now."""
-        self.again = min(self._advance(now), default=inf)
+        self.again = min(self._reconcile(now), default=inf)
 
     def is_released(self) -> bool:
         """Whether nothing is left to restore or in doubt; pods that have ended don't count."""
@@ -100,7 +99,7 @@ class Reconciler:
             for pod in self._pods.known(self._touched | kept)
         )
 
-    def _advance(self, now: float) -> Iterator[float]:
+    def _reconcile(self, now: float) -> Iterator[float]:
         """Yields the times at which there may be more to do."""
         targets = list(self._targets(now))
         self._touched.update(target.pod.view.uid for target in targets)

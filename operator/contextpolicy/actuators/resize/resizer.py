@@ -50,6 +50,8 @@ class PodResizer:
         self._scheduler, self._observer = scheduler, observer
         self._pods = PodIndex()
         self._reconcilers: dict[str, Reconciler] = {}
+        self._released: dict[str, Callable[[], None]] = {}
+        """What to call once a policy is released."""
         background = Background(scheduler, workers)
         self._now = background.now
         self._dispatcher = Dispatcher(self.originals, api, background, observer, self._on_end)
@@ -68,18 +70,19 @@ class PodResizer:
 
     def apply(self, order: Order) -> None:
         """Replace what the policy wants, and start to make it real."""
-        self._reconciler(order).done = None
+        self._released.pop(order.policy, None)
+        self._reconciler(order.policy).follow(order)
         self._reconcile([order.policy])
 
     def release(self, policy: str, done: Callable[[], None]) -> None:
         """Restore all containers of the policy, then call `done`; calling again retries at once what was refused."""
-        reconciler = self._reconciler(Order(policy, frozenset()))
-        reconciler.done = done
-        reconciler.try_refused_again()
+        self._released[policy] = done
+        self._reconciler(policy).release()
         self._reconcile([policy])
 
     def abandon(self, policy: str) -> None:
         """Forget a policy and its pods without restoring anything: another operator serves its namespace now."""
+        self._released.pop(policy, None)
         if self._reconcilers.pop(policy, None) is not None:
             self._pods.renew(policy.partition("/")[0])
         self._record.forget(policy)
@@ -104,12 +107,12 @@ class PodResizer:
             self._mark(pod)
             self.originals.drop_pod(uid)
 
-    def _reconciler(self, order: Order) -> Reconciler:
-        reconciler = self._reconcilers.get(order.policy)
+    def _reconciler(self, policy: str) -> Reconciler:
+        reconciler = self._reconcilers.get(policy)
         if reconciler is None:
-            reconciler = Reconciler(order, self._pods, self.originals, self._dispatcher, self._observer)
-            self._reconcilers[order.policy] = reconciler
-        reconciler.order = order
+            nothing = Order(policy, frozenset())
+            reconciler = Reconciler(nothing, self._pods, self.originals, self._dispatcher, self._observer)
+            self._reconcilers[policy] = reconciler
         return reconciler
 
     def _concerned(self, pod: TrackedPod) -> list[str]:
@@ -142,11 +145,11 @@ class PodResizer:
         now = self._now()
         for policy in sorted(marked & self._reconcilers.keys()):
             reconciler = self._reconcilers[policy]
-            reconciler.advance(now)
-            if reconciler.done is not None and reconciler.is_released():
+            reconciler.reconcile(now)
+            if policy in self._released and reconciler.is_released():
                 del self._reconcilers[policy]
                 self._record.forget(policy)
-                reconciler.done()
+                self._released.pop(policy)()
             else:
                 reconciler.again = min(reconciler.again, self._record.pursue(policy, now))
         self._arm(now)

@@ -1,0 +1,85 @@
+"""All actuators of an operator behind one contract: who acts in which mode, and what each of them hears."""
+
+from __future__ import annotations
+
+from contextpolicy.actuators.actuator import Actuators
+from contextpolicy.actuators.order import Order
+from contextpolicy.policy.spec import Mode
+
+POLICY = "lab/robot"
+
+
+class Noting:
+    """Notes what it hears, in a list that it may share; a release is done when the test says so."""
+
+    def __init__(self, name, notes):
+        self._name, self._notes = name, notes
+        self.done = None
+
+    def recall(self, policy, stored):
+        self._note("recall", policy, stored)
+
+    def apply(self, order):
+        self._note("apply", order)
+
+    def release(self, policy, done):
+        self._note("release", policy)
+        self.done = done
+
+    def abandon(self, policy):
+        self._note("abandon", policy)
+
+    def observe(self, pod):
+        self._note("observe", pod)
+
+    def forget(self, uid):
+        self._note("forget", uid)
+
+    def _note(self, *what):
+        self._notes.append((self._name, *what))
+
+
+def made():
+    notes = []
+    resizer, dry_run = Noting("resizer", notes), Noting("dry run", notes)
+    return notes, resizer, dry_run, Actuators({Mode.ENFORCE: resizer, Mode.DRY_RUN: dry_run})
+
+
+NOTHING = Order(POLICY, frozenset())
+
+
+def test_a_mode_has_its_actuator_and_the_others_put_back_what_they_changed():
+    notes, resizer, dry_run, actuators = made()
+    assert actuators.switch(POLICY, Mode.DRY_RUN) is dry_run
+    assert notes == [("resizer", "apply", NOTHING)]
+    notes.clear()
+    assert actuators.switch(POLICY, Mode.ENFORCE) is resizer
+    assert notes == [("dry run", "apply", NOTHING)]
+
+
+def test_a_paused_policy_has_no_actuator_and_gets_everything_back():
+    notes, _, _, actuators = made()
+    assert actuators.switch(POLICY, Mode.PAUSED) is None
+    assert notes == [("resizer", "apply", NOTHING), ("dry run", "apply", NOTHING)]
+
+
+def test_what_concerns_all_goes_to_each():
+    notes, _, _, actuators = made()
+    actuators.recall(POLICY, {"uid-1": {}})
+    actuators.observe("a pod")
+    actuators.forget("uid-1")
+    actuators.abandon(POLICY)
+    heard = [("recall", POLICY, {"uid-1": {}}), ("observe", "a pod"), ("forget", "uid-1"), ("abandon", POLICY)]
+    assert notes == [(name, *what) for what in heard for name in ("resizer", "dry run")]
+
+
+def test_a_policy_is_released_when_every_actuator_has_let_go():
+    notes, resizer, dry_run, actuators = made()
+    done = []
+    actuators.release(POLICY, lambda: done.append(True))
+    assert notes == [("dry run", "release", POLICY)]
+    dry_run.done()
+    assert notes[1:] == [("resizer", "release", POLICY)]
+    assert done == []
+    resizer.done()
+    assert done == [True]

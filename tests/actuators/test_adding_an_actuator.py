@@ -1,0 +1,86 @@
+"""A new actuator is one file and one line of the wiring: tried in a copy of the package."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "operator/contextpolicy"
+
+ACTUATOR = """
+class Noting:
+    def __init__(self):
+        self.calls = []
+
+    def recall(self, policy, stored):
+        self.calls.append("recall")
+
+    def apply(self, order):
+        self.calls.append("apply")
+
+    def release(self, policy, done):
+        self.calls.append("release")
+        done()
+
+    def abandon(self, policy):
+        self.calls.append("abandon")
+
+    def observe(self, pod):
+        self.calls.append("observe")
+
+    def forget(self, uid):
+        self.calls.append("forget")
+"""
+REGISTRATION = {
+    "from contextpolicy.actuators.dry_run import DryRun\n": "from contextpolicy.actuators.noting import Noting\n",
+    "Mode.DRY_RUN: DryRun()": "Mode.DRY_RUN: Noting()",
+}
+STORY = """
+from contextpolicy.policy.spec import Mode
+from tests.cluster.builders import a_pod
+from tests.policies.builders import IMU, a_policy, resources
+from tests.virtual_operator import VirtualOperator
+
+robot = VirtualOperator(*(a_pod(name, {name: resources()}) for name in ("slam", "speech")))
+robot.list_all()
+robot.connect()
+body = a_policy(mode="DryRun")
+robot.apply(body)
+robot.sample(IMU, speed=0.3)
+robot.settle()
+robot.delete(body)
+robot.operator.pod_gone("uid-slam")
+robot.turn()
+robot.operator.abandon("lab")
+robot.apply(a_policy(mode="DryRun"))
+robot.operator.abandon("lab")
+robot.turn()
+print(*sorted(set(robot.operator._actuators._by_mode[Mode.DRY_RUN].calls)))
+"""
+
+
+def test_a_new_actuator_is_one_file_and_one_registration(tmp_path):
+    copy = tmp_path / "contextpolicy"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    (copy / "actuators/noting.py").write_text(ACTUATOR)
+    wiring = copy / "app/wiring.py"
+    source = wiring.read_text()
+    for old, new in REGISTRATION.items():
+        assert source.count(old) == 1
+        source = source.replace(old, new)
+    wiring.write_text(source)
+    search = os.pathsep.join(str(folder) for folder in (tmp_path, ROOT, ROOT / "modules/robotkit"))
+    done = subprocess.run(
+        [sys.executable, "-c", STORY],
+        env={**os.environ, "PYTHONPATH": search},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["abandon", "apply", "forget", "observe", "recall", "release"]
