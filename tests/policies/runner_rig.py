@@ -61,7 +61,7 @@ class Robot:
     def on_change(self, _):
         self.changes += 1
 
-    def on_plan(self, policy, plan):
+    def on_plan(self, policy, plan, _):
         self.plans.append((policy, plan))
 
     def on_context(self, _, context, __, *, active):

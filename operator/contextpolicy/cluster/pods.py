@@ -94,7 +94,10 @@ class PodView:
 
     def container(self, name: str) -> ContainerView | None:
         """The container with this name, or None."""
-        return next((container for container in self.containers if container.name == name), None)
+        for container in self.containers:
+            if container.name == name:
+                return container
+        return None
 
     def floor(self, container: ContainerView, original: Cpu | None = None) -> int:
         """The least limit that the container's request allows where only limits move; 0 where both move together.

@@ -19,6 +19,7 @@ from reactivex.disposable import CompositeDisposable
 from contextpolicy.actuators.following import follow_agents
 from contextpolicy.bus.head_start import head_start
 from contextpolicy.streams.pacing import pace
+from contextpolicy.streams.sharing import share_on_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,9 +60,6 @@ class Outputs(Protocol):
     def instruct_agents(self, plan: Plan) -> None:
         """Publish the plan if agents act on it."""
 
-    def measure(self, plan: Plan) -> None:
-        """Reactions are measured from here."""
-
     def order(self, nodes: NodePlans) -> None:
         """Have the actuator carry out the plans of these nodes."""
 
@@ -92,26 +90,24 @@ def connect(
     `plan` is the operator that scans inputs with the `planner`.
     """
     plans = merge(inputs.samples, inputs.placements).pipe(
-        plan, ops.skip_while(lambda _: not outputs.is_placed), ops.publish()
+        plan, ops.skip_while(lambda _: not outputs.is_placed), share_on_loop
     )
     decisions = plans.pipe(
         ops.map(lambda plan: planner.decided or plan),
         ops.distinct_until_changed(_sequence),
         pace(PLAN_INTERVAL, scheduler, at_once=_is_no_reaction),
-        ops.share(),
+        share_on_loop,
     )
     slowly: Callable[[Observable[Plan]], Observable[Plan]] = pace(UPDATE_INTERVAL, scheduler)
     updates = plans.pipe(ops.filter(outputs.is_update), slowly)
-    carried_out = decisions.pipe(head_start(scheduler, outputs.instructs_agents), ops.share())
+    carried_out = decisions.pipe(head_start(scheduler, outputs.instructs_agents), share_on_loop)
     nodes = carried_out.pipe(ops.map(_nodes))
     orders = merge(nodes, inputs.moves).pipe(follow_agents(scheduler, outputs.followed))
     return CompositeDisposable(
         decisions.subscribe(outputs.instruct_agents),
-        carried_out.subscribe(outputs.measure),
         orders.subscribe(outputs.order),
         carried_out.subscribe(outputs.report),
         updates.subscribe(outputs.show),
-        plans.connect(),
     )
 
 

@@ -6,6 +6,7 @@ only what it changes.
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING, Any
 
 from reactivex import Subject
@@ -54,6 +55,8 @@ class PolicyRunner:
         self._moves: Subject[NodePlans] = Subject()
         self._pipeline: DisposableBase | None = None
         self._placed = False
+        self._decided = 0.0
+        """When the plan that is carried out came, in monotonic seconds."""
 
     def start(self, before: PolicyRunner | None = None, former: Planner | None = None) -> None:
         """Subscribe and start planning; `before` is the already stopped runner of the policy's previous version.
@@ -136,12 +139,16 @@ class PolicyRunner:
 
     def instructs_agents(self, plan: Plan) -> bool:  # noqa: ARG002 - agents act on all plans or none
         """Whether agents act on the plan's message."""
-        return bool(self.claim.agents)
+        return bool(self.publisher.claim.agents)
 
     def followed(self) -> frozenset[str]:
         """The nodes where resizes follow an agent: it writes limits, and in realtime nothing is resized."""
-        planned = self.planner.last.nodes if self.planner.last and self.policy.control is Control.LIMIT else {}
-        return frozenset(n for n in self.claim.agents if n in planned and planned[n].scheduler is Scheduler.CFS)
+        agents, last = self.publisher.claim.agents, self.planner.last
+        if not agents or last is None or self.policy.control is not Control.LIMIT:
+            return frozenset()
+        return frozenset(
+            node for node, plan in last.nodes.items() if node in agents and plan.scheduler is Scheduler.CFS
+        )
 
     def is_update(self, plan: Plan) -> bool:
         """Whether the plan shows new weights, scores or contexts of the one that was published last."""
@@ -149,22 +156,20 @@ class PolicyRunner:
 
     def instruct_agents(self, plan: Plan) -> None:
         """First what acts soonest: agents act on the message; without them workers send patches while it is made."""
-        if self.instructs_agents(plan):
+        self._decided = time.monotonic()
+        if self.publisher.claim.agents:
             self.publisher.publish(plan)
-
-    def measure(self, plan: Plan) -> None:
-        """Reactions are measured from here."""
-        self._services.listener.on_plan(self.policy.reference, plan)
 
     def order(self, nodes: NodePlans) -> None:
         """Have the plans of these nodes carried out; those in realtime are left to their agents."""
         realtime = {node for node, plan in nodes.items() if plan.scheduler is Scheduler.REALTIME}
         others = {node: plan for node, plan in nodes.items() if node not in realtime}
         if self._actuator is not None:
-            self._actuator.apply(order_of(self.policy, self.claim.placement.containers, others, realtime))
+            self._actuator.apply(order_of(self.policy, self.publisher.claim.placement.containers, others, realtime))
 
     def report(self, plan: Plan) -> None:
         """Publish the plan if agents have not caused that already, and report it."""
+        self._services.listener.on_plan(self.policy.reference, plan, self._decided)
         if not self.publisher.is_published(plan):
             self.publisher.publish(plan)
         self._reporter.report(plan)

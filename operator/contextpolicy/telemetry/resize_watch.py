@@ -49,12 +49,11 @@ class ResizeWatch:
         self._held: dict[str, dict[str, str]] = {}
         self._conflicts: dict[str, dict[str, str]] = {}
 
-    def planned(self, policy: str, plan: Plan) -> None:
-        """A new plan was made."""
-        now = time.monotonic()
-        self._reactions.plan(policy, plan, now)
+    def planned(self, policy: str, plan: Plan, decided: float) -> None:
+        """A new plan is carried out; it was `decided` a moment ago."""
+        self._reactions.plan(policy, plan, decided)
         if plan.arrived is not None:
-            metrics.SAMPLE_TO_PLAN.labels(*metrics.labels(policy)).observe(now - plan.arrived)
+            metrics.SAMPLE_TO_PLAN.labels(*metrics.labels(policy)).observe(decided - plan.arrived)
 
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
         """The API has accepted new resources; `answered` is when its answer came."""

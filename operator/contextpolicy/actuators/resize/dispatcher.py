@@ -108,7 +108,7 @@ class Dispatcher:
         self.recovered(patch.policy, pod)
         for name, cpu in patch.resources.items():
             if patch.restore:
-                self._originals.drop(pod.view.uid, name)
+                self._originals.drop(pod.uid, name)
             else:
                 pod.give(patch.policy, name, cpu)
             self._observer.on_accepted(patch.policy, container_id(pod.view, name), cpu, received)

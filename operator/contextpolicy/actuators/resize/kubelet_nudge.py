@@ -21,10 +21,14 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class NudgeState:
-    """Since when the kubelet has overlooked a pod's resources, and how often since the pod last had what it should."""
+    """Since when the kubelet has overlooked a pod's resources, and how often since the pod last had what it should.
+
+    `until` is when to stop waiting for the kubelet and nudge it; infinity while nothing is overlooked.
+    """
 
     since: float = inf
     times: int = 0
+    until: float = inf
 
     def look(self, view: PodView, now: float) -> None:
         """Take the pod as the watch shows it."""
@@ -33,15 +37,11 @@ class NudgeState:
             self.times = 0 if view.seen and all(container.granted for container in view.containers) else self.times
         elif self.since == inf:
             self.since, self.times = now, self.times + 1
+        self.until = self.since + OVERLOOKED.after(self.times)
 
     def nudged(self) -> None:
         """A resize was sent: the kubelet looks again."""
-        self.since = inf
-
-    @property
-    def until(self) -> float:
-        """When to stop waiting for the kubelet and nudge it; infinity while nothing is overlooked."""
-        return self.since + OVERLOOKED.after(self.times)
+        self.since = self.until = inf
 
 
 def nudge(container: ContainerView, wanted: Cpu) -> Cpu:

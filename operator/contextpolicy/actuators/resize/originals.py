@@ -31,6 +31,9 @@ class Original:
     cpu: Cpu
 
 
+_NONE: Mapping[str, Original] = {}
+
+
 class Originals:
     """The originals of all policies. One policy keeps each; it moves when another policy takes the container over."""
 
@@ -63,11 +66,11 @@ class Originals:
 
     def at(self, uid: str, name: str) -> Original | None:
         """A container's original."""
-        return self.in_pod(uid).get(name)
+        return self._known.get(uid, _NONE).get(name)
 
     def in_pod(self, uid: str) -> Mapping[str, Original]:
         """A pod's originals by container."""
-        return self._known.get(uid, {})
+        return self._known.get(uid, _NONE)
 
     def cpu(self, uid: str, name: str) -> Cpu | None:
         """What a container had before any policy, if one moved it."""

@@ -8,7 +8,7 @@ from contextpolicy.actuators.resize.pod_state import PodState
 from contextpolicy.actuators.resize.tracked_pod import TrackedPod
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
     from contextpolicy.cluster.pods import ContainerView, PodView
 
@@ -54,9 +54,13 @@ class PodIndex:
         """Whether this very pod is tracked: the answer to a patch may come after its pod is gone."""
         return self._pods.get(pod.view.uid) is pod
 
-    def known(self, uids: Iterable[str]) -> Iterator[TrackedPod]:
+    def known(self, uids: Iterable[str]) -> list[TrackedPod]:
         """Those of the pods that are tracked, ordered by UID."""
-        return (self._pods[uid] for uid in sorted(uids) if uid in self._pods)
+        return [self._pods[uid] for uid in sorted(uids) if uid in self._pods]
+
+    def at(self, uid: str) -> TrackedPod | None:
+        """The tracked pod with this UID."""
+        return self._pods.get(uid)
 
     def find(self, identity: str) -> tuple[TrackedPod | None, ContainerView | None]:
         """A container by its identity `namespace/pod/container`, with its pod; None for what is unknown."""

@@ -210,7 +210,7 @@ class PodState:
         container = self.view.container(name)
         seen = (container.spec, container.actual) if container else ()
         known = (self._accepted.get(name), self.patch.resources.get(name) if self.patch else None, *seen)
-        return max(self._peaks.get(name, 0), *((cpu.limit or 0) if cpu else 0 for cpu in known))
+        return max([self._peaks.get(name, 0), *[cpu.limit or 0 for cpu in known if cpu]])
 
     # how it changes
 

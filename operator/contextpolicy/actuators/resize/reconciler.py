@@ -34,7 +34,8 @@ class Reconciler:
     def __init__(
         self, order: Order, pods: PodIndex, originals: Originals, dispatcher: Dispatcher, observer: Observer
     ) -> None:
-        self._order = order
+        self.order = order
+        """What the policy wants; see `follow`."""
         self._before: dict[str, Cpu] = {}
         """What each container had when the current plan came, by identity."""
         self._releasing = False
@@ -51,16 +52,11 @@ class Reconciler:
         self._pressing: set[str] = set()
         """UIDs of the pods whose every change counts: they can't be lowered, or are restored."""
 
-    @property
-    def order(self) -> Order:
-        """What the policy wants."""
-        return self._order
-
     def follow(self, order: Order) -> None:
         """Take what the policy wants from now on."""
-        if order.shares != self._order.shares:
+        if order.shares != self.order.shares:
             self._before.clear()
-        self._order, self._releasing = order, False
+        self.order, self._releasing = order, False
 
     def release(self) -> None:
         """The policy is being deleted: put everything back, and send what was refused again at once."""
@@ -82,61 +78,50 @@ class Reconciler:
 
         Not when the API merely has what the plan wants: until it is in force it frees nothing for others.
         """
-        uid, state = pod.view.uid, pod.state
+        uid, state = pod.uid, pod.state
         if self._releasing or uid in self._pressing or state.phase not in (Phase.IDLE, Phase.IN_FLIGHT):
             return True
         return state.ready and any(state.spec(w.container.name) != w.cpu for w in self._wanted.get(uid, ()))
 
     def reconcile(self, now: float) -> None:
         """Send what may be sent now."""
-        self.again = min(self._reconcile(now), default=inf)
+        targets = list(self._targets(now))
+        self._touched.update(
+            [target.pod.uid for target in targets], [uid for uid, _ in self._originals.of(self._policy)]
+        )
+        pods = self._pods.known(self._touched)
+        due = [self._wake(pod, now) for pod in pods]
+        for pod in pods:
+            self._let_go(pod)
+        due += [self._guard(target, now) for target in targets]
+        forward = self._steps(targets, now)
+        back = {pod.uid: self._to_put_back(pod) for pod in pods}
+        bound = self._bound(pods, back, now)
+        due += [end for end in bound.values() if end > now]
+        # Decreases first: workers take patches in this order, so the room for the increases is free sooner.
+        for pod in sorted(pods, key=lambda pod: _turn(pod, forward.get(pod.uid, {}))):
+            due += self._send(pod, forward.get(pod.uid, {}), back[pod.uid], bound, now)
+        self._touched = {pod.uid for pod in pods if self._has_to_do_with(pod)}
+        self._pressing = {target.pod.uid for target in targets if target.stuck} | {uid for uid in back if back[uid]}
+        self._wanted = defaultdict(list)
+        for target in targets:
+            self._wanted[target.pod.uid].append(target)
+        self.again = min(due, default=inf)
 
     def is_released(self) -> bool:
         """Whether nothing is left to restore or in doubt; pods that have ended don't count."""
         kept = {uid for uid, _ in self._originals.of(self._policy)}
         return all(
-            pod.view.ended or not (pod.view.uid in kept or pod.state.originator == self._policy)
+            pod.view.ended or not (pod.uid in kept or pod.state.originator == self._policy)
             for pod in self._pods.known(self._touched | kept)
         )
-
-    def _reconcile(self, now: float) -> Iterator[float]:
-        """Yields the times at which there may be more to do."""
-        targets = list(self._targets(now))
-        self._touched.update(target.pod.view.uid for target in targets)
-        self._touched.update(uid for uid, _ in self._originals.of(self._policy))
-        pods = list(self._pods.known(self._touched))
-        for pod in pods:
-            yield self._wake(pod, now)
-            self._let_go(pod)
-        for target in targets:
-            yield from self._guard(target, now)
-        forward = self._steps(targets, now)
-        back = {pod.view.uid: self._to_put_back(pod) for pod in pods}
-        bound = self._bound(pods, back, now)
-        yield from (end for end in bound.values() if end > now)
-        # Decreases first: workers take patches in this order, so the room for the increases is free sooner.
-        for pod in sorted(pods, key=lambda pod: _turn(pod, forward.get(pod.view.uid, {}))):
-            held = bound.get(pod.view.node, -inf) > now
-            uid = pod.view.uid
-            ready = without_rises(pod.state, back[uid]) if held else back[uid]
-            if not pod.view.ended:
-                # At most one of the two is sent: the first leaves the pod busy, and its end brings us back here.
-                yield self._request(pod, forward.get(uid, {}), now, restore=False)
-                yield self._request(pod, ready, now, restore=True)
-            if not (forward.get(uid) or back[uid] or pod.state.patch):
-                self._dispatcher.recovered(self._policy, pod)
-        self._touched = {pod.view.uid for pod in pods if self._has_to_do_with(pod)}
-        self._pressing = {w.pod.view.uid for w in targets if w.stuck} | {uid for uid, own in back.items() if own}
-        self._wanted = defaultdict(list)
-        for target in targets:
-            self._wanted[target.pod.view.uid].append(target)
 
     def _targets(self, now: float) -> Iterator[Target]:
         """The containers with a share. A plan ordered late may name containers that the policy has lost since."""
         for identity in self.order.shares:
             pod, container = self._pods.find(identity)
             if pod is not None and container is not None and identity in self.order.claimed and not pod.view.ended:
-                original = self._originals.at(pod.view.uid, container.name)
+                original = self._originals.at(pod.uid, container.name)
                 wanted = target_cpu(self.order, identity, pod, container, original)
                 before = self._before.setdefault(identity, pod.state.spec(container.name) or container.spec)
                 stuck = pod.is_stuck(self._policy, now)
@@ -160,21 +145,21 @@ class Reconciler:
                 if ownership.told:
                     self._observer.on_conflict(self._policy, identity, None)
 
-    def _guard(self, target: Target, now: float) -> Iterator[float]:
-        """Report when others resize the policy's container, and when that is over; yields when to look next."""
+    def _guard(self, target: Target, now: float) -> float:
+        """Report when others resize the policy's container, and when that is over; returns when to look next."""
         pod, name = target.pod, target.container.name
-        conflict = guard.look(self._policy, target, self._originals.at(pod.view.uid, name), now)
+        conflict = guard.look(self._policy, target, self._originals.at(pod.uid, name), now)
         if conflict is not None:
             self._observer.on_conflict(self._policy, target.id, conflict)
-        ownership = pod.owned.get(name)
-        if ownership is not None and ownership.told:
-            if now >= ownership.forgotten_at:
-                ownership.told = False
-                self._observer.on_conflict(self._policy, target.id, None)
-            else:
-                yield from (moment for moment in (ownership.rests_until, ownership.forgotten_at) if moment > now)
-        if pod.nudge_state.until > now:
-            yield pod.nudge_state.until
+        nudge, ownership = pod.nudge_state.until, pod.owned.get(name)
+        due = nudge if nudge > now else inf
+        if ownership is None or not ownership.told:
+            return due
+        if now >= ownership.forgotten_at:
+            ownership.told = False
+            self._observer.on_conflict(self._policy, target.id, None)
+            return due
+        return min([due, *[end for end in (ownership.rests_until, ownership.forgotten_at) if end > now]])
 
     def _steps(self, targets: Collection[Target], now: float) -> dict[str, dict[str, Cpu]]:
         """The resources that may be set now, by pod UID and container name.
@@ -204,14 +189,14 @@ class Reconciler:
         """By node, the limits that pods being deleted have from the policy: they hold until their containers end."""
         leaving: dict[str, int] = defaultdict(int)
         for uid, name in self._originals.of(self._policy):
-            for pod in self._pods.known([uid]):
-                if pod.view.ended and pod.view.running:
-                    leaving[pod.view.node] += pod.state.highest(name)
+            pod = self._pods.at(uid)
+            if pod is not None and pod.view.ended and pod.view.running:
+                leaving[pod.view.node] += pod.state.highest(name)
         return leaving
 
     def _to_put_back(self, pod: TrackedPod) -> dict[str, Cpu]:
         """The originals of containers that the policy no longer claims; those restored already are just dropped."""
-        uid, state = pod.view.uid, pod.state
+        uid, state = pod.uid, pod.state
         back = to_put_back(state, self._originals.in_pod(uid), self._policy, self.order.claimed)
         if state.ready and not pod.view.ended:
             # In a ready pod, a spec of None means that there is no such container.
@@ -230,6 +215,27 @@ class Reconciler:
         self._falling = {node: before.get(node, now) for node in nodes}
         return {node: since + RESTORE_PATIENCE for node, since in self._falling.items()}
 
+    def _send(
+        self,
+        pod: TrackedPod,
+        forward: Mapping[str, Cpu],
+        back: Mapping[str, Cpu],
+        bound: Mapping[str, float],
+        now: float,
+    ) -> tuple[float, ...]:
+        """Send one pod what may be sent now; returns when there may be more to send, as far as time decides that."""
+        due: tuple[float, ...] = ()
+        if not pod.view.ended:
+            ready = without_rises(pod.state, back) if bound.get(pod.view.node, -inf) > now else back
+            # At most one of the two is sent: the first leaves the pod busy, and its end brings us back here.
+            due = (
+                self._request(pod, forward, now, restore=False),
+                self._request(pod, ready, now, restore=True),
+            )
+        if not (forward or back or pod.state.patch):
+            self._dispatcher.recovered(self._policy, pod)
+        return due
+
     def _request(self, pod: TrackedPod, wanted: Mapping[str, Cpu], now: float, *, restore: bool) -> float:
         """Send a patch for one pod unless it has to wait; returns until when, or infinity."""
         if not wanted:
@@ -244,14 +250,14 @@ class Reconciler:
         return inf
 
     def _has_to_do_with(self, pod: TrackedPod) -> bool:
-        mine = (
-            *(ownership.policy for ownership in pod.owned.values()),
-            *(original.policy for original in self._originals.in_pod(pod.view.uid).values()),
-            *pod.state.putting_back.values(),
-            *pod.troubled,
-            pod.state.originator,
+        own, state = self._policy, pod.state
+        return (
+            state.originator == own
+            or own in pod.troubled
+            or own in state.putting_back.values()
+            or own in [ownership.policy for ownership in pod.owned.values()]
+            or own in [original.policy for original in self._originals.in_pod(pod.uid).values()]
         )
-        return self._policy in mine
 
 
 def _turn(pod: TrackedPod, step: Mapping[str, Cpu]) -> tuple[bool, int]:
@@ -259,5 +265,5 @@ def _turn(pod: TrackedPod, step: Mapping[str, Cpu]) -> tuple[bool, int]:
 
     With dozens of pods the workers take several resizes' time for the line, and the plan is about what gains the most.
     """
-    change = sum((cpu.limit or 0) - pod.state.least_known(name) for name, cpu in step.items())
+    change = sum([(cpu.limit or 0) - pod.state.least_known(name) for name, cpu in step.items()])
     return change > 0, -abs(change)

@@ -42,6 +42,10 @@ BOOKKEEPING = 0.1
 containers: one for each of their answers and status updates would cost the square of their number."""
 
 
+NO_TIMER = Disposable()
+"""Takes the place of a timer that is not needed."""
+
+
 class PodResizer:
     """All pods that policies claim, and those that must be restored."""
 
@@ -156,9 +160,9 @@ class PodResizer:
 
     def _arm(self, now: float) -> None:
         """One timer for all policies, for the earliest time at which any of them may have something to do."""
-        due = min((reconciler.again for reconciler in self._reconcilers.values()), default=inf)
+        due = min([reconciler.again for reconciler in self._reconcilers.values()], default=inf)
         if due == inf:
-            self._timer.disposable = Disposable()
+            self._timer.disposable = NO_TIMER
         else:
             wait = max(0.0, due - now) + ROUNDING
             self._timer.disposable = self._scheduler.schedule_relative(wait, lambda *_: self._on_timer())
@@ -170,7 +174,7 @@ class PodResizer:
     def _on_end(self, pod: TrackedPod) -> None:
         """A patch has ended; its pod may be gone by now."""
         if pod.state.phase is Phase.GONE:
-            self.forget(pod.view.uid)
+            self.forget(pod.uid)
         elif self._pods.holds(pod):
             self._mark_if_awaited(pod)
 
@@ -184,7 +188,7 @@ class PodResizer:
             for container in news:
                 identity = container_id(pod.view, container.name)
                 if identity in order.shares and container.actual is not None:
-                    original = self.originals.at(pod.view.uid, container.name)
+                    original = self.originals.at(pod.uid, container.name)
                     wanted = target_cpu(order, identity, pod, container, original)
                     same = container.actual.limit == wanted.limit
                     if same and (order.control is Control.LIMIT or container.actual == wanted):

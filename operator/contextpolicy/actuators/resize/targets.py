@@ -72,7 +72,7 @@ def steps(order: Order, targets: Iterable[Target], leaving: Mapping[str, int], n
             name, state = target.container.name, target.pod.state
             step = target.before if target.id in back else target.pod.step(target.container, target.cpu, now)
             if target.id in go | back and step != state.spec(name) and now >= target.pod.rests_until(name):
-                found[target.pod.view.uid][name] = step
+                found[target.pod.uid][name] = step
     return found
 
 

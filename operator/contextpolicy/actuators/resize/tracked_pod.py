@@ -35,10 +35,14 @@ class TrackedPod:
     """
 
     state: PodState
+    uid: str = field(init=False)
     owned: dict[str, Ownership] = field(default_factory=dict)
     nudge_state: NudgeState = field(default_factory=NudgeState)
     refusals: dict[tuple[str, bool], Refusal] = field(default_factory=dict)
     troubled: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.uid = self.state.view.uid
 
     @property
     def view(self) -> PodView:
