@@ -73,9 +73,8 @@ def clock(monkeypatch):
 
 def test_each_leg_of_a_reaction_is_told_and_measured(told, clock):
     before = {leg: (count(leg), count(leg, of="sum")) for leg in LEGS}
-    told.watch.planned(POLICY, a_plan(1, slam=500))
-    clock.at = 1.25
-    told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300))
+    told.watch.planned(POLICY, a_plan(1, slam=500), 1.0)
+    told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300), 1.25)
     told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 2.5)
     clock.at = 4.0
     told.watch.on_in_force(POLICY, "lab/slam/slam", 300)
@@ -87,8 +86,8 @@ def test_each_leg_of_a_reaction_is_told_and_measured(told, clock):
 
 def test_an_agent_may_be_faster_than_the_answer_of_the_api(told, clock):
     before = [count(leg) for leg in LEGS]
-    told.watch.planned(POLICY, a_plan(1, slam=500))
-    told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300))
+    told.watch.planned(POLICY, a_plan(1, slam=500), 1.0)
+    told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300), 2.0)
     clock.at = 2.0
     told.watch.on_in_force(POLICY, "lab/slam/slam", 300)
     told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 2.5)
@@ -96,8 +95,8 @@ def test_an_agent_may_be_faster_than_the_answer_of_the_api(told, clock):
 
 
 def test_a_policy_that_is_gone_leaves_no_reactions(told):
-    told.watch.planned(POLICY, a_plan(1, slam=500))
-    told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300))
+    told.watch.planned(POLICY, a_plan(1, slam=500), 1.0)
+    told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300), 2.0)
     told.watch.on_in_force(POLICY, "lab/slam/slam", 300)
     told.watch.forget(POLICY)
     assert told.watch.recent(POLICY) == []
@@ -105,8 +104,8 @@ def test_a_policy_that_is_gone_leaves_no_reactions(told):
 
 def test_a_resize_that_no_sample_asked_for_is_told_and_not_measured(told):
     """An hour after the sample somebody changes the limit, and it is put back."""
-    told.watch.planned(POLICY, a_plan(1, slam=500))
-    told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300))
+    told.watch.planned(POLICY, a_plan(1, slam=500), 1.0)
+    told.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300), 2.0)
     told.watch.on_conflict(POLICY, "lab/slam/slam", Conflict("vpa-updater", Cpu(100, 300), Cpu(100, 700)))
     before = [count(leg) for leg in LEGS]
     told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(100, 300), 3601.0)
@@ -117,7 +116,7 @@ def test_a_resize_that_no_sample_asked_for_is_told_and_not_measured(told):
 
 def test_a_plan_that_no_sample_made_is_not_measured(told):
     before = count("plan")
-    told.watch.planned(POLICY, a_plan(1, slam=500))
+    told.watch.planned(POLICY, a_plan(1, slam=500), 1.0)
     assert count("plan") == before
 
 

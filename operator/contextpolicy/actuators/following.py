@@ -78,8 +78,9 @@ class _Follower:
         self._emit()
 
     def _emit(self, *_: object) -> None:
-        now, ahead = self._scheduler.to_seconds(self._scheduler.now), self._ahead()
+        ahead = self._ahead()
         if ahead or self._waiting:
+            now = self._scheduler.to_seconds(self._scheduler.now)
             self._waiting = {node: waiting for node, waiting in self._waiting.items() if node in self._planned}
             chosen = {node: self._choose(node, plan, now, ahead) for node, plan in self._planned.items()}
             self._ordered = {node: plan for node, plan in chosen.items() if plan is not None}

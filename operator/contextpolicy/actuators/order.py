@@ -40,10 +40,10 @@ def order_of(
 
     Realtime nodes are left to the agent: their containers are not claimed, so limits that we moved are put back.
     """
-    ceilings = {task.name: task.max for task in policy.leaves}
+    ceilings = {task.name: task.max for task in policy.tasks}
     return Order(
         policy=policy.reference,
-        claimed=frozenset(container.id for container in containers if container.node not in realtime),
+        claimed=frozenset([container.id for container in containers if container.node not in realtime]),
         shares={identity: share for node in nodes.values() for identity, share in node.containers.items()},
         capacity={name: node.capacity for name, node in nodes.items()},
         control=policy.control,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kubernetes.utils.quantity import parse_quantity
 
@@ -19,8 +19,7 @@ MIRROR = "kubernetes.io/config.mirror"
 """Annotation of a static pod's mirror pod in the API; the kubelet refuses to resize it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Cpu:
+class Cpu(NamedTuple):
     """A container's CPU request and limit in thousandths of a core; None where it has none."""
 
     request: int | None

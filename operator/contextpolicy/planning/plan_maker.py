@@ -73,7 +73,7 @@ class PlanMaker:
 
     def make(self, scores: Scores, contexts: Sequence[Context], now: float, arrived: float | None) -> Plan | None:
         """The plan of this instant; None if it shows nothing new. Until minDwell is over the shares in force stand."""
-        decision, names = self._decide(scores, contexts), tuple(context.name for context in contexts)
+        decision, names = self._decide(scores, contexts), tuple([context.name for context in contexts])
         self.weights = decision.weights
         substance = names, decision.suspended, decision.division.nodes, decision.shortfalls
         changes, decided = substance != self._in_force, self.decided

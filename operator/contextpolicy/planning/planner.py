@@ -175,7 +175,7 @@ class Planner:
     def on_context(self, context: ContextState, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """A context began or ceased to hold."""
         self.transitions[context.spec.name] += 1
-        source = ", ".join(stream.spec.name for stream in context.streams) or "policy"
+        source = ", ".join([stream.spec.name for stream in context.streams]) or "policy"
         self._maker.note(context, f"{source}: context {context.spec.name} {'entered' if context.active else 'exited'}")
 
     def at_rest(self) -> Mapping[str, Weight]:

@@ -169,9 +169,9 @@ class PolicyRunner:
 
     def report(self, plan: Plan) -> None:
         """Publish the plan if agents have not caused that already, and report it."""
-        self._services.listener.on_plan(self.policy.reference, plan, self._decided)
         if not self.publisher.is_published(plan):
             self.publisher.publish(plan)
+        self._services.listener.on_plan(self.policy.reference, plan, self._decided)
         self._reporter.report(plan)
 
     def show(self, plan: Plan) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def look(policy: str, target: Target, original: Original | None, now: float) -> Conflict | None:
     """Compare what a container has with what its policy last gave it; returns a foreign change when it is new."""
     pod, container = target.pod, target.container
-    spec = pod.state.spec(container.name)
+    spec = target.spec
     # While a patch is under way, the watch may already show its effect.
     if pod.state.patch is not None or spec is None:
         return None

@@ -46,8 +46,9 @@ def prompt(capacity: int, holdings: Iterable[Holding]) -> tuple[set[str], set[st
     """
     holdings = list(holdings)
     rising = [holding for holding in holdings if holding.wanted > holding.before]
-    used = sum(h.before for h in rising) + sum(h.peak if h.stuck else h.wanted for h in holdings if h not in rising)
-    go = {holding.id for holding in holdings if holding not in rising}
+    others = [holding for holding in holdings if holding.wanted <= holding.before]
+    used = sum([h.before for h in rising]) + sum([h.peak if h.stuck else h.wanted for h in others])
+    go = {holding.id for holding in others}
     go |= _fitting(capacity - used, [(holding.wanted - holding.before, holding.id) for holding in rising])
     return go, {holding.id for holding in rising if holding.id not in go and holding.spec > holding.before}
 

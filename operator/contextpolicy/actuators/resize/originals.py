@@ -105,7 +105,7 @@ class Originals:
 
     def is_stored(self, policy: str, uid: str, name: str) -> bool:
         """Whether the status holds the original, so that the operator would know it after a restart."""
-        known = self.at(uid, name)
+        known = self._known.get(uid, _NONE).get(name)
         return known is not None and known.policy == policy and self._records[policy].holds(uid, name, known.cpu)
 
     def changes(self, policy: str) -> dict[str, Any]:

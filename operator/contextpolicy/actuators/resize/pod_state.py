@@ -6,7 +6,7 @@ Rule: everything that changes this state lives in this file, and phases change o
 
 from __future__ import annotations
 
-from enum import Enum, auto
+from enum import StrEnum, auto
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -24,7 +24,7 @@ SETTLING = 0.3
 a pod one after the other, so when contexts change quickly each outdated one would only delay the newest."""
 
 
-class Phase(Enum):
+class Phase(StrEnum):
     """Where a pod's patch stands."""
 
     IDLE = auto()
@@ -41,7 +41,7 @@ class Phase(Enum):
     """The API server has no such pod."""
 
 
-class Event(Enum):
+class Event(StrEnum):
     """What can happen to a pod's patch."""
 
     SENT = auto()

@@ -123,9 +123,10 @@ class Reconciler:
             if pod is not None and container is not None and identity in self.order.claimed and not pod.view.ended:
                 original = self._originals.at(pod.uid, container.name)
                 wanted = target_cpu(self.order, identity, pod, container, original)
-                before = self._before.setdefault(identity, pod.state.spec(container.name) or container.spec)
+                spec = pod.state.spec(container.name)
+                before = self._before.setdefault(identity, spec or container.spec)
                 stuck = pod.is_stuck(self._policy, now)
-                yield Target(identity, pod, container, wanted, before, stuck)
+                yield Target(identity, pod, container, wanted, spec, before, stuck)
 
     def _wake(self, pod: TrackedPod, now: float) -> float:
         """Let a pod continue after its pause; returns when the pause ends, or infinity."""
@@ -198,7 +199,7 @@ class Reconciler:
         """The originals of containers that the policy no longer claims; those restored already are just dropped."""
         uid, state = pod.uid, pod.state
         back = to_put_back(state, self._originals.in_pod(uid), self._policy, self.order.claimed)
-        if state.ready and not pod.view.ended:
+        if back and state.ready and not pod.view.ended:
             # In a ready pod, a spec of None means that there is no such container.
             for name in [name for name, cpu in back.items() if state.spec(name) in (cpu, None)]:
                 del back[name]
@@ -210,8 +211,11 @@ class Reconciler:
         self, pods: Iterable[TrackedPod], back: Mapping[str, Mapping[str, Cpu]], now: float
     ) -> Mapping[str, float]:
         """The nodes on which no restored limit may rise yet, and until when."""
-        before, restoring = self._falling, any(back.values())
-        nodes = {p.view.node for p in pods if restoring and is_falling(p.state, self._policy, back[p.view.uid])}
+        if not any(back.values()):
+            self._falling = {}
+            return {}
+        before = self._falling
+        nodes = {pod.view.node for pod in pods if is_falling(pod.state, self._policy, back[pod.uid])}
         self._falling = {node: before.get(node, now) for node in nodes}
         return {node: since + RESTORE_PATIENCE for node, since in self._falling.items()}
 

@@ -155,7 +155,7 @@ class PodResizer:
                 self._record.forget(policy)
                 self._released.pop(policy)()
             else:
-                reconciler.again = min(reconciler.again, self._record.pursue(policy, now))
+                reconciler.again = min(reconciler.again, self._record.write(policy, now))
         self._arm(now)
 
     def _arm(self, now: float) -> None:

@@ -47,12 +47,12 @@ class StatusRecord:
         self._observer, self._on_end = observer, on_end
         self._retries: dict[str, _Retry] = {}
 
-    def pursue(self, policy: str, now: float) -> float:
+    def write(self, policy: str, now: float) -> float:
         """Send the missing changes; returns when to call again if they have to wait, else infinity."""
-        retry = self._retries.setdefault(policy, _Retry())
         changes = self._originals.changes(policy)
         if not changes:
             return inf
+        retry = self._retries.setdefault(policy, _Retry())
         if retry.due > now:
             return retry.due
         self._originals.send(policy)

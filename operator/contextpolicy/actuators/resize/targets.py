@@ -22,12 +22,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What the plan gives one container, and what it had `before` the plan; `stuck`: it can't be lowered for now."""
+    """What the plan gives one container, and what it had `before` the plan; `stuck`: it can't be lowered for now.
+
+    `spec` is what the API has now, None when that is unknown.
+    """
 
     id: str
     pod: TrackedPod
     container: ContainerView
     cpu: Cpu
+    spec: Cpu | None
     before: Cpu
     stuck: bool = False
 
@@ -69,10 +73,10 @@ def steps(order: Order, targets: Iterable[Target], leaving: Mapping[str, int], n
         capacity = 0 if unseen & {node, ""} else order.capacity.get(node, 0) - leaving.get(node, 0)
         go, back = _chosen(order, capacity, here)
         for target in here:
-            name, state = target.container.name, target.pod.state
-            step = target.before if target.id in back else target.pod.step(target.container, target.cpu, now)
-            if target.id in go | back and step != state.spec(name) and now >= target.pod.rests_until(name):
-                found[target.pod.uid][name] = step
+            pod, name = target.pod, target.container.name
+            step = target.before if target.id in back else pod.step(target.container, target.cpu, target.spec, now)
+            if target.id in go | back and step != target.spec and now >= pod.rests_until(name):
+                found[pod.uid][name] = step
     return found
 
 

@@ -36,18 +36,16 @@ class TrackedPod:
 
     state: PodState
     uid: str = field(init=False)
+    view: PodView = field(init=False)
+    """The pod as the watch shows it."""
     owned: dict[str, Ownership] = field(default_factory=dict)
     nudge_state: NudgeState = field(default_factory=NudgeState)
     refusals: dict[tuple[str, bool], Refusal] = field(default_factory=dict)
     troubled: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        self.uid = self.state.view.uid
-
-    @property
-    def view(self) -> PodView:
-        """The pod as the watch shows it."""
-        return self.state.view
+        self.view = self.state.view
+        self.uid = self.view.uid
 
     @property
     def standing(self) -> tuple[object, ...]:
@@ -64,6 +62,7 @@ class TrackedPod:
         """Process the pod as the watch shows it. A new spec voids refusals: the same patch may be accepted now."""
         generation = self.view.generation
         if self.state.observe(view):
+            self.view = view
             self.nudge_state.look(view, now)
             if view.generation != generation:
                 self.refusals.clear()
@@ -94,14 +93,13 @@ class TrackedPod:
         refused = refusal is not None and now < refusal.until
         return refused or self.state.keeps_failing or bool(self.view.pending)
 
-    def step(self, container: ContainerView, wanted: Cpu, now: float) -> Cpu:
-        """The resources to request: those wanted, or a nudge when the kubelet has overlooked them.
+    def step(self, container: ContainerView, wanted: Cpu, spec: Cpu | None, now: float) -> Cpu:
+        """The resources to request: those wanted, or a nudge when the kubelet has overlooked them; `spec` is what is.
 
         A container that every resize restarts is not nudged: half a minute until the kubelet looks by itself is the
         lesser evil.
         """
-        overlooked = now >= self.nudge_state.until and self.state.spec(container.name) == wanted
-        overlooked = overlooked and not container.restarts
+        overlooked = now >= self.nudge_state.until and spec == wanted and not container.restarts
         return nudge(container, wanted) if overlooked else wanted
 
     def rests_until(self, name: str) -> float:
