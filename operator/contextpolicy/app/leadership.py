@@ -80,8 +80,7 @@ class Leadership:
     @property
     def interruptions(self) -> int:
         """How often we had to pause because a renewal came late; it only grows."""
-        own = [] if self._replica is None else [self._replica]
-        return sum(candidacy.interruptions for candidacy in (*own, *list(self._claims.values())))
+        return self._claiming.interruptions + (self._keeper.interruptions if self._keeper is not None else 0)
 
     def may_act(self, namespace: str) -> bool:
         """Whether we may act in a namespace at this instant."""
