@@ -154,6 +154,19 @@ def test_a_plan_of_a_former_source_is_not_admitted_again(admission):
         admission.forget(POLICY)
 
 
+def test_of_a_policy_that_is_gone_only_what_may_be_replayed_is_remembered(admission):
+    for number in range(9):
+        policy = f"robot/policy{number}"
+        order = an_order(policy=policy)
+        admission.admit(order, (number + 1) * REPEATABLE)
+        admission.lose_source(policy)
+        admission.forget(policy)
+        with pytest.raises(OrderError, match="before what was heard"):
+            admission.admit(order, (number + 1) * REPEATABLE)
+    remembered = [known for known in vars(admission).values() if isinstance(known, dict | set)]
+    assert max(len(known) for known in remembered) <= 2
+
+
 def test_a_withdrawal_counts_only_after_the_plan_that_it_withdraws(admission):
     first, second, third = next(TIMES), next(TIMES), next(TIMES)
     admission.admit(an_order(), second)

@@ -70,6 +70,16 @@ def test_interruptions_stay_counted_when_namespaces_leave_or_are_lost(leadership
     assert leadership.interruptions == 4
 
 
+def test_why_a_namespace_is_not_served_is_said_again_when_it_is_back(leadership, now, caplog):
+    for namespaces in (["lab"], [], ["lab"]):
+        leadership.serve(namespaces)
+        for claim in leadership._claims.values():
+            claim.fail(now[0], "no right")
+        for _ in range(2):
+            assert leadership.served == frozenset()
+    assert caplog.messages == ["namespace lab can't be served: no right"] * 2
+
+
 def test_a_late_renewal_of_the_releases_own_lease_counts_too(leadership, now):
     for _ in range(2):
         leadership._keeper._step("system", leadership._replica)

@@ -96,6 +96,7 @@ class Leadership:
         for namespace in self._claims.keys() - wanted:
             del self._claims[namespace]
             self._claiming.leave(namespace)
+            self._told.pop(namespace, None)
         for namespace in sorted(wanted):
             claim = self._claims.get(namespace)
             if claim is None or claim.lost:
