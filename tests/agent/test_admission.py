@@ -154,11 +154,34 @@ def test_a_plan_of_a_former_source_is_not_admitted_again(admission):
         admission.forget(POLICY)
 
 
+def test_the_last_plan_of_a_forgotten_policy_is_not_admitted_again(admission):
+    at = next(TIMES)
+    assert admission.admit(an_order(a_target()), at)
+    admission.forget(POLICY)
+    with pytest.raises(OrderError, match=r"0\.000 s before what was heard"):
+        admission.admit(an_order(a_target()), at)
+    assert admission.admit(an_order(a_target()), at + 1)
+
+
+def test_of_a_policy_that_is_gone_only_what_may_be_replayed_is_remembered(admission):
+    for number in range(9):
+        policy = f"robot/policy{number}"
+        order = an_order(policy=policy)
+        admission.admit(order, (number + 1) * REPEATABLE)
+        admission.lose_source(policy)
+        admission.forget(policy)
+        with pytest.raises(OrderError, match="before what was heard"):
+            admission.admit(order, (number + 1) * REPEATABLE)
+    remembered = [known for known in vars(admission).values() if isinstance(known, dict | set)]
+    assert max(len(known) for known in remembered) <= 2
+
+
 def test_a_withdrawal_counts_only_after_the_plan_that_it_withdraws(admission):
     first, second, third = next(TIMES), next(TIMES), next(TIMES)
     admission.admit(an_order(), second)
-    with pytest.raises(OrderError, match="before what was heard"):
-        admission.withdraw(POLICY, first)
+    for too_early in (first, second):
+        with pytest.raises(OrderError, match="before what was heard"):
+            admission.withdraw(POLICY, too_early)
     admission.withdraw(POLICY, third)
 
 
@@ -167,4 +190,6 @@ def test_a_clock_that_was_set_back_locks_nobody_out(admission):
     now = next(TIMES)
     admission.admit(an_order(run=5), now)
     admission.lose_source(POLICY)
+    with pytest.raises(OrderError, match=r"20\.000 s before what was heard"):
+        admission.admit(an_order(run=4), now - REPEATABLE)
     assert admission.admit(an_order(run=4), now - REPEATABLE - 1)

@@ -105,6 +105,18 @@ def test_in_a_namespace_that_is_being_deleted_policies_are_still_let_go(api, ste
     assert candidacy.acts_until == now[0] + ACT * 10
 
 
+def test_a_pause_counts_also_where_the_namespace_is_being_deleted(api, now):
+    keeper, candidacy = LeaseKeeper(api, "contextpolicy", lambda: None), Candidacy("one", 10)
+    for _ in range(2):
+        keeper._step("lab", candidacy)
+    assert keeper.interruptions == 0
+    for refusals in ([], [ActuationError("Forbidden", TERMINATING, retriable=False)]):
+        now[0] += 100
+        api.refusals += refusals
+        keeper._step("lab", candidacy)
+    assert keeper.interruptions == 2
+
+
 def test_what_is_given_back_is_free_for_others(api, step):
     keeper = LeaseKeeper(api, "contextpolicy", lambda: None)
     candidacy = Candidacy("one", 10)

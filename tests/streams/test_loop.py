@@ -1,15 +1,16 @@
 from __future__ import annotations
 
 import logging
+import weakref
 from datetime import UTC, datetime, timedelta
 from threading import Event, current_thread
 from types import SimpleNamespace
 
 import pytest
-from reactivex.internal.exceptions import DisposedException
+from reactivex.disposable import SerialDisposable
 
 from contextpolicy.streams import loop as module
-from contextpolicy.streams.loop import Loop
+from contextpolicy.streams.loop import FEW, Loop, on_loop
 from tests.waiting import PATIENCE
 
 
@@ -76,5 +77,57 @@ def test_its_clock_follows_the_monotonic_clock_from_the_wall_clocks_time(monkeyp
 
 def test_a_loop_that_was_disposed_takes_nothing_more(loop):
     loop.dispose()
-    with pytest.raises(DisposedException):
+    with pytest.raises(RuntimeError, match="the loop has ended"):
         loop.schedule(lambda *_: None)
+
+
+class Reminder:
+    """An action that a test can see go."""
+
+    def __call__(self, *_):
+        pass
+
+
+@pytest.mark.parametrize("on_thread", [lambda _, act: act(), lambda loop, act: on_loop(loop, act).result(PATIENCE)])
+def test_a_far_timer_that_is_set_again_and_again_waits_once(loop, on_thread):
+    kept, timer = weakref.WeakSet(), SerialDisposable()
+
+    def set_again():
+        kept.add(reminder := Reminder())
+        timer.disposable = loop.schedule_relative(3600, reminder)
+
+    for _ in range(20 * FEW):
+        on_thread(loop, set_again)
+    settle(loop)
+    assert 1 <= len(kept) <= 2 * FEW
+
+
+def test_after_a_crowd_of_timers_the_few_that_follow_take_little_room_again(loop):
+    kept, crowd = weakref.WeakSet(), [loop.schedule_relative(3600, Reminder()) for _ in range(20 * FEW)]
+    for timer in crowd:
+        timer.dispose()
+    for _ in range(60 * FEW):
+        kept.add(reminder := Reminder())
+        loop.schedule_relative(3600, reminder).dispose()
+    del reminder
+    settle(loop)
+    assert len(kept) <= 2 * FEW
+
+
+def test_what_was_not_cancelled_still_happens_in_order(monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    loop, seen, done = Loop(), [], Event()
+    order = [n * 700 % 3001 for n in range(3001)]
+    timers = {n: loop.schedule_relative(10 + n / 1000, lambda *_, n=n: seen.append(n)) for n in order}
+    for n in order:
+        if n % 3:
+            timers[n].dispose()
+    for _ in range(3001):
+        loop.schedule(lambda *_: None)
+    settle(loop)
+    clock[0] += 20
+    loop.schedule(lambda *_: done.set())
+    assert done.wait(PATIENCE)
+    loop.dispose()
+    assert seen == list(range(0, 3001, 3))

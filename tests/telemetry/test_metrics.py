@@ -9,7 +9,7 @@ from prometheus_client.metrics import MetricWrapperBase
 
 from contextpolicy.policy.spec import Mode
 from contextpolicy.telemetry import metrics
-from tests.planning.builders import a_context, a_policy, a_task
+from tests.planning.builders import a_context, a_policy, a_stream, a_task
 
 NAMES = {
     *("contextpolicy_sample_to_plan_seconds", "contextpolicy_plan_to_patch_seconds"),
@@ -95,6 +95,25 @@ def test_gauges_go_with_the_tasks_and_contexts_that_an_edit_removes():
     assert of("robot") == {("contextpolicy_task_share_cores", "slam")}
     metrics.replace(after, replace(after, mode=Mode.PAUSED))
     assert of("robot") == set()
+
+
+def test_counts_go_with_the_streams_that_an_edit_removes():
+    before = replace(a_policy(streams=[a_stream("imu"), a_stream("scan")], tasks=[a_task("slam")]), namespace="gone")
+    for stream in before.streams:
+        metrics.DROPS.labels("gone", "robot", stream.name, "old").inc()
+    metrics.replace(before, replace(before, mode=Mode.PAUSED))
+    assert REGISTRY.get_sample_value(DROPPED, dropped("imu")) == 1
+    metrics.replace(before, replace(before, streams=before.streams[1:]))
+    assert REGISTRY.get_sample_value(DROPPED, dropped("imu")) is None
+    assert REGISTRY.get_sample_value(DROPPED, dropped("scan")) == 1
+    metrics.forget("gone/robot")
+
+
+DROPPED = "contextpolicy_samples_dropped_total"
+
+
+def dropped(stream):
+    return {"namespace": "gone", "name": "robot", "stream": stream, "reason": "old"}
 
 
 def test_they_are_registered_once():

@@ -77,9 +77,15 @@ class Admission:
         self._wishes.pop(policy, None)
 
     def forget(self, policy: str) -> None:
-        """The policy has had no source for the grace period: its next plan is admitted whatever its stamp."""
+        """The policy has had no source for the grace period: its next plan is admitted whatever its stamp.
+
+        Signing times are kept for as long as a replay would pass for fresh.
+        """
         self.drop(policy)
         self._stamps.pop(policy, None)
+        self._sourceless.discard(policy)
+        oldest = max(self._signed.values(), default=0) - REPEATABLE
+        self._signed = {one: at for one, at in self._signed.items() if at >= oldest}
 
     def _is_news(self, order: NodeOrder, signed: int) -> bool:
         last = self._stamps.get(order.policy)

@@ -79,8 +79,7 @@ class Leadership:
     @property
     def interruptions(self) -> int:
         """How often we had to pause because a renewal came late; it only grows."""
-        own = [] if self._replica is None else [self._replica]
-        return sum(candidacy.interruptions for candidacy in (*own, *list(self._claims.values())))
+        return self._claiming.interruptions + (self._keeper.interruptions if self._keeper is not None else 0)
 
     def may_act(self, namespace: str) -> bool:
         """Whether we may act in a namespace at this instant."""
@@ -96,6 +95,7 @@ class Leadership:
         for namespace in self._claims.keys() - wanted:
             del self._claims[namespace]
             self._claiming.leave(namespace)
+            self._told.pop(namespace, None)
         for namespace in sorted(wanted):
             claim = self._claims.get(namespace)
             if claim is None or claim.lost:

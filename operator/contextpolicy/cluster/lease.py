@@ -97,8 +97,6 @@ class Candidacy:
         """Until when we may act; it moves with each renewal."""
         self.lost = False
         """Another holds the Lease that we held: whatever we know about the cluster may be wrong by now."""
-        self.interruptions = 0
-        """How often a renewal came too late for us to act without a pause, though nobody else held it meanwhile."""
         self.refused = ""
         """Why we may not even run for it, if so: no right, or no such namespace."""
         self.wanted = True
@@ -159,14 +157,18 @@ class Candidacy:
             transitions=self._seen.transitions + (0 if held else 1),
         )
 
-    def succeed(self, written: Lease, sent: float, now: float) -> None:
-        """The API server took what was sent at `sent`, as it has it now."""
+    def succeed(self, written: Lease, sent: float, now: float) -> bool:
+        """The API server took what was sent at `sent`, as it has it now.
+
+        Returns whether that came too late for us to act without a pause, though nobody else held it meanwhile.
+        """
         if self.lost:
-            return
+            return False
+        paused = -inf < self.acts_until < now
         self._seen, self._seen_at, self.refused, self.follows = written, sent, "", False
-        self.interruptions += -inf < self.acts_until < now
         self.acts_until = sent + ACT * self.seconds
         self._due = sent + RENEW * self.seconds
+        return paused
 
     def fail(self, now: float, refused: str = "") -> None:
         """The write failed, or its answer was lost; the Lease as it is then is told to `see`, if it can be read.

@@ -50,6 +50,8 @@ class LeaseKeeper:
 
     def __init__(self, api: LeaseApi, name: str, on_change: Callable[[], None], watched: str = "") -> None:
         self._api, self._name, self._on_change = api, name, on_change
+        self.interruptions = 0
+        """How often a holder had to pause because a renewal came late; it only grows."""
         self._candidacies: dict[str, Candidacy] = {}
         self._news, self._stopping = Condition(), False
         path = f"/apis/coordination.k8s.io/v1/namespaces/{watched}/leases?fieldSelector=metadata.name={name}"
@@ -142,7 +144,7 @@ class LeaseKeeper:
         except ActuationError as error:
             if wanted is not None and TERMINATING in str(error):
                 with self._news:
-                    candidacy.succeed(wanted, sent, clock())
+                    self.interruptions += candidacy.succeed(wanted, sent, clock())
                 return
             level = logging.DEBUG if error.reason == "Conflict" else logging.WARNING
             log.log(level, "%s: %s", self._told(namespace), error)
@@ -154,7 +156,7 @@ class LeaseKeeper:
         else:
             with self._news:
                 if candidacy.wanted:
-                    candidacy.succeed(written, sent, clock())
+                    self.interruptions += candidacy.succeed(written, sent, clock())
 
     def _failed(self, namespace: str, candidacy: Candidacy, error: ActuationError) -> None:
         if error.reason in ("Conflict", "NotFound") and candidacy.seen:

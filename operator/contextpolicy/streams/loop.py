@@ -17,7 +17,6 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from reactivex.abc import DisposableBase
-from reactivex.internal.exceptions import DisposedException
 from reactivex.scheduler.periodicscheduler import PeriodicScheduler
 
 if TYPE_CHECKING:
@@ -28,6 +27,9 @@ if TYPE_CHECKING:
 Answer = TypeVar("Answer")
 
 log = logging.getLogger(__name__)
+
+FEW = 64
+"""Actions that arrive at least between two searches for those that were cancelled."""
 
 
 class Loop(PeriodicScheduler):
@@ -42,6 +44,7 @@ class Loop(PeriodicScheduler):
         self._origin = time.monotonic()
         self._arriving: SimpleQueue[tuple[float, int, _Action] | None] = SimpleQueue()
         self._waiting: list[tuple[float, int, _Action]] = []
+        self._tidy_at = FEW
         self._numbers = itertools.count()
         self._disposed = False
         Thread(target=self._run, name="loop", daemon=True).start()
@@ -71,7 +74,7 @@ class Loop(PeriodicScheduler):
 
     def _put(self, due: float, action: Callable[..., Any], state: Any) -> DisposableBase:
         if self._disposed:
-            raise DisposedException
+            raise RuntimeError("the loop has ended")
         item = _Action(self, action, state)
         self._arriving.put((due, next(self._numbers), item))
         return item
@@ -102,6 +105,17 @@ class Loop(PeriodicScheduler):
     def _sort_in(self, entry: tuple[float, int, _Action] | None) -> None:
         if entry is not None:
             heapq.heappush(self._waiting, entry)
+            if entry[1] >= self._tidy_at:
+                self._tidy(entry[1])
+
+    def _tidy(self, number: int) -> None:
+        """Drop what was cancelled: a far timer that each sample sets again would wait once for every sample.
+
+        Next after as many actions as are left, so its cost per action is constant.
+        """
+        self._waiting[:] = [entry for entry in self._waiting if not entry[2].cancelled]
+        heapq.heapify(self._waiting)
+        self._tidy_at = number + max(FEW, len(self._waiting))
 
 
 def on_loop(loop: SchedulerBase, action: Callable[[], Answer]) -> Future[Answer]:
@@ -124,26 +138,26 @@ def on_loop(loop: SchedulerBase, action: Callable[[], Answer]) -> Future[Answer]
 
 
 class _Action(DisposableBase):
-    """Something scheduled; disposing of it cancels it, and whatever it scheduled in turn."""
+    """Something scheduled; disposing of it, on any thread, cancels it and whatever it scheduled in turn."""
 
-    __slots__ = ("_action", "_cancelled", "_loop", "_nested", "_state")
+    __slots__ = ("_action", "_loop", "_nested", "_state", "cancelled")
 
     def __init__(self, loop: Loop, action: Callable[..., Any], state: Any) -> None:
         self._loop, self._action, self._state = loop, action, state
         self._nested: Any = None
-        self._cancelled = False
+        self.cancelled = False
 
     def run(self) -> None:
-        if self._cancelled:
+        if self.cancelled:
             return
         try:
             self._nested = self._action(self._loop, self._state)
         except Exception:
             log.exception("internal error")
-        if self._cancelled:
+        if self.cancelled:
             self.dispose()
 
     def dispose(self) -> None:
-        self._cancelled = True
+        self.cancelled = True
         if isinstance(self._nested, DisposableBase):
             self._nested.dispose()

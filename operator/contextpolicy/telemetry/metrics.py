@@ -108,8 +108,10 @@ def forget(policy: str) -> None:
 
 
 def replace(before: Policy, after: Policy) -> None:
-    """The policy was edited: tasks and contexts that it lost are gone; a paused one gives none of them anything."""
+    """The policy was edited: what it lost is gone; a paused one gives no task anything, and no context has effects."""
     own = {"namespace": before.namespace, "name": before.name}
+    for stream in {one.name for one in before.streams} - {one.name for one in after.streams}:
+        DROPS.remove_by_labels({**own, "stream": stream})
     kept = after if after.mode is not Mode.PAUSED else None
     for context in {one.name for one in before.contexts} - {one.name for one in (kept.contexts if kept else ())}:
         CONTEXT_ACTIVE.remove_by_labels({**own, "context": context})

@@ -47,6 +47,27 @@ def test_a_failure_that_may_pass_is_tried_again_ever_more_slowly(reason, in_doub
     assert rig.witness.problems == [(POLICY, "slam", reason)] * 8 + [(POLICY, "slam", "recovered")]
 
 
+FAILURES = [
+    refusal("Conflict", retriable=True),
+    refusal("Invalid"),
+    ActuationError("ServerError", "no", retriable=True, in_doubt=True),
+    None,
+]
+
+
+@pytest.mark.parametrize("failure", FAILURES, ids=lambda failure: getattr(failure, "reason", "accepted"))
+@pytest.mark.parametrize("leave", [lambda rig: rig.resizer.forget("uid-slam"), lambda rig: rig.resizer.abandon(POLICY)])
+def test_an_answer_about_a_pod_that_is_no_business_of_ours_any_more_is_no_news(leave, failure):
+    """Whoever was told of a problem then would never hear that it is over."""
+    rig = Rig(a_pod("slam"))
+    rig.cluster.faults += [None, failure]
+    rig.plan(slam=300)
+    rig.workers.run()
+    leave(rig)
+    rig.wait(100)
+    assert (rig.witness.problems, rig.witness.accepted, rig.workers.jobs) == ([], [], [])
+
+
 def test_neither_news_nor_plans_shorten_the_pause():
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, refusal("Conflict", retriable=True)]

@@ -110,6 +110,20 @@ def test_floors_beyond_the_node_are_scaled_down_and_told():
     assert [s.message for s in division.shortfalls] == ["the floors sum to 1200m, allowed: 1000m; all are scaled down"]
 
 
+def test_protected_floors_that_do_not_fit_are_scaled_down_in_every_division():
+    """What the last division claimed instead of them must not stand in for them in the next."""
+    policy = a_policy(tasks=[a_task(name, min="600m", protected=True) for name in ("slam", "speech")])
+    seating = seat_tasks(policy, on_node("slam", "speech"))
+    division = None
+    for weight in (1.0, 2.0, 3.0):
+        given = {"slam": Weight(1.0, 1.0, "test"), "speech": Weight(1.0, weight, "test")}
+        division = divide_nodes(seating, given, {}, dict, division and division.claims)
+        assert division.nodes["robot"].shares == {"slam": 500, "speech": 500}
+        assert [s.message for s in division.shortfalls] == [
+            "the floors sum to 1200m, allowed: 1000m; all are scaled down, also those of protected tasks"
+        ]
+
+
 def test_realtime_divides_the_budget_that_the_kernel_leaves_in_milliseconds():
     node = divided(two_tasks(scheduler="Realtime"), on_node("slam", "speech", cores=4), slam=2).nodes["robot"]
     assert node.capacity == 950

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import combinations
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from contextpolicy.errors import ShareError
@@ -107,6 +108,26 @@ def test_shares_are_the_fair_ones_rounded(case):
     fair = reference(total, made)
     for name, part in divide(total, made).items():
         assert abs(part - fair[name]) < 1 + Fraction(1, 1000)
+
+
+@given(st.integers(20, 6400), st.lists(st.integers(1, 100), min_size=2, max_size=12))
+@example(195, [7, 19])
+@example(1573, [7, 15])
+def test_fractions_go_to_the_largest_remainders_and_of_equal_ones_to_the_heavier(total, numbers):
+    made = [Demand(name, float(number), 0, total, 0) for name, number in zip("abcdefghijkl", numbers, strict=False)]
+    fair = {c.name: total * Fraction(c.weight) / sum(numbers) for c in made}
+    parts = {name: int(part) for name, part in fair.items()}
+    order = sorted(made, key=lambda claim: (parts[claim.name] - fair[claim.name], -claim.weight, claim.name))
+    for claim in order[: total - sum(parts.values())]:
+        parts[claim.name] += 1
+    assert divide(total, made) == parts
+
+
+def test_a_half_goes_to_the_heavier():
+    for light, heavy in combinations(range(1, 100, 2), 2):
+        total = 11 * (light + heavy) // 2  # so that both parts end in a half
+        made = [Demand("a", light / 100, 1, total), Demand("b", heavy / 100, 1, total)]
+        assert divide(total, made) == {"a": 11 * light // 2, "b": (11 * heavy + 1) // 2}
 
 
 @given(crowded())

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import random
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -131,12 +133,40 @@ def test_setting_and_clearing_again_and_again_does_not_grow_the_heap():
     assert timers.next_due() is None
 
 
+def test_a_far_deadline_between_near_ones_does_not_grow_the_heap():
+    """What a short and a long window of one stream do to their timer: the short one is empty again and again."""
+    rung, (bell, idle) = bells("bell", "idle")
+    timers = Timers()
+    timers.set(idle, 3600.0)
+    for tick in range(1000):
+        timers.set(bell, tick + 0.5)
+        timers.fire(tick + 0.5)
+        timers.set(bell, 3601.0)
+    assert len(timers._heap) <= 5
+    assert timers.next_due() == 3600.0
+    rung.clear()
+    timers.fire(3601.0)
+    assert rung == [("idle", 3601.0), ("bell", 3601.0)]
+    assert timers._heap == []
+
+
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.sampled_from(["set", "clear", "fire"]), st.integers(0, 9))))
 def test_it_behaves_as_a_plain_table_of_deadlines_would(steps):
-    rung, (a, b, c) = bells("a", "b", "c")
+    compare(steps)
+
+
+def test_it_does_so_in_the_long_run_too():
+    chance = random.Random(1)  # noqa: S311 - not a secret
+    steps = ["set", "set", "set", "clear", "fire"]
+    compare((chance.choice("abcdefgh"), chance.choice(steps), tick // 2 + chance.randrange(50)) for tick in range(2000))
+
+
+def compare(steps):
+    rung, all_bells = bells(*"abcdefgh")
+    owners = dict(zip("abcdefgh", all_bells, strict=True))
     timers, table = Timers(), {}
     for name, step, when in steps:
-        owner = {"a": a, "b": b, "c": c}[name]
+        owner = owners[name]
         if step == "set":
             timers.set(owner, when)
             table[name] = when

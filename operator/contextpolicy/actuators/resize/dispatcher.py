@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from contextpolicy.actuators.resize.pod_patch import Answer, Found, Patch, ask, send
 from contextpolicy.cluster.claims import container_id
@@ -13,10 +13,14 @@ if TYPE_CHECKING:
     from contextpolicy.actuators.resize.background import Background
     from contextpolicy.actuators.resize.conflict import Conflict
     from contextpolicy.actuators.resize.originals import Originals
+    from contextpolicy.actuators.resize.pod_index import PodIndex
     from contextpolicy.actuators.resize.pod_patch import ResizeApi
     from contextpolicy.actuators.resize.tracked_pod import TrackedPod
     from contextpolicy.cluster.pods import Cpu
     from contextpolicy.errors import ActuationError
+
+
+Result = TypeVar("Result")
 
 
 class Observer(Protocol):
@@ -36,36 +40,44 @@ class Observer(Protocol):
 
 
 class Dispatcher:
-    """Calls `on_end(pod)` on the loop's thread after each answer, once the pod's state reflects it."""
+    """Calls `on_end(pod)` on the loop's thread after each answer, once the pod's state reflects it.
 
-    def __init__(
+    An answer about a pod that is gone meanwhile, or whose namespace another operator serves now, is ignored.
+    """
+
+    def __init__(  # noqa: PLR0913 - all that an answer concerns
         self,
         originals: Originals,
+        pods: PodIndex,
         api: ResizeApi,
         background: Background,
         observer: Observer,
+        *,
         on_end: Callable[[TrackedPod], None],
     ) -> None:
-        self._originals, self._api, self._background = originals, api, background
+        self._originals, self._pods, self._api, self._background = originals, pods, api, background
         self._observer, self._on_end = observer, on_end
 
     def send(self, pod: TrackedPod, patch: Patch) -> None:
         """Send a patch of an idle pod."""
         view = pod.view
         pod.state.send(patch)
-        self._background.run(lambda: send(self._api, view, patch), lambda answer: self._on_answer(pod, patch, answer))
+        self._run(pod, lambda: send(self._api, view, patch), lambda answer: self._on_answer(pod, patch, answer))
 
     def ask(self, pod: TrackedPod, cause: ActuationError | None = None) -> None:
         """Read the pod to learn what became of its patch; `cause` is the error that answered it, if any."""
         view, patch = pod.view, pod.state.patch
         if patch is not None:
-            self._background.run(lambda: ask(self._api, view), lambda found: self._on_found(pod, patch, found, cause))
+            self._run(pod, lambda: ask(self._api, view), lambda found: self._on_found(pod, patch, found, cause))
 
     def recovered(self, policy: str, pod: TrackedPod) -> None:
         """Report that the policy has no problem with the pod any more."""
         if policy in pod.troubled:
             pod.troubled.discard(policy)
             self._observer.on_problem(policy, pod.view.name, None)
+
+    def _run(self, pod: TrackedPod, work: Callable[[], Result], then: Callable[[Result], None]) -> None:
+        self._background.run(work, lambda result: then(result) if self._pods.holds(pod) else None)
 
     def _on_answer(self, pod: TrackedPod, patch: Patch, answer: Answer) -> None:
         now, error = self._background.now(), answer.error

@@ -58,7 +58,7 @@ class PodResizer:
         """What to call once a policy is released."""
         background = Background(scheduler, workers)
         self._now = background.now
-        self._dispatcher = Dispatcher(self.originals, api, background, observer, self._on_end)
+        self._dispatcher = Dispatcher(self.originals, self._pods, api, background, observer, on_end=self._on_end)
         self._record = StatusRecord(self.originals, api, background, observer, self._on_written)
         self._dirty: set[str] = set()
         self._later: set[str] = set()
@@ -172,10 +172,10 @@ class PodResizer:
         self._reconcile([policy for policy, reconciler in self._reconcilers.items() if reconciler.again <= now])
 
     def _on_end(self, pod: TrackedPod) -> None:
-        """A patch has ended; its pod may be gone by now."""
+        """A patch has ended; the API server may have no such pod any more."""
         if pod.state.phase is Phase.GONE:
             self.forget(pod.uid)
-        elif self._pods.holds(pod):
+        else:
             self._mark_if_awaited(pod)
 
     def _on_written(self, policy: str) -> None:

@@ -6,7 +6,9 @@ smallest step that the kernel and the kubelet agree on (10m of CFS quota, 1 ms o
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from bisect import bisect_left, bisect_right
+from operator import itemgetter
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from contextpolicy.errors import ShareError
 
@@ -14,7 +16,13 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 RESOLUTION = 10**9
-"""Weights are rounded to 1 in 10^9 of the heaviest and divided as integers: float noise can't move a unit."""
+"""Weights are rounded to 1 in 10^9 of the heaviest and divided as integers: float noise can't move a unit. Nor can the
+rounding: remainders that it may have parted are equal."""
+
+
+_Remainder: TypeAlias = tuple[int, int, str, int]
+"""Of one claim in a division: its remainder and its weight, both negated, its name and its place."""
+_REMAINDER, _WEIGHT_AND_NAME = itemgetter(0), itemgetter(1, 2)
 
 
 class Demand(NamedTuple):
@@ -112,13 +120,25 @@ class _Division:
         """Divide what is left over the free claims, by largest remainder."""
         names, weights, units, total = self._names, self._weights, self.units, self._left
         weight = sum([weights[place] for place in self._free])
-        left, order = total, []
+        order: list[_Remainder] = []
+        left = total
         for place in self._free:
             units[place], remainder = divmod(total * weights[place], weight)
             left -= units[place]
             order.append((-remainder, -weights[place], names[place], place))
-        for *_, place in sorted(order)[:left]:
+        order.sort()
+        noise = total * len(order)  # rounding moves each weight by half at most
+        if 0 < left < len(order) and order[left][0] - order[left - 1][0] <= noise:
+            _settle_ties(order, order[left - 1][0], noise)
+        for *_, place in order[:left]:
             units[place] += 1
+
+
+def _settle_ties(order: list[_Remainder], last: int, noise: int) -> None:
+    """Sort those by weight whose remainders only rounding may have parted from the last that gets a unit."""
+    start = bisect_left(order, last - noise, key=_REMAINDER)
+    end = bisect_right(order, last + noise, key=_REMAINDER)
+    order[start:end] = sorted(order[start:end], key=_WEIGHT_AND_NAME)
 
 
 def _scaled_floors(total: int, claims: Sequence[Demand]) -> dict[str, int]:

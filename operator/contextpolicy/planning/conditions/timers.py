@@ -80,3 +80,10 @@ class Timers:
     def _push(self, owner: Timed, due: float) -> None:
         self._queued[owner] = due
         heapq.heappush(self._heap, (due, self._numbers.setdefault(owner, len(self._numbers)), owner))
+        if len(self._heap) > 2 * len(self._numbers):
+            self._tidy()
+
+    def _tidy(self) -> None:
+        """Drop what an earlier deadline has replaced: it would stay until it is due, be that in an hour."""
+        self._heap[:] = [(at, self._numbers[owner], owner) for owner, at in self._queued.items()]
+        heapq.heapify(self._heap)
