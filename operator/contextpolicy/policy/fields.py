@@ -150,8 +150,7 @@ class Fields:
             self.refuse(name, value, f"a CEL expression; {cel_mistakes.explain(str(value), error)}")
             return default
         if unknown is None or unknown:
-            known = "a CEL expression" if unknown is None else f"known functions only, not {', '.join(sorted(unknown))}"
-            self.refuse(name, value, known)
+            self.refuse(name, value, "a CEL expression" if unknown is None else cel_mistakes.unknown(unknown))
             return default
         return str(value)
 
