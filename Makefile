@@ -142,9 +142,8 @@ release: e2e-vm  ## build a release of the last commit into build/release (after
 version: setup  ## make VERSION the version everywhere, and what is unreleased its section of the changelog
 	$(PYTHON) -m charts.release.version $(VERSION)
 
-crds:  ## copy the canonical CRD into the chart and into the package
-	cp crds/contextpolicies.contextpolicy.dev.yaml charts/contextpolicy/files/
-	cp crds/contextpolicies.contextpolicy.dev.yaml operator/contextpolicy/policy/validation/
+crds: setup  ## write the CEL functions into the canonical CRD, and copy it into the chart and into the package
+	$(PYTHON) -m crds
 
 format: setup  ## format the code
 	.venv/bin/ruff format .

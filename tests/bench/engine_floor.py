@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import cel
 
-from contextpolicy.policy.cel import FUNCTIONS, Expression
+from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.cel_functions import RUN
 
 if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy
@@ -22,7 +23,7 @@ class Floor:
     """The same samples as the engine's, and nothing decided about them."""
 
     def __init__(self, policy: Policy) -> None:
-        self._context = cel.Context({}, dict(FUNCTIONS))
+        self._context = cel.Context({}, dict(RUN))
         self._programs: dict[str, list[cel.Program]] = defaultdict(list)
         self._fields: dict[str, set[str]] = defaultdict(set)
         for source in _sources(policy):

@@ -8,7 +8,9 @@ import pytest
 import yaml
 from jsonschema import Draft7Validator
 
+from contextpolicy.policy.cel_functions import OWN
 from contextpolicy.policy.parsing import parse
+from crds.__main__ import COPIES, written
 from tests.crds.schema import DEFINITION, POLICIES, REFUSED, ROOT, definition, nodes, schema, strict, with_defaults
 
 ALL_NODES = dict(nodes(schema()))
@@ -19,9 +21,23 @@ def policy(request):
     return yaml.safe_load(request.param.read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("folder", ["charts/contextpolicy/files", "operator/contextpolicy/policy/validation"])
+@pytest.mark.parametrize("folder", COPIES)
 def test_a_copy_is_the_canonical_one(folder):
     assert (ROOT / folder / DEFINITION.name).read_bytes() == DEFINITION.read_bytes(), "run `make crds`"
+
+
+def test_what_comes_from_the_table_of_functions_is_up_to_date():
+    text = DEFINITION.read_text(encoding="utf-8")
+    assert text == written(text), "run `make crds`"
+    assert all(
+        f"{function.example}, {function.meaning}" in ALL_NODES["spec.streams"]["description"] for function in OWN
+    )
+
+
+@pytest.mark.parametrize("place", ["Besides CEL's own functions", "a word of CEL cannot be a feature's name"])
+def test_a_place_that_is_gone_is_missed(place):
+    with pytest.raises(LookupError, match="0 places"):
+        written(DEFINITION.read_text(encoding="utf-8").replace(place, "something else"))
 
 
 def test_it_is_called_as_people_call_it():

@@ -1,6 +1,7 @@
 """What a person wrote, as values, and everything that can be said about it offline. No state, no clock, no network.
 
 Reading order: spec (the values), fields and quantities (how one field is read), parsing (a whole object), cel
-with cel_syntax, cel_cost, cel_numbers and cel_rewriting (expressions: their tree, what they may cost, what a number is,
-and the text for the CEL library), references (what only the whole policy can show).
+with cel_functions, cel_syntax, cel_cost, cel_numbers and cel_rewriting (expressions: the table of functions, the tree,
+what they may cost, what a number is, and the text for the CEL library), references (what only the whole policy can
+show).
 """

@@ -5,15 +5,13 @@ from __future__ import annotations
 import logging
 import math
 import re
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from contextpolicy.errors import ExpressionError, UndecidedError
 from contextpolicy.policy import cel_cost, cel_syntax
+from contextpolicy.policy.cel_functions import NAMES
 from contextpolicy.policy.cel_rewriting import SINCE, rewrite
 from contextpolicy.policy.lean_cel import cel
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
 
 MAX_LENGTH = 1024
 EXACT_COST = 4
@@ -23,28 +21,6 @@ EXACT_COST = 4
 logging.getLogger("cel").setLevel(logging.CRITICAL)
 
 
-def norm(vector: Sequence[float] | dict[str, float]) -> float:
-    """Euclidean length of a list, or of a map's values (ROS vectors are {x, y, z})."""
-    values = vector.values() if isinstance(vector, dict) else vector
-    return math.hypot(*values)
-
-
-_BUILT_IN = {
-    *("size", "contains", "startsWith", "endsWith", "matches", "has", "type", "dyn"),
-    *("int", "uint", "double", "string", "bytes", "timestamp", "duration"),
-    *cel_syntax.MACROS,
-    *("getFullYear", "getMonth", "getDate", "getDayOfMonth", "getDayOfWeek", "getDayOfYear"),
-    *("getHours", "getMinutes", "getSeconds", "getMilliseconds"),
-}
-"""What the CEL implementation itself defines."""
-
-FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "norm": norm,
-    "abs": abs,
-    "min": min,
-    "max": max,
-    "sqrt": math.sqrt,
-}
 _UNDEFINED = re.compile(r"Undefined variable or function: '(\w+)'")
 _CALL_FAILED = re.compile(r"Function '(\w+)' error: Python function call failed: \w+: (.*)\. Check function arguments")
 
@@ -96,7 +72,7 @@ class Expression:
             self._max_size //= EXACT_COST
         self._exact = _compile(written.exact)
         self._fast = self._exact if written.fast == written.exact else _compile(written.fast)
-        self.unknown_functions = named - (_BUILT_IN | FUNCTIONS.keys() | cel_cost.PRESENCE_FUNCTIONS)
+        self.unknown_functions = named - NAMES
 
     def evaluate(self, scope: Bindings) -> Any:
         """The value on the scope's latest samples; ExpressionError when it has none.

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from contextpolicy.policy.cel_syntax import MACROS, Construct, Node
+from contextpolicy.policy.cel_functions import FUNCTIONS, MACROS, Macro
+from contextpolicy.policy.cel_kinds import CallCost, ValueKind
+from contextpolicy.policy.cel_syntax import Construct, Node
 
 BUDGET = 1 << 16
 """Steps of one evaluation, about 20 ms."""
@@ -19,10 +21,7 @@ MAX_SUMS = 16
 """Plus signs: each copies the texts and lists on its left."""
 MAX_PATTERN = 64
 """Characters of a regular expression, which is compiled anew at each evaluation."""
-PRESENCE_FUNCTIONS = frozenset({"heard", "age"})
-"""They ask about a stream, and read nothing of its samples."""
 
-_SCALAR_FUNCTIONS = frozenset({"norm", "abs", "sqrt", "size", "int", "uint", "double", "has", "contains", "matches"})
 _WALKING_OPERATORS = frozenset({"==", "!=", "in", "+"})
 
 Path = tuple[str, ...]
@@ -34,7 +33,7 @@ class Reading:
 
     reads: frozenset[Path]
     presence: frozenset[str]
-    """The streams that `heard` and `age` ask about."""
+    """The streams that it asks about, as `heard` does."""
     max_size: int | None
     """The most values its samples may have together; None where it costs the same whatever it reads."""
 
@@ -143,14 +142,15 @@ class _Walk:
     def _call(self, node: Node) -> _Cost:
         if node.kind is Construct.METHOD and node.text in MACROS:
             return self._macro(node)
-        if node.kind is Construct.CALL and node.text in PRESENCE_FUNCTIONS:
+        function = FUNCTIONS.get(node.text)
+        if function and function.cost is CallCost.ASK:
             self.presence.add(asked_stream(node))
             return _Cost()
         self.literals += max(0, len(node.parts) - 1)
         cost = self._all(node).walked()
-        if node.text == "matches":
-            _check_pattern(node.parts[-1] if len(node.parts) == 2 else node)
-        return cost.scalar() if node.text in _SCALAR_FUNCTIONS else cost
+        if function and (ValueKind.PATTERN,) in function.takes:
+            _check_pattern(node.parts[-1] if len(node.parts) == len(function.takes) else node)
+        return cost.scalar() if function and function.cost is CallCost.WALK else cost
 
     def _macro(self, node: Node) -> _Cost:
         self.macros += 1
@@ -165,17 +165,17 @@ class _Walk:
         self.bound.pop()
         work = max(of.work, of.size + body.work)
         match node.text:
-            case "map":
+            case Macro.MAP:
                 return _Cost(of.size + body.size, max(work, 2 * of.size + body.size), of.reads or body.reads)
-            case "filter":
+            case Macro.FILTER:
                 return _Cost(of.size, max(work, 2 * of.size), of.reads)
             case _:
                 return _Cost(0, work, of.reads)
 
 
 def asked_stream(call: Node) -> str:
-    """The stream that `heard` or `age` asks about; ValueError when it names none."""
-    if len(call.parts) != 1 or call.parts[0].kind is not Construct.NAME:
+    """The stream that a call asks about; ValueError when it names none."""
+    if call.kind is not Construct.CALL or len(call.parts) != 1 or call.parts[0].kind is not Construct.NAME:
         raise ValueError(f"asks {call.text}() of something else than one stream, such as {call.text}(imu)")
     return call.parts[0].text
 

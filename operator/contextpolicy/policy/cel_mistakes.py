@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
 from contextpolicy.policy import cel_syntax
+from contextpolicy.policy.cel_functions import NAMES
+from contextpolicy.policy.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 _TEXTS = re.compile(r"""\"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'""")
 _OTHER_LANGUAGES = (
@@ -20,6 +26,12 @@ _OTHER_LANGUAGES = (
     (re.compile(r"\*\*|\^"), "there is no power: multiply"),
 )
 _PLACE = re.compile(r"<input>:\d+:(?P<column>\d+): ")
+
+
+def unknown(functions: Iterable[str]) -> str:
+    """What is allowed instead of functions that do not exist."""
+    named = sorted(functions)
+    return f"known functions only, not {', '.join(named)}" + "".join(did_you_mean(name, NAMES) for name in named)
 
 
 def explain(source: str, error: ValueError) -> str:

@@ -12,9 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from contextpolicy.policy import cel_numbers
+from contextpolicy.policy import cel_functions, cel_numbers
 from contextpolicy.policy.cel_cost import asked_stream
-from contextpolicy.policy.cel_syntax import MACROS, Construct, Node, number
+from contextpolicy.policy.cel_functions import FUNCTIONS, MACROS
+from contextpolicy.policy.cel_kinds import ValueKind
+from contextpolicy.policy.cel_syntax import Construct, Node, number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,14 +27,6 @@ REACHED, PASSED = "__reached", "__passed"
 """Functions of that moment and a number of seconds: whether that age is reached, and whether it is exceeded."""
 
 _ARITHMETIC = {"+": "__add", "-": "__subtract", "*": "__multiply", "/": "__divide"}
-_WHOLE_FUNCTIONS = frozenset(
-    {
-        *("size", "int", "uint", "getFullYear", "getMonth", "getDate", "getDayOfMonth", "getDayOfWeek"),
-        *("getDayOfYear", "getHours", "getMinutes", "getSeconds", "getMilliseconds"),
-    }
-)
-"""Library functions that return whole numbers, which the library does not add to doubles."""
-_DOUBLE_FUNCTIONS = frozenset({"double", "norm", "sqrt", "string", "has"})
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 _AGES = {">": ("", PASSED), ">=": ("", REACHED), "<": ("!", REACHED), "<=": ("!", PASSED)}
 
@@ -130,13 +124,13 @@ class _Writer:
         return call
 
     def _call(self, node: Node) -> str:
-        if node.text == "heard":
+        if node.text == cel_functions.HEARD.name:
             self.asked.add(asked_stream(node))
             return HEARD + asked_stream(node)
-        if node.text == "age":
+        if node.text == cel_functions.AGE.name:
             raise ValueError("uses age() for something else than a comparison with a number, such as age(imu) > 2")
         call = f"{node.text}({self._row(node.parts)})"
-        stream = _root(node.parts[0]) if node.text == "has" and node.parts else None
+        stream = _root(node.parts[0]) if node.text == cel_functions.HAS.name and node.parts else None
         if stream is None or stream in self._bound:
             return call
         self.asked.add(stream)
@@ -181,8 +175,9 @@ def _may_be_whole(node: Node) -> bool:
     """Whether the library may see a whole number in its value even when no sample holds one."""
     if node.kind is Construct.NUMBER:
         return isinstance(cel_numbers.normal(number(node.text)), int)
-    if node.kind in {Construct.CALL, Construct.METHOD} and node.text in _WHOLE_FUNCTIONS | _DOUBLE_FUNCTIONS:
-        return node.text in _WHOLE_FUNCTIONS
+    function = FUNCTIONS.get(node.text) if node.kind in {Construct.CALL, Construct.METHOD} else None
+    if function and function.returns not in {ValueKind.NUMBER, ValueKind.ANY}:
+        return function.returns is ValueKind.WHOLE
     if node.kind is Construct.BINARY and node.text not in _ARITHMETIC:
         return False  # truth values, and `%`, which is ours
     return any(map(_may_be_whole, node.parts))
@@ -202,4 +197,4 @@ def _root(node: Node) -> str | None:
 
 
 def _is_age(node: Node) -> bool:
-    return node.kind is Construct.CALL and node.text == "age"
+    return node.kind is Construct.CALL and node.text == cel_functions.AGE.name

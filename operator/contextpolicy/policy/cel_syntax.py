@@ -14,7 +14,6 @@ MAX_BRACKETS = 32
 MAX_DEPTH = 64
 """Operands within operands; long sums and chains of selections nest, too. The library takes 96."""
 
-MACROS = frozenset({"all", "exists", "exists_one", "existsOne", "map", "filter"})
 _CONSTANTS = frozenset({"true", "false", "null"})
 _CLOSES = {"(": ")", "[": "]", "{": "}"}
 _LEVELS = (

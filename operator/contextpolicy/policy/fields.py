@@ -24,7 +24,9 @@ FEATURE_NAME = re.compile(r"[a-z][A-Za-z0-9_]{0,62}")
 STREAM_NAME_ALLOWED = "at most 63 lower-case letters, digits and '_', a letter first (it is a CEL variable)"
 TASK_NAME_ALLOWED = "at most 63 lower-case letters, digits and '-', a letter first"
 FEATURE_NAME_ALLOWED = "at most 63 letters, digits and '_', a lower-case letter first"
-OBJECT_NAME = re.compile(r"(?=.{1,253}$)[a-z0-9]([-a-z0-9]*[a-z0-9])?(\.[a-z0-9]([-a-z0-9]*[a-z0-9])?)*")
+OBJECT_NAME = re.compile(r"(?=.{1,253}$)[a-z0-9]([a-z0-9-]*[a-z0-9])?(\.[a-z0-9]([a-z0-9-]*[a-z0-9])?)*")
+ROS_TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_]*/msg/[A-Z][A-Za-z0-9]*")
+FIELD_PATH = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*")
 LARGEST = 1e308
 """Close to the largest float; whole numbers can be larger and would overflow."""
 
@@ -150,8 +152,7 @@ class Fields:
             self.refuse(name, value, f"a CEL expression; {cel_mistakes.explain(str(value), error)}")
             return default
         if unknown is None or unknown:
-            known = "a CEL expression" if unknown is None else f"known functions only, not {', '.join(sorted(unknown))}"
-            self.refuse(name, value, known)
+            self.refuse(name, value, "a CEL expression" if unknown is None else cel_mistakes.unknown(unknown))
             return default
         return str(value)
 

@@ -11,7 +11,9 @@ from contextpolicy.policy import spec as policy
 from contextpolicy.policy.fields import (
     FEATURE_NAME,
     FEATURE_NAME_ALLOWED,
+    FIELD_PATH,
     OBJECT_NAME,
+    ROS_TYPE,
     STREAM_NAME,
     STREAM_NAME_ALLOWED,
     TASK_NAME,
@@ -119,14 +121,12 @@ def _stream(fields: Fields) -> policy.Stream:
         name=fields.text("name", pattern=STREAM_NAME, allowed=STREAM_NAME_ALLOWED),
         key=fields.key_expression("key"),
         encoding=fields.choice("encoding", policy.Encoding.JSON),
-        type=fields.optional_text("type", pattern=r"\w+/msg/\w+", allowed="a ROS 2 type such as sensor_msgs/msg/Imu"),
+        type=fields.optional_text("type", pattern=ROS_TYPE, allowed="a ROS 2 type such as sensor_msgs/msg/Imu"),
         ros=fields.choice("ros", policy.RosRelease.LATEST),
         types=fields.optional_text("types", pattern=OBJECT_NAME, allowed="the name of a ConfigMap"),
         stale_after=fields.duration("staleAfter"),
         liveliness=fields.key_expression("liveliness") if "liveliness" in fields else fields.raw("liveliness"),
-        timestamp=fields.optional_text(
-            "timestamp", pattern=r"\w+(\.\w+)*", allowed="a field path such as header.stamp"
-        ),
+        timestamp=fields.optional_text("timestamp", pattern=FIELD_PATH, allowed="a field path such as header.stamp"),
         clock=fields.choice("clock", policy.Clock.AUTO),
         filter=fields.cel("filter"),
         debounce=fields.duration("debounce") or 0.0,
@@ -209,7 +209,7 @@ def _selector(fields: Fields) -> Selector:
     expressions = []
     for item in fields.nested_list("matchExpressions", limit=16):
         operator = item.text("operator", pattern="|".join(OPERATORS), allowed="one of " + ", ".join(OPERATORS))
-        expressions.append(SelectorRequirement(item.text("key"), operator, item.texts("values", limit=64)))
+        expressions.append(SelectorRequirement(item.text("key"), operator, item.texts("values", limit=16)))
         _check_label(item, "key", expressions[-1])
         item.close()
     fields.close()

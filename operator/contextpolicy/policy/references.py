@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
 from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.cel_functions import OWN, RESERVED
+from contextpolicy.policy.cel_kinds import CallCost
 from contextpolicy.policy.dependencies import LEVELS, TaskTree
 from contextpolicy.policy.suggestions import did_you_mean
 
@@ -15,12 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from contextpolicy.policy.spec import Policy
-
-CEL_WORDS = {
-    *("true", "false", "null", "in", "as", "break", "const", "continue", "else", "for", "function", "if", "import"),
-    *("let", "loop", "package", "namespace", "return", "var", "void", "while"),
-    *("min", "max", "abs", "norm", "sqrt", "size", "has", "heard", "age"),
-}
 
 
 def check(policy: Policy) -> list[Finding]:
@@ -34,7 +30,7 @@ def _names(policy: Policy) -> Iterator[Finding]:
             if name and count > 1:
                 yield Finding(f"spec.{kind}", name, f"each name once; this one appears {count} times")
     for index, stream in enumerate(policy.streams):
-        if stream.name in CEL_WORDS:
+        if stream.name in RESERVED:
             yield Finding(f"spec.streams[{index}].name", stream.name, "a name that is no word of CEL")
 
 
@@ -65,9 +61,8 @@ def _expressions(policy: Policy) -> Iterator[Finding]:
             for unknown in sorted(expression.variables - {stream.name}):
                 yield Finding(f"spec.streams[{index}].{field}", unknown, f"its own stream only: {stream.name}")
             if expression.presence:
-                yield Finding(
-                    f"spec.streams[{index}].{field}", own_source, "what a sample says, without heard() and age()"
-                )
+                asking = " and ".join(f"{one.name}()" for one in OWN if one.cost is CallCost.ASK)
+                yield Finding(f"spec.streams[{index}].{field}", own_source, f"what a sample says, without {asking}")
 
 
 def _sources(policy: Policy) -> Iterator[tuple[str, str]]:

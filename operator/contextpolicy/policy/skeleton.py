@@ -10,7 +10,7 @@ import json
 import re
 from typing import TYPE_CHECKING
 
-from contextpolicy.policy.references import CEL_WORDS
+from contextpolicy.policy.cel_functions import RESERVED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -46,7 +46,7 @@ def skeleton(modules: Sequence[ModuleFile], *, name: str, namespace: str) -> str
 def _names(modules: Sequence[ModuleFile]) -> dict[str, str]:
     """A stream name for every key: for health the task's name, for others the key without its first part."""
     names: dict[str, str] = {}
-    taken = set(CEL_WORDS)
+    taken = set(RESERVED)
     keys = [HEALTH.format(task=module.name) for module in modules]
     keys += [stream.key for module in modules for stream in (*_readable(module), *module.outputs) if stream.encoding]
     wishes = [(key, module.name) for key, module in zip(keys, modules, strict=False)]
@@ -56,7 +56,7 @@ def _names(modules: Sequence[ModuleFile]) -> dict[str, str]:
             continue
         base = re.sub(r"[^a-z0-9]+", "_", wish.lower()).strip("_")[:50] or "stream"
         base = base if base[0].isalpha() else f"stream_{base}"
-        free = (base, *(f"{base}_{number}" for number in range(2, len(wishes) + len(CEL_WORDS) + 2)))
+        free = (base, *(f"{base}_{number}" for number in range(2, len(wishes) + len(RESERVED) + 2)))
         names[key] = next(one for one in free if one not in taken)
         taken.add(names[key])
     return names

@@ -85,6 +85,9 @@ def test_nothing_that_compiles_crashes_it(source):
         ("s.any.matches('[')", "'[' is no regular expression"),
         ("s.n[0] > 1", "s.n is a number, allowed there: a list or a map"),
         ("s['tt'] == 'go'", "s has no field tt: its example has"),
+        ("norm(s.l, s.l) > 1", "a call such as norm(imu.gyro); this is norm(s.l, s.l)"),
+        ("contains(s.t, 'a')", "a call such as imu.frame.contains('link'); this is contains(s.t, 'a')"),
+        ("s.l.contains('a')", "s.l is a list, allowed there: a text"),
     ],
 )
 def test_each_mistake_names_the_operand(source, message):

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from contextpolicy.errors import ExpressionError
 from contextpolicy.policy import cel_cost, cel_numbers
-from contextpolicy.policy.cel import FUNCTIONS, Expression
+from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.cel_functions import RUN
 from contextpolicy.policy.cel_rewriting import HEARD, PASSED, REACHED, SINCE
 from contextpolicy.policy.lean_cel import cel
 
@@ -161,7 +162,7 @@ class Scope:
         variables = dict(self._values)
         variables |= {HEARD + stream: stream in self._values for stream in self._asked}
         variables |= {SINCE + stream: since for stream, since in self._since.items()}
-        return cel.Context(variables, FUNCTIONS | cel_numbers.FUNCTIONS | asking)
+        return cel.Context(variables, RUN | cel_numbers.FUNCTIONS | asking)
 
     def holds_nan(self, streams: Iterable[str]) -> bool:
         """Whether expressions see a NaN in any of these streams."""

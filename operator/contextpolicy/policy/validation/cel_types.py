@@ -8,6 +8,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from contextpolicy.policy.cel_functions import FUNCTIONS, HAS, MACROS, Macro
+from contextpolicy.policy.cel_kinds import CallForm, Function, ValueKind
 from contextpolicy.policy.cel_syntax import Construct, Node, parse
 from contextpolicy.policy.lean_cel import cel
 from contextpolicy.policy.validation.shapes import (
@@ -24,26 +26,12 @@ from contextpolicy.policy.validation.shapes import (
     Shape,
     known_fields,
     list_of,
+    of_kind,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-_RESULTS = {
-    **dict.fromkeys(("has", "heard", "contains", "startsWith", "endsWith", "matches"), BOOL),
-    **dict.fromkeys(("size", "norm", "abs", "min", "max", "sqrt", "int", "uint", "double", "age"), NUMBER),
-    "string": TEXT,
-    "bytes": BYTES,
-    "timestamp": TIME,
-    "duration": DURATION,
-}
-_ARGUMENTS = {
-    **dict.fromkeys(("abs", "sqrt"), (NUMBER,)),
-    **dict.fromkeys(("min", "max"), (NUMBER, LIST)),
-    "norm": (LIST, MAP),
-    "size": (TEXT, BYTES, LIST, MAP),
-    **dict.fromkeys(("startsWith", "endsWith", "matches"), (TEXT,)),
-}
 _PLAIN_TEXT = re.compile(r""""[^"\\]*"|'[^'\\]*'""")
 _ADDED = (NUMBER, TEXT, BYTES, LIST)
 _ORDERED = (NUMBER, TEXT, BYTES, BOOL, TIME, DURATION)
@@ -65,7 +53,7 @@ def mistakes(source: str, wanted: Shape, shapes: Mapping[str, Shape]) -> list[st
 
 def _asked(tree: Node) -> Iterator[tuple[str, ...] | None]:
     """Paths that the expression tests with `has`: it is prepared for samples without them."""
-    if tree.kind is Construct.CALL and tree.text == "has":
+    if tree.kind is Construct.CALL and tree.text == HAS.name:
         yield from (part.path() for part in tree.parts)
     for part in tree.parts:
         yield from _asked(part)
@@ -113,7 +101,7 @@ class _Checker:
     def _want(self, node: Node, *wanted: Shape) -> Shape:
         """The node's shape; reported, and ANY, if it is none of those wanted."""
         shape = self.shape(node)
-        if shape.kind in (ANY.kind, *(one.kind for one in wanted)):
+        if ANY in (shape, *wanted) or shape.kind in (one.kind for one in wanted):
             return shape
         allowed = " or ".join(one.kind for one in wanted)
         self.found.append(f"{self._text(node)} is {shape.kind}, allowed there: {allowed}")
@@ -141,21 +129,28 @@ class _Checker:
         return owner.item or ANY
 
     def _call(self, node: Node) -> Shape:
+        function = FUNCTIONS.get(node.text)
+        wanted = function.kinds(len(node.parts)) if function and _is_form(function, node) else None
+        if function is None or wanted is None:
+            return self._miscalled(node, function)
+        for part, kinds in zip(node.parts, wanted, strict=True):
+            self._want(part, *map(of_kind, kinds))
+            if ValueKind.PATTERN in kinds and part.kind is Construct.TEXT:
+                self._check_pattern(part)
+        return of_kind(function.returns)
+
+    def _miscalled(self, node: Node, function: Function | None) -> Shape:
         for part in node.parts:
-            self._want(part, *_ARGUMENTS[node.text]) if node.text in _ARGUMENTS else self.shape(part)
-        return _RESULTS.get(node.text, ANY)
+            self.shape(part)
+        if function:
+            self.found.append(f"a call such as {function.example}; this is {self._text(node)}")
+        return ANY
 
     def _method(self, node: Node) -> Shape:
         receiver, *arguments = node.parts
-        if node.text in ("all", "exists", "exists_one", "existsOne", "filter", "map") and len(arguments) > 1:
+        if node.text in MACROS and len(arguments) > 1:
             return self._macro(node.text, self._want(receiver, LIST, MAP), arguments)
-        if node.text.startswith("get"):
-            self._want(receiver, *_CALENDAR)
-            return NUMBER
-        shape = self._call(Node(Construct.CALL, node.text, node.parts, node.span))
-        if node.text == "matches" and arguments and arguments[0].kind is Construct.TEXT:
-            self._check_pattern(arguments[0])
-        return shape
+        return self._call(node)
 
     def _macro(self, name: str, over: Shape, arguments: list[Node]) -> Shape:
         variable, body = arguments[0].text, arguments[-1]
@@ -164,13 +159,13 @@ class _Checker:
         self._known[variable] = over.item if over.kind == LIST.kind and over.item else ANY
         for condition in arguments[1:-1]:
             self._want(condition, BOOL)
-        result = self.shape(body) if name == "map" else self._want(body, BOOL)
+        result = self.shape(body) if name == Macro.MAP else self._want(body, BOOL)
         self._known.pop(variable)
         if before is not None:
             self._known[variable] = before
-        if name == "map":
+        if name == Macro.MAP:
             return list_of(result)
-        return (over if over.kind == LIST.kind else LIST) if name == "filter" else BOOL
+        return (over if over.kind == LIST.kind else LIST) if name == Macro.FILTER else BOOL
 
     def _check_pattern(self, pattern: Node) -> None:
         # Tried by the CEL library itself: its regular expressions are not Python's.
@@ -224,3 +219,7 @@ class _Checker:
         self._want(node.parts[0], BOOL)
         yes, no = map(self.shape, node.parts[1:])
         return yes if yes == no else ANY
+
+
+def _is_form(function: Function, node: Node) -> bool:
+    return function.form in {CallForm.EITHER, CallForm.CALL if node.kind is Construct.CALL else CallForm.METHOD}

@@ -27,7 +27,7 @@ _FRACTION = 'a fraction in quotes ("0.5") or in thousandths (500m)'
 PATTERNS = {
     r"^[a-z][a-z0-9_]{0,62}$": STREAM_NAME_ALLOWED,
     r"^[a-z][a-z0-9-]{0,62}$": TASK_NAME_ALLOWED,
-    r"^[a-z][A-Za-z0-9_]*$": FEATURE_NAME_ALLOWED,
+    r"^[a-z][A-Za-z0-9_]{0,62}$": FEATURE_NAME_ALLOWED,
     r"^[a-z0-9]([a-z0-9-]*[a-z0-9])?$": "lower-case letters, digits and '-', no '-' at either end",
     r"^[a-z0-9]([a-z0-9-]*[a-z0-9])?(\.[a-z0-9]([a-z0-9-]*[a-z0-9])?)*$": (
         "a DNS name: lower-case letters, digits, '-' and '.'"

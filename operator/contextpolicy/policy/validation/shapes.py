@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.policy.cel_kinds import ValueKind
 from contextpolicy.policy.suggestions import did_you_mean
 
 if TYPE_CHECKING:
@@ -32,18 +33,31 @@ class Shape:
     """Whether there are no other fields: true of a ROS type, false of an example, which is one sample of many."""
 
 
-ANY = Shape("anything")
-BOOL = Shape("true or false")
-NUMBER = Shape("a number")
-TEXT = Shape("a text")
-BYTES = Shape("bytes")
-NULL = Shape("null")
-TIME = Shape("a time")
-DURATION = Shape("a duration")
-LIST = Shape("a list")
-MAP = Shape("a map")
+ANY = Shape(ValueKind.ANY)
+BOOL = Shape(ValueKind.BOOL)
+NUMBER = Shape(ValueKind.NUMBER)
+TEXT = Shape(ValueKind.TEXT)
+BYTES = Shape(ValueKind.BYTES)
+NULL = Shape(ValueKind.NULL)
+TIME = Shape(ValueKind.TIME)
+DURATION = Shape(ValueKind.DURATION)
+LIST = Shape(ValueKind.LIST)
+MAP = Shape(ValueKind.MAP)
 
 _SCALARS: dict[type, Shape] = {bool: BOOL, int: NUMBER, float: NUMBER, str: TEXT, bytes: BYTES}
+
+
+_OF_KINDS = {
+    **{shape.kind: shape for shape in (ANY, BOOL, NUMBER, TEXT, BYTES, NULL, TIME, DURATION, LIST, MAP)},
+    **dict.fromkeys((ValueKind.WHOLE, ValueKind.DOUBLE), NUMBER),
+    ValueKind.PATTERN: TEXT,
+    ValueKind.STREAM: ANY,
+}
+
+
+def of_kind(kind: ValueKind) -> Shape:
+    """What is known of an argument or a result of a function."""
+    return _OF_KINDS[kind]
 
 
 def list_of(item: Shape) -> Shape:

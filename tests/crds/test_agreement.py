@@ -1,0 +1,128 @@
+"""Parser and definition say the same of each field: what only one of them knows would be dropped, or refused."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import MISSING, fields, is_dataclass
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contextpolicy.policy import parsing
+from contextpolicy.policy.fields import Fields
+from tests.crds import agreement
+from tests.crds.agreement import QUANTITIES, SAYS, disagreements
+from tests.crds.reading import INSIDE, READERS, parsed, readings
+from tests.crds.schema import nodes, schema
+
+SPEC = schema()["properties"]["spec"]
+
+
+def test_they_agree_on_every_field():
+    assert [*disagreements(SPEC)] == []
+
+
+def test_every_field_is_compared():
+    assert readings().keys() == agreement.fields(SPEC).keys()
+    assert len(readings()) > 70
+
+
+def test_every_way_to_read_a_field_has_its_counterpart():
+    assert SAYS.keys() == {*READERS}
+
+
+CHANGES = {
+    "a field dropped": ("spec.tasks[].needs", lambda node: node["properties"].pop("deadline"), ".deadline"),
+    "a field added": ("spec.tasks[].needs", lambda node: node["properties"].update(gpu={}), ".gpu"),
+    "a field of an entry": ("spec.contexts[].tasks.*", lambda node: node["properties"].pop("scale"), ".scale"),
+    "a word renamed": ("spec.mode", lambda node: node.update(enum=["Enforced", "DryRun", "Paused"]), ""),
+    "a word added": ("spec.streams[].features[].op", lambda node: node["enum"].append("median"), ""),
+    "a word dropped": ("spec.tasks[].selector.matchExpressions[].operator", lambda node: node["enum"].pop(), ""),
+    "no enumeration": ("spec.tasks[].satisfiedBy", lambda node: node.pop("enum"), ""),
+    "another default": ("spec.tasks[].needs.enforce", lambda node: node.update(default="Suspend"), ""),
+    "another number": ("spec.tasks[].priority", lambda node: node.update(default=2), ""),
+    "another duration": ("spec.period", lambda node: node.update(default="50ms"), ""),
+    "another text": ("spec.shadow.health", lambda node: node.update(default="robot/*/misses"), ""),
+    "a default too many": ("spec.tasks[].max", lambda node: node.update(default=1), ""),
+    "a default that is no word": ("spec.streams[].clock", lambda node: node.update(default="Sim"), ""),
+    "no default": ("spec.streams[].encoding", lambda node: node.pop("default"), ""),
+    "another one told": ("spec.tasks[].min", lambda node: node.update(description="Default: 20m."), ""),
+    "another one told of a word": ("spec.streams[].ros", lambda node: node.update(description="Default: jazzy."), ""),
+    "a longer list": ("spec.streams", lambda node: node.update(maxItems=65), ""),
+    "a shorter list": ("spec.tasks[].subtasks", lambda node: node.update(maxItems=8), ""),
+    "more entries": ("spec.contexts[].tasks", lambda node: node.update(maxProperties=256), ""),
+    "a list of numbers": ("spec.tasks[].subtasks", lambda node: node["items"].update(type="number"), ""),
+    "a map to numbers": (
+        "spec.tasks[].activity[].with",
+        lambda node: node["additionalProperties"].update(type="number"),
+        "",
+    ),
+    "a lower bound": ("spec.tasks[].idle", lambda node: node.update(minimum=-1), ""),
+    "a higher one": ("spec.tasks[].idle", lambda node: node.update(minimum=1), ""),
+    "an upper bound": ("spec.shadow.tolerance", lambda node: node.update(maximum=2), ""),
+    "a tighter one": ("spec.shadow.tolerance", lambda node: node.update(maximum=0.5), ""),
+    "a longer key": ("spec.streams[].key", lambda node: node.update(maxLength=257), ""),
+    "a shorter expression": ("spec.contexts[].when", lambda node: node.update(maxLength=512), ""),
+    "another pattern": ("spec.streams[].name", lambda node: node.update(pattern="^[a-z]{1,63}$"), ""),
+    "no pattern": ("spec.streams[].timestamp", lambda node: node.pop("pattern"), ""),
+    "another length of a pattern": ("spec.shadow.of", lambda node: node.update(maxLength=63), ""),
+    "other units": ("spec.minDwell", lambda node: node.update(pattern="^[0-9]+s$"), ""),
+    "another quantity": ("spec.reserve", lambda node: node.update(pattern=QUANTITIES["memory"]), ""),
+    "another type": ("spec.tasks[].protected", lambda node: node.update(type="string"), ""),
+    "no format": ("spec.force.until", lambda node: node.pop("format"), ""),
+    "no longer anything": ("spec.streams[].example", lambda node: node.clear(), ""),
+    "no longer required": ("spec.streams[]", lambda node: node.update(required=["name"]), ".key"),
+    "newly required": ("spec.contexts[]", lambda node: node.update(required=["name", "when"]), ".when"),
+    "no rule that asks": ("spec.tasks[].requires[]", lambda node: node.pop("x-kubernetes-validations"), ".when"),
+}
+
+
+@pytest.mark.parametrize(("path", "change", "inside"), CHANGES.values(), ids=CHANGES.keys())
+def test_a_change_of_the_definition_alone_is_found(path, change, inside):
+    spec = copy.deepcopy(SPEC)
+    change(dict(nodes(spec, "spec"))[path])
+    (found,) = {sentence.partition(": ")[0] for sentence in disagreements(spec)}
+    assert found == path + inside
+
+
+def test_a_field_that_only_the_parser_knows_is_found(monkeypatch):
+    read = parsing._needs
+    monkeypatch.setattr(parsing, "_needs", lambda fields: (fields.flag("gpu"), read(fields))[1])
+    (found,) = disagreements(SPEC)
+    assert found.startswith("spec.tasks[].needs.gpu: the definition lacks it")
+
+
+@pytest.mark.parametrize("reader", QUANTITIES)
+@settings(max_examples=50)
+@given(data=st.data())
+def test_the_parser_reads_what_the_definition_allows_as_a_quantity(reader, data):
+    # The parser bounds the digits of a number, the definition the whole text: none is longer than makes sense.
+    text = data.draw(st.from_regex(QUANTITIES[reader].replace("+", "{1,3}"), fullmatch=True))
+    findings = []
+    getattr(Fields({"field": text}, "", findings), reader)("field")
+    assert findings == []
+
+
+OBJECTS = [path + INSIDE[read.reader][0] for path, read in readings().items() if read.reader in INSIDE]
+
+
+@pytest.mark.parametrize("path", ["spec", *OBJECTS])
+def test_a_value_has_the_same_defaults_wherever_it_comes_from(path):
+    """In code a value is made without the fields that a policy leaves out."""
+    for value in values(parsed(path, {})[0]):
+        for each in fields(value):
+            given_value = getattr(value, each.name)
+            if each.default is not MISSING and not is_dataclass(given_value) and not isinstance(given_value, tuple):
+                assert given_value == each.default, f"{type(value).__name__}.{each.name}"
+
+
+def values(policy):
+    """The policy and all values in it."""
+    yield policy
+    for each in fields(policy):
+        inner = getattr(policy, each.name)
+        found = inner.values() if isinstance(inner, dict) else inner if isinstance(inner, tuple) else (inner,)
+        for one in found:
+            if is_dataclass(one):
+                yield from values(one)

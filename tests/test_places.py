@@ -1,0 +1,189 @@
+"""In how many places a change is made, tried on a copy of the sources: a field in two, a CEL function in one.
+
+`make crds` writes the rest, and the tests of the copy find what was forgotten.
+"""
+
+from __future__ import annotations
+
+import filecmp
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCES = (
+    *("operator/contextpolicy", "charts/contextpolicy/files", "crds", "config/policies"),
+    *("tests/crds", "tests/policy", "tests/e2e/bad_policies"),
+)
+DEFINITION = "crds/contextpolicies.contextpolicy.dev.yaml"
+FUNCTIONS = "operator/contextpolicy/policy/cel_functions.py"
+
+IN_THE_DEFINITION = {
+    DEFINITION: (
+        "                    restartOnResize:\n",
+        """\
+                    pinned:
+                      type: boolean
+                      description: 'true to keep the task on its processors. Default: false.'
+                    restartOnResize:
+""",
+    )
+}
+IN_THE_PARSER = {
+    "operator/contextpolicy/policy/spec.py": (
+        "    protected: bool = False\n",
+        "    protected: bool = False\n    pinned: bool = False\n",
+    ),
+    "operator/contextpolicy/policy/parsing.py": (
+        '        protected=fields.flag("protected"),\n',
+        '        protected=fields.flag("protected"),\n        pinned=fields.flag("pinned"),\n',
+    ),
+}
+IN_THE_TABLE = {
+    FUNCTIONS: (
+        "OWN = (\n",
+        '''\
+def clamp(number: float, least: float, most: float) -> float:
+    """The number, or the bound that it exceeds."""
+    return max(least, min(number, most))
+
+
+OWN = (
+    Function(
+        name="clamp",
+        takes=((ValueKind.NUMBER,), (ValueKind.NUMBER,), (ValueKind.NUMBER,)),
+        returns=ValueKind.NUMBER,
+        meaning="the number kept between two others",
+        example="clamp(imu.speed, 0.1, 0.3)",
+        run=clamp,
+    ),
+''',
+    )
+}
+
+POLICY = """\
+apiVersion: contextpolicy.dev/v1alpha1
+kind: ContextPolicy
+metadata: {name: robot, namespace: lab}
+spec:
+  streams:
+  - {name: %(stream)s, key: robot/imu, example: {speed: 0.5, frame: imu_link}}
+  tasks:
+  - {name: slam, selector: {matchLabels: {app: slam}}%(task)s}
+  contexts:
+  - {name: moving, when: "%(when)s"}
+"""
+
+
+class Copy:
+    """The sources in a folder of their own."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        for source in SOURCES:
+            shutil.copytree(ROOT / source, folder / source, ignore=shutil.ignore_patterns("__pycache__"))
+        for source in ("pyproject.toml", "tests/conftest.py"):
+            shutil.copy(ROOT / source, folder / source)
+
+    def edit(self, patch):
+        for name, (old, new) in patch.items():
+            text = (self.folder / name).read_text(encoding="utf-8")
+            assert text.count(old) == 1, f"{name} has another place for this"
+            (self.folder / name).write_text(text.replace(old, new), encoding="utf-8")
+
+    def edited(self):
+        """The files that differ from the originals."""
+        files = (path.relative_to(self.folder) for path in self.folder.rglob("*") if path.suffix in {".py", ".yaml"})
+        return {str(path) for path in files if not filecmp.cmp(self.folder / path, ROOT / path, shallow=False)}
+
+    def python(self, *arguments):
+        environment = os.environ | {"PYTHONPATH": f"{self.folder / 'operator'}:{self.folder}"}
+        return subprocess.run(
+            [sys.executable, *arguments],
+            cwd=self.folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+
+    def make_crds(self):
+        self.python("-m", "crds").check_returncode()
+
+    def failures(self, *tests):
+        """What pytest says of tests that fail in the copy, empty when they pass."""
+        done = self.python("-m", "pytest", "-q", "-p", "no:cacheprovider", *tests)
+        assert done.returncode in {0, 1}, done.stdout + done.stderr
+        return done.stdout if done.returncode else ""
+
+    def validate(self, *, stream="imu", task="", when="true"):
+        """What `validate` says of a policy, empty when it is right."""
+        path = self.folder / "policy.yaml"
+        path.write_text(POLICY % {"stream": stream, "task": task, "when": when}, encoding="utf-8")
+        done = self.python("-m", "contextpolicy", "validate", str(path))
+        path.unlink()
+        return done.stdout + done.stderr if done.returncode else ""
+
+
+@pytest.fixture
+def copy(tmp_path):
+    return Copy(tmp_path)
+
+
+def test_a_field_is_added_to_the_definition_and_to_the_parser(copy):
+    assert "pinned" in copy.validate(task=", pinned: true")
+    copy.edit(IN_THE_DEFINITION | IN_THE_PARSER)
+    assert len(copy.edited()) == 3, "the parser's place is the value and how it is read"
+    copy.make_crds()
+    assert copy.failures("tests/crds/test_agreement.py", "tests/crds/test_schema.py") == ""
+    assert copy.validate(task=", pinned: true") == ""
+    assert "true or false" in copy.validate(task=", pinned: maybe")
+
+
+@pytest.mark.parametrize(
+    ("known_to", "told"),
+    [
+        pytest.param(IN_THE_PARSER, "spec.tasks[].pinned: the definition lacks it", id="the parser"),
+        pytest.param(IN_THE_DEFINITION, "spec.tasks[].pinned: the parser refuses it", id="the definition"),
+    ],
+)
+def test_a_field_that_only_one_of_them_knows_fails_the_comparison(copy, known_to, told):
+    copy.edit(known_to)
+    copy.make_crds()
+    assert told in copy.failures("tests/crds/test_agreement.py", "-k", "agree_on_every_field")
+
+
+EVALUATE = """
+from contextpolicy.planning.conditions.scope import Scope
+
+scope = Scope()
+expression = scope.compile("clamp(imu.speed, 0.1, 0.3) + size('abc')")
+scope.bind("imu", {"speed": 0.5})
+print(expression.evaluate(scope))
+"""
+
+
+def test_a_function_is_added_to_the_table(copy):
+    assert "clamp" in copy.validate(when="clamp(imu.speed, 0.1, 0.3) > 0.2")
+    copy.edit(IN_THE_TABLE)
+    assert copy.edited() == {FUNCTIONS}
+    assert "make crds" in copy.failures("tests/crds/test_schema.py", "-k", "table_of_functions")
+    copy.make_crds()
+    assert copy.failures("tests/policy/test_cel_functions.py", "tests/crds/test_schema.py") == ""
+    assert copy.python("-c", EVALUATE).stdout == "3.3\n"
+    assert copy.validate(when="clamp(imu.speed, 0.1, 0.3) > 0.2") == ""
+    assert "imu.frame is a text" in copy.validate(when="clamp(imu.frame, 0.1, 0.3) > 0.2")
+    assert "such as clamp(imu.speed, 0.1, 0.3)" in copy.validate(when="clamp(imu.speed) > 0.2")
+    assert "did you mean clamp?" in copy.validate(when="clmp(imu.speed, 0.1, 0.3) > 0.2")
+    assert "is no word of CEL" in copy.validate(stream="clamp")
+    assert "'clamp'" in (copy.folder / DEFINITION).read_text(encoding="utf-8")
+
+
+def test_a_function_that_nothing_computes_is_found(copy):
+    copy.edit({FUNCTIONS: ("        run=math.sqrt,\n", "")})
+    assert "example_is_right_and_works[sqrt]" in copy.failures("tests/policy/test_cel_functions.py", "-k", "example")
