@@ -66,10 +66,10 @@ class LiveOperator:
         self,
         session: zenoh.Session,
         body: dict[str, Any],
-        pods: Iterable[dict[str, Any]] | None = None,
+        cluster: StandInCluster | None = None,
         signer: Signer | None = None,
     ) -> None:
-        self.cluster = StandInCluster(pods or [a_pod(name, {name: resources()}) for name in TASKS])
+        self.cluster = cluster or StandInCluster(a_pod(name, {name: resources()}) for name in TASKS)
         self.cluster.policies[f"{body['metadata']['namespace']}/{body['metadata']['name']}"] = {}
         patches, reports = ThreadPoolExecutor(WORKERS), ThreadPoolExecutor(1)
         self._runtime = Operator(self.cluster, Loop(), patches=patches, reports=reports, signer=signer)  # type: ignore[arg-type]

@@ -23,7 +23,7 @@ from contextpolicy.bus.session import open_visitor
 from contextpolicy.bus.signatures import Signer
 from tests.bench.hops.case import IMU, RELAYED, SENT, pods, policy
 from tests.bench.hops.stamps import AGENT, OPERATOR, Stamps
-from tests.bench.live_operator import LiveOperator
+from tests.bench.live_operator import LiveOperator, StandInCluster
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -55,7 +55,7 @@ def _answer(subject: Subject) -> None:
 
 def _operator(session: zenoh.Session, signing: str, count: str) -> Subject:
     stamps = Stamps(OPERATOR)
-    operator = LiveOperator(session, policy(int(count)), pods(int(count)), Signer(Path(signing)))
+    operator = LiveOperator(session, policy(int(count)), StandInCluster(pods(int(count))), Signer(Path(signing)))
     return lambda: [operator, stamps.take()][1]
 
 
