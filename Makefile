@@ -78,6 +78,9 @@ bench: setup  ## measure the decision engine: samples per second, sample to plan
 bench-live: setup  ## measure what a sample costs the running operator, beside the bare callback and hand-over
 	$(PYTHON) -m tests.bench.live
 
+bench-calls: setup  ## count the Python calls of a change of context, from Zenoh's callback to the resizes
+	$(PYTHON) -m tests.bench.calls
+
 bench-hops: setup  ## measure where the time goes between a sample and the agent's write, beside the floor (as root)
 	$(PYTHON) -m tests.bench.hops
 
