@@ -136,12 +136,9 @@ def cycle(texts):
     return []
 
 
-def importers_of(module, files):
-    return {
-        path.name
-        for path in files
-        if any(name.partition(".")[0] == module for name in imports(ast.parse(path.read_text(encoding="utf-8"))))
-    }
+def importers_of(package, texts):
+    """The names of the modules that import a package."""
+    return {name for name, text in texts if package in {other.partition(".")[0] for other in imports(ast.parse(text))}}
 
 
 @pytest.mark.parametrize("path", PLANNING, ids=lambda path: path.name)
@@ -203,6 +200,24 @@ def test_a_planted_cycle_is_found(planted, found):
     assert set(cycle(texts)) == ({"bus.roles", "bus.session", "bus.fleet"} if found else set())
 
 
+def test_modules_import_nothing_from_timelines():
+    """A module's image has the module and robotkit, and no timelines."""
+    assert importers_of("timelines", sources(ROOT, "modules")) == set()
+
+
+@pytest.mark.parametrize(
+    ("planted", "found"),
+    [
+        ("import timelines", True),
+        ("from timelines.datasets import speech", True),
+        ("def f():\n    import timelines.datasets.speech as speech", True),
+        ("import timelines_of_a_robot\nfrom modules.timelines import read", False),
+    ],
+)
+def test_a_planted_import_of_timelines_is_found(planted, found):
+    assert importers_of("timelines", [("modules.planted", planted)]) == ({"modules.planted"} if found else set())
+
+
 def test_no_two_modules_share_a_name():
     names = [path.stem for path in PACKAGE.glob("**/*.py") if path.parent.name != "commands"]
     assert [name for name, count in Counter(names).items() if count > 1] == ["__init__"]
@@ -239,7 +254,8 @@ def test_a_planted_violation_is_found(planted, found):
 
 
 def test_only_the_handlers_and_what_starts_them_import_kopf():
-    assert importers_of("kopf", PACKAGE.glob("**/*.py")) == {"kopf_handlers.py", "kopf_thread.py", "run.py"}
+    importers = importers_of("kopf", sources(OPERATOR, "contextpolicy"))
+    assert {name.rpartition(".")[2] for name in importers} == {"kopf_handlers", "kopf_thread", "run"}
 
 
 def test_the_operator_folder_cannot_shadow_pythons_operator_module():
