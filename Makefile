@@ -23,7 +23,7 @@ setup: .venv/ready  ## install the Python packages into .venv
 
 .venv/ready: pyproject.toml modules/robotkit/pyproject.toml modules/signs/models.txt
 	python3 -m venv .venv
-	$(PYTHON) -m pip install --quiet --disable-pip-version-check --editable '.[dev]' --editable 'modules/robotkit[ros,serial]'
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check --editable '.[dev,modules]' --editable 'modules/robotkit[ros,serial]'
 	$(PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --requirement modules/signs/models.txt
 	touch $@
 

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
-OPERATOR = Path(__file__).parents[1] / "operator"
+ROOT = Path(__file__).parents[1]
+OPERATOR = ROOT / "operator"
+ROBOTKIT = ROOT / "modules" / "robotkit"
 PACKAGE = OPERATOR / "contextpolicy"
 PLANNING = sorted((PACKAGE / "planning").glob("**/*.py"))
+
+IMPORTED_FROM = {
+    OPERATOR: ["contextpolicy"],
+    ROBOTKIT: ["robotkit"],
+    ROOT: ["modules", "timelines", "charts", "tests"],
+}
+"""The folders on Python's path, and the packages in each."""
 
 LAYERS = (
     ("errors",),
@@ -100,12 +110,35 @@ def trespasses(room, source):
     )
 
 
-def importers_of(module, files):
-    return {
-        path.name
-        for path in files
-        if any(name.partition(".")[0] == module for name in imports(ast.parse(path.read_text(encoding="utf-8"))))
-    }
+def sources(root, package):
+    """The text of each module of a package, by the name under which it is imported."""
+    for path in (root / package).glob("**/*.py"):
+        name = ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__")
+        yield name, path.read_text(encoding="utf-8")
+
+
+def modules_imported(source, modules):
+    """Those of the modules that a source imports, also inside functions and for types only."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from {alias.name for alias in node.names} & modules
+        elif isinstance(node, ast.ImportFrom):
+            yield from {f"{node.module}.{alias.name}" for alias in node.names} & modules or {node.module} & modules
+
+
+def cycle(texts):
+    """The names of modules of which each imports its neighbour, the first one again as the last; or nothing."""
+    imported = {name: set(modules_imported(text, texts.keys())) for name, text in texts.items()}
+    try:
+        TopologicalSorter(imported).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
+
+
+def importers_of(package, texts):
+    """The names of the modules that import a package."""
+    return {name for name, text in texts if package in {other.partition(".")[0] for other in imports(ast.parse(text))}}
 
 
 @pytest.mark.parametrize("path", PLANNING, ids=lambda path: path.name)
@@ -140,6 +173,49 @@ def test_every_room_has_its_layer():
 )
 def test_a_planted_trespass_is_found(room, planted, found):
     assert trespasses(room, planted) == found
+
+
+def test_no_modules_import_each_other_in_a_cycle():
+    texts = {
+        name: text for root, packages in IMPORTED_FROM.items() for p in packages for name, text in sources(root, p)
+    }
+    assert cycle(texts) == []
+    assert {"contextpolicy.planning.planner", "robotkit.runner", "modules.slam.task", "tests.node"} <= texts.keys()
+
+
+@pytest.mark.parametrize(
+    ("planted", "found"),
+    [
+        ("import bus.fleet", True),
+        ("from bus.fleet import Fleet", True),
+        ("from bus import fleet", True),
+        ("if TYPE_CHECKING:\n    from bus.fleet import Fleet", True),
+        ("def f():\n    from bus.fleet import Fleet", True),
+        ("from bus import Session", False),
+        ("import bus.fleeting", False),
+    ],
+)
+def test_a_planted_cycle_is_found(planted, found):
+    texts = {"bus": "", "bus.roles": planted, "bus.session": "from bus import roles", "bus.fleet": "import bus.session"}
+    assert set(cycle(texts)) == ({"bus.roles", "bus.session", "bus.fleet"} if found else set())
+
+
+def test_modules_import_nothing_from_timelines():
+    """A module's image has the module and robotkit, and no timelines."""
+    assert importers_of("timelines", sources(ROOT, "modules")) == set()
+
+
+@pytest.mark.parametrize(
+    ("planted", "found"),
+    [
+        ("import timelines", True),
+        ("from timelines.datasets import speech", True),
+        ("def f():\n    import timelines.datasets.speech as speech", True),
+        ("import timelines_of_a_robot\nfrom modules.timelines import read", False),
+    ],
+)
+def test_a_planted_import_of_timelines_is_found(planted, found):
+    assert importers_of("timelines", [("modules.planted", planted)]) == ({"modules.planted"} if found else set())
 
 
 def test_no_two_modules_share_a_name():
@@ -178,7 +254,8 @@ def test_a_planted_violation_is_found(planted, found):
 
 
 def test_only_the_handlers_and_what_starts_them_import_kopf():
-    assert importers_of("kopf", PACKAGE.glob("**/*.py")) == {"kopf_handlers.py", "kopf_thread.py", "run.py"}
+    importers = importers_of("kopf", sources(OPERATOR, "contextpolicy"))
+    assert {name.rpartition(".")[2] for name in importers} == {"kopf_handlers", "kopf_thread", "run"}
 
 
 def test_the_operator_folder_cannot_shadow_pythons_operator_module():

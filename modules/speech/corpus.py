@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from modules.speech.confusable import confusable, dictionary, holds_command
 from modules.speech.spotter import KEYWORDS
-from timelines.datasets.speech import ESPEAK, FESTIVAL_VOICES, speak
+from modules.speech.synthesis import ESPEAK, FESTIVAL_VOICES, speak
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -19,10 +19,10 @@ from modules.speech.corpus import SENTENCES
 from modules.speech.gate import Gate
 from modules.speech.spectrum import RATE
 from modules.speech.speech_commands import RecordingError, chunks, load
+from modules.speech.synthesis import FLITE_VOICES, speak
 from modules.transcript.engines import engine
 from modules.transcript.task import LONGEST_S
 from robotkit import ConfigurationError
-from timelines.datasets.speech import FLITE_VOICES, speak
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

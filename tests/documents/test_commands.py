@@ -26,10 +26,7 @@ SIMULATED = ROOT / "modules" / "robotkit" / "robotkit" / "simulated.py"
 LEFT_OUT = "["
 """How a line begins that stands for the rest of what is printed."""
 
-HERE = (
-    r"contextpolicy (skeleton modules/slam|validate config|simulate config|explain config|completion bash)",
-    r"python -m timelines\.recording\.layout ",
-)
+HERE = (r"contextpolicy (skeleton modules/slam|validate config|simulate config|explain config|completion bash)",)
 """Run by this test, as they stand."""
 
 ELSEWHERE = {
@@ -63,6 +60,7 @@ ELSEWHERE = {
     r"python -m timelines\.scenarios": "tests/timelines/scenarios/test_scenarios.py",
     r"python -m timelines\.replay": "tests/timelines/replay/test_player.py",
     r"python -m timelines\.recording run": "tests/timelines/recording/test_labels.py",
+    r"python -m timelines\.recording\.layout ": "tests/timelines/recording/test_layout.py",
     r"python -m timelines\.recording\.live": "tests/timelines/recording/test_live.py",
     r"python -m timelines\.experiments": "tests/timelines/experiments/test_run.py",
     r"python -m modules\.slam\.evaluation": "tests/modules/slam/test_evaluation.py",
@@ -82,6 +80,7 @@ ELSEWHERE = {
 NOT_HERE = {
     r"make (demo|test|e2e|unit|heavy|soak|arm64|test-all|experiments|bench\S*|cluster-down)": "it runs tests, "
     "or for minutes on a node of its own; CI runs `make test`",
+    r"make setup": "every test runs on what it installed",
     r"make (crds|help|simulate|pictures|release)": "a line of the Makefile over a command that is tested",
     r"(\.venv/bin/)?python -m tests\.(node|bench|fuzz|vm)": "it builds a node or a machine, measures, or needs atheris",
     r"python -m timelines\.datasets": "it renders and speaks for minutes; `make recordings` runs it before the tests",
@@ -189,13 +188,12 @@ def repository(tmp_path):
 
 @pytest.mark.parametrize("command", [one for one in COMMANDS if any(re.match(own, one.text) for own in HERE)], ids=ids)
 def test_it_does_what_the_document_says(command, repository):
-    programs = repository / "programs"
-    programs.mkdir()
-    for name, module in (("contextpolicy", "-m contextpolicy"), ("python", "")):
-        (programs / name).write_text(f'#!/bin/sh\nexec {sys.executable} {module} "$@"\n')
-        (programs / name).chmod(0o755)
-    paths = os.pathsep.join([str(ROOT), str(ROOT / "operator"), str(ROOT / "modules" / "robotkit")])
-    environment = {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}", "PYTHONPATH": paths}
+    program = repository / "programs" / "contextpolicy"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nexec {sys.executable} -m contextpolicy "$@"\n')
+    program.chmod(0o755)
+    paths = {"PATH": f"{program.parent}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT / "operator")}
+    environment = {**os.environ, **paths}
     shell = shutil.which("bash") or "sh"
     ran = subprocess.run(
         [shell, "-c", command.text], cwd=repository, env=environment, capture_output=True, text=True, check=False

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from modules.speech.synthesis import SpeechError
 from timelines.datasets.recordings import RECORDINGS, ROOT, make, of_scenario
-from timelines.datasets.speech import SpeechError
 from timelines.scenarios.scenario import shipped
 
 if TYPE_CHECKING:

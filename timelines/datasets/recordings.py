@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
+from modules.speech import synthesis
 from timelines.datasets import corridor, euroc, motion, side_view, speech
 from timelines.datasets.euroc import RIG, Sequence
 from timelines.datasets.motion import Motion
@@ -53,7 +54,7 @@ RECORDINGS: Mapping[str, Recording] = {
     "speech/commands": speech.every_command(),
 }
 
-_GENERATORS = {Sequence: (euroc, corridor, motion), Script: (speech,), SideView: (side_view,)}
+_GENERATORS = {Sequence: (euroc, corridor, motion), Script: (speech, synthesis), SideView: (side_view,)}
 
 
 def of_scenario(scenario: Scenario) -> dict[str, Recording]:

@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from modules.speech.synthesis import SpeechError
 from timelines.datasets.__main__ import make_all
 from timelines.datasets.recordings import ROOT, of_scenario
-from timelines.datasets.speech import SpeechError
 from timelines.scenarios.inputs import timeline
 from timelines.scenarios.scenario import FOLDER, ScenarioError, load
 

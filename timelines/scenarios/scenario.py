@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from contextpolicy.errors import Finding, FindingsError
 from contextpolicy.policy.fields import Fields
 from contextpolicy.policy.validation.documents import DocumentError, read
+from modules.speech.synthesis import VOICES
 from timelines.datasets.motion import Motion
 from timelines.datasets.side_view import PLATE_TEXT, Plate, SideView
-from timelines.datasets.speech import COMMANDS, VOICES, Script, Utterance
+from timelines.datasets.speech import COMMANDS, Script, Utterance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -8,20 +8,25 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
     from contextpolicy.planning.conditions.context import ContextState
     from contextpolicy.planning.conditions.initiative import Initiative
     from contextpolicy.planning.conditions.stream import StreamState
-    from contextpolicy.planning.planner import Planner
 
 
 class Inheritance:
-    """The state of the previous version; empty if there was none or it never started."""
+    """What the previous version leaves: its streams, its contexts and its initiatives, each with its task."""
 
-    def __init__(self, before: Planner | None) -> None:
-        before = before if before and before.started else None
-        self._streams = dict(before.streams) if before else {}
-        self._contexts = {context.spec.name: context for context in before.contexts} if before else {}
-        self._initiatives = list(before.owned_initiatives()) if before else []
+    def __init__(
+        self,
+        streams: Mapping[str, StreamState],
+        contexts: Iterable[ContextState],
+        initiatives: Iterable[tuple[Initiative, str]],
+    ) -> None:
+        self._streams = streams
+        self._contexts = {context.spec.name: context for context in contexts}
+        self._initiatives = list(initiatives)
         self._same: set[str] = set()
 
     def pass_on_stream(self, stream: StreamState, now: float) -> None:

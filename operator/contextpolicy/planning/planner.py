@@ -64,10 +64,11 @@ class Planner:
     def start(self, now: float, before: Planner | None = None) -> list[Plan]:
         """Start the watchdogs, and decide what needs no sample.
 
-        `before` is the planner of the policy's previous version: what the edit did not change keeps its state.
+        `before` is the planner of the policy's previous version: what the edit did not change keeps its state, unless
+        that version never started.
         """
         self.started = True
-        former = Inheritance(before)
+        former = before.inheritance() if before and before.started else Inheritance({}, (), ())
         for stream in self.streams.values():
             stream.start(now)
             former.pass_on_stream(stream, now)
@@ -214,6 +215,10 @@ class Planner:
     def owned_initiatives(self) -> Iterable[tuple[Initiative, str]]:
         """All activities and pre-conditions, each with its task."""
         return self._scores.owned()
+
+    def inheritance(self) -> Inheritance:
+        """What the planner of the policy's next version may take over."""
+        return Inheritance(self.streams, self.contexts, self.owned_initiatives())
 
     def waits(self) -> Iterator[tuple[str, Waiting]]:
         """What can't be decided now: the task or context, and what it waits for."""

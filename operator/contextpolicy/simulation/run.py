@@ -11,7 +11,7 @@ from reactivex.scheduler import HistoricalScheduler
 
 from contextpolicy.planning.observable import plan_with
 from contextpolicy.simulation.epoch import epoch_of
-from contextpolicy.simulation.notes import NotingPlanner
+from contextpolicy.simulation.noting_planner import NotingPlanner
 from contextpolicy.simulation.robot import CORES, NODE, Robot
 from contextpolicy.simulation.samples import Skipped, samples
 

@@ -12,7 +12,7 @@ import pytest
 from modules.speech import evaluation
 from modules.speech.spectrum import RATE
 from modules.speech.spotter import KEYWORDS
-from timelines.datasets.speech import speak
+from modules.speech.synthesis import speak
 
 needs_voices = pytest.mark.skipif(
     shutil.which("flite") is None or shutil.which("sox") is None, reason="flite and sox are not installed"

@@ -9,7 +9,7 @@ import pytest
 
 from modules.speech.phones import PHONES, PhoneModel
 from modules.speech.spectrum import RATE, mel_cepstra, with_slopes
-from timelines.datasets.speech import speak
+from modules.speech.synthesis import speak
 
 SILENCE, S, T, AA, AO = 32, 30, 33, 2, 5  # the order of the model's mdef file
 

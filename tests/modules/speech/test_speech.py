@@ -11,6 +11,7 @@ from modules.speech import listener
 from modules.speech.listener import Listener, doubt
 from modules.speech.sound import SoundStream
 from modules.speech.spectrum import RATE
+from modules.speech.synthesis import FLITE_VOICES, speak
 from modules.speech.task import Speech
 from robotkit import MessageError, Received
 from robotkit.accuracy import Event, match_events
@@ -27,7 +28,7 @@ needs_voices = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def script():
-    return speech.every_command(speech.FLITE_VOICES)
+    return speech.every_command(FLITE_VOICES)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,7 @@ def hear(task, chunks):
 def strongest(text, keyword):
     """The strongest evidence for a command in a spoken text."""
     ear = Listener()
-    said = np.pad(speech.speak(text, "rms"), RATE).astype("<i2").tobytes()
+    said = np.pad(speak(text, "rms"), RATE).astype("<i2").tobytes()
     found = [heard for utterance in ear.gate.feed(said) for heard in ear.candidates(utterance)]
     return max(heard.evidence for heard in found if heard.keyword == keyword)
 
@@ -71,7 +72,7 @@ def test_background_noise_is_not_a_command(loudness):
 @needs_voices
 def test_other_words_are_no_commands():
     for index, text in enumerate(("the family had long been settled in sussex", "my brother bought seven tickets")):
-        said = np.pad(speech.speak(text, "rms"), RATE // 2).astype("<i2").tobytes()
+        said = np.pad(speak(text, "rms"), RATE // 2).astype("<i2").tobytes()
         chunks = [said[start : start + 3200] for start in range(0, len(said), 3200)]
         assert hear(Speech(Listener()), chunks) == [], index
 

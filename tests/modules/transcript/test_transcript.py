@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from modules.speech.spectrum import RATE
+from modules.speech.synthesis import speak
 from modules.transcript.engines import PocketSphinx, SherpaOnnx, Vosk, engine
 from modules.transcript.task import Transcript
 from robotkit import ConfigurationError, Received
-from timelines.datasets.speech import speak
 
 needs_voices = pytest.mark.skipif(
     shutil.which("flite") is None or shutil.which("sox") is None, reason="flite and sox are not installed"

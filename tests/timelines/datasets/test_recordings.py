@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import pytest
 
+from modules.speech import synthesis
+from timelines.datasets import speech
 from timelines.datasets.__main__ import main
 from timelines.datasets.euroc import Sequence
 from timelines.datasets.motion import Motion
@@ -30,6 +32,14 @@ def test_each_recording_has_its_own_fingerprint():
     prints = {fingerprint(recording) for recording in RECORDINGS.values()}
     assert len(prints) == len(RECORDINGS)
     assert fingerprint(Script(1, ())) == fingerprint(Script(1, ()))
+
+
+@pytest.mark.parametrize("code", [speech, synthesis])
+def test_speech_is_outdated_when_the_code_that_makes_it_changed(code, tmp_path, monkeypatch):
+    before = fingerprint(Script(1, ()))
+    (tmp_path / "changed.py").touch()
+    monkeypatch.setattr(code, "__file__", str(tmp_path / "changed.py"))
+    assert fingerprint(Script(1, ())) != before
 
 
 def test_an_unknown_name_is_refused(capsys):

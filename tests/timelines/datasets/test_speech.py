@@ -1,12 +1,9 @@
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
-import pytest
 
 from timelines.datasets import speech
-from timelines.datasets.speech import PEAK, SpeechError, every_command, speak
+from timelines.datasets.speech import every_command
 
 
 def test_every_voice_says_every_command_without_overlap():
@@ -15,14 +12,3 @@ def test_every_voice_says_every_command_without_overlap():
     starts = [utterance.at for utterance in script.utterances]
     assert set(np.diff(starts).round(9)) == {2.0}
     assert starts[-1] + 2 == script.duration
-
-
-@pytest.mark.skipif(shutil.which("flite") is None or shutil.which("sox") is None, reason="no flite or sox")
-def test_a_voice_is_as_loud_as_the_others():
-    assert np.abs(speak("stop now", "slt")).max() == pytest.approx(PEAK)
-
-
-def test_a_missing_program_is_named(monkeypatch):
-    monkeypatch.setattr(shutil, "which", lambda _: None)
-    with pytest.raises(SpeechError, match="flite is missing: install"):
-        speak("stop now", "slt")
