@@ -38,6 +38,5 @@ def test_changes_take_the_same_number_of_calls(measured):
     assert next_to - fewest <= SAME
 
 
-@pytest.mark.xfail(strict=True, reason="pipeline rewrite pending")
 def test_a_change_takes_no_more_calls_than_the_goal(measured):
     assert min(measured["changes"]) <= GOAL
