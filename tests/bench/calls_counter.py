@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 OPERATOR = str(Path(contextpolicy.__file__).parents[1])
 TESTS = str(Path(__file__).parents[1])
-QUIET = 0.05
-"""Seconds without a call after which all threads are taken to wait: the next thing that is due is the status, 0.1 s
-after the plan."""
+QUIET = 0.08
+"""Seconds without a call after which all threads are taken to wait. The next thing that is due is the status, 0.1 s
+after the plan; on a busy machine a thread that could go on may wait for most of that."""
 
 
 class Call(NamedTuple):

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from tests.bench.calls_counter import Call
 
 POLICY = Path(__file__).parents[2] / "config/policies/delivery-robot.yaml"
-SENDING = QUIET / 2
+SENDING = QUIET / 4
 """Seconds that a message takes, in which the workers get as far as the API server."""
-ANSWER = 5 * QUIET
+ANSWER = 3 * QUIET
 """Seconds that the API server takes: by then the operator has done all else."""
 REST = 1.0
 """Seconds between an answer and the next change: by then the status is written."""

@@ -21,7 +21,7 @@ def measured():
 
 def test_each_figure_adds_to_the_one_before(measured):
     first, last, idle = (measured[figure]["calls"] for figure in ("first", "last", "idle"))
-    assert 0 < first < last < idle
+    assert 0 < first < last <= idle  # equal where the loop got no processor after it had published
 
 
 def test_the_operators_own_calls_are_a_part_of_all(measured):
