@@ -39,7 +39,7 @@ def test_sidecars_count_and_init_containers_that_end_do_not():
         ("slam", "containers", Cpu(10, 500), Cpu(10, 500)),
         ("map", "initContainers", Cpu(20, 400), Cpu(20, 400)),
     ]
-    assert pod.container("wait-for-camera") is None
+    assert "wait-for-camera" not in pod.by_name
 
 
 @pytest.mark.parametrize(

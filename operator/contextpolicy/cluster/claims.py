@@ -217,6 +217,6 @@ def _matches(policy: Policy, pods: Sequence[PodView]) -> Iterator[tuple[Task, Po
     for task in policy.leaves:
         for pod in pods:
             if task.selector is not None and task.selector.matches(pod.labels):
-                container = pod.container(task.container)
+                container = pod.by_name.get(task.container)
                 if container is not None:
                     yield task, pod, container

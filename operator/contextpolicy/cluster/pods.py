@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kubernetes.utils.quantity import parse_quantity
@@ -79,6 +79,11 @@ class PodView:
     """Whether a container still runs; in a pod that is being deleted they may until the grace period ends."""
     version: int
     """The object's resourceVersion, which only grows, so a lower one means an older view. 0 when it is not a number."""
+    by_name: Mapping[str, ContainerView] = field(init=False, repr=False, compare=False)
+    """The containers, by name."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "by_name", {container.name: container for container in self.containers})
 
     @property
     def seen(self) -> bool:
@@ -90,13 +95,6 @@ class PodView:
         """Whether the kubelet has seen the newest spec, but has other resources in force and reports no reason."""
         silent = not (self.pending or self.resizing or self.ended) and self.observed_generation is not None
         return silent and self.seen and not all(container.granted for container in self.containers)
-
-    def container(self, name: str) -> ContainerView | None:
-        """The container with this name, or None."""
-        for container in self.containers:
-            if container.name == name:
-                return container
-        return None
 
     def floor(self, container: ContainerView, original: Cpu | None = None) -> int:
         """The least limit that the container's request allows where only limits move; 0 where both move together.
@@ -175,10 +173,10 @@ def _containers(
     """The long-running containers: init containers only if they are sidecars (`restartPolicy: Always`)."""
     sidecars = [c for c in spec.get("initContainers") or [] if c.get("restartPolicy") == "Always"]
     by_name = {entry["name"]: entry for entry in _statuses(status)}
-    for field, containers in (("containers", spec.get("containers") or []), ("initContainers", sidecars)):
+    for kind, containers in (("containers", spec.get("containers") or []), ("initContainers", sidecars)):
         for container in containers:
-            by = writers(metadata, field, container["name"])
-            yield _container(container, field, by_name.get(container["name"], {}), by)
+            by = writers(metadata, kind, container["name"])
+            yield _container(container, kind, by_name.get(container["name"], {}), by)
 
 
 def _statuses(status: Mapping[str, Any]) -> list[Mapping[str, Any]]:

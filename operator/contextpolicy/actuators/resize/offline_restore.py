@@ -108,7 +108,7 @@ def _parts(policy: Mapping[str, Any], pods: Mapping[str, PodView]) -> Iterator[_
     for uid, (_, originals) in read(reference, _stored(policy)):
         pod = pods.get(uid)
         if pod is not None and pod.namespace == policy["metadata"]["namespace"]:
-            kept = {name: cpu for name, cpu in originals.items() if pod.container(name) is not None}
+            kept = {name: cpu for name, cpu in originals.items() if name in pod.by_name}
             yield _Part(reference, pod, kept)
 
 

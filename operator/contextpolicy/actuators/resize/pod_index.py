@@ -66,7 +66,7 @@ class PodIndex:
         """A container by its identity `namespace/pod/container`, with its pod; None for what is unknown."""
         key, _, name = identity.rpartition("/")
         pod = self._pods.get(self._uids.get(key, ""))
-        return pod, pod.view.container(name) if pod else None
+        return pod, pod.view.by_name.get(name) if pod else None
 
 
 def _key(view: PodView) -> str:

@@ -167,7 +167,7 @@ class PodState:
 
     def expect_back(self, name: str, policy: str) -> None:
         """The API already has the container's original; until the kubelet applies it, the container may have more."""
-        if self.view.container(name) is not None and self.highest(name) > self.least_known(name):
+        if name in self.view.by_name and self.highest(name) > self.least_known(name):
             self.putting_back[name] = policy
 
     # what is known
@@ -196,18 +196,18 @@ class PodState:
         """The container's resources in the API, including writes not on the watch yet; None when unknown."""
         if self.phase in (Phase.UNSURE, Phase.ASKING):
             return None
-        container = self.view.container(name)
+        container = self.view.by_name.get(name)
         return self._accepted.get(name) or (container.spec if container else None)
 
     def least_known(self, name: str) -> int:
         """The last known limit in the API, in thousandths of a core; 0 without one."""
-        container = self.view.container(name)
+        container = self.view.by_name.get(name)
         known = self._accepted.get(name) or (container.spec if container else None)
         return (known.limit if known else None) or 0
 
     def highest(self, name: str) -> int:
         """The highest limit that may be in force now, in thousandths of a core."""
-        container = self.view.container(name)
+        container = self.view.by_name.get(name)
         seen = (container.spec, container.actual) if container else ()
         known = (self._accepted.get(name), self.patch.resources.get(name) if self.patch else None, *seen)
         return max([self._peaks.get(name, 0), *[cpu.limit or 0 for cpu in known if cpu]])
@@ -238,7 +238,7 @@ class PodState:
         self._settle()
 
     def _has(self, name: str, cpu: Cpu) -> bool:
-        container = self.view.container(name)
+        container = self.view.by_name.get(name)
         return container is not None and container.spec == cpu
 
     def _keep_peaks(self, view: PodView) -> None:
