@@ -41,7 +41,7 @@ def now(monkeypatch):
 
 @pytest.fixture
 def leadership():
-    return Leadership(Api(), Settings(identity="one", lease=("system", "release")))
+    return Leadership(Api(), Settings(identity="one", lease=("system", "release")), lambda: None)
 
 
 def renew(leadership, *, times=1):
