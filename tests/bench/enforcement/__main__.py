@@ -4,9 +4,9 @@
 
 Six synthetic tasks in cgroups of their own share two processors, without Kubernetes. Contexts follow a script and
 change which task is critical; one controller writes what a division wants, as the agent does. Factors are never mixed:
-the same gating, the same queues and the same inputs for everybody who is compared. The cells that a goal compares are run
-once in each block, the others in the first two, in another order in each. Needs root, a CPU controller (cgroup version
-1, or 2 without realtime), and a quiet machine.
+the same gating, the same queues and the same inputs for everybody who is compared. The cells that a goal compares are
+run once in each block, the others in the first two, in another order in each. Needs root, a CPU controller (cgroup
+version 1, or 2 without realtime), and a quiet machine.
 
 Writes enforcement.jsonl (a line for each run, as it ends), enforcement.md, enforcement.json and enforcement.svg. A full
 run takes about an hour, --quick less than five minutes: two loads, one block, shorter contexts, the newest input only.
@@ -27,11 +27,12 @@ from tests.bench.enforcement.journal import OtherRunError
 from tests.bench.enforcement.matrix import CONTESTED, LIGHT, LOADS
 from tests.bench.enforcement.picture import draw
 from tests.bench.enforcement.report import text, values
+from tests.bench.enforcement.search import FINALISTS
 
 REPOSITORY = Path(__file__).parents[3]
 OUTPUT = REPOSITORY / "build" / "bench"
-QUICK = Options(loads=(LIGHT, CONTESTED), seconds=2.0, blocks=1, finalists=2, lossless=False)
-FULL = Options(loads=LOADS, seconds=4.0, blocks=10, finalists=5, lossless=True)
+QUICK = Options(loads=(LIGHT, CONTESTED), seconds=2.0, blocks=1, finalists=1, lossless=False)
+FULL = Options(loads=LOADS, seconds=4.0, blocks=10, finalists=FINALISTS, lossless=True)
 
 
 def main() -> int:

@@ -81,7 +81,7 @@ class Campaign:
             began = time.monotonic()
             for number, (block, cell) in enumerate(left):
                 _say(f"{_left(began, number, len(left))} block {block + 1}: {cell}")
-                measured = measure(cell, self._division(cell), tasks(cell.load), self._script(cell), groups)
+                measured = measure(cell, self._division(cell), tasks(cell.load), self._script(cell, block), groups)
                 self.journal.add(cell, block, measured)
 
     def _search(self) -> dict[Cell, list[Candidate]]:
@@ -94,8 +94,8 @@ class Campaign:
         return dict(zip(wanted, found, strict=True))
 
     def _choose(self, cell: Cell, found: Sequence[Candidate], groups: Groups) -> None:
-        """Run the best for real, and keep what is best there; the simple set, which comes last, is always tried."""
-        tried = [*found[: self._options.finalists - 1], found[-1]]
+        """Run the best for real, and keep what is best there; the best of the simple sets comes last."""
+        tried = [*found[: self._options.finalists], found[-1]]
         trials = []
         for number, candidate in enumerate(tried):
             _say(f"trying weights {number + 1} of {len(tried)}: {cell}")
@@ -111,8 +111,8 @@ class Campaign:
     def _division(self, cell: Cell) -> Division:
         return division(cell.division, STORIES[cell.story], tasks(cell.load), self.journal.tuned.get(trained_on(cell)))
 
-    def _script(self, cell: Cell) -> Script:
-        return Script(STORIES[cell.story], self._options.seconds)
+    def _script(self, cell: Cell, block: int = 0) -> Script:
+        return Script(STORIES[cell.story], self._options.seconds, seed=block)
 
     def _drop_realtime(self, groups: Groups) -> None:
         """Where groups can't have realtime budgets, the cells that need them are left out."""

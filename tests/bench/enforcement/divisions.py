@@ -6,14 +6,15 @@ of weights. Shares become CPU weights in the kubelet's unit: one core is 1024.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from contextpolicy.planning.allocation.shares import Demand, divide
 from tests.bench.enforcement.stories import PROCESSORS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from tests.bench.enforcement.stories import Context, Story, Task
 
@@ -44,12 +45,16 @@ class Setting:
 class Table:
     """A policy's weights: of the critical task, of all others, and what a protected one has whatever happens.
 
-    `floor` is in thousandths of a core.
+    `floor` is in thousandths of a core. `needs`: nobody has less than it wants, where all of that fits. `slice` are the
+    protected tasks'. `above` is the load below which nobody is weighted.
     """
 
     critical: float = 100
     other: float = 3
     floor: int = 100
+    needs: bool = False
+    slice: float | None = None
+    above: float = 0.0
 
     def weight(self, task: Task, context: Context) -> float:
         """The task's weight in a context; 0 is suspended."""
@@ -59,15 +64,24 @@ class Table:
             return self.critical
         return PROTECTED.get(task.name, self.other)
 
+    def floors(self, running: Sequence[Task]) -> dict[str, int]:
+        """What each running task has at least, in thousandths of a core."""
+        floors = {task.name: self.floor if task.protected else STEP for task in running}
+        if self.needs and sum(task.wants for task in running) <= PROCESSORS:
+            return {task.name: max(floors[task.name], round(task.wants * 1000)) for task in running}
+        return floors
+
 
 PROTECTED = {"nav": 10.0, "imu": 5.0}
 TABLE = Table()
 ATTEMPTS = {
-    "weights, ratio 300": (Table(critical=300), None),
-    "weights, floor 300m": (Table(floor=300), None),
-    "weights, slice 0.5 ms": (TABLE, 0.0005),
+    "weights, ratio 10": Table(critical=30),
+    "weights, floor 300m": Table(floor=300),
+    "weights, floor 300m, slice 0.5 ms": Table(floor=300, slice=0.0005),
+    "weights, floors at need": Table(floor=300, needs=True),
+    "weights, only above 0.8": Table(floor=300, above=0.8),
 }
-"""What was tried for missed goals: another ratio, another floor, shorter slices for the protected tasks."""
+"""What was tried for missed goals: another ratio, larger floors, shorter slices, and no weights without contention."""
 
 DEFAULT, PRIORITY, TUNED, PINNED, ROUND_ROBIN = "default", "priority", "tuned", "pinned", "round robin"
 LIMITS, WEIGHTS, BUDGETS, ALONE = "context limits", "context weights", "context realtime", "alone"
@@ -110,14 +124,15 @@ def weighted(shares: Mapping[str, int]) -> dict[str, Setting]:
     return {name: Setting(shares=amount) for name, amount in shares.items()}
 
 
-def shares(tasks: Iterable[Task], context: Context, table: Table, ceiling: int | None = None) -> dict[str, int]:
+def shares(tasks: Sequence[Task], context: Context, table: Table, ceiling: int | None = None) -> dict[str, int]:
     """Eq. 1: thousandths of a core."""
     total = PROCESSORS * 1000
+    floors = table.floors([task for task in tasks if task.name not in context.suspends])
     claims = [
         Demand(
             task.name,
             table.weight(task, context),
-            (table.floor if task.protected else STEP) // STEP,
+            floors.get(task.name, STEP) // STEP,
             (STEP if task.name in context.suspends else ceiling or total) // STEP,
         )
         for task in tasks
@@ -162,20 +177,17 @@ def _limits(tasks: Sequence[Task], context: Context) -> dict[str, Setting]:
 
 def _weights(tasks: Sequence[Task], context: Context, table: Table = TABLE) -> dict[str, Setting]:
     """A weight from the share; a suspended task has the least one, and a quota."""
-    settings = {}
-    for name, share in shares(tasks, context, table).items():
-        suspended = name in context.suspends
-        settings[name] = Setting(LEAST_SHARES, quota=STEP) if suspended else Setting(kubelet_shares(share))
-    return settings
-
-
-def _attempt(table: Table, protected_slice: float | None) -> Callable[[Sequence[Task], Context], dict[str, Setting]]:
-    def settings(tasks: Sequence[Task], context: Context) -> dict[str, Setting]:
-        found = _weights(tasks, context, table)
-        protected = {task.name for task in tasks if task.protected}
-        return {n: replace(one, slice=protected_slice) if n in protected else one for n, one in found.items()}
-
-    return settings
+    running = [task for task in tasks if task.name not in context.suspends]
+    wanted = sum(task.wants for task in running) / PROCESSORS
+    found = shares(tasks, context, table)
+    suspended = dict.fromkeys(context.suspends, Setting(LEAST_SHARES, quota=STEP))
+    return {
+        task.name: Setting(
+            kubelet_shares(found[task.name]) if wanted > table.above else CORE,
+            slice=table.slice if task.protected else None,
+        )
+        for task in running
+    } | suspended
 
 
 def _budgets(tasks: Sequence[Task], context: Context) -> dict[str, Setting]:
@@ -195,5 +207,5 @@ _STATIC = {
     ROUND_ROBIN: _round_robin,
 }
 _CONTEXTUAL = {LIMITS: _limits, WEIGHTS: _weights, BUDGETS: _budgets} | {
-    name: _attempt(*attempt) for name, attempt in ATTEMPTS.items()
+    name: partial(_weights, table=table) for name, table in ATTEMPTS.items()
 }

@@ -62,7 +62,7 @@ class Run:
 def _responses(task: Task, script: Script, finished: Sequence[float]) -> dict[str, list[int | None]]:
     found: dict[str, list[int | None]] = {context.name: [] for context in script.story.contexts}
     for number, time in enumerate(finished):
-        arrival = number / task.rate
+        arrival = script.phase(task) + number / task.rate
         found[script.at(arrival).name].append(None if math.isnan(time) else round((time - arrival) * TENTHS))
     return found
 
@@ -96,6 +96,11 @@ class Figures:
     def work(self) -> float:
         """CPU seconds of all tasks, the median over the blocks."""
         return statistics.median(sum(run.work.values()) for run in self.runs)
+
+    @property
+    def foreign(self) -> float:
+        """CPU seconds that others took, the median over the blocks."""
+        return statistics.median(run.foreign for run in self.runs)
 
     @property
     def drain(self) -> float | None:

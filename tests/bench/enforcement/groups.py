@@ -28,9 +28,9 @@ PRIORITY, CONTROLLER_PRIORITY = 10, 50
 class Groups:
     """The tasks' groups, empty and with nothing set; `with` makes and removes them."""
 
-    def __init__(self, names: Iterable[str]) -> None:
-        self.version = 2 if (ROOT / "cgroup.controllers").exists() else 1
-        self._controller = ROOT / "cpu" if self.version == 1 else ROOT
+    def __init__(self, names: Iterable[str], root: Path = ROOT) -> None:
+        self.version = 2 if (root / "cgroup.controllers").exists() else 1
+        self._controller = root / "cpu" if self.version == 1 else root
         self._top = self._controller / "contextpolicy-enforcement"
         self._robot = self._top / "robot"
         self._groups = {name: self._robot / name for name in names}

@@ -24,7 +24,7 @@ class Queue(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """Inputs number 0 to `count` - 1, arriving at `rate` a second from 0 on.
+    """Inputs number 0 to `count` - 1, arriving at `rate` a second from `phase` on.
 
     `windows` are the times at which the task takes input: what arrives outside of them, or waits when one ends, is
     dropped.
@@ -34,10 +34,11 @@ class Inputs:
     count: int
     queue: Queue
     windows: Sequence[tuple[float, float]]
+    phase: float = 0.0
 
     def arrival(self, number: int) -> float:
         """When an input arrives."""
-        return number / self.rate
+        return self.phase + number / self.rate
 
     def next(self, last: int, now: float) -> int | None:
         """The input to take now, after `last`; None if none waits."""
@@ -45,7 +46,7 @@ class Inputs:
         if begin is None:
             return None
         oldest = max(last + 1, self._first(begin))
-        newest = min(math.floor((now + EARLY) * self.rate), self.count - 1)
+        newest = min(self._last(now), self.count - 1)
         if oldest > newest:
             return None
         return newest if self.queue is Queue.NEWEST else oldest
@@ -53,11 +54,15 @@ class Inputs:
     def wake(self, last: int, now: float) -> float | None:
         """When there may be an input to take, if none waits now; None after the last one."""
         for begin, end in self.windows:
-            number = max(last + 1, self._first(begin), math.floor((now + EARLY) * self.rate) + 1)
+            number = max(last + 1, self._first(begin), self._last(now) + 1)
             if number < self.count and self.arrival(number) < end:
                 return self.arrival(number)
         return None
 
     def _first(self, time: float) -> int:
         """The first input that arrives then or later."""
-        return math.ceil((time - EARLY) * self.rate)
+        return math.ceil((time - self.phase - EARLY) * self.rate)
+
+    def _last(self, time: float) -> int:
+        """The last input that has arrived by then."""
+        return math.floor((time - self.phase + EARLY) * self.rate)

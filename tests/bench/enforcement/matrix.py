@@ -120,7 +120,7 @@ def taken(cell: Cell, task: Task, script: Script) -> Inputs:
         windows = [(n * script.seconds, (n + 1) * script.seconds) for n, one in turns if one.critical == task.name]
     else:
         windows = script.windows(task.name) if cell.gated else [(0.0, math.inf)]
-    return Inputs(task.rate, round(script.end * task.rate), cell.queue, windows)
+    return Inputs(task.rate, script.count(task), cell.queue, windows, script.phase(task))
 
 
 _RULES = (

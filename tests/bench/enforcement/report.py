@@ -73,13 +73,14 @@ def _about(journal: Journal, measured: Sequence[Cell], about: Mapping[str, Any])
     late = max((run.late for run in runs), default=0.0)
     return f"""\
 {about["machine"]}. {PROCESSORS} processors, contexts of {about["seconds"]:g} s, {about["blocks"]} blocks;
-{len(runs)} of {planned} runs measured. In {disturbed} of them others took more than {UNSETTLED:g} of a core. A context's
-last setting was written at most {late * 1000:.1f} ms after its beginning.
+{len(runs)} of {planned} runs measured. In {disturbed} of them others took more than {UNSETTLED:g} of a core. A
+context's last setting was written at most {late * 1000:.1f} ms after its beginning.
 
 Hit rates are over all inputs due: what is dropped or never done is a miss. An input counts in the context in which it
 arrives; only what arrives while its context suspends its task is not due, under every division alike. Hit rates and
 quantiles are over all blocks; in brackets the median and the range of the blocks. Drain: after the last context, until
-nothing waits for the tasks that it does not suspend."""
+nothing waits for the tasks that it does not suspend. Work and others: the tasks' CPU seconds during the contexts, and
+those that the rest of the machine took from them."""
 
 
 def _verdict(verdict: Verdict) -> str:
@@ -128,7 +129,7 @@ def _cell(story: str, load: float, queue: Queue, gating: str, name: str) -> Cell
 def _table(found: Mapping[str, Figures]) -> str:
     first = next(iter(found.values()))
     critical = [f"{context.name}: {context.critical}" for context in first.story.contexts]
-    head = ["", *critical, *(f"{name} (all)" for name in first.tasks), "p50 / p99 ms", "work", "drain"]
+    head = ["", *critical, *(f"{name} (all)" for name in first.tasks), "p50 / p99 ms", "work", "others", "drain"]
     rows = [_cells(name, figures) for name, figures in found.items()]
     return "\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows))
 
@@ -150,6 +151,7 @@ def _cells(name: str, figures: Figures) -> list[str]:
         *(_percent(figures.hit(task)) for task in figures.tasks),
         times,
         f"{figures.work:.2f} s",
+        f"{figures.foreign:.2f} s",
         drain,
     ]
 
@@ -170,7 +172,8 @@ def _row(cell: Cell, journal: Journal) -> dict[str, Any]:
         context.name: {"hit": hit, "blocks": figures.hits(context.critical, [context.name])}
         for context, hit in zip(figures.story.contexts, figures.critical().values(), strict=True)
     }
-    return {**cell.values(), "critical": critical, "tasks": tasks, "work": figures.work, "drain": figures.drain}
+    whole = {"work": figures.work, "foreign": figures.foreign, "drain": figures.drain}
+    return {**cell.values(), "critical": critical, "tasks": tasks, **whole}
 
 
 def _tuned(journal: Journal) -> str:

@@ -29,7 +29,7 @@ BEFORE = -1.0
 """A time before the first input."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Simulated:
     """One task: what it takes, what an input costs, and its weight."""
 

@@ -1,8 +1,8 @@
 """What the robot of this benchmark does: its tasks, and the contexts that say which of them is critical. Pure.
 
 The tasks are those of a robot that drives, listens and reads signs; together they want 1.5 times two processors. A load
-scales what an input costs, not how often inputs come. Every schedule begins at 0, so that all inputs arrive together
-now and then: the worst case for each of them.
+scales what an input costs, not how often inputs come. When a task's first input comes is drawn anew for each block, as
+sensors are not in step.
 
 Control loops and SLAM have to be done before the next input comes (the IMU's filter buffers one). Speech, signs and the
 map may take two periods, which is half or less of what the modules of this repository allow themselves; with the newest
@@ -11,6 +11,8 @@ input only that means to keep up.
 
 from __future__ import annotations
 
+import math
+import random
 from dataclasses import dataclass, field, replace
 
 PROCESSORS = 2
@@ -61,15 +63,24 @@ class Story:
 
 @dataclass(frozen=True, slots=True)
 class Script:
-    """A story told once: each context holds for `seconds`."""
+    """A story told once: each context holds for `seconds`. The seed says when each task's first input comes."""
 
     story: Story
     seconds: float
+    seed: int = 0
 
     @property
     def end(self) -> float:
         """When no input arrives any more."""
         return self.seconds * len(self.story.contexts)
+
+    def phase(self, task: Task) -> float:
+        """When the task's first input comes: within its first period."""
+        return random.Random(f"{self.seed} {task.name}").random() / task.rate  # noqa: S311 - no secret
+
+    def count(self, task: Task) -> int:
+        """How many of its inputs come."""
+        return math.ceil((self.end - self.phase(task)) * task.rate - 1e-9)
 
     def at(self, time: float) -> Context:
         """The context that holds then; the last one stays."""
