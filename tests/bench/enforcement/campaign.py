@@ -88,9 +88,13 @@ class Campaign:
         """What the model thinks best, for each cell with tuned weights that has none yet."""
         tuned = dict.fromkeys(trained_on(cell) for cell in self.cells if cell.division == TUNED)
         wanted = [cell for cell in tuned if cell not in self.journal.tuned]
+        if not wanted:
+            return {}
         _say(f"searching static weights for {len(wanted)} cells")
         with multiprocessing.get_context("fork").Pool() as pool:
             found = pool.starmap(tune, [(cell, tasks(cell.load), self._script(cell)) for cell in wanted], chunksize=1)
+            pool.close()
+            pool.join()  # at its end it would kill its processes, which may hold a lock
         return dict(zip(wanted, found, strict=True))
 
     def _choose(self, cell: Cell, found: Sequence[Candidate], groups: Groups) -> None:
