@@ -23,10 +23,11 @@ import sys
 from pathlib import Path
 
 from tests.bench.enforcement.campaign import Campaign, Options
+from tests.bench.enforcement.data import values
 from tests.bench.enforcement.journal import OtherRunError
 from tests.bench.enforcement.matrix import CONTESTED, LIGHT, LOADS
 from tests.bench.enforcement.picture import draw
-from tests.bench.enforcement.report import text, values
+from tests.bench.enforcement.report import text
 from tests.bench.enforcement.search import FINALISTS
 
 REPOSITORY = Path(__file__).parents[3]

@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from tests.bench.enforcement.divisions import ALONE, ATTEMPTS, DEFAULT, STATIC, TUNED, WEIGHTS
+from tests.bench.enforcement.divisions import ALONE, DEFAULT, STATIC, TUNED, WEIGHTS
 from tests.bench.enforcement.inputs import Queue
 from tests.bench.enforcement.matrix import HEAVY, LIGHT, Cell
+from tests.bench.enforcement.policy import ATTEMPTS
 from tests.bench.enforcement.stories import IMPORTANCE, SUSPENDING
 
 if TYPE_CHECKING:

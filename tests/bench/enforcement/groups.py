@@ -46,6 +46,7 @@ class Groups:
             for group in (self._robot, *self._groups.values()):
                 group.mkdir()
             self._weigh(self._top, HIGHEST)
+            self.reset()
             self._come_first()
         except BaseException:
             self._remove()
@@ -100,7 +101,7 @@ class Groups:
                 ask_for_slice(processes[name], now.slice)
 
     def reset(self) -> None:
-        """Undo all but weights, so that whatever is left can run and end; its processes have to be gone for budgets."""
+        """Lift limits and weights, so that whatever is left can run and end."""
         for group in self._groups.values():
             self._limit(group, None)
             self._weigh(group, CORE)

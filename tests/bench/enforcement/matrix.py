@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 from tests.bench.enforcement.divisions import (
     ALONE,
-    ATTEMPTS,
     CONTEXTUAL,
     DEFAULT,
     PINNED,
@@ -25,6 +24,7 @@ from tests.bench.enforcement.divisions import (
     WEIGHTS,
 )
 from tests.bench.enforcement.inputs import Inputs, Queue
+from tests.bench.enforcement.policy import ATTEMPTS
 from tests.bench.enforcement.stories import IMPORTANCE, STORIES, SUSPENDING
 
 if TYPE_CHECKING:

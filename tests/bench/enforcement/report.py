@@ -1,4 +1,4 @@
-"""The figures as Markdown and as plain data. Pure."""
+"""The figures as Markdown. Pure."""
 
 from __future__ import annotations
 
@@ -47,23 +47,6 @@ def text(journal: Journal, measured: Sequence[Cell], left_out: Mapping[Cell, str
         _left_out(left_out),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
-
-
-def values(journal: Journal, about: Mapping[str, Any]) -> dict[str, Any]:
-    """The same as plain data."""
-    return {
-        "about": dict(about),
-        "goals": [
-            {"goal": one.goal, "division": one.division, "met": one.met, "compared": one.compared, "failed": one.failed}
-            for one in verdicts(journal.figures)
-        ],
-        "static that serve every context": {
-            f"{load:g}": static_that_serve_all(journal.figures, load) for load in HEAVY
-        },
-        "losses of others": {f"{load:g}": losses_of_others(journal.figures, load) for load in HEAVY},
-        "cells": [_row(cell, journal) for cell in dict.fromkeys(cell for cell, _, _ in journal.runs())],
-        "tuned": [{**cell.values(), "shares": shares} for cell, shares in journal.tuned.items()],
-    }
 
 
 def _about(journal: Journal, measured: Sequence[Cell], about: Mapping[str, Any]) -> str:
@@ -156,26 +139,6 @@ def _cells(name: str, figures: Figures) -> list[str]:
     ]
 
 
-def _row(cell: Cell, journal: Journal) -> dict[str, Any]:
-    figures = journal.figures(cell)
-    assert figures
-    tasks = {
-        name: {
-            "hit": figures.hit(name),
-            "blocks": figures.hits(name),
-            "p50": _finite(figures.quantile(name, 0.5)),
-            "p99": _finite(figures.quantile(name, 0.99)),
-        }
-        for name in figures.tasks
-    }
-    critical = {
-        context.name: {"hit": hit, "blocks": figures.hits(context.critical, [context.name])}
-        for context, hit in zip(figures.story.contexts, figures.critical().values(), strict=True)
-    }
-    whole = {"work": figures.work, "foreign": figures.foreign, "drain": figures.drain}
-    return {**cell.values(), "critical": critical, "tasks": tasks, **whole}
-
-
 def _tuned(journal: Journal) -> str:
     lines = []
     for cell, shares in journal.tuned.items():
@@ -206,7 +169,3 @@ def _spread(rates: Sequence[float]) -> str:
 
 def _milliseconds(seconds: float) -> str:
     return "never" if math.isinf(seconds) else f"{seconds * 1000:.1f}"
-
-
-def _finite(seconds: float) -> float | None:
-    return seconds if math.isfinite(seconds) else None

@@ -30,7 +30,8 @@ HEAD_START = 0.05
 """Seconds from the barrier to the first input."""
 DRAINED = 2.0
 """Seconds after the last context in which waiting inputs may still be done."""
-READY = 10.0
+PATIENCE = 10.0
+"""Seconds in which a task has to start, or to end."""
 
 
 class Started:
@@ -43,26 +44,25 @@ class Started:
         self._processes = {}
         self._ready, ready = FORK.Pipe(duplex=False)
         begun, self._begin = os.pipe()
+        self._theirs = ready, begun
         for task in tasks:
             own = taken(cell, task, script)
             self.boards[task.name] = board = memoryview(mmap.mmap(-1, 8 * own.count)).cast("d")
             for number in range(own.count):
                 board[number] = math.nan
             self._processes[task.name] = FORK.Process(target=self._task, args=(task, own, board, ready, begun))
-        for process in self._processes.values():
-            process.start()
-        os.close(begun)
-        ready.close()
 
     @property
     def ids(self) -> dict[str, int]:
         """The processes' ids."""
         return {name: process.pid or 0 for name, process in self._processes.items()}
 
-    def wait(self) -> None:
-        """Wait until all are in their groups."""
+    def launch(self) -> None:
+        """Start them, and wait until all are in their groups."""
+        for process in self._processes.values():
+            process.start()
         for _ in self._processes:
-            if not self._ready.poll(READY):
+            if not self._ready.poll(PATIENCE):
                 raise SystemExit("a task does not start")
             self._ready.recv_bytes()
 
@@ -82,15 +82,19 @@ class Started:
 
     def end(self) -> None:
         """End all that still run."""
-        os.close(self._begin)
+        ready, begun = self._theirs
+        ready.close()
         self._ready.close()
+        os.close(begun)
+        os.close(self._begin)
         self._groups.reset()
-        for process in self._processes.values():
-            if process.pid is not None:
-                process.kill()
-        for process in self._processes.values():
-            if process.pid is not None:
-                process.join()
+        launched = [process for process in self._processes.values() if process.pid is not None]
+        for process in launched:
+            process.kill()
+        for process in launched:
+            process.join(PATIENCE)
+            if process.is_alive():
+                raise SystemExit(f"task {process.pid} does not end")
 
     def _task(self, task: Task, own: Inputs, board: memoryview[float], ready: Any, begun: int) -> None:
         self._groups.join(task.name)
@@ -112,7 +116,7 @@ def measure(cell: Cell, division: Division, tasks: Sequence[Task], script: Scrip
     """Run it once."""
     with _started(cell, tasks, script, groups) as started:
         contexts = script.story.contexts
-        started.wait()
+        started.launch()
         groups.begin(division.settings[contexts[0].name], started.ids)
         busy, begun = busy_seconds(), {name: cpu_seconds(process) for name, process in started.ids.items()}
         start, late = started.start(), 0.0

@@ -18,9 +18,10 @@ from dataclasses import replace
 from statistics import fmean
 from typing import TYPE_CHECKING, NamedTuple
 
-from tests.bench.enforcement.divisions import LEAST_SHARES, TABLE, kubelet_shares, shares
+from tests.bench.enforcement.divisions import LEAST_SHARES, kubelet_shares, shares
 from tests.bench.enforcement.figures import Figures, Run
 from tests.bench.enforcement.matrix import SEED, taken
+from tests.bench.enforcement.policy import TABLE
 from tests.bench.enforcement.simulator import Simulated, simulate
 from tests.bench.enforcement.stories import PROCESSORS
 

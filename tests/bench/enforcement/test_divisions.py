@@ -3,7 +3,6 @@
 import pytest
 
 from tests.bench.enforcement.divisions import (
-    ATTEMPTS,
     BUDGETS,
     CORE,
     DEFAULT,
@@ -14,13 +13,13 @@ from tests.bench.enforcement.divisions import (
     REALTIME,
     ROUND_ROBIN,
     STATIC,
-    STEP,
     TUNED,
     WEIGHTS,
     Setting,
     division,
     kubelet_shares,
 )
+from tests.bench.enforcement.policy import ATTEMPTS, STEP
 from tests.bench.enforcement.stories import IMPORTANCE, PROCESSORS, SUSPENDING, tasks
 
 HEAVY = tasks(1.3)

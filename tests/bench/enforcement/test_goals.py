@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from tests.bench.enforcement.divisions import ALONE, ATTEMPTS, DEFAULT, PRIORITY, TUNED, WEIGHTS
+from tests.bench.enforcement.divisions import ALONE, DEFAULT, PRIORITY, TUNED, WEIGHTS
 from tests.bench.enforcement.figures import TENTHS, Figures, Run
 from tests.bench.enforcement.goals import losses_of_others, static_that_serve_all, verdicts
 from tests.bench.enforcement.matrix import cells
+from tests.bench.enforcement.policy import ATTEMPTS
 from tests.bench.enforcement.stories import STORIES, tasks
 
 GOALS = 6

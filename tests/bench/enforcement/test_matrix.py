@@ -2,9 +2,10 @@
 
 import pytest
 
-from tests.bench.enforcement.divisions import ALONE, ATTEMPTS, DEFAULT, PRIORITY, TUNED, WEIGHTS
+from tests.bench.enforcement.divisions import ALONE, DEFAULT, PRIORITY, TUNED, WEIGHTS
 from tests.bench.enforcement.inputs import Queue
 from tests.bench.enforcement.matrix import BESIDE, HEAVY, LIGHT, Cell, cells, for_goals, in_block, stand_in, taken
+from tests.bench.enforcement.policy import ATTEMPTS
 from tests.bench.enforcement.stories import IMPORTANCE, SUSPENDING, Script, tasks
 
 MEASURED, LEFT_OUT = cells(attempts=True)

@@ -2,13 +2,14 @@
 
 import pytest
 
+from tests.bench.enforcement.data import values
 from tests.bench.enforcement.divisions import ALONE, DEFAULT, TUNED, WEIGHTS
 from tests.bench.enforcement.figures import Run
 from tests.bench.enforcement.inputs import Queue
 from tests.bench.enforcement.journal import Journal
 from tests.bench.enforcement.matrix import Cell, cells
 from tests.bench.enforcement.picture import draw
-from tests.bench.enforcement.report import text, values
+from tests.bench.enforcement.report import text
 from tests.bench.enforcement.stories import IMPORTANCE, SUSPENDING, tasks
 
 ABOUT = {"machine": "a machine", "seconds": 4.0, "blocks": 10}
