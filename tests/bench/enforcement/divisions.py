@@ -137,7 +137,7 @@ def _weights(tasks: Sequence[Task], context: Context, table: Table = TABLE) -> d
     running = [task for task in tasks if task.name not in context.suspends]
     wanted = sum(task.wants for task in running) / PROCESSORS
     found = shares(tasks, context, table)
-    suspended = dict.fromkeys(context.suspends, Setting(LEAST_SHARES, quota=STEP))
+    suspended = dict.fromkeys(context.suspends, Setting(LEAST_SHARES, quota=STEP if table.freeze else None))
     return {
         task.name: Setting(
             kubelet_shares(found[task.name]) if wanted > table.above else CORE,

@@ -81,7 +81,7 @@ class Groups:
     def apply(self, settings: Mapping[str, Setting], processes: Mapping[str, int]) -> None:
         """Write what differs from before."""
         before, self._settings = self._settings, {**self._settings, **settings}
-        changed = {name: (before[name], now) for name, now in settings.items() if now != before[name]}
+        changed = {name: (before[name], now) for name, now in settings.items()}
         self._schedule(
             {processes[n] for n, (was, now) in changed.items() if was.realtime and not now.realtime}, os.SCHED_OTHER
         )

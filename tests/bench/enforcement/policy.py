@@ -21,7 +21,8 @@ class Table:
     """A policy's weights: of the critical task, of all others, and what a protected one has whatever happens.
 
     `floor` is in thousandths of a core. `needs`: nobody has less than it wants, where all of that fits. `slice` are the
-    protected tasks'. `above` is the load below which nobody is weighted.
+    protected tasks'. `above` is the load below which nobody is weighted. `freeze`: a suspended task has a quota, which
+    also stops the input that it is at.
     """
 
     critical: float = 100
@@ -30,6 +31,7 @@ class Table:
     needs: bool = False
     slice: float | None = None
     above: float = 0.0
+    freeze: bool = True
 
     def weight(self, task: Task, context: Context) -> float:
         """The task's weight in a context; 0 is suspended."""
@@ -55,5 +57,6 @@ ATTEMPTS = {
     "weights, floor 300m, slice 0.5 ms": Table(floor=300, slice=0.0005),
     "weights, floors at need": Table(floor=300, needs=True),
     "weights, only above 0.8": Table(floor=300, above=0.8),
+    "weights, only above 0.8, no quota": Table(floor=300, above=0.8, freeze=False),
 }
-"""What was tried for missed goals: another ratio, larger floors, shorter slices, and no weights without contention."""
+"""What was tried for missed goals: another ratio, larger floors, shorter slices, no weights without contention, no quotas."""

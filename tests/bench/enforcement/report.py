@@ -97,7 +97,7 @@ def _view(journal: Journal, measured: Sequence[Cell], story: str, gating: str, t
         for queue in Queue:
             shown = {name: journal.figures(_cell(story, load, queue, gating, name)) for name in names}
             found = {name: figures for name, figures in shown.items() if figures}
-            if found and (story == IMPORTANCE.name or any(name in CONTEXTUAL for name in found)):
+            if found.keys() - {ALONE} and (story == IMPORTANCE.name or any(name in CONTEXTUAL for name in found)):
                 tables.append(f"### Load {load:g}, {queue}\n\n{_table(found)}")
     return [f"## {title}", *tables] if tables else []
 

@@ -46,7 +46,10 @@ def test_the_first_blocks_have_all_cells_and_each_its_own_order():
     assert set(first) == set(second) == set(MEASURED)
     assert first != second
     assert first == in_block(reversed(MEASURED), 0)
-    assert not all(for_goals(cell) for cell in MEASURED)
+
+
+def test_later_blocks_have_what_goals_compare():
+    assert set(in_block(MEASURED, BESIDE)) == {cell for cell in MEASURED if for_goals(cell)} < set(MEASURED)
 
 
 def test_alone_means_that_only_the_critical_task_has_input():

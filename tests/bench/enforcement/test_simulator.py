@@ -35,6 +35,12 @@ def test_no_processor_idles_while_a_task_waits():
     assert work == pytest.approx(2 * 3.0, abs=4 * 0.07)
 
 
+def test_a_processor_that_becomes_idle_takes_what_waits_elsewhere():
+    short, long = {"cost": 0.01, "count": 1}, {"cost": 0.06, "count": 1}
+    found = simulate({"a": a_task(**short), "b": a_task(**long), "c": a_task(**short), "d": a_task(**long)}, 1)
+    assert max(time for times in found.values() for time in times) < 0.09, "one after the other they take 0.12 s"
+
+
 def test_a_heavy_task_is_served_first_and_equal_ones_alike():
     heavy = simulate({"a": a_task(0.08, weight=4096), **{n: a_task(0.08, weight=64) for n in "bcd"}}, 3)
     assert max(time - number / 10 for number, time in enumerate(heavy["a"])) < 0.1
