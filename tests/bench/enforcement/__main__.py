@@ -9,7 +9,7 @@ run once in each block, the others in the first two, in another order in each. N
 version 1, or 2 without realtime), and a quiet machine.
 
 Writes enforcement.jsonl (a line for each run, as it ends), enforcement.md, enforcement.json and enforcement.svg. A full
-run takes about an hour, --quick less than five minutes: two loads, one block, shorter contexts, the newest input only.
+run takes 75 minutes, --quick five: two loads, one block, shorter contexts, the newest input only.
 """
 
 # ruff: noqa: T201 - a command prints
@@ -69,14 +69,18 @@ def _arguments() -> argparse.Namespace:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--quick", action="store_true", help="five minutes instead of an hour")
+    parser.add_argument("--quick", action="store_true", help="five minutes instead of 75")
     parser.add_argument("--blocks", type=int, help="how often each cell is run (10; quick: 1)")
     parser.add_argument("--resume", action="store_true", help="go on with a run of the same options that ended early")
     parser.add_argument("--output", type=Path, default=OUTPUT, metavar="DIR", help="where to (build/bench)")
     parser.add_argument(
         "--only", nargs="+", default=[], metavar="PART", help="only cells whose name has all of these, as `load 1.3`"
     )
-    parser.add_argument("--attempts", action="store_true", help="also what was tried to reach goals that were missed")
+    parser.add_argument(
+        "--attempts",
+        action="store_true",
+        help="also what was tried to reach missed goals; with --resume beside what is there",
+    )
     return parser.parse_args()
 
 

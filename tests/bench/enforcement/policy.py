@@ -59,4 +59,4 @@ ATTEMPTS = {
     "weights, only above 0.8": Table(floor=300, above=0.8),
     "weights, only above 0.8, no quota": Table(floor=300, above=0.8, freeze=False),
 }
-"""What was tried for missed goals: another ratio, larger floors, shorter slices, no weights without contention, no quotas."""
+"""What was tried for goals that were missed."""
