@@ -96,6 +96,9 @@ bench-container: images  ## measure what a container costs a module, beside a ba
 bench-reaction: images  ## measure sample to cgroup on a real node against the alternatives (RESUME=--resume goes on)
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.reaction $(RESUME)
 
+bench-enforcement: setup  ## measure contexts against static weights, pinning and realtime, without Kubernetes (root; QUICK=--quick, RESUME=--resume)
+	$(PYTHON) -m tests.bench.enforcement $(QUICK) $(RESUME)
+
 bench-board: images  ## the reaction benchmark on processors as slow as those of BOARD (raspberry-pi-4, raspberry-pi-5)
 	dpkg --status p7zip >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends p7zip; }
 	$(CLUSTER) exec -- $(PYTHON) -m tests.bench.slow_board $(BOARD) -- $(PYTHON) -m tests.bench.reaction --only table --rounds 5 --patience 0

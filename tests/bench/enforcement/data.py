@@ -1,0 +1,55 @@
+"""The figures as plain data. Pure."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from tests.bench.enforcement.goals import losses_of_others, static_that_serve_all, verdicts
+from tests.bench.enforcement.matrix import HEAVY, Cell
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from tests.bench.enforcement.journal import Journal
+
+
+def values(journal: Journal, about: Mapping[str, Any]) -> dict[str, Any]:
+    """The same as plain data."""
+    return {
+        "about": dict(about),
+        "goals": [
+            {"goal": one.goal, "division": one.division, "met": one.met, "compared": one.compared, "failed": one.failed}
+            for one in verdicts(journal.figures)
+        ],
+        "static that serve every context": {
+            f"{load:g}": static_that_serve_all(journal.figures, load) for load in HEAVY
+        },
+        "losses of others": {f"{load:g}": losses_of_others(journal.figures, load) for load in HEAVY},
+        "cells": [_row(cell, journal) for cell in dict.fromkeys(cell for cell, _, _ in journal.runs())],
+        "tuned": [{**cell.values(), "shares": shares} for cell, shares in journal.tuned.items()],
+    }
+
+
+def _row(cell: Cell, journal: Journal) -> dict[str, Any]:
+    figures = journal.figures(cell)
+    assert figures
+    tasks = {
+        name: {
+            "hit": figures.hit(name),
+            "blocks": figures.hits(name),
+            "p50": _finite(figures.quantile(name, 0.5)),
+            "p99": _finite(figures.quantile(name, 0.99)),
+        }
+        for name in figures.tasks
+    }
+    critical = {
+        context.name: {"hit": hit, "blocks": figures.hits(context.critical, [context.name])}
+        for context, hit in zip(figures.story.contexts, figures.critical().values(), strict=True)
+    }
+    whole = {"work": figures.work, "foreign": figures.foreign, "drain": figures.drain}
+    return {**cell.values(), "critical": critical, "tasks": tasks, **whole}
+
+
+def _finite(seconds: float) -> float | None:
+    return seconds if math.isfinite(seconds) else None

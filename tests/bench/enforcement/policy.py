@@ -1,0 +1,62 @@
+"""The weights that a policy would have for this robot, and what was tried instead. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from tests.bench.enforcement.stories import PROCESSORS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tests.bench.enforcement.stories import Context, Task
+
+STEP = 10
+"""Thousandths of a core: shares move in these steps, and a suspended task keeps one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A policy's weights: of the critical task, of all others, and what a protected one has whatever happens.
+
+    `floor` is in thousandths of a core. `needs`: nobody has less than it wants, where all of that fits. `slice` are the
+    protected tasks'. `above` is the load below which nobody is weighted. `freeze`: a suspended task has a quota, which
+    also stops the input that it is at.
+    """
+
+    critical: float = 100
+    other: float = 3
+    floor: int = 100
+    needs: bool = False
+    slice: float | None = None
+    above: float = 0.0
+    freeze: bool = True
+
+    def weight(self, task: Task, context: Context) -> float:
+        """The task's weight in a context; 0 is suspended."""
+        if task.name in context.suspends:
+            return 0
+        if task.name == context.critical:
+            return self.critical
+        return PROTECTED.get(task.name, self.other)
+
+    def floors(self, running: Sequence[Task]) -> dict[str, int]:
+        """What each running task has at least, in thousandths of a core."""
+        floors = {task.name: self.floor if task.protected else STEP for task in running}
+        if self.needs and sum(task.wants for task in running) <= PROCESSORS:
+            return {task.name: max(floors[task.name], round(task.wants * 1000)) for task in running}
+        return floors
+
+
+PROTECTED = {"nav": 10.0, "imu": 5.0}
+TABLE = Table()
+ATTEMPTS = {
+    "weights, ratio 10": Table(critical=30),
+    "weights, floor 300m": Table(floor=300),
+    "weights, floor 300m, slice 0.5 ms": Table(floor=300, slice=0.0005),
+    "weights, floors at need": Table(floor=300, needs=True),
+    "weights, only above 0.8": Table(floor=300, above=0.8),
+    "weights, only above 0.8, no quota": Table(floor=300, above=0.8, freeze=False),
+}
+"""What was tried for goals that were missed."""

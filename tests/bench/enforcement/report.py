@@ -1,0 +1,171 @@
+"""The figures as Markdown. Pure."""
+
+from __future__ import annotations
+
+import math
+from itertools import groupby
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from tests.bench.enforcement.divisions import ALONE, CONTEXTUAL, STATIC
+from tests.bench.enforcement.goals import losses_of_others, static_that_serve_all, verdicts
+from tests.bench.enforcement.inputs import Queue
+from tests.bench.enforcement.matrix import HEAVY, LOADS, Cell, in_block
+from tests.bench.enforcement.stories import IMPORTANCE, PROCESSORS, SUSPENDING, critical_fit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from tests.bench.enforcement.figures import Figures
+    from tests.bench.enforcement.goals import Verdict
+    from tests.bench.enforcement.journal import Journal
+
+UNSETTLED = 0.02
+"""Cores that others took: above this a run was disturbed."""
+VIEWS = (
+    (IMPORTANCE.name, "off", "Importance moves, nothing can be suspended"),
+    (SUSPENDING.name, "off", "Contexts suspend, gating off: modules go on with what comes"),
+    (SUSPENDING.name, "the same for all", "Contexts suspend, the same gating for all"),
+    (SUSPENDING.name, "on", "Contexts suspend, gating on: the product as a whole against static divisions without it"),
+)
+
+
+def text(journal: Journal, measured: Sequence[Cell], left_out: Mapping[Cell, str], about: Mapping[str, Any]) -> str:
+    """The whole report."""
+    judged = verdicts(journal.figures)
+    parts = [
+        "# Enforcement: who gets the processors, and what it costs",
+        _about(journal, measured, about),
+        "## Goals",
+        "\n".join(_verdict(verdict) for verdict in judged),
+        "\n".join(_statics(journal)),
+        "\n".join(_others(journal)),
+        *(part for view in VIEWS for part in _view(journal, measured, *view)),
+        "## Tuned static weights",
+        _tuned(journal),
+        "## Left out",
+        _left_out(left_out),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _about(journal: Journal, measured: Sequence[Cell], about: Mapping[str, Any]) -> str:
+    runs = [run for _, _, run in journal.runs()]
+    planned = sum(len(in_block(measured, block)) for block in range(about["blocks"]))
+    disturbed = sum(run.foreign > UNSETTLED * len(run.responses["nav"]) * about["seconds"] for run in runs)
+    late = max((run.late for run in runs), default=0.0)
+    return f"""\
+{about["machine"]}. {PROCESSORS} processors, contexts of {about["seconds"]:g} s, {about["blocks"]} blocks;
+{len(runs)} of {planned} runs measured. In {disturbed} of them others took more than {UNSETTLED:g} of a core. A
+context's last setting was written at most {late * 1000:.1f} ms after its beginning.
+
+Hit rates are over all inputs due: what is dropped or never done is a miss. An input counts in the context in which it
+arrives; only what arrives while its context suspends its task is not due, under every division alike. Hit rates and
+quantiles are over all blocks; in brackets the median and the range of the blocks. Drain: after the last context, until
+nothing waits for the tasks that it does not suspend. Work and others: the tasks' CPU seconds during the contexts, and
+those that the rest of the machine took from them."""
+
+
+def _verdict(verdict: Verdict) -> str:
+    word = {True: "met", False: "**missed**", None: "not measured"}[verdict.met]
+    failed = "".join(f"\n  - {failure}" for failure in verdict.failed)
+    return f"- {verdict.goal}: {verdict.division}: {word}{failed}"
+
+
+def _statics(journal: Journal) -> Iterable[str]:
+    for load in HEAVY:
+        serving = static_that_serve_all(journal.figures, load)
+        if serving is not None:
+            fit = "fit" if critical_fit(load) else "do not fit"
+            names = ", ".join(serving) or "none"
+            yield f"- load {load:g} (the critical tasks {fit} together): static divisions that reach the same: {names}"
+
+
+def _others(journal: Journal) -> Iterable[str]:
+    for load in HEAVY:
+        losses = losses_of_others(journal.figures, load)
+        if losses:
+            listed = ", ".join(f"{name} {-loss * 100:+.1f}" for name, loss in losses.items())
+            yield f"- load {load:g}, equal gating: the others against tuned weights, in points: {listed}"
+
+
+def _view(journal: Journal, measured: Sequence[Cell], story: str, gating: str, title: str) -> Iterable[str]:
+    """One comparison: a table for each load and queue."""
+    names = list(dict.fromkeys(cell.division for cell in measured))
+    tables = []
+    for load in LOADS:
+        for queue in Queue:
+            shown = {name: journal.figures(_cell(story, load, queue, gating, name)) for name in names}
+            found = {name: figures for name, figures in shown.items() if figures}
+            if found.keys() - {ALONE} and (story == IMPORTANCE.name or any(name in CONTEXTUAL for name in found)):
+                tables.append(f"### Load {load:g}, {queue}\n\n{_table(found)}")
+    return [f"## {title}", *tables] if tables else []
+
+
+def _cell(story: str, load: float, queue: Queue, gating: str, name: str) -> Cell:
+    """Static divisions gate only where all do."""
+    static = name in (*STATIC, ALONE)
+    gated = gating == "the same for all" or (gating == "on" and not static)
+    return Cell(story, load, queue, gated, name)
+
+
+def _table(found: Mapping[str, Figures]) -> str:
+    first = next(iter(found.values()))
+    critical = [f"{context.name}: {context.critical}" for context in first.story.contexts]
+    head = ["", *critical, *(f"{name} (all)" for name in first.tasks), "p50 / p99 ms", "work", "others", "drain"]
+    rows = [_cells(name, figures) for name, figures in found.items()]
+    return "\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows))
+
+
+def _cells(name: str, figures: Figures) -> list[str]:
+    critical = [
+        f"{_percent(figures.hit(context.critical, [context.name]))} "
+        f"({_spread(figures.hits(context.critical, [context.name]))})"
+        for context in figures.story.contexts
+    ]
+    times = "; ".join(
+        f"{task} {_milliseconds(figures.quantile(task, 0.5))} / {_milliseconds(figures.quantile(task, 0.99))}"
+        for task in figures.tasks
+    )
+    drain = "too long" if figures.drain is None else f"{figures.drain:.2f} s"
+    return [
+        name,
+        *critical,
+        *(_percent(figures.hit(task)) for task in figures.tasks),
+        times,
+        f"{figures.work:.2f} s",
+        f"{figures.foreign:.2f} s",
+        drain,
+    ]
+
+
+def _tuned(journal: Journal) -> str:
+    lines = []
+    for cell, shares in journal.tuned.items():
+        lines.append(f"- {cell}: {_weights(shares)}")
+        for trial in journal.trials[cell]:
+            hit = ", ".join(f"{name} {_percent(rate)}" for name, rate in trial["critical"].items())
+            lines.append(f"  - {_weights(trial['shares'])}: worst {_percent(trial['simulated'])} simulated; run: {hit}")
+    return "\n".join(lines)
+
+
+def _weights(shares: Mapping[str, int]) -> str:
+    return " ".join(f"{name} {amount}" for name, amount in shares.items())
+
+
+def _left_out(left_out: Mapping[Cell, str]) -> str:
+    reasons = groupby(sorted(left_out.items(), key=lambda one: one[1]), key=lambda one: one[1])
+    return "\n".join(f"- {len(list(cells))} cells: {reason}" for reason, cells in reasons)
+
+
+def _percent(rate: float) -> str:
+    return "-" if math.isnan(rate) else f"{rate * 100:.1f} %"
+
+
+def _spread(rates: Sequence[float]) -> str:
+    known = [rate for rate in rates if not math.isnan(rate)]
+    return f"{median(known) * 100:.0f}, {min(known) * 100:.0f}-{max(known) * 100:.0f}" if known else "-"
+
+
+def _milliseconds(seconds: float) -> str:
+    return "never" if math.isinf(seconds) else f"{seconds * 1000:.1f}"

@@ -1,0 +1,106 @@
+"""Report and picture show what was measured, and no more."""
+
+import pytest
+
+from tests.bench.enforcement.data import values
+from tests.bench.enforcement.divisions import ALONE, DEFAULT, TUNED, WEIGHTS
+from tests.bench.enforcement.figures import Run
+from tests.bench.enforcement.inputs import Queue
+from tests.bench.enforcement.journal import Journal
+from tests.bench.enforcement.matrix import Cell, cells
+from tests.bench.enforcement.picture import draw
+from tests.bench.enforcement.report import text
+from tests.bench.enforcement.stories import IMPORTANCE, SUSPENDING, tasks
+
+ABOUT = {"machine": "a machine", "seconds": 4.0, "blocks": 10}
+
+
+@pytest.fixture
+def journal(tmp_path):
+    return Journal(tmp_path / "enforcement.jsonl", {}, resume=False)
+
+
+def a_run(missed=0, foreign=0.0):
+    responses = {
+        task.name: {context.name: [None] * missed + [10] * (10 - missed) for context in IMPORTANCE.contexts}
+        for task in tasks(1.3)
+    }
+    return Run(responses, {"slam": 3.0, "map": 5.0}, 0.5, foreign=foreign)
+
+
+def a_cell(division, story=IMPORTANCE, *, gated=False):
+    return Cell(story.name, 1.3, Queue.NEWEST, gated, division)
+
+
+def report(journal):
+    return text(journal, *cells(), ABOUT)
+
+
+def test_a_row_has_what_all_blocks_say_with_their_range(journal):
+    journal.add(a_cell(DEFAULT), 0, a_run(missed=2))
+    journal.add(a_cell(DEFAULT), 1, a_run(missed=4))
+    assert "| default | 70.0 % (70, 60-80) |" in report(journal)
+    assert "8.00 s" in report(journal)
+    assert "slam 1.0 / never" in report(journal)
+
+
+def test_missed_goals_are_named_with_the_figure(journal):
+    for division, missed in ((DEFAULT, 5), (ALONE, 0), (WEIGHTS, 1)):
+        journal.add(a_cell(division), 0, a_run(missed))
+    found = report(journal)
+    assert "- heavy: importance, load 1.3, nothing suspended: context weights: **missed**" in found
+    assert "  - read: 90.0% of inputs hit, 100.0% alone" in found
+    assert "heavy: importance, load 1.6, nothing suspended: context weights: not measured" in found
+
+
+def test_gating_on_sets_the_product_beside_static_divisions_without_it(journal):
+    journal.add(a_cell(DEFAULT), 0, a_run(missed=7))
+    journal.add(a_cell(DEFAULT, SUSPENDING, gated=True), 0, a_run(missed=3))
+    journal.add(a_cell(WEIGHTS, SUSPENDING, gated=True), 0, a_run())
+    found = report(journal)
+    same, on = found.split("## Contexts suspend, the same gating for all")[1].split("## Contexts suspend, gating on")
+    assert "| default | 70.0 %" in same
+    assert "| default | 30.0 %" in on
+    assert "| context weights | 100.0 %" in same
+    assert "| context weights | 100.0 %" in on
+
+
+def test_disturbed_runs_are_counted(journal):
+    journal.add(a_cell(DEFAULT), 0, a_run(foreign=0.2))
+    journal.add(a_cell(DEFAULT), 1, a_run(foreign=0.3))
+    assert "2 of" in report(journal)
+    assert "In 1 of them others took more than 0.02 of a core" in report(journal)
+
+
+def test_every_reason_for_leaving_cells_out_is_there(journal):
+    measured, left_out = cells()
+    found = text(journal, measured, left_out, ABOUT)
+    assert all(reason in found for reason in left_out.values())
+
+
+def test_what_the_search_found_is_reported_with_its_trials(journal):
+    trial = {"shares": {"slam": 900}, "simulated": 0.8, "critical": {"drive": 0.75}}
+    journal.add_tuned(a_cell(TUNED), {"slam": 900}, [trial])
+    assert "slam 900: worst 80.0 % simulated; run: drive 75.0 %" in report(journal)
+
+
+def test_plain_data_has_goals_and_cells(journal):
+    journal.add(a_cell(DEFAULT), 0, a_run(missed=2))
+    found = values(journal, ABOUT)
+    assert {goal["met"] for goal in found["goals"]} == {None}
+    (cell,) = found["cells"]
+    assert cell["critical"]["drive"] == {"hit": 0.8, "blocks": [0.8]}
+    assert cell["tasks"]["imu"]["p99"] is None, "never"
+
+
+def test_the_same_figures_give_the_same_picture(journal, tmp_path):
+    journal.add(a_cell(DEFAULT), 0, a_run(missed=2))
+    for name in ("one", "other"):
+        draw(journal, tmp_path / f"{name}.svg")
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()
+    assert "load 1.3, nothing suspended" in (tmp_path / "one.svg").read_text()
+
+
+def test_nothing_measured_is_no_picture(journal, tmp_path):
+    draw(journal, tmp_path / "none.svg")
+    assert not (tmp_path / "none.svg").exists()
