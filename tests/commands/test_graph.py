@@ -104,6 +104,7 @@ def test_a_deep_graph_with_edges_between_tasks(deep: str, capsys: pytest.Capture
     assert "task-leaf ==> task-follower" in lines
     assert 'need-leaf[/"1 core<br/>or suspended"/]:::need' in lines
     assert 'task-brake["brake<br/>priority 1, protected"]:::task' in lines
+    assert 'task-leaf["leaf<br/>priority 1"]:::task' in lines
     assert main(["graph", deep, "--output", "svg"]) == 0
 
 

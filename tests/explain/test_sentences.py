@@ -8,13 +8,31 @@ import pytest
 
 from contextpolicy.explain.explanation import explain
 from contextpolicy.explain.sentences import sentences
-from tests.planning.builders import START, Story, a_policy, a_stream, a_task, on_node, together
+from tests.planning.builders import START, Story, a_context, a_policy, a_stream, a_task, on_node, together
 
 
 def explained(task, placement):
     tasks = [a_task("slam", priority=3), a_task("speech")]
     policy = a_policy(streams=[a_stream("imu")], tasks=tasks, scheduler="Realtime", reserve="0")
     return sentences(explain(Story(policy, placement).planner, START + 1), task)
+
+
+def test_what_contexts_change_and_what_protection_rules_out():
+    tasks = [a_task("brake", protected=True), a_task("slam")]
+    contexts = [
+        a_context("busy", "true", tasks={"brake": {"weight": 3}, "slam": {"weight": 2}}),
+        a_context("off", "true", tasks={"brake": {"suspend": True}, "slam": {"scale": 0}}),
+    ]
+    policy = a_policy(tasks=tasks, contexts=contexts)
+    explanation = explain(Story(policy, on_node("brake", "slam")).planner, START + 1)["tasks"]
+    assert {name: own["protected"] for name, own in explanation.items()} == {"brake": True, "slam": False}
+    effects = {
+        name: [(e["context"], e["decides"], e["ruledOut"]) for e in own["effects"]] for name, own in explanation.items()
+    }
+    assert effects == {
+        "brake": [("busy", True, False), ("off", False, True)],
+        "slam": [("busy", False, False), ("off", True, False)],
+    }
 
 
 @pytest.fixture

@@ -151,6 +151,13 @@ FIELDS = [
     ({"tasks": []}, "spec.tasks"),
     ({"tasks": [a_task("slam"), a_task("slam")]}, "spec.tasks"),
     ({"tasks": [a_task(f"t{n}") for n in range(129)]}, "spec.tasks"),
+    *(
+        ({"tasks": [a_parent("p", "a", **{field: value}), a_task("a")]}, f"spec.tasks[0].{field}")
+        for field, value in (
+            *(("min", "100m"), ("max", "1"), ("needs", {"cores": 1}), ("container", "p"), ("restartOnResize", True)),
+            ("protected", True),
+        )
+    ),
     ({"contexts": [a_context("a", "true"), a_context("a", "true")]}, "spec.contexts"),
 ]
 STREAM = [
@@ -214,6 +221,7 @@ TASK = [
     ({"needs": {"memory": "1X"}}, "needs.memory"),
     ({"needs": {"deadline": "now"}}, "needs.deadline"),
     ({"needs": {"gpu": 1}}, "needs.gpu"),
+    ({"needs": {"cores": 1, "enforce": "Suspend"}, "protected": True}, "needs.enforce"),
     ({"satisfiedBy": "Some"}, "satisfiedBy"),
     ({"activity": [{"stream": "nowhere"}]}, "activity[0].stream"),
     ({"activity": [{"when": "nowhere.x"}]}, "activity[0].when"),

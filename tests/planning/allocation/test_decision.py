@@ -98,6 +98,12 @@ class TestProtected:
         assert story.shares() == {"stop": 0, "brake": 400, "horn": 10, "rest": 1590}
         assert not story.last.tasks["brake"].suspended
 
+    def test_it_is_suspended_when_it_can_not_run(self):
+        tasks = [a_task("brake", min="400m", protected=True, requires=[{"when": "false"}]), a_task("rest")]
+        story = Story(a_policy(tasks=tasks))
+        assert story.last.tasks["brake"].suspended
+        assert story.shares() == {"brake": 400, "rest": 600}
+
     def test_floors_that_exceed_the_node_are_scaled_down_for_the_others(self):
         got = shares(a_task("brake", min="800m", protected=True), a_task("rest", min="900m"), cores=1)
         assert got == {"brake": 800, "rest": 200}

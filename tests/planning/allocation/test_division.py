@@ -110,6 +110,14 @@ def test_floors_beyond_the_node_are_scaled_down_and_told():
     assert [s.message for s in division.shortfalls] == ["the floors sum to 1200m, allowed: 1000m; all are scaled down"]
 
 
+def test_protected_floors_that_just_fit_are_kept():
+    tasks = [a_task("slam", min="600m", protected=True), a_task("speech", min="390m", protected=True)]
+    policy = a_policy(tasks=[*tasks, a_task("chat", min="500m")])
+    division = divided(policy, on_node("slam", "speech", "chat"), chat=9)
+    assert division.shares == {"slam": 600, "speech": 390, "chat": 10}
+    assert division.shortfalls[0].message.endswith("; all are scaled down")
+
+
 def test_protected_floors_that_do_not_fit_are_scaled_down_in_every_division():
     """What the last division claimed instead of them must not stand in for them in the next."""
     policy = a_policy(tasks=[a_task(name, min="600m", protected=True) for name in ("slam", "speech")])

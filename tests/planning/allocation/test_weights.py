@@ -160,6 +160,10 @@ class TestProtected:
         assert {name: weight.value for name, weight in got.items() if weight.value} == {"keyword": 7.0}
         assert got["keyword"].because == "protected, it goes on without hear; priority 7 times score 1"
 
+    def test_it_rests_with_a_parent_that_rests(self):
+        got = weights(a_deep_graph(protected=True, priority=7), hear=0.0)
+        assert (got["keyword"].value, got["keyword"].able) == (0.0, True)
+
     def test_its_own_precondition_counts(self):
         policy = a_policy(tasks=[a_task("brake", protected=True), a_task("slam")])
         assert values(policy, waiting={"brake": "imu.ok"})["brake"] == 0
