@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from datetime import UTC, datetime, timedelta
 from threading import Event, current_thread
 from types import SimpleNamespace
@@ -39,7 +40,12 @@ def test_timers_act_by_the_order_of_their_deadlines(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
     loop, seen, done = Loop(), [], Event()
-    loop.schedule_relative(0.02, lambda *_: (seen.append("late"), done.set()))
+
+    def last(*_):
+        seen.append("late")
+        done.set()
+
+    loop.schedule_relative(0.02, last)
     loop.schedule_relative(0.01, lambda *_: seen.append("early"))
     loop.schedule(lambda *_: seen.append("now"))
     clock[0] += 1.0
@@ -65,7 +71,7 @@ def test_an_action_that_fails_is_logged_and_the_others_have_their_turn(loop, cap
 
 def test_its_clock_follows_the_monotonic_clock_from_the_wall_clocks_time(monkeypatch):
     monotonic = [100.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: monotonic[0])
+    monkeypatch.setattr(time, "monotonic", lambda: monotonic[0])
     loop = Loop()
     began = loop.now
     assert abs(began - datetime.now(UTC)) < timedelta(seconds=1)
