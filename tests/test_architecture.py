@@ -41,7 +41,18 @@ DOORS = {("cli", "commands"), ("__main__", "cli")}
 """The imports within a layer that are allowed."""
 
 PURE = {
-    *("__future__", "bisect", "collections", "dataclasses", "decimal", "enum", "fractions", "functools", "heapq", "itertools"),
+    *(
+        "__future__",
+        "bisect",
+        "collections",
+        "dataclasses",
+        "decimal",
+        "enum",
+        "fractions",
+        "functools",
+        "heapq",
+        "itertools",
+    ),
     *("logging", "math", "operator", "re", "types", "typing"),
     *("cel", "contextpolicy.errors", "contextpolicy.policy", "contextpolicy.planning"),
 }

@@ -13,8 +13,8 @@ PATIENCE = 30.0
 PAUSE = 0.01
 
 
-def until(condition: Callable[[], object]) -> None:
-    """Wait until it holds."""
+def until(condition: Callable[..., object]) -> None:
+    """Wait until it holds; it is called without arguments, and may have defaults: the variables of a loop."""
     deadline = time.monotonic() + PATIENCE
     while not condition():
         assert time.monotonic() < deadline, "it did not come true"

@@ -8,7 +8,7 @@ from robotkit import Result, Task
 
 if TYPE_CHECKING:
     import threading
-    from collections.abc import Iterator
+    from collections.abc import Generator
 
     from modules.camera.sources import Source
 
@@ -21,7 +21,7 @@ class Camera(Task):
         self._output = output
         self._period = 0 if rate is None else round(1e9 / rate)
 
-    def produce(self, ended: threading.Event) -> Iterator[Result]:
+    def produce(self, ended: threading.Event) -> Generator[Result]:
         """Yield frames until the end; frames that come too early are skipped, so the rate holds on average."""
         due = 0
         for stamp, frame in self._source.frames(ended):

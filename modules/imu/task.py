@@ -11,7 +11,7 @@ from robotkit.readings import ImuSample, imu
 
 if TYPE_CHECKING:
     import threading
-    from collections.abc import Iterator
+    from collections.abc import Generator
     from pathlib import Path
 
     from robotkit import Received
@@ -33,7 +33,7 @@ class Imu(Task):
         """Take a sample; returns a result at most every 20 ms."""
         return self._results(imu(received))
 
-    def produce(self, ended: threading.Event) -> Iterator[Result]:
+    def produce(self, ended: threading.Event) -> Generator[Result]:
         """Play the sequence, if there is one, with the stamps of now."""
         if self._mav0 is None:
             return

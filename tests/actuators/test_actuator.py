@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from contextpolicy.actuators.actuator import Actuators
 from contextpolicy.actuators.order import Order
 from contextpolicy.policy.spec import Mode
@@ -40,7 +42,7 @@ class Noting:
 
 
 def made():
-    notes = []
+    notes: list[tuple[Any, ...]] = []
     resizer, dry_run = Noting("resizer", notes), Noting("dry run", notes)
     return notes, resizer, dry_run, Actuators({Mode.ENFORCE: resizer, Mode.DRY_RUN: dry_run})
 
@@ -69,13 +71,18 @@ def test_what_concerns_all_goes_to_each():
     actuators.observe("a pod")
     actuators.forget("uid-1")
     actuators.abandon(POLICY)
-    heard = [("recall", POLICY, {"uid-1": {}}), ("observe", "a pod"), ("forget", "uid-1"), ("abandon", POLICY)]
+    heard: list[tuple[Any, ...]] = [
+        ("recall", POLICY, {"uid-1": {}}),
+        ("observe", "a pod"),
+        ("forget", "uid-1"),
+        ("abandon", POLICY),
+    ]
     assert notes == [(name, *what) for what in heard for name in ("resizer", "dry run")]
 
 
 def test_a_policy_is_released_when_every_actuator_has_let_go():
     notes, resizer, dry_run, actuators = made()
-    done = []
+    done: list[bool] = []
     actuators.release(POLICY, lambda: done.append(True))
     assert notes == [("dry run", "release", POLICY)]
     dry_run.done()

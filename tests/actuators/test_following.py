@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from reactivex import Subject
 from reactivex.testing import TestScheduler
 
 from contextpolicy.actuators.following import LONGEST, SETTLED, follow_agents
 from contextpolicy.planning.allocation.plan import NodePlan
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 NODE, OTHER = "node-1", "node-2"
 
@@ -19,7 +24,9 @@ class Story:
     """`ordered` has what was ordered, with its time: the share of `slam` by node."""
 
     def __init__(self, *ahead):
-        self.scheduler, self.source, self.ordered = TestScheduler(), Subject(), []
+        self.scheduler = TestScheduler()
+        self.ordered: list[tuple[float, dict[str, int]]] = []
+        self.source: Subject[Mapping[str, NodePlan]] = Subject()
         self.ahead = frozenset(ahead)
         self.end = self.source.pipe(follow_agents(self.scheduler, lambda: self.ahead)).subscribe(self.note)
 

@@ -21,7 +21,7 @@ def test_containers_of_realtime_nodes_are_left_to_the_agent():
 
 def test_a_container_whose_node_has_no_plan_yet_is_claimed_without_a_share():
     order = order_of(parse(a_policy()), (SLAM,), {}, frozenset())
-    assert (order.claimed, order.shares, order.ceilings) == ({"a"}, {}, {})
+    assert (order.claimed, order.shares, order.ceilings) == (frozenset("a"), {}, {})
 
 
 def test_a_ceiling_is_the_tasks_max_or_all_of_its_node():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
+from typing import TYPE_CHECKING
 
 import pytest
 from reactivex.scheduler import EventLoopScheduler
@@ -19,6 +20,9 @@ from tests.agent.builders import NODE
 from tests.bus.certificates import signing_keys
 from tests.modules.robotkit.bus import Matching, ask, client, router
 from tests.waiting import PATIENCE
+
+if TYPE_CHECKING:
+    import zenoh
 
 KEY, POLICY = plan_key("robot", "delivery"), "robot/delivery"
 STAMP = (1, 2, 3)
@@ -205,7 +209,8 @@ def test_an_agent_that_is_back_soon_was_not_gone(address, operator, scheduler, c
 def test_an_agent_that_did_not_answer_in_time_is_asked_again(address, operator, scheduler, close, monkeypatch):
     monkeypatch.setattr(agents, "PATIENCE", 0.05)
     monkeypatch.setattr(agents, "PAUSE", 0.01)
-    watcher, held = Listener(), []
+    held: list[zenoh.Query] = []
+    watcher = Listener()
     watch = AgentWatch(operator, scheduler, watcher.changed)
     with client(address) as session:
 

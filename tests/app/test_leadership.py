@@ -29,6 +29,12 @@ class Api:
         self.leases[namespace, name] = written
         return written
 
+    def read(self, path):
+        raise AssertionError(path)
+
+    def watch(self, path, version):
+        raise AssertionError(path, version)
+
 
 @pytest.fixture
 def now(monkeypatch):

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import threading
 from http.client import HTTPConnection
+from typing import TYPE_CHECKING
 
 import pytest
 
 from contextpolicy.app import probes
 from contextpolicy.app.probes import Heartbeat, serve
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 def get(server, page):
@@ -31,8 +35,9 @@ def test_a_loop_that_answers_has_no_delay():
 
 
 def test_a_loop_that_hangs_is_measured_from_the_first_question_and_asked_only_once(monkeypatch):
-    beats, now = [], [100.0]
-    monkeypatch.setattr(probes.time, "monotonic", lambda: now[0])
+    beats: list[Callable[[], None]] = []
+    now = [100.0]
+    monkeypatch.setattr("contextpolicy.app.probes.time.monotonic", lambda: now[0])
     pulse = Heartbeat(beats.append)
     pulse.delay()
     now[0] = 107.0

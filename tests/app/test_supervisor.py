@@ -238,8 +238,8 @@ def test_a_start_waits_for_the_api_server_and_is_there_at_once(monkeypatch):
 
     paused = []
 
-    class Stop:
-        def wait(self, pause):
+    class Stop(threading.Event):
+        def wait(self, pause=None):
             paused.append(pause)
             return False
 
@@ -252,8 +252,8 @@ def test_a_start_waits_for_the_api_server_and_is_there_at_once(monkeypatch):
 def test_without_the_custom_resource_the_operator_waits_and_says_what_to_do(cluster, caplog):
     cluster.installed = False
 
-    class Stop:
-        def wait(self, _):
+    class Stop(threading.Event):
+        def wait(self, _=None):
             return True
 
     assert reach(Stop(), Mock()) is None

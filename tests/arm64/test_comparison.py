@@ -4,7 +4,7 @@ import pytest
 
 from tests.arm64 import __main__ as command_line
 from tests.arm64 import emulation
-from tests.node import base, images
+from tests.node import base, images, shell
 from tests.node.layout import REPOSITORY
 
 
@@ -27,8 +27,13 @@ def test_one_byte_is_a_difference(monkeypatch, caplog, foreign, same):
 
 def test_what_an_image_reads_is_mounted_where_it_may_look(monkeypatch, tmp_path):
     """A checkout may be below a home directory, which the image's user can't enter."""
-    ran = []
-    monkeypatch.setattr(images.shell, "run", lambda argv, **_: ran.append(argv) or "")
+    ran: list[list[str]] = []
+
+    def run(argv, **_):
+        ran.append(argv)
+        return ""
+
+    monkeypatch.setattr(shell, "run", run)
     monkeypatch.setattr(images, "STORE", tmp_path)
     command_line._answer("image", ["simulate", "config/policies/a.yaml"])
     [argv] = [argv for argv in ran if "simulate" in argv]
@@ -38,7 +43,7 @@ def test_what_an_image_reads_is_mounted_where_it_may_look(monkeypatch, tmp_path)
 
 @pytest.fixture
 def commands(monkeypatch):
-    called = []
+    called: list[list[str]] = []
     monkeypatch.setattr(emulation, "run", called.append)
     monkeypatch.setattr(emulation, "install_packages", lambda names: called.append(["install", *names]))
     return called

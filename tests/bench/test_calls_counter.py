@@ -3,9 +3,9 @@ from __future__ import annotations
 import json
 import sys
 import threading
-from types import SimpleNamespace
 
 import pytest
+from reactivex.scheduler import ImmediateScheduler
 
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.streams.loop import on_loop
@@ -34,7 +34,7 @@ def test_only_calls_between_start_and_stop_count(counter):
 def test_what_a_library_does_counts_as_its_callers(counter):
     counter.start()
     json.dumps({}, indent=1)
-    on_loop(SimpleNamespace(schedule=lambda run: run()), lambda: json.dumps({}, indent=1))
+    on_loop(ImmediateScheduler(), lambda: json.dumps({}, indent=1))
     calls = counter.stop()
     files = {shown(call.file) for call in calls}
     assert files >= {"contextpolicy/streams/loop.py", "concurrent/futures/_base.py"}

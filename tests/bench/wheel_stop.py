@@ -103,22 +103,20 @@ def cgroup(name):
 def program(*arguments, group=None, **environment):
     """Run a program of ours; it is killed at the end."""
     path = f"{ROOT}:{ROOT / 'modules/robotkit'}"
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, *arguments],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1", **environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
-    )
-    if group is not None:
-        group.add(process.pid)
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
+    ) as process:
+        try:
+            if group is not None:
+                group.add(process.pid)
+            yield process
+        finally:
+            process.kill()
 
 
 def free_port():

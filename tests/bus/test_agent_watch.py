@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import TYPE_CHECKING, cast
 
 import pytest
 from reactivex.testing import TestScheduler
@@ -11,6 +12,9 @@ from contextpolicy.bus.agent_watch import BOUND, LONG_PATIENCE, PAUSE, RETURN, A
 from contextpolicy.cluster.agent_reports import NO_ANSWER, NOT_CONFIRMING, AgentReport
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE
+
+if TYPE_CHECKING:
+    import zenoh
 
 
 def a_report(*lacks):
@@ -24,9 +28,12 @@ class Bus:
     """A bus with a watch on it."""
 
     def __init__(self, **agents):
-        self.session, self.scheduler, self.changes = FakeSession(), TestScheduler(), []
+        self.session, self.scheduler = FakeSession(), TestScheduler()
+        self.changes: list[dict[str, AgentReport]] = []
         self.session.agents |= agents
-        self.watch = AgentWatch(self.session, self.scheduler, lambda: self.changes.append(dict(self.watch.reports)))
+        self.watch = AgentWatch(
+            cast("zenoh.Session", self.session), self.scheduler, lambda: self.changes.append(dict(self.watch.reports))
+        )
         self.turn()
 
     def turn(self, seconds=0.01):

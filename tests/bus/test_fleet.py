@@ -8,13 +8,13 @@ import subprocess
 import sys
 from contextlib import ExitStack, contextmanager
 from queue import Empty, Queue
-from threading import Event
 
 import pytest
 import zenoh
 
-from contextpolicy.bus.session import open_client, open_fleet_router, open_router
+from contextpolicy.bus.session import open_fleet_router, open_router
 from tests.bus.certificates import Authority
+from tests.bus.client import client_of
 from tests.modules.robotkit.bus import ask
 from tests.ports import free_port
 from tests.waiting import PATIENCE
@@ -45,7 +45,7 @@ class Fleet:
         )
 
     def client(self, place, role):
-        session = open_client([self.place[place]], Event(), self._authority.issue(role))
+        session = client_of(self.place[place], self._authority.issue(role))
         return self._sessions.enter_context(session)
 
     def heard(self, place, role, key):
@@ -55,7 +55,7 @@ class Fleet:
 
 def follow(session, key):
     """A queue of (key, text) that the session hears."""
-    queue = Queue()
+    queue: Queue[tuple[str, str]] = Queue()
     session.declare_subscriber(key, lambda sample: queue.put((str(sample.key_expr), sample.payload.to_string())))
     return queue
 
@@ -149,12 +149,12 @@ def test_a_fleet_that_hangs_holds_no_robot_up(tmp_path):
     authority, up, here = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}", f"tls/127.0.0.1:{free_port()}"
     with (
         open_router([here], authority.issue("router"), uplink=[up]),
-        open_client([here], Event(), authority.issue("operator")) as operator,
-        open_client([here], Event(), authority.issue("agent")) as agent,
+        client_of(here, authority.issue("operator")) as operator,
+        client_of(here, authority.issue("agent")) as agent,
         ExitStack() as end,
     ):
         fleet = end.enter_context(fleet_process(up, authority.issue("viewer", name="fleet")))
-        viewer = end.enter_context(open_client([up], Event(), authority.issue("viewer")))
+        viewer = end.enter_context(client_of(up, authority.issue("viewer")))
         end.callback(fleet.kill)  # first of all: a session takes leave of its router, and a frozen one never answers
         plans, seen = follow(agent, "contextpolicy/*/*/plan"), follow(viewer, "contextpolicy/**")
         say_until(operator, plan_of("one"), "first", seen)

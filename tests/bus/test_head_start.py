@@ -9,11 +9,17 @@ from reactivex.testing import TestScheduler
 from contextpolicy.bus.head_start import SECONDS, head_start
 
 
+def is_for_agents(item: str) -> bool:
+    return item.startswith("agent")
+
+
 class Course:
     def __init__(self):
-        self.scheduler, self.source, self.done = TestScheduler(), Subject(), []
+        self.scheduler = TestScheduler()
+        self.done: list[tuple[str, float]] = []
+        self.source: Subject[str] = Subject()
         self.scheduler.advance_to(10)
-        held_back = self.source.pipe(head_start(self.scheduler, lambda item: item.startswith("agent")))
+        held_back = self.source.pipe(head_start(self.scheduler, is_for_agents))
         self.end = held_back.subscribe(self.note, on_completed=lambda: self.note("end"))
 
     def note(self, item):

@@ -16,6 +16,7 @@ from contextpolicy.bus.credentials import client_settings
 from contextpolicy.bus.roles import ROLES
 from contextpolicy.bus.session import _config, open_client, open_router, open_visitor
 from tests.bus.certificates import Authority
+from tests.bus.client import client_of
 from tests.modules.robotkit.bus import Matching, ask
 from tests.ports import free_port
 from tests.waiting import PATIENCE, until
@@ -46,16 +47,22 @@ def bus(request, authority, users):
     endpoint = f"tls/127.0.0.1:{free_port()}"
     identify = authority.issue if request.param == "certificates" else lambda role: with_password(authority, role)
     with open_router([endpoint], directory), ExitStack() as sessions:
-        credentials = {role: identify(role) for role in ROLES}
-        known = {}
+        yield Bus(endpoint, {role: identify(role) for role in ROLES}, sessions)
 
-        def connect(role, who="first"):
-            if (role, who) not in known:
-                known[role, who] = sessions.enter_context(open_client([endpoint], Event(), credentials[role]))
-            return known[role, who]
 
-        connect.settings = {"mode": "client", "connect/endpoints": [endpoint], **client_settings(credentials["sensor"])}
-        yield connect
+class Bus:
+    """Connects in a role; the same session for the same role and name."""
+
+    def __init__(self, endpoint, credentials, sessions):
+        self.settings = {"mode": "client", "connect/endpoints": [endpoint], **client_settings(credentials["sensor"])}
+        self._endpoint, self._credentials, self._sessions = endpoint, credentials, sessions
+        self._known: dict[tuple[str, str], zenoh.Session] = {}
+
+    def __call__(self, role, who="first"):
+        if (role, who) not in self._known:
+            session = client_of(self._endpoint, self._credentials[role])
+            self._known[role, who] = self._sessions.enter_context(session)
+        return self._known[role, who]
 
 
 def with_password(authority, role, password=""):
@@ -69,7 +76,8 @@ class Heard:
     """What a subscriber hears."""
 
     def __init__(self, session, key):
-        self.queue, self.said = Queue(), set()
+        self.queue: Queue[str] = Queue()
+        self.said: set[str] = set()
         self.subscriber = session.declare_subscriber(key, lambda sample: self.queue.put(sample.payload.to_string()))
 
     def __enter__(self):
@@ -121,7 +129,8 @@ def test_latched_samples_are_heard_by_who_comes_later(bus):
     driver = zenoh.open(_config({**bus.settings, "timestamping/enabled": True}))
     latched = zenoh.ext.declare_advanced_publisher(driver, "robot/map", cache=cache, publisher_detection=True)
     latched.put("map")
-    heard, history = Queue(), zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
+    heard: Queue[str] = Queue()
+    history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
     late = zenoh.ext.declare_advanced_subscriber(
         bus("operator"), "robot/map", lambda sample: heard.put(sample.payload.to_string()), history=history
     )
@@ -183,7 +192,8 @@ def test_who_need_not_hear_samples_does_not(bus, role, key):
 
 @pytest.mark.parametrize("role", ["sensor", "module", "viewer", "agent"])
 def test_nobody_but_the_operator_seems_to_make_plans(bus, role):
-    tokens, real = Queue(), f"contextpolicy/robot/of-{role}/plan"
+    tokens: Queue[str] = Queue()
+    real = f"contextpolicy/robot/of-{role}/plan"
     listener = (
         bus("agent")
         .liveliness()
@@ -200,7 +210,7 @@ def test_nobody_but_the_operator_seems_to_make_plans(bus, role):
 
 
 def test_operator_and_agents_know_of_each_other(bus):
-    tokens = Queue()
+    tokens: Queue[zenoh.SampleKind] = Queue()
     listener = (
         bus("operator")
         .liveliness()
@@ -281,8 +291,8 @@ def test_sensors_can_be_kept_to_their_keys(authority):
     endpoint = f"tls/127.0.0.1:{free_port()}"
     with (
         open_router([endpoint], authority.issue("router"), ["robot/**"]),
-        open_client([endpoint], Event(), authority.issue("operator")) as operator,
-        open_client([endpoint], Event(), authority.issue("sensor")) as sensor,
+        client_of(endpoint, authority.issue("operator")) as operator,
+        client_of(endpoint, authority.issue("sensor")) as sensor,
         Heard(operator, "robot/**") as heard,
     ):
         for key in ("lab/imu", "**", "*/imu"):

@@ -11,6 +11,7 @@ import zenoh
 
 from contextpolicy.bus import session
 from contextpolicy.bus.session import open_client, open_router, open_visitor
+from tests.bus.client import client_of
 from tests.modules.robotkit.bus import Matching
 from tests.ports import free_port
 from tests.waiting import PATIENCE
@@ -29,7 +30,7 @@ def quick(monkeypatch):
 
 def test_a_client_talks_through_the_router(endpoint):
     heard = Event()
-    with open_router([endpoint]), open_client([endpoint], Event()) as one, open_client([endpoint], Event()) as other:
+    with open_router([endpoint]), client_of(endpoint) as one, client_of(endpoint) as other:
         one.declare_subscriber("robot/imu", lambda _: heard.set())
         publisher = other.declare_publisher("robot/imu")
         Matching(publisher).wait(expected=True)
@@ -58,6 +59,7 @@ def test_a_client_waits_for_its_router(endpoint, caplog):
         assert not waiting.done()
         with open_router([endpoint]):
             client = waiting.result(PATIENCE)
+            assert client is not None
             client.close()
         logging.getLogger(session.__name__).removeHandler(notice)
     assert f"no Zenoh router at {endpoint} yet" in caplog.text
@@ -65,17 +67,18 @@ def test_a_client_waits_for_its_router(endpoint, caplog):
 
 def test_a_slow_handshake_gets_more_time_with_each_attempt(monkeypatch):
     """All attempts took a second at most: a board that needs longer for TLS might never have had a session."""
-    given = []
+    given: list[float] = []
+    session_at_last = object()
 
     def slow(*_, patience, **__):
         given.append(patience)
         if len(given) < 6:
             raise zenoh.ZError
-        return "session"
+        return session_at_last
 
     monkeypatch.setattr(session, "open_visitor", slow)
     monkeypatch.setattr(session, "PAUSE", 0)
-    assert open_client(["tls/router:7447"], Event()) == "session"
+    assert open_client(["tls/router:7447"], Event()) is session_at_last
     assert given == [0.5, 1, 2, 4, 4, 4]
 
 

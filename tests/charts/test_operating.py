@@ -86,7 +86,7 @@ def reasons_of_conditions():
                 for argument in call.args[1:3]:
                     names = [inner.id for inner in ast.walk(argument) if isinstance(inner, ast.Name)]
                     values = [argument, *(local[name] for name in names if name in local)]
-                    found |= {(call.args[0].value, word) for value in values for word in words(value)}
+                    found |= {(ast.literal_eval(call.args[0]), word) for value in values for word in words(value)}
     return found | {("Applied", mode.value) for mode in Mode if mode is not Mode.ENFORCE}
 
 

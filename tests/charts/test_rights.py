@@ -28,7 +28,7 @@ RESTORE = {
 
 def rights(role):
     """The verbs of a role by API group and resource."""
-    found = defaultdict(set)
+    found: defaultdict[tuple[str, str], set[str]] = defaultdict(set)
     for rule in role["rules"]:
         for group in rule["apiGroups"]:
             for resource in rule["resources"]:

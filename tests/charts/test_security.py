@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import base64
 from contextlib import ExitStack
-from threading import Event
 
 import pytest
 from cryptography import x509
 
 from contextpolicy.bus.roles import ROLES
-from contextpolicy.bus.session import open_client, open_router
+from contextpolicy.bus.session import open_router
 from contextpolicy.bus.signatures import Signer, Verifier
+from tests.bus.client import client_of
 from tests.charts.test_chart import container, environment
 from tests.ports import free_port
 
@@ -101,7 +101,7 @@ def test_the_secrets_open_the_bus_to_every_role(files):
     with open_router([endpoint], files("contextpolicy-bus-router")), ExitStack() as sessions:
         for role in ROLES:
             credentials = files(f"contextpolicy-bus-{role}")
-            session = sessions.enter_context(open_client([endpoint], Event(), credentials))
+            session = sessions.enter_context(client_of(endpoint, credentials))
             assert list(session.info.routers_zid())
 
 

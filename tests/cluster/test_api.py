@@ -7,6 +7,7 @@ import socket
 from contextlib import ExitStack
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from kubernetes import client
@@ -16,6 +17,9 @@ from contextpolicy.cluster import api as module
 from contextpolicy.cluster.api import ApiServer
 from contextpolicy.errors import ActuationError
 from tests.ports import free_port
+
+if TYPE_CHECKING:
+    from email.message import Message
 
 POD = {"kind": "Pod", "metadata": {"name": "slam", "generation": 3, "resourceVersion": "4711"}}
 
@@ -27,12 +31,13 @@ class Server(ThreadingHTTPServer):
 
     def __init__(self):
         super().__init__(("127.0.0.1", 0), Handler)
-        self.requests = []
+        self.requests: list[tuple[str, str, Message, Any]] = []
         self.answer: tuple[int, bytes] | None = (200, json.dumps(POD).encode())
         self.headers: dict[str, str] = {}
 
 
 class Handler(BaseHTTPRequestHandler):
+    server: Server
     protocol_version = "HTTP/1.1"
 
     def _answer(self):

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from contextpolicy.cluster.claims import claim, container_id
-from contextpolicy.cluster.pods import Cpu, view
-from contextpolicy.policy.spec import Mode
+from contextpolicy.cluster.pods import Cpu, PodView, view
+from contextpolicy.policy.spec import Mode, Policy
 from contextpolicy.policy.tenants import Tenant, Tenants
 from tests.cluster.builders import NODE, a_pod, cpu
 from tests.planning.builders import a_policy, a_task
@@ -129,7 +129,7 @@ def tenants(**priorities):
     return Tenants({name: Tenant(priority) for name, priority in priorities.items()})
 
 
-def two_tenants(**limits):
+def two_tenants(**limits: str) -> tuple[list[Policy], list[PodView]]:
     """Pods of the same size of node, by namespace; their policies, the first one oldest."""
     pods = [view(a_pod("slam", {"slam": cpu("10m", limit)}, namespace=ns, uid=ns)) for ns, limit in limits.items()]
     return [replace(policy_of("robot", "slam"), namespace=namespace) for namespace in limits], pods

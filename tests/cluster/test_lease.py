@@ -226,14 +226,15 @@ def test_who_loses_the_race_for_it_waits_again(cluster):
 @pytest.mark.parametrize("seed", range(20))
 def test_no_two_ever_act_at_once_whatever_is_late_or_lost(seed):
     """Requests take up to twice a Lease, answers and watch events get lost, candidates freeze for longer than it."""
-    dice = random.Random(seed)  # noqa: S311 - a story, not a secret  # noqa: S311 - a story, not a secret
+    dice = random.Random(seed)  # noqa: S311 - a story, not a secret
     cluster, candidates = Cluster(), [Candidacy(name, dice.choice([1, 2, 5])) for name in "abc"]
     asleep = dict.fromkeys("abc", 0.0)
-    answers, now, leaders = [], 0.0, set()
+    answers: list[tuple[float, Candidacy, Lease, float]] = []
+    now, leaders = 0.0, set[str]()
     for _ in range(5000):
         now += dice.random() * 0.2
-        for arrival, candidate, written, sent in [answer for answer in answers if answer[0] <= now]:
-            candidate.succeed(written, sent, arrival)
+        for arrival, asker, granted, sent in [answer for answer in answers if answer[0] <= now]:
+            asker.succeed(granted, sent, arrival)
         answers = [answer for answer in answers if answer[0] > now]
         acting = [candidate for candidate in candidates if acts(candidate, now)]
         assert len(acting) <= 1
@@ -279,6 +280,7 @@ def test_a_lease_goes_with_the_pod_of_whoever_took_it_last():
     candidate = Candidacy("two", 15, OwnPod("operator-2", "uid-2"))
     candidate.see(Lease("one", 15, WALL, WALL, 3, "7", OwnPod("operator-1", "uid-1")), 0)
     taken = candidate.ask(WALL)
+    assert taken is not None
     item = write(taken, "system", "contextpolicy")
     [owner] = item["metadata"]["ownerReferences"]
     assert owner == {"apiVersion": "v1", "kind": "Pod", "name": "operator-2", "uid": "uid-2"}

@@ -242,12 +242,15 @@ def test_a_watch_that_has_ended_unasked_is_found_out():
 
 
 class NotesRefusals(Notes):
+    watch: ObjectWatch | None = None
+
     def __init__(self):
         super().__init__()
-        self.watch, self.refusals = None, []
+        self.refusals: list[str] = []
 
     def on_listing(self):
         super().on_listing()
+        assert self.watch is not None
         self.refusals.append(self.watch.refused)
 
 

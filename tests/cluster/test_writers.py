@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from contextpolicy.cluster.pods import view
@@ -12,7 +14,7 @@ KEY = 'k:{"name":"slam"}'
 
 
 def entry(manager, *kinds, time="2026-01-01T00:00:00Z", field="containers", **more):
-    resources = {f"f:{kind}": {"f:cpu": {}, "f:memory": {}} for kind in kinds}
+    resources: dict[str, Any] = {f"f:{kind}": {"f:cpu": {}, "f:memory": {}} for kind in kinds}
     fields = {"f:spec": {f"f:{field}": {KEY: {".": {}, "f:name": {}, "f:resources": resources}}}}
     return {
         "manager": manager,

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import pytest
 
+from contextpolicy.cluster.api import ApiServer
 from contextpolicy.commands.doctor import facts
 from contextpolicy.errors import ActuationError
 
 EVERYWHERE = [{"metadata": {"name": "one", "namespace": "lab"}}, {"metadata": {"name": "two", "namespace": "hall"}}]
 
 
-class FakeApi:
+class FakeApi(ApiServer):
     """An API server without pods and nodes, which says what it was asked, and allows nothing."""
 
     def __init__(self, forbidden=(), operators=()):
         self._forbidden, self._operators = forbidden, operators
-        self.reviewed = set()
+        self.reviewed: set[str | None] = set()
 
     def serves_policies(self):
         return True
@@ -46,6 +47,7 @@ def an_operator(watched):
 )
 def test_it_judges_the_policies_of_the_namespaces_asked_for(namespaces, judged):
     found = facts(FakeApi(), namespaces).policies
+    assert found is not None
     assert [policy["metadata"]["name"] for policy in found] == judged
 
 
@@ -60,5 +62,7 @@ def test_policies_that_may_not_be_listed_are_unknown_and_not_missing():
 )
 def test_the_operator_needs_its_rights_where_it_serves_policies(watched, of_policies, reviewed):
     api = FakeApi(operators=[an_operator(watched)])
-    assert "list pods in " + min(reviewed) in facts(api, of_policies).lacking
+    lacking = facts(api, of_policies).lacking
+    assert lacking is not None
+    assert "list pods in " + min(reviewed) in lacking
     assert api.reviewed == {*reviewed, None}

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
+from typing import Any
 
 import pytest
 import yaml
@@ -30,11 +32,13 @@ class Cluster(ThreadingHTTPServer):
     def __init__(self):
         super().__init__(("127.0.0.1", 0), Api)
         self.policy = {**a_policy(), "status": {}}
-        self.others = {}
-        self.patches = []
+        self.others: dict[str, Any] = {}
+        self.patches: list[tuple[str, Any]] = []
 
 
 class Api(BaseHTTPRequestHandler):
+    server: Cluster
+
     def do_GET(self):
         path, policy = self.path.partition("?")[0], self.server.policy
         known = {
@@ -99,7 +103,7 @@ def operator(monkeypatch, cluster):  # noqa: ARG001 - the commands find the oper
     server.start()
     monkeypatch.setattr(cluster_access, "_pods", lambda _: [("lab", "operator", 8082)])
     monkeypatch.setattr(cluster_access, "_local_port", lambda _: server.server_port)
-    monkeypatch.setattr(cluster_access.shutil, "which", lambda _: sys.executable)
+    monkeypatch.setattr(shutil, "which", lambda _: sys.executable)
     yield started
     server.close()
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import socket
 import threading
 from queue import Queue
 
 import pytest
 
 from contextpolicy import cli
-from contextpolicy.bus.session import open_client, open_router
+from contextpolicy.bus.session import open_router
 from contextpolicy.commands import router
 from contextpolicy.commands.credentials import directory
 from tests.bus.certificates import Authority
+from tests.bus.client import client_of
 from tests.modules.robotkit.bus import Matching
 from tests.ports import free_port
 from tests.waiting import PATIENCE, until
@@ -48,10 +50,9 @@ def program(monkeypatch):
 def test_a_renewed_certificate_is_taken_up_and_clients_come_back(tmp_path, program, capfd):
     authority, endpoint = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
     program(endpoint, authority.issue("router"))
-    operator, agent = (
-        open_client([endpoint], threading.Event(), authority.issue(role)) for role in ("operator", "agent")
-    )
-    heard, told = Queue(), []
+    operator, agent = (client_of(endpoint, authority.issue(role)) for role in ("operator", "agent"))
+    heard: Queue[str] = Queue()
+    told: list[str] = []
 
     def routed_again():
         told.append(capfd.readouterr().out)
@@ -74,7 +75,7 @@ def test_a_fleets_router_is_one_too(tmp_path, program):
     program(endpoint, authority.issue("viewer", name="fleet"), fleet=True)
     with (
         open_router([f"tls/127.0.0.1:{free_port()}"], authority.issue("router"), uplink=[endpoint]) as robot,
-        open_client([endpoint], threading.Event(), authority.issue("viewer")) as viewer,
+        client_of(endpoint, authority.issue("viewer")) as viewer,
     ):
         until(lambda: [*robot.info.routers_zid()])
         assert [*viewer.info.routers_zid()] == [*robot.info.routers_zid()]
@@ -100,11 +101,11 @@ def test_credentials_must_be_there(tmp_path):
 def test_it_listens_on_all_addresses_of_both_families(address, program):
     port = free_port()
     program(f"tcp/*:{port}", None)
-    with open_client([f"tcp/{address}:{port}"], threading.Event(), None) as session:
+    with client_of(f"tcp/{address}:{port}") as session:
         until(lambda: [*session.info.routers_zid()])
 
 
 @pytest.mark.parametrize(("dual", "listened"), [(True, "tls/[::]:7447"), (False, "tls/0.0.0.0:7447")])
 def test_without_ipv6_in_the_kernel_it_listens_on_ipv4(dual, listened, monkeypatch):
-    monkeypatch.setattr(router.socket, "has_dualstack_ipv6", lambda: dual)
+    monkeypatch.setattr(socket, "has_dualstack_ipv6", lambda: dual)
     assert router.endpoints("tls/*:7447,tcp/127.0.0.1:7448") == [listened, "tcp/127.0.0.1:7448"]

@@ -337,6 +337,7 @@ def test_a_robots_recording_gives_the_plans_that_its_timeline_gives(tmp_path, ca
     with McapWriter(recording) as file:
         for timed in inputs:
             if timed.value is not None:
+                assert isinstance(timed.value, dict)
                 at = 1_795_300_000_000_000_000 + round(timed.at * 1e9)
                 payload = json.dumps({"stamp": at, **timed.value}).encode()
                 file.heard(timed.key, "json", payload, received=at, stamp=at)

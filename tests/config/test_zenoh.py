@@ -99,7 +99,7 @@ def test_a_module_tells_another_its_profile(connect):
 def test_the_operator_and_the_agents_know_of_each_other(connect):
     operator, agent = connect("operator"), connect("agent")
     plan, node = "contextpolicy/robot/delivery-robot/plan", "contextpolicy/agents/node-1"
-    alive = set()
+    alive: set[str] = set()
 
     def follow(token):
         (alive.add if token.kind == zenoh.SampleKind.PUT else alive.discard)(str(token.key_expr))
@@ -117,7 +117,7 @@ def test_the_operator_and_the_agents_know_of_each_other(connect):
 
 def test_an_agent_hears_that_plans_are_withdrawn(connect):
     key = "contextpolicy/robot/delivery-robot/plan"
-    withdrawn = Queue()
+    withdrawn: Queue[bool] = Queue()
     connect("agent").declare_subscriber(key, lambda sample: withdrawn.put(sample.kind == zenoh.SampleKind.DELETE))
     publisher = connect("operator").declare_publisher(key)
     Matching(publisher).wait(expected=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
+from typing import Any
 
 import yaml
 
@@ -98,7 +99,7 @@ def _pattern(reading, node):
 
 def _bounds(path, reading, node):
     """The parser takes what is within the definition's bounds, and where it has bounds itself, nothing beyond."""
-    edges = []
+    edges: list[tuple[Any, Any, Any]] = []
     if reading.reader == "number":
         least, most = node.get("minimum", -math.inf), node.get("maximum", math.inf)
         edges = [(least, math.nextafter(least, -math.inf), -1e300), (most, math.nextafter(most, math.inf), 1e300)]

@@ -72,7 +72,7 @@ for one in READERS:
 
 def readings():
     """How the parser reads each field, by its path in the schema."""
-    noted = {}
+    noted: dict[str, Any] = {}
     parsing._policy("lab", "robot", Recorder("spec", noted))
     return noted
 
@@ -86,6 +86,6 @@ def holding(path, value):
 
 def parsed(path, value):
     """What the parser makes of that object, and what it refuses: values by path."""
-    findings = []
+    findings: list[Any] = []
     policy = parsing._policy("lab", "robot", Fields(holding(path, value)["spec"], "spec", findings))
     return policy, {finding.field.replace("[0]", "[]"): finding.value for finding in findings}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import MISSING, fields, is_dataclass
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -99,7 +100,7 @@ def test_a_field_that_only_the_parser_knows_is_found(monkeypatch):
 def test_the_parser_reads_what_the_definition_allows_as_a_quantity(reader, data):
     # The parser bounds the digits of a number, the definition the whole text: none is longer than makes sense.
     text = data.draw(st.from_regex(QUANTITIES[reader].replace("+", "{1,3}"), fullmatch=True))
-    findings = []
+    findings: list[Any] = []
     getattr(Fields({"field": text}, "", findings), reader)("field")
     assert findings == []
 

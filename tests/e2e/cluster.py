@@ -107,10 +107,11 @@ def _tried_resize(namespace: str, pod: str) -> str:
     return ""
 
 
-def until(what: str, condition: Callable[[], object], patience: float = PATIENCE) -> None:
+def until(what: str, condition: Callable[..., object], patience: float = PATIENCE) -> None:
     """Wait until a condition holds; `what` says what did not come true.
 
-    A condition that looks at what is not there yet, such as a field of a status, does not hold yet.
+    A condition that looks at what is not there yet, such as a field of a status, does not hold yet. It is called
+    without arguments, and may have defaults: the variables of a loop.
     """
     deadline = time.monotonic() + patience
     last: object = None

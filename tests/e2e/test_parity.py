@@ -3,6 +3,7 @@
 import contextlib
 import json
 import threading
+from typing import Any
 
 import pytest
 import yaml
@@ -66,7 +67,7 @@ def decided(plan):
 
 def test_live_and_simulated_plans_are_identical(robot, session, story):
     spec, folder = story
-    heard = []
+    heard: list[dict[str, Any]] = []
     delete("ctxp", "robot", robot.namespace)
     robot.sensors.read(f"{robot.namespace}/imu", None)
     with session.declare_subscriber(

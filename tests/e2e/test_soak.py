@@ -147,7 +147,8 @@ class Stage(Background):
 
     def _kill(self, part, away):
         self._away[part] = time.monotonic() + away
-        for pid in {self.watch.pids.get(part) if part in story.PODS else processes.alive(part)} - {None}:
+        pid = self.watch.pids.get(part) if part in story.PODS else processes.alive(part)
+        if pid is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
                 self.killed.append(part)

@@ -48,6 +48,7 @@ def limits_during(robot, command):
     """Every set of limits that the kernel enforced while a command ran."""
     seen = []
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+        assert process.stdout is not None
         while process.poll() is None:
             now = robot.limits("slam", "speech")
             seen += [now] if now not in seen else []

@@ -21,7 +21,7 @@ from tests.policies.builders import a_policy, resources
 from tests.virtual_operator import VirtualOperator
 
 TASKS = ("slam", "speech", "signs")
-STORY = (  # the paper's exp1 in short: what is heard, and for how long
+STORY: tuple[tuple[dict[str, dict[str, float]], float], ...] = (
     ({"robot/imu": {"speed": 0.0}, "robot/mic": {"level": 0.0}, "robot/camera": {"signs": 0}}, 12.0),
     ({"robot/mic": {"level": 0.6}}, 15.0),
     ({"robot/camera": {"signs": 2}}, 12.0),
@@ -31,6 +31,7 @@ STORY = (  # the paper's exp1 in short: what is heard, and for how long
     ({"robot/imu": {"speed": 0.0}}, 9.0),
     ({"robot/mic": {"level": 0.5}}, 6.0),
 )
+"""The paper's exp1 in short: what is heard, and for how long."""
 
 
 def a_robot():

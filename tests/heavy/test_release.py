@@ -37,10 +37,16 @@ def one(pattern, folder=RELEASE):
     return found[0]
 
 
+def opened(tar, member):
+    file = tar.extractfile(member)
+    assert file is not None, f"{member.name} is no file"
+    return file
+
+
 def described(archive):
     """The index in an image's archive: the description of each architecture's image, and the contents of all blobs."""
     with tarfile.open(archive) as tar:
-        content = {member.name: tar.extractfile(member).read() for member in tar if member.isfile()}
+        content = {member.name: opened(tar, member).read() for member in tar if member.isfile()}
     (entry,) = json.loads(content["index.json"])["manifests"]
     index = json.loads(blob(content, entry))
     return {each["platform"]["architecture"]: each for each in index["manifests"]}, content, entry
@@ -77,7 +83,7 @@ def bytecode(layer):
     with tarfile.open(fileobj=io.BytesIO(layer)) as tar:
         for member in tar:
             if member.name.endswith(".pyc") and "/lib/python" in member.name:
-                yield tar.extractfile(member).read(8)[4:]
+                yield opened(tar, member).read(8)[4:]
 
 
 def test_built_again_it_is_the_same():

@@ -40,7 +40,7 @@ def test_its_readme_tells_streams_settings_cost_and_what_a_suspension_does(modul
     said = load_module(module / "module.yaml")
     readme = (module / "README.md").read_text(encoding="utf-8")
     settings = yaml.safe_load((module / "module.yaml").read_text(encoding="utf-8")).get("environment", {})
-    keys = [entry.key for entry in (*said.inputs.values(), *said.outputs.values())]
+    keys = [*(entry.key for entry in said.inputs.values()), *(entry.key for entry in said.outputs.values())]
     assert [told for told in (*keys, *settings) if told not in readme] == []
     assert re.search(r"\d m?s of CPU|\dm of CPU|CPU a frame", readme)
     assert re.search(r"\d Mi?B", readme)

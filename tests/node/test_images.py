@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.node import images
+from tests.node import access, images, shell
 
 NAME, BUILT = "contextpolicy-arm", "83bfef09"
 
@@ -26,8 +26,8 @@ def containerd(tmp_path, monkeypatch):
     socket.touch()
     monkeypatch.setattr(images, "ROOT", tmp_path)
     monkeypatch.setattr(images, "CONTAINERD_SOCKET", socket)
-    monkeypatch.setattr(images.access, "user_cluster", lambda: None)
-    monkeypatch.setattr(images.shell, "run", found.run)
+    monkeypatch.setattr(access, "user_cluster", lambda: None)
+    monkeypatch.setattr(shell, "run", found.run)
     return found
 
 

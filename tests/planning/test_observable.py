@@ -158,9 +158,12 @@ class TestInitiatives:
     def test_a_plan_that_its_score_makes_tells_when_the_sample_behind_it_arrived(self):
         """Not so when it speaks up later, by itself."""
 
+        def faster(speed):
+            return speed + 1
+
         def twice(*, streams, scheduler):
             speeds = streams["imu"].pipe(ops.map(itemgetter("speed")))
-            return reactivex.merge(speeds, speeds.pipe(ops.delay(0.5, scheduler=scheduler), ops.map(lambda v: v + 1)))
+            return reactivex.merge(speeds, speeds.pipe(ops.delay(0.5, scheduler=scheduler), ops.map(faster)))
 
         inputs: dict[float, Input] = {2.0: on_node("slam", "rest"), 3.0: Sample("imu", {"speed": 2.0}, arrived=7.0)}
         records = record(curious_policy(), inputs, until=100, initiatives={"steadiness": twice})
@@ -182,8 +185,11 @@ class TestFailingInitiatives:
         return planner
 
     def test_while_running(self):
+        def only_1(sample):
+            return {1.0: 1.0}[sample["speed"]]
+
         def breaks_from_2_on(*, streams, scheduler):  # noqa: ARG001 - the contract's signature
-            return streams["imu"].pipe(ops.map(lambda sample: {1.0: 1.0}[sample["speed"]]))
+            return streams["imu"].pipe(ops.map(only_1))
 
         planner = self.run(breaks_from_2_on)
         assert planner.errors == {self.SOURCE: "3.0"}
@@ -192,8 +198,11 @@ class TestFailingInitiatives:
     def test_it_is_told_when_it_fails_and_when_it_works_again(self):
         """Rx ends what has failed once: the function is called anew."""
 
+        def not_2(sample):
+            return sample["speed"] / (2.0 - sample["speed"]) ** 2
+
         def breaks_at_2(*, streams, scheduler):  # noqa: ARG001 - the contract's signature
-            return streams["imu"].pipe(ops.map(lambda sample: sample["speed"] / (2.0 - sample["speed"]) ** 2))
+            return streams["imu"].pipe(ops.map(not_2))
 
         health = []
 
@@ -211,7 +220,8 @@ class TestFailingInitiatives:
         assert planner.scores()["slam"] == 3.0
 
     def test_one_that_fails_at_each_sample_is_called_anew_once_a_second(self):
-        calls, scheduler, inputs = [], TestScheduler(), Subject()
+        calls, scheduler = [], TestScheduler()
+        inputs: Subject[Input] = Subject()
 
         def unwilling(**_):
             calls.append(scheduler.clock)
@@ -224,7 +234,7 @@ class TestFailingInitiatives:
         assert calls == pytest.approx([0.0, 0.1, 1.1, 2.1])
 
     def test_what_it_left_behind_when_it_failed_hears_nothing_more(self):
-        heard = []
+        heard: list[list[dict[str, float]]] = []
 
         def leaves_an_observer(*, streams, scheduler):  # noqa: ARG001 - the contract's signature
             generation = len(heard)

@@ -40,14 +40,14 @@ class Robot:
         self.changes, self.plans, self.contexts = 0, [], []
         self.runner = self.version(**spec)
 
-    def version(self, initiatives=None, **spec):
+    def version(self, initiatives=None, *, actuator=True, **spec):
         defaults = {
             "streams": [a_stream("imu")],
             "tasks": [a_task("slam"), a_task("speech")],
             "contexts": [a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 4}})],
         }
         services = Services(
-            session=self.session,
+            session=self.session,  # type: ignore[arg-type]  # a fake
             scheduler=self.loop,
             signer=None,
             fence=OpenFence(),
@@ -56,7 +56,9 @@ class Robot:
             recorder=FlightRecorder(),
             listener=self,
         )
-        return PolicyRunner(a_policy(**{**defaults, **spec}), services, self.orders, initiatives or {})
+        return PolicyRunner(
+            a_policy(**{**defaults, **spec}), services, self.orders if actuator else None, initiatives or {}
+        )
 
     def on_change(self, _):
         self.changes += 1
@@ -77,7 +79,7 @@ class Robot:
         runner = runner or self.runner
         pods = [view(a_pod(name)) for name in names]
         own = claim([runner.policy], pods, {NODE: cpu})[runner.policy.reference]
-        reports = {node: read_report(report) for node, report in self.session.agents.items()}
+        reports = {node: read_report(report) for node, report in self.session.agents.items() if report}
         runner.place(with_agents(runner.policy, own, reports), pods)
 
     def begin(self):

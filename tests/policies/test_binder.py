@@ -78,7 +78,12 @@ def test_a_container_that_a_resize_would_restart_is_left_alone_and_told_once(run
 
 def test_thousands_of_pods_that_come_at_once_cost_one_placement(running, monkeypatch):
     placements = []
-    monkeypatch.setattr(binder, "claim", lambda *arguments: placements.append(1) or claim(*arguments))
+
+    def counted(*arguments):
+        placements.append(1)
+        return claim(*arguments)
+
+    monkeypatch.setattr(binder, "claim", counted)
     for number in range(300):
         namespace = "lab" if number % 3 == 0 else "elsewhere"
         running.operator.pod_changed(a_pod(f"other-{number}", {"other": resources()}, namespace=namespace))

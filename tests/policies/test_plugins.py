@@ -22,7 +22,7 @@ class Entry:
 
 @pytest.fixture
 def installed(monkeypatch):
-    entries = []
+    entries: list[object] = []
     monkeypatch.setattr(plugins, "entry_points", lambda group: entries if group == plugins.GROUP else [])
     return entries
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from operator import itemgetter
 from types import SimpleNamespace
 
 import pytest
@@ -79,11 +80,16 @@ def test_what_waits_for_the_agent_ends_with_the_policys_version():
 
 
 @pytest.mark.parametrize(("agent", "told_before"), [(False, 0), (True, 1)])
-def test_patches_are_sent_before_the_message_is_made_unless_an_agent_acts_on_the_message(agent, told_before):
+def test_patches_are_sent_before_the_message_is_made_unless_an_agent_acts_on_it(monkeypatch, agent, told_before):
     robot = with_agent() if agent else Robot().begin()
     told, apply = len(robot.session.plans()), robot.orders.apply
     seen = []
-    robot.orders.apply = lambda order: [seen.append(len(robot.session.plans()) - told), apply(order)]
+
+    def noting(order):
+        seen.append(len(robot.session.plans()) - told)
+        apply(order)
+
+    monkeypatch.setattr(robot.orders, "apply", noting)
     robot.sample(speed=0.3)
     assert seen[0] == told_before
 
@@ -180,7 +186,7 @@ def test_a_question_is_answered_with_the_plan_and_its_reasons():
 
 def test_run_and_sequence_only_move_forward_even_when_the_clock_does_not(monkeypatch):
     robot = Robot().begin()
-    monkeypatch.setattr(plan_publisher.time, "time", lambda: 1.0)
+    monkeypatch.setattr("contextpolicy.policies.plan_publisher.time.time", lambda: 1.0)
     robot.edit()
     robot.place("slam", "speech")
     robot.edit()
@@ -256,8 +262,7 @@ def test_a_controller_that_never_started_can_be_stopped():
 
 def test_a_policy_without_an_actuator_hears_nothing():
     robot = Robot(mode="Paused")
-    robot.orders = None
-    robot.runner = robot.version(mode="Paused")
+    robot.runner = robot.version(actuator=False, mode="Paused")
     robot.begin()
     assert robot.session.subscribers == []
     assert robot.session.plans() == [None]
@@ -332,7 +337,7 @@ def test_on_plan_hears_of_each_new_plan_and_of_no_order_of_the_same_one():
 def test_the_bus_hears_when_what_triggered_a_plan_arrived(monkeypatch):
     robot = Robot().begin()
     clock = iter([10.0, 12.5])
-    monkeypatch.setattr(plan_publisher.time, "monotonic", lambda: next(clock, 12.5))
+    monkeypatch.setattr("contextpolicy.policies.plan_publisher.time.monotonic", lambda: next(clock, 12.5))
     robot.sample(speed=0.3)
     message = robot.session.plans()[-1]
     assert message["trigger"] == pytest.approx(robot.loop.to_seconds(robot.loop.now) - 2.5, abs=0.1)
@@ -341,7 +346,7 @@ def test_the_bus_hears_when_what_triggered_a_plan_arrived(monkeypatch):
 def test_plugged_in_functions_get_the_streams_and_give_scores():
     def bumps(streams, scheduler, **_):
         assert scheduler is not None
-        return streams["imu"].pipe(operators.map(lambda value: value["bump"]))
+        return streams["imu"].pipe(operators.map(itemgetter("bump")))
 
     tasks = [a_task("slam", activity=[{"initiative": "bumps"}]), a_task("speech")]
     robot = Robot(tasks=tasks, contexts=[], initiatives={"bumps": bumps}).begin()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import CancelledError
+from typing import Any
 
 import pytest
 from reactivex import operators
@@ -154,12 +155,16 @@ def test_an_expression_that_fails_is_told_until_it_works_again(running):
     assert running.condition("StreamsHealthy")[0] == "True"
 
 
+def inverse_speed(sample: dict[str, float]) -> float:
+    return 1 / sample["speed"]
+
+
 def test_a_plugged_in_function_that_fails_is_told_until_it_works_again(operator, monkeypatch):
     class Installed:
         name = "caution"
 
         def load(self):
-            return lambda streams, **_: streams["imu"].pipe(operators.map(lambda sample: 1 / sample["speed"]))
+            return lambda streams, **_: streams["imu"].pipe(operators.map(inverse_speed))
 
     monkeypatch.setattr(plugins, "entry_points", lambda **_: [Installed()])
     operator.list_all()
@@ -183,7 +188,7 @@ def test_an_edit_that_is_refused_is_told_again_when_it_was_mended_in_between(run
 
 
 def test_an_error_inside_is_the_callers_and_the_loop_goes_on(running):
-    broken = {"metadata": {}}
+    broken: dict[str, Any] = {"metadata": {}}
     future = running.operator.policy_changed(broken)
     with pytest.raises(KeyError):
         running.turn()

@@ -7,6 +7,7 @@ from contextlib import suppress
 from datetime import datetime, timedelta
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -34,7 +35,7 @@ LITERALS = {
     ValueKind.LIST: ["[3.0, 4.0]", "[[3.0, 4.0], [5.0, 6.0]]"],
     ValueKind.MAP: ["{'x': 3.0, 'y': 4.0}"],
 }
-TYPES = {
+TYPES: dict[ValueKind, Any] = {
     ValueKind.ANY: object,
     ValueKind.BOOL: bool,
     ValueKind.NUMBER: (int, float),

@@ -127,7 +127,8 @@ def test_a_definition_that_is_given_twice_must_be_the_same():
 
 def test_definitions_are_never_code(monkeypatch):
     """The library turns them into Python: whatever is in them, it stays a definition."""
-    monkeypatch.setattr(sys, "planted", [], raising=False)
+    planted: list[int] = []
+    monkeypatch.setattr(sys, "planted", planted, raising=False)
     evil = '__import__("sys").planted.append(1)'
     for name, text in (
         ("my_msgs.msg.Mood.msg", f'string S={evil}\nstring t \'"""\n{evil}"""\'\nbool b'),
@@ -138,4 +139,4 @@ def test_definitions_are_never_code(monkeypatch):
             type_store(RosRelease.LATEST, ((name, text),))
         except DefinitionError:
             continue
-    assert sys.planted == []
+    assert planted == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -11,10 +12,13 @@ from contextpolicy.policy.spec import Shadow
 from contextpolicy.policy.tenants import Tenant, Tenants, read_tenants
 from tests.planning.builders import a_policy, a_stream, a_task
 
+if TYPE_CHECKING:
+    from contextpolicy.errors import Finding
+
 
 def of(**listed):
     """Tenants as the operator's environment has them; `others` stands for `*`."""
-    findings = []
+    findings: list[Finding] = []
     tenants = read_tenants(
         json.dumps({"*" if name == "others" else name: own for name, own in listed.items()}), findings
     )
@@ -94,7 +98,7 @@ def test_what_is_said_of_the_others_holds_for_each_under_its_own_name():
     ],
 )
 def test_what_makes_no_sense_is_named(text, field):
-    findings = []
+    findings: list[Finding] = []
     read_tenants(text, findings)
     assert [finding.field for finding in findings] == [field]
 

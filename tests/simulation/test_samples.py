@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contextpolicy.errors import DecodeError
-from contextpolicy.policy.spec import Stream
+from contextpolicy.policy.spec import Policy, Stream
 from contextpolicy.simulation.epoch import EPOCH
 from contextpolicy.simulation.samples import Skipped, samples
 from contextpolicy.streams import timeline
@@ -27,14 +27,14 @@ VALUES = st.recursive(
 )
 
 
-class OneStream:
-    streams = (STREAM,)
+POLICY = Policy("lab", "robot", (), streams=(STREAM,))
 
 
 def read(*inputs, duration=10.0):
     line = timeline.parse({"name": "t", "duration": duration, "inputs": list(inputs)})
-    skipped, drops = Skipped(), Counter()
-    return list(samples(OneStream, line.inputs(), skipped, drops)), skipped, drops
+    drops: Counter[tuple[str, str]] = Counter()
+    skipped = Skipped()
+    return list(samples(POLICY, line.inputs(), skipped, drops)), skipped, drops
 
 
 def repeated(value, *, rate=100, end=1):

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from contextpolicy.policy.parsing import parse
 from contextpolicy.simulation.forecast import ALL, Forecast, stats
-from contextpolicy.simulation.knobs import Knob, knobs, patch, turned
+from contextpolicy.simulation.knobs import Knob, Path, knobs, patch, turned
 from contextpolicy.simulation.search import Goal, cost, search
 from contextpolicy.simulation.server import Fate, Outcome, Work
 
-RESOURCE = {
+RESOURCE: dict[str, Any] = {
     "metadata": {"name": "p", "namespace": "n"},
     "spec": {
         "streams": [{"name": "imu", "key": "robot/imu"}],
@@ -90,7 +92,7 @@ def test_it_finds_what_helps_and_leaves_the_rest():
 
 def test_changes_that_became_useless_are_taken_back():
     """a helps only until b is there."""
-    costs = {frozenset(): 10, frozenset({A}): 5, frozenset({A, B}): 1, frozenset({B}): 1}
+    costs: dict[frozenset[Path], int] = {frozenset(): 10, frozenset({A}): 5, frozenset({A, B}): 1, frozenset({B}): 1}
     found = search([Knob(A, (1,)), Knob(B, (1,))], lambda values: costs[frozenset(values)], 100)
     assert found.values == {B: 1}
 

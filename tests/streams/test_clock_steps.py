@@ -12,16 +12,19 @@ from tests.policies.runner_rig import IMU, Robot
 from tests.virtual_operator import START
 
 
+class SteppedRobot(Robot):
+    step = 0.0
+
+
 @pytest.fixture
 def robot(monkeypatch):
     """Its sensors stamp their samples with the wall clock, which is `robot.step` seconds off the loop's time."""
-    robot = Robot(
+    robot = SteppedRobot(
         streams=[a_stream("imu", timestamp="stamp", staleAfter="500ms")],
         tasks=[a_task("slam"), a_task("speech")],
         contexts=[a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 4}}), a_context("blind")],
         fallback="blind",
     )
-    robot.step = 0.0
     wall = SimpleNamespace(time=lambda: now(robot) + robot.step, monotonic=lambda: now(robot))
     monkeypatch.setattr(subscription, "time", wall)
     return robot.begin()

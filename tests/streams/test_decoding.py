@@ -357,5 +357,5 @@ class TestTimestamps:
         ],
     )
     def test_the_publication_counts_where_nobody_says_when_it_was_measured(self, encoding, fields, reads):
-        given = {"type": IMU} if encoding == "cdr" else {}
+        given: dict[str, Any] = {"type": IMU} if encoding == "cdr" else {}
         assert Decoder(Stream("imu", "robot/imu", Encoding(encoding), **given, **fields)).reads_attachment is reads

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections import deque
 from dataclasses import replace
 from threading import Thread
+from typing import Any
 
 import pytest
 from reactivex.scheduler import VirtualTimeScheduler
@@ -28,7 +30,7 @@ def an_inbox(scheduler, heard):
 def test_each_sample_carries_the_time_of_its_arrival(monkeypatch):
     """Not that at which the loop gets to it."""
     clock = iter([5.0, 6.0])
-    monkeypatch.setattr(subscription.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(time, "monotonic", lambda: next(clock))
     scheduler, heard = TestScheduler(), Heard()
     inbox = an_inbox(scheduler, heard)
     for number in range(2):
@@ -57,10 +59,11 @@ def test_an_inbox_that_the_loop_empties_before_the_oldest_is_dropped_drops_none(
     assert (len(heard.inputs), heard.drops) == (1, [])
 
 
-def test_a_storm_leaves_others_their_turn():
+def test_a_storm_leaves_others_their_turn(monkeypatch):
     """A new sample for each that is taken: timers and finished patches still act."""
     scheduler, heard = TestScheduler(), Heard()
-    inbox, decoder, others = an_inbox(scheduler, heard), Decoder(IMU), []
+    inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
+    others: list[str] = []
     put_again = heard.on_next
 
     def on_next(event):
@@ -68,7 +71,7 @@ def test_a_storm_leaves_others_their_turn():
         if not others:
             inbox.put(decoder, b"{}")
 
-    heard.on_next = on_next
+    monkeypatch.setattr(heard, "on_next", on_next)
     inbox.put(decoder, b"{}")
     scheduler.schedule(lambda *_: others.append("a patch"))
     scheduler.advance_by(1)
@@ -88,11 +91,11 @@ def test_a_backlog_leaves_others_their_turn_after_each_batch():
     assert heard.values() == [{"n": n} for n in range(2 * BATCH + 1)]
 
 
-def test_a_sample_that_comes_while_the_loop_falls_asleep_wakes_it_once():
+def test_a_sample_that_comes_while_the_loop_falls_asleep_wakes_it_once(monkeypatch):
     scheduler, heard = TestScheduler(), Heard()
     inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
 
-    class Waiting(deque):
+    class Waiting(deque[Any]):
         """Empty when it is looked at, and no more just after."""
 
         def __bool__(self):
@@ -101,9 +104,14 @@ def test_a_sample_that_comes_while_the_loop_falls_asleep_wakes_it_once():
                 inbox.put(decoder, b"{}")
             return not empty
 
-    drains = []
-    schedule = scheduler.schedule
-    scheduler.schedule = lambda action, state=None: drains.append(action) or schedule(action, state)
+    drains: list[Any] = []
+    run = scheduler.schedule
+
+    def schedule(action, state=None):
+        drains.append(action)
+        return run(action, state)
+
+    monkeypatch.setattr(scheduler, "schedule", schedule)
     inbox._waiting = Waiting()
     inbox.put(decoder, b"{}")
     scheduler.advance_by(1)
@@ -120,7 +128,7 @@ def stamped(monkeypatch):
     def stamped(*readings):
         shown = itertools.cycle(readings)
         with monkeypatch.context() as patch:
-            patch.setattr(subscription.time, "time", lambda: next(shown))
+            patch.setattr(time, "time", lambda: next(shown))
             inbox.put(decoder, b'{"stamp": 17.0}')
             scheduler.start()
         return heard.inputs[-1].timestamp
@@ -145,7 +153,7 @@ def test_an_interruption_between_two_looks_at_the_clocks_sets_no_clock(stamped):
 
 def test_a_batch_keeps_the_order_across_streams_and_ends(monkeypatch):
     clock = iter(range(100))
-    monkeypatch.setattr(subscription.time, "monotonic", lambda: float(next(clock)))
+    monkeypatch.setattr(time, "monotonic", lambda: float(next(clock)))
     scheduler, heard = TestScheduler(), Heard()
     inbox, imu, mic = an_inbox(scheduler, heard), Decoder(IMU), Decoder(MIC)
     inbox.put(mic, b'{"level": 1}')
@@ -170,16 +178,16 @@ def test_the_loop_is_woken_once_for_all_that_wait():
     assert len(scheduler._queue) == 1
 
 
-def test_a_reader_that_fails_does_not_end_the_stream():
+def test_a_reader_that_fails_does_not_end_the_stream(monkeypatch):
     scheduler, heard = TestScheduler(), Heard()
     inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
     take = heard.on_next
 
     def fail_once(_):
-        heard.on_next = take
+        monkeypatch.setattr(heard, "on_next", take)
         raise RuntimeError("by accident")
 
-    heard.on_next = fail_once
+    monkeypatch.setattr(heard, "on_next", fail_once)
     inbox.put(decoder, b'{"n": 1}')
     inbox.put(decoder, b'{"n": 2}')
     with pytest.raises(RuntimeError):

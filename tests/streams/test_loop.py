@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import logging
+import time
 import weakref
 from datetime import UTC, datetime, timedelta
 from threading import Event, current_thread
@@ -40,7 +41,12 @@ def test_timers_act_by_the_order_of_their_deadlines(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
     loop, seen, done = Loop(), [], Event()
-    loop.schedule_relative(0.02, lambda *_: (seen.append("late"), done.set()))
+
+    def last(*_):
+        seen.append("late")
+        done.set()
+
+    loop.schedule_relative(0.02, last)
     loop.schedule_relative(0.01, lambda *_: seen.append("early"))
     loop.schedule(lambda *_: seen.append("now"))
     clock[0] += 1.0
@@ -66,7 +72,7 @@ def test_an_action_that_fails_is_logged_and_the_others_have_their_turn(loop, cap
 
 def test_its_clock_follows_the_monotonic_clock_from_the_wall_clocks_time(monkeypatch):
     monotonic = [100.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: monotonic[0])
+    monkeypatch.setattr(time, "monotonic", lambda: monotonic[0])
     loop = Loop()
     began = loop.now
     assert abs(began - datetime.now(UTC)) < timedelta(seconds=1)
@@ -90,7 +96,8 @@ class Reminder:
 
 @pytest.mark.parametrize("on_thread", [lambda _, act: act(), lambda loop, act: on_loop(loop, act).result(PATIENCE)])
 def test_a_far_timer_that_is_set_again_and_again_waits_once(loop, on_thread):
-    kept, timer = weakref.WeakSet(), SerialDisposable()
+    kept: weakref.WeakSet[Reminder] = weakref.WeakSet()
+    timer = SerialDisposable()
 
     def set_again():
         kept.add(reminder := Reminder())
@@ -103,7 +110,8 @@ def test_a_far_timer_that_is_set_again_and_again_waits_once(loop, on_thread):
 
 
 def test_after_a_crowd_of_timers_the_few_that_follow_take_little_room_again(loop):
-    kept, crowd = weakref.WeakSet(), [loop.schedule_relative(3600, Reminder()) for _ in range(20 * FEW)]
+    kept: weakref.WeakSet[Reminder] = weakref.WeakSet()
+    crowd = [loop.schedule_relative(3600, Reminder()) for _ in range(20 * FEW)]
     for timer in crowd:
         timer.dispose()
     for _ in range(60 * FEW):

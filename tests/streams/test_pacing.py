@@ -9,12 +9,18 @@ from reactivex.testing import TestScheduler
 from contextpolicy.streams.pacing import pace
 
 
+def is_urgent(item: float) -> bool:
+    return item < 0
+
+
 class Story:
     """Items are their own times, in seconds; negative ones can't wait."""
 
     def __init__(self):
-        self.scheduler, self.source, self.seen = TestScheduler(), Subject(), []
-        paced = self.source.pipe(pace(1.0, self.scheduler, at_once=lambda item: item < 0))
+        self.scheduler = TestScheduler()
+        self.seen: list[tuple[float, object]] = []
+        self.source: Subject[float] = Subject()
+        paced = self.source.pipe(pace(1.0, self.scheduler, at_once=is_urgent))
         self.end = paced.subscribe(self.note, on_completed=lambda: self.note("end"))
 
     def note(self, item):

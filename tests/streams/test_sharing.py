@@ -4,26 +4,32 @@ from __future__ import annotations
 
 import pytest
 from reactivex import Observable, Subject, of
-from reactivex.disposable import Disposable
+from reactivex.disposable import Disposable, SerialDisposable
 
 from contextpolicy.streams.sharing import share_on_loop
 
 
 def counted():
     """A subject, shared, and what happens to its subscription."""
-    subject, events = Subject(), []
+    subject: Subject[int] = Subject()
+    events: list[str] = []
 
     def subscribe(observer, _=None):
         events.append("subscribed")
         inner = subject.subscribe(observer)
-        return Disposable(lambda: [events.append("disposed"), inner.dispose()])
+
+        def leave():
+            events.append("disposed")
+            inner.dispose()
+
+        return Disposable(leave)
 
     return subject, events, share_on_loop(Observable(subscribe))
 
 
 def test_all_get_each_item_in_the_order_in_which_they_subscribed():
     subject, events, shared = counted()
-    seen = []
+    seen: list[object] = []
     shared.subscribe(lambda item: seen.append(("first", item)))
     shared.subscribe(lambda item: seen.append(("second", item)))
     subject.on_next(1)
@@ -33,7 +39,7 @@ def test_all_get_each_item_in_the_order_in_which_they_subscribed():
 
 def test_the_source_is_left_with_the_last_subscriber():
     subject, events, shared = counted()
-    seen = []
+    seen: list[object] = []
     one, other = shared.subscribe(seen.append), shared.subscribe()
     one.dispose()
     subject.on_next(1)
@@ -44,15 +50,16 @@ def test_the_source_is_left_with_the_last_subscriber():
 
 def test_one_that_leaves_while_an_item_is_handed_out_takes_it_from_nobody():
     subject, _, shared = counted()
-    seen = []
-    leaving = shared.subscribe(lambda _: leaving.dispose())
+    seen: list[int] = []
+    leaving = SerialDisposable()
+    leaving.disposable = shared.subscribe(lambda _: leaving.dispose())
     shared.subscribe(seen.append)
     subject.on_next(1)
     assert seen == [1]
 
 
 def test_the_end_and_errors_reach_all():
-    ends = []
+    ends: list[str] = []
     shared = share_on_loop(of(1))
     shared.subscribe(on_completed=lambda: ends.append("end"))
     assert ends == ["end"]

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+from typing import Any
+
 from contextpolicy.telemetry.events import MAX_MESSAGE, event
 
-POLICY = {
+POLICY: dict[str, Any] = {
     "apiVersion": "contextpolicy.dev/v1alpha1",
     "kind": "ContextPolicy",
     "metadata": {"name": "robot", "namespace": "lab", "uid": "u-1"},

@@ -29,9 +29,8 @@ LABELS = {
 
 def ours():
     """The operator's own module: what other tests have imported is in the same registry."""
-    names = {
-        collector.describe()[0].name for collector in vars(metrics).values() if isinstance(collector, MetricWrapperBase)
-    }
+    own = [collector for collector in vars(metrics).values() if isinstance(collector, MetricWrapperBase)]
+    names = {family.name for collector in own for family in collector.describe()}
     return {family.name: family for family in REGISTRY.collect() if family.name in names}
 
 

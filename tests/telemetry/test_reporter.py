@@ -21,7 +21,7 @@ class Desk:
     def __init__(self):
         self.scheduler, self.worker = TestScheduler(), Pool()
         self.statuses, self.events, self.faults = [], [], []
-        self.reporter = Reporter(self, self.scheduler, self.worker)
+        self.reporter = Reporter(self, self.scheduler, self.worker)  # type: ignore[arg-type]  # it only submits
 
     def write_status(self, namespace, name, status):
         self._fail()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,7 +9,6 @@ from prometheus_client import REGISTRY
 
 from contextpolicy.actuators.resize.conflict import Conflict
 from contextpolicy.cluster.pods import Cpu, view
-from contextpolicy.telemetry import resize_watch
 from contextpolicy.telemetry.resize_watch import ResizeWatch
 from tests.actuators.resize.fake_cluster import refusal
 from tests.cluster.builders import a_pod
@@ -21,7 +21,8 @@ class Told:
     """A watch, and what it says."""
 
     def __init__(self):
-        self.problems, self.stages = [], []
+        self.problems: list[tuple[str, str]] = []
+        self.stages: list[tuple[str, str, float | None]] = []
         self.watch = ResizeWatch(self)
 
     def on_problem(self, _, reason, message):
@@ -67,7 +68,7 @@ def resizes(result):
 def clock(monkeypatch):
     """Monotonic time, as the test sets it."""
     now = SimpleNamespace(at=0.0)
-    monkeypatch.setattr(resize_watch.time, "monotonic", lambda: now.at)
+    monkeypatch.setattr(time, "monotonic", lambda: now.at)
     return now
 
 

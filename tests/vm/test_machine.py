@@ -8,10 +8,12 @@ import sys
 
 import pytest
 
+from tests.node import build
 from tests.node.errors import ClusterError
 from tests.vm import __main__ as command_line
 from tests.vm import machine
 from tests.vm.guest import FILES, STAGES, TESTS, stages
+from tests.vm.places import INSIDE_LOGS
 
 
 def test_the_machine_has_no_network_and_its_own_time(tmp_path):
@@ -40,11 +42,16 @@ def test_a_machine_that_stays_on_is_ended(tmp_path):
 
 def test_a_machine_that_is_no_longer_wanted_is_ended(tmp_path, monkeypatch):
     before, started = signal.getsignal(signal.SIGTERM), []
-    monkeypatch.setattr(command_line.build, "install_packages", lambda _: None)
+    monkeypatch.setattr(build, "install_packages", lambda _: None)
     monkeypatch.setattr(command_line, "held", lambda _: contextlib.nullcontext())
     monkeypatch.setattr(machine, "_show", lambda _: os.kill(os.getpid(), signal.SIGTERM))
     popen = subprocess.Popen
-    monkeypatch.setattr(subprocess, "Popen", lambda *args, **more: started.append(popen(*args, **more)) or started[0])
+
+    def start(*arguments, **more):
+        started.append(popen(*arguments, **more))
+        return started[0]
+
+    monkeypatch.setattr(subprocess, "Popen", start)
     waits = a_machine("import threading; threading.Event().wait()")
     monkeypatch.setattr(command_line, "_run", lambda _: machine.run(waits, tmp_path / "console.log", timeout=60))
     try:
@@ -64,7 +71,7 @@ def test_a_machine_that_does_not_start_says_why(tmp_path, monkeypatch):
 @pytest.fixture
 def logs(tmp_path, monkeypatch):
     monkeypatch.setattr(command_line, "LOGS", tmp_path)
-    folder = tmp_path / command_line.INSIDE_LOGS.name
+    folder = tmp_path / INSIDE_LOGS.name
     folder.mkdir()
     return folder
 

@@ -16,13 +16,12 @@ from contextpolicy.cluster.claims import container_id
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from prometheus_client.core import Metric
-
     from contextpolicy.cluster.agent_reports import AgentReport
     from contextpolicy.cluster.claims import Claim
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.planning.planner import Planner
 
+    Family: TypeAlias = CounterMetricFamily | GaugeMetricFamily
     Row: TypeAlias = tuple[Sequence[str], float]
 
 _POLICY = ("namespace", "name")
@@ -55,18 +54,18 @@ class Scrape(Collector):
     def __init__(self, read: Callable[[], Scraped | None]) -> None:
         self._read = read
 
-    def describe(self) -> Iterator[Metric]:
+    def describe(self) -> Iterator[Family]:
         """All families, empty: a registry asks for their names before there is an operator."""
         return families(Scraped(0.0, connected=False, policies=(), pods=(), agents={}))
 
-    def collect(self) -> Iterator[Metric]:
+    def collect(self) -> Iterator[Family]:
         """All families as of now."""
         scraped = self._read()
         if scraped is not None:
             yield from families(scraped)
 
 
-def families(scraped: Scraped) -> Iterator[Metric]:
+def families(scraped: Scraped) -> Iterator[Family]:
     """The metric families.
 
     Ages are by the loop's clock and no timestamps: where a robot without a battery sets its clock late, every stream

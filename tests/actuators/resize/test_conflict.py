@@ -50,7 +50,8 @@ def test_each_strike_of_an_insistent_writer_is_answered_later():
 
 def strike_by_strike(every):
     """What is done about a writer who changes the limit `every` so many seconds, until we have yielded twice."""
-    governed, now, pauses = Ownership(POLICY, OURS), 0.0, []
+    pauses: list[float] = []
+    governed, now = Ownership(POLICY, OURS), 0.0
     while pauses.count(YIELDED) < 2:
         assert governed.compare(THEIRS, now)
         pauses.append(round(governed.until - now, 6))

@@ -9,7 +9,7 @@ from contextpolicy.actuators.resize.resizer import BOOKKEEPING
 from contextpolicy.cluster.pods import view
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.fake_cluster import refusal
-from tests.actuators.resize.rig import MOMENT, POLICY, Rig, limits, one_pod_for_two, two_pods
+from tests.actuators.resize.rig import MOMENT, POLICY, Rig, by_id, limits, one_pod_for_two, two_pods
 from tests.cluster.builders import a_pod, cpu
 
 # what is sent
@@ -215,35 +215,39 @@ def test_what_is_put_back_is_told_as_well():
     assert rig.witness.accepted == [("lab/slam/slam", 300), ("lab/slam/slam", 500)]
 
 
-def test_pods_of_nobody_cost_nothing():
+def test_pods_of_nobody_cost_nothing(monkeypatch):
     rig = Rig(a_pod("slam"), *(a_pod(f"other-{n}") for n in range(5)))
     rig.plan(slam=300)
     rig.settle()
-    looks = []
-    reconciler = rig.resizer._reconcilers[POLICY]
-    reconciler.reconcile = looks.append
+    looks = looks_of(rig, monkeypatch)
     for n in range(5):
         rig.cluster.report(f"uid-other-{n}")
     rig.watch()
     assert looks == []
 
 
-def looks_of(rig):
+def looks_of(rig, monkeypatch):
     """When the policy's containers are looked at, all of them each time."""
-    looks = []
+    looks: list[float] = []
     reconciler = rig.resizer._reconcilers[POLICY]
-    reconcile, reconciler.reconcile = reconciler.reconcile, lambda now: looks.append(now) or reconcile(now)
+    reconcile = reconciler.reconcile
+
+    def look(now):
+        looks.append(now)
+        reconcile(now)
+
+    monkeypatch.setattr(reconciler, "reconcile", look)
     return looks
 
 
-def test_many_limits_that_fall_at_once_cost_one_look():
+def test_many_limits_that_fall_at_once_cost_one_look(monkeypatch):
     names = [f"task-{n}" for n in range(10)]
     rig = Rig(*(a_pod(name) for name in names))
-    rig.plan(**dict.fromkeys(names, 300))
+    rig.order(POLICY, by_id(dict.fromkeys(names, 300)))
     while rig.workers.jobs:
         rig.work()
     rig.watch()
-    looks = looks_of(rig)
+    looks = looks_of(rig, monkeypatch)
     rig.cluster.confirm()
     for feed in rig.cluster.feeds.values():
         rig.resizer.observe(view(feed.popleft()))
@@ -251,18 +255,19 @@ def test_many_limits_that_fall_at_once_cost_one_look():
     assert len(looks) == 1
 
 
-def test_answers_that_free_nothing_cost_one_look_for_all_of_them():
+def test_answers_that_free_nothing_cost_one_look_for_all_of_them(monkeypatch):
     names = [f"task-{n}" for n in range(10)]
     rig = Rig(*(a_pod(name) for name in names))
     for share in (300, 200):
-        rig.plan(**dict.fromkeys(names, share))
-        looks = looks_of(rig)
-        while rig.workers.jobs:
-            rig.work()
-            rig.watch()
-        assert looks == []
-        rig.wait(BOOKKEEPING)
-        assert len(looks) == 1
+        rig.order(POLICY, by_id(dict.fromkeys(names, share)))
+        with monkeypatch.context() as patched:
+            looks = looks_of(rig, patched)
+            while rig.workers.jobs:
+                rig.work()
+                rig.watch()
+            assert looks == []
+            rig.wait(BOOKKEEPING)
+            assert len(looks) == 1
         rig.settle()
 
 

@@ -70,7 +70,10 @@ def test_quantiles_are_over_all_blocks():
 
 
 def test_critical_is_each_context_s_own_task():
-    responses = {name: {"drive": [1], "talk": [1], "read": [1]} for name in ("slam", "speech", "signs")}
+    names = ("slam", "speech", "signs")
+    responses: dict[str, dict[str, list[int | None]]] = {
+        name: {"drive": [1], "talk": [1], "read": [1]} for name in names
+    }
     responses["signs"]["read"] = [None]
     tasks = dict.fromkeys(responses, SLAM)
     found = Figures(IMPORTANCE, tasks, [Run(responses, {}, 0.0)])

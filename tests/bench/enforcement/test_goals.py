@@ -137,7 +137,9 @@ def test_static_divisions_that_serve_every_context_are_named():
 def test_a_rate_that_is_no_number_is_no_success():
     def nothing_due(cell):
         found = Planted()(replace(cell, division=WEIGHTS))
-        empty = {name: {context.name: [] for context in found.story.contexts} for name in found.tasks}
+        empty: dict[str, dict[str, list[float | None]]] = {
+            name: {context.name: [] for context in found.story.contexts} for name in found.tasks
+        }
         return replace(found, runs=[replace(found.runs[0], responses=empty)])
 
     assert math.isnan(nothing_due(cells()[0][0]).hit("map"))

@@ -58,7 +58,9 @@ def test_a_cell_that_depends_on_no_context_is_answered_by_its_stand_in(file):
     journal = Journal(file, OPTIONS, resume=False)
     journal.add(CELL, 0, RUN)
     same = Cell(SUSPENDING.name, 1.3, Queue.NEWEST, gated=False, division=DEFAULT)
-    assert journal.figures(same).story is SUSPENDING
+    figures = journal.figures(same)
+    assert figures is not None
+    assert figures.story is SUSPENDING
     assert journal.figures(Cell(SUSPENDING.name, 1.3, Queue.NEWEST, gated=True, division=DEFAULT)) is None
     assert journal.figures(Cell(SUSPENDING.name, 1.3, Queue.NEWEST, gated=False, division=WEIGHTS)) is None
     assert journal.figures(Cell(IMPORTANCE.name, 1.6, Queue.NEWEST, gated=False, division=TUNED)) is None

@@ -42,6 +42,7 @@ class Robot:
 def test_each_turn_changes_every_limit(containers):
     fleet = fleet_of(containers)
     robot = Robot(fleet)
+    assert robot.planner.last is not None
     before = robot.planner.last.nodes[NODE].containers
     assert len(before) == containers == fleet.limits
     for left in (True, False, True):

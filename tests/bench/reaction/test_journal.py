@@ -15,9 +15,10 @@ def file(tmp_path):
 
 def test_what_was_measured_is_on_disk_before_the_next_step_fails(file):
     journal = Journal(file, OPTIONS, STEPS, resume=False)
+    stages: dict[str, float] = {}
     journal.once("a", lambda: [1])
     with pytest.raises(KeyError):
-        journal.once("b", lambda: {}["first patch accepted"])
+        journal.once("b", lambda: stages["first patch accepted"])
     assert journal.left() == ["b", "c"]
     assert [json.loads(line) for line in file.read_text().splitlines()] == [OPTIONS, {"step": "a", "result": [1]}]
 

@@ -2,8 +2,11 @@
 
 import contextlib
 import json
+import signal
 import sys
+import time
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -48,7 +51,7 @@ class Heard:
 def path():
     """One container whose limit rises from 0.1 to 0.2 cores."""
     group = Group()
-    made = object.__new__(Operated)
+    made: Any = object.__new__(Operated)
     made._stopwatch = SimpleNamespace(wait=lambda *_: {group: BEGAN + 0.004})
     made._groups, made.turn = {"a": group}, lambda: BEGAN
     return made
@@ -105,34 +108,39 @@ def test_missed_reactions_are_counted_and_the_others_stay():
 
 def test_a_round_before_which_the_critical_task_had_its_limit_is_missed():
     group = Group()
-    case = object.__new__(transition._Case)
+    case: Any = object.__new__(transition._Case)
     case._groups, case._stopwatch = {transition.CRITICAL: group}, SimpleNamespace(forget=lambda: None)
     reaction = case._reaction("Prompt", lambda: case._told(BEGAN, {group: 0.2}, {group: 0.2}, None))
     assert "missed" in reaction
 
 
-def missing(*_):
+def miss():
     raise MissedError("slow")
+
+
+@pytest.fixture
+def slow():
+    """A path whose every round is missed."""
+    return SimpleNamespace(name="operator, resize", go=miss)
 
 
 @pytest.fixture
 def site(monkeypatch):
     """Nothing is waited for."""
-    for module in (priority, storm):
-        monkeypatch.setattr(module.time, "sleep", lambda _seconds: None)
+    monkeypatch.setattr(time, "sleep", lambda _seconds: None)
     return SimpleNamespace(quiet=SimpleNamespace(wait=lambda: None), saturate=lambda **_: None)
 
 
-def test_weights_under_which_every_round_is_missed_are_a_row_all_the_same(site, monkeypatch):
+def test_weights_under_which_every_round_is_missed_are_a_row_all_the_same(site, slow, monkeypatch):
     clock = iter(range(1000))
-    monkeypatch.setattr(priority.time, "monotonic", lambda: next(clock))
-    row = priority._saturated(site, SimpleNamespace(go=missing))
+    monkeypatch.setattr(time, "monotonic", lambda: next(clock))
+    row = priority._saturated(site, slow)
     assert (row["n"], row["first patch accepted ms p50"]) == (0, None)
     assert row["missed"] > 0
 
 
-def test_storms_that_are_missed_are_a_row_all_the_same(site):
-    row = storm._storms(site, SimpleNamespace(name="operator, resize", go=missing), SimpleNamespace(go=missing))
+def test_storms_that_are_missed_are_a_row_all_the_same(site, slow):
+    row = storm._storms(site, slow, slow)
     assert (row["n"], row["missed"], row["after_storm_ms_p50"]) == (0, storm.STORMS, None)
 
 
@@ -143,7 +151,7 @@ def test_figures_are_written_whatever_ends_the_run(monkeypatch, tmp_path):
 
     monkeypatch.setattr(command, "OUTPUT", tmp_path)
     monkeypatch.setattr(command, "_measure", measure)
-    monkeypatch.setattr(command.signal, "signal", lambda *_: None)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
     monkeypatch.setattr(sys, "argv", ["reaction", "--only", "control"])
     with contextlib.suppress(KeyError):
         command.main()

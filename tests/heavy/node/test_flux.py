@@ -45,7 +45,7 @@ def controller(tmp_path_factory):
     run("kubectl", "apply", "--server-side", "-f", f"{folder}/config/crd/bases")
     run("kubectl", "wait", "crd", *DEFINITIONS, "--for=condition=Established", "--timeout=60s")
     flags = ["--enable-leader-election=false", "--metrics-addr=127.0.0.1:0", "--health-addr=127.0.0.1:0"]
-    argv = [build.build(build.FLUX) / "kustomize-controller", *flags, "--events-addr="]
+    argv = [str(build.build(build.FLUX) / "kustomize-controller"), *flags, "--events-addr="]
     log = tmp_path_factory.mktemp("flux") / "kustomize-controller.log"
     with log.open("w") as file:
         process = subprocess.Popen(
@@ -109,7 +109,7 @@ def deployment(namespace):
 def ready():
     """Which revision Flux has tried, whether it calls it ready, and its reason."""
     status = get(KIND, NAME, SYSTEM).get("status", {})
-    told = next((one for one in status.get("conditions", []) if one["type"] == "Ready"), {})
+    told: dict[str, str] = next((one for one in status.get("conditions", []) if one["type"] == "Ready"), {})
     return status.get("lastAttemptedRevision"), told.get("status"), told.get("reason")
 
 

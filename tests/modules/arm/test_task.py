@@ -7,6 +7,7 @@ import time
 from collections import defaultdict
 from contextlib import contextmanager
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
@@ -47,7 +48,7 @@ class World:
     def __init__(self, device, arm):
         self.device = device
         self.arm = arm
-        self.results = queue.Queue()
+        self.results: queue.Queue[Any] = queue.Queue()
         self.ended = threading.Event()
 
     def work(self):
@@ -147,7 +148,7 @@ def test_an_arm_that_was_left_somewhere_moves_on_from_there():
 def test_what_does_not_answer_is_told(monkeypatch):
     monkeypatch.setattr(controller, "ANSWER_S", 0.1)
     device = Maestro()
-    device.receive = lambda _: b""
+    monkeypatch.setattr(device, "receive", lambda _: b"")
     with an_arm(device) as world:
         assert "no answer to a1 " in str(world.results.get(timeout=PATIENCE))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from typing import Any
 
 import pytest
 
@@ -113,7 +114,7 @@ def test_readings_come_until_the_end(machine):
     ended = threading.Event()
     readings = HostSensors(machine(RASPBERRY_PI)).produce(ended)
     first = next(readings)
-    assert (first.output, first.value["pressure"]["cpu"]) == ("state", 0.415)
-    assert first.value["temperature"] == 81.8
+    state: Any = first.value
+    assert (first.output, state["pressure"]["cpu"], state["temperature"]) == ("state", 0.415, 81.8)
     ended.set()
     assert list(readings) == []

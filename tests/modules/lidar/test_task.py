@@ -4,6 +4,7 @@ import math
 import queue
 import threading
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 
@@ -50,7 +51,8 @@ class Witness(RplidarA1):
 @contextmanager
 def scans(device, **settings):
     """Let the task work on the device, and give its results."""
-    results, ended = queue.Queue(), threading.Event()
+    results: queue.Queue[Any] = queue.Queue()
+    ended = threading.Event()
 
     def work(port):
         try:
@@ -138,7 +140,7 @@ def test_a_lidar_that_falls_silent_is_told(monkeypatch):
 def test_what_does_not_answer_is_told(monkeypatch):
     monkeypatch.setattr(scanner, "ANSWER_S", 0.1)
     device = Witness()
-    device.receive = lambda _: b""
+    monkeypatch.setattr(device, "receive", lambda _: b"")
     with scans(device) as results:
         assert "no answer to a5 52 within 0.1 s" in str(results.get(timeout=PATIENCE))
 

@@ -82,7 +82,8 @@ class Witness(Create2):
 
     def __init__(self):
         super().__init__()
-        self._changes, self._turning, self._told = Queue(), False, False
+        self._changes: Queue[bool] = Queue()
+        self._turning, self._told = False, False
         self.receive(oi.START + oi.SAFE)
 
     def receive(self, data):

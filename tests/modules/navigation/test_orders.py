@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from modules.navigation.orders import STOP, parse_order, parse_ranges
 from modules.navigation.pilot import DRIVE_PATIENCE, Drive
-from modules.navigation.waypoints import Motion
+from modules.navigation.waypoints import Motion, Route
 from robotkit import MessageError
 
 JSON = st.recursive(
@@ -21,7 +21,9 @@ def test_orders():
     assert parse_order(b'{"stop": true}', 0) == STOP
     assert parse_order(b'{"drive": {"forward": 0.1, "turn": -1}}', 2.0) == Drive(Motion(0.1, -1), 2.0 + DRIVE_PATIENCE)
     assert parse_order(b'{"drive": {"forward": 0.1}}', 0) == Drive(Motion(0.1, 0), DRIVE_PATIENCE)
-    assert parse_order(b'{"waypoints": [[1, 2], [3, 4]]}', 0).left == 2
+    route = parse_order(b'{"waypoints": [[1, 2], [3, 4]]}', 0)
+    assert isinstance(route, Route)
+    assert route.left == 2
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import queue
 import threading
 import time
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 
@@ -28,8 +29,8 @@ class World:
     def __init__(self, robot, navigation):
         self.robot = robot
         self.navigation = navigation
-        self.results = queue.Queue()
-        self.failed = queue.Queue()
+        self.results: queue.Queue[Any] = queue.Queue()
+        self.failed: queue.Queue[Exception] = queue.Queue()
         self.ended = threading.Event()
 
     def work(self):

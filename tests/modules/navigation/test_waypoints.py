@@ -38,6 +38,7 @@ def test_straight_ahead_it_cruises():
 
 def test_what_lies_behind_is_turned_to_on_the_spot():
     motion = Route([(-1, 0.1)]).next_motion(Pose())
+    assert motion is not None
     assert motion.forward == 0
     assert motion.turn > 0
 

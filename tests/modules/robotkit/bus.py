@@ -44,7 +44,7 @@ def client(address, *, shared_memory=False):
 
 def ask(session, key):
     """The answers, as texts, as soon as the router knows who gives them."""
-    answers = []
+    answers: list[str] = []
 
     def answered():
         answers[:] = [reply.ok.payload.to_string() for reply in session.get(key, timeout=PATIENCE) if reply.ok]
@@ -67,7 +67,8 @@ class Matching:
     """Waits until someone listens to a publisher, or nobody does; a change is not missed, however short it was."""
 
     def __init__(self, publisher):
-        self._now, self._changes = False, Queue()
+        self._now = False
+        self._changes: Queue[bool] = Queue()
         self._listener = publisher.declare_matching_listener(lambda status: self._changes.put(status.matching))
 
     def wait(self, expected):

@@ -28,7 +28,7 @@ def test_events_match_once_within_their_window():
     told = [Event(1.2, "stop"), Event(1.3, "stop"), Event(2.9, "left"), Event(3.4, "stop")]
     matched = match_events(truth, told, early=0.1, late=0.5)
     assert matched == Matched(found=2, missed=1, invented=2)
-    assert (matched.recall, matched.precision) == (pytest.approx(2 / 3), 0.5)
+    assert (matched.recall, matched.precision) == pytest.approx((2 / 3, 0.5))
 
 
 def test_an_early_answer_is_another_event():

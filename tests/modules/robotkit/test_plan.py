@@ -71,7 +71,7 @@ def listening(session, heard):
 
 
 def test_a_module_hears_the_plan_in_force_and_every_change():
-    heard = queue.Queue()
+    heard: queue.Queue[Decision] = queue.Queue()
     with (
         router() as address,
         client(address) as policy,
@@ -87,7 +87,7 @@ def test_a_module_hears_the_plan_in_force_and_every_change():
 
 
 def test_a_module_asks_for_the_plan_of_whoever_comes_later():
-    heard = queue.Queue()
+    heard: queue.Queue[Decision] = queue.Queue()
     with router() as address, client(address) as policy, client(address) as module, listening(module, heard):
         with a_source(policy, a_plan(run=1, share=0.1)):
             assert heard.get(timeout=PATIENCE).share == 0.1
@@ -97,7 +97,8 @@ def test_a_module_asks_for_the_plan_of_whoever_comes_later():
 
 def test_a_plan_that_was_made_while_the_router_was_gone_is_heard_when_it_is_back():
     """Nobody repeats it: a task would stay suspended until the next one."""
-    heard, plans = queue.Queue(), [a_plan(sequence=1, suspended=True)]
+    heard: queue.Queue[Decision] = queue.Queue()
+    plans = [a_plan(sequence=1, suspended=True)]
     port = free_port()
     with ExitStack() as first, ExitStack() as sessions:
         address = first.enter_context(router(port))
@@ -115,7 +116,7 @@ def test_a_plan_that_was_made_while_the_router_was_gone_is_heard_when_it_is_back
 
 def test_a_plan_on_a_key_with_wildcards_is_nobodys():
     """Who may publish samples, and no plans, may still publish on such a key."""
-    heard = queue.Queue()
+    heard: queue.Queue[Decision] = queue.Queue()
     with router() as address, client(address) as policy, client(address) as module:
         listener = PlanListener(module, "slam", heard.put)
         publisher = policy.declare_publisher(KEY)

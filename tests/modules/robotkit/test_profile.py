@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from robotkit import Input, Module, Needs
@@ -39,6 +41,7 @@ def test_the_document_has_every_input_and_what_was_dropped():
     profile.inputs["stereo"].add(a_run())
     document = profile.as_json("front-slam", {"stereo": 4}, {"stereo": 1})
     assert (document["task"], document["module"]) == ("front-slam", "slam")
-    stereo = document["inputs"]["stereo"]
+    inputs: Any = document["inputs"]
+    stereo = inputs["stereo"]
     assert (stereo["done"], stereo["dropped"], stereo["shared"]) == (1, 4, 1)
     assert [stereo[name]["mean"] for name in ("cpu", "wait", "service", "latency")] == [0.02, 0.001, 0.048, 0.05]

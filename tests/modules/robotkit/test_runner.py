@@ -4,8 +4,9 @@ import json
 import math
 import queue
 import threading
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -19,6 +20,9 @@ from tests.modules.robotkit.bus import Matching, ask, client, router
 from tests.modules.robotkit.test_plan import KEY, a_plan
 from tests.waiting import PATIENCE
 
+if TYPE_CHECKING:
+    from robotkit.plan import Decision
+
 ECHO = Module(
     "echo",
     inputs={"words": Input("test/words", depth=5), "numbers": Input("test/numbers", depth=5)},
@@ -31,7 +35,7 @@ SENSOR = Module("sensor", outputs={"reading": Output("test/reading")})
 
 class Echo(Task):
     def __init__(self):
-        self.adapted = queue.Queue()
+        self.adapted: queue.Queue[Decision] = queue.Queue()
         self.closed = False
 
     def process(self, received):
@@ -62,7 +66,7 @@ class Sensor(Task):
 
     def __init__(self, *failures):
         self.opened = 0
-        self.released = queue.Queue()
+        self.released: queue.Queue[int] = queue.Queue()
         self.failures = failures
 
     def produce(self, ended):
@@ -77,11 +81,13 @@ class Sensor(Task):
 
 
 class World:
-    """Sensors, a listener and a policy around one running task."""
+    """Sensors, a listener and a policy around one running task; `running` is its run."""
 
-    def __init__(self, session, module):
-        self.session = session
-        self.results = {name: queue.Queue() for name in module.outputs}
+    running: Future[None]
+
+    def __init__(self, session, module, address):
+        self.session, self.address = session, address
+        self.results: dict[str, queue.Queue[bytes]] = {name: queue.Queue() for name in module.outputs}
         self.sensors = {name: session.declare_publisher(entry.key) for name, entry in module.inputs.items()}
         self.matching = {name: Matching(sensor) for name, sensor in self.sensors.items()}
         self.policy = session.declare_publisher(KEY)
@@ -117,8 +123,7 @@ class World:
 def running(module, task, **options):
     stop = threading.Event()
     with router() as address, client(address) as outside, client(address) as inside, ThreadPoolExecutor(1) as pool:
-        world = World(outside, module)
-        world.address = address
+        world = World(outside, module, address)
         for output in module.outputs.values():  # a task without inputs begins at once
             with inside.declare_publisher(output.key) as publisher:
                 Matching(publisher).wait(expected=True)
@@ -143,7 +148,7 @@ def test_a_result_carries_its_times():
 
 
 def test_runs_are_published_where_asked_for_without_any_result_too():
-    runs = queue.Queue()
+    runs: queue.Queue[bytes] = queue.Queue()
     with running(WATCHER, Watcher(), publish_runs=True) as world:
         world.session.declare_subscriber("robot/watcher/runs", lambda sample: runs.put(sample.payload.to_bytes()))
         for _ in range(3):
@@ -185,6 +190,7 @@ def test_a_result_can_go_out_as_a_ros_message():
         world.say(b"1.5")
         received = heard.take()
         heard.close()
+    assert received is not None
     message = ros.decode(received.payload, received.type)
     assert (message.point.x, message.header.frame_id, ros.stamp_of(message)) == (1.5, "map", 5)
     assert 0 < received.stamp <= received.received  # from the attachment, in rmw_zenoh's form

@@ -37,6 +37,7 @@ def test_a_session_waits_for_its_router():
     def connect():
         with open_session([f"tcp/127.0.0.1:{port}"], threading.Event()) as session:
             connected.set()
+            assert session is not None
             return list(session.info.routers_zid())
 
     thread_done = []
@@ -80,6 +81,7 @@ def test_a_module_says_who_it_is(tmp_path):
     secret = credentials({"ZENOH_CREDENTIALS": str(authority.issue("module"))})
     stop = threading.Event()
     with open_router([address], authority.issue("router")), open_session([address], stop, secret=secret) as session:
+        assert session is not None
         assert list(session.info.routers_zid())
 
 

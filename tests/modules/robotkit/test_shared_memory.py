@@ -58,15 +58,17 @@ def test_a_containers_process_may_lock_enough_memory():
         inputs = Inputs(module, {"frame": Input("test/frame", depth=5)})
         inputs.resume()
         with subprocess.Popen([*argv, address], stdin=subprocess.PIPE, text=True) as camera:
+            stdin = camera.stdin
+            assert stdin is not None
 
             def shared():
-                camera.stdin.write("\n")
-                camera.stdin.flush()
+                stdin.write("\n")
+                stdin.flush()
                 assert soon(inputs.take).payload == FRAME
                 return inputs.shared["frame"]
 
             until(shared)
-            camera.stdin.close()
+            stdin.close()
         inputs.close()
 
 

@@ -22,7 +22,7 @@ def _handlers():
 def test_a_signal_ends_the_wait_whatever_the_main_thread_is_doing(number):
     then = threading.Event()
     stop = stop_on_signals(then.set)
-    with stop._cond:  # as where it begins to wait
+    with stop._cond:  # type: ignore[attr-defined]  # not in the stubs; as where it begins to wait
         signal.raise_signal(number)
     assert stop.wait(PATIENCE)
     assert then.wait(PATIENCE)

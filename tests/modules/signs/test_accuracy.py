@@ -10,6 +10,7 @@ from modules.signs import accuracy, drives
 from modules.signs.accuracy import NOTHING, aligned, draw, middle
 from modules.signs.drives import Told
 from modules.signs.reading import Character, Reading
+from modules.signs.watcher import Watcher
 
 GOALS = {("paddle", 1): 0.8, ("paddle", 2): 0.9, ("digits", 1): 0.6, ("digits", 2): 0.8}
 """What is read right, at least, over all sets: README.md has what was measured."""
@@ -57,7 +58,7 @@ def test_the_digit_in_the_middle_counts():
     assert middle(Reading()) == NOTHING
 
 
-class Scripted:
+class Scripted(Watcher):
     """Tells prepared texts, picture by picture."""
 
     def __init__(self, texts):

@@ -97,11 +97,17 @@ def test_corners_do_not_depend_on_the_size_that_is_looked_at(detector):
 
 
 def test_a_scene_that_stands_still_is_not_looked_at_again(task, detector, monkeypatch):
-    picture, looks = sign(), []
-    monkeypatch.setattr(detector, "find", lambda seen, find=detector.find: looks.append(1) or find(seen))
+    picture, find, looks = sign(), detector.find, 0
+
+    def look(seen):
+        nonlocal looks
+        looks += 1
+        return find(seen)
+
+    monkeypatch.setattr(detector, "find", look)
     for index in range(20):  # ten seconds
         task.process(received(picture, index))
-    assert len(looks) == 3  # twice until the sign is told, once more after five seconds
+    assert looks == 3  # twice until the sign is told, once more after five seconds
 
 
 @pytest.mark.parametrize(

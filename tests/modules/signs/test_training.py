@@ -60,7 +60,7 @@ def test_what_is_written_computes_what_was_trained(tmp_path):
 
 def test_it_learns(monkeypatch):
     monkeypatch.setattr(examples, "fonts", lambda: list(TEST_FONTS))
-    drawn = []
+    drawn: list[int] = []
     seen = examples.examples(64, 1, drawn.append)
     assert drawn == [64]
     kept = np.ones((1, 1, 1, 64), np.float32)

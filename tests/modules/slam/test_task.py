@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from modules.slam.slam import Effort, Pose, State
+from modules.slam.slam import Effort, Pose, State, StereoSlam
 from modules.slam.task import Slam
 from robotkit import UNPLANNED, Decision, MessageError, Received
 from robotkit.stereo import StereoFrame, encode
@@ -31,12 +32,19 @@ BLACK_PNG = cv2.imencode(".png", BLACK)[1].tobytes()
 def test_the_work_follows_the_share(decision, features, overlap):
     module = slam()
     Slam(module).adapt(decision)
-    assert module.effort == Effort(features, pytest.approx(overlap))
+    assert module.effort.features == features
+    assert module.effort.overlap == pytest.approx(overlap)
+
+
+def pictures(short):
+    payloads = [payload for _, payload in read(short.parent, "short/stereo")]
+    assert all(isinstance(payload, bytes) for payload in payloads)
+    return payloads
 
 
 def test_a_pose_is_plain_json(short):
     task = Slam(slam())
-    messages = [task.process(Received(payload, 0, 0)) for _, payload in list(read(short.parent, "short/stereo"))[:2]]
+    messages = [task.process(Received(payload, 0, 0)) for payload in pictures(short)[:2]]
     message = json.loads(json.dumps(messages[1]))
     assert message["frame"] > 1e18
     assert message["position"] == pytest.approx([0, 0, 0], abs=0.001)
@@ -68,15 +76,14 @@ def test_a_frame_that_cannot_be_read_is_refused(payload):
 
 
 def test_a_bad_frame_changes_nothing(short):
-    payloads = [payload for _, payload in read(short.parent, "short/stereo")][:12:3]
     undisturbed, disturbed = Slam(slam()), Slam(slam())
-    for payload in payloads:
+    for payload in pictures(short)[:12:3]:
         with pytest.raises(MessageError):
             disturbed.process(Received(encode(StereoFrame(1, PICTURE, b"")), 0, 0))
         assert disturbed.process(Received(payload, 0, 0)) == undisturbed.process(Received(payload, 0, 0))
 
 
-class Idle:
+class Idle(StereoSlam):
     """SLAM that only counts how often it may look for loops."""
 
     size = (752, 480)
@@ -85,8 +92,8 @@ class Idle:
     def __init__(self):
         self.searches = 0
         self.keyframe = False
-        self.map = SimpleNamespace(keyframes={}, landmarks=0)
-        self.loops = SimpleNamespace(closed=0)
+        self.map: Any = SimpleNamespace(keyframes={}, landmarks=0)
+        self.loops: Any = SimpleNamespace(closed=0)
 
     def track(self, _left, _right):
         return Pose(np.eye(4), 100, State.TRACKING, self.keyframe)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -65,7 +67,9 @@ def test_the_figures_are_evos():
     reference, estimate = sync.associate_trajectories(theirs(truth), theirs(poses))
     estimated, true = associate(poses, truth)
     assert len(estimated) == estimate.num_poses
-    for unit, their_unit, delta in (("frames", metrics.Unit.frames, 3), ("metres", metrics.Unit.meters, 1.0)):
+    units: dict[Literal["frames", "metres"], float] = {"frames": 3, "metres": 1.0}
+    for unit, delta in units.items():
+        their_unit = {"frames": metrics.Unit.frames, "metres": metrics.Unit.meters}[unit]
         relations = (metrics.PoseRelation.translation_part, metrics.PoseRelation.rotation_angle_deg)
         for relation, errors in zip(relations, relative_errors(estimated, true, delta, unit), strict=True):
             rpe = metrics.RPE(relation, delta, their_unit)

@@ -13,6 +13,7 @@ from modules.speech import evaluation
 from modules.speech.spectrum import RATE
 from modules.speech.spotter import KEYWORDS
 from modules.speech.synthesis import speak
+from modules.speech.verifier import WEIGHTS
 
 needs_voices = pytest.mark.skipif(
     shutil.which("flite") is None or shutil.which("sox") is None, reason="flite and sox are not installed"
@@ -78,7 +79,7 @@ def test_all_that_is_no_recording_is_told_before_anything_is_heard(run, tmp_path
 
 
 def test_other_weights_are_measured_and_what_is_none_is_told(run, tmp_path):
-    shutil.copy(evaluation.WEIGHTS, tmp_path / "new.npz")
+    shutil.copy(WEIGHTS, tmp_path / "new.npz")
     sound = write(tmp_path / "sound.wav", noise(3))
     assert run("--connected", sound, "--weights", tmp_path / "new.npz")[0] == 0
     (tmp_path / "text.npz").write_text("hello")

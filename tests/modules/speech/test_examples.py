@@ -18,9 +18,9 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def examples():
-    texts = [Spoken(word, word, "rms", 1, 1) for word in KEYWORDS]
+    texts: list[Spoken | None] = [Spoken(word, word, "rms", 1, 1) for word in KEYWORDS]
     texts += [Spoken("write about the light on the right hand shelf", None, "slt", 1.1, 0.9), None]
-    done = []
+    done: list[int] = []
     found = examine(texts, 1, done.append)
     assert done == [len(texts)]
     return found
@@ -38,7 +38,7 @@ def test_other_speech_is_seen_where_it_is_marked_and_elsewhere(examples):
 
 
 def test_the_same_seed_gives_the_same_examples(examples):
-    texts = [Spoken(word, word, "rms", 1, 1) for word in KEYWORDS]
+    texts: list[Spoken | None] = [Spoken(word, word, "rms", 1, 1) for word in KEYWORDS]
     once, again = (examine(texts, 1, lambda _: None) for _ in range(2))
     assert all(np.array_equal(mine, its) for mine, its in zip(once.views, again.views, strict=True))
     assert not np.array_equal(once.views[0][:6], examine(texts, 2, lambda _: None).views[0][:6])

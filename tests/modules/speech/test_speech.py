@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from modules.speech import listener
+from modules.speech.gate import Gate
 from modules.speech.listener import Listener, doubt
 from modules.speech.sound import SoundStream
 from modules.speech.spectrum import RATE
@@ -95,14 +96,14 @@ def test_half_a_sample_is_refused():
         Speech(Listener()).process(Received(b"abc", 0, 0))
 
 
-class Recorder:
+class Recorder(Gate):
     """A gate that keeps what it is fed with."""
 
     def __init__(self):
-        self.fed = b""
+        self.sound = b""
 
     def feed(self, samples):
-        self.fed += samples
+        self.sound += samples
         return []
 
 
@@ -112,4 +113,4 @@ def test_sound_from_ros_is_heard_as_any_other(type_name):
     fields = {"data": b"\x01\x02\x03\x04"} if type_name == AUDIO else {"audio": {"data": b"\x01\x02\x03\x04"}}
     payload = encode(fields, type_name, stamp=START)
     SoundStream(gate).feed(Received(payload, START, 0, "audio", "cdr", type_name))
-    assert gate.fed == b"\x01\x02\x03\x04"
+    assert gate.sound == b"\x01\x02\x03\x04"

@@ -6,6 +6,7 @@ import json
 import shutil
 import sys
 import types
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,7 +84,7 @@ def test_a_package_that_is_not_in_the_image_is_told(model, monkeypatch, name):
 
 
 def test_sherpa_onnx_is_called_as_its_documentation_says(model, monkeypatch):
-    calls = []
+    calls: list[Any] = []
 
     class Stream:
         def accept_waveform(self, rate, samples):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -29,10 +30,13 @@ class Told:
 def counted(source, scope):
     """An expression, and a list with an entry for each evaluation."""
     expression, evaluations = scope.compile(source), []
-    counting = SimpleNamespace(
-        **{name: getattr(expression, name) for name in ("source", "variables", "ages", "number")},
-        truth=lambda scope: evaluations.append(1) or expression.truth(scope),
-    )
+
+    def truth(scope):
+        evaluations.append(1)
+        return expression.truth(scope)
+
+    own = {name: getattr(expression, name) for name in ("source", "variables", "ages", "number")}
+    counting: Any = SimpleNamespace(**own, truth=truth)
     return Guarded(counting, scope, Told()), evaluations
 
 

@@ -77,17 +77,29 @@ def test_a_period_equal_to_sample_every_passes_each_sample_at_once(period):
         assert planner.scores()["speech"] == number
 
 
+class Listening(Planner):
+    """It keeps every score that it heard of."""
+
+    def __init__(self, policy):
+        self.heard: set[float] = set()
+        super().__init__(policy)
+
+    def on_score(self, initiative, now):
+        super().on_score(initiative, now)
+        self.heard.add(initiative.value)
+
+
 def contexts_and_scores(policy, period):
     """All that a steady sensor makes of speech's score and of the contexts after its first sample."""
-    planner = Planner(policy)
+    planner = Listening(policy)
     planner.start(TODAY)
     first, *others = every(period)
     planner.handle(Sample("mic", {"level": 0.5}), first)
-    scores, contexts = set(), set()
-    listen = planner.on_score
-    planner.on_score = lambda initiative, now: (listen(initiative, now), scores.add(initiative.value))
+    planner.heard.clear()
+    scores, contexts = planner.heard, set()
     for now in others:
         plans = planner.handle(Sample("mic", {"level": 0.5}), now)
         scores.add(planner.scores()["speech"])
+        assert planner.last is not None
         contexts |= {plan.contexts for plan in [*plans, planner.last]}
     return scores, contexts

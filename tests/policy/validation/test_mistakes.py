@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from typing import Any
 
 import pytest
 import yaml
@@ -38,7 +39,7 @@ WHEN = (*CONTEXT, "when")
 def changed(*changes):
     body = copy.deepcopy(BASE)
     for path, value in changes:
-        inner = body
+        inner: Any = body
         for key in path[:-1]:
             inner = inner[key]
         inner[path[-1]] = value

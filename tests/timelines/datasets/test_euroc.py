@@ -48,7 +48,9 @@ def test_pictures_are_gray_and_named_by_their_stamp(mav0):
     for stamp, (name,) in euroc_rows(mav0 / "cam1"):
         assert name == f"{stamp}.png"
         picture = cv2.imread(str(mav0 / "cam1/data" / name), cv2.IMREAD_UNCHANGED)
-        assert (picture.shape, picture.dtype) == ((480, 752), np.uint8)
+        assert picture is not None
+        assert picture.shape == (480, 752)
+        assert picture.dtype == np.uint8
 
 
 def test_sensor_files_are_yaml(mav0):
@@ -57,12 +59,16 @@ def test_sensor_files_are_yaml(mav0):
     assert len(imu["T_BS"]["data"]) == 16
 
 
+def first_picture(camera):
+    picture = cv2.imread(str(min((camera / "data").glob("*.png"))), cv2.IMREAD_GRAYSCALE)
+    assert picture is not None
+    return picture
+
+
 def depths(mav0):
     """Places of the first pictures' corners in the rectified left camera's frame."""
     rectifier = Rectifier(load_rig(mav0))
-    left, right = (
-        cv2.imread(str(min((mav0 / cam / "data").glob("*.png"))), cv2.IMREAD_GRAYSCALE) for cam in ("cam0", "cam1")
-    )
+    left, right = (first_picture(mav0 / camera) for camera in ("cam0", "cam1"))
     image = rectifier.left(left)
     points = measure(rectifier, image, rectifier.right(right), detect(image, 800))
     return points[np.isfinite(points[:, 2])]

@@ -25,17 +25,18 @@ def recorded(tmp_path):
         (mav0 / camera / "data.csv").write_bytes("".join(["#timestamp [ns],filename\r\n", *rows, "\r\n"]).encode())
         (mav0 / camera / "data" / f"{START}.png").write_bytes(camera.encode())
     (mav0 / "cam0/data" / f"{START + 50_000_000}.png").write_bytes(b"alone")
-    for sensor, rows in (
-        ("imu0", [(START, 1, 2, 3, 4, 5, 6)]),
-        ("state_groundtruth_estimate0", [(START + t, t / 1e8, 0, 0, 1, 0, 0, 0, 3, 4, 0) for t in (0, 100_000_000)]),
+    for sensor, lines in (
+        ("imu0", [f"{START},1,2,3,4,5,6\n"]),
+        ("state_groundtruth_estimate0", [f"{START + t},{t / 1e8},0,0,1,0,0,0,3,4,0\n" for t in (0, 100_000_000)]),
     ):
         (mav0 / sensor).mkdir()
-        (mav0 / sensor / "data.csv").write_text("".join(f"{','.join(map(str, row))}\n" for row in rows))
+        (mav0 / sensor / "data.csv").write_text("".join(lines))
     return tmp_path
 
 
 def test_a_frame_without_its_partner_is_left_out(recorded):
     ((at, payload),) = read(recorded, "real/stereo")
+    assert isinstance(payload, bytes)
     frame = decode(payload)
     assert (at, frame.stamp, frame.left, frame.right) == (0.0, START, b"cam0", b"cam1")
 
@@ -51,6 +52,7 @@ def test_real_names_are_read(recorded, name):
     (recorded / "real").rename(recorded / name)
     timeline = {"key": "robot/imu", "encoding": "json", "from": 0, "to": 1, "dataset": f"{name}/imu"}
     (entry,) = parse({"name": "real", "duration": 1, "inputs": [timeline]}).entries
+    assert entry.dataset is not None
     assert len(list(read(recorded, entry.dataset))) == 1
 
 
@@ -65,6 +67,7 @@ def test_ground_truth_of_8_columns_gives_the_speed_of_the_path(recorded):
     rows = [f"{START + t},{t / 1e8},0,0,1,0,0,0\n" for t in (0, 100_000_000)]
     (recorded / "real/mav0/state_groundtruth_estimate0/data.csv").write_text("".join(rows))
     ((_, sample),) = read(recorded, "real/imu")
+    assert isinstance(sample, dict)
     assert sample["speed"] == 10.0
 
 
@@ -87,7 +90,7 @@ def test_stamps_keep_all_their_digits(recorded):
 def test_audio_comes_in_chunks_when_they_have_been_heard(tmp_path):
     (tmp_path / "speech/x").mkdir(parents=True)
     with wave.open(str(tmp_path / "speech/x/audio.wav"), "wb") as audio:
-        audio.setparams((1, 2, 16000, 0, "NONE", None))
+        audio.setparams((1, 2, 16000, 0, "NONE", "not compressed"))
         audio.writeframes(bytes(2 * 4000))
     chunks = [(round(at, 3), len(payload)) for at, payload in read(tmp_path, "speech/x")]
     assert chunks == [(0.1, 3200), (0.2, 3200)]

@@ -14,7 +14,7 @@ TINY = Sequence(Motion(duration=0.1, moving=((0, 0.1),)))
 
 
 def test_a_recording_is_made_once(tmp_path):
-    shares = []
+    shares: list[float] = []
     assert make(tmp_path, "tiny", TINY, shares.append)
     assert shares == [0.5, 1.0]
     assert not make(tmp_path, "tiny", TINY, shares.append)

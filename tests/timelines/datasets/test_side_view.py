@@ -13,10 +13,16 @@ def pictures(folder, view):
     return list(read(folder.parent.parent, "signs/x"))
 
 
+def seen(jpeg):
+    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert picture is not None
+    return picture
+
+
 def test_a_plate_is_in_the_pictures_of_its_time_only(tmp_path):
     found = pictures(tmp_path / "signs/x", SideView(3, (Plate(1, 2, "204"),)))
     assert [at for at, _ in found] == [0, 0.5, 1, 1.5, 2, 2.5]
-    shown = [cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE) for _, jpeg in found]
+    shown = [seen(jpeg) for _, jpeg in found]
     assert {picture.shape for picture in shown} == {(HEIGHT, WIDTH)}
     assert [bool((picture > 225).mean() > 0.02) for picture in shown] == [False, False, True, True, False, False]
 

@@ -55,6 +55,7 @@ def test_a_container_is_found_by_its_id_and_read(root, container):
 
 def test_a_limit_that_moves_is_read_anew(root):
     cgroup = find(ID, root)
+    assert cgroup is not None
     quota_file(root).write_text("100000 100000\n" if "cpu.max" in str(quota_file(root)) else "100000\n")
     assert cgroup.limit() == 1.0
 
@@ -63,11 +64,14 @@ def test_a_limit_that_moves_is_read_anew(root):
 def test_no_quota_is_no_limit(fixture, text, request):
     root = request.getfixturevalue(fixture)
     quota_file(root).write_text(text)
-    assert find(ID, root).limit() is None
+    cgroup = find(ID, root)
+    assert cgroup is not None
+    assert cgroup.limit() is None
 
 
 def test_a_container_that_is_gone_has_nothing(root):
     cgroup = find(ID, root)
+    assert cgroup is not None
     for path in sorted(root.rglob("*"), reverse=True):
         path.unlink() if path.is_file() else path.rmdir()
     assert (cgroup.limit(), cgroup.usage(), cgroup.processes()) == (None, 0.0, [])

@@ -1,4 +1,6 @@
+from threading import Thread
 from types import SimpleNamespace
+from typing import Any
 
 from timelines.demo import __main__ as command
 
@@ -8,7 +10,7 @@ def a_plan(second):
     return {"trigger": 100.0 + second, "contexts": [], "tasks": tasks, "cause": f"sample {second}"}
 
 
-class Player:
+class Player(Thread):
     """Ends after so many looks."""
 
     def __init__(self, looks):
@@ -17,13 +19,14 @@ class Player:
     def is_alive(self):
         return self.looks > 0
 
-    def join(self, timeout):
+    def join(self, timeout=None):
         del timeout
         self.looks -= 1
 
 
 def test_a_plan_that_comes_while_another_is_printed_is_printed_too(monkeypatch):
-    recording, printed = SimpleNamespace(plans=[a_plan(1)]), []
+    recording: Any = SimpleNamespace(plans=[a_plan(1)])
+    printed: list[str] = []
 
     def console_print(line, **_):
         if not printed:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from types import SimpleNamespace
+from typing import Any
 
 import zenoh
 
@@ -13,7 +14,7 @@ def a_sample(kind, payload=b""):
 
 
 def test_messages_are_collected_and_a_withdrawal_is_none():
-    plans = []
+    plans: list[dict[str, Any]] = []
     take = _collect(plans)
     take(a_sample(zenoh.SampleKind.PUT, json.dumps({"sequence": 1}).encode()))
     take(a_sample(zenoh.SampleKind.DELETE))

@@ -62,16 +62,22 @@ def test_the_shipped_policy_is_not_changed():
     assert repr(POLICY) == before
 
 
+def variant(configuration):
+    resource = configuration.variant(POLICY)
+    assert resource is not None
+    return resource
+
+
 def test_shares_that_are_requests_fit_beside_those_of_other_pods():
     """Operator and router request 100m each, drivers and guards 250m together."""
     for configuration in (WEIGHT, BOTH):
-        assert parse_cpu(configuration.variant(POLICY)["spec"]["reserve"]) >= 2 * 100 + 250
+        assert parse_cpu(variant(configuration)["spec"]["reserve"]) >= 2 * 100 + 250
 
 
 def test_without_suspension_contexts_still_weight():
     weights = {"slam": {"weight": 20}, "signs": {"weight": 5}}
-    assert context(UNSUSPENDED.variant(POLICY)["spec"], "moving")["tasks"] == weights
-    assert "speech" in context(CFS.variant(POLICY)["spec"], "moving")["tasks"]
+    assert context(variant(UNSUSPENDED)["spec"], "moving")["tasks"] == weights
+    assert "speech" in context(variant(CFS)["spec"], "moving")["tasks"]
 
 
 def test_static_limits_divide_the_node_by_priority_within_bounds():

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import time
 
 import pytest
 
 from tests.timelines.experiments.synthetic import fresh, write_run
 from timelines.demo.deploy import DeployError
 from timelines.experiments import __main__ as command
+from timelines.experiments import installation
 from timelines.experiments.report import write_report
 from timelines.experiments.run import RUN
 
@@ -97,9 +99,9 @@ def test_without_runs_there_is_nothing_to_report(tmp_path):
 def runs(monkeypatch):
     """What is installed and run, without a node; `fails_after` runs the node is gone."""
     done, clock = [], {"now": 0.0, "fails_after": 99}
-    monkeypatch.setattr(command.installation, "install", lambda configuration: done.append(configuration.agent))
-    monkeypatch.setattr(command.installation, "can", lambda _: True)
-    monkeypatch.setattr(command.time, "monotonic", lambda: clock["now"])
+    monkeypatch.setattr(installation, "install", lambda configuration: done.append(configuration.agent))
+    monkeypatch.setattr(installation, "can", lambda _: True)
+    monkeypatch.setattr(time, "monotonic", lambda: clock["now"])
 
     def execute(trial, timeline, _datasets, folder, _policy):
         if len(done) > clock["fails_after"]:

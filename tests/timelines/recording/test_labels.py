@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
 
+from contextpolicy.streams.ros_message import RosMessage
 from contextpolicy.streams.timeline import load
 from tests.streams.test_recordings import OPEN
 from timelines.recording.__main__ import main
@@ -54,7 +56,7 @@ def test_a_labelled_recording_is_a_timeline(recorded, capsys):
     document = json.loads((recorded / "kitchen.json").read_text(encoding="utf-8"))
     SCHEMA.validate(document)
     timeline = load(recorded / "kitchen.json")
-    imu = [entry for entry in timeline.entries if entry.key == "robot/imu"]
+    imu: list[Any] = [entry for entry in timeline.entries if entry.key == "robot/imu"]
     assert [(entry.start, entry.value, entry.truth["moving"]) for entry in imu[4:6]] == [
         (0.4, {"speed": 0.4}, False),
         (0.5, {"speed": 0.5}, True),
@@ -70,6 +72,7 @@ def test_it_plays_what_was_recorded(recorded):
     timed = list(TimelineInputs(load(recorded / "kitchen.json"), recorded / "sets").timed(0))
     assert [payload for _, key, payload in timed if key == "robot/microphone"] == [bytes([n]) for n in range(10)]
     (door,) = [payload for _, key, payload in timed if key == DOOR]
+    assert isinstance(door, RosMessage)
     assert door.payload(0) == OPEN
 
 

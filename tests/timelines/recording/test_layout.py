@@ -6,6 +6,7 @@ import json
 import re
 from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
 import foxglove
 import pytest
@@ -72,7 +73,8 @@ def told():
 
 def record(sink, cgroup):
     """As the recorder does it, but for the bus."""
-    recorder = BusRecorder(None, sink, {task.name: cgroup for task in ROBOT.leaves})
+    nowhere: Any = None
+    recorder = BusRecorder(nowhere, sink, {task.name: cgroup for task in ROBOT.leaves})
     for key, payload in told():
         sink.heard(key, "json", payload, received=1, stamp=1)
     recorder._count()
@@ -104,6 +106,15 @@ def test_it_shows_every_task_and_each_figure_of_the_live_page():
     assert {split(path)[2] for path in asked() if path.endswith(".share")} == {task.name for task in ROBOT.leaves}
 
 
+def decided(file):
+    """The messages, without those of the cgroups."""
+    with file.open("rb") as opened:
+        for schema, channel, message in make_reader(opened).iter_messages():
+            assert schema is not None
+            if not channel.topic.startswith("cgroup/"):
+                yield channel.topic, schema.name, message.data
+
+
 def test_who_looks_on_gets_what_a_recording_has(tmp_path, cgroup):
     """Channels of Foxglove's own library, written to a file instead of a WebSocket."""
     context = foxglove.Context()
@@ -111,13 +122,7 @@ def test_who_looks_on_gets_what_a_recording_has(tmp_path, cgroup):
         record(LiveChannels(context), cgroup)
     with McapWriter(tmp_path / "run.mcap") as writer:
         record(writer, cgroup)
-    live, run = ([], [])
-    for found, name in ((live, "live.mcap"), (run, "run.mcap")):
-        with (tmp_path / name).open("rb") as opened:
-            for schema, channel, message in make_reader(opened).iter_messages():
-                if not channel.topic.startswith("cgroup/"):
-                    found.append((channel.topic, schema.name, message.data))
-    assert sorted(live) == sorted(run)
+    assert sorted(decided(tmp_path / "live.mcap")) == sorted(decided(tmp_path / "run.mcap"))
 
 
 def test_a_policy_that_is_refused(tmp_path, capsys):

@@ -26,6 +26,7 @@ def viewed():
     with router() as address, client(address) as sensor:
         program = [sys.executable, "-m", "timelines.recording.live", "--connect", address, "--port", "0"]
         with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as running:
+            assert running.stdout is not None
             port = urlsplit(running.stdout.readline().strip()).port
             with socket.create_connection(("localhost", port), timeout=0.1) as viewer:
                 viewer.sendall(UPGRADE.encode())

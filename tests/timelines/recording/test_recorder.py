@@ -104,11 +104,12 @@ def test_ros_messages_have_their_definition(tmp_path):
         for key in (SCAN, "0/x/my_robot::msg::dds_::Own_/RIHS01_ab"):
             file.heard(key, "cdr", b"\x00\x01\x00\x00", received=1, stamp=1)
     with (tmp_path / "run.mcap").open("rb") as opened:
-        schemas = [schema for schema, _, _ in make_reader(opened).iter_messages()]
-    assert (schemas[0].name, schemas[0].encoding) == ("sensor_msgs/msg/LaserScan", "ros2msg")
-    assert b"float32[] ranges" in schemas[0].data
-    assert b"MSG: std_msgs/Header" in schemas[0].data
-    assert schemas[1] is None
+        scan, own = (schema for schema, _, _ in make_reader(opened).iter_messages())
+    assert scan is not None
+    assert (scan.name, scan.encoding) == ("sensor_msgs/msg/LaserScan", "ros2msg")
+    assert b"float32[] ranges" in scan.data
+    assert b"MSG: std_msgs/Header" in scan.data
+    assert own is None
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import queue
 import threading
 import wave
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -18,7 +19,7 @@ from tests.waiting import PATIENCE
 from timelines.replay.__main__ import main
 from timelines.replay.player import Options, Report, TimelineInputs, _window, play
 
-TIMELINE = {
+TIMELINE: dict[str, Any] = {
     "name": "short",
     "duration": 0.4,
     "inputs": [
@@ -33,7 +34,7 @@ TIMELINE = {
 def datasets(tmp_path):
     (tmp_path / "speech/x").mkdir(parents=True)
     with wave.open(str(tmp_path / "speech/x/audio.wav"), "wb") as audio:
-        audio.setparams((1, 2, 16000, 0, "NONE", None))
+        audio.setparams((1, 2, 16000, 0, "NONE", "not compressed"))
         audio.writeframes(bytes(2 * 16000))
     return tmp_path
 
@@ -86,7 +87,7 @@ def test_a_stretch_of_a_recording_can_be_played(datasets):
 
 def test_samples_arrive_with_their_stamp(bus, datasets):
     _, player, robot = bus
-    heard = queue.Queue()
+    heard: queue.Queue[tuple[str, bytes]] = queue.Queue()
     robot.declare_subscriber("robot/**", lambda sample: heard.put((str(sample.key_expr), sample.payload.to_bytes())))
     await_listener(player, "robot/imu")
     report = play(parse(TIMELINE), player, stop=threading.Event(), options=Options(rate=4), datasets=datasets)
@@ -123,7 +124,8 @@ def test_a_ros_policys_streams_hear_a_timeline_as_they_hear_the_robot(bus):
     _, player, robot = bus
     scan = Stream("scan", SCAN_KEY.rpartition("/")[0] + "/*", Encoding.CDR, type="sensor_msgs/msg/LaserScan")
     light = Stream("light", "0/light", Encoding.CDR, type="std_msgs/msg/Bool")
-    heard, drops, loop = queue.Queue(), [], Loop()
+    heard: queue.Queue[Any] = queue.Queue()
+    drops, loop = [], Loop()
     source = inputs(
         robot,
         [replace(scan, timestamp="header.stamp"), light],

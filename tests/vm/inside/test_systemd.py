@@ -34,18 +34,22 @@ def group():
         process.wait(600)
 
 
+class Agent(Limits):
+    """The part of the agent that writes limits and hears of other writers; `heard` is what those wrote."""
+
+    def __init__(self, journal):
+        self.heard: list[str] = []
+        watch = WriteWatch(self._hear)
+        super().__init__(ControlFiles(CFS[2], watch.add, watch.remove), Ledger(journal), Refusals())
+
+    def _hear(self, path):
+        self.heard.append(path.read_text().strip())
+        self.on_other_write(path)
+
+
 @pytest.fixture
 def agent(tmp_path):
-    """The part of the agent that writes limits and hears of other writers; `heard` is what those wrote."""
-    heard = []
-
-    def on_write(path):
-        heard.append(path.read_text().strip())
-        limits.on_other_write(path)
-
-    watch = WriteWatch(on_write)
-    limits = Limits(ControlFiles(CFS[2], watch.add, watch.remove), Ledger(tmp_path / "journal"), Refusals())
-    limits.heard = heard
+    limits = Agent(tmp_path / "journal")
     yield limits
     limits.release(POLICY)
 
