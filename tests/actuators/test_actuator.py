@@ -52,16 +52,19 @@ NOTHING = Order(POLICY, frozenset())
 
 def test_a_mode_has_its_actuator_and_the_others_put_back_what_they_changed():
     notes, resizer, dry_run, actuators = made()
-    assert actuators.switch(POLICY, Mode.DRY_RUN) is dry_run
+    assert actuators.of(Mode.DRY_RUN) is dry_run
+    actuators.put_back_others(POLICY, Mode.DRY_RUN)
     assert notes == [("resizer", "apply", NOTHING)]
     notes.clear()
-    assert actuators.switch(POLICY, Mode.ENFORCE) is resizer
+    assert actuators.of(Mode.ENFORCE) is resizer
+    actuators.put_back_others(POLICY, Mode.ENFORCE)
     assert notes == [("dry run", "apply", NOTHING)]
 
 
 def test_a_paused_policy_has_no_actuator_and_gets_everything_back():
     notes, _, _, actuators = made()
-    assert actuators.switch(POLICY, Mode.PAUSED) is None
+    assert actuators.of(Mode.PAUSED) is None
+    actuators.put_back_others(POLICY, Mode.PAUSED)
     assert notes == [("resizer", "apply", NOTHING), ("dry run", "apply", NOTHING)]
 
 

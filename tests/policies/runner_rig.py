@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from contextpolicy.actuators.dry_run import DryRun
 from contextpolicy.cluster.agent_reports import read_report, with_agents
 from contextpolicy.cluster.claims import claim
@@ -13,6 +15,9 @@ from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE, a_pod
 from tests.planning.builders import a_context, a_policy, a_stream, a_task
 from tests.virtual_operator import OpenFence, VirtualLoop
+
+if TYPE_CHECKING:
+    from contextpolicy.bus.agent_watch import AgentWatch
 
 IMU, PLAN, APPLIED = "robot/imu", "contextpolicy/lab/robot/plan", "contextpolicy/lab/robot/applied"
 
@@ -38,6 +43,9 @@ class Robot:
     def __init__(self, **spec):
         self.session, self.loop, self.orders = FakeSession(), VirtualLoop(), Orders()
         self.changes, self.plans, self.contexts = 0, [], []
+        self.causes: list[str] = []
+        self.agents: AgentWatch | None = None
+        """Who hears which plans agents must confirm; by default nobody does."""
         self.runner = self.version(**spec)
 
     def version(self, initiatives=None, *, actuator=True, **spec):
@@ -66,11 +74,13 @@ class Robot:
     def on_plan(self, policy, plan, _):
         self.plans.append((policy, plan))
 
-    def on_context(self, _, context, __, *, active):
+    def on_context(self, _, context, cause, *, active):
         self.contexts.append((context, active))
+        self.causes.append(cause)
 
     def expect(self, *expected):
-        """What agents confirm is not looked at."""
+        if self.agents is not None:
+            self.agents.expect(*expected)
 
     def board(self, policy):
         return {"policy": policy}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from prometheus_client import REGISTRY
 
+from contextpolicy.policies import manager
 from contextpolicy.policy.tenants import Tenant, Tenants
 from tests.actuators.resize.fake_cluster import UNREACHABLE
 from tests.cluster.builders import a_pod, cpu
@@ -286,3 +287,18 @@ def test_a_conflict_is_told_once_however_often_pods_come_and_go(operator, caplog
         operator.turn()
     assert sum("belongs to task slam" in message for message in caplog.messages) == 1
     assert [reason for reason, _ in operator.told()] == ["Conflicted"]
+
+
+def test_a_version_whose_runner_cannot_be_made_leaves_the_last_one_running(running, monkeypatch):
+    def refuse(*_):
+        raise RuntimeError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(manager, "PolicyRunner", refuse)
+        with pytest.raises(RuntimeError):
+            running.apply(a_policy(generation=2))
+    running.loop._is_enabled = False  # the real loop goes on after an action that raises
+    before = running.limits()
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    assert running.limits() != before

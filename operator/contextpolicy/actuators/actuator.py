@@ -45,12 +45,15 @@ class Actuators:
     def __init__(self, by_mode: Mapping[Mode, Actuator]) -> None:
         self._by_mode = by_mode
 
-    def switch(self, policy: str, mode: Mode) -> Actuator | None:
-        """The actuator of a mode, None where nothing acts; every other one gives back what it had changed."""
+    def of(self, mode: Mode) -> Actuator | None:
+        """The actuator of a mode; None where nothing acts."""
+        return self._by_mode.get(mode)
+
+    def put_back_others(self, policy: str, mode: Mode) -> None:
+        """The policy is in this mode now: the actuators of the others put back what they changed for it."""
         for other, actuator in self._by_mode.items():
             if other is not mode:
                 actuator.apply(Order(policy, frozenset()))
-        return self._by_mode.get(mode)
 
     def recall(self, policy: str, stored: object) -> None:
         """See `Actuator.recall`."""

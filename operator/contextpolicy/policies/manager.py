@@ -148,11 +148,11 @@ class PolicyManager:
         # The order matters: the old runner must be off the bus before the new one declares the same keys, and a dry run
         # first puts back what the enforced version had resized.
         before, shadow = entry.runner, entry.stand_in.runner if entry.stand_in is not None else None
+        entry.runner = PolicyRunner(policy, self._services(session), self._actuators.of(policy.mode), initiatives)
         self._bus.forget(policy.reference)
         if before is not None:
             before.stop()
-        actuator = self._actuators.switch(policy.reference, policy.mode)
-        entry.runner = PolicyRunner(policy, self._services(session), actuator, initiatives)
+        self._actuators.put_back_others(policy.reference, policy.mode)
         # A promoted shadow has followed the streams already: nothing begins anew.
         entry.runner.start(before, shadow.planner if shadow is not None else None)
         self._binder.place()

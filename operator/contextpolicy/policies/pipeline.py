@@ -2,8 +2,9 @@
 
     samples, placements -> merge -> plan -> drop equal plans -> pace +-> message to agents
                                      |                               +-> head start +-> follow agents -> actuator
-                                     |                                              +-> bus, metrics, events, status
-                                     +-> updates of the plan in force -> pace -> bus, metrics, events, status
+                                     |                                              +-> bus, metrics, log, status
+                                     +-> updates of the plan in force -> pace -> bus, metrics, status
+                                     +-> changes of contexts -> head start -> events
 
 Everything runs on the loop's thread. Nothing polls: without samples and due timers there is no work.
 """
@@ -54,6 +55,9 @@ class Outputs(Protocol):
     def followed(self) -> frozenset[str]:
         """The nodes where the actuator follows an agent."""
 
+    def is_decision(self, plan: Plan) -> bool:
+        """Whether the plan is the one with which the shares in force began."""
+
     def is_update(self, plan: Plan) -> bool:
         """Whether the plan shows new weights, scores or contexts of the one that was published last."""
 
@@ -68,6 +72,9 @@ class Outputs(Protocol):
 
     def show(self, plan: Plan) -> None:
         """Publish and report such an update."""
+
+    def report_contexts(self, plan: Plan) -> None:
+        """Report which contexts began or ceased to hold."""
 
 
 class Inputs(NamedTuple):
@@ -89,25 +96,37 @@ def connect(
 
     `plan` is the operator that scans inputs with the `planner`.
     """
+
+    def newest(plan: Plan) -> Plan:
+        return planner.decided or plan
+
+    def newest_nodes(plan: Plan) -> NodePlans:
+        return newest(plan).nodes
+
     plans = merge(inputs.samples, inputs.placements).pipe(
         plan, ops.skip_while(lambda _: not outputs.is_placed), share_on_loop
     )
     decisions = plans.pipe(
-        ops.map(lambda plan: planner.decided or plan),
+        ops.map(newest),
         ops.distinct_until_changed(_sequence),
         pace(PLAN_INTERVAL, scheduler, at_once=_is_no_reaction),
         share_on_loop,
     )
-    slowly: Callable[[Observable[Plan]], Observable[Plan]] = pace(UPDATE_INTERVAL, scheduler)
-    updates = plans.pipe(ops.filter(outputs.is_update), slowly)
     carried_out = decisions.pipe(head_start(scheduler, outputs.instructs_agents), share_on_loop)
-    nodes = carried_out.pipe(ops.map(_nodes))
+    # What is newest when the head start is over: a plan that was overtaken meanwhile is not ordered.
+    nodes = carried_out.pipe(ops.map(newest_nodes))
     orders = merge(nodes, inputs.moves).pipe(follow_agents(scheduler, outputs.followed))
+    # Each decision restarts the interval of the updates: its message has them all.
+    messages = merge(decisions, plans.pipe(ops.filter(outputs.is_update)))
+    paced = pace(UPDATE_INTERVAL, scheduler, at_once=outputs.is_decision)
+    updates = messages.pipe(paced, ops.filter(outputs.is_update))
+    contexts = plans.pipe(ops.distinct_until_changed(_contexts), head_start(scheduler, outputs.instructs_agents))
     return CompositeDisposable(
         decisions.subscribe(outputs.instruct_agents),
         orders.subscribe(outputs.order),
         carried_out.subscribe(outputs.report),
         updates.subscribe(outputs.show),
+        contexts.subscribe(outputs.report_contexts),
     )
 
 
@@ -115,8 +134,8 @@ def _sequence(plan: Plan) -> int:
     return plan.sequence
 
 
-def _nodes(plan: Plan) -> NodePlans:
-    return plan.nodes
+def _contexts(plan: Plan) -> tuple[str, ...]:
+    return plan.contexts
 
 
 def _is_no_reaction(plan: Plan) -> bool:

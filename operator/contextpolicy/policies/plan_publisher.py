@@ -1,4 +1,4 @@
-"""One policy's plans on the decision bus: each new one, and again when its figures or containers have changed."""
+"""One policy's plans on the decision bus: each new one, and again when its weights or containers have changed."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ class PlanPublisher:
         self._planner, self._policy, self._services = planner, planner.policy, services
         self._bus: Bus | None = None
         self._pods: Collection[PodView] = ()
-        self._sequence = self._edition = 0
+        self.sequence = 0
+        """That of the plan that was published last."""
+        self._edition = 0
         self._whereabouts: list[tuple[str, str]] | None = None
 
     def open(self, answers: Answers) -> None:
@@ -58,13 +60,9 @@ class PlanPublisher:
         """Take where the containers run. `pods` is a live view: most pod updates change it without a new placement."""
         self.claim, self._pods = claim, pods
 
-    def is_published(self, plan: Plan) -> bool:
-        """Whether a plan is the one that was published last, or an update of it."""
-        return plan.sequence == self._sequence
-
     def publish(self, plan: Plan) -> None:
         """Publish a new plan."""
-        self._sequence, self._edition = plan.sequence, 0
+        self.sequence, self._edition = plan.sequence, 0
         self._publish(plan.time if plan.arrived is None else self._on_our_clock(plan.arrived))
 
     def publish_again(self, trigger: float | None = None) -> None:

@@ -36,13 +36,21 @@ class PlanReporter:
         metrics.HELD_BACK.labels(*self._labels).inc(self._planner.held_back - self._held_back)
         self._held_back = self._planner.held_back
         log_plan(self._policy, plan)
-        self.show(plan)
+        self.show()
 
-    def show(self, plan: Plan) -> None:
-        """Report new weights, scores and contexts of the plan in force."""
-        metrics.measure(self._policy, plan)
-        self._report_contexts()
+    def show(self) -> None:
+        """Report the weights and contexts of this moment, which may be newer than the plan that is carried out."""
+        if self._planner.last is not None:
+            metrics.measure(self._policy, self._planner.last)
         self._listener.on_change(self._reference)
+
+    def report_contexts(self, plan: Plan) -> None:
+        """Report which contexts began or ceased to hold, and why."""
+        before, self._contexts = self._contexts, plan.contexts
+        for context in self._policy.contexts:
+            active = context.name in plan.contexts
+            if (context.name in before) is not active:
+                self._listener.on_context(self._reference, context.name, plan.cause, active=active)
 
     def drop(self, stream: str, reason: str) -> None:
         """Report a sample that was not used; the status has only the first of a kind at once."""
@@ -50,14 +58,3 @@ class PlanReporter:
         metrics.DROPS.labels(*self._labels, stream, reason).inc()
         if self._planner.drops[stream, reason] == 1:
             self._listener.on_change(self._reference)
-
-    def _report_contexts(self) -> None:
-        """What holds now, which may be later than the plan that is reported."""
-        last = self._planner.last
-        if last is None or last.contexts == self._contexts:
-            return
-        before, self._contexts = self._contexts, last.contexts
-        for context in self._policy.contexts:
-            active = context.name in last.contexts
-            if (context.name in before) is not active:
-                self._listener.on_context(self._reference, context.name, last.cause, active=active)

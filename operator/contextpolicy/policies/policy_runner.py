@@ -55,8 +55,8 @@ class PolicyRunner:
         self._moves: Subject[NodePlans] = Subject()
         self._pipeline: DisposableBase | None = None
         self._placed = False
-        self._decided = 0.0
-        """When the plan that is carried out came, in monotonic seconds."""
+        self._ordered = 0.0
+        """When the plan that is carried out was ordered, in monotonic seconds."""
 
     def start(self, before: PolicyRunner | None = None, former: Planner | None = None) -> None:
         """Subscribe and start planning; `before` is the already stopped runner of the policy's previous version.
@@ -150,18 +150,22 @@ class PolicyRunner:
             node for node, plan in last.nodes.items() if node in agents and plan.scheduler is Scheduler.CFS
         )
 
+    def is_decision(self, plan: Plan) -> bool:
+        """Whether the plan is the one with which the shares in force began."""
+        return plan is self.planner.decided
+
     def is_update(self, plan: Plan) -> bool:
         """Whether the plan shows new weights, scores or contexts of the one that was published last."""
-        return plan is not self.planner.decided and self.publisher.is_published(plan)
+        return plan is not self.planner.decided and plan.sequence == self.publisher.sequence
 
     def instruct_agents(self, plan: Plan) -> None:
         """First what acts soonest: agents act on the message; without them workers send patches while it is made."""
-        self._decided = time.monotonic()
         if self.publisher.claim.agents:
             self.publisher.publish(plan)
 
     def order(self, nodes: NodePlans) -> None:
         """Have the plans of these nodes carried out; those in realtime are left to their agents."""
+        self._ordered = time.monotonic()
         realtime = {node for node, plan in nodes.items() if plan.scheduler is Scheduler.REALTIME}
         others = {node: plan for node, plan in nodes.items() if node not in realtime}
         if self._actuator is not None:
@@ -169,16 +173,19 @@ class PolicyRunner:
 
     def report(self, plan: Plan) -> None:
         """Publish the plan if agents have not caused that already, and report it."""
-        if not self.publisher.is_published(plan):
+        if plan.sequence > self.publisher.sequence:
             self.publisher.publish(plan)
-        self._services.listener.on_plan(self.policy.reference, plan, self._decided)
+        self._services.listener.on_plan(self.policy.reference, plan, self._ordered)
         self._reporter.report(plan)
 
     def show(self, plan: Plan) -> None:
         """Publish and report new weights, scores and contexts of the plan in force."""
-        if plan is self.planner.last:  # else a new plan came meanwhile
-            self.publisher.publish_again(plan.time)
-            self._reporter.show(plan)
+        self.publisher.publish_again(plan.time)
+        self._reporter.show()
+
+    def report_contexts(self, plan: Plan) -> None:
+        """Report which contexts began or ceased to hold."""
+        self._reporter.report_contexts(plan)
 
     def _samples(self) -> Any:
         """The streams' samples; the recorder has each before it is decoded."""

@@ -24,8 +24,8 @@ class RunnerListener(Protocol):
     def on_change(self, policy: str) -> None:
         """Its status has news."""
 
-    def on_plan(self, policy: str, plan: Plan, decided: float) -> None:
-        """It has a new plan, which is carried out since `decided`, in monotonic seconds."""
+    def on_plan(self, policy: str, plan: Plan, ordered: float) -> None:
+        """It has a new plan, which was `ordered` at this time, in monotonic seconds."""
 
     def on_context(self, policy: str, context: str, cause: str, *, active: bool) -> None:
         """A context began or ceased to hold."""

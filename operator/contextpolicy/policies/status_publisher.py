@@ -80,9 +80,9 @@ class StatusPublisher:
         for shadow in self._shadows.beside(policy):
             self.report(shadow)
 
-    def on_plan(self, policy: str, plan: Plan, decided: float) -> None:
+    def on_plan(self, policy: str, plan: Plan, ordered: float) -> None:
         """Measure the reactions to a new plan."""
-        self.resizes.planned(policy, plan, decided)
+        self.resizes.planned(policy, plan, ordered)
 
     def on_context(self, policy: str, context: str, cause: str, *, active: bool) -> None:
         """Post an Event about a context that began or ceased to hold; the log has it with the plan already."""

@@ -49,11 +49,11 @@ class ResizeWatch:
         self._held: dict[str, dict[str, str]] = {}
         self._conflicts: dict[str, dict[str, str]] = {}
 
-    def planned(self, policy: str, plan: Plan, decided: float) -> None:
-        """A new plan is carried out; it was `decided` a moment ago."""
-        self._reactions.plan(policy, plan, decided)
+    def planned(self, policy: str, plan: Plan, ordered: float) -> None:
+        """A new plan was ordered, at this time."""
+        self._reactions.plan(policy, plan, ordered)
         if plan.arrived is not None:
-            metrics.SAMPLE_TO_PLAN.labels(*metrics.labels(policy)).observe(decided - plan.arrived)
+            metrics.SAMPLE_TO_PLAN.labels(*metrics.labels(policy)).observe(ordered - plan.arrived)
 
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
         """The API has accepted new resources; `answered` is when its answer came."""
