@@ -1,4 +1,4 @@
-"""A new actuator is one file and one line of the wiring: tried in a copy of the package."""
+"""A new actuator is one file and its line in the wiring; its mode is a value of a field: tried in a copy."""
 
 from __future__ import annotations
 
@@ -35,10 +35,15 @@ class Noting:
     def forget(self, uid):
         self.calls.append("forget")
 """
-REGISTRATION = {
-    "from contextpolicy.actuators.dry_run import DryRun\n": "from contextpolicy.actuators.noting import Noting\n",
-    "Mode.DRY_RUN: DryRun()": "Mode.DRY_RUN: Noting()",
+CHANGES = {
+    "app/wiring.py": {
+        "from contextpolicy.actuators.dry_run import DryRun\n": "from contextpolicy.actuators.dry_run import DryRun\n"
+        "from contextpolicy.actuators.noting import Noting\n",
+        "Mode.DRY_RUN: DryRun()": "Mode.DRY_RUN: DryRun(), Mode.NOTING: Noting()",
+    },
+    "policy/spec.py": {'    DRY_RUN = "DryRun"\n': '    DRY_RUN = "DryRun"\n    NOTING = "Noting"\n'},
 }
+"""What a developer changes besides the new file and the value in the resource's definition."""
 STORY = """
 from contextpolicy.policy.spec import Mode
 from tests.cluster.builders import a_pod
@@ -48,7 +53,7 @@ from tests.virtual_operator import VirtualOperator
 robot = VirtualOperator(*(a_pod(name, {name: resources()}) for name in ("slam", "speech")))
 robot.list_all()
 robot.connect()
-body = a_policy(mode="DryRun")
+body = a_policy(mode="Noting")
 robot.apply(body)
 robot.sample(IMU, speed=0.3)
 robot.settle()
@@ -56,10 +61,10 @@ robot.delete(body)
 robot.operator.pod_gone("uid-slam")
 robot.turn()
 robot.operator.abandon("lab")
-robot.apply(a_policy(mode="DryRun"))
+robot.apply(a_policy(mode="Noting"))
 robot.operator.abandon("lab")
 robot.turn()
-print(*sorted(set(robot.operator._actuators._by_mode[Mode.DRY_RUN].calls)))
+print(*sorted(set(robot.operator._actuators._by_mode[Mode.NOTING].calls)))
 """
 
 
@@ -67,12 +72,12 @@ def test_a_new_actuator_is_one_file_and_one_registration(tmp_path):
     copy = tmp_path / "contextpolicy"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
     (copy / "actuators/noting.py").write_text(ACTUATOR)
-    wiring = copy / "app/wiring.py"
-    source = wiring.read_text()
-    for old, new in REGISTRATION.items():
-        assert source.count(old) == 1
-        source = source.replace(old, new)
-    wiring.write_text(source)
+    for file, changes in CHANGES.items():
+        source = (copy / file).read_text()
+        for old, new in changes.items():
+            assert source.count(old) == 1
+            source = source.replace(old, new)
+        (copy / file).write_text(source)
     search = os.pathsep.join(str(folder) for folder in (tmp_path, ROOT, ROOT / "modules/robotkit"))
     done = subprocess.run(
         [sys.executable, "-c", STORY],

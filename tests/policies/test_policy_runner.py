@@ -124,7 +124,7 @@ def test_a_plan_that_no_sample_made_does_not_wait():
     assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500, 1000]
 
 
-def test_a_controller_that_was_stopped_carries_nothing_out():
+def test_a_runner_that_was_stopped_carries_nothing_out():
     robot, orders, _ = stormy()
     for speed in (1.0, 2.0):
         robot.session.deliver(IMU, speed=speed)
@@ -250,7 +250,7 @@ def test_a_stop_leaves_plans_in_force():
     assert robot.session.everything_declared() == []
 
 
-def test_a_controller_that_never_started_can_be_stopped():
+def test_a_runner_that_never_started_can_be_stopped():
     robot = Robot()
     robot.runner.stop()
     robot.runner.end()

@@ -76,7 +76,7 @@ def test_an_answer_and_an_explanation_are_true_at_once():
     assert why.answers[0]["plan"]["cause"] == "imu: true is 0.3"
 
 
-def test_a_stopped_controller_tells_nothing_more():
+def test_a_stopped_runner_tells_nothing_more():
     robot = robot_with_a_fixed_share()
     for speed in (0.3, 0.4, 0.5):
         robot.sample(speed=speed)

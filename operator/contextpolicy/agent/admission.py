@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
     from contextpolicy.cluster.agent_reports import Stamp
 
-    _Wishes = tuple[object, ...]
+    _Desired = tuple[object, ...]
 
 REPEATABLE = int(2 * MAX_AGE * 1e9)
 """Nanoseconds between the signing times of two messages that both count as fresh, at most, unless a clock was set."""
@@ -36,7 +36,7 @@ class Admission:
         self._signed: dict[str, int] = {}
         self._sourceless: set[str] = set()
         self._admitted: dict[str, NodeOrder] = {}
-        self._wishes: dict[str, _Wishes] = {}
+        self._desired: dict[str, _Desired] = {}
 
     def admit(self, order: NodeOrder, signed: int) -> NodeOrder | None:
         """The order to obey, without targets if the policy wants nothing of the agent; None for a repetition.
@@ -47,8 +47,8 @@ class Admission:
         """
         if not self._is_news(order, signed):
             return None
-        wishes = _wishes(order)
-        if self._wishes.get(order.policy) == wishes:
+        desired = _desired(order)
+        if self._desired.get(order.policy) == desired:
             self._stamps[order.policy], self._signed[order.policy] = order.stamp, signed
             return None
         if order.mode is not Mode.ENFORCE or (order.scheduler, order.control) == (Scheduler.CFS, Control.WEIGHT):
@@ -58,7 +58,7 @@ class Admission:
         self._sourceless.discard(order.policy)
         self._stamps[order.policy] = order.stamp
         self._signed[order.policy] = signed
-        self._admitted[order.policy], self._wishes[order.policy] = order, wishes
+        self._admitted[order.policy], self._desired[order.policy] = order, desired
         return order
 
     def withdraw(self, policy: str, signed: int) -> None:
@@ -74,7 +74,7 @@ class Admission:
     def drop(self, policy: str) -> None:
         """The policy has no containers any more; replays of its earlier orders are still refused."""
         self._admitted.pop(policy, None)
-        self._wishes.pop(policy, None)
+        self._desired.pop(policy, None)
 
     def forget(self, policy: str) -> None:
         """The policy has had no source for the grace period: its next plan is admitted whatever its stamp.
@@ -125,7 +125,7 @@ class Admission:
             raise OrderError("Owned", f"{order.policy}: {taken} belongs to {owners[taken]}")
 
 
-def _wishes(order: NodeOrder) -> _Wishes:
+def _desired(order: NodeOrder) -> _Desired:
     """The order without its edition and the limits in force: what has to change to make it a new one."""
     targets = tuple((t.uid, t.qos, t.container_id, t.share, t.suspended) for t in order.targets)
     return order.stamp[:2], order.mode, order.scheduler, order.control, order.capacity, order.manner, targets

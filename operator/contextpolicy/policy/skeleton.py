@@ -49,14 +49,14 @@ def _names(modules: Sequence[ModuleFile]) -> dict[str, str]:
     taken = set(RESERVED)
     keys = [HEALTH.format(task=module.name) for module in modules]
     keys += [stream.key for module in modules for stream in (*_readable(module), *module.outputs) if stream.encoding]
-    wishes = [(key, module.name) for key, module in zip(keys, modules, strict=False)]
-    wishes += [(key, key.partition("/")[2] or key) for key in keys[len(modules) :]]
-    for key, wish in wishes:
+    suggestions = [(key, module.name) for key, module in zip(keys, modules, strict=False)]
+    suggestions += [(key, key.partition("/")[2] or key) for key in keys[len(modules) :]]
+    for key, suggestion in suggestions:
         if key in names:
             continue
-        base = re.sub(r"[^a-z0-9]+", "_", wish.lower()).strip("_")[:50] or "stream"
+        base = re.sub(r"[^a-z0-9]+", "_", suggestion.lower()).strip("_")[:50] or "stream"
         base = base if base[0].isalpha() else f"stream_{base}"
-        free = (base, *(f"{base}_{number}" for number in range(2, len(wishes) + len(RESERVED) + 2)))
+        free = (base, *(f"{base}_{number}" for number in range(2, len(suggestions) + len(RESERVED) + 2)))
         names[key] = next(one for one in free if one not in taken)
         taken.add(names[key])
     return names

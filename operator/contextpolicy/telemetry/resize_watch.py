@@ -94,9 +94,9 @@ class ResizeWatch:
 
     def on_conflict(self, policy: str, container: str, conflict: Conflict | None) -> None:
         """Somebody else resized a container, or (None) has not done so for a while."""
-        contested = self._conflicts.setdefault(policy, {})
+        conflicts = self._conflicts.setdefault(policy, {})
         if conflict is None:
-            if contested.pop(container, None):
+            if conflicts.pop(container, None):
                 self._listener.on_problem(policy, RECOVERED, f"{container}: nobody else has resized it for a while")
             return
         self._reactions.drop(policy, container)
@@ -104,8 +104,8 @@ class ResizeWatch:
         by, changes = conflict.by or "somebody", ", ".join(_changes(conflict))
         message = f"{container}: {by} changed its {changes}; {_answer(conflict)}"
         message = _advised(message, remedies.for_writer(conflict.by))
-        if contested.get(container) != message:
-            contested[container] = message
+        if conflicts.get(container) != message:
+            conflicts[container] = message
             self._listener.on_problem(policy, "ResizedByOther", message)
 
     def observe(self, pod: PodView, policies: Collection[str]) -> None:
@@ -128,9 +128,9 @@ class ResizeWatch:
         identity = f"{pod.namespace}/{pod.name}"
         for held in self._held.values():
             held.pop(identity, None)
-        for contested in self._conflicts.values():
-            for container in [container for container in contested if container.startswith(f"{identity}/")]:
-                del contested[container]
+        for conflicts in self._conflicts.values():
+            for container in [container for container in conflicts if container.startswith(f"{identity}/")]:
+                del conflicts[container]
         for policy, failed in self._failed.items():
             if policy.partition("/")[0] == pod.namespace:
                 failed.pop(pod.name, None)

@@ -9,7 +9,7 @@ import pytest
 
 from contextpolicy.actuators.resize.conflict import QUIET, REMEMBERED, STRIKES, YIELDED, Ownership
 from contextpolicy.actuators.resize.originals import Original
-from contextpolicy.actuators.resize.pauses import CONTESTED
+from contextpolicy.actuators.resize.pauses import CONFLICTING
 from contextpolicy.cluster.pods import Cpu
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered
@@ -45,7 +45,7 @@ def test_each_strike_of_an_insistent_writer_is_answered_later():
         now = governed.until
         assert governed.rests_until <= now
         governed.give(POLICY, OURS)
-    assert pauses == [0, CONTESTED.first, 1, 2, 4, CONTESTED.longest, CONTESTED.longest]
+    assert pauses == [0, CONFLICTING.first, 1, 2, 4, CONFLICTING.longest, CONFLICTING.longest]
 
 
 def strike_by_strike(every):
@@ -66,7 +66,7 @@ def strike_by_strike(every):
 def test_a_contest_ends_we_yield_and_try_again_once_in_a_while(every):
     pauses = strike_by_strike(every)
     assert len(pauses) == STRIKES + 2
-    assert all(pause <= CONTESTED.longest for pause in pauses[:STRIKES])
+    assert all(pause <= CONFLICTING.longest for pause in pauses[:STRIKES])
 
 
 def test_a_writer_who_gave_up_starts_from_the_beginning():
@@ -141,7 +141,7 @@ def test_a_writer_who_insists_gets_ever_fewer_answers():
             times.append(step / 100)
         rig.wait(0.01)
     gaps = [after - before for before, after in pairwise(times)]
-    assert gaps == pytest.approx([CONTESTED.first, 1, 2, 4, CONTESTED.longest, CONTESTED.longest], abs=0.1)
+    assert gaps == pytest.approx([CONFLICTING.first, 1, 2, 4, CONFLICTING.longest, CONFLICTING.longest], abs=0.1)
     assert len(rig.witness.conflicts) == len(times) + 1, "told at each strike, the last of which still rests"
 
 
@@ -165,7 +165,7 @@ def test_new_plans_do_not_wake_a_contest_that_is_over():
     rig = governed_rig()
     for _ in range(STRIKES + 1):
         take(rig)
-        rig.wait(CONTESTED.longest + 0.1)
+        rig.wait(CONFLICTING.longest + 0.1)
         while rig.workers.jobs:
             rig.work()
         rig.watch()
@@ -186,9 +186,9 @@ def test_a_writer_who_takes_it_back_and_comes_again_has_struck_twice():
     rig.watch()
     for limit in ("700m", "300m", "700m"):
         take(rig, limit)
-    rig.wait(CONTESTED.first + 0.1)
+    rig.wait(CONFLICTING.first + 0.1)
     assert rig.workers.jobs == []
-    rig.wait(2 * CONTESTED.first)
+    rig.wait(2 * CONFLICTING.first)
     assert len(rig.workers.jobs) == 1
     assert len(rig.witness.conflicts) == 3
 
@@ -202,7 +202,7 @@ def test_new_plans_do_not_shorten_a_pause():
     for share in (400, 200, 300, 600):
         rig.plan(slam=share)
         assert rig.workers.jobs == []
-    rig.wait(CONTESTED.first + 0.1)
+    rig.wait(CONFLICTING.first + 0.1)
     rig.work()
     assert rig.cluster.limit("slam") == 600
 

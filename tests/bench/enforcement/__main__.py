@@ -25,14 +25,14 @@ from pathlib import Path
 from tests.bench.enforcement.campaign import Campaign, Options
 from tests.bench.enforcement.data import values
 from tests.bench.enforcement.journal import OtherRunError
-from tests.bench.enforcement.matrix import CONTESTED, LIGHT, LOADS
+from tests.bench.enforcement.matrix import CONFLICTING, LIGHT, LOADS
 from tests.bench.enforcement.picture import draw
 from tests.bench.enforcement.report import text
 from tests.bench.enforcement.search import FINALISTS
 
 REPOSITORY = Path(__file__).parents[3]
 OUTPUT = REPOSITORY / "build" / "bench"
-QUICK = Options(loads=(LIGHT, CONTESTED), seconds=2.0, blocks=1, finalists=1, lossless=False)
+QUICK = Options(loads=(LIGHT, CONFLICTING), seconds=2.0, blocks=1, finalists=1, lossless=False)
 FULL = Options(loads=LOADS, seconds=4.0, blocks=10, finalists=FINALISTS, lossless=True)
 
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 LIGHT, NEARLY, HEAVY = 0.7, 0.95, (1.3, 1.6)
 LOADS = (LIGHT, NEARLY, *HEAVY)
-CONTESTED = 1.3
+CONFLICTING = 1.3
 """The load at which queues that lose nothing are tried."""
 SEED = 20_261_123
 BESIDE = 2
@@ -133,8 +133,8 @@ _RULES = (
         "no context suspends anything, so there is nothing to gate",
     ),
     (
-        lambda cell: cell.queue is Queue.LOSSLESS and cell.load != CONTESTED,
-        f"queues that lose nothing are tried at load {CONTESTED:g}",
+        lambda cell: cell.queue is Queue.LOSSLESS and cell.load != CONFLICTING,
+        f"queues that lose nothing are tried at load {CONFLICTING:g}",
     ),
     (
         lambda cell: cell.queue is Queue.LOSSLESS and cell.story == SUSPENDING.name and not cell.gated,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING
 
-from contextpolicy.actuators.resize.pauses import CONTESTED
+from contextpolicy.actuators.resize.pauses import CONFLICTING
 
 if TYPE_CHECKING:
     from contextpolicy.cluster.pods import Cpu
@@ -74,7 +74,7 @@ class Ownership:
         if struck:
             self.strikes = 1 if now >= self.forgotten_at else self.strikes + 1
             self.times = 0 if now - self.seen > QUIET else self.times + 1
-            self.until = now + (YIELDED if self.yielded else CONTESTED.after(self.times))
+            self.until = now + (YIELDED if self.yielded else CONFLICTING.after(self.times))
         self.found, self.seen = spec, now
         return struck
 

@@ -22,7 +22,7 @@ FAILED = Pause(0.1, 5.0)
 REFUSED = Pause(5.0, 120.0)
 """After a refusal. Its cause (a quota, a LimitRange, a role, an admission policy) may change without any change of the
 pod, and without an event for us: so we never give up, but seldom ask."""
-CONTESTED = Pause(0.5, 5.0)
+CONFLICTING = Pause(0.5, 5.0)
 """Before a foreign change of a container is reverted, from the second time on."""
 OVERLOOKED = Pause(2.0, 120.0)
 """How long a kubelet may stay silent about a resize that it has seen; it looks at the runtime once a second."""
