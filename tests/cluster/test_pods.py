@@ -43,25 +43,6 @@ def test_sidecars_count_and_init_containers_that_end_do_not():
 
 
 @pytest.mark.parametrize(
-    ("stored", "millis"),
-    [
-        ("500m", 500),
-        ("2", 2000),
-        ("0.5", 500),
-        (1, 1000),
-        ("333333333n", 334),
-        ("1500u", 2),
-        ("1k", 10**6),
-        ("1e3", 10**6),
-        ("0", 0),
-        ("5e-1", 500),
-    ],
-)
-def test_cpu_in_every_form_that_the_api_stores(stored, millis):
-    assert view(a_pod("slam", {"slam": cpu(None, stored)})).containers[0].spec.limit == millis
-
-
-@pytest.mark.parametrize(
     ("stored", "size"),
     [
         ("128Mi", 128 << 20),

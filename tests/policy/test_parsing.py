@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from datetime import UTC, date, datetime, timedelta, timezone
-from pathlib import Path
 
 import pytest
-import yaml
 
 from contextpolicy.errors import PolicyError
 from contextpolicy.policy import parsing
@@ -23,8 +21,6 @@ from contextpolicy.policy.spec import (
 )
 from tests.planning.builders import a_body, a_context, a_parent, a_policy, a_stream, a_task
 
-SAMPLES = sorted(p for p in (Path(__file__).parents[2] / "config/policies").glob("*.yaml") if ".expect" not in p.name)
-
 
 def refused(**spec):
     """The findings for a spec, as {field: (value, allowed)}."""
@@ -32,17 +28,6 @@ def refused(**spec):
     with pytest.raises(PolicyError) as caught:
         parsing.parse(a_body(**spec))
     return {finding.field: (finding.value, finding.allowed) for finding in caught.value.findings}
-
-
-def test_there_are_samples():
-    assert len(SAMPLES) >= 5
-
-
-@pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.stem)
-def test_the_samples_parse(path):
-    for body in yaml.safe_load_all(path.read_text(encoding="utf-8")):
-        if body["kind"] == "ContextPolicy":
-            assert parsing.parse(body).tasks
 
 
 def test_what_is_not_said_has_the_documented_default():
