@@ -156,14 +156,6 @@ def test_a_plan_that_arrives_after_its_source_is_gone_does_not_stay(tree, agent,
     assert tree.limit(slam) == 500
 
 
-def test_a_plan_that_arrives_after_its_policy_is_gone_is_not_obeyed(tree, agent, slam):
-    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
-    agent.lose_source(POLICY)
-    agent.hear(POLICY, None)
-    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
-    assert tree.limit(slam) == 500
-
-
 def test_a_confirmed_limit_stays_without_a_source(tree, agent, scheduler, slam):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
     tree.set(slam, 900)

@@ -66,16 +66,6 @@ def test_a_context_that_begins_meanwhile_is_not_told_to_end():
     assert robot.contexts == [("moving", True), ("dark", True)]
 
 
-def test_what_waits_for_the_agent_ends_with_the_policys_version():
-    robot = with_agent()
-    orders = len(robot.orders.all)
-    robot.session.deliver(IMU, speed=0.3)
-    robot.loop.advance_by(0.001)
-    robot.runner.end()
-    robot.loop.advance_by(1.0)
-    assert len(robot.orders.all) == orders
-
-
 @pytest.mark.parametrize(("agent", "told_before"), [(False, 0), (True, 1)])
 def test_patches_are_sent_before_the_message_is_made_unless_an_agent_acts_on_the_message(agent, told_before):
     robot = with_agent() if agent else Robot().begin()
@@ -186,15 +176,6 @@ def test_stages_are_told_with_the_plan_they_belong_to(monkeypatch):
 
 
 # editing and ending
-
-
-def test_an_edit_goes_on_from_what_the_streams_told():
-    robot = Robot().begin()
-    robot.sample(speed=0.3)
-    robot.edit(contexts=[a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 9}})])
-    robot.place("slam", "speech")
-    assert robot.orders.last.shares == {"lab/slam/slam": 900, "lab/speech/speech": 100}
-    assert [set(order.claimed) for order in robot.orders.all[-2:]] == [{"lab/slam/slam", "lab/speech/speech"}] * 2
 
 
 def test_the_version_before_hears_and_says_nothing_more():
