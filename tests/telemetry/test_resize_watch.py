@@ -122,7 +122,7 @@ def test_a_plan_that_no_sample_made_is_not_measured(told):
 
 def test_a_patch_without_any_plan_yet_is_not_measured(told):
     before = count("plan_to_patch")
-    told.watch.on_accepted("lab/other", "lab/slam/slam", Cpu(None, None), 2.5)
+    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(None, None), 2.5)
     assert (told.stages, count("plan_to_patch")) == ([("accepted", "lab/slam/slam", 0.0)], before)
 
 
