@@ -6,6 +6,7 @@ from contextpolicy.actuators.order import order_of
 from contextpolicy.planning.allocation.placement import Container
 from contextpolicy.planning.allocation.plan import NodePlan
 from contextpolicy.policy.parsing import parse
+from contextpolicy.policy.spec import Control
 from tests.planning.builders import a_task
 from tests.policies.builders import a_policy
 
@@ -25,6 +26,7 @@ def test_a_container_whose_node_has_no_plan_yet_is_claimed_without_a_share():
 
 
 def test_a_ceiling_is_the_tasks_max_or_all_of_its_node():
-    policy = parse(a_policy(tasks=[a_task("slam", max="1500m"), a_task("speech")], contexts=[]))
+    policy = parse(a_policy(control="Weight", tasks=[a_task("slam", max="1500m"), a_task("speech")], contexts=[]))
     nodes = {"robot-1": NodePlan(2000, {}, {}), "robot-2": NodePlan(4000, {}, {})}
-    assert order_of(policy, (SLAM, SPEECH), nodes, frozenset()).ceilings == {"a": 1500, "b": 4000}
+    order = order_of(policy, (SLAM, SPEECH), nodes, frozenset())
+    assert (order.control, order.ceilings) == (Control.WEIGHT, {"a": 1500, "b": 4000})

@@ -156,14 +156,6 @@ def test_a_plan_that_arrives_after_its_source_is_gone_does_not_stay(tree, agent,
     assert tree.limit(slam) == 500
 
 
-def test_a_plan_that_arrives_after_its_policy_is_gone_is_not_obeyed(tree, agent, slam):
-    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
-    agent.lose_source(POLICY)
-    agent.hear(POLICY, None)
-    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
-    assert tree.limit(slam) == 500
-
-
 def test_a_confirmed_limit_stays_without_a_source(tree, agent, scheduler, slam):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
     tree.set(slam, 900)
@@ -177,19 +169,6 @@ def test_stopping_undoes_what_is_not_confirmed(tree, agent, slam):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
     agent.stop()
     assert tree.limit(slam) == 500
-
-
-def test_a_killed_agents_writes_are_undone_unless_a_plan_comes(start, tree, scheduler, slam, speech):
-    killed = start()
-    killed.find_source(POLICY)
-    killed.find_source("robot/other")
-    killed.hear(POLICY, a_message(a_target(SLAM, 0.9)))
-    killed.hear("robot/other", a_message(a_target(SPEECH, 0.1), policy="robot/other"))
-    heir = start()
-    heir.find_source(POLICY)
-    heir.hear(POLICY, a_message(a_target(SLAM, 0.9)))
-    wait(scheduler, 2 * GRACE)
-    assert (tree.limit(slam), tree.limit(speech)) == (900, 500)
 
 
 def test_a_killed_agents_writes_that_the_api_confirmed_stay(start, tree, agent, slam):

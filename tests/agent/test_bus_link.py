@@ -191,21 +191,6 @@ def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(
     close(watch)
 
 
-def test_an_agent_that_is_back_soon_was_not_gone(address, operator, scheduler, close, verifier):
-    watcher, heir = Listener(), Listener()
-    heir.lacks = ["hostPID"]
-    watch = AgentWatch(operator, scheduler, watcher.changed)
-    with client(address) as session:
-        bus = AgentBus(session, NODE, scheduler, Listener(), verifier)
-        watcher.expect("changed")
-        close(bus)
-        bus = AgentBus(session, NODE, scheduler, heir, verifier)
-        watcher.expect("changed", "changed")
-        assert watch.reports == {NODE: AgentReport("", "hostPID")}
-        close(bus)
-    close(watch)
-
-
 def test_an_agent_that_did_not_answer_in_time_is_asked_again(address, operator, scheduler, close, monkeypatch):
     monkeypatch.setattr(agents, "PATIENCE", 0.05)
     monkeypatch.setattr(agents, "PAUSE", 0.01)
@@ -228,13 +213,6 @@ def test_an_agent_that_did_not_answer_in_time_is_asked_again(address, operator, 
         held.pop().drop()
         token.undeclare()
         queryable.undeclare()
-    close(watch)
-
-
-def test_agents_that_live_already_are_known_at_once(bus, operator, scheduler, close):  # noqa: ARG001
-    assert ask(operator, agent_key(NODE))
-    watch = AgentWatch(operator, scheduler, Listener().changed)
-    assert watch.reports == {NODE: AgentReport("", "")}
     close(watch)
 
 

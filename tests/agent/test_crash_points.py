@@ -34,7 +34,7 @@ class Fuse:
     """Kills at one write: before it, in the middle of what it writes, or after it."""
 
     def __init__(self, monkeypatch):
-        self.left, self.moment, self.writes, self.burnt = None, BEFORE, 0, False
+        self.left, self.moment, self.writes = None, BEFORE, 0
         for owner, name in ((os, "pwrite"), (os, "write"), (os, "ftruncate"), (Path, "write_text"), (Path, "replace")):
             monkeypatch.setattr(owner, name, self._fused(getattr(owner, name)))
 
@@ -46,7 +46,7 @@ class Fuse:
             self.left -= 1
             if self.left >= 0:
                 return call(target, *arguments)
-            self.left, self.burnt = None, True
+            self.left = None
             self._burn(call, target, arguments)
             raise Killed
 

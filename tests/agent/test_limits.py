@@ -309,14 +309,3 @@ def test_after_a_kill_a_limit_that_somebody_changed_meanwhile_stays(tree, heir, 
     tree.set(slam, 300)
     heir.release(POLICY)
     assert tree.limit(slam) == 300
-
-
-def test_killed_between_ledger_and_write_leaves_all_as_it_was(tree, ledger, slam, tmp_path):
-    text = tree.limit_file(slam).read_text().strip()
-    ledger.intend(tree.limit_file(slam), POLICY, now=text, ours=text.replace("50000", "80000"))
-    ledger.save()
-    heir = Ledger(tmp_path / "ledger.json")
-    heir.load()
-    Limits(ControlFiles(CFS[tree.version]), heir, Refusals()).release(POLICY)
-    assert tree.limit(slam) == 500
-    assert heir.entries == {}

@@ -11,16 +11,14 @@ from contextpolicy.agent.cgroup_paths import Driver
 from contextpolicy.cluster.agent_reports import NO_AGENT, UNREADABLE, AgentReport, read_report, with_agents
 from contextpolicy.cluster.claims import Claim
 from contextpolicy.planning.allocation.placement import Container, Placement
-from contextpolicy.policy.parsing import parse
 from tests.agent.builders import NODE, SLAM, Tree
+from tests.planning.builders import a_policy, a_stream, a_task
 
 PLACEMENT = Placement({NODE: 2000, "node-2": 2000}, (Container("a", "slam", NODE), Container("b", "slam", "node-2")))
 
 
-def a_policy(**spec):
-    task = {"name": "slam", "selector": {"matchLabels": {"app": "slam"}}}
-    spec = {"streams": [{"name": "imu", "key": "robot/imu"}], "tasks": [task], **spec}
-    return parse({"metadata": {"name": "delivery", "namespace": "robot"}, "spec": spec})
+def governing_slam(**spec):
+    return a_policy(streams=[a_stream("imu")], tasks=[a_task("slam")], **spec)
 
 
 ABLE, FAIR, USELESS = AgentReport("", ""), AgentReport("", "no kernel option"), AgentReport("read-only", "read-only")
@@ -51,43 +49,43 @@ def test_what_an_agent_found_is_understood(tmp_path):
 
 def test_a_node_that_can_not_limit_is_told():
     useless = AgentReport("no cpu.max", "no cpu.max", "no cpu.max")
-    claim = with_agents(a_policy(), Claim(PLACEMENT), {NODE: useless, "node-2": ABLE})
+    claim = with_agents(governing_slam(), Claim(PLACEMENT), {NODE: useless, "node-2": ABLE})
     assert claim.unlimited == [f"node {NODE} can't limit CPU time: no cpu.max"]
     assert claim.agents == {"node-2"}
 
 
 def test_predictions_use_what_the_agents_found():
     report = AgentReport("", "", processors=6, quota_period=0.05)
-    placement = with_agents(a_policy(), Claim(PLACEMENT), {NODE: report}).placement
+    placement = with_agents(governing_slam(), Claim(PLACEMENT), {NODE: report}).placement
     assert (placement.processors_of(NODE), placement.processors_of("node-2")) == (6, 2)
     assert placement.quota_periods == {NODE: 0.05}
 
 
 def test_agents_that_can_write_limits_are_ahead_of_resizes():
-    claim = with_agents(a_policy(), Claim(PLACEMENT), {NODE: FAIR, "node-2": USELESS, "node-3": ABLE})
+    claim = with_agents(governing_slam(), Claim(PLACEMENT), {NODE: FAIR, "node-2": USELESS, "node-3": ABLE})
     assert claim.agents == {NODE}
     assert (claim.placement, claim.realtime) == (PLACEMENT, [])
 
 
 def test_nodes_that_are_able_do_realtime():
-    claim = with_agents(a_policy(scheduler="Realtime"), Claim(PLACEMENT), {NODE: ABLE, "node-2": ABLE})
+    claim = with_agents(governing_slam(scheduler="Realtime"), Claim(PLACEMENT), {NODE: ABLE, "node-2": ABLE})
     assert (claim.placement.fair_only, claim.realtime) == (frozenset(), [])
 
 
 def test_a_node_that_is_not_falls_back_and_says_why():
-    claim = with_agents(a_policy(scheduler="Realtime"), Claim(PLACEMENT), {NODE: FAIR, "node-2": ABLE})
+    claim = with_agents(governing_slam(scheduler="Realtime"), Claim(PLACEMENT), {NODE: FAIR, "node-2": ABLE})
     assert claim.placement.fair_only == {NODE}
     assert claim.placement.containers == PLACEMENT.containers
     assert claim.realtime == [f"node {NODE} falls back to CFS: no kernel option"]
 
 
 def test_a_node_without_agent_says_what_to_install():
-    claim = with_agents(a_policy(scheduler="Realtime"), Claim(PLACEMENT), {NODE: ABLE})
+    claim = with_agents(governing_slam(scheduler="Realtime"), Claim(PLACEMENT), {NODE: ABLE})
     assert claim.realtime == [f"node node-2 falls back to CFS: {NO_AGENT}"]
 
 
 def test_without_fallback_the_node_is_left_alone():
-    policy = a_policy(scheduler="Realtime", realtimeFallback="None")
+    policy = governing_slam(scheduler="Realtime", realtimeFallback="None")
     claim = with_agents(policy, Claim(PLACEMENT), {NODE: ABLE})
     assert claim.placement.allocatable.keys() == {NODE}
     assert [container.id for container in claim.placement.containers] == ["a"]

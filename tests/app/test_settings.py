@@ -5,7 +5,6 @@ import pytest
 from contextpolicy.app.settings import Settings, read
 from contextpolicy.cluster.lease import OwnPod
 from contextpolicy.errors import SettingsError
-from contextpolicy.policy.environment import DEFAULT_CONNECT
 from contextpolicy.policy.tenants import Tenant, Tenants
 
 
@@ -81,7 +80,3 @@ def test_all_mistakes_are_told_at_once():
     assert [f.field for f in caught.value.findings] == [
         *("ZENOH_CONNECT", "ZENOH_CONNECT", "TENANTS", "HEALTH_PORT", "METRICS_PORT", "LOG_LEVEL")
     ]
-
-
-def test_the_default_router_is_on_this_machine():
-    assert DEFAULT_CONNECT == "tcp/127.0.0.1:7447"

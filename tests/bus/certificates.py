@@ -13,7 +13,10 @@ from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from contextpolicy.bus.roles import access_control
+
 DAY = 86400.0
+ROLES = [subject["id"] for subject in access_control()["subjects"]]
 
 
 class Authority:

@@ -13,9 +13,8 @@ import zenoh
 import zenoh.ext
 
 from contextpolicy.bus.credentials import client_settings
-from contextpolicy.bus.roles import ROLES
 from contextpolicy.bus.session import _config, open_client, open_router, open_visitor
-from tests.bus.certificates import Authority
+from tests.bus.certificates import ROLES, Authority
 from tests.bus.client import client_of
 from tests.modules.robotkit.bus import Matching, ask
 from tests.ports import free_port

@@ -11,8 +11,6 @@ import zenoh
 
 from contextpolicy.bus import session
 from contextpolicy.bus.session import open_client, open_router, open_visitor
-from tests.bus.client import client_of
-from tests.modules.robotkit.bus import Matching
 from tests.ports import free_port
 from tests.waiting import PATIENCE
 
@@ -26,16 +24,6 @@ def endpoint():
 def quick(monkeypatch):
     monkeypatch.setattr(session, "ATTEMPT", 0.05)
     monkeypatch.setattr(session, "PAUSE", 0.05)
-
-
-def test_a_client_talks_through_the_router(endpoint):
-    heard = Event()
-    with open_router([endpoint]), client_of(endpoint) as one, client_of(endpoint) as other:
-        one.declare_subscriber("robot/imu", lambda _: heard.set())
-        publisher = other.declare_publisher("robot/imu")
-        Matching(publisher).wait(expected=True)
-        publisher.put(b"{}")
-        assert heard.wait(PATIENCE)
 
 
 def test_every_queue_is_as_long_as_zenoh_allows():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.bus.roles import ROLES
+from tests.bus.certificates import ROLES
 from tests.charts.conftest import CHART
 from tests.crds.schema import definition
 

@@ -8,9 +8,9 @@ from contextlib import ExitStack
 import pytest
 from cryptography import x509
 
-from contextpolicy.bus.roles import ROLES
 from contextpolicy.bus.session import open_router
 from contextpolicy.bus.signatures import Signer, Verifier
+from tests.bus.certificates import ROLES
 from tests.bus.client import client_of
 from tests.charts.test_chart import container, environment
 from tests.ports import free_port

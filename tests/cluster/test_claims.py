@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from contextpolicy.cluster.claims import claim, container_id
+from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pods import Cpu, PodView, view
 from contextpolicy.policy.spec import Mode, Policy
 from contextpolicy.policy.tenants import Tenant, Tenants
@@ -261,10 +261,6 @@ def test_the_order_of_pods_decides_nothing():
     pods = views("slam", "speech", "nav")
     policy = policy_of("robot", "slam", "speech", "nav")
     assert claim([policy], pods, NODES) == claim([policy], reversed(pods), NODES)
-
-
-def test_a_container_has_one_name():
-    assert container_id(view(a_pod("slam")), "slam") == "lab/slam/slam"
 
 
 def test_tasks_that_run_nowhere_are_absent():

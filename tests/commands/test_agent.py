@@ -113,17 +113,6 @@ def test_it_obeys_until_sigterm_and_undoes(start, operator, tree, slam):
     assert tree.limit(slam) == 500
 
 
-def test_after_sigkill_its_successor_undoes(start, operator, tree, slam):
-    process = start()
-    operator.publish(a_message(a_target(SLAM, 0.9)))
-    until(lambda: tree.limit(slam) == 900)
-    process.kill()
-    process.wait(PATIENCE)
-    assert tree.limit(slam) == 900
-    start("--grace", "0.1")
-    until(lambda: tree.limit(slam) == 500)
-
-
 def test_what_cannot_be_noted_is_not_done(start, operator, tree, slam, tmp_path):
     """A full or missing disk: better no faster limit than one that nobody could undo."""
     process = start()

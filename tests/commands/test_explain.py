@@ -60,15 +60,6 @@ def test_graph_needs_and_preconditions(capsys: pytest.CaptureFixture[str]) -> No
     assert "does not hold, so it waits with weight 0: " in text
 
 
-def test_contexts_that_do_not_hold_are_told_with_their_reason(capsys: pytest.CaptureFixture[str]) -> None:
-    text = explain(capsys, "delivery-robot", "--at", "6")
-    assert "  Context moving does not hold: `imu.speed > 0.05` is false, for `imu.speed` is 0.\n" in text
-    assert text.endswith("\nContext moving does not hold: `imu.speed > 0.05` is false, for `imu.speed` is 0.\n")
-    assert "\nContext alarm does not hold: `mic.peak > 0.8` waits for stream mic, never heard in 3 s" in explain(
-        capsys, "patrol-robot", "--at", "3"
-    )
-
-
 PATROL = """
 apiVersion: contextpolicy.dev/v1alpha1
 kind: ContextPolicy

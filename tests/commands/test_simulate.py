@@ -94,11 +94,6 @@ def test_a_ros_2_robot_whose_lidar_sees_nothing(capsys: pytest.CaptureFixture[st
     assert explained["streams"]["scan"]["value"]["ranges"] == ["Infinity", "Infinity", "NaN", "Infinity"]
 
 
-def test_notes_tell_what_nobody_read(capsys: pytest.CaptureFixture[str]) -> None:
-    main(list(TWO_CORES))
-    assert "note: no stream reads robot/camera/stereo\n" in capsys.readouterr().err
-
-
 def test_no_plan_says_what_it_waits_for(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", str(ROOT / "config/policies/patrol-robot.yaml"), DEMO, "--until", "0.1"]) == 0
     assert (
@@ -201,12 +196,6 @@ def test_a_reader_that_has_gone_is_no_traceback() -> None:
     assert b"BrokenPipe" not in done.stderr
 
 
-@pytest.mark.parametrize("cores", ["2", "2000m", "2.0"])
-def test_cores_are_a_quantity(cores: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", POLICY, DEMO, "--cores", cores, "--until", "15"]) == 0
-    assert capsys.readouterr().out == TABLE
-
-
 def test_the_beginning_is_a_moment_too(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*TWO_CORES, "--until", "0"]) == 0
     (row,) = capsys.readouterr().out.splitlines()[1:]
@@ -298,12 +287,6 @@ def test_a_timeline_that_nests_deeply_is_refused(
     path.write_text(nested)
     assert main(["simulate", POLICY, str(path)]) == 2
     assert "JSON that nests less deeply" in capsys.readouterr().err
-
-
-def test_a_plot_without_plan(tmp_path: Path) -> None:
-    picture = tmp_path / "none.svg"
-    assert main(["simulate", POLICY, DEMO, "--cores", "10m", "--plot", str(picture)]) == 0
-    assert b"no plan" in picture.read_bytes()
 
 
 def test_the_help_names_every_field_of_the_output(capsys: pytest.CaptureFixture[str]) -> None:

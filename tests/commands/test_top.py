@@ -96,14 +96,6 @@ def test_nobody_makes_plans(free_endpoint: str, capsys: pytest.CaptureFixture[st
     assert "makes plans: is the operator running" in capsys.readouterr().err
 
 
-def test_no_router_is_told(
-    free_endpoint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("contextpolicy.commands.explain.PATIENCE", 0.2)
-    assert main(["top", "--connect", free_endpoint]) == 2
-    assert "Unable to connect" in capsys.readouterr().err
-
-
 def test_the_environment_names_the_router(
     operator: Operator, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.crds.schema import definition
 from tests.node import components, configuration, layout
 
 ROOT = Path(__file__).parents[2]
@@ -24,14 +23,6 @@ def test_every_gitops_document_is_an_object(path):
     documents = list(yaml.safe_load_all(path.read_text(encoding="utf-8")))
     assert documents
     assert all({"apiVersion", "kind", "metadata"} <= document.keys() for document in documents)
-
-
-def test_argo_cd_knows_the_policys_health_by_its_right_name():
-    data = yaml.safe_load((ROOT / "config" / "gitops" / "argocd" / "argocd-cm.yaml").read_text(encoding="utf-8"))[
-        "data"
-    ]
-    spec = definition()["spec"]
-    assert f"resource.customizations.health.{spec['group']}_{spec['names']['kind']}" in data
 
 
 def test_gitops_points_at_the_chart_and_a_sample():

@@ -5,18 +5,18 @@ from __future__ import annotations
 import json
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from queue import Empty, Queue
+from queue import Queue
 
 import pytest
 import zenoh
 
-from contextpolicy.bus.roles import ROLES, access_control
-from tests.modules.robotkit.bus import Matching, ask
+from contextpolicy.bus.roles import access_control
+from tests.bus.certificates import ROLES
+from tests.modules.robotkit.bus import Matching
 from tests.ports import free_port
 from tests.waiting import PATIENCE, until
 
 CONFIGURATIONS = Path(__file__).parents[2] / "config" / "zenoh"
-USERS = ROLES
 NEVER = 0.3
 
 
@@ -35,7 +35,7 @@ def test_the_routers_rules_are_those_of_the_charts_router():
 @pytest.fixture
 def router(tmp_path):
     users = tmp_path / "users.txt"
-    users.write_text("".join(f"{name}:{name}-password\n" for name in USERS))
+    users.write_text("".join(f"{name}:{name}-password\n" for name in ROLES))
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     config = zenoh.Config.from_file(str(CONFIGURATIONS / "router-acl.json5"))
     config.insert_json5("listen/endpoints", json.dumps([endpoint]))
@@ -78,43 +78,6 @@ def test_a_sensor_is_heard_by_modules_and_operator(connect):
         assert one.get() == "sample"
 
 
-def test_the_operators_plan_is_heard_by_modules(connect):
-    heard = listen(connect("module"), "contextpolicy/**")
-    say(connect("operator"), "contextpolicy/robot/delivery-robot/plan", "plan")
-    assert heard.get(timeout=PATIENCE) == "plan"
-
-
-def test_a_module_asks_for_the_last_plan(connect):
-    key = "contextpolicy/robot/delivery-robot/plan"
-    connect("operator").declare_queryable(key, lambda query: query.reply(key, "plan"))
-    assert ask(connect("module"), "contextpolicy/*/*/plan") == ["plan"]
-
-
-def test_a_module_tells_another_its_profile(connect):
-    key = "robot/slam/profile"
-    connect("module").declare_queryable(key, lambda query: query.reply(key, "profile"))
-    assert ask(connect("module"), key) == ["profile"]
-
-
-def test_the_operator_and_the_agents_know_of_each_other(connect):
-    operator, agent = connect("operator"), connect("agent")
-    plan, node = "contextpolicy/robot/delivery-robot/plan", "contextpolicy/agents/node-1"
-    alive: set[str] = set()
-
-    def follow(token):
-        (alive.add if token.kind == zenoh.SampleKind.PUT else alive.discard)(str(token.key_expr))
-
-    for session, others in ((operator, "contextpolicy/agents/*"), (agent, "contextpolicy/*/*/plan")):
-        session.liveliness().declare_subscriber(others, follow, history=True)
-    tokens = operator.liveliness().declare_token(plan), agent.liveliness().declare_token(node)
-    until(lambda: alive == {plan, node})
-    agent.declare_queryable(node, lambda query: query.reply(node, "report"))
-    assert ask(operator, "contextpolicy/agents/*") == ["report"]
-    for token in tokens:
-        token.undeclare()
-    until(lambda: not alive)
-
-
 def test_an_agent_hears_that_plans_are_withdrawn(connect):
     key = "contextpolicy/robot/delivery-robot/plan"
     withdrawn: Queue[bool] = Queue()
@@ -123,27 +86,6 @@ def test_an_agent_hears_that_plans_are_withdrawn(connect):
     Matching(publisher).wait(expected=True)
     publisher.delete()
     assert withdrawn.get(timeout=PATIENCE)
-
-
-@pytest.mark.parametrize("user", ["sensor", "module", "agent"])
-def test_nobody_else_makes_plans(connect, user):
-    key = "contextpolicy/robot/delivery-robot/plan"
-    heard = listen(connect("module"), "contextpolicy/**")
-    forger = connect(user)
-    forger.put(key, "forged")
-    say(connect("operator"), key, "plan")
-    forger.put(key, "forged")
-    assert heard.get(timeout=PATIENCE) == "plan"
-    with pytest.raises(Empty):
-        heard.get(timeout=NEVER)
-
-
-def test_a_sensor_hears_nothing(connect):
-    overheard, heard = listen(connect("sensor"), "**"), listen(connect("module"), "robot/**")
-    say(connect("module"), "robot/slam/pose", "pose")
-    assert heard.get(timeout=PATIENCE) == "pose"
-    with pytest.raises(Empty):
-        overheard.get(timeout=NEVER)
 
 
 @pytest.mark.parametrize("password", ["", "wrong"])

@@ -16,7 +16,6 @@ from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.conditions.stream import UNHEARD
 from contextpolicy.planning.observable import plan_with
 from contextpolicy.planning.planner import Planner
-from contextpolicy.policies.plugins import load
 from tests.planning.builders import a_context, a_policy, a_stream, a_task, on_node, record
 from tests.planning.example_initiative import steadiness
 
@@ -126,16 +125,6 @@ class TestInitiatives:
 
     def test_the_example_scores_how_steady_the_speed_is(self):
         assert self.scores(steadiness, 1.0, 1.0, 3.0, stream="imu") == [(2.0, 0.0), (4.0, 1.0), (5.0, 1 / 3)]
-
-    def test_it_is_found_by_its_entry_point(self, monkeypatch):
-        class Installed:
-            name = "steadiness"
-
-            def load(self):
-                return steadiness
-
-        monkeypatch.setattr("contextpolicy.policies.plugins.entry_points", lambda **_: [Installed()])
-        assert load(curious_policy()) == {"steadiness": steadiness}
 
     def test_it_gets_streams_scheduler_and_its_arguments(self):
         got: dict[str, Any] = {}
@@ -256,10 +245,6 @@ class TestFailingInitiatives:
 
     def test_when_it_is_not_there(self):
         assert list(self.run(None, {}).errors) == [self.SOURCE]
-
-    def test_when_it_emits_no_number(self):
-        planner = self.run(lambda streams, **_: streams["imu"].pipe(ops.map(lambda _: "high")))
-        assert planner.drops == {("slam", "score not finite"): 3}
 
     def test_when_its_own_observer_raises(self):
         """Not through Rx's error channel, but straight out of `on_next`."""

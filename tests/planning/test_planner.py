@@ -149,21 +149,6 @@ def test_a_late_call_makes_one_plan_for_each_instant():
     ]
 
 
-def test_suspending_every_task_gives_each_the_least():
-    policy = a_policy(
-        streams=[a_stream("imu")],
-        tasks=[a_task("slam"), a_task("rest")],
-        contexts=[a_context("off", "imu.off", tasks={"slam": {"suspend": True}, "rest": {"weight": 0}})],
-    )
-    story = Story(policy)
-    story.sample("imu", at=1, off=True)
-    assert story.shares() == {"slam": 10, "rest": 10}
-    assert all(task.suspended for task in story.last.tasks.values())
-    assert story.last.shortfalls == ()
-    story.sample("imu", at=2, off=False)
-    assert story.shares() == {"slam": 500, "rest": 500}
-
-
 class TestNothingActive:
     def story(self, **task):
         policy = a_policy(
@@ -286,23 +271,6 @@ class TestMinDwell:
             story.sample("imu", at=tick / 10, risk=float(tick))
         story.wait(70)
         assert story.last.cause == "imu: true is 499"
-
-
-class TestNewVersion:
-    """A policy that is edited goes on where its last version stands."""
-
-    def after_edit(self, before, **edit):
-        planner = Planner(two_streams(**edit))
-        plans = planner.start(START + 10, before.planner)
-        plans += planner.handle(before.planner.placement, START + 10)
-        return planner, plans
-
-    def test_what_unchanged_streams_know_is_kept(self):
-        before = Story(two_streams())
-        before.sample("imu", at=1, speed=1.0)
-        planner, plans = self.after_edit(before, reserve="200m")
-        assert plans[-1].contexts == ("moving",)
-        assert planner.streams["imu"].seen_at == START + 1
 
 
 @pytest.mark.parametrize(

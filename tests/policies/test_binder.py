@@ -5,9 +5,8 @@ from __future__ import annotations
 from contextpolicy.cluster.claims import claim
 from contextpolicy.policies import binder
 from tests.cluster.builders import a_pod, cpu
-from tests.planning.builders import a_context, a_task
+from tests.planning.builders import a_task
 from tests.policies.builders import IMU, a_policy, resources
-from tests.virtual_operator import VirtualOperator
 
 
 def test_a_node_that_changes_its_size_changes_n(running):
@@ -114,19 +113,6 @@ def test_a_pod_that_makes_no_sense_is_left_alone(running, caplog):
     running.settle()
     assert running.limits() == {"slam": 800, "speech": 200}
     assert any("can't be read" in message and "'odd'" in message for message in caplog.messages)
-
-
-def test_a_guaranteed_pod_grows_and_shrinks():
-    guaranteed = a_pod("slam", {"slam": cpu("400m", "400m", ("64Mi", "64Mi"))}, qos="Guaranteed")
-    operator = VirtualOperator(guaranteed, a_pod("speech", {"speech": resources()}))
-    operator.list_all()
-    operator.connect()
-    still = a_context("still", "imu.speed <= 0.1", {"slam": {"weight": 2}, "speech": {"weight": 8}})
-    operator.apply(a_policy(contexts=[*a_policy()["spec"]["contexts"], still]))
-    for speed, slam in ((0.3, 800), (0.0, 200), (0.3, 800)):
-        operator.sample(IMU, speed=speed)
-        operator.settle()
-        assert operator.limits() == {"slam": slam, "speech": 1000 - slam}
 
 
 def test_from_weights_back_to_limits(running):

@@ -14,7 +14,7 @@ from tests.planning.builders import a_context, a_stream
 from tests.policies.builders import a_policy
 
 MOOD = "robot/mood"
-GLAD, SAD = (b"\0\1\0\0" + bytes([number]) for number in (1, 0))
+GLAD = b"\0\1\0\0\1"
 DEFINITION = {"my_msgs.msg.Mood.msg": "bool glad", "README.md": "the robot's own messages"}
 
 

@@ -7,8 +7,7 @@ from prometheus_client import REGISTRY
 
 from contextpolicy.policies import manager
 from contextpolicy.policy.tenants import Tenant, Tenants
-from tests.actuators.resize.fake_cluster import UNREACHABLE
-from tests.cluster.builders import a_pod, cpu
+from tests.cluster.builders import a_pod
 from tests.planning.builders import a_context, a_stream, a_task
 from tests.policies.builders import IMU, a_policy
 
@@ -152,16 +151,6 @@ def test_a_deletion_that_nobody_awaits_any_more_is_still_done(running):
     assert running.limits() == {"slam": 400, "speech": 400}
 
 
-def test_a_restore_that_fails_is_tried_until_it_works(running):
-    running.cluster.faults += [UNREACHABLE] * 4
-    done = running.delete(a_policy())
-    for _ in range(6):
-        while running.patches.jobs:
-            running.patch()
-        running.turn(5.0)
-    assert done.done()
-
-
 @pytest.mark.parametrize("mode", ["Paused", "DryRun"])
 def test_a_policy_that_stops_enforcing_puts_all_back_and_takes_it_up_again(running, mode):
     running.sample(IMU, speed=0.3)
@@ -175,16 +164,6 @@ def test_a_policy_that_stops_enforcing_puts_all_back_and_takes_it_up_again(runni
     running.sample(IMU, speed=0.3)
     running.settle()
     assert running.limits() == {"slam": 800, "speech": 200}
-
-
-def test_a_dry_run_says_what_it_would_do(operator, caplog):
-    operator.list_all()
-    operator.connect()
-    with caplog.at_level("INFO"):
-        operator.apply(a_policy(mode="DryRun"))
-        operator.sample(IMU, speed=0.3)
-    assert operator.cluster.calls == []
-    assert "dry run: lab/robot would set the CPU of lab/slam/slam to 800m" in caplog.messages
 
 
 def test_a_paused_policy_hears_nothing(operator):
@@ -210,23 +189,6 @@ def two_policies(operator):
     return old, young
 
 
-def test_a_tiny_pod_in_another_namespace_leaves_the_robot_alone(operator):
-    """Its policy is older than the robot's, reserves nothing, and its pod was on the node first."""
-    tiny = a_pod("tiny", {"tiny": cpu("10m", "10m")}, namespace="elsewhere")
-    older = a_policy("older", created="2020-01-01T00:00:00Z", tasks=[a_task("tiny")], contexts=[], streams=[])
-    older["metadata"]["namespace"] = "elsewhere"
-    operator.list_all("2")
-    operator.connect()
-    operator.cluster.create(tiny)
-    operator.settle()
-    operator.apply(older)
-    operator.apply(a_policy())
-    operator.sample(IMU, speed=0.3)
-    operator.settle()
-    assert operator.condition("Accepted")[0] == "True"
-    assert operator.limits() == {"slam": 640, "speech": 160, "tiny": 10}
-
-
 def test_streams_beyond_what_the_administrator_allows_are_refused(operator):
     operator.tenants = Tenants({"lab": Tenant(stream_prefixes=("robot",))})
     operator.start()
@@ -240,13 +202,6 @@ def test_streams_beyond_what_the_administrator_allows_are_refused(operator):
     operator.apply(a_policy(generation=2))
     operator.turn(1.0)
     assert operator.condition("Accepted")[0] == "True"
-
-
-def test_two_policies_share_a_node(operator):
-    for body in two_policies(operator):
-        operator.apply(body)
-    operator.settle()
-    assert operator.limits() == {"slam": 1000, "speech": 1000}
 
 
 @pytest.mark.parametrize("first", [0, 1])

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import time
-from operator import itemgetter
 from types import SimpleNamespace
 
 import pytest
 from prometheus_client import REGISTRY
-from reactivex import operators
 
 from contextpolicy.bus import head_start
 from contextpolicy.policies import plan_publisher
-from contextpolicy.policy.spec import Control
 from tests.cluster.builders import NODE
 from tests.planning.builders import a_context, a_stream, a_task
 from tests.policies.runner_rig import APPLIED, IMU, PLAN, Robot
@@ -67,16 +64,6 @@ def test_a_context_that_begins_meanwhile_is_not_told_to_end():
         robot.loop.advance_by(0.001)
     robot.loop.advance_by(1.0)
     assert robot.contexts == [("moving", True), ("dark", True)]
-
-
-def test_what_waits_for_the_agent_ends_with_the_policys_version():
-    robot = with_agent()
-    orders = len(robot.orders.all)
-    robot.session.deliver(IMU, speed=0.3)
-    robot.loop.advance_by(0.001)
-    robot.runner.end()
-    robot.loop.advance_by(1.0)
-    assert len(robot.orders.all) == orders
 
 
 @pytest.mark.parametrize(("agent", "told_before"), [(False, 0), (True, 1)])
@@ -142,21 +129,6 @@ def test_a_policy_without_any_container_is_still_on_the_bus():
     assert message["targets"] == []
 
 
-def test_the_patches_of_a_plan_are_under_way_before_the_bus_is_told():
-    robot = Robot().begin()
-    heard = []
-    robot.orders.apply = lambda _: heard.append(("order", len(robot.session.plans())))
-    before = len(robot.session.plans())
-    robot.sample(speed=0.3)
-    assert heard == [("order", before)]
-
-
-def test_ceilings_are_the_tasks_own_or_all_there_is():
-    robot = Robot(control="Weight", tasks=[a_task("slam", max="600m"), a_task("speech")]).begin()
-    assert robot.orders.last.control is Control.WEIGHT
-    assert robot.orders.last.ceilings == {"lab/slam/slam": 600, "lab/speech/speech": 1000}
-
-
 def test_a_placement_orders_once_whether_it_makes_a_plan_or_not():
     robot = Robot()
     robot.runner.start()
@@ -211,15 +183,6 @@ def test_stages_are_told_with_the_plan_they_belong_to(monkeypatch):
 # editing and ending
 
 
-def test_an_edit_goes_on_from_what_the_streams_told():
-    robot = Robot().begin()
-    robot.sample(speed=0.3)
-    robot.edit(contexts=[a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 9}})])
-    robot.place("slam", "speech")
-    assert robot.orders.last.shares == {"lab/slam/slam": 900, "lab/speech/speech": 100}
-    assert [set(order.claimed) for order in robot.orders.all[-2:]] == [{"lab/slam/slam", "lab/speech/speech"}] * 2
-
-
 def test_the_version_before_hears_and_says_nothing_more():
     robot = Robot().begin()
     robot.edit()
@@ -272,15 +235,6 @@ def test_a_dry_run_withdraws_what_agents_acted_on():
     robot = Robot(mode="DryRun").begin()
     assert robot.session.plans()[0] is None
     assert robot.session.plans()[-1]["mode"] == "DryRun"
-
-
-def test_nodes_in_realtime_are_not_resized_and_put_back():
-    robot = Robot(scheduler="Realtime")
-    robot.session.agents[NODE] = b'{"missing": {"CFS": [], "Realtime": []}}'
-    robot.begin()
-    robot.loop.advance_by(10)
-    assert robot.orders.last.claimed == frozenset()
-    assert robot.session.plans()[-1]["nodes"][NODE]["scheduler"] == "Realtime"
 
 
 # telling
@@ -341,14 +295,3 @@ def test_the_bus_hears_when_what_triggered_a_plan_arrived(monkeypatch):
     robot.sample(speed=0.3)
     message = robot.session.plans()[-1]
     assert message["trigger"] == pytest.approx(robot.loop.to_seconds(robot.loop.now) - 2.5, abs=0.1)
-
-
-def test_plugged_in_functions_get_the_streams_and_give_scores():
-    def bumps(streams, scheduler, **_):
-        assert scheduler is not None
-        return streams["imu"].pipe(operators.map(itemgetter("bump")))
-
-    tasks = [a_task("slam", activity=[{"initiative": "bumps"}]), a_task("speech")]
-    robot = Robot(tasks=tasks, contexts=[], initiatives={"bumps": bumps}).begin()
-    robot.sample(bump=3.0)
-    assert robot.orders.last.shares == {"lab/slam/slam": 750, "lab/speech/speech": 250}

@@ -135,26 +135,6 @@ def test_a_silent_stream_is_told_and_heard_again(running):
     assert running.condition("StreamsHealthy")[0] == "True"
 
 
-def test_undecodable_samples_are_counted_in_the_status_and_end_nothing(running):
-    for _ in range(3):
-        running.session.deliver_bytes(IMU, b"{")
-    running.turn(1.0)
-    [stream] = running.cluster.statuses["lab/robot"]["streams"]
-    assert stream == {"name": "imu", "healthy": True, "message": "undecodable: 3"}
-    running.sample(IMU, speed=0.3)
-    running.settle()
-    assert running.limits() == {"slam": 800, "speech": 200}
-
-
-def test_an_expression_that_fails_is_told_until_it_works_again(running):
-    running.sample(IMU, speed="fast")
-    running.turn(1.0)
-    assert running.condition("StreamsHealthy")[:2] == ("False", "ExpressionFailed")
-    running.sample(IMU, speed=0.0)
-    running.turn(1.0)
-    assert running.condition("StreamsHealthy")[0] == "True"
-
-
 def inverse_speed(sample: dict[str, float]) -> float:
     return 1 / sample["speed"]
 

@@ -6,7 +6,6 @@ import json
 
 import pytest
 
-from contextpolicy.policy.tenants import Tenant, Tenants
 from tests.planning.builders import a_context, a_stream, a_task
 from tests.policies.builders import IMU, a_policy
 
@@ -246,20 +245,6 @@ def test_nobody_is_listened_to_once_the_shadow_is_gone(beside):
     assert "robot/*/health" in [subscriber.key for subscriber in beside.session.subscribers]
     beside.delete(a_shadow())
     assert "robot/*/health" not in [subscriber.key for subscriber in beside.session.subscribers]
-
-
-def test_a_tenant_may_not_listen_where_it_may_not_read(operator):
-    operator.tenants = Tenants({"lab": Tenant(stream_prefixes=("robot",))})
-    operator.start()
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_policy())
-    operator.apply(a_shadow(shadow={"of": "robot", "health": "other/*/health"}))
-    operator.settle()
-    assert operator.condition("Accepted", "lab/robot-next")[1:] == (
-        "Invalid",
-        "spec.shadow.health: 'other/*/health' is not allowed: the administrator lets namespace lab read robot/**",
-    )
 
 
 def test_a_recording_has_the_spec_that_decided(promoted):

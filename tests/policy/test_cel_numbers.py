@@ -261,12 +261,6 @@ def test_each_number_has_one_form(number):
     assert Fraction(forms[0]) == Fraction(number)
 
 
-@pytest.mark.parametrize("spelling", ["3", "3.0", "3e0"])
-def test_json_may_spell_as_it_likes(spelling):
-    sample = Decoder(Stream("n", "robot/n")).decode(f'{{"v": {spelling}}}'.encode())
-    assert evaluate("n.v / 2 == 1.5 && n.v * 2.0 == 6", sample.value) is True
-
-
 @pytest.mark.parametrize(
     ("encoding", "write"),
     [("json", lambda v: json.dumps(v).encode()), ("cbor", cbor2.dumps), ("msgpack", ormsgpack.packb)],

@@ -5,7 +5,7 @@ import pytest
 from contextpolicy.errors import DefinitionError
 from contextpolicy.policy.definition_files import of_config_map, of_folder
 from contextpolicy.policy.message_definitions import MAX_DEPTH, MAX_ITEMS
-from contextpolicy.policy.ros_types import fields_of, is_known, type_findings, type_store
+from contextpolicy.policy.ros_types import is_known, type_findings, type_store
 from contextpolicy.policy.spec import Encoding, Policy, RosRelease, Stream
 
 MOOD = ("my_msgs.msg.Mood.msg", "# how it feels\nstd_msgs/Header header\nfloat64 joy\nNote[] notes  # newest last\n")
@@ -39,16 +39,6 @@ def test_unknown_types_are_findings_of_the_policy():
     assert [(finding.field, finding.value) for finding in findings] == [("spec.streams[1].type", "my_msgs/msg/Mood")]
 
 
-def test_the_fields_of_a_message_are_known_with_the_messages_in_them():
-    assert fields_of("sensor_msgs/msg/Range") == {
-        "header": "std_msgs/msg/Header",
-        **dict.fromkeys(("radiation_type", "field_of_view", "min_range", "max_range", "range", "variance")),
-    }
-    assert fields_of("nav_msgs/msg/Path")["poses"] is None  # a list: nothing is behind a dot
-    with pytest.raises(KeyError):
-        fields_of("my_msgs/msg/Mood")
-
-
 @pytest.mark.parametrize(
     ("release", "type_name", "field", "has"),
     [
@@ -59,7 +49,7 @@ def test_the_fields_of_a_message_are_known_with_the_messages_in_them():
     ],
 )
 def test_each_release_has_its_own_messages(release, type_name, field, has):
-    assert (field in fields_of(type_name, type_store(release))) is has
+    assert (field in dict(type_store(release).fielddefs[type_name][1])) is has
 
 
 def test_latest_knows_every_message_in_its_newest_form():
@@ -73,8 +63,6 @@ def test_latest_knows_every_message_in_its_newest_form():
 @pytest.mark.parametrize("definitions", [(MOOD, NOTE), (IDL,)])
 def test_ones_own_messages_are_known_where_they_are_given_and_nowhere_else(definitions):
     assert type_findings(Policy("lab", "robot", (), (a_stream(types="robot-types", definitions=definitions),))) == []
-    own = fields_of("my_msgs/msg/Mood", type_store(RosRelease.LATEST, definitions))
-    assert own["header"] == "std_msgs/msg/Header"
     assert not is_known("my_msgs/msg/Mood")
 
 

@@ -36,17 +36,6 @@ def test_a_task_on_several_nodes_has_a_pod_on_each():
     assert [c.node for c in robot.placement(TWO).containers if c.task == "a"] == ["head", "arm"]
 
 
-def test_each_node_is_divided_by_itself():
-    (plan,) = simulate(TWO, LINE, robot=Robot(NODES, places={"b": ("arm",)})).plans
-    assert {name: dict(node.shares) for name, node in plan.nodes.items()} == {"head": {"a": 2000}, "arm": {"b": 500}}
-
-
-def test_a_request_holds_a_limit_up():
-    policy = a_policy(S, tasks=("a", "b"), contexts=[{"name": "c", "when": "true", "tasks": {"b": {"suspend": True}}}])
-    (plan,) = simulate(policy, LINE, robot=Robot(requests={"b": 300})).plans
-    assert plan.tasks["b"].share == 300
-
-
 def test_a_node_without_realtime_falls_back_or_is_left_alone():
     robot = Robot(NODES, places={"b": ("arm",)}, fair_only=frozenset({"arm"}))
     (plan,) = simulate(a_policy(S, tasks=("a", "b"), scheduler="Realtime"), LINE, robot=robot).plans

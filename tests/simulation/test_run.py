@@ -21,6 +21,7 @@ from contextpolicy.simulation.report import as_csv, as_json, table
 from contextpolicy.simulation.run import simulate
 from contextpolicy.simulation.samples import Skipped, samples
 from contextpolicy.streams import timeline
+from tests.simulation.stories import a_timeline
 
 ROOT = Path(__file__).parents[2]
 DELIVERY = load_policy(str(ROOT / "config/policies/delivery-robot.yaml"))
@@ -30,10 +31,6 @@ DEMO = timeline.load(ROOT / "timelines/demo.json")
 def imu(start: float, end: float, rate: float, speed: float) -> dict[str, Any]:
     value = {"gyro": [speed, 0.0, 0.0], "accel": [0.0, 0.0, 9.81], "speed": speed}
     return {"key": "robot/imu", "encoding": "json", "from": start, "to": end, "rate": rate, "value": value}
-
-
-def a_timeline(*inputs: dict[str, Any], duration: float) -> timeline.Timeline:
-    return timeline.parse({"name": "test", "duration": duration, "inputs": list(inputs)})
 
 
 def a_policy(streams: list[dict[str, Any]], **spec: Any) -> Any:

@@ -15,13 +15,6 @@ from contextpolicy.streams.loop import FEW, Loop, on_loop
 from tests.waiting import PATIENCE
 
 
-@pytest.fixture
-def loop():
-    running = Loop()
-    yield running
-    running.dispose()
-
-
 def settle(loop):
     """Return when everything scheduled so far has had its turn."""
     done = Event()

@@ -19,9 +19,6 @@ from tests.ports import free_port
 from tests.streams.heard import IMU, MIC, Heard
 from tests.waiting import PATIENCE
 
-TIMESTAMPING = {"timestamping/enabled": True}
-"""As rmw_zenoh has it: what a publisher keeps for late listeners is in order by these."""
-
 
 def open_session(**settings):
     config = zenoh.Config()

@@ -1,9 +1,7 @@
 from __future__ import annotations
 
-import importlib
 from dataclasses import replace
 
-import pytest
 from prometheus_client import REGISTRY, generate_latest
 from prometheus_client.metrics import MetricWrapperBase
 
@@ -113,8 +111,3 @@ DROPPED = "contextpolicy_samples_dropped_total"
 
 def dropped(stream):
     return {"namespace": "gone", "name": "robot", "stream": stream, "reason": "old"}
-
-
-def test_they_are_registered_once():
-    with pytest.raises(ValueError, match="Duplicated"):
-        importlib.reload(metrics)

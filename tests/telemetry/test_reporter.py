@@ -76,14 +76,6 @@ def test_of_many_statuses_the_newest_is_written_at_most_once_per_interval(desk):
     assert len(written) <= 1 / STATUS_INTERVAL + 2
 
 
-def test_a_storm_costs_one_write_a_second():
-    desk = Desk()
-    for n in range(1000):
-        desk.status(n)
-        desk.wait(0.01)
-    assert 10 <= len(desk.statuses) <= 11
-
-
 def test_what_is_no_news_is_not_written(desk):
     for n in (1, 1, 2, 1, 1):
         desk.status(n)

@@ -116,15 +116,15 @@ def test_a_resize_that_no_sample_asked_for_is_told_and_not_measured(told):
 
 
 def test_a_plan_that_no_sample_made_is_not_measured(told):
-    before = count("plan")
+    before = count("sample_to_plan")
     told.watch.planned(POLICY, a_plan(1, slam=500), 1.0)
-    assert count("plan") == before
+    assert count("sample_to_plan") == before
 
 
 def test_a_patch_without_any_plan_yet_is_not_measured(told):
-    before = count("patch")
-    told.watch.on_accepted("lab/other", "lab/slam/slam", Cpu(None, None), 2.5)
-    assert (told.stages, count("patch")) == ([("accepted", "lab/slam/slam", 0.0)], before)
+    before = count("plan_to_patch")
+    told.watch.on_accepted(POLICY, "lab/slam/slam", Cpu(None, None), 2.5)
+    assert (told.stages, count("plan_to_patch")) == ([("accepted", "lab/slam/slam", 0.0)], before)
 
 
 def test_a_failure_is_told_once_and_its_end_too(told):

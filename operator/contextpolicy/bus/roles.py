@@ -27,8 +27,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-ROLES = ("sensor", "module", "operator", "agent", "viewer")
-
 _OWN = ["contextpolicy/**"]
 _PLANS = ["contextpolicy/*/*/plan"]
 _PUBLISH = ["put", "liveliness_token", "declare_queryable", "reply"]
@@ -81,7 +79,7 @@ def access_control(samples: Sequence[str] = ("**",), *, by: str = "cert_common_n
     return _only(_RULES, rules, by)
 
 
-def fleet_access_control(*, by: str = "cert_common_names") -> dict[str, Any]:
+def fleet_access_control() -> dict[str, Any]:
     """The same for a router that robots' routers join, and people watch all robots at."""
     rules = [
         _rule("pass-on", "ingress", _SAY, _OWN),
@@ -89,7 +87,7 @@ def fleet_access_control(*, by: str = "cert_common_names") -> dict[str, Any]:
         _rule("view", "ingress", _LISTEN, _OWN),
         _rule("see", "egress", _HEAR, _OWN),
     ]
-    return _only({"router": ("pass-on", "pass-down"), "viewer": _RULES["viewer"]}, rules, by)
+    return _only({"router": ("pass-on", "pass-down"), "viewer": _RULES["viewer"]}, rules, "cert_common_names")
 
 
 def _only(rights: Mapping[str, Sequence[str]], rules: list[dict[str, Any]], by: str) -> dict[str, Any]:

@@ -10,8 +10,6 @@ from contextpolicy.errors import DefinitionError, Finding
 from contextpolicy.policy.spec import Encoding, RosRelease
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from rosbags.typesys.store import Typestore
 
     from contextpolicy.policy.definition_files import Definitions
@@ -33,17 +31,6 @@ def type_store(release: RosRelease = RosRelease.LATEST, definitions: Definitions
 def store_of(stream: Stream) -> Typestore:
     """The message types that a stream may have; DefinitionError as for `type_store`."""
     return type_store(stream.ros, stream.definitions or ())
-
-
-def fields_of(type_name: str, store: Typestore | None = None) -> Mapping[str, str | None]:
-    """The fields of a message: each name with the type of the message in it; None for values and lists of any kind.
-
-    KeyError for a type that the store (default: the latest standard messages) does not have.
-    """
-    from rosbags.interfaces import Nodetype  # noqa: PLC0415 - loaded with the store
-
-    fields = (store or type_store()).fielddefs[type_name][1]
-    return {name: str(detail) if kind is Nodetype.NAME else None for name, (kind, detail) in fields}
 
 
 def is_known(type_name: str, store: Typestore | None = None) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import pytest
 
@@ -126,23 +125,6 @@ def test_a_foreign_request_is_told_and_put_back():
     rig.settle()
     assert rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]["requests"]["cpu"] == "100m"
     assert rig.witness.conflicts[:1] == [(SLAM, ("kubectl-edit", 300, 300))]
-
-
-def test_a_writer_who_insists_gets_ever_fewer_answers():
-    rig = governed_rig()
-    times = []
-    for step in range(2000):
-        if rig.cluster.limit("slam") == 300:
-            rig.cluster.edit("uid-slam", "slam", cpu="700m")
-        rig.cluster.confirm()
-        rig.watch()
-        while rig.workers.jobs:
-            rig.work()
-            times.append(step / 100)
-        rig.wait(0.01)
-    gaps = [after - before for before, after in pairwise(times)]
-    assert gaps == pytest.approx([CONFLICTING.first, 1, 2, 4, CONFLICTING.longest, CONFLICTING.longest], abs=0.1)
-    assert len(rig.witness.conflicts) == len(times) + 1, "told at each strike, the last of which still rests"
 
 
 def test_a_writer_who_never_stops_gets_its_way_and_that_is_told():

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from contextpolicy.actuators.order import Order
-from contextpolicy.actuators.resize.pod_state import SETTLING
 from contextpolicy.policy.spec import Control
-from tests.actuators.resize.fake_cluster import refusal
 from tests.actuators.resize.rig import POLICY, Rig, limits, two_pods
 from tests.cluster.builders import NODE, a_pod
 
@@ -27,25 +25,6 @@ def test_an_increase_waits_until_the_decrease_is_in_force():
     assert limits(rig) == (800, 200)
 
 
-def test_a_report_about_an_older_spec_confirms_nothing():
-    """Up and down again: in force may be what was asked in between, although spec and report look alike."""
-    rig = two_pods()
-    rig.plan(slam=300, speech=300)
-    rig.settle()
-    rig.plan(slam=300, speech=700)
-    rig.work()
-    rig.watch()
-    rig.plan(slam=700, speech=300)
-    rig.wait(SETTLING + 0.1)
-    rig.work()
-    rig.cluster.report("uid-speech")  # still of the first spec
-    rig.watch()
-    assert rig.workers.jobs == []
-    rig.cluster.confirm("uid-speech")
-    rig.watch()
-    assert len(rig.workers.jobs) == 1
-
-
 def test_what_the_driver_rounds_up_counts_as_in_force():
     rig = two_pods()
     rig.plan(slam=500, speech=333)
@@ -56,25 +35,6 @@ def test_what_the_driver_rounds_up_counts_as_in_force():
     rig.watch()
     rig.plan(slam=660, speech=333)
     assert len(rig.workers.jobs) == 1
-
-
-def test_an_increase_that_fits_need_not_wait():
-    rig = two_pods()
-    rig.plan(slam=800, speech=500, n=1300)
-    assert len(rig.workers.jobs) == 1
-
-
-def test_a_refused_increase_takes_no_room():
-    """The kubelet never hears of it, so no news of the pod would ever free what it was to have."""
-    rig = two_pods()
-    rig.plan(slam=300, speech=300)
-    rig.settle()
-    rig.cluster.faults.append(refusal())
-    rig.plan(slam=700, speech=300)
-    rig.work()
-    rig.plan(slam=300, speech=700)
-    rig.work()
-    assert limits(rig) == (300, 700)
 
 
 def test_nothing_rises_beside_a_container_that_was_never_seen():

@@ -224,24 +224,6 @@ def test_a_lost_answer_is_settled_by_asking(effect):
     assert (rig.cluster.limit("slam"), rig.witness.accepted) == (300, [("lab/slam/slam", 300)])
 
 
-def test_a_rise_whose_answer_was_lost_takes_its_room_until_it_is_known():
-    rig = two_pods()
-    rig.plan(slam=300, speech=300)
-    rig.settle()
-    rig.cluster.faults.append(Unanswered(UNREACHABLE))
-    rig.plan(slam=700, speech=300)
-    rig.work()
-    rig.plan(slam=300, speech=700)
-    assert rig.workers.jobs == [], "slam may have 700m already"
-    rig.wait(FAILED.first + 0.01)
-    rig.work()
-    while rig.workers.jobs:
-        rig.work()
-    assert rig.cluster.limit("speech") == 300, "slam has 700m, and the kubelet has not lowered it"
-    rig.settle()
-    assert (rig.cluster.limit("slam"), rig.cluster.limit("speech")) == (300, 700)
-
-
 def test_what_a_person_does_after_a_restore_stays_although_its_last_answer_was_lost():
     rig = Rig(a_pod("slam"))
     rig.plan(slam=300)

@@ -15,18 +15,6 @@ from tests.cluster.builders import a_pod, cpu
 # what is sent
 
 
-def test_a_share_becomes_the_limit_and_the_request_stays():
-    rig = Rig(a_pod("slam"))
-    rig.plan(slam=300)
-    rig.work()
-    [(_, _, patch)] = [call for call in rig.cluster.calls if call[0] == "resize"]
-    assert patch == {
-        "spec": {
-            "containers": [{"name": "slam", "resources": {"limits": {"cpu": "300m"}, "requests": {"cpu": "100m"}}}]
-        }
-    }
-
-
 def test_nothing_is_sent_when_nothing_changes():
     rig = two_pods()
     rig.plan(slam=500, speech=500)
@@ -162,26 +150,6 @@ def test_a_plan_made_while_a_patch_was_refused_is_sent_at_once():
 
 
 # what the watch shows
-
-
-def test_a_view_from_before_the_last_patch_sends_nothing():
-    rig = Rig(a_pod("slam"))
-    rig.cluster.report("uid-slam")
-    rig.plan(slam=300)
-    rig.work()
-    rig.watch_one("uid-slam")  # the report from before
-    rig.watch_one("uid-slam")  # the note, not yet the resize
-    assert rig.workers.jobs == []
-
-
-def test_an_external_change_of_the_limit_is_put_right():
-    rig = Rig(a_pod("slam"))
-    rig.plan(slam=300)
-    rig.settle()
-    rig.cluster.edit("uid-slam", "slam", cpu="900m")
-    rig.watch()
-    rig.work()
-    assert rig.cluster.limit("slam") == 300
 
 
 def test_a_new_pod_gets_its_share():

@@ -108,14 +108,6 @@ class TestProtected:
         got = shares(a_task("brake", min="800m", protected=True), a_task("rest", min="900m"), cores=1)
         assert got == {"brake": 800, "rest": 200}
 
-    def test_what_can_not_be_kept_is_told(self):
-        tasks = [a_task("brake", min="800m", protected=True), a_task("horn", min="800m", protected=True)]
-        story = Story(a_policy(tasks=tasks))
-        assert story.shares() == {"brake": 500, "horn": 500}
-        assert story.last.shortfalls[0].message == (
-            "the floors sum to 1600m, allowed: 1000m; all are scaled down, also those of protected tasks"
-        )
-
 
 EFFECTS = st.sampled_from([{"suspend": True}, {"weight": 0}, {"scale": 0}, {"scale": 0.5}, {"weight": 3}])
 

@@ -353,10 +353,3 @@ def test_a_sample_of_an_undeclared_stream_is_counted():
     story = watching(a_stream("imu"))
     story.sample("lidar", at=1, near=1.0)
     assert story.drops() == {("lidar", "unknown stream"): 1}
-
-
-def test_a_payload_that_is_no_map_is_read_as_value():
-    from contextpolicy.planning.conditions.sample import as_fields  # noqa: PLC0415 - the one test of it
-
-    assert as_fields(3.5) == {"value": 3.5}
-    assert as_fields({"a": 1}) == {"a": 1}

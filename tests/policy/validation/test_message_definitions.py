@@ -70,12 +70,6 @@ def test_a_folder_defines_what_no_file_does(validate, folder):
     assert "'my_msgs/msg/Mood' is not allowed: a message of ROS 2 latest or robot-types" in told
 
 
-def test_without_definitions_one_is_told_that_they_are_not_checked(validate):
-    code, told = validate(POLICY)
-    assert code == 0
-    assert "1 policy, 0 errors, 1 warning" in told
-
-
 def test_a_folder_without_definitions_is_a_mistake(validate, tmp_path):
     assert validate(POLICY, "--types", str(tmp_path / "nowhere"))[0] == 2
     assert "no .msg and no .idl files" in validate(POLICY, "--types", str(tmp_path))[1]
