@@ -9,7 +9,7 @@ import time
 import pytest
 
 from contextpolicy.bus.session import open_visitor
-from tests.e2e.cluster import REPOSITORY, apply, run
+from tests.e2e.cluster import REPOSITORY, apply, helm_command, run
 from tests.e2e.robot import Robot, Sensors
 from timelines.demo.deploy import free_address
 
@@ -58,7 +58,6 @@ def operator():
         pytest.exit("no cluster: run `make e2e`, which starts one, or set KUBECONFIG", returncode=1)
     for namespace in ROBOTS:
         apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": namespace}})
-    chart = str(REPOSITORY / "charts" / "contextpolicy")
     values = {
         "fullnameOverride": "e2e",
         "image.repository": "contextpolicy",
@@ -67,12 +66,7 @@ def operator():
         "watchNamespaces": "{" + ",".join(ROBOTS) + "}",
         "rosTypes": "{robot-types}",
     }
-    settings = [part for name, value in values.items() for part in ("--set", f"{name}={value}")]
-    run(
-        *("helm", "upgrade", "--install", "e2e", chart, "--namespace", SYSTEM, "--create-namespace", *settings),
-        *("--take-ownership", "--force-conflicts", "--wait", "--timeout", "120s"),
-        timeout=150,
-    )
+    run(*helm_command("e2e", SYSTEM, values), timeout=150)
     yield SYSTEM
     for namespace in ROBOTS:
         run("kubectl", "delete", "ctxp", "--all", "-n", namespace, "--timeout=60s")

@@ -17,13 +17,12 @@ import yaml
 
 from contextpolicy.bus.session import open_visitor
 from tests.e2e.background import Background
-from tests.e2e.cluster import REPOSITORY, apply, run, until
+from tests.e2e.cluster import REPOSITORY, apply, apply_definition, helm_command, run, until
 from tests.e2e.robot import Robot, Sensors, together
 from timelines.demo.cgroup import find
 from timelines.demo.deploy import free_address
 
 SYSTEM, NAMESPACE, SECOND = "e2e-lease-system", "e2e-lease", "e2e-second-system"
-CHART = str(REPOSITORY / "charts" / "contextpolicy")
 
 
 def install(release, system, address, **values):
@@ -38,12 +37,7 @@ def install(release, system, address, **values):
     }
     if address:
         settings["router.service.clusterIP"] = address
-    arguments = [part for name, value in settings.items() for part in ("--set", f"{name}={value}")]
-    run(
-        *("helm", "upgrade", "--install", release, CHART, "--namespace", system, "--create-namespace", *arguments),
-        *("--wait", "--timeout", "120s"),
-        timeout=150,
-    )
+    run(*helm_command(release, system, settings), timeout=150)
 
 
 def remove(release, system):
@@ -132,8 +126,7 @@ class Flipping(Background):
 @pytest.fixture(scope="module")
 def governed():
     """A robot under a release with a standby."""
-    definition = REPOSITORY / "crds" / "contextpolicies.contextpolicy.dev.yaml"
-    run("kubectl", "apply", "--server-side", "--force-conflicts", "-f", str(definition))
+    apply_definition()
     apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": NAMESPACE}})
     try:
         install("lease", SYSTEM, free_address(52), **{"operator.replicas": "2"})

@@ -144,17 +144,6 @@ def test_two_tasks_in_one_pod_and_a_sidecar(robot):
     robot.expect(slam=890)
 
 
-def test_pods_come_and_go_under_load(robot):
-    """Pods deleted and created while contexts change: each ends with its share."""
-    robot.policy()
-    robot.start("slam", "speech")
-    for replaced, speed in (("slam", 0.3), ("speech", 0.0), ("slam", 0.0), ("speech", 0.3)):
-        robot.drive(speed)
-        robot.stop(replaced)
-        robot.start(replaced)
-    robot.expect(slam=990, speech=10)
-
-
 @pytest.mark.parametrize("control", ["Weight", "Both"])
 def test_weight_control_moves_requests(robot, control):
     robot.start("slam", "speech")

@@ -20,7 +20,7 @@ from tests.e2e.agents import (
     policies,
     usage,
 )
-from tests.e2e.cluster import delete, run, until
+from tests.e2e.cluster import run, until
 from tests.e2e.robot import Robot, Sensors, task
 
 REALTIME, ORDINARY = {(os.SCHED_RR, PRIORITY)}, {(os.SCHED_OTHER, 0)}
@@ -187,11 +187,6 @@ def test_the_api_keeps_its_limits(governed):
     expect(governed, MOVING)
     time.sleep(1)
     assert governed.limits("slam", "speech") == {"slam": 500, "speech": 500}
-
-
-def test_deleting_the_policy_takes_all_back(governed):
-    delete("ctxp", "robot", governed.namespace)
-    untouched(governed)
 
 
 def test_changing_the_scheduler_moves_between_the_two(governed):
