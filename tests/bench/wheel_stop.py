@@ -14,7 +14,6 @@ import argparse
 import json
 import os
 import signal
-import socket
 import statistics
 import subprocess
 import sys
@@ -27,6 +26,7 @@ import zenoh
 
 from modules.navigation.simulator import Create2
 from robotkit.simulated import on_a_pseudo_terminal
+from tests.ports import free_port
 
 ROOT = Path(__file__).parents[2]
 WATCHED_S = 3.0
@@ -119,12 +119,6 @@ def program(*arguments, group=None, **environment):
         process.kill()
         process.wait()
         process.stdout.close()
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def config(mode, **more):

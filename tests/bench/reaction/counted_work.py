@@ -28,7 +28,7 @@ def rest(*_):
 signal.signal(signal.SIGUSR1, work)
 signal.signal(signal.SIGUSR2, rest)
 """
-"""The beginning of what works for 30 s after SIGUSR1, or until SIGUSR2: a benchmark that is killed leaves no busy node."""
+"""How work begins that lasts 30 s after SIGUSR1, or until SIGUSR2: a benchmark that is killed leaves no busy node."""
 COUNT = f"""{SIGNALLED}
 file = os.open({FILE!r}, os.O_RDWR | os.O_CREAT, 0o600)
 os.ftruncate(file, 8)
