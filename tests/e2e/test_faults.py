@@ -108,8 +108,10 @@ def test_router_gone_and_back(governed, faults):
         governed.expect(slam=500, speech=500)
 
 
-PARTS: dict[str, tuple[str, ...]] = {f"{name} stopped and started": (name,) for name in ("apiserver", "kubelet", "containerd")}
-PARTS["all of k3s restarted"] = components.names()
+PARTS = {
+    **{f"{name} stopped and started": (name,) for name in ("apiserver", "kubelet", "containerd")},
+    "all of k3s restarted": components.names(),
+}
 """k3s's one process is all of these, and its API takes the next plan before its kubelet is back."""
 
 

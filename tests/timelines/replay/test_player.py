@@ -3,9 +3,9 @@ from __future__ import annotations
 import json
 import queue
 import threading
-import wave
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from contextpolicy.policy.spec import Encoding, Stream
@@ -14,6 +14,7 @@ from contextpolicy.streams.subscription import inputs
 from contextpolicy.streams.timeline import parse
 from robotkit.euroc import DatasetError
 from tests.modules.robotkit.bus import Matching, client, router
+from tests.modules.sounds import write
 from tests.waiting import PATIENCE
 from timelines.replay.__main__ import main
 from timelines.replay.player import Options, Report, TimelineInputs, _window, play
@@ -31,10 +32,7 @@ TIMELINE = {
 
 @pytest.fixture
 def datasets(tmp_path):
-    (tmp_path / "speech/x").mkdir(parents=True)
-    with wave.open(str(tmp_path / "speech/x/audio.wav"), "wb") as audio:
-        audio.setparams((1, 2, 16000, 0, "NONE", None))
-        audio.writeframes(bytes(2 * 16000))
+    write(tmp_path / "speech/x/audio.wav", np.zeros(16000))
     return tmp_path
 
 
