@@ -26,6 +26,7 @@ import zenoh
 
 from modules.navigation.simulator import Create2
 from robotkit.simulated import on_a_pseudo_terminal
+from tests.bench.cgroup import cgroup
 from tests.ports import free_port
 
 ROOT = Path(__file__).parents[2]
@@ -60,43 +61,6 @@ class Timed(Create2):
         if any(self.wheels):
             self.turned = time.monotonic()
         return super().advance(seconds)
-
-
-class Cgroup:
-    """A CPU limit for processes, in cgroup v1 or v2; removed at the end."""
-
-    def __init__(self, name):
-        v1 = Path("/sys/fs/cgroup/cpu")
-        self._v1 = (v1 / "cpu.cfs_quota_us").exists() or (v1 / "cgroup.procs").exists()
-        self.path = (v1 if self._v1 else Path("/sys/fs/cgroup")) / name
-        self.path.mkdir()
-
-    def limit(self, cores):
-        quota = "-1" if cores is None else str(round(cores * 100_000))
-        if self._v1:
-            (self.path / "cpu.cfs_period_us").write_text("100000")
-            (self.path / "cpu.cfs_quota_us").write_text(quota)
-        else:
-            (self.path / "cpu.max").write_text(f"{'max' if cores is None else quota} 100000")
-
-    def add(self, pid):
-        (self.path / "cgroup.procs").write_text(str(pid))
-
-    def throttled(self):
-        stat = dict(line.split() for line in (self.path / "cpu.stat").read_text().splitlines())
-        return int(stat["nr_throttled"])
-
-    def remove(self):
-        self.path.rmdir()
-
-
-@contextmanager
-def cgroup(name):
-    group = Cgroup(f"{name}-{os.getpid()}")
-    try:
-        yield group
-    finally:
-        group.remove()
 
 
 @contextmanager
@@ -139,13 +103,11 @@ class Scene:
         self.session = stack.enter_context(zenoh.open(zenoh.Config.from_json5(settings)))
         if guarded:
             guards = stack.enter_context(cgroup("wheel-stop-guard"))
-            guards.limit(None)
             port = str(free_port())
             guard = ("-m", "modules.navigation.guard")
             self.guard = stack.enter_context(program(*guard, group=guards, ROBOT_PORT=device, GUARD_PORT=port))
             device = f"tcp://127.0.0.1:{port}"
         self.group = stack.enter_context(cgroup("wheel-stop"))
-        self.group.limit(None)
         heard = threading.Event()
         self.session.declare_subscriber("robot/navigation/odometry", lambda _: heard.set())
         self.navigation = stack.enter_context(
@@ -157,7 +119,8 @@ class Scene:
         stack.callback(self.ended.set)
         threading.Thread(target=self.scan, daemon=True).start()
         self.drive()
-        self.group.limit(cores)
+        if cores is not None:
+            self.group.limit(cores)
         if guarded:
             guards.limit(0.05)
         time.sleep(1.0)

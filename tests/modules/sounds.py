@@ -15,6 +15,6 @@ needs_voices = pytest.mark.skipif(
 def write(path, samples, rate=16_000):
     path.parent.mkdir(parents=True, exist_ok=True)
     with wave.open(str(path), "wb") as file:
-        file.setparams((1, 2, rate, 0, "NONE", None))
+        file.setparams((1, 2, rate, 0, "NONE", "not compressed"))
         file.writeframes(samples.astype("<i2").tobytes())
     return path
