@@ -9,6 +9,7 @@ import time
 import pytest
 
 from contextpolicy.bus.session import open_visitor
+from tests.e2e.agents import Component, installed
 from tests.e2e.cluster import REPOSITORY, apply, helm_command, run
 from tests.e2e.robot import Robot, Sensors
 from timelines.demo.deploy import free_address
@@ -79,6 +80,18 @@ def session(operator):  # noqa: ARG001 - the router comes with the operator
     """A session on the robot's bus."""
     with open_visitor([router()], patience=20) as opened:
         yield opened
+
+
+@pytest.fixture(scope="module")
+def module():
+    """A session with a module's role, on the bus of an installation of its own that has agents."""
+    with installed() as connect, connect("module") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def agent(module):  # noqa: ARG001 - installed with it
+    return Component("agent")
 
 
 @pytest.fixture(scope="module")

@@ -10,12 +10,10 @@ from tests.e2e.agents import (
     NAMESPACE,
     PRIORITY,
     SYSTEM,
-    Component,
     budget,
     budgets,
     budgets_above,
     group,
-    installed,
     period,
     policies,
     usage,
@@ -67,19 +65,8 @@ SUSPENDING = {"name": "moving", "when": "imu.speed > 0.05", "tasks": {"speech": 
 
 
 @pytest.fixture(scope="module")
-def session():
-    with installed() as connect, connect("module") as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
-def agent(session):  # noqa: ARG001 - installed with it
-    return Component("agent")
-
-
-@pytest.fixture(scope="module")
-def robot(session):
-    with Sensors(session) as sensors:
+def robot(module):
+    with Sensors(module) as sensors:
         robot = Robot(NAMESPACE, sensors)
         robot.drive(0.0)
         robot.start("slam", "speech", command=["python3", "-c", BUSY])
