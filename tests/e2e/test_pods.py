@@ -16,8 +16,8 @@ def robot(empty):
     return empty
 
 
-def resources(robot, name, container=0):
-    return get("pod", name, robot.namespace)["spec"]["containers"][container]["resources"]
+def resources(robot, name):
+    return get("pod", name, robot.namespace)["spec"]["containers"][0]["resources"]
 
 
 def test_guaranteed_pod_moves_request_and_limit_together(robot):
