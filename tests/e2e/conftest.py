@@ -82,6 +82,14 @@ def session(operator):  # noqa: ARG001 - the router comes with the operator
         yield opened
 
 
+@pytest.fixture
+def moving(governed):
+    """The robot under its policy, while it moves."""
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    return governed
+
+
 @pytest.fixture(scope="module")
 def module():
     """A session with a module's role, on the bus of an installation of its own that has agents."""
