@@ -40,10 +40,10 @@ class Commit:
 
 
 @contextmanager
-def exported(revision: str = "HEAD", repository: Path = REPOSITORY) -> Iterator[Commit]:
-    """Give a commit's files in a folder that lasts as long as they are needed."""
-    git = ("git", "-C", str(repository))
-    identifier, epoch = run([*git, "log", "-1", "--format=%H %ct", revision]).split()
+def exported() -> Iterator[Commit]:
+    """Give the last commit's files in a folder that lasts as long as they are needed."""
+    git = ("git", "-C", str(REPOSITORY))
+    identifier, epoch = run([*git, "log", "-1", "--format=%H %ct"]).split()
     archive = subprocess.run([*git, "archive", identifier], capture_output=True, timeout=60, check=True).stdout
     with tempfile.TemporaryDirectory(prefix="contextpolicy-release-") as folder:
         with tarfile.open(fileobj=io.BytesIO(archive)) as tar:

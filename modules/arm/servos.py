@@ -80,11 +80,6 @@ def set_speed(channel: int, us_per_s: float) -> bytes:
     return _with_value(Opcode.SET_SPEED, channel, max(int(us_per_s * QUARTERS / 100), 1))
 
 
-def set_acceleration(channel: int, value: int) -> bytes:
-    """Let a servo's speed change by this much per 80 ms; 0 is no limit."""
-    return _with_value(Opcode.SET_ACCELERATION, channel, value)
-
-
 def get_position(channel: int) -> bytes:
     """Ask for the pulse that is being sent: two bytes, the low one first."""
     return Command(Opcode.GET_POSITION, channel).encode()

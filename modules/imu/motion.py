@@ -65,8 +65,8 @@ class Motion:
 class MotionDetector:
     """Takes sample after sample, and says what the robot does at each."""
 
-    def __init__(self, thresholds: Thresholds = Thresholds()) -> None:
-        self._limits = thresholds
+    def __init__(self) -> None:
+        self._limits = Thresholds()
         self._window: deque[tuple[int, tuple[float, ...]]] = deque()
         self._bias: Floats | None = None
         self._shaken: int | None = None

@@ -30,7 +30,6 @@ _DESCRIPTOR = struct.Struct("<2sIB")
 _NODE = struct.Struct("<BHH")
 _INFO = struct.Struct("<BBBB16s")
 _HEALTH = struct.Struct("<BH")
-_SAMPLE_RATE = struct.Struct("<HH")
 _CABIN = struct.Struct("<HHB")
 _SYNC_BIT = 0x8000
 
@@ -44,9 +43,7 @@ class Command(IntEnum):
     RESET = 0x40
     GET_INFO = 0x50
     GET_HEALTH = 0x52
-    GET_SAMPLE_RATE = 0x59
     EXPRESS_SCAN = 0x82
-    SET_MOTOR_PWM = 0xF0
 
 
 class AnswerType(IntEnum):
@@ -54,13 +51,8 @@ class AnswerType(IntEnum):
 
     INFO = 0x04
     HEALTH = 0x06
-    SAMPLE_RATE = 0x15
     SCAN = 0x81
     EXPRESS_SCAN = 0x82
-
-
-class ProtocolError(Exception):
-    """The lidar's answer does not match the request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,18 +92,6 @@ class Health:
     def encode(self) -> bytes:
         """Return the three bytes."""
         return _HEALTH.pack(self.status, self.error)
-
-
-@dataclass(frozen=True, slots=True)
-class SampleRate:
-    """us per sample."""
-
-    standard: int
-    express: int
-
-    def encode(self) -> bytes:
-        """Return the four bytes."""
-        return _SAMPLE_RATE.pack(self.standard, self.express)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,14 +146,12 @@ STOP = request(Command.STOP)
 RESET = request(Command.RESET)
 GET_INFO = request(Command.GET_INFO)
 GET_HEALTH = request(Command.GET_HEALTH)
-GET_SAMPLE_RATE = request(Command.GET_SAMPLE_RATE)
 EXPRESS_SCAN = request(Command.EXPRESS_SCAN, bytes(5))
 
 SCAN_DESCRIPTOR = Descriptor(NODE_SIZE, multiple=True, type=AnswerType.SCAN)
 EXPRESS_DESCRIPTOR = Descriptor(CAPSULE_SIZE, multiple=True, type=AnswerType.EXPRESS_SCAN)
 INFO_DESCRIPTOR = Descriptor(_INFO.size, multiple=False, type=AnswerType.INFO)
 HEALTH_DESCRIPTOR = Descriptor(_HEALTH.size, multiple=False, type=AnswerType.HEALTH)
-SAMPLE_RATE_DESCRIPTOR = Descriptor(_SAMPLE_RATE.size, multiple=False, type=AnswerType.SAMPLE_RATE)
 
 
 class RequestParser:
@@ -214,14 +192,6 @@ def find_answer(data: bytes, wanted: Descriptor) -> int | None:
     return None if at < 0 else at + DESCRIPTOR_SIZE
 
 
-def decode_descriptor(data: bytes) -> Descriptor:
-    """Read the seven bytes, or raise ProtocolError."""
-    if len(data) != DESCRIPTOR_SIZE or not data.startswith(DESCRIPTOR_START):
-        raise ProtocolError(f"not a descriptor: {data.hex(' ')}")
-    _, size, kind = _DESCRIPTOR.unpack(data)
-    return Descriptor(size & 0x3FFFFFFF, multiple=bool(size >> 30 & 1), type=kind)
-
-
 def decode_info(data: bytes) -> Info:
     """Read the answer to GET_INFO."""
     model, minor, major, hardware, serial = _INFO.unpack(data)
@@ -231,11 +201,6 @@ def decode_info(data: bytes) -> Info:
 def decode_health(data: bytes) -> Health:
     """Read the answer to GET_HEALTH."""
     return Health(*_HEALTH.unpack(data))
-
-
-def decode_sample_rate(data: bytes) -> SampleRate:
-    """Read the answer to GET_SAMPLE_RATE."""
-    return SampleRate(*_SAMPLE_RATE.unpack(data))
 
 
 def decode_node(data: bytes) -> Node | None:

@@ -10,14 +10,15 @@ import math
 from collections.abc import Callable, Sequence
 
 from modules.lidar import rplidar
-from modules.lidar.rplidar import HEALTHY, PROTECTING, Capsule, Command, Health, Info, Node, RequestParser, SampleRate
+from modules.lidar.rplidar import HEALTHY, PROTECTING, Capsule, Command, Health, Info, Node, RequestParser
 from robotkit.simulated import main
 
 FAR, NEAR = 12.0, 0.15
 """m: beyond, nothing comes back."""
 TURNS_PER_SECOND = 5.5
 INFO = Info(model=0x18, firmware=(1, 29), hardware=7, serial=bytes(range(16)))
-SAMPLE_RATE = SampleRate(standard=500, express=250)
+STANDARD_RATE, EXPRESS_RATE = 2000.0, 4000.0
+"""Samples per second."""
 BOOT_MESSAGE = b"RP LIDAR System.\r\nFirmware Ver 1.29, HW Ver 7\r\nModel: 18\r\n"
 
 Distance = Callable[[float], float]
@@ -49,7 +50,7 @@ class RplidarA1:
         if self.scanning is None:
             return b""
         express = self.scanning is Command.EXPRESS_SCAN
-        rate = 1e6 / (SAMPLE_RATE.express if express else SAMPLE_RATE.standard)
+        rate = EXPRESS_RATE if express else STANDARD_RATE
         self._due += seconds * rate
         step = rplidar.FULL_TURN * TURNS_PER_SECOND / rate
         sent, size = bytearray(), 2 * rplidar.CABINS if express else 1
@@ -62,7 +63,6 @@ class RplidarA1:
         answers: dict[int, bytes] = {
             Command.GET_INFO: rplidar.INFO_DESCRIPTOR.encode() + INFO.encode(),
             Command.GET_HEALTH: rplidar.HEALTH_DESCRIPTOR.encode() + self.health.encode(),
-            Command.GET_SAMPLE_RATE: rplidar.SAMPLE_RATE_DESCRIPTOR.encode() + SAMPLE_RATE.encode(),
         }
         self.scanning = None
         if command == Command.RESET:

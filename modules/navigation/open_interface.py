@@ -169,21 +169,9 @@ def drive_direct(*, right: int, left: int) -> bytes:
     return Command(Opcode.DRIVE_DIRECT, (right, left)).encode()
 
 
-def drive_pwm(*, right: int, left: int) -> bytes:
-    """Set the duty of each wheel's motor, 255 being all of it."""
-    _check("right", right, -255, 255)
-    _check("left", left, -255, 255)
-    return Command(Opcode.DRIVE_PWM, (right, left)).encode()
-
-
 def sensors(packet: int) -> bytes:
     """Ask once for a packet or a group of them; the answer has neither header nor checksum."""
     return Command(Opcode.SENSORS, (packet,)).encode()
-
-
-def query_list(packets: Sequence[int]) -> bytes:
-    """Ask once for several packets; the answer has neither header nor checksum."""
-    return Command(Opcode.QUERY_LIST, tuple(packets)).encode()
 
 
 def stream(packets: Sequence[int]) -> bytes:
@@ -194,11 +182,6 @@ def stream(packets: Sequence[int]) -> bytes:
 def pause_stream() -> bytes:
     """End the frames; the robot remembers the packets."""
     return Command(Opcode.PAUSE_RESUME_STREAM, (0,)).encode()
-
-
-def resume_stream() -> bytes:
-    """Go on with the frames of the last `stream`."""
-    return Command(Opcode.PAUSE_RESUME_STREAM, (1,)).encode()
 
 
 START = Command(Opcode.START).encode()

@@ -19,8 +19,7 @@ FRAME_LIMIT = 172
 
 BUMPS_AND_DROPS, CLIFF_LEFT, CLIFF_FRONT_LEFT, CLIFF_FRONT_RIGHT, CLIFF_RIGHT = 7, 9, 10, 11, 12
 CHARGING_STATE, VOLTAGE, CURRENT, TEMPERATURE, CHARGE, CAPACITY = 21, 22, 23, 24, 25, 26
-CHARGING_SOURCES, OI_MODE = 34, 35
-LEFT_ENCODER, RIGHT_ENCODER, LIGHT_BUMPER = 43, 44, 45
+OI_MODE, LEFT_ENCODER, RIGHT_ENCODER = 35, 43, 44
 
 BUMP_RIGHT, BUMP_LEFT, DROP_RIGHT, DROP_LEFT = 1, 2, 4, 8
 """Bits of BUMPS_AND_DROPS."""
@@ -74,7 +73,7 @@ def _codes(packet: int) -> str:
 
 
 class Reading:
-    """An answer to `sensors` or `query_list`: the packets' data one after the other."""
+    """An answer to SENSORS or QUERY_LIST: the packets' data one after the other."""
 
     def __init__(self, packets: Sequence[int]) -> None:
         self._members = [member for packet in packets for member in members(packet)]

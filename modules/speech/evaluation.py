@@ -75,7 +75,7 @@ class _Ear:
     def __init__(self, verifier: Verifier) -> None:
         self.score = Score()
         self.evidence = Evidence()
-        self._listener = Listener(verifier=verifier)
+        self._listener = Listener(verifier)
         self._teller = Teller(THRESHOLDS)
 
     def hear(self, truth: str | None, samples: Samples) -> None:

@@ -71,12 +71,12 @@ class Teller:
 class Listener:
     """Hears commands in a stream of 16 bit samples at 16 kHz."""
 
-    def __init__(self, thresholds: Mapping[str, float] = THRESHOLDS, verifier: Verifier | None = None) -> None:
+    def __init__(self, verifier: Verifier | None = None) -> None:
         self.gate = Gate()
         self._spotter = Spotter()
         self._phones = PhoneModel()
         self._verifier = verifier or Verifier.load()
-        self._teller = Teller(thresholds)
+        self._teller = Teller(THRESHOLDS)
 
     def listen(self, utterance: Utterance) -> list[Heard]:
         """The commands in an utterance, but not those that the piece of speech before it held already."""

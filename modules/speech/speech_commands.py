@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 SPLITS = ("training", "validation", "testing")
 LISTS = {"validation": "validation_list.txt", "testing": "testing_list.txt"}
 NOISE = "_background_noise_"
+CHUNK = RATE // 10
 
 
 class RecordingError(Exception):
@@ -113,8 +114,8 @@ def between_silences(samples: Samples, seconds: float = 0.8) -> Samples:
     return np.concatenate([before, samples, after])
 
 
-def chunks(samples: Samples, size: int = RATE // 10) -> Iterator[bytes]:
+def chunks(samples: Samples) -> Iterator[bytes]:
     """Sound as a microphone delivers it, with a second of silence at the end."""
     sound = np.concatenate([np.clip(samples, -32768, 32767), np.zeros(RATE)]).astype("<i2")
-    for start in range(0, len(sound), size):
-        yield sound[start : start + size].tobytes()
+    for start in range(0, len(sound), CHUNK):
+        yield sound[start : start + CHUNK].tobytes()

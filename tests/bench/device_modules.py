@@ -13,12 +13,10 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import random
 import threading
 import time
 from contextlib import ExitStack
-from pathlib import Path
 
 import zenoh
 
@@ -34,7 +32,9 @@ from modules.navigation.odometry import Odometry
 from modules.navigation.simulator import Body, Create2
 from modules.navigation.waypoints import Route
 from robotkit.simulated import on_a_pseudo_terminal
-from tests.bench.wheel_stop import ORDER, ROOT, ROUTER, SCAN, SCAN_S, config, free_port, program
+from tests.bench.footprint.processes import cpu, resident
+from tests.bench.wheel_stop import ORDER, ROOT, ROUTER, SCAN, SCAN_S, config, program
+from tests.ports import free_port
 
 LAPS = 5
 SQUARE = [(2, 0), (2, 2), (0, 2), (0, 0)]
@@ -43,7 +43,6 @@ BODIES = {
     "wheels that slip by 1 % of each 15 ms at random": {"slip_deviation": 0.01},
     "a right wheel 0.5 % larger than nominal": {"slip_bias": (0.0, 0.005)},
 }
-TICKS = os.sysconf("SC_CLK_TCK")
 
 
 def drift(body):
@@ -86,16 +85,6 @@ def arm_error():
     return worst
 
 
-def cpu_seconds(process):
-    fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / TICKS
-
-
-def memory(process):
-    lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
-    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("VmRSS"))
-
-
 class Bus:
     """A router, a session, and what keeps the modules busy."""
 
@@ -120,11 +109,11 @@ class Bus:
 
 def cost(name, seconds, processes):
     time.sleep(3)
-    before = {part: cpu_seconds(process) for part, process in processes.items()}
+    before = {part: cpu(process.pid) for part, process in processes.items()}
     time.sleep(seconds)
     for part, process in processes.items():
-        used = (cpu_seconds(process) - before[part]) / seconds
-        print(f"{name + ' ' + part:<34} {used * 1000:>6.1f}m {memory(process):>6.1f} MiB", flush=True)
+        used = (cpu(process.pid) - before[part]) / seconds
+        print(f"{name + ' ' + part:<34} {used * 1000:>6.1f}m {resident(process.pid) / 2**20:>6.1f} MiB", flush=True)
 
 
 def navigation(seconds, *, driving):

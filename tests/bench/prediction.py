@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 from contextpolicy.simulation.forecast import PHASES, stats
 from contextpolicy.simulation.profiles import Cost
 from contextpolicy.simulation.server import Allowance, Change, Server, Work, Worker
+from tests.bench.cgroup import cgroup
 from tests.modules.robotkit.bus import client, router
 
 if TYPE_CHECKING:
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
     import zenoh
 
     from contextpolicy.simulation.forecast import Stats
+    from tests.bench.cgroup import Cgroup
 
-CGROUPS = Path("/sys/fs/cgroup")
 PERIOD, RATE, DEADLINE = 0.1, 10.0, 0.1
 WORK = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.11)
 """Quantiles of the CPU seconds of an input."""
@@ -102,7 +103,9 @@ def _measure(case: Case, seconds: float) -> tuple[dict[str, float], float]:
     with ExitStack() as stack:
         address = stack.enter_context(router())
         session = stack.enter_context(client(address))
-        group = stack.enter_context(_group(case.quota))
+        group = stack.enter_context(cgroup("prediction"))
+        group.limit(case.quota)
+        group.outweigh()
         stack.enter_context(_task(address, case.depth, group))
         publisher = session.declare_publisher("work")
         _profile(session)  # it is up
@@ -132,7 +135,7 @@ def _profile(session: zenoh.Session) -> dict[str, Any]:
 
 
 @contextmanager
-def _task(address: str, depth: int, group: Path) -> Iterator[None]:
+def _task(address: str, depth: int, group: Cgroup) -> Iterator[None]:
     with tempfile.TemporaryDirectory() as folder:
         module = Path(folder, "module.yaml")
         work = f"{{work: {{key: work, depth: {depth}}}}}"
@@ -142,31 +145,11 @@ def _task(address: str, depth: int, group: Path) -> Iterator[None]:
         environment = {**os.environ, "ZENOH_CONNECT": address}
         process = subprocess.Popen([sys.executable, str(program), str(module)], env=environment)
         try:
-            (group / "cgroup.procs").write_text(str(process.pid))
+            group.add(process.pid)
             yield
         finally:
             process.kill()
             process.wait()
-
-
-@contextmanager
-def _group(quota: float) -> Iterator[Path]:
-    v1 = (CGROUPS / "cpu").is_dir()
-    group = (CGROUPS / "cpu" if v1 else CGROUPS) / f"prediction-{os.getpid()}"
-    group.mkdir()
-    try:
-        period = round(PERIOD * 1e6)
-        if v1:
-            (group / "cpu.shares").write_text("262144")
-            (group / "cpu.cfs_period_us").write_text(str(period))
-            (group / "cpu.cfs_quota_us").write_text(str(round(quota * period)))
-        else:
-            (group / "cpu.weight").write_text("10000")
-            (group / "cpu.max").write_text(f"{round(quota * period)} {period}")
-        yield group
-    finally:
-        time.sleep(0.2)
-        group.rmdir()
 
 
 def _row(case: Case, measured: dict[str, float], predicted: Stats) -> str:

@@ -12,25 +12,21 @@ import sys
 import tempfile
 import threading
 import time
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tests.bench.cgroup import cgroup
 from tests.modules.robotkit.bus import Matching, client, router
 from timelines.datasets import euroc
 from timelines.datasets.motion import Motion
 from timelines.datasets.readers import read
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     import zenoh
 
 ROUNDS = 10
 LIMITS_M = (10, 20, 50)
-PERIOD_US = 100_000
 SETTLED_S = 2
-ROOT = Path("/sys/fs/cgroup")
 
 
 def main() -> None:
@@ -46,17 +42,17 @@ def main() -> None:
 
 def _stop(frames: list[bytes], limit: int) -> float:
     """Seconds from SIGTERM to the process's end."""
-    with router() as address, client(address) as session, _cgroup(limit) as (join, squeeze):
+    with router() as address, client(address) as session, cgroup("stopping") as group:
         camera = session.declare_publisher("robot/camera/stereo")
         listening = Matching(camera)
         command = [sys.executable, "-m", "modules.slam"]
         module = subprocess.Popen(command, env={**os.environ, "ZENOH_CONNECT": address}, stderr=subprocess.DEVNULL)
-        join(module.pid)
+        group.add(module.pid)
         listening.wait(expected=True)
         ended = threading.Event()
         thread = threading.Thread(target=_show, args=(camera, frames, ended))
         thread.start()
-        squeeze()
+        group.limit(limit / 1000)
         ended.wait(SETTLED_S)
         started = time.monotonic()
         module.terminate()
@@ -72,22 +68,6 @@ def _show(camera: zenoh.Publisher, frames: list[bytes], ended: threading.Event) 
         for frame in frames:
             camera.put(frame)
             ended.wait(0.1)
-
-
-@contextmanager
-def _cgroup(limit: int) -> Iterator[tuple[Callable[[int], int], Callable[[], int]]]:
-    second = (ROOT / "cgroup.controllers").exists()
-    group = (ROOT if second else ROOT / "cpu") / "contextpolicy-stopping"
-    group.mkdir()
-    quota = limit * PERIOD_US // 1000
-    file, text = ("cpu.max", f"{quota} {PERIOD_US}") if second else ("cpu.cfs_quota_us", str(quota))
-    try:
-        yield (
-            lambda pid: (group / "cgroup.procs").write_text(str(pid)),
-            lambda: (group / file).write_text(text),
-        )
-    finally:
-        group.rmdir()
 
 
 if __name__ == "__main__":

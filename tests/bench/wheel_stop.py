@@ -14,7 +14,6 @@ import argparse
 import json
 import os
 import signal
-import socket
 import statistics
 import subprocess
 import sys
@@ -27,6 +26,8 @@ import zenoh
 
 from modules.navigation.simulator import Create2
 from robotkit.simulated import on_a_pseudo_terminal
+from tests.bench.cgroup import cgroup
+from tests.ports import free_port
 
 ROOT = Path(__file__).parents[2]
 WATCHED_S = 3.0
@@ -62,43 +63,6 @@ class Timed(Create2):
         return super().advance(seconds)
 
 
-class Cgroup:
-    """A CPU limit for processes, in cgroup v1 or v2; removed at the end."""
-
-    def __init__(self, name):
-        v1 = Path("/sys/fs/cgroup/cpu")
-        self._v1 = (v1 / "cpu.cfs_quota_us").exists() or (v1 / "cgroup.procs").exists()
-        self.path = (v1 if self._v1 else Path("/sys/fs/cgroup")) / name
-        self.path.mkdir()
-
-    def limit(self, cores):
-        quota = "-1" if cores is None else str(round(cores * 100_000))
-        if self._v1:
-            (self.path / "cpu.cfs_period_us").write_text("100000")
-            (self.path / "cpu.cfs_quota_us").write_text(quota)
-        else:
-            (self.path / "cpu.max").write_text(f"{'max' if cores is None else quota} 100000")
-
-    def add(self, pid):
-        (self.path / "cgroup.procs").write_text(str(pid))
-
-    def throttled(self):
-        stat = dict(line.split() for line in (self.path / "cpu.stat").read_text().splitlines())
-        return int(stat["nr_throttled"])
-
-    def remove(self):
-        self.path.rmdir()
-
-
-@contextmanager
-def cgroup(name):
-    group = Cgroup(f"{name}-{os.getpid()}")
-    try:
-        yield group
-    finally:
-        group.remove()
-
-
 @contextmanager
 def program(*arguments, group=None, **environment):
     """Run a program of ours; it is killed at the end."""
@@ -119,12 +83,6 @@ def program(*arguments, group=None, **environment):
             process.kill()
 
 
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
 def config(mode, **more):
     settings = {"mode": mode, "scouting": {"multicast": {"enabled": False}}, **more}
     return json.dumps(settings)
@@ -143,13 +101,11 @@ class Scene:
         self.session = stack.enter_context(zenoh.open(zenoh.Config.from_json5(settings)))
         if guarded:
             guards = stack.enter_context(cgroup("wheel-stop-guard"))
-            guards.limit(None)
             port = str(free_port())
             guard = ("-m", "modules.navigation.guard")
             self.guard = stack.enter_context(program(*guard, group=guards, ROBOT_PORT=device, GUARD_PORT=port))
             device = f"tcp://127.0.0.1:{port}"
         self.group = stack.enter_context(cgroup("wheel-stop"))
-        self.group.limit(None)
         heard = threading.Event()
         self.session.declare_subscriber("robot/navigation/odometry", lambda _: heard.set())
         self.navigation = stack.enter_context(
@@ -161,7 +117,8 @@ class Scene:
         stack.callback(self.ended.set)
         threading.Thread(target=self.scan, daemon=True).start()
         self.drive()
-        self.group.limit(cores)
+        if cores is not None:
+            self.group.limit(cores)
         if guarded:
             guards.limit(0.05)
         time.sleep(1.0)

@@ -13,6 +13,7 @@ from tests.node import build
 from tests.node.layout import CACHE
 
 CHART = Path(__file__).parents[2] / "charts" / "contextpolicy"
+HOOK = "helm.sh/hook"
 
 
 @pytest.fixture(scope="session")
@@ -53,6 +54,12 @@ def refusal(helm):
         return done.stderr
 
     return message
+
+
+def hooks(rendered, event):
+    """All that exists only while helm tests or uninstalls the release, in the order of creation."""
+    found = [item for item in rendered.values() if item["metadata"].get("annotations", {}).get(HOOK) == event]
+    return sorted(found, key=lambda item: int(item["metadata"]["annotations"][f"{HOOK}-weight"]))
 
 
 def set_all(settings):

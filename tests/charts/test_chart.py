@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.bus.certificates import ROLES
-from tests.charts.conftest import CHART
+from tests.charts.conftest import CHART, set_all
 from tests.crds.schema import definition
 
 EVERYTHING = (
@@ -55,7 +55,7 @@ def environment(workload):
 
 @pytest.mark.parametrize("settings", [(), EVERYTHING], ids=["defaults", "everything"])
 def test_it_lints(helm, settings):
-    done = helm("lint", "--strict", str(CHART), *[part for one in settings for part in ("--set", one)])
+    done = helm("lint", "--strict", str(CHART), *set_all(settings))
     assert done.returncode == 0, done.stdout
 
 

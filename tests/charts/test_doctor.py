@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import pytest
 
+from tests.charts.conftest import HOOK, hooks
 from tests.charts.test_chart import EVERYTHING
-
-HOOK = "helm.sh/hook"
-
-
-def hooks(rendered):
-    """All that exists only during `helm test`, in the order of creation."""
-    found = [item for item in rendered.values() if item["metadata"].get("annotations", {}).get(HOOK) == "test"]
-    return sorted(found, key=lambda item: int(item["metadata"]["annotations"][f"{HOOK}-weight"]))
 
 
 def test_rights_come_before_the_pod_and_nothing_outlasts_the_test(render):
-    assert [item["kind"] for item in hooks(render())] == ["ServiceAccount", "ClusterRole", "ClusterRoleBinding", "Pod"]
-    for item in hooks(render(*EVERYTHING)):
+    kinds = [item["kind"] for item in hooks(render(), "test")]
+    assert kinds == ["ServiceAccount", "ClusterRole", "ClusterRoleBinding", "Pod"]
+    for item in hooks(render(*EVERYTHING), "test"):
         kept = item["metadata"]["annotations"][f"{HOOK}-delete-policy"]
         assert kept == "hook-succeeded,hook-failed,before-hook-creation"
 
@@ -44,4 +38,4 @@ def test_what_it_finds_is_printed_without_another_option(render):
 
 
 def test_without_rights_there_is_nothing_to_test_with(render):
-    assert hooks(render("rbac.create=false")) == []
+    assert hooks(render("rbac.create=false"), "test") == []

@@ -12,15 +12,10 @@ from contextpolicy.bus.session import open_router
 from contextpolicy.bus.signatures import Signer, Verifier
 from tests.bus.certificates import ROLES
 from tests.bus.client import client_of
-from tests.charts.test_chart import container, environment
+from tests.charts.test_chart import WORKLOADS, container, environment
 from tests.ports import free_port
 
 NOW = 1_800_000_000_000_000_000
-WORKLOADS = {
-    "operator": ("Deployment", "contextpolicy"),
-    "router": ("Deployment", "contextpolicy-router"),
-    "agent": ("DaemonSet", "contextpolicy-agent"),
-}
 
 
 @pytest.fixture(scope="module")

@@ -8,19 +8,15 @@ import pytest
 
 from contextpolicy.app.settings import read
 from contextpolicy.policy.tenants import Tenant, Tenants
-from tests.charts.test_chart import container
+from tests.charts.test_chart import environment
 
 TENANTS = {"lab": {"priority": 10, "streamPrefixes": ["robot"]}, "*": {"streamPrefixes": ["{namespace}"]}}
 SET = f"tenants:={json.dumps(TENANTS)}"
 POLICY = ("ValidatingAdmissionPolicy", "contextpolicy-streams")
 
 
-def environment(rendered):
-    return {one["name"]: one.get("value", "") for one in container(rendered["Deployment", "contextpolicy"])["env"]}
-
-
 def test_the_operator_reads_what_the_chart_writes(render):
-    environ = {"TENANTS": environment(render(SET))["TENANTS"]}
+    environ = {"TENANTS": environment(render(SET)["Deployment", "contextpolicy"])["TENANTS"]}
     assert read(environ).tenants == Tenants({"lab": Tenant(10, ("robot",)), "*": Tenant(0, ("{namespace}",))})
 
 

@@ -4,30 +4,22 @@ from __future__ import annotations
 
 import pytest
 
-from tests.charts.conftest import CHART
+from tests.charts.conftest import CHART, HOOK, hooks, set_all
 from tests.charts.test_chart import EVERYTHING, container
 
-HOOK = "helm.sh/hook"
 ADVICE = "Before you uninstall, let the operator put every container back"
 
 
-def hooks(rendered):
-    """All that exists only while the release is uninstalled, in the order of creation."""
-    found = [item for item in rendered.values() if item["metadata"].get("annotations", {}).get(HOOK) == "post-delete"]
-    return sorted(found, key=lambda item: int(item["metadata"]["annotations"][f"{HOOK}-weight"]))
-
-
 def notes(helm, *settings):
-    values = [part for one in settings for part in ("--set", one)]
-    done = helm("install", "contextpolicy", str(CHART), "--dry-run=client", *values)
+    done = helm("install", "contextpolicy", str(CHART), "--dry-run=client", *set_all(settings))
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 def test_rights_come_before_the_job_and_go_after_it(render):
-    kinds = [item["kind"] for item in hooks(render())]
+    kinds = [item["kind"] for item in hooks(render(), "post-delete")]
     assert kinds == ["ServiceAccount", "ClusterRole", "ClusterRoleBinding", "Job"]
-    for item in hooks(render(*EVERYTHING)):
+    for item in hooks(render(*EVERYTHING), "post-delete"):
         assert item["metadata"]["annotations"][f"{HOOK}-delete-policy"] == "hook-succeeded,before-hook-creation"
 
 
@@ -61,7 +53,7 @@ def test_the_job_reaches_the_api_and_nothing_else(render):
 
 @pytest.mark.parametrize("setting", ["restoreOnUninstall=false", "rbac.create=false"])
 def test_without_it_the_notes_tell_what_to_do_by_hand(helm, render, setting):
-    assert hooks(render(setting, *EVERYTHING)) == []
+    assert hooks(render(setting, *EVERYTHING), "post-delete") == []
     assert ADVICE in notes(helm, setting)
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 from contextpolicy.bus.decision_bus import agent_key
 from contextpolicy.bus.session import open_visitor
-from tests.e2e.cluster import PATIENCE, REPOSITORY, apply, run, secret_files, until
+from tests.e2e.cluster import PATIENCE, apply, helm_command, run, secret_files, until
 from tests.e2e.robot import together
 from tests.node.layout import ROOT
 from timelines.demo.cgroup import find
@@ -51,13 +51,7 @@ def installed() -> Iterator[Connect]:
         "agent.realtimePriority": str(PRIORITY),
         "agent.podLogs": str(ROOT / "pods"),
     }
-    settings = [part for name, value in values.items() for part in ("--set", f"{name}={value}")]
-    chart = str(REPOSITORY / "charts" / "contextpolicy")
-    run(
-        *("helm", "upgrade", "--install", RELEASE, chart, "--namespace", SYSTEM, "--create-namespace", *settings),
-        *("--take-ownership", "--force-conflicts", "--wait", "--timeout", "120s"),
-        timeout=150,
-    )
+    run(*helm_command(RELEASE, SYSTEM, values), timeout=150)
     yield connect
     run("kubectl", "delete", "ctxp", "--all", "-n", NAMESPACE, "--timeout=60s")
     run("helm", "uninstall", RELEASE, "--namespace", SYSTEM, "--wait", "--timeout", "60s")

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Any
 from tests.node import shell
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PATIENCE = 60.0 * shell.PATIENCE
 """Seconds in which anything must come true, on a node that has half a CPU to itself too; reaction times are for
 benchmarks, not for assertions."""
+CHART = REPOSITORY / "charts" / "contextpolicy"
 NO_RESIZES = "e2e-no-resizes"
 
 
@@ -47,6 +48,15 @@ def apply_definition() -> None:
     run("kubectl", "apply", "--server-side", "--force-conflicts", "-f", str(definition))
 
 
+def helm_command(release: str, namespace: str, values: Mapping[str, str], chart: Path = CHART) -> list[str]:
+    """How the chart is installed, or upgraded: it returns when all parts are ready."""
+    return [
+        *("helm", "upgrade", "--install", release, str(chart), "--namespace", namespace, "--create-namespace"),
+        *(part for name, value in values.items() for part in ("--set", f"{name}={value}")),
+        *("--take-ownership", "--force-conflicts", "--wait", "--timeout", "120s"),
+    ]
+
+
 def get(kind: str, name: str, namespace: str) -> dict[str, Any]:
     """One object."""
     found: dict[str, Any] = json.loads(run("kubectl", "get", kind, name, "-n", namespace, "-o", "json"))
@@ -69,6 +79,19 @@ def delete(kind: str, name: str, namespace: str) -> None:
 @contextmanager
 def resizes_refused(namespace: str, pod: str) -> Iterator[None]:
     """While this holds the API server refuses to resize pods of the namespace; `pod` is one to try it on."""
+    objects = refusal_of_resizes(namespace)
+    apply(*objects)
+    try:
+        until("the API refuses resizes", lambda: NO_RESIZES in _tried_resize(namespace, pod))
+        yield
+    finally:
+        for one in objects:
+            delete(one["kind"], NO_RESIZES, namespace)
+        until("the API takes resizes again", lambda: _tried_resize(namespace, pod) or True)
+
+
+def refusal_of_resizes(namespace: str) -> list[dict[str, Any]]:
+    """The objects by which the API server refuses to resize pods of the namespace."""
     rule = {"apiGroups": [""], "apiVersions": ["v1"], "operations": ["UPDATE"], "resources": ["pods/resize"]}
     selector = {"matchLabels": {"kubernetes.io/metadata.name": namespace}}
     spec = {
@@ -81,18 +104,10 @@ def resizes_refused(namespace: str, pod: str) -> Iterator[None]:
         "ValidatingAdmissionPolicyBinding": {"policyName": NO_RESIZES, "validationActions": ["Deny"]},
     }
     metadata = {"name": NO_RESIZES}
-    objects = [
+    return [
         {"apiVersion": "admissionregistration.k8s.io/v1", "kind": kind, "metadata": metadata, "spec": spec}
         for kind, spec in kinds.items()
     ]
-    apply(*objects)
-    try:
-        until("the API refuses resizes", lambda: NO_RESIZES in _tried_resize(namespace, pod))
-        yield
-    finally:
-        for kind in kinds:
-            delete(kind, NO_RESIZES, namespace)
-        until("the API takes resizes again", lambda: _tried_resize(namespace, pod) or True)
 
 
 def _tried_resize(namespace: str, pod: str) -> str:

@@ -9,7 +9,8 @@ import time
 import pytest
 
 from contextpolicy.bus.session import open_visitor
-from tests.e2e.cluster import REPOSITORY, apply, run
+from tests.e2e.agents import Component, installed
+from tests.e2e.cluster import REPOSITORY, apply, helm_command, run
 from tests.e2e.robot import Robot, Sensors
 from timelines.demo.deploy import free_address
 
@@ -58,7 +59,6 @@ def operator():
         pytest.exit("no cluster: run `make e2e`, which starts one, or set KUBECONFIG", returncode=1)
     for namespace in ROBOTS:
         apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": namespace}})
-    chart = str(REPOSITORY / "charts" / "contextpolicy")
     values = {
         "fullnameOverride": "e2e",
         "image.repository": "contextpolicy",
@@ -67,12 +67,7 @@ def operator():
         "watchNamespaces": "{" + ",".join(ROBOTS) + "}",
         "rosTypes": "{robot-types}",
     }
-    settings = [part for name, value in values.items() for part in ("--set", f"{name}={value}")]
-    run(
-        *("helm", "upgrade", "--install", "e2e", chart, "--namespace", SYSTEM, "--create-namespace", *settings),
-        *("--take-ownership", "--force-conflicts", "--wait", "--timeout", "120s"),
-        timeout=150,
-    )
+    run(*helm_command("e2e", SYSTEM, values), timeout=150)
     yield SYSTEM
     for namespace in ROBOTS:
         run("kubectl", "delete", "ctxp", "--all", "-n", namespace, "--timeout=60s")
@@ -85,6 +80,26 @@ def session(operator):  # noqa: ARG001 - the router comes with the operator
     """A session on the robot's bus."""
     with open_visitor([router()], patience=20) as opened:
         yield opened
+
+
+@pytest.fixture
+def moving(governed):
+    """The robot under its policy, while it moves."""
+    governed.drive(0.3)
+    governed.expect(slam=990, speech=10)
+    return governed
+
+
+@pytest.fixture(scope="module")
+def module():
+    """A session with a module's role, on the bus of an installation of its own that has agents."""
+    with installed() as connect, connect("module") as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def agent(module):  # noqa: ARG001 - installed with it
+    return Component("agent")
 
 
 @pytest.fixture(scope="module")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from tests.e2e.cluster import REPOSITORY, until
+from tests.e2e.cluster import helm_command, until
 from tests.e2e.robot import IDLE, pod, policy, task
 from tests.node import access, lifecycle
 
@@ -17,13 +16,13 @@ if TYPE_CHECKING:
 ROBOT, SYSTEM = "e2e-reboot", "e2e-reboot-system"
 ORIGINAL = {"slam": ("500m", "500m"), "speech": ("500m", "500m")}
 PLANNED = {"slam": ("750m", "750m"), "speech": ("250m", "250m")}
-SETTINGS = (
-    "image.repository=contextpolicy",
-    "image.tag=dev",
-    "fullnameOverride=reboot",
-    f"watchNamespaces={{{ROBOT}}}",
-    "router.service.clusterIP=10.96.7.51",
-)
+VALUES = {
+    "image.repository": "contextpolicy",
+    "image.tag": "dev",
+    "fullnameOverride": "reboot",
+    "watchNamespaces": f"{{{ROBOT}}}",
+    "router.service.clusterIP": "10.96.7.51",
+}
 
 
 @contextmanager
@@ -31,10 +30,7 @@ def governed() -> Iterator[None]:
     """The node is up and the robot's policy in force; all of it is removed at the end."""
     lifecycle.up()
     apply(*({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}} for name in (ROBOT, SYSTEM)))
-    chart = str(REPOSITORY / "charts" / "contextpolicy")
-    install = ["helm", "upgrade", "--install", "reboot", chart, "--namespace", SYSTEM]
-    install += [part for setting in SETTINGS for part in ("--set", setting)]
-    access.run([*install, "--take-ownership", "--force-conflicts", "--wait", "--timeout", "120s"], timeout=150)
+    access.run(helm_command("reboot", SYSTEM, VALUES), timeout=150)
     try:
         apply(*(pod(name, ROBOT, IDLE, None) for name in ("slam", "speech")))
         apply(policy(ROBOT, tasks=[task("slam", priority=3), task("speech")]))
@@ -53,10 +49,8 @@ def kubectl(*argv: str) -> str:
 
 def apply(*objects: dict[str, Any]) -> None:
     """`kubectl apply` of objects."""
-    with tempfile.NamedTemporaryFile("w", suffix=".json") as manifest:
-        json.dump({"apiVersion": "v1", "kind": "List", "items": list(objects)}, manifest)
-        manifest.flush()
-        kubectl("apply", "-f", manifest.name)
+    content = json.dumps({"apiVersion": "v1", "kind": "List", "items": list(objects)})
+    access.run(["kubectl", "apply", "-f", "-"], timeout=120, stdin=content)
 
 
 def limits() -> dict[str, tuple[str, str | None]]:

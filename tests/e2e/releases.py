@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from contextpolicy.bus.session import open_visitor
-from tests.e2e.cluster import REPOSITORY, apply, run
+from tests.e2e.cluster import CHART, apply, helm_command, run
 from tests.e2e.robot import Robot, Sensors
 from timelines.demo.deploy import free_address
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-CHART = REPOSITORY / "charts" / "contextpolicy"
 KINDS = (
     "jobs,pods,serviceaccounts,roles,rolebindings,clusterroles,clusterrolebindings,deployments,services,networkpolicies"
 )
@@ -55,11 +54,7 @@ class Release:
             "watchNamespaces": "{" + self.namespace + "}",
             **values,
         }
-        return [
-            *("helm", "upgrade", "--install", self.name, str(chart), "--namespace", self.system, "--create-namespace"),
-            *[part for name, value in settings.items() for part in ("--set", f"{name}={value}")],
-            *("--take-ownership", "--force-conflicts", "--wait", "--timeout", "120s"),
-        ]
+        return helm_command(self.name, self.system, settings, chart)
 
     def uninstall(self, timeout: int = 60) -> None:
         """Uninstall; Helm does not wait for the operator's end."""

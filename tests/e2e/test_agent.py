@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from tests.e2e.agents import NAMESPACE, Component, Trace, connect, installed, report
+from tests.e2e.agents import NAMESPACE, Component, Trace, connect, report
 from tests.e2e.cluster import PATIENCE, delete, get, resizes_refused, run, until
 from tests.e2e.robot import Robot, Sensors, together
 
@@ -17,24 +17,13 @@ STANDING, MOVING = {"slam": 500, "speech": 500}, {"slam": 990, "speech": 10}
 
 
 @pytest.fixture(scope="module")
-def session():
-    with installed() as connect, connect("module") as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
-def agent(session):  # noqa: ARG001 - installed with it
-    return Component("agent")
-
-
-@pytest.fixture(scope="module")
-def operator(session):  # noqa: ARG001 - installed with it
+def operator(module):  # noqa: ARG001 - installed with it
     return Component("operator")
 
 
 @pytest.fixture(scope="module")
-def robot(session):
-    with Sensors(session) as sensors:
+def robot(module):
+    with Sensors(module) as sensors:
         robot = Robot(NAMESPACE, sensors)
         robot.drive(0.0)
         robot.start("slam", "speech")
@@ -74,8 +63,8 @@ def in_force(robot, limits):
     until(f"the kernel enforces {limits}", lambda: (now := together(cgroups)) == limits or now)
 
 
-def test_the_agent_is_ahead_of_the_resize_which_agrees(governed, session):
-    with Trace(governed, session, "slam", "speech") as trace:
+def test_the_agent_is_ahead_of_the_resize_which_agrees(governed, module):
+    with Trace(governed, module, "slam", "speech") as trace:
         with resizes_refused(NAMESPACE, "slam"):
             governed.drive(0.3)
             in_force(governed, MOVING)
@@ -88,10 +77,10 @@ def test_the_agent_is_ahead_of_the_resize_which_agrees(governed, session):
     assert len(trace.limits) <= 4, "somebody changed the limits again"
 
 
-def test_a_storm_of_contexts_ends_in_agreement_without_lasting_excess(governed, session, agent):
+def test_a_storm_of_contexts_ends_in_agreement_without_lasting_excess(governed, module, agent):
     """The kubelet may write a limit of an older plan late; until the agent has corrected that, limits sum above N."""
     restarts = agent.restarts()
-    with Trace(governed, session, "slam", "speech") as trace:
+    with Trace(governed, module, "slam", "speech") as trace:
         storm = zip(itertools.cycle([0.3, 0.0]), itertools.cycle([0.02, 0.05, 0.1, 0.3, 0.7]), strict=False)
         for flips, (speed, pause) in enumerate(storm):
             if flips >= 40 and len(trace.limits) > 10:
@@ -108,14 +97,14 @@ def test_a_storm_of_contexts_ends_in_agreement_without_lasting_excess(governed, 
     assert agent.restarts() == restarts
 
 
-def test_messages_without_a_signature_change_nothing(governed, session, agent):
+def test_messages_without_a_signature_change_nothing(governed, module, agent):
     """Not even those of somebody who got hold of the operator's certificate; the agent lives on and does its work."""
     restarts, key = agent.restarts(), f"contextpolicy/{NAMESPACE}/robot/plan"
-    reply = next(iter(session.get(key, timeout=PATIENCE))).ok
+    reply = next(iter(module.get(key, timeout=PATIENCE))).ok
     good, signature = json.loads(reply.payload.to_bytes()), reply.attachment.to_bytes()
     slam, speech = good["targets"]
     later = good | {"sequence": good["sequence"] + 1, "targets": [slam | {"cores": 0.01}, speech]}
-    before = report(session)["refused"]
+    before = report(module)["refused"]
     with connect("operator") as forger:
         for attachment in (None, signature, b"\0" * len(signature)):
             forger.put(key, json.dumps(later), attachment=attachment)
@@ -123,7 +112,7 @@ def test_messages_without_a_signature_change_nothing(governed, session, agent):
         forger.put("*/*/*/plan", json.dumps(later), attachment=signature)
 
         def all_refused():
-            now = report(session)["refused"]
+            now = report(module)["refused"]
             counts = {reason: now.get(reason, 0) - before.get(reason, 0) for reason in ("Unsigned", "Forged")}
             return counts == {"Unsigned": 2, "Forged": 2} or counts
 
@@ -220,8 +209,8 @@ def test_an_agent_that_ends_leaves_what_the_api_says(governed, agent, operator):
     settled(governed, MOVING)
 
 
-def test_without_an_operator_unconfirmed_limits_are_undone(governed, operator, session):
-    with Trace(governed, session, "slam", "speech") as trace, unconfirmed(governed, operator) as frozen:
+def test_without_an_operator_unconfirmed_limits_are_undone(governed, operator, module):
+    with Trace(governed, module, "slam", "speech") as trace, unconfirmed(governed, operator) as frozen:
         in_force(governed, STANDING)
         assert api(governed) == STANDING
     undone = next(at for at, seen in trace.limits if at > frozen and seen != MOVING)

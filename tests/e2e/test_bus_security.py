@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from tests.e2e.agents import NAMESPACE, connect, endpoint, installed, report
+from tests.e2e.agents import NAMESPACE, connect, endpoint, report
 from tests.e2e.cluster import PATIENCE, REPOSITORY, CommandError, apply, get, run, until
 from tests.e2e.robot import Robot, Sensors, pod
 
@@ -37,19 +37,12 @@ except zenoh.ZError:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def installation():
-    with installed():
-        apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": HOSTILE}})
-        apply(pod(STRANGER, HOSTILE, ["sleep", "infinity"], None))
-        run("kubectl", "wait", f"pod/{STRANGER}", "-n", HOSTILE, "--for=condition=Ready", "--timeout=60s")
-        yield
-        run("kubectl", "delete", "namespace", HOSTILE, "--timeout=90s")
-
-
-@pytest.fixture(scope="module")
-def module():
-    with connect("module") as session:
-        yield session
+def installation(module):  # noqa: ARG001 - comes with it
+    apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": HOSTILE}})
+    apply(pod(STRANGER, HOSTILE, ["sleep", "infinity"], None))
+    run("kubectl", "wait", f"pod/{STRANGER}", "-n", HOSTILE, "--for=condition=Ready", "--timeout=60s")
+    yield
+    run("kubectl", "delete", "namespace", HOSTILE, "--timeout=90s")
 
 
 @pytest.fixture(scope="module")

@@ -16,13 +16,6 @@ def endpoint():
     return f"tcp/{free_address(48)}:7447"
 
 
-@pytest.fixture
-def moving(governed):
-    governed.drive(0.3)
-    governed.expect(**SHARES)
-    return governed
-
-
 @pytest.mark.usefixtures("moving")
 def test_explain_tells_what_the_kernel_does(endpoint, capsys):
     assert main(["explain", "e2e-robot/robot", "--connect", endpoint]) == 0

@@ -108,38 +108,27 @@ def test_router_gone_and_back(governed, faults):
         governed.expect(slam=500, speech=500)
 
 
-@own_node
-@pytest.mark.parametrize("component", ["apiserver", "kubelet", "containerd"])
-def test_part_of_the_node_gone_and_back(governed, faults, component):
-    governed.drive(0.3)
-    governed.expect(slam=990, speech=10)
-    cgroups = [governed.container("slam"), governed.container("speech")]
-    with faults(f"{component} stopped and started", "the last good plan stays, then the newest is in force") as seen:
-        lifecycle.stop(component)
-        try:
-            governed.drive(0.0)
-            assert [round(cgroup.limit() * 1000) for cgroup in cgroups] == [990, 10]
-        finally:
-            lifecycle.start(component)
-        seen.back()
-        until("the newest plan is in force", lambda: [round(c.limit() * 1000) for c in cgroups] == [500, 500], 180)
+PARTS = {
+    **{f"{name} stopped and started": (name,) for name in ("apiserver", "kubelet", "containerd")},
+    "all of k3s restarted": components.names(),
+}
+"""k3s's one process is all of these, and its API takes the next plan before its kubelet is back."""
 
 
 @own_node
-def test_all_of_k3s_restarts(governed, faults):
-    """Its one process is all of these, and its API takes the next plan before its kubelet is back."""
-    parts = components.names()
+@pytest.mark.parametrize("fault", PARTS)
+def test_parts_of_the_node_gone_and_back(governed, faults, fault):
     governed.drive(0.3)
     governed.expect(slam=990, speech=10)
     cgroups = [governed.container("slam"), governed.container("speech")]
-    with faults("all of k3s restarted", "the last good plan stays, then the newest is in force") as seen:
-        for part in reversed(parts):
+    with faults(fault, "the last good plan stays, then the newest is in force") as seen:
+        for part in reversed(PARTS[fault]):
             lifecycle.stop(part)
         try:
             governed.drive(0.0)
             assert [round(cgroup.limit() * 1000) for cgroup in cgroups] == [990, 10]
         finally:
-            for part in parts:
+            for part in PARTS[fault]:
                 lifecycle.start(part)
         seen.back()
         until("the newest plan is in force", lambda: [round(c.limit() * 1000) for c in cgroups] == [500, 500], 180)
@@ -175,6 +164,9 @@ def test_frozen_sensor(governed, faults):
             process.send_signal(signal.SIGSTOP)
             seen.back()
             governed.expect(slam=250, speech=750)
+            until("the status tells", lambda: governed.condition("StreamsHealthy")[0] == "False")
+            silent = f"stream imu ({governed.namespace}/imu) is silent"
+            assert silent in governed.condition("StreamsHealthy")[1]
             process.send_signal(signal.SIGCONT)
             governed.expect(slam=990, speech=10)
 

@@ -10,17 +10,15 @@ from tests.e2e.agents import (
     NAMESPACE,
     PRIORITY,
     SYSTEM,
-    Component,
     budget,
     budgets,
     budgets_above,
     group,
-    installed,
     period,
     policies,
     usage,
 )
-from tests.e2e.cluster import delete, run, until
+from tests.e2e.cluster import run, until
 from tests.e2e.robot import Robot, Sensors, task
 
 REALTIME, ORDINARY = {(os.SCHED_RR, PRIORITY)}, {(os.SCHED_OTHER, 0)}
@@ -67,19 +65,8 @@ SUSPENDING = {"name": "moving", "when": "imu.speed > 0.05", "tasks": {"speech": 
 
 
 @pytest.fixture(scope="module")
-def session():
-    with installed() as connect, connect("module") as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
-def agent(session):  # noqa: ARG001 - installed with it
-    return Component("agent")
-
-
-@pytest.fixture(scope="module")
-def robot(session):
-    with Sensors(session) as sensors:
+def robot(module):
+    with Sensors(module) as sensors:
         robot = Robot(NAMESPACE, sensors)
         robot.drive(0.0)
         robot.start("slam", "speech", command=["python3", "-c", BUSY])
@@ -187,11 +174,6 @@ def test_the_api_keeps_its_limits(governed):
     expect(governed, MOVING)
     time.sleep(1)
     assert governed.limits("slam", "speech") == {"slam": 500, "speech": 500}
-
-
-def test_deleting_the_policy_takes_all_back(governed):
-    delete("ctxp", "robot", governed.namespace)
-    untouched(governed)
 
 
 def test_changing_the_scheduler_moves_between_the_two(governed):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 
 import pytest
 import zenoh
@@ -11,12 +10,20 @@ import zenoh.ext
 
 from contextpolicy.app.kopf_handlers import REREAD
 from contextpolicy.streams.timeline import parse
+from tests.e2e.background import Background
 from tests.e2e.cluster import apply, delete, until
 from tests.e2e.conftest import router
 from timelines.replay.player import play
 
 DEFINITIONS = {"my_msgs.msg.Mood.msg": "std_msgs/Header header\nfloat64 joy\n"}
 MOVING = {"tasks": {"speech": {"suspend": True}}}
+
+
+class Playing(Background):
+    """A timeline, beside what is looked at."""
+
+    def __init__(self, story, session):
+        super().__init__(lambda: play(story, session, stop=self._stop), patience=5.0)
 
 
 def stream(robot, name, message_type, **more):
@@ -50,14 +57,8 @@ def test_a_timeline_drives_a_policy_of_ones_own_messages(governed, session, conf
         an_input(governed, "scan", "sensor_msgs/msg/LaserScan", {"ranges": ["NaN", "Infinity", 0.5]}),
     ]
     story = parse({"name": "glad", "duration": 4, "inputs": inputs}, tuple(DEFINITIONS.items()))
-    stop = threading.Event()
-    player = threading.Thread(target=play, args=(story, session), kwargs={"stop": stop})
-    player.start()
-    try:
+    with Playing(story, session):
         governed.expect(slam=990, speech=10)
-    finally:
-        stop.set()
-        player.join(timeout=5)
     governed.expect(slam=500, speech=500)
 
 
@@ -86,15 +87,9 @@ def test_simulated_time_is_told_and_moves_cpu(governed, session):
     value = {"header": header, "twist": {"twist": {"linear": {"x": 0.5}}}}
     driving = {**an_input(governed, "odom", "nav_msgs/msg/Odometry", value), "to": 8}
     story = parse({"name": "sim", "duration": 8, "inputs": [driving]})
-    stop = threading.Event()
-    player = threading.Thread(target=play, args=(story, session), kwargs={"stop": stop})
-    player.start()
-    try:
+    with Playing(story, session):
         governed.expect(slam=990, speech=10)
         until(
             "the status tells of the other clock",
             lambda: "another clock" in governed.status()["streams"][0].get("message", "") or governed.status(),
         )
-    finally:
-        stop.set()
-        player.join(timeout=5)

@@ -6,8 +6,8 @@ import subprocess
 import pytest
 import yaml
 
-from tests.e2e.cluster import apply_definition, delete, run, until
-from tests.e2e.releases import CHART, Release
+from tests.e2e.cluster import CHART, apply_definition, delete, run, until
+from tests.e2e.releases import Release
 
 DEFINITION = "contextpolicies.contextpolicy.dev"
 

@@ -22,13 +22,6 @@ WITHOUT_TROUBLE = {"contextpolicy_samples_dropped_total"}
 """Series that appear with the first sample that is not used."""
 
 
-@pytest.fixture
-def moving(governed):
-    governed.drive(0.3)
-    governed.expect(**SHARES)
-    return governed
-
-
 def address(component):
     selector = f"app.kubernetes.io/instance=e2e,app.kubernetes.io/component={component}"
     query = ("kubectl", "get", "pods", "-n", "e2e-system", "-l", selector, "-o", "jsonpath={.items[0].status.podIP}")

@@ -9,6 +9,7 @@ import time
 import pytest
 from kubernetes.utils.quantity import parse_quantity
 
+from tests.bench.reaction.objects import replicated
 from tests.e2e.cluster import apply, apply_definition, delete, get, run, until
 from tests.e2e.releases import Release
 from tests.e2e.robot import BUSY, pod
@@ -45,7 +46,7 @@ def release(autoscaled):  # noqa: ARG001 - a policy meets it from its first plan
 def robot(release):
     """Two busy tasks, each a StatefulSet: an autoscaler looks after controllers, not after pods."""
     with release.sensors() as robot:
-        apply(*(stateful(task, robot.namespace) for task in TASKS))
+        apply(*(replicated(pod(task, robot.namespace, BUSY, None)) for task in TASKS))
         for task in TASKS:
             run("kubectl", "rollout", "status", f"statefulset/{task}", "-n", robot.namespace, "--timeout=90s")
         yield robot
@@ -53,13 +54,6 @@ def robot(release):
         for kind in ("vpa", "statefulset"):
             run("kubectl", "delete", kind, "--all", "-n", robot.namespace, "--timeout=60s")
         until("the pods are gone", lambda: run("kubectl", "get", "pods", "-n", robot.namespace, "-o", "name") == "")
-
-
-def stateful(task, namespace):
-    made, labels = pod(task, namespace, BUSY, None), {"app": task}
-    spec = {"selector": {"matchLabels": labels}, "template": {"metadata": {"labels": labels}, "spec": made["spec"]}}
-    metadata = {"name": task, "namespace": namespace}
-    return {"apiVersion": "apps/v1", "kind": "StatefulSet", "metadata": metadata, "spec": spec}
 
 
 def look_after(robot, task, resource, **policy):

@@ -6,7 +6,6 @@ import contextlib
 import io
 import json
 import re
-import socket
 import subprocess
 import tarfile
 import time
@@ -18,6 +17,7 @@ import pytest
 from charts.release import images
 from tests.node import build
 from tests.node.layout import REPOSITORY
+from tests.ports import free_port
 
 RELEASE, AGAIN = REPOSITORY / "build" / "release", REPOSITORY / "build" / "release-again"
 LOCK = (REPOSITORY / "operator" / "requirements.txt").read_text(encoding="utf-8")
@@ -109,9 +109,7 @@ def test_the_bill_lists_what_was_locked_and_what_debian_gave(architecture):
 @pytest.fixture(scope="module")
 def registry(tmp_path_factory):
     """The address of an empty registry."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{free.getsockname()[1]}"
+    address = f"127.0.0.1:{free_port()}"
     folder = tmp_path_factory.mktemp("registry")
     (folder / "config.yaml").write_text(
         f"version: 0.1\nstorage: {{filesystem: {{rootdirectory: {folder}/data}}}}\nhttp: {{addr: '{address}'}}\n"

@@ -1,7 +1,7 @@
 import pytest
 
 from tests.node import __main__ as command_line
-from tests.node import access, images, layout, lifecycle, network
+from tests.node import access, layout, lifecycle, network
 from tests.node.errors import ClusterError
 
 
@@ -61,7 +61,3 @@ def test_an_unknown_component_is_refused_with_the_known_ones(monkeypatch):
 def test_exec_passes_everything_after_the_dashes():
     arguments = command_line.parser().parse_args(["exec", "--", "kubectl", "-n", "robot", "get", "--", "pods"])
     assert arguments.argv[-6:] == ["kubectl", "-n", "robot", "get", "--", "pods"]
-
-
-def test_pods_find_an_image_under_its_short_name():
-    assert images.reference("slam") == "docker.io/library/slam:dev"

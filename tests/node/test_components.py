@@ -12,10 +12,6 @@ def flags(component: components.Component) -> dict[str, str]:
     return dict(word.removeprefix("--").split("=", 1) for word in component.argv if "=" in word)
 
 
-def test_each_component_has_its_own_name():
-    assert len(set(components.names())) == len(components.all_components())
-
-
 def test_the_kubelet_starts_after_what_it_needs_and_so_stops_before():
     order = components.names()
     assert order.index("kine") < order.index("apiserver") < order.index("kubelet")
@@ -45,13 +41,6 @@ def test_an_unknown_datastore_is_refused_with_the_known_ones(monkeypatch, caplog
     assert "CONTEXTPOLICY_NODE_DATASTORE=mysql: it is one of kine, etcd" in caplog.text
 
 
-def test_sqlite_keeps_its_promises_to_the_robots_flash_as_in_k3s():
-    """A commit is not synchronised to the disk, a checkpoint is; a write never waits for readers."""
-    endpoint = next(word for word in components.kine().argv if word.startswith("--endpoint="))
-    assert "_journal_mode=WAL" in endpoint
-    assert "_synchronous=NORMAL" in endpoint
-
-
 def test_calls_of_pods_are_audited_and_the_nodes_own_are_not():
     policy = json.loads(configuration.audit_policy())
     levels = [(rule.get("userGroups"), rule["level"]) for rule in policy["rules"]]
@@ -59,29 +48,10 @@ def test_calls_of_pods_are_audited_and_the_nodes_own_are_not():
     assert flags(components.apiserver())["audit-log-path"] == str(layout.AUDIT_LOG)
 
 
-def test_node_name_is_one_for_kubelet_proxy_and_certificate():
-    assert flags(components.kubelet())["hostname-override"] == layout.NODE_NAME
-    assert flags(components.proxy())["hostname-override"] == layout.NODE_NAME
-    assert certificates.KUBELET.user == f"system:node:{layout.NODE_NAME}"
-
-
-def test_api_server_certificate_covers_the_addresses_that_clients_use():
-    names = certificates.API_SERVER.alternative_names
-    assert {f"IP:{layout.NODE_ADDRESS}", f"IP:{layout.API_SERVICE_ADDRESS}"} <= set(names)
-
-
 def test_client_certificates_carry_user_and_group():
     command = certificates.issue(certificates.KUBELET)
     assert f"/O=system:nodes/CN=system:node:{layout.NODE_NAME}" in command
     assert "extendedKeyUsage=clientAuth" in command
-
-
-def test_containerd_pins_the_pause_image_and_keeps_its_files_below_the_root():
-    config = tomllib.loads(configuration.containerd())
-    plugins = config["plugins"]
-    assert plugins["io.containerd.cri.v1.images"]["pinned_images"]["sandbox"] == layout.PAUSE_REFERENCE
-    assert plugins["io.containerd.cri.v1.runtime"]["restrict_oom_score_adj"] is True
-    assert config["state"].startswith(str(layout.RUN))
 
 
 def test_shim_sockets_fit_into_the_limit_of_containerd():
@@ -93,10 +63,6 @@ def test_kubelet_accepts_cgroup_v1_and_reads_static_pods():
     config = json.loads(configuration.kubelet())
     assert (config["failCgroupV1"], config["cgroupDriver"]) == (False, "cgroupfs")
     assert config["staticPodPath"] == str(layout.MANIFESTS)
-
-
-def test_the_kubelet_reads_the_directory_that_k3s_gives_it():
-    assert flags(components.kubelet())["config-dir"] == str(layout.CONFIG / "kubelet.conf.d")
 
 
 def test_kubeconfig_points_to_the_api_server_with_the_identity():

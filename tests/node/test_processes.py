@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.node import cgroups, mounts, processes, shell
+from tests.node import mounts, processes, shell
 from tests.node.errors import ClusterError
 
 
@@ -17,10 +17,6 @@ def sleeper(tmp_path, monkeypatch):
         (tmp_path / "sleeper").write_text(f"{process.pid} {processes.start_time(process.pid)}")
         yield process
         process.kill()
-
-
-def test_a_running_component_is_known_by_its_id(sleeper):
-    assert processes.alive("sleeper") == sleeper.pid
 
 
 def test_another_process_with_the_same_id_is_not_the_component(sleeper, tmp_path):
@@ -42,10 +38,6 @@ def test_stop_of_a_stopped_component_does_nothing(tmp_path, monkeypatch):
 def test_what_was_started_is_known_whatever_the_environment_says(sleeper):
     assert processes.alive("sleeper") == sleeper.pid
     assert processes.started() == ["sleeper"]
-
-
-def test_own_start_time_is_stable():
-    assert processes.start_time(os.getpid()) == processes.start_time(os.getpid()) is not None
 
 
 def test_a_failing_program_is_quoted():
@@ -79,7 +71,3 @@ def test_mounts_below_a_folder_are_listed_newest_first():
     table = "1 0 8:1 / / rw - ext4 x rw\n2 1 8:1 / /a rw - ext4 x rw\n3 2 8:1 / /a/b rw - ext4 x rw\n"
     table += "4 1 8:1 / /ab rw - ext4 x rw\n"
     assert mounts.below(Path("/a"), table) == ["/a/b", "/a"]
-
-
-def test_components_run_in_one_cpu_group():
-    assert cgroups.components_folder().name == cgroups.COMPONENTS

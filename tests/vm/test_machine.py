@@ -16,14 +16,6 @@ from tests.vm.guest import FILES, STAGES, TESTS, stages
 from tests.vm.places import INSIDE_LOGS
 
 
-def test_the_machine_has_no_network_and_its_own_time(tmp_path):
-    line = " ".join(machine.command(tmp_path / "vmlinuz", tmp_path / "initrd.img", tmp_path / "disk.img"))
-    assert "-nic none" in line
-    assert "-icount shift=0,sleep=off -rtc clock=vm" in line
-    assert "-accel tcg" in line
-    assert "kvm" not in line
-
-
 def a_machine(script):
     return [sys.executable, "-c", script]
 

@@ -5,22 +5,14 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from tests.node.build import DEBIAN_PACKAGES
 from tests.node.layout import CGROUP_DRIVER_VARIABLE, REPOSITORY
 from tests.vm import chart, guest, payload, system
-from tests.vm.places import INSIDE_REPOSITORY
 
 UNITS = sorted(payload.UNITS.glob("*.service"))
-
-
-def test_the_node_in_the_machine_uses_systemds_cgroups():
-    environment = payload.environment()
-    assert environment[CGROUP_DRIVER_VARIABLE] == "systemd"
-    assert str(INSIDE_REPOSITORY / "operator") in environment["PYTHONPATH"].split(":")
 
 
 def test_pods_of_one_node_reach_each_other_through_a_service(tmp_path):
@@ -65,11 +57,6 @@ def test_the_rendered_chart_has_its_namespaces_first(tmp_path):
     helm.chmod(0o755)
     kinds = [one["kind"] for one in json.loads(chart.rendered(str(helm)))]
     assert kinds == ["Namespace", "Namespace", "Service", "DaemonSet"]
-
-
-def test_wheels_are_for_the_python_of_the_machines_release():
-    assert payload.PYTHON == "3.11", "Debian 12's"
-    assert Path(payload.LOCKED).is_file()
 
 
 def test_the_tests_inside_need_no_more_than_the_machine_has():

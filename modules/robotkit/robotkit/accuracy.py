@@ -34,10 +34,6 @@ class Confusion:
         """Fraction of a label's occurrences that was reported as such; 0 when it never occurs."""
         return self.counts[label, label] / max(sum(self.counts[label, told] for told in self.labels), 1)
 
-    def precision(self, label: str) -> float:
-        """Fraction of a label's reports that is true; 0 when it is never reported."""
-        return self.counts[label, label] / max(sum(self.counts[truth, label] for truth in self.labels), 1)
-
     def table(self) -> str:
         """A Markdown table: a row for each true label, a column for each reported one, and the recall."""
         labels = self.labels
@@ -69,11 +65,6 @@ class Matched:
     def recall(self) -> float:
         """Fraction of the true events that was found."""
         return self.found / max(self.found + self.missed, 1)
-
-    @property
-    def precision(self) -> float:
-        """Fraction of the reported events that is true."""
-        return self.found / max(self.found + self.invented, 1)
 
 
 def match_events(truth: Iterable[Event], told: Sequence[Event], *, early: float, late: float) -> Matched:

@@ -1,11 +1,10 @@
 """What a fleet costs the operator: 5,000 pods, 500 of them tasks of 50 policies, on a real API server without kubelets.
 
-    python -m tests.bench.fleet [--tree DIR] [--pods 5000] [--robots 50] [--tasks 10]
+    python -m tests.bench.fleet [--pods 5000] [--robots 50] [--tasks 10]
 
 Prints a table, writes build/bench/fleet.json; progress goes to stderr. Memory and CPU are those of the operator's own
 process, CPU in seconds of its own, so that a busy machine does not count; times of reactions do suffer from one. Nobody
-puts the accepted limits in force, so all patches of a plan go out at once (transition Prompt). `--tree` measures the
-operator of another checkout, side by side.
+puts the accepted limits in force, so all patches of a plan go out at once (transition Prompt).
 """
 
 # ruff: noqa: T201 - a command prints
@@ -16,7 +15,6 @@ import argparse
 import json
 import sys
 from dataclasses import asdict, fields
-from pathlib import Path
 from typing import Any
 
 from tests.bench.engine_measure import machine
@@ -30,7 +28,7 @@ OUTPUT = REPOSITORY / "build" / "bench" / "fleet.json"
 def main() -> int:
     options = _options()
     fleet = Fleet(options.robots, options.tasks, options.replicas, options.pods)
-    with started(fleet, options.tree) as run:
+    with started(fleet) as run:
         phases = (run.start, run.govern, run.react, run.storm, run.churn, run.rest)
         result: dict[str, Any] = {name: value for phase in phases for name, value in phase().items()}
     result |= {"fleet": asdict(fleet), "machine": machine()}
@@ -45,7 +43,6 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m tests.bench.fleet", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--tree", type=Path, default=REPOSITORY, help="checkout whose operator runs (this one)")
     for size in fields(Fleet):
         parser.add_argument(f"--{size.name}", type=int, default=size.default, help="(%(default)s)")
     return parser.parse_args()

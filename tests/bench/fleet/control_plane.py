@@ -11,7 +11,6 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
-from socket import socket
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Self
 
@@ -21,6 +20,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 
 from tests.node import build
 from tests.node.layout import CACHE
+from tests.ports import free_port
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -89,13 +89,6 @@ class ControlPlane:
             else:
                 return
         raise RuntimeError(f"no API server:\n{(self.directory / 'kube-apiserver.log').read_text()[-2000:]}")
-
-
-def free_port() -> int:
-    """A port that nobody listens on."""
-    with socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _etcd(directory: Path, client: str, peer: str) -> tuple[str, ...]:

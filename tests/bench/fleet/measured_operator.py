@@ -13,7 +13,8 @@ import urllib.request
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from tests.bench.fleet.control_plane import free_port
+from tests.e2e.cluster import REPOSITORY
+from tests.ports import free_port
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,23 +27,23 @@ SCHEDULED = 2
 
 
 class MeasuredOperator:
-    """`contextpolicy run` of a checkout."""
+    """`contextpolicy run`, of this checkout."""
 
-    def __init__(self, tree: Path, kubeconfig: Path, router: str) -> None:
+    def __init__(self, kubeconfig: Path, router: str) -> None:
         self._health = free_port()
         self.log = kubeconfig.parent / "operator.log"
         self._log = self.log.open("w")
         self._began = time.monotonic()
         environment = {
             **os.environ,
-            "PYTHONPATH": str(tree / "operator"),
+            "PYTHONPATH": str(REPOSITORY / "operator"),
             "KUBECONFIG": str(kubeconfig),
             "ZENOH_CONNECT": router,
             "HEALTH_PORT": str(self._health),
             "METRICS_PORT": str(free_port()),
         }
         command = [sys.executable, "-m", "contextpolicy", "run"]
-        self._process = subprocess.Popen(command, env=environment, cwd=tree, stdout=self._log, stderr=self._log)
+        self._process = subprocess.Popen(command, env=environment, cwd=REPOSITORY, stdout=self._log, stderr=self._log)
 
     def __enter__(self) -> Self:
         return self

@@ -10,13 +10,13 @@ from statistics import median, quantiles
 from typing import TYPE_CHECKING
 
 from contextpolicy.bus.session import open_router
-from tests.bench.fleet.control_plane import ControlPlane, free_port
+from tests.bench.fleet.control_plane import ControlPlane
 from tests.bench.fleet.measured_operator import Applied, MeasuredOperator
 from tests.bench.reaction.site import say
+from tests.ports import free_port
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     import zenoh
 
@@ -36,13 +36,13 @@ Phase = dict[str, float]
 
 
 @contextmanager
-def started(fleet: Fleet, tree: Path) -> Iterator[Run]:
-    """The fleet without its policies on an API server of its own, and the operator of a checkout."""
+def started(fleet: Fleet) -> Iterator[Run]:
+    """The fleet without its policies on an API server of its own, and the operator."""
     router = f"tcp/127.0.0.1:{free_port()}"
     with ControlPlane() as plane, open_router([router]) as bus:
         say(f"creating {fleet.pods} pods")
         fleet.fill(plane)
-        with MeasuredOperator(tree, plane.kubeconfig, router) as operator:
+        with MeasuredOperator(plane.kubeconfig, router) as operator:
             yield Run(fleet, plane, bus, operator, router)
 
 

@@ -1,12 +1,12 @@
 """How the operator grows: 1 to 100 policies, 1 to 300 containers, 1 to 1000 samples a second.
 
-    python -m tests.bench.growth [--only policies,containers,samples] [--rounds 20] [--node build/bench/reaction.json]
+    python -m tests.bench.growth [--only policies,containers,samples] [--rounds 20]
     python -m tests.bench.growth --resume
 
 Each point has an operator and a real API server of its own, without kubelets (see tests.bench.fleet). A reaction is
 from the sample to the first and to the last PATCH that the API accepts; CPU and memory are those of the operator's own
 process. Beside them stand as many bare PATCHes at once, or live's hand-over and engine at the same rate. A real node
-carries fewer containers: `--node` is the result of tests.bench.reaction, whose transitions are drawn into the curve.
+carries fewer containers: the transitions of tests.bench.reaction, if it was run, are drawn into the curve.
 
 Prints tables, writes build/bench/growth.json and draws growth.svg beside it (with --only: growth-<sweeps>); progress
 goes to stderr. Each point is in growth.jsonl as soon as it is measured: a run that ended early goes on with --resume,
@@ -21,7 +21,6 @@ import argparse
 import json
 import signal
 import sys
-from pathlib import Path
 from typing import Any
 
 from contextpolicy.policy.spec import Transition
@@ -41,14 +40,14 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     file = OUTPUT / f"growth{'' if options.only == tuple(SWEEPS) else '-' + '-'.join(options.only)}.json"
     steps = {_step(sweep, size): (sweep, size) for sweep in options.only for size in SWEEPS[sweep]}
-    kept = {"only": list(options.only), "rounds": options.rounds, "tree": str(options.tree)}
+    kept = {"only": list(options.only), "rounds": options.rounds}
     try:
         journal = Journal(file.with_suffix(".jsonl"), kept, list(steps), resume=options.resume)
     except OtherRunError as error:
         sys.exit(f"{error}: leave --resume out to measure anew")
     try:
         for step, point in steps.items():
-            journal.once(step, lambda: measure(*point, options.rounds, options.tree))  # noqa: B023 - called at once
+            journal.once(step, lambda: measure(*point, options.rounds))  # noqa: B023 - called at once
     finally:
         result = _result(options, journal)
         file.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
@@ -63,11 +62,7 @@ def _options() -> argparse.Namespace:
     )
     parser.add_argument("--only", type=_sweeps, default=tuple(SWEEPS), help=f"some of {','.join(SWEEPS)}")
     parser.add_argument("--rounds", type=int, default=20, help="reactions at each point (%(default)s)")
-    parser.add_argument("--tree", type=Path, default=REPOSITORY, help="checkout whose operator runs (this one)")
     parser.add_argument("--resume", action="store_true", help="go on with a run of the same options that ended early")
-    parser.add_argument(
-        "--node", type=Path, default=OUTPUT / "reaction.json", help="figures of a real node, if it exists"
-    )
     return parser.parse_args()
 
 
@@ -84,15 +79,16 @@ def _result(options: argparse.Namespace, journal: Journal) -> dict[str, Any]:
         sweep: [found for size in SWEEPS[sweep] if (found := journal.found(_step(sweep, size)))]
         for sweep in options.only
     }
-    return {**sweeps, "node": _node(options.node), "machine": machine(), "left": journal.left()}
+    return {**sweeps, "node": _node(), "machine": machine(), "left": journal.left()}
 
 
 def _step(sweep: str, size: int) -> str:
     return f"{sweep}: {size}"
 
 
-def _node(file: Path) -> list[dict[str, Any]]:
+def _node() -> list[dict[str, Any]]:
     """Of the real node: until all limits of a plan are in force, with the same transition, and idle."""
+    file = OUTPUT / "reaction.json"
     if not file.exists():
         return []
     rows = json.loads(file.read_text(encoding="utf-8")).get("transition", [])

@@ -11,7 +11,6 @@ from tests.bench.growth.driving import Driving, cost
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
 SWEEPS = {
     "policies": (1, 3, 10, 30, 100),
@@ -26,14 +25,14 @@ QUIET = 10.0
 """Seconds for which an idle operator is watched."""
 
 
-def measure(sweep: str, size: int, rounds: int, tree: Path) -> dict[str, Any]:
-    """One point, of the operator of a checkout, with the machine's load at the end."""
-    found = MEASURED[sweep](size, rounds, tree)
+def measure(sweep: str, size: int, rounds: int) -> dict[str, Any]:
+    """One point, with the machine's load at the end."""
+    found = MEASURED[sweep](size, rounds)
     return {"size": size, **found, "load": round(os.getloadavg()[0], 1)}
 
 
-def _policies(size: int, rounds: int, tree: Path) -> dict[str, float]:
-    with started(Fleet(size, TASKS, pods=size * TASKS), tree) as run:
+def _policies(size: int, rounds: int) -> dict[str, float]:
+    with started(Fleet(size, TASKS, pods=size * TASKS)) as run:
         run.start()
         return {
             **run.patch(rounds),
@@ -50,15 +49,15 @@ def fleet_of(containers: int) -> Fleet:
     return Fleet(1, tasks, replicas=containers // tasks, pods=containers)
 
 
-def _containers(size: int, rounds: int, tree: Path) -> dict[str, float]:
-    with started(fleet_of(size), tree) as run:
+def _containers(size: int, rounds: int) -> dict[str, float]:
+    with started(fleet_of(size)) as run:
         run.start()
         return {**run.patch(rounds), **run.govern(), **run.react(rounds), **run.rest(QUIET)}
 
 
-def _samples(size: int, rounds: int, tree: Path) -> dict[str, float]:
+def _samples(size: int, rounds: int) -> dict[str, float]:
     fleet = Driving(1, TASKS, pods=TASKS)
-    with started(fleet, tree) as run:
+    with started(fleet) as run:
         run.start()
         with fleet.drive(run.bus, min(SWEEPS["samples"])):  # no plan before a stream was heard
             run.govern()
@@ -69,7 +68,7 @@ def _samples(size: int, rounds: int, tree: Path) -> dict[str, float]:
         return {**reaction, **spent, **run.rest(QUIET)}
 
 
-MEASURED: dict[str, Callable[[int, int, Path], dict[str, float]]] = {
+MEASURED: dict[str, Callable[[int, int], dict[str, float]]] = {
     "policies": _policies,
     "containers": _containers,
     "samples": _samples,

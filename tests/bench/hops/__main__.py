@@ -1,9 +1,9 @@
 """Where the time goes between a sample and the node agent's last cgroup write, hop by hop, beside the floor.
 
-    python -m tests.bench.hops [--rounds N] [--plain]
+    python -m tests.bench.hops [--rounds N]
 
-Sensor, router, operator and agent are processes of their own on loopback, with TLS and roles as the chart sets them up
-(--plain: without). The operator has a stand-in cluster; the agent writes cgroups of this machine that limit nobody,
+Sensor, router, operator and agent are processes of their own on loopback, with TLS and roles as the chart sets them up.
+The operator has a stand-in cluster; the agent writes cgroups of this machine that limit nobody,
 where cgroup version 1 is mounted and it may, else plain files. Two floors take turns with it, through the same router:
 
     two hops   a sensor, a process that passes each message on, and one that writes the files, which are open
@@ -64,9 +64,8 @@ WITHIN = 1.5
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=200)
-    parser.add_argument("--plain", action="store_true", help="a bus without TLS and roles")
     options = parser.parse_args()
-    cases = {_name(limits, rate): _case(limits, rate, options) for rate in RATES for limits in LIMITS}
+    cases = {_name(limits, rate): _case(limits, rate, options.rounds) for rate in RATES for limits in LIMITS}
     result = {
         "agent_ms_p50": cases["1"]["agent"]["p50_ms"],
         "agent_ms_p50_30": cases["30"]["agent"]["p50_ms"],
@@ -76,7 +75,6 @@ def main() -> int:
         "agent_ms_p50_30_imu": cases[_name(30, 200)]["agent"]["p50_ms"],
         "cases": cases,
         "machine": machine(),
-        "bus": "plain" if options.plain else "TLS, roles",
     }
     OUTPUT.parent.mkdir(parents=True, exist_ok=True)
     OUTPUT.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
@@ -89,29 +87,29 @@ class Bus:
     """Where the router listens, and who may speak there."""
 
     endpoint: str
-    authority: Authority | None
+    authority: Authority
 
-    def role(self, role: str) -> Path | None:
+    def role(self, role: str) -> str:
         """The credentials of a role."""
-        return self.authority.issue(role) if self.authority else None
+        return str(self.authority.issue(role))
 
 
 def _name(limits: int, rate: int) -> str:
     return f"{limits}, beside an IMU of {rate} Hz" if rate else str(limits)
 
 
-def _case(limits: int, rate: int, options: argparse.Namespace) -> dict[str, Any]:
+def _case(limits: int, rate: int, rounds: int) -> dict[str, Any]:
     """Medians for a plan of so many limits beside an IMU of so many samples per second."""
     with ExitStack() as stack:
         place = Path(stack.enter_context(TemporaryDirectory()))
-        scheme = "tcp" if options.plain else "tls"
-        bus = Bus(f"{scheme}/127.0.0.1:{PORT + limits}", None if options.plain else Authority(place / "bus"))
-        stack.enter_context(Child("-m", "contextpolicy", "router", "--listen", bus.endpoint, *_credentials(bus)))
+        bus = Bus(f"tls/127.0.0.1:{PORT + limits}", Authority(place / "bus"))
+        router = ("contextpolicy", "router", "--listen", bus.endpoint, "--credentials", bus.role("router"))
+        stack.enter_context(Child("-m", *router))
         layout = stack.enter_context(cgroups(place / "cgroup", [*names(limits), *_floor_names(limits)]))
         made = _Rounds(stack, place, bus, layout, limits)
         if rate:
-            stack.enter_context(_subject("sensor", bus.endpoint, _path(bus, "module"), str(rate)))
-        measured = made.measure(options.rounds)
+            stack.enter_context(_subject("sensor", bus.endpoint, bus.role("module"), str(rate)))
+        measured = made.measure(rounds)
         return {what: found for what, found in measured.items() if not (rate and what == "hops_ms_p50")}
 
 
@@ -120,33 +118,31 @@ def _floor_names(limits: int) -> list[str]:
     return [f"floor-{number}" for number in range(limits)]
 
 
-def _credentials(bus: Bus) -> list[str]:
-    directory = bus.role("router")
-    return ["--credentials", str(directory)] if directory else []
-
-
 class _Rounds:
     """The path and its floors, which take turns."""
 
     def __init__(self, stack: ExitStack, place: Path, bus: Bus, layout: CgroupPaths, limits: int) -> None:
         self._limits = limits
         keys = str(signing_keys(place / "plans"))
-        agent = {**_agent_settings(place, limits), "PLAN_SIGNING": keys, "ZENOH_CONNECT": bus.endpoint}
-        if (credentials := bus.role("agent")) is not None:
-            agent["ZENOH_CREDENTIALS"] = str(credentials)
+        agent = {
+            **_agent_settings(place, limits),
+            "PLAN_SIGNING": keys,
+            "ZENOH_CONNECT": bus.endpoint,
+            "ZENOH_CREDENTIALS": bus.role("agent"),
+        }
         self._agent = stack.enter_context(_subject("agent", environment=agent))
         time.sleep(SETTLING)
         self._operator = stack.enter_context(
-            _subject("operator", bus.endpoint, _path(bus, "operator"), keys, str(limits))
+            _subject("operator", bus.endpoint, bus.role("operator"), keys, str(limits))
         )
-        session = stack.enter_context(open_visitor([bus.endpoint], patience=5.0, credentials=bus.role("module")))
+        session = stack.enter_context(open_visitor([bus.endpoint], patience=5.0, credentials=Path(bus.role("module"))))
         self._samples, self._sent, self._relayed = (_publisher(session, key) for key in (STREAM, SENT, RELAYED))
         time.sleep(SETTLING)
         self._left = False
         self.size = self._plan_size(session)
         files = [_quota(layout, name) for name in _floor_names(limits)]
-        stack.enter_context(_subject("relay", bus.endpoint, _path(bus, "module"), str(self.size)))
-        self._writer = stack.enter_context(_subject("writer", bus.endpoint, _path(bus, "module"), *files))
+        stack.enter_context(_subject("relay", bus.endpoint, bus.role("module"), str(self.size)))
+        self._writer = stack.enter_context(_subject("writer", bus.endpoint, bus.role("module"), *files))
         time.sleep(SETTLING)
 
     def measure(self, rounds: int) -> dict[str, Any]:
@@ -222,11 +218,6 @@ def _subject(kind: str, *arguments: str, environment: dict[str, str] | None = No
     return Child("-m", "tests.bench.hops.subject", kind, *arguments, environment=environment)
 
 
-def _path(bus: Bus, role: str) -> str:
-    """The role's credentials as an argument; empty on a bus that is open to all."""
-    return str(bus.role(role) or "")
-
-
 def _publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:
     return session.declare_publisher(key, express=True, congestion_control=zenoh.CongestionControl.BLOCK)
 
@@ -240,7 +231,7 @@ def _spread(times: Sequence[float]) -> dict[str, float]:
 
 
 def _text(result: dict[str, Any]) -> str:
-    lines = [f"{result['machine']}; bus: {result['bus']}", ""]
+    lines = [f"{result['machine']}", ""]
     for limits, case in result["cases"].items():
         lines.append(f"limits: {limits}; a plan of {case['plan_bytes']} bytes; {case['missed']} missed; ms, medians:")
         lines += [f"  {what:40} {ms:7.3f}" for what, ms in case.get("hops_ms_p50", {}).items()]

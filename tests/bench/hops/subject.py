@@ -42,7 +42,7 @@ def main() -> int:
         "relay": _relay,
         "writer": _writer,
     }
-    with open_visitor([endpoint], patience=5.0, credentials=Path(credentials) if credentials else None) as session:
+    with open_visitor([endpoint], patience=5.0, credentials=Path(credentials)) as session:
         _answer(made[kind](session, *rest))
     return 0
 

@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any
 
 from tests.bench.engine_measure import machine
 from tests.bench.reaction import autoscaler, control, priority, quiet, report, rounds, storm, transition
-from tests.bench.reaction.figures import AGENT as AGENT_PATH
 from tests.bench.reaction.figures import Figures
 from tests.bench.reaction.journal import Journal, OtherRunError
 from tests.bench.reaction.site import AGENT, PLAIN, Site
@@ -52,7 +51,7 @@ def main() -> int:
     finally:
         result = _result(options, journal, problems)
         file.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    print(json.dumps(result, indent=2) if options.output == "json" else report.text(result))
+    print(report.text(result))
     return 1 if journal.left() else 0
 
 
@@ -62,14 +61,12 @@ def _options() -> argparse.Namespace:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--output", choices=("table", "json"), default="table")
     parser.add_argument("--only", type=_parts, default=PARTS, help=f"some of {','.join(PARTS)}")
     parser.add_argument("--rounds", type=int, default=20, help="reactions of each path in each case (%(default)s)")
     parser.add_argument("--resume", action="store_true", help="go on with a run of the same options that ended early")
     parser.add_argument(
         "--patience", type=float, default=quiet.BUDGET, help="seconds to wait for quiet moments, in all (%(default)s)"
     )
-    parser.add_argument("--no-agent", action="store_true", help="leave the node agent's path out")
     return parser.parse_args()
 
 
@@ -82,7 +79,7 @@ def _parts(text: str) -> tuple[str, ...]:
 
 def _kept(options: argparse.Namespace) -> dict[str, Any]:
     """What has to be the same in a run that goes on."""
-    return {"only": list(options.only), "rounds": options.rounds, "no_agent": options.no_agent}
+    return {"only": list(options.only), "rounds": options.rounds}
 
 
 def _steps(options: argparse.Namespace) -> list[str]:
@@ -100,16 +97,13 @@ def _steps(options: argparse.Namespace) -> list[str]:
 
 def _namespaces(options: argparse.Namespace) -> list[str]:
     """One for each operator: with an agent, where a part uses it."""
-    agents = not options.no_agent and bool({"table", "storm"} & set(options.only))
-    return [PLAIN, AGENT] if agents else [PLAIN]
+    return [PLAIN, AGENT] if {"table", "storm"} & set(options.only) else [PLAIN]
 
 
 def _measure(options: argparse.Namespace, journal: Journal, problems: dict[str, Any]) -> None:
     """Fill the journal with the steps that are left; what can't be measured is told in the problems."""
     if not journal.left():
         return
-    if options.no_agent:
-        problems["unmeasured"][AGENT_PATH] = "left out by --no-agent"
     with Stopwatch() as stopwatch, Site(stopwatch, options.patience) as site:
         buses = {namespace: site.operator(namespace, agent=namespace == AGENT) for namespace in _namespaces(options)}
         made: dict[str, Callable[[], None]] = {

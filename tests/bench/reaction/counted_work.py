@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from timelines.demo.cgroup import Cgroup
 
 FILE = "/dev/shm/work"  # noqa: S108 - in the container's own memory
-COUNT = f"""
-import mmap, os, signal, time
+SIGNALLED = """
+import json, mmap, os, signal, sys, time
 until = 0.0
 def work(*_):
     global until
@@ -27,6 +27,9 @@ def rest(*_):
     until = 0.0
 signal.signal(signal.SIGUSR1, work)
 signal.signal(signal.SIGUSR2, rest)
+"""
+"""How work begins that lasts 30 s after SIGUSR1, or until SIGUSR2: a benchmark that is killed leaves no busy node."""
+COUNT = f"""{SIGNALLED}
 file = os.open({FILE!r}, os.O_RDWR | os.O_CREAT, 0o600)
 os.ftruncate(file, 8)
 count = memoryview(mmap.mmap(file, 8)).cast("Q")
@@ -38,7 +41,7 @@ while True:
         pass
     count[0] += 1
 """
-"""Counts loops of a thousand turns, for 30 seconds after SIGUSR1 or until SIGUSR2."""
+"""Counts loops of a thousand turns while it works."""
 
 
 class CountedWork:

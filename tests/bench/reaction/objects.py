@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from tests.bench.reaction.counted_work import COUNT
+from tests.bench.reaction.counted_work import COUNT, SIGNALLED
 from tests.node.layout import PAUSE_IMAGE, TAG
 
 if TYPE_CHECKING:
@@ -14,23 +14,13 @@ IMAGE = "contextpolicy:dev"
 WORKER_REQUEST = "10m"
 ORIGINAL = 0.5
 """The limit, in cores, that a pod comes with which only counts or does nothing."""
-WORK = """
-import json, os, signal, sys, time
+WORK = f"""{SIGNALLED}
 processes, duty = int(sys.argv[1]), float(sys.argv[2])
-until = 0.0
-def work(*_):
-    global until
-    until = time.monotonic() + 30
-def rest(*_):
-    global until
-    until = 0.0
 def job(loops):
     began = time.monotonic()
     for _ in range(loops):
         pass
     return time.monotonic() - began
-signal.signal(signal.SIGUSR1, work)
-signal.signal(signal.SIGUSR2, rest)
 loops = int(100_000 * 0.01 / min(job(100_000) for _ in range(20)))
 for _ in range(processes - 1):
     if os.fork() == 0:
@@ -47,13 +37,10 @@ while True:
     took.append(round(job(loops) * 1e3, 2))
     if time.time() > told + 0.25:
         told = time.time()
-        os.write(1, json.dumps({"at": told, "took": took}).encode() + b"\\n")
+        os.write(1, json.dumps({{"at": told, "took": took}}).encode() + b"\\n")
         took = []
 """
-"""Jobs of 10 ms of CPU, for 30 seconds after SIGUSR1 or until SIGUSR2: a benchmark that is killed leaves no busy node.
-
-Its arguments are the number of processes, and how much of a core each of them wants.
-"""
+"""Jobs of 10 ms of CPU; its arguments are the number of processes, and how much of a core each of them wants."""
 
 
 def idle_pod(name: str, namespace: str) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 from contextpolicy.bus.session import open_visitor
 from tests.bench.reaction import objects
 from tests.bench.reaction.quiet import BUDGET, Quiet
-from tests.e2e.cluster import REPOSITORY, CommandError, apply, run, secret_files
+from tests.e2e.cluster import CommandError, apply, helm_command, run, secret_files
 from tests.node.layout import ROOT
 from timelines.demo.cgroup import Cgroup, find
 from timelines.demo.deploy import free_address
@@ -104,14 +104,8 @@ class Site:
             "agent.enabled": str(agent).lower(),
             "agent.podLogs": str(ROOT / "pods"),
         }
-        settings = [part for name, value in values.items() for part in ("--set", f"{name}={value}")]
-        chart = str(REPOSITORY / "charts" / "contextpolicy")
         self._end.callback(_quietly, "helm", "uninstall", namespace, "-n", namespace, "--wait", "--timeout", "60s")
-        run(
-            *("helm", "upgrade", "--install", namespace, chart, "--namespace", namespace, *settings),
-            *("--take-ownership", "--force-conflicts", "--wait", "--timeout", "120s"),
-            timeout=150,
-        )
+        run(*helm_command(namespace, namespace, values), timeout=150)
         self._end.callback(_quietly, "kubectl", "delete", "ctxp", "--all", "-n", namespace, "--timeout=60s")
         if not agent:
             return self._end.enter_context(open_visitor([f"tcp/{address}:7447"], patience=20))

@@ -164,8 +164,3 @@ def test_an_arm_that_is_unplugged_while_it_rests_is_told(monkeypatch):
 def test_an_order_without_an_arm_is_a_device_error():
     with pytest.raises(DeviceError, match="no arm is there"):
         World(None, MeArm(ARM, "/dev/nowhere")).order(BACK)
-
-
-def test_a_port_that_is_not_there_is_told():
-    with pytest.raises(DeviceError, match="'/dev/nowhere' cannot be opened"):
-        next(MeArm(ARM, "/dev/nowhere").produce(threading.Event()))

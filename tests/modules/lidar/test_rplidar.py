@@ -8,20 +8,15 @@ from modules.lidar import rplidar
 from modules.lidar.rplidar import (
     Capsule,
     Command,
-    Descriptor,
     Health,
     Info,
     Node,
-    ProtocolError,
     RequestParser,
-    SampleRate,
     capsule_nodes,
     decode_capsule,
-    decode_descriptor,
     decode_health,
     decode_info,
     decode_node,
-    decode_sample_rate,
     request,
 )
 
@@ -38,13 +33,11 @@ WORD = st.integers(0, 65535)
         (request(Command.FORCE_SCAN), "a5 21"),
         (rplidar.GET_INFO, "a5 50"),
         (rplidar.GET_HEALTH, "a5 52"),
-        (rplidar.GET_SAMPLE_RATE, "a5 59"),
         (rplidar.EXPRESS_SCAN, "a5 82 05 00 00 00 00 00 22"),
         (rplidar.SCAN_DESCRIPTOR.encode(), "a5 5a 05 00 00 40 81"),
         (rplidar.EXPRESS_DESCRIPTOR.encode(), "a5 5a 54 00 00 40 82"),
         (rplidar.INFO_DESCRIPTOR.encode(), "a5 5a 14 00 00 00 04"),
         (rplidar.HEALTH_DESCRIPTOR.encode(), "a5 5a 03 00 00 00 06"),
-        (rplidar.SAMPLE_RATE_DESCRIPTOR.encode(), "a5 5a 04 00 00 00 15"),
     ],
 )
 def test_the_packets_of_the_data_sheet(packet, sequence):
@@ -123,23 +116,6 @@ def test_the_info_is_decoded_as_it_was_encoded(model, major, minor, hardware, se
 @given(BYTE, WORD)
 def test_the_health_is_decoded_as_it_was_encoded(status, error):
     assert decode_health(Health(status, error).encode()) == Health(status, error)
-
-
-@given(WORD, WORD)
-def test_the_sample_rate_is_decoded_as_it_was_encoded(standard, express):
-    assert decode_sample_rate(SampleRate(standard, express).encode()) == SampleRate(standard, express)
-
-
-@given(st.integers(0, 2**30 - 1), st.booleans(), BYTE)
-def test_a_descriptor_is_decoded_as_it_was_encoded(size, multiple, kind):
-    descriptor = Descriptor(size, multiple=multiple, type=kind)
-    assert decode_descriptor(descriptor.encode()) == descriptor
-
-
-@pytest.mark.parametrize("data", [b"", b"\xa5\x5a\x05", bytes(7), b"\x5a\xa5\x05\x00\x00\x40\x81"])
-def test_what_is_no_descriptor_is_told(data):
-    with pytest.raises(ProtocolError, match="not a descriptor"):
-        decode_descriptor(data)
 
 
 REQUESTS = st.one_of(

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modules.lidar import rplidar
-from modules.lidar.rplidar import PROTECTING, Health, decode_health, decode_info, decode_sample_rate, find_answer
+from modules.lidar.rplidar import PROTECTING, Health, decode_health, decode_info, find_answer
 from modules.lidar.scan import CapsuleParser, NodeParser, Turns, ranges
-from modules.lidar.simulator import BOOT_MESSAGE, INFO, ROOM, SAMPLE_RATE, RplidarA1, seen
+from modules.lidar.simulator import BOOT_MESSAGE, INFO, ROOM, RplidarA1, seen
 
 
 def a_lidar(distance=lambda _: 1.0):
@@ -28,8 +28,6 @@ def test_it_says_what_it_is_and_how_it_is():
     lidar = a_lidar()
     assert decode_info(body(lidar.receive(rplidar.GET_INFO), rplidar.INFO_DESCRIPTOR)) == INFO
     assert decode_health(body(lidar.receive(rplidar.GET_HEALTH), rplidar.HEALTH_DESCRIPTOR)) == Health(0, 0)
-    rate = body(lidar.receive(rplidar.GET_SAMPLE_RATE), rplidar.SAMPLE_RATE_DESCRIPTOR)
-    assert decode_sample_rate(rate) == SAMPLE_RATE
 
 
 def test_it_is_idle_until_it_is_asked_and_after_a_stop():

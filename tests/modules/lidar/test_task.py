@@ -145,11 +145,6 @@ def test_what_does_not_answer_is_told(monkeypatch):
         assert "no answer to a5 52 within 0.1 s" in str(results.get(timeout=PATIENCE))
 
 
-def test_a_port_that_is_not_there_is_told():
-    with pytest.raises(DeviceError, match="'/dev/nowhere' cannot be opened"):
-        next(Lidar("/dev/nowhere").produce(threading.Event()))
-
-
 def test_all_that_is_wrong_with_the_environment_is_told_at_once():
     with pytest.raises(ConfigurationError) as caught:
         build({"LIDAR_MODE": "fast", "LIDAR_FORWARD": "nan"})

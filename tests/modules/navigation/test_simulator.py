@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from modules.navigation import open_interface as oi
 from modules.navigation import packets
 from modules.navigation.odometry import Odometry
+from modules.navigation.open_interface import Command, Opcode
 from modules.navigation.packets import Reading, StreamParser
 from modules.navigation.simulator import BOOT_MESSAGE, SPEED_STEP, Body, Create2
 
@@ -61,7 +62,7 @@ def test_speeds_come_in_steps():
         (oi.drive(228, oi.CLOCKWISE), 228, -228),
         (oi.drive(228, oi.COUNTER_CLOCKWISE), -228, 228),
         (oi.drive(-200, 500), -153, -247),
-        (oi.drive_pwm(right=255, left=-255), -500, 500),
+        (Command(Opcode.DRIVE_PWM, (255, -255)).encode(), -500, 500),
     ],
 )
 def test_the_other_ways_to_drive(command, left, right):
@@ -133,13 +134,13 @@ def test_a_stream_comes_every_15_ms_until_it_is_paused():
     assert len(StreamParser(ALL).feed(run(robot, 0.3))) == 20
     robot.receive(oi.pause_stream())
     assert run(robot, 0.3) == b""
-    robot.receive(oi.resume_stream())
+    robot.receive(Command(Opcode.PAUSE_RESUME_STREAM, (1,)).encode())
     assert len(StreamParser(ALL).feed(run(robot, 0.15))) == 10
 
 
 def test_a_query_is_answered_in_order():
     robot = a_robot()
-    answer = robot.receive(oi.query_list([packets.VOLTAGE, packets.OI_MODE]))
+    answer = robot.receive(Command(Opcode.QUERY_LIST, (packets.VOLTAGE, packets.OI_MODE)).encode())
     assert Reading([22, 35]).decode(answer) == {22: 15_800, 35: packets.SAFE_MODE}
 
 

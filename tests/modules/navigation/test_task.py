@@ -171,11 +171,6 @@ def test_noise_on_the_line_is_counted_and_the_drive_goes_on():
         assert world.next("state", doing="driving")["skipped"] > 0
 
 
-def test_a_port_that_is_not_there_is_a_device_error_that_says_what_is_allowed():
-    with pytest.raises(DeviceError, match=r"'/dev/nowhere' cannot be opened .*; allowed: a device path or tcp://"):
-        next(Navigation("/dev/nowhere").produce(threading.Event()))
-
-
 def test_an_order_without_a_robot_is_a_device_error_but_a_stop_is_not():
     navigation = Navigation("/dev/nowhere")
     navigation.process(received("order", {"stop": True}))

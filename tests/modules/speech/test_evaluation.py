@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import sys
-import wave
 
 import numpy as np
 import pytest
@@ -14,20 +13,7 @@ from modules.speech.spectrum import RATE
 from modules.speech.spotter import KEYWORDS
 from modules.speech.synthesis import speak
 from modules.speech.verifier import WEIGHTS
-
-needs_voices = pytest.mark.skipif(
-    shutil.which("flite") is None or shutil.which("sox") is None, reason="flite and sox are not installed"
-)
-
-
-def write(path, samples, rate=RATE):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with wave.open(str(path), "wb") as file:
-        file.setnchannels(1)
-        file.setsampwidth(2)
-        file.setframerate(rate)
-        file.writeframes(samples.astype("<i2").tobytes())
-    return path
+from tests.modules.sounds import needs_voices, write
 
 
 def speaker(half):

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
 import pytest
 
 from modules.speech.corpus import Spoken
 from modules.speech.examples import LABELS, examine
 from modules.speech.spotter import KEYWORDS
+from tests.modules.sounds import needs_voices
 
-pytestmark = pytest.mark.skipif(
-    shutil.which("flite") is None or shutil.which("sox") is None, reason="flite and sox are not installed"
-)
+pytestmark = needs_voices
 
 
 @pytest.fixture(scope="module")

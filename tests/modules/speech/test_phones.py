@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
 import pytest
 
 from modules.speech.phones import PHONES, PhoneModel
 from modules.speech.spectrum import RATE, mel_cepstra, with_slopes
 from modules.speech.synthesis import speak
+from tests.modules.sounds import needs_voices
 
 SILENCE, S, T, AA, AO = 32, 30, 33, 2, 5  # the order of the model's mdef file
 
@@ -19,7 +18,7 @@ def model():
     return PhoneModel()
 
 
-@pytest.mark.skipif(shutil.which("flite") is None or shutil.which("sox") is None, reason="flite or sox is missing")
+@needs_voices
 def test_the_word_stop_is_its_phones(model):
     said = np.pad(speak("stop", "rms"), RATE // 4)
     said += np.random.default_rng(1).normal(0, 5, len(said))

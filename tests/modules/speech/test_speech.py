@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -17,14 +15,12 @@ from modules.speech.task import Speech
 from robotkit import MessageError, Received
 from robotkit.accuracy import Event, match_events
 from robotkit.ros import AUDIO, AUDIO_STAMPED, encode
+from tests.modules.sounds import needs_voices
 from timelines.datasets import speech
 from timelines.datasets.readers import read
 
 CHUNK_NS = 100_000_000
 START = 1_700_000_000_000_000_000
-needs_voices = pytest.mark.skipif(
-    shutil.which("flite") is None or shutil.which("sox") is None, reason="flite and sox are not installed"
-)
 
 
 @pytest.fixture(scope="module")

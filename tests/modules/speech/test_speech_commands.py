@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import wave
-
 import numpy as np
 import pytest
 
 from modules.speech.evaluation import Score
 from modules.speech.speech_commands import RecordingError, between_silences, chunks, clips, load, noises
+from tests.modules.sounds import write
 
 NAMES = {
     "left/0a7c2a8d_nohash_0.wav": "training",
@@ -18,20 +17,14 @@ NAMES = {
 }
 
 
-def write(path, rate=16_000, count=8_000):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with wave.open(str(path), "wb") as file:
-        file.setnchannels(1)
-        file.setsampwidth(2)
-        file.setframerate(rate)
-        file.writeframes(np.arange(count, dtype="<i2").tobytes())
+SOUND = np.arange(8_000)
 
 
 @pytest.fixture
 def folder(tmp_path):
     for name in NAMES:
-        write(tmp_path / name)
-    write(tmp_path / "_background_noise_/running_tap.wav")
+        write(tmp_path / name, SOUND)
+    write(tmp_path / "_background_noise_/running_tap.wav", SOUND)
     for split in ("validation", "testing"):
         lines = (name for name, where in NAMES.items() if where == split)
         (tmp_path / f"{split}_list.txt").write_text("\n".join(lines) + "\n")
@@ -68,7 +61,7 @@ def test_a_folder_without_recordings_and_a_wrong_split_are_told(tmp_path, folder
 
 
 def test_what_is_no_recording_is_told(tmp_path):
-    write(tmp_path / "slow.wav", rate=8_000)
+    write(tmp_path / "slow.wav", SOUND, rate=8_000)
     with pytest.raises(RecordingError, match="8000"):
         load(tmp_path / "slow.wav")
     (tmp_path / "text.wav").write_text("hello")

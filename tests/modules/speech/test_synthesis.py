@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from modules.speech.synthesis import PEAK, SpeechError, speak
+from tests.modules.sounds import needs_voices
 
 
-@pytest.mark.skipif(shutil.which("flite") is None or shutil.which("sox") is None, reason="no flite or sox")
+@needs_voices
 def test_a_voice_is_as_loud_as_the_others():
     assert np.abs(speak("stop now", "slt")).max() == pytest.approx(PEAK)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -13,10 +11,7 @@ from modules.speech.examples import LABELS, examine
 from modules.speech.spotter import KEYWORDS
 from modules.speech.training import fit, importance, train
 from modules.speech.verifier import INPUTS, Verifier
-
-needs_voices = pytest.mark.skipif(
-    shutil.which("flite") is None or shutil.which("sox") is None, reason="flite and sox are not installed"
-)
+from tests.modules.sounds import needs_voices
 
 
 def test_a_network_learns_what_tells_labels_apart():

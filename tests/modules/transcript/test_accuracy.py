@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import wave
-
 import numpy as np
 import pytest
 
 from modules.transcript.accuracy import Score, edits, judge, main, recorded
+from tests.modules.sounds import write
 
 
 class Parrot:
@@ -33,25 +32,20 @@ def test_changed_missing_and_added_words_are_wrong(said, told, count):
     assert edits(said.split(), told.split()) == count
 
 
-def write(path, seconds=2):
+@pytest.fixture
+def recording(tmp_path):
     """Loud noise in the middle of silence, which the gate takes for voice."""
-    sound = np.zeros(seconds * 16_000)
+    sound = np.zeros(2 * 16_000)
     sound[16_000:24_000] = np.random.default_rng(1).normal(0, 8_000, 8_000)
-    with wave.open(str(path), "wb") as file:
-        file.setnchannels(1)
-        file.setsampwidth(2)
-        file.setframerate(16_000)
-        file.writeframes(sound.clip(-32768, 32767).astype("<i2").tobytes())
+    return write(tmp_path / "a.wav", sound.clip(-32768, 32767))
 
 
-def test_a_recording_is_judged_by_the_text_beside_it(tmp_path):
-    write(tmp_path / "a.wav")
-    (tmp_path / "a.txt").write_text("Where are you\n")
-    assert judge(recorded([tmp_path / "a.wav"]), Parrot()) == Score(words=3, wrong=1)
+def test_a_recording_is_judged_by_the_text_beside_it(recording):
+    recording.with_suffix(".txt").write_text("Where are you\n")
+    assert judge(recorded([recording]), Parrot()) == Score(words=3, wrong=1)
     assert Score(words=3, wrong=1).report() == "1 of 3 words wrong: 33%"
 
 
-def test_a_recording_without_a_text_is_one_line(tmp_path, capsys):
-    write(tmp_path / "a.wav")
-    assert main([str(tmp_path / "a.wav")]) == 2
+def test_a_recording_without_a_text_is_one_line(recording, capsys):
+    assert main([str(recording)]) == 2
     assert "a.wav: what is said is not known" in capsys.readouterr().err

@@ -1,15 +1,14 @@
 from __future__ import annotations
 
 import shutil
-import wave
 
 import numpy as np
 import pytest
 
 from contextpolicy.streams.timeline import parse
 from robotkit.euroc import DatasetError
-from robotkit.euroc import rows as euroc_rows
 from robotkit.stereo import decode
+from tests.modules.sounds import write
 from timelines.datasets.readers import positions, read
 
 START = 1403636579763555584
@@ -63,14 +62,6 @@ def test_without_ground_truth_there_is_no_speed(recorded):
         positions(recorded / "real/mav0", [START])
 
 
-def test_ground_truth_of_8_columns_gives_the_speed_of_the_path(recorded):
-    rows = [f"{START + t},{t / 1e8},0,0,1,0,0,0\n" for t in (0, 100_000_000)]
-    (recorded / "real/mav0/state_groundtruth_estimate0/data.csv").write_text("".join(rows))
-    ((_, sample),) = read(recorded, "real/imu")
-    assert isinstance(sample, dict)
-    assert sample["speed"] == 10.0
-
-
 def test_truth_is_interpolated_at_the_asked_stamps(recorded):
     assert positions(recorded / "real/mav0", [START + 25_000_000])[0].tolist() == pytest.approx([0.25, 0, 0])
 
@@ -83,15 +74,8 @@ def test_before_and_after_the_ground_truth_nothing_is_known(recorded):
     assert ["speed" in sample for _, sample in read(recorded, "real/imu")] == [False, True]
 
 
-def test_stamps_keep_all_their_digits(recorded):
-    assert [stamp for stamp, _ in euroc_rows(recorded / "real/mav0/cam0")] == [START, START + 50_000_000]
-
-
 def test_audio_comes_in_chunks_when_they_have_been_heard(tmp_path):
-    (tmp_path / "speech/x").mkdir(parents=True)
-    with wave.open(str(tmp_path / "speech/x/audio.wav"), "wb") as audio:
-        audio.setparams((1, 2, 16000, 0, "NONE", "not compressed"))
-        audio.writeframes(bytes(2 * 4000))
+    write(tmp_path / "speech/x/audio.wav", np.zeros(4000))
     chunks = [(round(at, 3), len(payload)) for at, payload in read(tmp_path, "speech/x")]
     assert chunks == [(0.1, 3200), (0.2, 3200)]
 

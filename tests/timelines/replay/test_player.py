@@ -3,10 +3,10 @@ from __future__ import annotations
 import json
 import queue
 import threading
-import wave
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from contextpolicy.policy.spec import Encoding, Stream
@@ -15,6 +15,7 @@ from contextpolicy.streams.subscription import inputs
 from contextpolicy.streams.timeline import parse
 from robotkit.euroc import DatasetError
 from tests.modules.robotkit.bus import Matching, client, router
+from tests.modules.sounds import write
 from tests.waiting import PATIENCE
 from timelines.replay.__main__ import main
 from timelines.replay.player import Options, Report, TimelineInputs, _window, play
@@ -32,10 +33,7 @@ TIMELINE: dict[str, Any] = {
 
 @pytest.fixture
 def datasets(tmp_path):
-    (tmp_path / "speech/x").mkdir(parents=True)
-    with wave.open(str(tmp_path / "speech/x/audio.wav"), "wb") as audio:
-        audio.setparams((1, 2, 16000, 0, "NONE", "not compressed"))
-        audio.writeframes(bytes(2 * 16000))
+    write(tmp_path / "speech/x/audio.wav", np.zeros(16000))
     return tmp_path
 
 

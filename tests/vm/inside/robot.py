@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from tests.e2e.cluster import NO_RESIZES, until
+from tests.e2e.cluster import NO_RESIZES, refusal_of_resizes, until
 from tests.e2e.robot import IDLE, pod, policy
 from tests.vm.chart import ROBOT
 from tests.vm.inside import api
@@ -94,19 +94,7 @@ def let_go() -> None:
 @contextmanager
 def resizes_refused() -> Iterator[None]:
     """While this holds the API server refuses to resize the robot's pods."""
-    rule = {"apiGroups": [""], "apiVersions": ["v1"], "operations": ["UPDATE"], "resources": ["pods/resize"]}
-    policy_spec = {
-        "failurePolicy": "Fail",
-        "matchConstraints": {
-            "resourceRules": [rule],
-            "namespaceSelector": {"matchLabels": {"kubernetes.io/metadata.name": ROBOT}},
-        },
-        "validations": [{"expression": "false", "message": NO_RESIZES}],
-    }
-    binding_spec = {"policyName": NO_RESIZES, "validationActions": ["Deny"]}
-    metadata = {"name": NO_RESIZES}
-    kinds = {"ValidatingAdmissionPolicy": policy_spec, "ValidatingAdmissionPolicyBinding": binding_spec}
-    api.apply(*({"apiVersion": ADMISSION, "kind": k, "metadata": metadata, "spec": s} for k, s in kinds.items()))
+    api.apply(*refusal_of_resizes(ROBOT))
     try:
         until("the API refuses resizes", lambda: NO_RESIZES in api.try_resize("slam", ROBOT))
         yield
