@@ -185,6 +185,12 @@ def test_a_withdrawal_counts_only_after_the_plan_that_it_withdraws(admission):
     admission.withdraw(POLICY, third)
 
 
+def test_a_withdrawn_policy_has_no_containers_any_more(admission):
+    admission.admit(an_order(a_target(SLAM)))
+    admission.withdraw(POLICY, next(TIMES))
+    assert admission.admit(an_order(a_target(SLAM), policy=OTHER))
+
+
 def test_a_clock_that_was_set_back_locks_nobody_out(admission):
     """Messages signed that far apart do not both pass for fresh, unless the clock was set."""
     now = next(TIMES)

@@ -26,6 +26,7 @@ def test_too_few_cores():
 
 def test_too_little_memory_where_the_limit_is_known():
     assert shortfalls({"memory": "100Mi"}, memory=1 << 20) == ["needs 104857600 bytes of memory, its limit is 1048576"]
+    assert shortfalls({"memory": "1Mi"}, memory=1 << 20) == []
     assert shortfalls({"memory": "100Mi"}) == []
 
 
@@ -33,6 +34,10 @@ def test_a_deadline_shorter_than_the_throttle_gap():
     assert shortfalls({"deadline": "20ms"}, other="3") == [
         "needs results within 0.02 s, with 500m it may stand still for 0.05 s"
     ]
+
+
+def test_a_deadline_as_long_as_the_throttle_gap_is_met():
+    assert shortfalls({"deadline": "50ms"}, other="3") == []
 
 
 def test_a_suspended_task_needs_nothing():
