@@ -7,9 +7,13 @@ from itertools import pairwise
 
 import pytest
 
+from contextpolicy.actuators.resize import guard
 from contextpolicy.actuators.resize.conflict import QUIET, REMEMBERED, STRIKES, YIELDED, Ownership
 from contextpolicy.actuators.resize.originals import Original
 from contextpolicy.actuators.resize.pauses import CONTESTED
+from contextpolicy.actuators.resize.pod_state import PodState
+from contextpolicy.actuators.resize.targets import Target
+from contextpolicy.actuators.resize.tracked_pod import TrackedPod
 from contextpolicy.cluster.pods import Cpu, view
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered
@@ -256,6 +260,13 @@ def test_what_the_plan_left_as_it_was_is_governed_too():
     assert rig.cluster.limit("slam") == 500
     assert rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]["requests"]["cpu"] == "100m"
     assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
+
+
+def test_what_was_never_resized_is_not_ours_yet():
+    pod = view(a_pod("slam"))
+    tracked, [container] = TrackedPod(PodState(pod)), pod.containers
+    target = Target(SLAM, tracked, container, OURS, container.spec)
+    assert (guard.look(POLICY, target, None, 0.0), tracked.owned) == (None, {})
 
 
 def test_what_was_there_before_the_policy_is_nobodys_fault():

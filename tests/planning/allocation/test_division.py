@@ -207,6 +207,11 @@ def test_a_container_on_a_node_of_unknown_size_waits():
     assert divided(two_tasks(), placement).nodes == {}
 
 
+def test_containers_of_other_tasks_are_no_part_of_it():
+    placement = on_node("slam", "speech", "arm")
+    assert divided(two_tasks(), placement).nodes["robot"].containers == {"slam@robot": 500, "speech@robot": 500}
+
+
 def test_many_pods_on_a_crowded_node_still_get_a_quantum_each():
     crowd = tuple(Container(f"{task}{n}", task, "robot") for task in ("slam", "speech") for n in range(5))
     policy = a_policy(tasks=[a_task("slam", min="1"), a_task("speech")])

@@ -45,6 +45,12 @@ def test_a_suspended_task_needs_nothing():
     assert Story(a_policy(tasks=tasks)).last.shortfalls == ()
 
 
+def test_where_there_is_no_plan_no_need_is_judged():
+    tasks = [a_task("slam", needs={"cores": 2}), a_task("rest")]
+    [shortfall] = Story(a_policy(tasks=tasks), on_node("slam", "rest", cores=0.01)).last.shortfalls
+    assert shortfall.message.startswith("node robot keeps its last plan")
+
+
 def test_a_request_that_keeps_a_suspended_task_running_is_told():
     tasks = [a_task("slam", idle=0), a_task("rest")]
     story = Story(a_policy(tasks=tasks), on_node("slam", "rest", cores=2, request=300))
