@@ -166,12 +166,12 @@ def test_the_last_plan_of_a_forgotten_policy_is_not_admitted_again(admission):
 def test_of_a_policy_that_is_gone_only_what_may_be_replayed_is_remembered(admission):
     for number in range(9):
         policy = f"robot/policy{number}"
-        order = an_order(policy=policy)
-        admission.admit(order, (number + 1) * REPEATABLE)
+        admission.admit(an_order(policy=policy), (number + 1) * REPEATABLE)
         admission.lose_source(policy)
         admission.forget(policy)
-        with pytest.raises(OrderError, match="before what was heard"):
-            admission.admit(order, (number + 1) * REPEATABLE)
+        for recent in (policy, f"robot/policy{max(0, number - 1)}"):
+            with pytest.raises(OrderError, match="before what was heard"):
+                admission.admit(an_order(policy=recent), max(1, number) * REPEATABLE)
     remembered = [known for known in vars(admission).values() if isinstance(known, dict | set)]
     assert max(len(known) for known in remembered) <= 2
 
@@ -183,6 +183,12 @@ def test_a_withdrawal_counts_only_after_the_plan_that_it_withdraws(admission):
         with pytest.raises(OrderError, match="before what was heard"):
             admission.withdraw(POLICY, too_early)
     admission.withdraw(POLICY, third)
+
+
+def test_a_withdrawn_policy_has_no_containers_any_more(admission):
+    admission.admit(an_order(a_target(SLAM)))
+    admission.withdraw(POLICY, next(TIMES))
+    assert admission.admit(an_order(a_target(SLAM), policy=OTHER))
 
 
 def test_a_clock_that_was_set_back_locks_nobody_out(admission):

@@ -189,6 +189,14 @@ def test_more_policies_of_a_namespace_give_it_no_greater_part():
     assert claims["elsewhere/second"].conflicts != []
 
 
+def test_no_policy_of_a_namespace_divides_what_the_containers_of_another_brought():
+    [elsewhere, lab], pods = two_tenants(elsewhere="10m", lab="500m")
+    more = view(a_pod("more", {"more": cpu("10m", "700m")}))
+    claims = claim([elsewhere, lab, policy_of("second", "more")], [*pods, more], NODES)
+    assert claims["lab/robot"].placement.left == {NODE: 500}
+    assert claims["lab/second"].placement.left == {NODE: 700}
+
+
 def test_what_a_container_got_from_a_policy_does_not_count_as_its_own():
     policies, pods = two_tenants(elsewhere="1500m", lab="800m")
     claims = claim(policies, pods, NODES, lambda uid, _: Cpu(10, 100) if uid == "elsewhere" else None)
@@ -215,6 +223,25 @@ def test_a_neighbour_whose_pods_cannot_be_resized_changes_nothing():
 def test_two_policies_of_one_namespace_divide_as_if_it_were_alone():
     policies = [policy_of("old", "slam", reserve="500m"), policy_of("young", "speech")]
     assert claim(policies, views("slam", "speech"), NODES)["lab/old"].placement.left == {}
+
+
+def test_a_reserve_beyond_the_node_leaves_others_no_more_than_the_node():
+    policies = [policy_of("old", "slam", reserve="3"), policy_of("young", "speech")]
+    assert claim(policies, views("slam", "speech"), NODES)["lab/young"].placement.left == {}
+
+
+@pytest.mark.parametrize(("control", "there"), [("Limit", False), ("Weight", True)])
+def test_only_where_requests_hold_limits_up_do_they_need_room(control, there):
+    policies = [policy_of("old", "slam", reserve="50m"), policy_of("young", "speech", control=control)]
+    assert bool(held(claim(policies, views("slam", "speech"), NODES)["lab/young"])) is there
+
+
+def test_each_node_has_room_for_its_own_containers():
+    far = a_pod("speech-2", {"speech": cpu("1500m", "1600m")}, labels={"app": "speech"})
+    far["spec"]["nodeName"] = "robot-2"
+    policies = [policy_of("old", "slam", reserve="300m"), policy_of("young", "speech")]
+    claims = claim(policies, [*views("slam", "speech"), view(far)], {**NODES, "robot-2": 2000})
+    assert claims["lab/young"].placement.allocatable.keys() == {NODE, "robot-2"}
 
 
 def test_a_policy_yields_only_the_node_that_is_too_small():
@@ -274,3 +301,33 @@ def test_a_container_that_another_policy_has_still_runs():
     claims = claim(policies, views("slam"), NODES)
     assert claims["lab/two"].placement.containers == ()
     assert claims["lab/two"].placement.absent == frozenset()
+
+
+# shadows
+
+
+def a_shadow(of):
+    return policy_of("shadow", "slam", mode="DryRun", shadow={"of": of})
+
+
+def test_a_shadow_is_placed_as_if_it_stood_where_its_policy_is():
+    policies = [policy_of("old", "speech", reserve="500m"), policy_of("base", "slam"), policy_of("young", "nav")]
+    pods = views("slam", "speech", "nav")
+    claims = claim([*policies, a_shadow("base")], pods, NODES)
+    assert held(claims["lab/shadow"]) == {"lab/slam/slam": "slam"}
+    assert claims["lab/shadow"].placement.left == {NODE: 500}
+    assert {name: own for name, own in claims.items() if name != "lab/shadow"} == claim(policies, pods, NODES)
+
+
+@pytest.mark.parametrize(
+    ("others", "allowed"),
+    [
+        ([policy_of("base", "slam"), policy_of("arm", "nav")], "one of base, arm"),
+        ([replace(policy_of("lost", "slam"), namespace="elsewhere")], "none runs"),
+    ],
+)
+def test_a_shadow_of_nothing_says_what_there_is(others, allowed):
+    result = claim([*others, a_shadow("lost")], views("slam"), NODES)["lab/shadow"]
+    assert held(result) == {}
+    told = f"'lost' is not allowed: a policy of namespace lab that runs, {allowed}"
+    assert result.conflicts == [f"spec.shadow.of: {told}"]

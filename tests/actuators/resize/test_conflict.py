@@ -6,10 +6,14 @@ import math
 
 import pytest
 
+from contextpolicy.actuators.resize import guard
 from contextpolicy.actuators.resize.conflict import QUIET, REMEMBERED, STRIKES, YIELDED, Ownership
 from contextpolicy.actuators.resize.originals import Original
 from contextpolicy.actuators.resize.pauses import CONFLICTING
-from contextpolicy.cluster.pods import Cpu
+from contextpolicy.actuators.resize.pod_state import PodState
+from contextpolicy.actuators.resize.targets import Target
+from contextpolicy.actuators.resize.tracked_pod import TrackedPod
+from contextpolicy.cluster.pods import Cpu, view
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered
 from tests.actuators.resize.rig import MOMENT, POLICY, Rig
@@ -237,7 +241,15 @@ def test_what_the_plan_left_as_it_was_is_governed_too():
     rig.settle()
     assert rig.witness.conflicts[:1] == [(SLAM, ("vpa-updater", 500, 700))]
     assert rig.cluster.limit("slam") == 500
+    assert rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]["requests"]["cpu"] == "100m"
     assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
+
+
+def test_what_was_never_resized_is_not_ours_yet():
+    pod = view(a_pod("slam"))
+    tracked, [container] = TrackedPod(PodState(pod)), pod.containers
+    target = Target(SLAM, tracked, container, OURS, tracked.state.spec(container.name), container.spec)
+    assert (guard.look(POLICY, target, None, 0.0), tracked.owned) == (None, {})
 
 
 def test_what_was_there_before_the_policy_is_nobodys_fault():
@@ -301,6 +313,27 @@ def test_what_others_did_while_no_operator_ran_is_told():
     assert rig.witness.conflicts == [(SLAM, ("kubectl-edit", 500, 700))]
     rig.settle()
     assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam")["slam"].cpu.limit) == (300, 500)
+
+
+def test_a_foreign_request_while_no_operator_ran_is_told():
+    rig = Rig(a_pod("slam"))
+    rig.plan(slam=300, control=Control.WEIGHT)
+    rig.settle()
+    rig.cluster.edit("uid-slam", "slam", by="kubectl-edit", cpu="800m", request="200m")
+    rig.cluster.edit("uid-slam", "slam", cpu="800m")
+    rig.kill()
+    rig.plan(slam=300, control=Control.WEIGHT)
+    assert rig.witness.conflicts != []
+
+
+def test_a_patch_that_the_watch_shows_before_it_is_answered_accuses_nobody():
+    rig = governed_rig()
+    rig.plan(slam=400)
+    rig.workers.run()
+    rig.resizer.observe(view(rig.cluster.feeds["uid-slam"].popleft()))
+    rig.plan(slam=450)
+    rig.settle()
+    assert (rig.cluster.limit("slam"), rig.witness.conflicts) == (450, [])
 
 
 def test_a_note_without_its_resize_accuses_nobody():

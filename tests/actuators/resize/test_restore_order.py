@@ -5,7 +5,10 @@ from __future__ import annotations
 import pytest
 
 from contextpolicy.actuators.order import Order
+from contextpolicy.actuators.resize.pod_state import PodState
+from contextpolicy.actuators.resize.put_back import is_falling, without_rises
 from contextpolicy.actuators.resize.reconciler import RESTORE_PATIENCE
+from contextpolicy.cluster.pods import Cpu, view
 from tests.actuators.resize.fake_cluster import UNREACHABLE, refusal
 from tests.actuators.resize.rig import POLICY, Rig, limits, one_pod_for_two, two_pods
 from tests.cluster.builders import NODE, a_pod, cpu
@@ -60,10 +63,25 @@ def test_a_pod_that_goes_keeps_nothing_from_rising():
     rig.release()
     rig.cluster.terminate("uid-speech")
     rig.watch()
-    assert rig.cluster.limit("slam") == 300, "its containers still run"
+    assert len(rig.workers.jobs) == 1, "its containers still run, so slam waits"
+    rig.work()
+    rig.watch()
+    assert (rig.cluster.limit("slam"), rig.workers.jobs) == (300, [])
     rig.remove("uid-speech")
     rig.settle()
     assert (rig.cluster.limit("slam"), rig.released) == (500, [POLICY])
+
+
+@pytest.mark.parametrize(("original", "falls"), [(499, True), (500, False), (None, False)])
+def test_what_may_have_more_than_its_original_falls(original, falls):
+    state = PodState(view(a_pod("slam")))
+    assert is_falling(state, POLICY, {"slam": Cpu(100, original)}) is falls
+
+
+def test_what_had_no_limit_is_not_a_rise():
+    back = {"slam": Cpu(100, None), "map": Cpu(100, 500), "nav": Cpu(100, 501)}
+    state = PodState(view(a_pod("slam", dict.fromkeys(back, cpu("100m", "500m")))))
+    assert without_rises(state, back).keys() == {"slam", "map"}
 
 
 def test_containers_of_one_pod_are_put_back_in_order_too():

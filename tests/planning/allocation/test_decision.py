@@ -109,6 +109,41 @@ class TestProtected:
         assert got == {"brake": 800, "rest": 200}
 
 
+def suspended(story):
+    return {name for name, task in story.last.tasks.items() if task.suspended}
+
+
+def test_a_group_is_suspended_with_the_last_of_its_parts():
+    tasks = [a_parent("talk", "hear", satisfiedBy="Any"), a_parent("hear", "keyword", "noise", satisfiedBy="Any")]
+    leaves = [a_task("keyword"), a_task("noise"), a_task("rest")]
+
+    def off(*names):
+        context = a_context("off", tasks={name: {"suspend": True} for name in names})
+        force = {"context": "off", "until": "2100-01-01T00:00:00Z"}
+        return suspended(Story(a_policy(tasks=[*tasks, *leaves], contexts=[context], force=force)))
+
+    assert off("keyword") == {"keyword"}
+    assert off("keyword", "noise") == {"keyword", "noise", "hear", "talk"}
+
+
+def test_a_new_weight_shows_although_no_share_changes():
+    policy = a_policy(tasks=[a_task("slam"), a_task("rest")])
+    decider, seating = Decider(policy), seat_tasks(policy, on_node("slam", "rest"))
+    for score in (1.0, 2.0, 3.0):
+        situation = Situation({"slam": score, "rest": score}, {}, (), seating, {})
+        assert decider.decide(situation).tasks == Decider(policy).decide(situation).tasks
+
+
+@pytest.mark.parametrize("placement", [on_node("slam", "rest", cores=4), on_node("slam", "rest", request=900, cores=2)])
+def test_a_new_placement_is_decided_as_if_it_were_the_first(placement):
+    policy = a_policy(tasks=[a_task("slam", priority=9), a_task("rest")])
+    decider = Decider(policy)
+    for place in (on_node("slam", "rest"), placement):
+        situation = Situation({"slam": 1.0, "rest": 1.0}, {}, (), seat_tasks(policy, place), {})
+        decision = decider.decide(situation)
+    assert decision.division == Decider(policy).decide(situation).division
+
+
 EFFECTS = st.sampled_from([{"suspend": True}, {"weight": 0}, {"scale": 0}, {"scale": 0.5}, {"weight": 3}])
 
 

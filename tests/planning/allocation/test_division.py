@@ -79,6 +79,16 @@ def test_a_request_holds_nothing_up_where_it_moves_or_does_not_count(spec):
     assert abs(containers["a"] - containers["b"]) <= 10
 
 
+def test_requests_hold_a_task_of_little_weight_up_and_beyond_its_max():
+    requesting = Placement(
+        {"robot": 1000}, (Container("a", "slam", "robot", request=200), Container("b", "slam", "robot", request=100))
+    )
+    placement = together(requesting, on_node("speech"))
+    assert divided(two_tasks(), placement, speech=99).nodes["robot"].shares == {"slam": 300, "speech": 700}
+    policy = a_policy(tasks=[a_task("slam", max="200m"), a_task("speech")])
+    assert divided(policy, placement).nodes["robot"].shares == {"slam": 300, "speech": 700}
+
+
 def test_a_suspended_task_gets_the_least_there_is_not_its_min():
     policy = a_policy(tasks=[a_task("slam"), a_task("speech", min="300m")])
     assert divided(policy, on_node("slam", "speech"), speech=0).nodes["robot"].shares == {"slam": 990, "speech": 10}
@@ -159,6 +169,14 @@ def test_a_node_on_which_nothing_is_active_is_divided_by_priority():
     assert division.resting == {"slam", "speech"}
 
 
+def test_what_is_suspended_does_not_rest_with_the_others():
+    seating = seat_tasks(two_tasks(), on_node("slam", "speech"))
+    at_rest = {"slam": Weight(0, 1, ""), "speech": Weight(0, 0, "", able=False)}
+    division = divide_nodes(seating, dict.fromkeys(at_rest, Weight(0, 0, "")), {}, lambda: at_rest)
+    assert division.nodes["robot"].shares == {"slam": 990, "speech": 10}
+    assert division.resting == {"slam"}
+
+
 def test_a_node_on_which_all_is_suspended_gives_each_the_least():
     placement = together(on_node("slam", cores=2, request=30), on_node("slam", "speech", cores=2, node="rear"))
     division = divided(two_tasks(), placement, slam=0, speech=0)
@@ -178,11 +196,20 @@ def test_a_node_too_small_for_its_tasks_says_so_and_others_are_divided():
     division = divided(two_tasks(), placement)
     assert division.nodes.keys() == {"big"}
     assert division.shortfalls[0].message.startswith("node tiny keeps its last plan: 1 units cannot be divided")
+    last = {"tiny": division.nodes["big"]._replace(capacity=20)}
+    again = divided(two_tasks(), placement, last)
+    assert again.nodes["tiny"] == last["tiny"]
+    assert again.nodes["big"] == division.nodes["big"]
 
 
 def test_a_container_on_a_node_of_unknown_size_waits():
     placement = Placement({}, (Container("a", "slam", "somewhere"),))
     assert divided(two_tasks(), placement).nodes == {}
+
+
+def test_containers_of_other_tasks_are_no_part_of_it():
+    placement = on_node("slam", "speech", "arm")
+    assert divided(two_tasks(), placement).nodes["robot"].containers == {"slam@robot": 500, "speech@robot": 500}
 
 
 def test_many_pods_on_a_crowded_node_still_get_a_quantum_each():

@@ -26,6 +26,7 @@ def test_too_few_cores():
 
 def test_too_little_memory_where_the_limit_is_known():
     assert shortfalls({"memory": "100Mi"}, memory=1 << 20) == ["needs 104857600 bytes of memory, its limit is 1048576"]
+    assert shortfalls({"memory": "1Mi"}, memory=1 << 20) == []
     assert shortfalls({"memory": "100Mi"}) == []
 
 
@@ -35,9 +36,19 @@ def test_a_deadline_shorter_than_the_throttle_gap():
     ]
 
 
+def test_a_deadline_as_long_as_the_throttle_gap_is_met():
+    assert shortfalls({"deadline": "50ms"}, other="3") == []
+
+
 def test_a_suspended_task_needs_nothing():
     tasks = [a_task("slam", idle=0, needs={"cores": 2}), a_task("rest")]
     assert Story(a_policy(tasks=tasks)).last.shortfalls == ()
+
+
+def test_where_there_is_no_plan_no_need_is_judged():
+    tasks = [a_task("slam", needs={"cores": 2}), a_task("rest")]
+    [shortfall] = Story(a_policy(tasks=tasks), on_node("slam", "rest", cores=0.01)).last.shortfalls
+    assert shortfall.message.startswith("node robot keeps its last plan")
 
 
 def test_a_request_that_keeps_a_suspended_task_running_is_told():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.planning.allocation.weights import Obstacles, Weigher
+from contextpolicy.planning.allocation.weights import HEAVIEST, Obstacles, Weigher
 from tests.planning.builders import a_context, a_parent, a_policy, a_task
 
 
@@ -45,6 +45,29 @@ def test_a_subtask_at_rest_leaves_its_part_to_the_others():
     """A score of 0 is rest, not inability: a compound task goes on."""
     got = values(a_graph("All"), transcript=0.0)
     assert got == {"speech": 6.0, "keyword": 6.0, "transcript": 0.0, "slam": 10.0}
+
+
+def test_a_subtask_at_rest_says_why_it_is_itself():
+    got = weights(a_graph("All"), transcript=0.0)
+    assert got["transcript"].because == "part of speech's 6; priority 2 times score 0"
+    got = weights(a_graph("All"), transcript=0.0, keyword=0.0)
+    assert got["transcript"].because == "priority 2 times score 0"
+    got = weights(a_graph("All"), speech=0.0)
+    assert got["transcript"].because == "speech: priority 6 times score 0"
+
+
+def test_weights_follow_contexts_that_begin_and_end():
+    policy = a_graph("Any", a_context("talk", tasks={"keyword": {"weight": 5}, "slam": {"scale": 2}}))
+    weigher, scores = Weigher(policy), {task.name: 1.0 for task in policy.tasks}
+    for contexts in ((), policy.contexts, ()):
+        again = weigher.weigh(scores, Obstacles({}), contexts)
+        assert again == Weigher(policy).weigh(scores, Obstacles({}), contexts)
+
+
+@pytest.mark.parametrize("effect", [{"weight": 1e300}, {"scale": 1e300}])
+def test_no_context_makes_a_weight_too_large_to_add(effect):
+    policy = a_policy(tasks=[a_task("slam")], contexts=[a_context("busy", tasks={"slam": effect})])
+    assert values(policy, contexts=["busy"]) == {"slam": HEAVIEST}
 
 
 SUSPENDED = {"speech": 0.0, "keyword": 0.0, "transcript": 0.0, "slam": 10.0}
