@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.patching import known, patched_on
+
 ROOT = Path(__file__).parents[1]
 OPERATOR = ROOT / "operator"
 ROBOTKIT = ROOT / "modules" / "robotkit"
@@ -186,12 +188,12 @@ def test_a_planted_trespass_is_found(room, planted, found):
     assert trespasses(room, planted) == found
 
 
+TEXTS = {name: text for root, packages in IMPORTED_FROM.items() for p in packages for name, text in sources(root, p)}
+
+
 def test_no_modules_import_each_other_in_a_cycle():
-    texts = {
-        name: text for root, packages in IMPORTED_FROM.items() for p in packages for name, text in sources(root, p)
-    }
-    assert cycle(texts) == []
-    assert {"contextpolicy.planning.planner", "robotkit.runner", "modules.slam.task", "tests.node"} <= texts.keys()
+    assert cycle(TEXTS) == []
+    assert {"contextpolicy.planning.planner", "robotkit.runner", "modules.slam.task", "tests.node"} <= TEXTS.keys()
 
 
 @pytest.mark.parametrize(
@@ -209,6 +211,30 @@ def test_no_modules_import_each_other_in_a_cycle():
 def test_a_planted_cycle_is_found(planted, found):
     texts = {"bus": "", "bus.roles": planted, "bus.session": "from bus import roles", "bus.fleet": "import bus.session"}
     assert set(cycle(texts)) == ({"bus.roles", "bus.session", "bus.fleet"} if found else set())
+
+
+def relative_imports(source):
+    """Imports whose text does not say from where: the rules here would not see them."""
+    nodes = (node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom))
+    return [ast.unparse(node) for node in nodes if node.level]
+
+
+def test_every_import_says_from_where():
+    assert {name: found for name, text in TEXTS.items() if (found := relative_imports(text))} == {}
+
+
+@pytest.mark.parametrize(
+    ("planted", "found"),
+    [
+        ("from . import binder", ["from . import binder"]),
+        ("from .. import app", ["from .. import app"]),
+        ("from ..app import wiring", ["from ..app import wiring"]),
+        ("def f():\n    from .binder import Binder", ["from .binder import Binder"]),
+        ("from contextpolicy.app import wiring\nimport math", []),
+    ],
+)
+def test_a_planted_relative_import_is_found(planted, found):
+    assert relative_imports(planted) == found
 
 
 def test_modules_import_nothing_from_timelines():
@@ -274,60 +300,12 @@ def test_the_operator_folder_cannot_shadow_pythons_operator_module():
     assert list(OPERATOR.glob("*.py")) == []
 
 
-def functions_defined(trees):
-    """The names of all functions and methods, properties excepted: what is assigned under such a name is callable."""
-    return {
-        node.name
-        for tree in trees
-        for node in ast.walk(tree)
-        if isinstance(node, ast.FunctionDef) and not any("property" in ast.unparse(d) for d in node.decorator_list)
-    }
-
-
-METHODS = functions_defined(ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.glob("**/*.py"))
-
-
-OWN = {"self", "threading"}
-"""A component's own attributes, and `threading.excepthook`, which Python has for this."""
-
-
-def is_callable(value, own, methods):
-    """Whether an expression is a function as far as its text says: a lambda, a partial, the name of one or a method."""
-    if isinstance(value, ast.Call):
-        return ast.unparse(value.func).rpartition(".")[2] == "partial"
-    if isinstance(value, ast.Name):
-        return value.id in own
-    return isinstance(value, ast.Lambda) or (isinstance(value, ast.Attribute) and value.attr in methods)
-
-
-def pairs(node):
-    """What is assigned to what, tuples taken apart."""
-    targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-    for target in targets:
-        if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
-            yield from zip(target.elts, node.value.elts, strict=True)
-        elif node.value is not None:
-            yield target, node.value
-
-
-def patched_on(source, methods=frozenset()):
-    """Every callable that is assigned onto another object, or waits in a public attribute for that to happen."""
-    tree = ast.parse(source)
-    own = functions_defined([tree])
-    for node in ast.walk(tree):
-        if not isinstance(node, ast.Assign | ast.AnnAssign):
-            continue
-        slots = isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation).startswith("Callable")
-        for target, value in pairs(node):
-            if isinstance(target, ast.Attribute):
-                patched = ast.unparse(target.value) not in OWN and is_callable(value, own, methods | own)
-                if patched or (slots and not target.attr.startswith("_")):
-                    yield ast.unparse(target)
+NAMES = known(*(ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.glob("**/*.py")))
 
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.glob("**/*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_collaborators_come_through_constructors(path):
-    assert list(patched_on(path.read_text(encoding="utf-8"), METHODS)) == []
+    assert patched_on(path.read_text(encoding="utf-8"), NAMES) == []
 
 
 @pytest.mark.parametrize(
@@ -343,7 +321,44 @@ def test_collaborators_come_through_constructors(path):
         ("self._on_change = on_change", []),
         ("entry.runner = PolicyRunner(policy)", []),
         ("class A:\n    @property\n    def body(self): pass\nentry.body = body", []),
+        ("def wire(watch, on_change):\n    watch.on_refused = on_change", ["watch.on_refused"]),
+        ("def wire(watch, wake: Callable[[], None]):\n    watch.refused = wake", ["watch.refused"]),
+        ("wake = lambda: None\nwatch.refused = wake", ["watch.refused"]),
+        ("async def wake(): pass\nwatch.refused = wake", ["watch.refused"]),
+        ("watch.on_refused = Waker()", ["watch.on_refused"]),
+        ("watch.on_refused = None", ["watch.on_refused"]),
+        ("for watch.on_refused in wakers: pass", ["watch.on_refused"]),
+        ("watch.on_refused, *others = wakers", ["watch.on_refused"]),
+        ("[watch.refused, b] = [lambda: None, 2]", ["watch.refused"]),
+        ("watch.refused = wake or (lambda: None)", ["watch.refused"]),
+        ("watch.refused = (lambda: None) if quiet else None", ["watch.refused"]),
+        ("watch.handlers['refused'] = lambda: None", ["watch.handlers['refused']"]),
+        ("setattr(watch, 'refused', x)", ["setattr(watch, 'refused', x)"]),
+        ("object.__setattr__(self.watch, 'refused', x)", ["object.__setattr__(self.watch, 'refused', x)"]),
+        ("class A:\n    def __init__(self, refused: Callable[[], None]): pass\nwatch.refused = x", ["watch.refused"]),
+        ("class A:\n    def f(self):\n        self._refused: Callable[[], None] = x\nb._refused = y", ["b._refused"]),
+        ("self.on_change = lambda: None", ["self.on_change"]),
+        ("self.on_change: Optional[Callable[[], None]] = None", ["self.on_change"]),
+        ("self.on_change: None | Callable[[], None] = None", ["self.on_change"]),
+        ("self.on_change: 'Callable[[], None] | None' = None", ["self.on_change"]),
+        ("self.on_change: typing.Callable[[], None]", ["self.on_change"]),
+        ("Listener: TypeAlias = 'Callable[[], None]'\nself.on_change: Listener = x", ["self.on_change"]),
+        ("Listener = Callable[[], None]\nclass A:\n    on_change: Listener", ["on_change"]),
+        ("class A:\n    on_change: Callable[[], None]", ["on_change"]),
+        ("class A:\n    on_change = lambda: None", ["on_change"]),
+        ("@dataclass\nclass A:\n    on_change: Callable[[], None] = lambda: None", ["on_change"]),
+        ("@dataclass(frozen=True)\nclass A:\n    on_change: Callable[[], None] = lambda: None", ["on_change"]),
+        ("@dataclass\nclass A:\n    on_change: Callable[[], None] | None = None", ["on_change"]),
+        ("@dataclass\nclass A:\n    run: Callable[[], None]\nself.row.run = x", ["self.row.run"]),
+        ("@dataclass(frozen=True)\nclass A:\n    run: Callable[[], None] | None = None\nself.publisher.run = 1", []),
+        ("@dataclass\nclass A:\n    run: Callable[[], None]", []),
+        ("class A:\n    _run: Callable[[], None]", []),
+        ("self.handlers: dict[str, Callable[[], None]] = {}", []),
+        ("def wire(watch, on_change): self.on_change = on_change", []),
+        ("self._handlers['refused'] = lambda: None", []),
+        ("class A:\n    def body(self): pass\nclass B:\n    body: str\nentry.text = b.body", []),
+        ("object.__setattr__(self, 'refused', x)", []),
     ],
 )
 def test_a_callable_that_is_patched_on_is_found(planted, found):
-    assert list(patched_on(planted)) == found
+    assert patched_on(planted, known()) == found
