@@ -171,6 +171,19 @@ def test_stopping_undoes_what_is_not_confirmed(tree, agent, slam):
     assert tree.limit(slam) == 500
 
 
+def test_a_killed_agents_writes_are_undone_unless_a_plan_comes(start, tree, scheduler, slam, speech):
+    killed = start()
+    killed.find_source(POLICY)
+    killed.find_source("robot/other")
+    killed.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    killed.hear("robot/other", a_message(a_target(SPEECH, 0.1), policy="robot/other"))
+    heir = start()
+    heir.find_source(POLICY)
+    heir.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    wait(scheduler, 2 * GRACE)
+    assert (tree.limit(slam), tree.limit(speech)) == (900, 500)
+
+
 def test_a_killed_agents_writes_that_the_api_confirmed_stay(start, tree, agent, slam):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
     heir = start()

@@ -203,6 +203,7 @@ CONTEXT = [
     ({"tasks": {"slam": {"weight": 1, "scale": 2}}}, "tasks.slam"),
     ({"tasks": {"slam": {"suspend": False}}}, "tasks.slam"),
     ({"tasks": {"slam": {"suspend": "yes"}}}, "tasks.slam.suspend"),
+    ({"tasks": {"slam": {"suspend": 1}}}, "tasks.slam.suspend"),
     ({"tasks": {"slam": 5}}, "tasks.slam"),
     ({"tasks": {"slam": {"weight": 1, "until": "noon"}}}, "tasks.slam.until"),
     ({"colour": "red"}, "colour"),
