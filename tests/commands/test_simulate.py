@@ -268,6 +268,13 @@ def test_realtime_shares_are_milliseconds_of_each_period(tmp_path: Path, capsys:
     assert "  47.5/100 ms (1)  47.5/100 ms (1)  " in capsys.readouterr().out
 
 
+def test_realtime_shares_count_in_the_policys_own_period(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = Path(realtime(tmp_path))
+    path.write_text(path.read_text().replace("scheduler: Realtime\n", "scheduler: Realtime\n  period: 1s\n"))
+    assert main(["simulate", str(path), DEMO, "--until", "1"]) == 0
+    assert "/1000 ms" in capsys.readouterr().out
+
+
 def test_a_robot_without_realtime_falls_back_as_the_policy_says(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

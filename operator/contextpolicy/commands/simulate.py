@@ -213,7 +213,7 @@ def _print(  # noqa: PLR0913 - all that a run gives
         case "csv":
             print(report.as_csv(run.plans))
         case _:
-            print(report.table(run.plans))
+            print(report.table(run.plans, period=policy.period))
             if predicted is not None:
                 print(f"\n{forecast_report.as_table(predicted)}")
 
