@@ -37,7 +37,7 @@ class Browser:
         self._tab = websocket.create_connection(self._address(), timeout=PATIENCE, suppress_origin=True)
         self._count = 0
         self.errors: list[str] = []
-        for domain in ("Page", "Operator", "Log", "Network"):
+        for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
         self.hosts: set[str] = set()
 
@@ -63,7 +63,7 @@ class Browser:
         self.call("Page.navigate", url=address)
 
     def value(self, expression):
-        result = self.call("Operator.evaluate", expression=expression, returnByValue=True)
+        result = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
         assert "exceptionDetails" not in result, result
         return result["result"].get("value")
 
@@ -89,7 +89,7 @@ class Browser:
 
     def _note(self, event):
         match event["method"]:
-            case "Operator.exceptionThrown":
+            case "Runtime.exceptionThrown":
                 self.errors.append(json.dumps(event["params"]["exceptionDetails"])[:500])
             case "Log.entryAdded" if event["params"]["entry"]["level"] == "error":
                 self.errors.append(event["params"]["entry"]["text"])

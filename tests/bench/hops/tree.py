@@ -58,7 +58,7 @@ def cgroups(place: Path, names: Iterable[str]) -> Iterator[CgroupPaths]:
 
 
 def _kernels() -> Path | None:
-    """A new group of the kernel's; None where there is no such runner or no right to it."""
+    """A new group of the kernel's; None where there is no such controller or no right to it."""
     group = CONTROLLER / "bench-hops"
     try:
         group.mkdir()
