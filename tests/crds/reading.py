@@ -1,10 +1,12 @@
-"""What the parser accepts, as it says itself: it reads an object that has every field, and each reading is noted."""
+"""What the parser accepts, as it says itself: it reads objects that have any field, and each reading is noted."""
 
 from __future__ import annotations
 
 import inspect
+import random
 import re
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from contextpolicy.policy import parsing
@@ -23,6 +25,23 @@ INSIDE = {
     "mapping": (".*", lambda inner: {"*": inner}),
 }
 """For those that go on inside the field: what that adds to its path, and what they return."""
+VALUES = {
+    "cel": ["true"],
+    "cpu": [0, 500, 64_000],
+    "duration": [0.0, 0.05, 3600.0],
+    "flag": [False, True],
+    "key_expression": ["robot/*/imu"],
+    "memory": [0, 2**40],
+    "moment": [0.0, 2e9],
+    "number": [0.0, 0.5, 1.0, 1000.0],
+    "raw": ["text", {}],
+    "string_map": [{"text": "text"}],
+    "texts": [("text",)],
+}
+"""What the others return, besides the default: one of each kind that a parser may treat differently."""
+WORDS = re.compile(r"\w+(\|\w+)+")
+ROUNDS = 300
+"""How many objects the parser reads: enough for each pair of words to occur."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +53,21 @@ class Reading:
 
 
 class Recorder(Fields):
-    """An object that has every field, none of them with a value."""
+    """An object of which every field may be there or not, with any value, by chance."""
 
-    def __init__(self, path, readings):
+    def __init__(self, path, readings, chance):
         super().__init__({}, path, [])
         self.readings = readings
+        self.chance = chance
+        self.present: dict[str, bool] = {}
+        self.drawn: dict[tuple[str, str], Any] = {}
 
     def __contains__(self, name):
-        return True
+        return self.has(name)
+
+    def has(self, name, values=1):
+        """Whether a field is there; to be absent is as likely as each of its values."""
+        return self.present.setdefault(name, self.chance.randint(0, values) > 0)
 
     def note(self, reader, name, **arguments):
         """Keep the first reading that says what the field is: `raw` does not, and the other readers call it."""
@@ -52,18 +78,31 @@ class Recorder(Fields):
 
 def _recording(reader):
     method = getattr(Fields, reader)
+    signature = inspect.signature(method)
 
     def read(self, *positional, **named):
-        bound = inspect.signature(method).bind(self, *positional, **named)
+        bound = signature.bind(self, *positional, **named)
         bound.apply_defaults()
         _, *arguments = bound.arguments.items()
         self.note(reader, **dict(arguments))
-        if reader not in INSIDE:
+        name, values = bound.arguments["name"], _values(self, reader, bound.arguments)
+        if not self.has(name, len(values)):
             return method(self, *positional, **named)
-        step, wrap = INSIDE[reader]
-        return wrap(Recorder(self.at(bound.arguments["name"]) + step, self.readings))
+        return self.drawn.setdefault((reader, name), self.chance.choice(values))
 
     return read
+
+
+def _values(recorder, reader, arguments):
+    """What a method may return for a field that is there."""
+    if reader in INSIDE:
+        step, wrap = INSIDE[reader]
+        return [wrap(Recorder(recorder.at(arguments["name"]) + step, recorder.readings, recorder.chance))]
+    if reader == "choice":
+        return [*type(arguments["default"]).__members__.values()]
+    pattern = arguments.get("pattern", "")
+    words = isinstance(pattern, str) and WORDS.fullmatch(pattern)
+    return VALUES.get(reader) or (pattern.split("|") if words else ["text"])
 
 
 for one in READERS:
@@ -71,9 +110,17 @@ for one in READERS:
 
 
 def readings():
-    """How the parser reads each field, by its path in the schema."""
+    """How the parser reads each field, by its path in the schema: the union of what it reads of many objects."""
+    return _readings(tuple(filter(inspect.isfunction, vars(parsing).values())))
+
+
+@cache
+def _readings(_parsers):
+    """Once for each version of the parser's functions, of which a test may replace some."""
     noted: dict[str, Any] = {}
-    parsing._policy("lab", "robot", Recorder("spec", noted))
+    chance = random.Random(0)  # noqa: S311 - the same objects each time, no secret
+    for _ in range(ROUNDS):
+        parsing._policy("lab", "robot", Recorder("spec", noted, chance))
     return noted
 
 

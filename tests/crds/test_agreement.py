@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from contextpolicy.policy import parsing
 from contextpolicy.policy.fields import Fields
+from contextpolicy.policy.spec import Clock, Encoding
 from tests.crds import agreement
 from tests.crds.agreement import QUANTITIES, SAYS, disagreements
 from tests.crds.reading import INSIDE, READERS, parsed, readings
@@ -87,6 +88,41 @@ def test_a_field_that_only_the_parser_knows_is_found(monkeypatch):
     monkeypatch.setattr(parsing, "_needs", lambda fields: (fields.flag("gpu"), read(fields))[1])
     (found,) = disagreements(SPEC)
     assert found.startswith("spec.tasks[].needs.gpu: the definition lacks it")
+
+
+BESIDE = {
+    "a word": ("_stream", lambda fields: fields.choice("encoding", Encoding.JSON) is Encoding.CDR),
+    "another word": ("_stream", lambda fields: fields.choice("encoding", Encoding.JSON) is not Encoding.JSON),
+    "two words": (
+        "_stream",
+        lambda fields: (
+            fields.choice("encoding", Encoding.JSON) is Encoding.CDR
+            and fields.choice("clock", Clock.AUTO) is Clock.SOURCE
+        ),
+    ),
+    "a duration": ("_activity", lambda fields: fields.duration("decay")),
+    "a large number": ("_activity", lambda fields: (fields.number("score") or 0) > 10),
+    "a fraction": ("_activity", lambda fields: 0 < (fields.number("score") or 0) < 1),
+    "zero": ("_activity", lambda fields: fields.number("score") == 0),
+    "a quantity": ("_needs", lambda fields: (fields.cpu("cores") or 0) > 1),
+    "a flag": ("_task", lambda fields: fields.flag("protected")),
+    "a flag that is not set": ("_task", lambda fields: not fields.flag("protected")),
+    "a text": ("_activity", lambda fields: fields.optional_text("stream")),
+    "a text among words": ("_stream", lambda fields: fields.text("op", pattern="In|Exists") == "Exists"),
+    "a list": ("_task", lambda fields: fields.texts("subtasks", limit=16)),
+    "a list of objects": ("_task", lambda fields: not fields.nested_list("activity", limit=16)),
+    "a map": ("_activity", lambda fields: fields.string_map("with")),
+    "an expression": ("_context", lambda fields: fields.cel("when")),
+    "a field that is absent": ("_context", lambda fields: "when" not in fields),
+    "one field without another": ("_activity", lambda fields: "score" in fields and "scoreFrom" not in fields),
+}
+
+
+@pytest.mark.parametrize(("of", "condition"), BESIDE.values(), ids=BESIDE.keys())
+def test_a_field_that_is_read_beside_some_value_of_another_is_found(monkeypatch, of, condition):
+    read = getattr(parsing, of)
+    monkeypatch.setattr(parsing, of, lambda fields: (condition(fields) and fields.flag("planted"), read(fields))[1])
+    assert any(".planted: the definition lacks it" in one for one in disagreements(SPEC))
 
 
 @pytest.mark.parametrize("reader", QUANTITIES)
