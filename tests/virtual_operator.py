@@ -11,7 +11,7 @@ from reactivex.testing import TestScheduler
 
 from contextpolicy.app.wiring import Operator
 from contextpolicy.errors import ActuationError
-from contextpolicy.policies import plan_publisher, queries
+from contextpolicy.policies import plan_publisher, policy_runner, queries
 from contextpolicy.policy.tenants import Tenants
 from contextpolicy.streams import subscription
 from contextpolicy.telemetry.reporter import STATUS_INTERVAL
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from reactivex.abc import DisposableBase
 
 START = 1_000_000.0
-CLOCKED = (plan_publisher, queries, subscription)
-"""What notes for the recorder when something arrived or was published."""
+CLOCKED = (plan_publisher, policy_runner, queries, subscription)
+"""What notes when something arrived, was ordered or was published."""
 
 
 class VirtualLoop(TestScheduler):

@@ -10,7 +10,7 @@ import pytest
 
 from contextpolicy.actuators.resize import pod_patch
 from contextpolicy.live.page_server import PageServer
-from contextpolicy.policies import plan_publisher, queries
+from contextpolicy.policies import plan_publisher, policy_runner, queries
 from contextpolicy.streams import subscription
 from contextpolicy.telemetry import resize_watch
 from tests.cluster.builders import a_pod
@@ -60,7 +60,7 @@ def page():
     operator = VirtualOperator(*(a_pod(name, {name: resources()}) for name in TASKS))
     clock = SimpleNamespace(monotonic=lambda: operator.loop.to_seconds(operator.loop.now), time=time.time)
     with pytest.MonkeyPatch.context() as patch:
-        for module in (plan_publisher, queries, subscription, resize_watch, pod_patch):
+        for module in (plan_publisher, policy_runner, queries, subscription, resize_watch, pod_patch):
             patch.setattr(module, "time", clock)
         operator.list_all("4")
         operator.connect()
