@@ -77,6 +77,16 @@ def test_a_plan_equal_to_the_last_is_not_emitted():
     assert [plan.time for plan in story.plans] == [START, START, START + 1]
 
 
+def test_a_change_that_shows_nowhere_makes_no_plan():
+    """The weaker of two activities begins."""
+    activities = [{"when": "imu.near", "score": 5}, {"when": "imu.far"}]
+    story = Story(a_policy(streams=[a_stream("imu")], tasks=[a_task("slam", activity=activities), a_task("rest")]))
+    story.sample("imu", at=1, near=True, far=False)
+    story.sample("imu", at=2, near=True, far=True)
+    story.sample("imu", at=3, near=False, far=True)
+    assert [plan.time for plan in story.plans[-2:]] == [START + 1, START + 3]
+
+
 def test_a_plan_tells_when_the_sample_that_made_it_arrived_and_no_other_does():
     holding = {"tasks": [a_task("slam", activity=[{"when": "imu.speed > 0.1", "hold": "500ms"}]), a_task("rest")]}
     story = Story(a_policy(streams=[a_stream("imu")], **holding))

@@ -159,6 +159,7 @@ def test_nobody_gets_nothing():
         pytest.param(100, [("a", 1, 1, 100), ("b", 0, 1, 1)], {"a": 99, "b": 1}, id="suspended"),
         pytest.param(100, [("a", 99, 1, 50), ("b", 1, 1, 100)], {"a": 50, "b": 50}, id="ceiling passes the rest on"),
         pytest.param(100, [("a", 99, 1, 100), ("b", 1, 20, 100)], {"a": 80, "b": 20}, id="floor takes from others"),
+        pytest.param(100, [("a", 99, 1, 95), ("b", 1, 20, 100)], {"a": 80, "b": 20}, id="floor before ceiling"),
         pytest.param(100, [("a", 1, 1, 20), ("b", 1, 1, 30)], {"a": 20, "b": 30}, id="more than wanted"),
         pytest.param(
             100, [("a", 1, 1, 100), ("b", 1, 1, 100), ("c", 1, 1, 100)], {"a": 34, "b": 33, "c": 33}, id="tie"
