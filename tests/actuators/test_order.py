@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from hypothesis import given
+from hypothesis import strategies as st
+
 from contextpolicy.actuators.order import order_of
+from contextpolicy.planning.allocation.enforcement import PROTECTED_WEIGHT
 from contextpolicy.planning.allocation.placement import Container
 from contextpolicy.planning.allocation.plan import NodePlan
 from contextpolicy.policy.parsing import parse
-from contextpolicy.policy.spec import Control
 from tests.planning.builders import a_task
 from tests.policies.builders import a_policy
 
@@ -14,19 +17,61 @@ SLAM, SPEECH = Container("a", "slam", "robot-1"), Container("b", "speech", "robo
 
 
 def test_containers_of_realtime_nodes_are_left_to_the_agent():
-    order = order_of(parse(a_policy()), (SLAM, SPEECH), {"robot-1": NodePlan(2000, {}, {"a": 1500})}, {"robot-2"})
+    nodes = {"robot-1": NodePlan(2000, {}, {"a": 1500})}
+    order = order_of(parse(a_policy()), (SLAM, SPEECH), nodes, realtime={"robot-2"})
     assert order.claimed == {"a"}
     assert (order.shares, order.capacity) == ({"a": 1500}, {"robot-1": 2000})
     assert order.nodes == {"a": "robot-1", "b": "robot-2"}
 
 
 def test_a_container_whose_node_has_no_plan_yet_is_claimed_without_a_share():
-    order = order_of(parse(a_policy()), (SLAM,), {}, frozenset())
-    assert (order.claimed, order.shares, order.ceilings) == (frozenset("a"), {}, {})
+    order = order_of(parse(a_policy()), (SLAM,), {})
+    assert (order.claimed, order.shares, order.limits) == (frozenset("a"), {}, {})
 
 
-def test_a_ceiling_is_the_tasks_max_or_all_of_its_node():
-    policy = parse(a_policy(control="Weight", tasks=[a_task("slam", max="1500m"), a_task("speech")], contexts=[]))
-    nodes = {"robot-1": NodePlan(2000, {}, {}), "robot-2": NodePlan(4000, {}, {})}
-    order = order_of(policy, (SLAM, SPEECH), nodes, frozenset())
-    assert (order.control, order.ceilings) == (Control.WEIGHT, {"a": 1500, "b": 4000})
+def controlled(control, **more):
+    policy = parse(
+        a_policy(
+            enforcement={"control": control},
+            tasks=[a_task("slam", max="1500m"), a_task("speech", protected=True), a_task("map")],
+            contexts=[],
+        )
+    )
+    containers = [Container(name[0], name, "robot") for name in ("slam", "map")] + [Container("p", "speech", "robot")]
+    shares = {"s": 1490, "p": 100, "m": 10}
+    node = NodePlan(2000, {"slam": 1490, "speech": 100, "map": 10}, shares, suspended=frozenset({"map"}))
+    return order_of(policy, containers, {"robot": node}, **more)
+
+
+def test_limits_are_shares_and_bounded():
+    order = controlled("Limit")
+    assert (order.limits, order.requests, order.bounded) == ({"s": 1490, "p": 100, "m": 10}, {}, True)
+
+
+def test_suspension_alone_caps_what_is_suspended_or_has_a_max():
+    order = controlled("Suspend")
+    assert (order.limits, order.requests, order.bounded) == ({"s": 1500, "p": None, "m": 10}, {}, False)
+    assert [order.leaves_alone(one) for one in "spm"] == [False, True, False]
+
+
+def test_weights_are_requests_that_fit_into_the_node_whatever_the_plan():
+    order = controlled("Weight")
+    assert order.limits == {"s": 1500, "p": None, "m": 10}
+    factor = 2000 / (1500 + 2000 + 2000)
+    assert order.requests == {"s": int(1490 * factor), "p": int(PROTECTED_WEIGHT * factor), "m": 0}
+    assert not order.leaves_alone("p")
+
+
+def test_beside_an_agent_no_request_moves():
+    order = controlled("Weight", agents={"robot"})
+    assert (order.requests, order.leaves_alone("p")) == ({}, True)
+
+
+@given(st.lists(st.tuples(st.none() | st.integers(1, 400), st.integers(1, 400)), min_size=1, max_size=9))
+def test_requests_never_sum_to_more_than_the_node_has(tasks):
+    specs = [a_task(f"t{n}", **({} if most is None else {"max": f"{most * 10}m"})) for n, (most, _) in enumerate(tasks)]
+    policy = parse(a_policy(enforcement={"control": "Weight"}, tasks=specs, contexts=[]))
+    containers = [Container(f"c{n}", f"t{n}", "robot") for n in range(len(tasks))]
+    shares = {f"c{n}": share * 10 for n, (_, share) in enumerate(tasks)}
+    order = order_of(policy, containers, {"robot": NodePlan(1000, {}, shares)})
+    assert sum(order.requests.values()) <= 1000

@@ -68,24 +68,28 @@ def test_agents_that_can_write_limits_are_ahead_of_resizes():
 
 
 def test_nodes_that_are_able_do_realtime():
-    claim = with_agents(governing_slam(scheduler="Realtime"), Claim(PLACEMENT), {NODE: ABLE, "node-2": ABLE})
+    claim = with_agents(
+        governing_slam(enforcement={"scheduler": "Realtime"}), Claim(PLACEMENT), {NODE: ABLE, "node-2": ABLE}
+    )
     assert (claim.placement.fair_only, claim.realtime) == (frozenset(), [])
 
 
 def test_a_node_that_is_not_falls_back_and_says_why():
-    claim = with_agents(governing_slam(scheduler="Realtime"), Claim(PLACEMENT), {NODE: FAIR, "node-2": ABLE})
+    claim = with_agents(
+        governing_slam(enforcement={"scheduler": "Realtime"}), Claim(PLACEMENT), {NODE: FAIR, "node-2": ABLE}
+    )
     assert claim.placement.fair_only == {NODE}
     assert claim.placement.containers == PLACEMENT.containers
     assert claim.realtime == [f"node {NODE} falls back to CFS: no kernel option"]
 
 
 def test_a_node_without_agent_says_what_to_install():
-    claim = with_agents(governing_slam(scheduler="Realtime"), Claim(PLACEMENT), {NODE: ABLE})
+    claim = with_agents(governing_slam(enforcement={"scheduler": "Realtime"}), Claim(PLACEMENT), {NODE: ABLE})
     assert claim.realtime == [f"node node-2 falls back to CFS: {NO_AGENT}"]
 
 
 def test_without_fallback_the_node_is_left_alone():
-    policy = governing_slam(scheduler="Realtime", realtimeFallback="None")
+    policy = governing_slam(enforcement={"scheduler": "Realtime", "realtimeFallback": "None"})
     claim = with_agents(policy, Claim(PLACEMENT), {NODE: ABLE})
     assert claim.placement.allocatable.keys() == {NODE}
     assert [container.id for container in claim.placement.containers] == ["a"]

@@ -92,7 +92,7 @@ def test_a_bus_that_is_lost_after_it_was_there_is_told_at_once(running):
 def test_a_realtime_policy_without_agents_falls_back_and_says_why(operator):
     operator.list_all()
     operator.connect()
-    operator.apply(a_policy(scheduler="Realtime"))
+    operator.apply(a_policy(enforcement={"scheduler": "Realtime"}))
     operator.sample(IMU, speed=0.3)
     operator.settle()
     assert operator.limits() == {"slam": 800, "speech": 200}
@@ -104,7 +104,7 @@ def test_the_nodes_of_realtime_agents_are_left_to_them(operator):
     operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
     operator.list_all()
     operator.connect()
-    operator.apply(a_policy(scheduler="Realtime"))
+    operator.apply(a_policy(enforcement={"scheduler": "Realtime"}))
     operator.sample(IMU, speed=0.3)
     operator.turn(10.0)
     operator.settle()
@@ -153,7 +153,7 @@ def test_plans_that_min_dwell_held_back_are_counted(operator):
     before = counted()
     operator.list_all()
     operator.connect()
-    operator.apply(a_policy(minDwell="5s"))
+    operator.apply(a_policy(enforcement={"minDwell": "5s"}))
     operator.sample(IMU, speed=0.0)
     operator.turn(6)
     operator.sample(IMU, speed=0.3)

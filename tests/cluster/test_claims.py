@@ -233,7 +233,7 @@ def test_a_reserve_beyond_the_node_leaves_others_no_more_than_the_node():
 
 @pytest.mark.parametrize(("control", "there"), [("Limit", False), ("Weight", True)])
 def test_only_where_requests_hold_limits_up_do_they_need_room(control, there):
-    policies = [policy_of("old", "slam", reserve="50m"), policy_of("young", "speech", control=control)]
+    policies = [policy_of("old", "slam", reserve="50m"), policy_of("young", "speech", enforcement={"control": control})]
     assert bool(held(claim(policies, views("slam", "speech"), NODES)["lab/young"])) is there
 
 

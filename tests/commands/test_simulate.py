@@ -257,9 +257,9 @@ def test_wrong_usage_says_what_is_allowed(
 
 
 def realtime(tmp_path: Path, fallback: str = "CFS") -> str:
-    text = Path(POLICY).read_text().replace("scheduler: CFS", f"scheduler: Realtime\n  realtimeFallback: {fallback}")
+    enforcement = f"enforcement:\n    scheduler: Realtime\n    realtimeFallback: {fallback}"
     path = tmp_path / "realtime.yaml"
-    path.write_text(text.replace("reserve: 300m", "reserve: 0"))
+    path.write_text(Path(POLICY).read_text().replace("reserve: 300m", f"{enforcement}\n  reserve: 0"))
     return str(path)
 
 
@@ -270,7 +270,7 @@ def test_realtime_shares_are_milliseconds_of_each_period(tmp_path: Path, capsys:
 
 def test_realtime_shares_count_in_the_policys_own_period(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = Path(realtime(tmp_path))
-    path.write_text(path.read_text().replace("scheduler: Realtime\n", "scheduler: Realtime\n  period: 1s\n"))
+    path.write_text(path.read_text().replace("scheduler: Realtime\n", "scheduler: Realtime\n    period: 1s\n"))
     assert main(["simulate", str(path), DEMO, "--until", "1"]) == 0
     assert "/1000 ms" in capsys.readouterr().out
 

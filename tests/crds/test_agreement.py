@@ -64,7 +64,7 @@ CHANGES = {
     "another pattern": ("spec.streams[].name", lambda node: node.update(pattern="^[a-z]{1,63}$"), ""),
     "no pattern": ("spec.streams[].timestamp", lambda node: node.pop("pattern"), ""),
     "another length of a pattern": ("spec.shadow.of", lambda node: node.update(maxLength=63), ""),
-    "other units": ("spec.minDwell", lambda node: node.update(pattern="^[0-9]+s$"), ""),
+    "other units": ("spec.enforcement.minDwell", lambda node: node.update(pattern="^[0-9]+s$"), ""),
     "another quantity": ("spec.reserve", lambda node: node.update(pattern=QUANTITIES["memory"]), ""),
     "another type": ("spec.tasks[].protected", lambda node: node.update(type="string"), ""),
     "no format": ("spec.force.until", lambda node: node.pop("format"), ""),

@@ -74,7 +74,7 @@ def replicas(robot):
 
 
 def test_under_limit_a_plan_scales_nothing(robot, readings):
-    robot.policy(control="Limit", tasks=[task("slam"), task("speech")])
+    robot.policy(enforcement={"control": "Limit"}, tasks=[task("slam"), task("speech")])
     until("the autoscaler has looked", lambda: utilisation(robot) == USED, patience=120)
     robot.drive(0.3)
     robot.expect(slam=900)
@@ -86,7 +86,7 @@ def test_under_limit_a_plan_scales_nothing(robot, readings):
 @pytest.mark.parametrize("control", ["Weight", "Both"])
 def test_weights_are_requests_and_so_scale(robot, control):
     """As the operator's README says: a suspended task looks overloaded, because its request is next to nothing."""
-    robot.policy(control=control, tasks=[task("slam"), task("speech")])
+    robot.policy(enforcement={"control": control}, tasks=[task("slam"), task("speech")])
     robot.drive(0.3)
     until("it looks overloaded", lambda: (utilisation(robot) or 0) > 100, patience=120)
     until("it was scaled", lambda: replicas(robot) > 1, patience=120)

@@ -46,7 +46,7 @@ def limits_over_time(robot):
 
 def test_limits_never_sum_above_capacity(governed):
     """Decreases are in force before increases are asked for, through 20 changes."""
-    governed.policy(transition="Strict")
+    governed.policy(enforcement={"transition": "Strict"})
     with limits_over_time(governed) as seen:
         for speed in itertools.islice(itertools.cycle([0.3, 0.0]), 20):
             governed.drive(speed)

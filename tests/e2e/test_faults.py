@@ -80,7 +80,7 @@ def test_operator_killed_while_a_context_holds(governed, faults):
 
 def test_operator_killed_in_a_storm(governed, faults):
     """Contexts flip every 20 ms while it dies: limits never sum above N, and the newest plan wins in the end."""
-    governed.policy(transition="Strict")
+    governed.policy(enforcement={"transition": "Strict"})
     cgroups = {task: governed.container(task) for task in ("slam", "speech")}
     with faults("operator killed in a storm of contexts", "limits never sum above N, the newest plan wins") as seen:
         restarts, sums = None, []

@@ -134,7 +134,7 @@ def governed():
             robot = Robot(NAMESPACE, sensors)
             robot.drive(0.0)
             robot.start("slam", "speech")
-            robot.policy(transition="Strict")
+            robot.policy(enforcement={"transition": "Strict"})
             robot.expect(slam=500, speech=500)
             yield robot
             run("kubectl", "delete", "ctxp", "--all", "-n", NAMESPACE, "--timeout=60s")

@@ -147,7 +147,7 @@ def test_two_tasks_in_one_pod_and_a_sidecar(robot):
 @pytest.mark.parametrize("control", ["Weight", "Both"])
 def test_weight_control_moves_requests(robot, control):
     robot.start("slam", "speech")
-    robot.policy(control=control, tasks=[task("slam", max="800m"), task("speech", max="800m")])
+    robot.policy(enforcement={"control": control}, tasks=[task("slam", max="800m"), task("speech", max="800m")])
     robot.drive(0.3)
     limit = {"Weight": {"slam": "800m", "speech": "800m"}, "Both": {"slam": "800m", "speech": "10m"}}[control]
 

@@ -89,7 +89,7 @@ def expect_there(robot, **limits):
 
 
 def test_each_node_divides_what_it_has(robot):
-    robot.policy(transition="Prompt")
+    robot.policy(enforcement={"transition": "Prompt"})
     robot.expect(slam=500, speech=500)
     expect_there(robot, slam=1500, speech=1500)
     robot.drive(0.3)

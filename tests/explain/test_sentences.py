@@ -13,7 +13,7 @@ from tests.planning.builders import START, Story, a_context, a_policy, a_stream,
 
 def explained(task, placement):
     tasks = [a_task("slam", priority=3), a_task("speech")]
-    policy = a_policy(streams=[a_stream("imu")], tasks=tasks, scheduler="Realtime", reserve="0")
+    policy = a_policy(streams=[a_stream("imu")], tasks=tasks, enforcement={"scheduler": "Realtime"}, reserve="0")
     return sentences(explain(Story(policy, placement).planner, START + 1), task)
 
 

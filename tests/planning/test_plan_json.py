@@ -15,7 +15,9 @@ from tests.cluster.builders import NODE
 from tests.planning.builders import Story, a_policy, a_stream, a_task
 
 POLICY = a_policy(
-    streams=[a_stream("imu")], tasks=[a_task("slam", needs={"cores": 4}), a_task("speech")], minDwell="100ms"
+    streams=[a_stream("imu")],
+    tasks=[a_task("slam", needs={"cores": 4}), a_task("speech")],
+    enforcement={"minDwell": "100ms"},
 )
 CONTAINERS = (Container("lab/slam/slam", "slam", NODE), Container("lab/speech/speech", "speech", NODE))
 

@@ -108,7 +108,7 @@ def test_a_plan_that_was_held_back_is_made_by_its_dwell_and_no_sample():
         "streams": [a_stream("imu")],
         "tasks": [a_task("slam", activity=[{"scoreFrom": "imu.risk"}]), a_task("rest")],
     }
-    story = Story(a_policy(minDwell="1s", **spec))
+    story = Story(a_policy(enforcement={"minDwell": "1s"}, **spec))
     story.sample("imu", at=0.5, arrived=7.0, risk=4.0)
     story.wait(2.0)
     made = {plan.sequence: plan for plan in reversed(story.plans)}
@@ -217,7 +217,7 @@ class TestFirstPlan:
 
 class TestMinDwell:
     def story(self):
-        story = Story(two_streams(minDwell="1s"))
+        story = Story(two_streams(enforcement={"minDwell": "1s"}))
         story.wait(2)
         return story
 
@@ -274,7 +274,7 @@ class TestMinDwell:
         policy = a_policy(
             streams=[a_stream("imu")],
             tasks=[a_task("slam", activity=[{"scoreFrom": "imu.risk"}]), a_task("rest")],
-            minDwell="60s",
+            enforcement={"minDwell": "60s"},
         )
         story = Story(policy)
         for tick in range(1, 500):

@@ -117,7 +117,12 @@ def test_a_pod_that_makes_no_sense_is_left_alone(running, caplog):
 
 def test_from_weights_back_to_limits(running):
     running.apply(
-        a_policy(generation=2, control="Both", contexts=[], tasks=[a_task("slam", priority=9), a_task("speech")])
+        a_policy(
+            generation=2,
+            enforcement={"control": "Weight"},
+            contexts=[],
+            tasks=[a_task("slam", priority=9), a_task("speech")],
+        )
     )
     running.settle()
     running.apply(a_policy(generation=3))

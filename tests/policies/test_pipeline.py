@@ -65,9 +65,10 @@ def test_each_plan_is_published_once():
 
 
 def test_only_what_is_newest_is_ordered():
-    robot = with_agent(control="Weight")  # no node follows its agent
+    robot = with_agent()
     two_plans(robot)
-    assert {order.capacity[NODE] for order in robot.orders.all} == {2000}
+    before, newest = (1000, 500, 500), (2000, 1600, 400)
+    assert {(order.capacity[NODE], *order.shares.values()) for order in robot.orders.all} == {before, newest}
 
 
 def test_editions_never_go_back():
@@ -96,7 +97,7 @@ def test_a_context_that_ends_by_a_timer_costs_no_more_messages():
 
 
 def test_agents_that_vanish_meanwhile_leave_the_newest_plan_in_force():
-    robot = with_agent(control="Weight")
+    robot = with_agent(enforcement={"control": "Weight"})
     robot.session.deliver(IMU, speed=0.3)
     robot.loop.advance_by(0.001)
     robot.session.agents.clear()
@@ -168,7 +169,7 @@ def test_an_agent_refuses_nothing_and_counts_as_alive():
 
 
 def test_contexts_are_reported_at_once_though_min_dwell_holds_the_plan():
-    robot = Robot(contexts=[MOVING, DARK], minDwell="10s").begin()
+    robot = Robot(contexts=[MOVING, DARK], enforcement={"minDwell": "10s"}).begin()
     robot.loop.advance_by(20)
     robot.sample(speed=0.3, light=9.0)
     robot.loop.advance_by(1.0)

@@ -58,7 +58,7 @@ def test_an_agent_has_the_processors_until_it_has_acted():
 
 def test_a_context_that_begins_meanwhile_is_not_told_to_end():
     moving = a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 4}})
-    robot = with_agent(contexts=[moving, a_context("dark", "imu.light < 5.0", {})], minDwell="100ms")
+    robot = with_agent(contexts=[moving, a_context("dark", "imu.light < 5.0", {})], enforcement={"minDwell": "100ms"})
     for light in (9.0, 1.0):
         robot.session.deliver(IMU, speed=0.3, light=light)
         robot.loop.advance_by(0.001)

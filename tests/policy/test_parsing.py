@@ -32,8 +32,12 @@ def refused(**spec):
 
 def test_what_is_not_said_has_the_documented_default():
     policy = a_policy(tasks=[a_task("slam")])
-    assert (policy.mode, policy.scheduler, policy.control) == (Mode.ENFORCE, Scheduler.CFS, Control.LIMIT)
-    assert (policy.reserve, policy.min_dwell, policy.fallback, policy.force) == (0, 0.0, None, None)
+    assert (policy.mode, policy.enforcement.scheduler, policy.enforcement.control) == (
+        Mode.ENFORCE,
+        Scheduler.CFS,
+        Control.LIMIT,
+    )
+    assert (policy.reserve, policy.enforcement.min_dwell, policy.fallback, policy.force) == (0, 0.0, None, None)
     task = policy.tasks[0]
     assert (task.container, task.priority, task.idle, task.min, task.max) == ("slam", 1.0, None, 10, None)
     assert task.satisfied_by is SatisfiedBy.ALL
@@ -43,12 +47,12 @@ def test_what_is_not_said_has_the_documented_default():
 def test_fields_are_read_in_planning_units():
     policy = a_policy(
         reserve="300m",
-        minDwell="1.5s",
+        enforcement={"minDwell": "1.5s"},
         streams=[a_stream("imu", staleAfter="500ms", encoding="cbor")],
         tasks=[a_task("slam", min="0.1", max=2, needs={"cores": "1", "memory": "1Ki", "deadline": "50ms"})],
     )
     task = policy.tasks[0]
-    assert (policy.reserve, policy.min_dwell) == (300, 1.5)
+    assert (policy.reserve, policy.enforcement.min_dwell) == (300, 1.5)
     assert (policy.streams[0].stale_after, policy.streams[0].encoding) == (0.5, Encoding.CBOR)
     assert (task.min, task.max) == (100, 2000)
     assert (task.needs.cores, task.needs.memory, task.needs.deadline) == (1000, 1024, 0.05)

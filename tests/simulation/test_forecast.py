@@ -86,7 +86,7 @@ def test_what_the_tasks_leave_is_idle():
 def test_weights_lend_what_nobody_uses_and_limits_do_not():
     """Speech hardly works, so under weights slam has nearly the whole core."""
     _, limited = predict(a_policy(), profiles(speech=0.001))
-    _, weighted = predict(a_policy(control="Weight"), profiles(speech=0.001))
+    _, weighted = predict(a_policy(enforcement={"control": "Weight"}), profiles(speech=0.001))
     assert limited.tasks["slam"][NONE].misses > 0.5
     assert weighted.tasks["slam"][NONE].misses == 0
 
@@ -125,14 +125,14 @@ def test_the_same_files_give_the_same_prediction():
 
 
 def test_realtime_budgets_are_quotas_of_a_longer_period():
-    policy = a_policy(scheduler="Realtime", period="1s")
+    policy = a_policy(enforcement={"scheduler": "Realtime", "period": "1s"})
     _, predicted = predict(policy, profiles(), cores=1000)
     assert predicted.tasks["slam"][NONE].p99 > 0.3
 
 
 def test_a_realtime_budget_is_one_of_each_processor():
     """60 ms of work every 100 ms, with 0.475 of each processor."""
-    _, predicted = predict(a_policy(scheduler="Realtime", period="100ms"), profiles(), cores=2000)
+    _, predicted = predict(a_policy(enforcement={"scheduler": "Realtime", "period": "100ms"}), profiles(), cores=2000)
     assert predicted.tasks["slam"][NONE].misses == 0
 
 

@@ -95,6 +95,6 @@ def test_no_plan_on_a_node_that_is_too_small_says_so():
 
 @pytest.mark.parametrize(("fallback", "count"), [("CFS", 0), ("None", 1)])
 def test_a_node_that_is_left_alone(fallback, count):
-    policy = a_policy(S, scheduler="Realtime", realtimeFallback=fallback)
+    policy = a_policy(S, enforcement={"scheduler": "Realtime", "realtimeFallback": fallback})
     robot = Robot({"robot": 4000, "arm": 1000}, fair_only=frozenset({"arm"}))
     assert told(policy, at(0, 1), robot=robot).count("node arm can't do realtime and is left alone") == count

@@ -38,11 +38,11 @@ def test_a_task_on_several_nodes_has_a_pod_on_each():
 
 def test_a_node_without_realtime_falls_back_or_is_left_alone():
     robot = Robot(NODES, places={"b": ("arm",)}, fair_only=frozenset({"arm"}))
-    (plan,) = simulate(a_policy(S, tasks=("a", "b"), scheduler="Realtime"), LINE, robot=robot).plans
+    (plan,) = simulate(a_policy(S, tasks=("a", "b"), enforcement={"scheduler": "Realtime"}), LINE, robot=robot).plans
     assert {name: node.scheduler for name, node in plan.nodes.items()} == {
         "head": Scheduler.REALTIME,
         "arm": Scheduler.CFS,
     }
-    strict = a_policy(S, tasks=("a", "b"), scheduler="Realtime", realtimeFallback="None")
+    strict = a_policy(S, tasks=("a", "b"), enforcement={"scheduler": "Realtime", "realtimeFallback": "None"})
     (plan,) = simulate(strict, LINE, robot=robot).plans
     assert list(plan.nodes) == ["head"]

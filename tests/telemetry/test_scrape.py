@@ -77,7 +77,7 @@ def test_a_router_that_is_gone_and_a_stream_that_is_silent(operator, page):
 
 def test_an_edit_goes_on_counting_samples(operator, page):
     govern(operator)
-    operator.apply(a_policy(generation=2, minDwell="1s"))
+    operator.apply(a_policy(generation=2, enforcement={"minDwell": "1s"}))
     operator.sample(IMU, speed=0.2)
     assert value(page, "samples_total", stream="imu") == 2
 

@@ -179,7 +179,7 @@ def test_conflicts_and_a_rejected_edit():
 
 def test_realtime_is_told_only_where_it_is_asked_for():
     assert "Realtime" not in [one["type"] for one in made(moving())["conditions"]]
-    content = made(moving(scheduler="Realtime"), realtime=["node robot falls back to CFS: no agent"])
+    content = made(moving(enforcement={"scheduler": "Realtime"}), realtime=["node robot falls back to CFS: no agent"])
     assert condition(content, "Realtime") == ("False", "Unavailable", "node robot falls back to CFS: no agent")
 
 

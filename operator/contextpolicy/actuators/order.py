@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from contextpolicy.planning.allocation.enforcement import amounts
 from contextpolicy.policy.spec import Control, Transition
 
 if TYPE_CHECKING:
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
 
     from contextpolicy.planning.allocation.placement import Container
     from contextpolicy.planning.allocation.plan import NodePlan
-    from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.spec import Policy, Task
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,34 +21,67 @@ class Order:
     """What one policy wants of its containers, all amounts in thousandths of a core.
 
     `claimed` are its containers, `nodes` maps each to its node. `shares` are the plan's, by container; `capacity` is N,
-    by node. A claimed container without a share keeps what it has. `ceilings` are the limits where only weights move.
+    by node. A claimed container without a share keeps what it has. `limits` are what a share means for a container's
+    limit, None for the one it had before any policy; `requests` are what it means for its request, where requests are
+    weights. `bounded`: the limits are what a node is divided by, so that they must not sum to more than `capacity`.
     """
 
     policy: str
     claimed: frozenset[str]
     shares: Mapping[str, int] = field(default_factory=dict)
     capacity: Mapping[str, int] = field(default_factory=dict)
-    control: Control = Control.LIMIT
-    ceilings: Mapping[str, int] = field(default_factory=dict)
+    limits: Mapping[str, int | None] = field(default_factory=dict)
+    requests: Mapping[str, int] = field(default_factory=dict)
+    bounded: bool = True
     nodes: Mapping[str, str] = field(default_factory=dict)
     transition: Transition = Transition.STRICT
 
+    def leaves_alone(self, container: str) -> bool:
+        """Whether the container, which has a share, keeps what it had before any policy."""
+        return container not in self.requests and self.limits.get(container, 0) is None
+
 
 def order_of(
-    policy: Policy, containers: Collection[Container], nodes: Mapping[str, NodePlan], realtime: Collection[str]
+    policy: Policy,
+    containers: Collection[Container],
+    nodes: Mapping[str, NodePlan],
+    *,
+    realtime: Collection[str] = (),
+    agents: Collection[str] = (),
 ) -> Order:
     """The order that makes the plans of `nodes` real; all `containers` are the policy's.
 
-    Realtime nodes are left to the agent: their containers are not claimed, so limits that we moved are put back.
+    Realtime nodes are left to the agent: their containers are not claimed, so limits that we moved are put back. Where
+    there are `agents`, they write weights, and no request moves.
     """
-    ceilings = {task.name: task.max for task in policy.tasks}
+    control, tasks = policy.enforcement.control, {task.name: task for task in policy.leaves}
+    limits: dict[str, int | None] = {}
+    requests: dict[str, int] = {}
+    for name, node in nodes.items():
+        here = [(c, tasks[c.task]) for c in containers if c.id in node.containers and c.task in tasks]
+        factor = request_factor(node.capacity, [task for _, task in here])
+        for container, task in here:
+            share, suspended = node.containers[container.id], task.name in node.suspended
+            weight, limits[container.id] = amounts(control, task, share, suspended=suspended)
+            if weight is not None and name not in agents:
+                requests[container.id] = int(min(weight, task.max or node.capacity) * factor)
     return Order(
         policy=policy.reference,
         claimed=frozenset([container.id for container in containers if container.node not in realtime]),
         shares={identity: share for node in nodes.values() for identity, share in node.containers.items()},
         capacity={name: node.capacity for name, node in nodes.items()},
-        control=policy.control,
-        transition=policy.transition,
-        ceilings={c.id: ceilings[c.task] or nodes[c.node].capacity for c in containers if c.node in nodes},
+        limits=limits,
+        requests=requests,
+        bounded=control is Control.LIMIT,
+        transition=policy.enforcement.transition,
         nodes={container.id: container.node for container in containers},
     )
+
+
+def request_factor(capacity: int, tasks: Collection[Task]) -> float:
+    """What a weight is multiplied with to become a request, for a node with one container for each of `tasks`.
+
+    The scheduler and the kubelet keep room for requests, so even if each were at its max they must fit into N. The
+    factor does not depend on the plan: what counts is how requests compare, and no order of resizes can fail.
+    """
+    return min(1.0, capacity / sum([task.max or capacity for task in tasks] or [1]))

@@ -107,14 +107,14 @@ def with_agents(policy: Policy, claim: Claim, reports: Mapping[str, AgentReport]
         placement=placement,
         unlimited=[f"node {node} can't limit CPU time: {why}" for node, why in sorted(useless.items())],
     )
-    return _with_realtime(policy, claim, reports) if policy.scheduler is Scheduler.REALTIME else claim
+    return _with_realtime(policy, claim, reports) if policy.enforcement.scheduler is Scheduler.REALTIME else claim
 
 
 def _with_realtime(policy: Policy, claim: Claim, reports: Mapping[str, AgentReport]) -> Claim:
     placement = claim.placement
     obstacles = {node: reports[node].realtime if node in reports else NO_AGENT for node in placement.allocatable}
     unable = {node: obstacle for node, obstacle in sorted(obstacles.items()) if obstacle}
-    if policy.realtime_fallback is RealtimeFallback.CFS:
+    if policy.enforcement.realtime_fallback is RealtimeFallback.CFS:
         messages = [f"node {node} falls back to CFS: {obstacle}" for node, obstacle in unable.items()]
         return replace(claim, placement=replace(placement, fair_only=frozenset(unable)), realtime=messages)
     kept = replace(

@@ -210,7 +210,7 @@ def _fair(total: int, wanted: Mapping[str, int]) -> dict[str, int]:
 
 def _least(policy: Policy, container: Container) -> int:
     """The lowest limit that the container can get from the policy."""
-    return container.floor if policy.control is Control.LIMIT else QUANTUM
+    return container.floor if policy.enforcement.control is Control.LIMIT else QUANTUM
 
 
 def _matches(policy: Policy, pods: Sequence[PodView]) -> Iterator[tuple[Task, PodView, ContainerView]]:

@@ -213,7 +213,7 @@ def _print(  # noqa: PLR0913 - all that a run gives
         case "csv":
             print(report.as_csv(run.plans))
         case _:
-            print(report.table(run.plans, period=policy.period))
+            print(report.table(run.plans, period=policy.enforcement.period))
             if predicted is not None:
                 print(f"\n{forecast_report.as_table(predicted)}")
 
@@ -228,7 +228,7 @@ def _draw(path: Path, policy: Policy, inputs: Timeline, run: Simulation) -> None
         path,
         until=run.until,
         weights=series.normalised_weights(run.plans),
-        title=f"{policy.name} on {inputs.name} ({policy.scheduler})",
+        title=f"{policy.name} on {inputs.name} ({policy.enforcement.scheduler})",
         unit=series.unit(run.plans),
     )
 

@@ -42,10 +42,10 @@ def explain(planner: Planner, now: float) -> dict[str, Any]:
     return {
         "policy": policy.reference,
         "mode": policy.mode,
-        "scheduler": policy.scheduler,
+        "scheduler": policy.enforcement.scheduler,
         "time": now,
         "plan": _plan(planner, now),
-        "minDwell": policy.min_dwell,
+        "minDwell": policy.enforcement.min_dwell,
         "heldBack": planner.held_back,
         "streams": {name: _stream(stream, now) for name, stream in planner.streams.items()},
         "contexts": {context.spec.name: _context(planner, context, now) for context in planner.contexts},

@@ -45,9 +45,9 @@ def plan_json(policy: Policy, plan: Plan) -> dict[str, Any]:
     return {
         "policy": policy.reference,
         "mode": policy.mode,
-        "scheduler": policy.scheduler,
-        "realtime": {"policy": policy.realtime_policy, "period": policy.period},
-        "control": policy.control,
+        "scheduler": policy.enforcement.scheduler,
+        "realtime": {"policy": policy.enforcement.realtime_policy, "period": policy.enforcement.period},
+        "control": policy.enforcement.control,
         "sequence": plan.sequence,
         "time": plan.time,
         "cause": plan.cause,

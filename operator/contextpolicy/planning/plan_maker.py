@@ -79,7 +79,7 @@ class PlanMaker:
         changes, decided = substance != self._in_force, self.decided
         cause = "; ".join(dict.fromkeys(self._causes.values()))
         if changes and decided is not None and self._stands(decided, now):
-            self._hold_back(substance, decided.time + self._policy.min_dwell)
+            self._hold_back(substance, decided.time + self._policy.enforcement.min_dwell)
             tasks = _with_shares_of(decided, decision.tasks)
             plan = replace(decided, time=now, cause=cause, contexts=names, tasks=tasks, arrived=arrived)
             changes = False
@@ -98,7 +98,7 @@ class PlanMaker:
         return plan
 
     def _stands(self, decided: Plan, now: float) -> bool:
-        return not self._urgent and now < decided.time + self._policy.min_dwell - SAME_INSTANT
+        return not self._urgent and now < decided.time + self._policy.enforcement.min_dwell - SAME_INSTANT
 
     def _hold_back(self, substance: Substance, until: float) -> None:
         # Counts the different plans held back, not each sample that leads to the same one.

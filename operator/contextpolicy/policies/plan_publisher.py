@@ -102,7 +102,9 @@ class PlanPublisher:
             recorder.take_plan(recorder.begin(self._policy.reference), PlanRecord(time.monotonic(), payload))
         if self._policy.mode is Mode.ENFORCE:
             stamp = content["run"], content["sequence"], content["edition"]
-            standstill = self._policy.period if self._policy.scheduler is Scheduler.REALTIME else 0.0
+            standstill = (
+                self._policy.enforcement.period if self._policy.enforcement.scheduler is Scheduler.REALTIME else 0.0
+            )
             self._services.agents.expect(self._policy.reference, stamp, content["nodes"], standstill)
 
     def _on_our_clock(self, monotonic: float) -> float:

@@ -18,7 +18,7 @@ from contextpolicy.planning.planner import Planner
 from contextpolicy.policies.pipeline import Inputs, connect
 from contextpolicy.policies.plan_publisher import PlanPublisher
 from contextpolicy.policies.plan_reporter import PlanReporter
-from contextpolicy.policy.spec import Control, Scheduler
+from contextpolicy.policy.spec import Scheduler
 from contextpolicy.streams import subscription
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ class PolicyRunner:
     def followed(self) -> frozenset[str]:
         """The nodes where resizes follow an agent: it writes limits, and in realtime nothing is resized."""
         agents, last = self.publisher.claim.agents, self.planner.last
-        if not agents or last is None or self.policy.control is not Control.LIMIT:
+        if not agents or last is None:
             return frozenset()
         return frozenset(
             node for node, plan in last.nodes.items() if node in agents and plan.scheduler is Scheduler.CFS
@@ -169,7 +169,9 @@ class PolicyRunner:
         realtime = {node for node, plan in nodes.items() if plan.scheduler is Scheduler.REALTIME}
         others = {node: plan for node, plan in nodes.items() if node not in realtime}
         if self._actuator is not None:
-            self._actuator.apply(order_of(self.policy, self.publisher.claim.placement.containers, others, realtime))
+            claim = self.publisher.claim
+            containers, agents = claim.placement.containers, claim.agents
+            self._actuator.apply(order_of(self.policy, containers, others, realtime=realtime, agents=agents))
 
     def report(self, plan: Plan) -> None:
         """Publish the plan if agents have not caused that already, and report it."""

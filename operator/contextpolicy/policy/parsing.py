@@ -59,14 +59,8 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
         namespace=namespace,
         name=name,
         mode=spec.choice("mode", policy.Mode.ENFORCE),
-        scheduler=spec.choice("scheduler", policy.Scheduler.CFS),
-        control=spec.choice("control", policy.Control.LIMIT),
-        transition=spec.choice("transition", policy.Transition.PROMPT),
-        realtime_fallback=spec.choice("realtimeFallback", policy.RealtimeFallback.CFS),
-        realtime_policy=spec.choice("realtimePolicy", policy.RealtimePolicy.RR),
-        period=_period(spec),
+        enforcement=_enforcement(spec.nested("enforcement")) if "enforcement" in spec else policy.Enforcement(),
         reserve=spec.cpu("reserve") or 0,
-        min_dwell=spec.duration("minDwell") or 0.0,
         fallback=spec.optional_text("fallback"),
         force=_force(spec.nested("force")) if "force" in spec else spec.raw("force"),
         shadow=_shadow(spec.nested("shadow"), name) if "shadow" in spec else spec.raw("shadow"),
@@ -80,12 +74,26 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
     return result
 
 
-def _period(spec: Fields) -> float:
-    period = spec.duration("period")
+def _enforcement(fields: Fields) -> policy.Enforcement:
+    result = policy.Enforcement(
+        control=fields.choice("control", policy.Control.LIMIT),
+        scheduler=fields.choice("scheduler", policy.Scheduler.CFS),
+        transition=fields.choice("transition", policy.Transition.PROMPT),
+        min_dwell=fields.duration("minDwell") or 0.0,
+        period=_period(fields),
+        realtime_fallback=fields.choice("realtimeFallback", policy.RealtimeFallback.CFS),
+        realtime_policy=fields.choice("realtimePolicy", policy.RealtimePolicy.RR),
+    )
+    fields.close()
+    return result
+
+
+def _period(fields: Fields) -> float:
+    period = fields.duration("period")
     if period is None:
         return bandwidth.PERIOD
     if not bandwidth.SHORTEST <= period <= bandwidth.LONGEST:
-        spec.refuse("period", spec.raw("period"), "10ms to 1s, what the kernel can measure")
+        fields.refuse("period", fields.raw("period"), "10ms to 1s, what the kernel can measure")
     return period
 
 

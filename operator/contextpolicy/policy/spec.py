@@ -33,11 +33,11 @@ class Scheduler(StrEnum):
 
 
 class Control(StrEnum):
-    """What a resize moves: the limit (a cap, the paper), the request (a weight) or both."""
+    """How shares are enforced under CFS: not at all but for suspension, by weights, or by limits (the paper)."""
 
-    LIMIT = "Limit"
+    SUSPEND = "Suspend"
     WEIGHT = "Weight"
-    BOTH = "Both"
+    LIMIT = "Limit"
 
 
 class Transition(StrEnum):
@@ -272,6 +272,19 @@ class Shadow:
 
 
 @dataclass(frozen=True, slots=True)
+class Enforcement:
+    """How the kernel is made to honour shares; `period` and `min_dwell` are in seconds."""
+
+    control: Control = Control.LIMIT
+    scheduler: Scheduler = Scheduler.CFS
+    transition: Transition = Transition.PROMPT
+    min_dwell: float = 0.0
+    period: float = PERIOD
+    realtime_fallback: RealtimeFallback = RealtimeFallback.CFS
+    realtime_policy: RealtimePolicy = RealtimePolicy.RR
+
+
+@dataclass(frozen=True, slots=True)
 class Policy:
     """One ContextPolicy."""
 
@@ -281,14 +294,8 @@ class Policy:
     streams: tuple[Stream, ...] = ()
     contexts: tuple[Context, ...] = ()
     mode: Mode = Mode.ENFORCE
-    scheduler: Scheduler = Scheduler.CFS
-    control: Control = Control.LIMIT
-    transition: Transition = Transition.PROMPT
-    realtime_fallback: RealtimeFallback = RealtimeFallback.CFS
-    realtime_policy: RealtimePolicy = RealtimePolicy.RR
-    period: float = PERIOD
+    enforcement: Enforcement = field(default_factory=Enforcement)
     reserve: int = 0
-    min_dwell: float = 0.0
     fallback: str | None = None
     force: Force | None = None
     shadow: Shadow | None = None

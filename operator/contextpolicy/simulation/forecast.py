@@ -8,6 +8,7 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from contextpolicy.planning.allocation.enforcement import amounts
 from contextpolicy.policy.bandwidth import PERIOD
 from contextpolicy.policy.key_expressions import selects
 from contextpolicy.policy.spec import Control, Scheduler
@@ -100,7 +101,8 @@ def forecast(  # noqa: PLR0913 - what a run consists of, by keyword
     arrivals = sorted(_arrivals(timeline, profiles, homes, until, notes))
     used: list[Served] = []
     outcomes: list[Outcome] = []
-    phases = 1 if policy.control is Control.WEIGHT and policy.scheduler is Scheduler.CFS else PHASES
+    fair = policy.enforcement.scheduler is Scheduler.CFS
+    phases = 1 if fair and policy.enforcement.control is not Control.LIMIT else PHASES
     for name, node in nodes.items():
         changes = [_change(policy, plan, name, node.tasks, processors[name] / 1000) for plan in plans]
         own = [work for work in arrivals if homes[work.task] == name]
@@ -222,7 +224,7 @@ def _homes(plans: Sequence[Plan]) -> dict[str, str]:
 
 
 def _period(policy: Policy) -> float:
-    return policy.period if policy.scheduler is Scheduler.REALTIME else PERIOD
+    return policy.enforcement.period if policy.enforcement.scheduler is Scheduler.REALTIME else PERIOD
 
 
 def _change(policy: Policy, plan: Plan, node: str, workers: Iterable[str], processors: float) -> Change:
@@ -235,16 +237,20 @@ def _change(policy: Policy, plan: Plan, node: str, workers: Iterable[str], proce
     allowances = {}
     for task in workers:
         share = times * own.containers.get(task, own.shares.get(task, 0)) / 1000 if own else 0.0
-        allowances[task] = _allowance(policy, share, suspended=plan.tasks[task].suspended)
+        allowances[task] = _allowance(policy, task, share, suspended=plan.tasks[task].suspended)
     return Change(plan.time + REACTION if plan.time > 0 else 0.0, allowances)
 
 
-def _allowance(policy: Policy, share: float, *, suspended: bool) -> Allowance:
-    """Limits are quotas among equals; requests are weights; Realtime's budgets are quotas too."""
-    if policy.scheduler is Scheduler.CFS and policy.control is Control.WEIGHT:
-        return Allowance(max(share, 1e-3), None, suspended)
-    weight = max(share, 1e-3) if policy.control is Control.BOTH else 1.0
-    return Allowance(weight, share, suspended)
+def _allowance(policy: Policy, task: str, share: float, *, suspended: bool) -> Allowance:
+    """Where nothing weighs, tasks are equals; Realtime's budgets are quotas too."""
+    own = policy.enforcement
+    if own.scheduler is Scheduler.REALTIME:
+        return Allowance(1.0, share, suspended)
+    spec = next(one for one in policy.tasks if one.name == task)
+    weight, quota = amounts(own.control, spec, round(share * 1000), suspended=suspended)
+    return Allowance(
+        1.0 if weight is None else max(weight, 1) / 1000, None if quota is None else quota / 1000, suspended
+    )
 
 
 def _arrivals(

@@ -39,12 +39,15 @@ class Robot:
         return Placement(
             {node: cpu for node, cpu in self.nodes.items() if node not in left_out},
             tuple(container for container in self._containers(policy) if container.node not in left_out),
-            self.fair_only - left_out if policy.scheduler is Scheduler.REALTIME else frozenset(),
+            self.fair_only - left_out if policy.enforcement.scheduler is Scheduler.REALTIME else frozenset(),
         )
 
     def left_alone(self, policy: Policy) -> list[str]:
         """The nodes that the policy leaves alone: with realtimeFallback None, those that can't do realtime."""
-        strict = policy.scheduler is Scheduler.REALTIME and policy.realtime_fallback is RealtimeFallback.NONE
+        strict = (
+            policy.enforcement.scheduler is Scheduler.REALTIME
+            and policy.enforcement.realtime_fallback is RealtimeFallback.NONE
+        )
         return sorted(self.fair_only) if strict else []
 
     def _containers(self, policy: Policy) -> Iterator[Container]:

@@ -159,7 +159,7 @@ def _findings(planner: Planner, facts: StatusFacts) -> list[ConditionFinding]:
         ),
         ConditionFinding("Feasible", "Met", "Unmet", shortfalls),
         _application(policy.mode, facts.shadow, unapplied),
-        *(realtime if policy.scheduler is Scheduler.REALTIME else ()),
+        *(realtime if policy.enforcement.scheduler is Scheduler.REALTIME else ()),
     ]
 
 

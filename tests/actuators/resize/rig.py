@@ -106,9 +106,10 @@ class Rig:
         control: Control = Control.LIMIT,
         ceiling: int = 800,
     ) -> None:
-        ceilings = dict.fromkeys(shares, ceiling)
-        nodes = dict.fromkeys(shares, NODE)
-        self.apply(Order(policy, frozenset(shares), dict(shares), {NODE: n}, control, ceilings, nodes))
+        weighted, nodes = control is Control.WEIGHT, dict.fromkeys(shares, NODE)
+        limits = dict.fromkeys(shares, ceiling) if weighted else dict(shares)
+        requests = dict(shares) if weighted else {}
+        self.apply(Order(policy, frozenset(shares), dict(shares), {NODE: n}, limits, requests, not weighted, nodes))
 
     def apply(self, order: Order) -> None:
         """The policy exists and wants this."""

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.pauses import REFUSED
-from contextpolicy.policy.spec import Control, Transition
+from contextpolicy.policy.spec import Transition
 from tests.actuators.resize.fake_cluster import refusal
 from tests.actuators.resize.rig import POLICY, Rig, by_id, limits, two_pods
 from tests.cluster.builders import NODE, a_pod
 
 
-def prompt(rig: Rig, n: int = 1000, control: Control = Control.LIMIT, **shares: int) -> None:
+def prompt(rig: Rig, n: int = 1000, **shares: int) -> None:
     named = by_id(shares)
     nodes = dict.fromkeys(named, NODE)
-    rig.apply(
-        Order(POLICY, frozenset(named), named, {NODE: n}, control=control, nodes=nodes, transition=Transition.PROMPT)
-    )
+    rig.apply(Order(POLICY, frozenset(named), named, {NODE: n}, nodes=nodes, transition=Transition.PROMPT))
 
 
 def test_rises_do_not_wait_and_falls_are_first_in_line():
@@ -25,16 +23,6 @@ def test_rises_do_not_wait_and_falls_are_first_in_line():
     rig.work()
     assert limits(rig) == (500, 200)
     rig.work()
-    assert limits(rig) == (800, 200)
-
-
-def test_requests_rise_only_when_there_is_room_for_them():
-    rig = two_pods()
-    prompt(rig, control=Control.BOTH, slam=800, speech=200)
-    while rig.workers.jobs:
-        rig.work()
-    assert limits(rig) == (500, 200)
-    rig.settle()
     assert limits(rig) == (800, 200)
 
 

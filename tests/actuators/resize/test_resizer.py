@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pytest
 
+from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.pod_state import SETTLING
 from contextpolicy.actuators.resize.resizer import BOOKKEEPING
 from contextpolicy.cluster.pods import view
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.fake_cluster import refusal
 from tests.actuators.resize.rig import MOMENT, POLICY, Rig, by_id, limits, one_pod_for_two, two_pods
-from tests.cluster.builders import a_pod, cpu
+from tests.cluster.builders import NODE, a_pod, cpu
 
 # what is sent
 
@@ -51,7 +52,6 @@ def test_a_container_that_the_order_does_not_name_is_left_alone():
     [
         (Control.LIMIT, {"requests": {"cpu": "100m"}, "limits": {"cpu": "300m"}}),
         (Control.WEIGHT, {"requests": {"cpu": "300m"}, "limits": {"cpu": "800m"}}),
-        (Control.BOTH, {"requests": {"cpu": "299m"}, "limits": {"cpu": "300m"}}),
     ],
 )
 def test_what_moves_is_the_policys_choice_and_all_of_it_comes_back(control, resources):
@@ -68,7 +68,7 @@ def test_what_moves_is_the_policys_choice_and_all_of_it_comes_back(control, reso
 
 def test_going_back_to_limits_brings_the_request_back():
     rig = Rig(a_pod("slam"))
-    rig.plan(slam=300, control=Control.BOTH)
+    rig.plan(slam=300, control=Control.WEIGHT)
     rig.settle()
     rig.plan(slam=400)
     rig.settle()
@@ -76,14 +76,64 @@ def test_going_back_to_limits_brings_the_request_back():
     assert (resources["requests"]["cpu"], resources["limits"]["cpu"]) == ("100m", "400m")
 
 
-@pytest.mark.parametrize("control", list(Control))
-def test_a_guaranteed_pod_keeps_its_class_both_ways(control):
+def test_a_guaranteed_pod_keeps_its_class_both_ways():
     rig = Rig(a_pod("slam", {"slam": cpu("500m", "500m", ("64Mi", "64Mi"))}, qos="Guaranteed"))
     for share in (800, 200):
-        rig.plan(slam=share, control=control)
+        rig.plan(slam=share)
         rig.settle()
         resources = rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]
         assert resources["requests"]["cpu"] == resources["limits"]["cpu"] == f"{share}m"
+
+
+def free(*tasks: str, **limits: int) -> Order:
+    """Nothing is enforced but these limits."""
+    named = by_id({**dict.fromkeys(tasks, 500), **limits})
+    capped = by_id(limits)
+    return Order(
+        POLICY,
+        frozenset(named),
+        named,
+        {NODE: 1000},
+        {identity: capped.get(identity) for identity in named},
+        bounded=False,
+        nodes=dict.fromkeys(named, NODE),
+    )
+
+
+def test_a_container_that_is_left_alone_is_never_written():
+    rig = Rig(a_pod("slam"), a_pod("speech"))
+    rig.apply(free("slam", speech=10))
+    rig.settle()
+    assert (rig.cluster.limits("uid-slam"), rig.cluster.limits("uid-speech")) == ({"slam": 500}, {"speech": 100})
+    assert not rig.cluster.originals("uid-slam")
+
+
+def test_what_its_owner_sets_meanwhile_stays():
+    rig = Rig(a_pod("slam"))
+    rig.apply(free("slam"))
+    rig.settle()
+    rig.cluster.edit("uid-slam", "slam", cpu="700m")
+    rig.settle()
+    assert rig.cluster.limits("uid-slam") == {"slam": 700}
+    assert rig.witness.conflicts == []
+
+
+def test_a_container_wakes_with_the_limit_it_had():
+    rig = Rig(a_pod("slam", {"slam": cpu("1m", "500m", None)}))
+    rig.apply(free(slam=10))
+    rig.settle()
+    assert rig.cluster.limits("uid-slam") == {"slam": 10}
+    rig.apply(free("slam"))
+    rig.settle()
+    assert rig.cluster.limits("uid-slam") == {"slam": 500}
+    assert rig.witness.conflicts == []
+
+
+def test_a_request_is_the_floor_of_a_limit():
+    rig = Rig(a_pod("slam", {"slam": cpu("100m", "500m", None)}))
+    rig.apply(free(slam=10))
+    rig.settle()
+    assert rig.cluster.limits("uid-slam") == {"slam": 100}
 
 
 # the latest plan wins

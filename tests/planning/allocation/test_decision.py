@@ -168,7 +168,7 @@ def situations(draw):
             fields["needs"] = {"cores": f"{draw(st.integers(1, 150))}0m", "enforce": "Suspend"}
         tasks.append(a_task(name, **fields))
     effects = draw(st.dictionaries(st.sampled_from(names), EFFECTS, max_size=count))
-    policy = a_policy(tasks=tasks, contexts=[a_context("c", tasks=effects)], control="Weight")
+    policy = a_policy(tasks=tasks, contexts=[a_context("c", tasks=effects)], enforcement={"control": "Weight"})
     leaves = [task.name for task in policy.leaves]
     some = st.sets(st.sampled_from(leaves))
     absent = frozenset(draw(some))
@@ -221,7 +221,7 @@ def test_the_order_of_tasks_decides_nothing_but_ties(case, rng):
     shuffled = list(policy.tasks)
     rng.shuffle(shuffled)
     other = type(policy)(
-        policy.namespace, policy.name, tuple(shuffled), contexts=policy.contexts, control=policy.control
+        policy.namespace, policy.name, tuple(shuffled), contexts=policy.contexts, enforcement=policy.enforcement
     )
     again = Decider(other)._attempt(situation._replace(layout=seat_tasks(other, placement)), {})
     assert {name: w.able for name, w in again.weights.items()} == {name: w.able for name, w in weights.items()}

@@ -65,7 +65,7 @@ def test_a_request_is_a_floor_of_its_own_container_under_limit_control():
     assert node.containers == {"a": 400, "b": 100, "c": 500}
 
 
-@pytest.mark.parametrize("spec", [{"control": "Weight"}, {"control": "Both"}, {"scheduler": "Realtime"}])
+@pytest.mark.parametrize("spec", [{"control": "Weight"}, {"control": "Suspend"}, {"scheduler": "Realtime"}])
 def test_a_request_holds_nothing_up_where_it_moves_or_does_not_count(spec):
     placement = Placement(
         {"robot": 1000},
@@ -75,7 +75,7 @@ def test_a_request_holds_nothing_up_where_it_moves_or_does_not_count(spec):
             Container("c", "speech", "robot"),
         ),
     )
-    containers = divided(two_tasks(**spec), placement).nodes["robot"].containers
+    containers = divided(two_tasks(enforcement=spec), placement).nodes["robot"].containers
     assert abs(containers["a"] - containers["b"]) <= 10
 
 
@@ -143,19 +143,21 @@ def test_protected_floors_that_do_not_fit_are_scaled_down_in_every_division():
 
 
 def test_realtime_divides_the_budget_that_the_kernel_leaves_in_milliseconds():
-    node = divided(two_tasks(scheduler="Realtime"), on_node("slam", "speech", cores=4), slam=2).nodes["robot"]
+    node = divided(two_tasks(enforcement={"scheduler": "Realtime"}), on_node("slam", "speech", cores=4), slam=2).nodes[
+        "robot"
+    ]
     assert node.capacity == 950
     assert node.shares == {"slam": 633, "speech": 317}
 
 
 def test_a_reserve_is_kept_back_from_the_realtime_budget_too():
-    policy = two_tasks(scheduler="Realtime", reserve="1")
+    policy = two_tasks(enforcement={"scheduler": "Realtime"}, reserve="1")
     assert divided(policy, on_node("slam", "speech", cores=4)).nodes["robot"].capacity == 750
 
 
 def test_a_node_that_cannot_do_realtime_divides_its_cores():
     placement = replace(on_node("slam", "speech", cores=4), fair_only=frozenset({"robot"}))
-    node = divided(two_tasks(scheduler="Realtime"), placement).nodes["robot"]
+    node = divided(two_tasks(enforcement={"scheduler": "Realtime"}), placement).nodes["robot"]
     assert (node.capacity, node.scheduler) == (4000, Scheduler.CFS)
 
 

@@ -70,8 +70,9 @@ def test_the_throttle_gap_is_the_rest_of_the_period(share, gap):
 class TestRealtime:
     """Cores are cores under both schedulers: a share is a part of each of four processors' periods."""
 
-    def story(self, slam, **spec):
-        policy = a_policy(tasks=[a_task("slam", **slam), a_task("rest", priority=9)], scheduler="Realtime", **spec)
+    def story(self, slam, **enforcement):
+        tasks = [a_task("slam", **slam), a_task("rest", priority=9)]
+        policy = a_policy(tasks=tasks, enforcement={"scheduler": "Realtime", **enforcement})
         return Story(policy, on_node("slam", "rest", cores=4))
 
     def test_a_min_of_two_of_four_cores_is_half_of_each_period(self):
@@ -87,20 +88,23 @@ class TestRealtime:
 
     def test_processors_count_and_not_what_is_allocatable(self):
         placement = replace(on_node("slam", "rest", cores=3.8), processors={"robot": 4})
-        policy = a_policy(tasks=[a_task("slam", min=2), a_task("rest", priority=9)], scheduler="Realtime")
+        policy = a_policy(
+            tasks=[a_task("slam", min=2), a_task("rest", priority=9)], enforcement={"scheduler": "Realtime"}
+        )
         assert Story(policy, placement).shares() == {"slam": 500, "rest": 450}
 
     @pytest.mark.parametrize(("period", "gap"), [("1s", "0.5"), ("10ms", None), (None, "0.05")])
     def test_the_period_decides_for_how_long_a_task_may_stand_still(self, period, gap):
-        spec = {"period": period} if period else {}
-        story = self.story({"min": 2, "needs": {"deadline": "20ms"}}, **spec)
+        story = self.story({"min": 2, "needs": {"deadline": "20ms"}}, **({"period": period} if period else {}))
         wanted = f"needs results within 0.02 s, with 50 % of the period it may stand still for {gap} s"
         assert [s.message for s in story.last.shortfalls] == ([wanted] if gap else [])
 
 
 @pytest.mark.parametrize(("found", "gap"), [({"robot": 0.02}, None), ({"elsewhere": 0.02}, "0.2"), ({}, "0.2")])
 def test_under_cfs_the_kubelets_period_counts_and_else_what_the_policy_says(found, gap):
-    policy = a_policy(tasks=[a_task("slam", needs={"deadline": "30ms"}), a_task("rest")], period="400ms")
+    policy = a_policy(
+        tasks=[a_task("slam", needs={"deadline": "30ms"}), a_task("rest")], enforcement={"period": "400ms"}
+    )
     story = Story(policy, replace(on_node("slam", "rest"), quota_periods=found))
     wanted = f"needs results within 0.03 s, with 500m it may stand still for {gap} s"
     assert [s.message for s in story.last.shortfalls] == ([wanted] if gap else [])

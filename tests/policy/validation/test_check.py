@@ -29,13 +29,16 @@ FULL = {
     "metadata": {"name": "full", "namespace": "robot"},
     "spec": {
         "mode": "Enforce",
-        "scheduler": "CFS",
-        "control": "Limit",
-        "realtimeFallback": "CFS",
-        "realtimePolicy": "FIFO",
-        "period": "1s",
+        "enforcement": {
+            "scheduler": "CFS",
+            "control": "Limit",
+            "transition": "Strict",
+            "realtimeFallback": "CFS",
+            "realtimePolicy": "FIFO",
+            "period": "1s",
+            "minDwell": "1s",
+        },
         "reserve": "300m",
-        "minDwell": "1s",
         "fallback": "moving",
         "force": {"context": "moving", "until": "2027-01-01T00:00:00Z"},
         "streams": [
@@ -189,10 +192,10 @@ def test_samples_are_valid(path: Path) -> None:
 
 def test_all_findings_of_all_files_at_once() -> None:
     one = changed(("spec", "mode"), "Dryrun")
-    one["spec"]["minDwell"] = "soon"
+    one["spec"]["enforcement"]["minDwell"] = "soon"
     report = check([("one.yaml", yaml.safe_dump(one)), ("two.yaml", "a: [")])
     assert [(p.file, p.field) for p in report.errors] == [
-        ("one.yaml", "spec.minDwell"),
+        ("one.yaml", "spec.enforcement.minDwell"),
         ("one.yaml", "spec.mode"),
         ("two.yaml", ""),
     ]
@@ -340,4 +343,4 @@ spec:
     [problem] = check([("policy.yaml", text)]).problems
     assert (problem.severity, problem.field) == (Severity.WARNING, "spec.tasks[0].restartOnResize")
     assert "minDwell bounds how often" in problem.message
-    assert check([("policy.yaml", text.replace("spec:", "spec:\n  minDwell: 10s"))]).problems == []
+    assert check([("policy.yaml", text.replace("spec:", "spec:\n  enforcement: {minDwell: 10s}"))]).problems == []

@@ -111,7 +111,7 @@ def test_what_is_never_meant_is_refused_with_what_to_write_instead(changes, mess
     "changes",
     [
         [((*TASK, "min"), "11m"), ((*TASK, "max"), "20m")],
-        [((*TASK, "min"), "11m"), ((*TASK, "max"), "19m"), (("spec", "scheduler"), "Realtime")],
+        [((*TASK, "min"), "11m"), ((*TASK, "max"), "19m"), (("spec", "enforcement"), {"scheduler": "Realtime"})],
         [((*STREAM, "debounce"), "999ms")],
         [((*STREAM, "key"), f"{RMW}/*")],
         [((*STREAM, "key"), f"{RMW}/RIHS01_7d9a00ff")],

@@ -8,7 +8,6 @@ from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.quantities import parse_cpu
 from timelines.experiments.configurations import (
     ALL,
-    BOTH,
     CFS,
     LINUX_DEFAULT,
     STATIC,
@@ -34,7 +33,7 @@ def context(spec, name):
 def test_every_variant_is_a_policy(configuration, pace):
     policy = parse(configuration.variant(at_pace(POLICY, pace)))
     assert policy.reference == "robot/whole-robot"
-    assert (policy.scheduler == "Realtime") == configuration.realtime
+    assert (policy.enforcement.scheduler == "Realtime") == configuration.realtime
 
 
 def test_at_four_times_the_pace_pauses_are_shorter_and_what_others_depend_on_has_its_max():
@@ -70,8 +69,7 @@ def variant(configuration):
 
 def test_shares_that_are_requests_fit_beside_those_of_other_pods():
     """Operator and router request 100m each, drivers and guards 250m together."""
-    for configuration in (WEIGHT, BOTH):
-        assert parse_cpu(variant(configuration)["spec"]["reserve"]) >= 2 * 100 + 250
+    assert parse_cpu(variant(WEIGHT)["spec"]["reserve"]) >= 2 * 100 + 250
 
 
 def test_without_suspension_contexts_still_weight():

@@ -142,7 +142,7 @@ def test_systemd_knows_what_a_resize_has_confirmed(governed):
 def test_weights_move_too_and_are_restored(sensors):
     before = {name: weight(scope(name, ROBOT)) for name in TASKS}
     drive(sensors, 0.0)
-    govern(control="Weight")
+    govern(enforcement={"control": "Weight"})
     until("both weigh alike, more than before", lambda: len(set(weights().values())) == 1 and weights() != before)
     drive(sensors, 0.3)
     until("slam weighs more", lambda: weights()["slam"] > 5 * weights()["speech"] or weights())
@@ -156,7 +156,7 @@ def weights():
 
 def test_realtime_is_refused_in_words_that_help(sensors):
     drive(sensors, 0.0)
-    govern(scheduler="Realtime")
+    govern(enforcement={"scheduler": "Realtime"})
     wanted = "cgroup v2 has no realtime budgets (cpu.rt.max) in this kernel: boot with cgroup v1"
 
     def told():

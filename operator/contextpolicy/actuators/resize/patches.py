@@ -1,36 +1,15 @@
-"""Patches of pods/resize as values: the CPU that a share means for a container, and the patch that sets it. Pure."""
+"""Patches of pods/resize as values. Pure."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.cluster.pods import Cpu
 from contextpolicy.policy.quantities import format_cpu
-from contextpolicy.policy.spec import Control
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from contextpolicy.cluster.pods import ContainerView, PodView
-
-MIN_SHARES_REQUEST = 2
-"""The kubelet's smallest cpu.shares is 2, a request of 2m."""
-
-
-def cpu_for(pod: PodView, container: ContainerView, share: int, control: Control, ceiling: int) -> Cpu:
-    """The request and limit that give a container its `share`; `ceiling` is its limit where only weights move.
-
-    A Guaranteed pod keeps its class: request and limit stay equal.
-    """
-    if pod.qos == "Guaranteed":
-        return Cpu(share, share)
-    request = container.spec.request
-    if control is Control.LIMIT:
-        return Cpu(request, share)
-    limit = ceiling if control is Control.WEIGHT else share
-    # A request equal to the limit could turn the pod Guaranteed, and a resize may not change the QoS class.
-    below = share - 1 if share == limit else share
-    return Cpu(max(MIN_SHARES_REQUEST, below), limit)
+    from contextpolicy.cluster.pods import Cpu, PodView
 
 
 def resize_patch(pod: PodView, wanted: Mapping[str, Cpu]) -> dict[str, Any]:

@@ -122,6 +122,8 @@ class Reconciler:
             pod, container = self._pods.find(identity)
             if pod is not None and container is not None and identity in self.order.claimed and not pod.view.ended:
                 original = self._originals.at(pod.uid, container.name)
+                if original is None and self.order.leaves_alone(identity):
+                    continue
                 wanted = target_cpu(self.order, identity, pod, container, original)
                 spec = pod.state.spec(container.name)
                 before = self._before.setdefault(identity, spec or container.spec)

@@ -21,7 +21,6 @@ from contextpolicy.actuators.resize.reconciler import Reconciler
 from contextpolicy.actuators.resize.status_record import StatusRecord
 from contextpolicy.actuators.resize.targets import target_cpu
 from contextpolicy.cluster.claims import container_id
-from contextpolicy.policy.spec import Control
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -191,5 +190,5 @@ class PodResizer:
                     original = self.originals.at(pod.uid, container.name)
                     wanted = target_cpu(order, identity, pod, container, original)
                     same = container.actual.limit == wanted.limit
-                    if same and (order.control is Control.LIMIT or container.actual == wanted):
+                    if same and (identity not in order.requests or container.actual == wanted):
                         self._observer.on_in_force(policy, identity, order.shares[identity])

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from contextpolicy.actuators.resize.headroom import Holding, prompt, strict
-from contextpolicy.actuators.resize.patches import cpu_for
 from contextpolicy.cluster.pods import Cpu
-from contextpolicy.policy.spec import Control, Transition
+from contextpolicy.policy.spec import Transition
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -18,6 +17,10 @@ if TYPE_CHECKING:
     from contextpolicy.actuators.resize.originals import Original
     from contextpolicy.actuators.resize.tracked_pod import TrackedPod
     from contextpolicy.cluster.pods import ContainerView
+
+
+LEAST_REQUEST = 2
+"""Thousandths of a core: the kubelet's smallest cpu.shares is 2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +50,26 @@ class Target:
 def target_cpu(
     order: Order, identity: str, pod: TrackedPod, container: ContainerView, original: Original | None
 ) -> Cpu:
-    """The resources that the container's share means; where only limits move, with the request it had before us."""
-    share = order.shares[identity]
-    cpu = cpu_for(pod.view, container, share, order.control, order.ceilings.get(identity, share))
+    """The resources that the container's share means. Nothing sets a limit where there was none: it could never go.
+
+    A Guaranteed pod keeps its class: request and limit stay equal. A Burstable one does too: they stay apart.
+    """
     ownership = pod.owned.get(container.name)
-    before = original.cpu if original else ownership.cpu if ownership else None
-    if before is None or order.control is not Control.LIMIT or pod.view.qos == "Guaranteed":
-        return cpu
-    return Cpu(before.request, cpu.limit)
+    before = original.cpu if original else ownership.cpu if ownership else container.spec
+    wanted = order.limits.get(identity, order.shares[identity])
+    if before.limit is None or wanted is None:
+        return Cpu(_request(order, identity, before, before.limit), before.limit)
+    if pod.view.qos == "Guaranteed":
+        return Cpu(wanted, wanted)
+    limit = wanted if identity in order.requests else max(wanted, pod.view.floor(container, before))
+    return Cpu(_request(order, identity, before, limit), limit)
+
+
+def _request(order: Order, identity: str, before: Cpu, limit: int | None) -> int | None:
+    wanted = order.requests.get(identity)
+    if wanted is None:
+        return before.request
+    return max(LEAST_REQUEST, wanted if limit is None else min(wanted, limit - 1))
 
 
 def steps(order: Order, targets: Iterable[Target], leaving: Mapping[str, int], now: float) -> dict[str, dict[str, Cpu]]:
@@ -82,12 +97,10 @@ def steps(order: Order, targets: Iterable[Target], leaving: Mapping[str, int], n
 
 def _chosen(order: Order, capacity: int, targets: Sequence[Target]) -> tuple[set[str], set[str]]:
     """The containers of a node that may get their share now, and those that must go back to what they had before."""
-    if order.control is Control.WEIGHT:
+    if not order.bounded:
         return {target.id for target in targets}, set()
     holdings = [target.holding for target in targets]
-    # A request that rises before others have fallen may not fit on the node: the kubelet then defers the resize, and
-    # the limit in it.
-    if order.transition is Transition.STRICT or order.control is Control.BOTH:
+    if order.transition is Transition.STRICT:
         return strict(capacity, holdings), set()
     return prompt(capacity, holdings)
 

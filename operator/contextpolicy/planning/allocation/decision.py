@@ -95,6 +95,8 @@ class Decider:
         division = divide_nodes(situation.layout, weights, situation.last, self.at_rest, self._claims)
         self._claims = division.claims
         suspended = self._suspended(weights, division)
+        if suspended:
+            division = division._replace(nodes={name: _with(n, suspended) for name, n in division.nodes.items()})
         unmet = shortfalls(self._policy, weights, suspended, situation.layout, division.nodes)
         yielded = (Shortfall(name, f"is suspended: it {need}") for name, need in yielding.items())
         tasks = self._task_plans(weights, division.shares, suspended)
@@ -136,3 +138,8 @@ class Decider:
         if found:
             found.update(g.name for g in self._groups if weights[g.name].value == 0 and found.issuperset(g.subtasks))
         return found
+
+
+def _with(node: NodePlan, suspended: AbstractSet[str]) -> NodePlan:
+    here = suspended & node.shares.keys()
+    return node._replace(suspended=here) if here != node.suspended else node

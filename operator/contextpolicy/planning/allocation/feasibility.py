@@ -37,7 +37,7 @@ def shortfalls(
             continue
         if weights[container.task].value > 0:
             yield from _unmet(tasks[container.task], share, container, seated[container.node])
-        elif container.task in suspended and policy.control is Control.LIMIT and share > QUANTUM:
+        elif container.task in suspended and policy.enforcement.control is Control.LIMIT and share > QUANTUM:
             request = format_cpu(container.request)
             yield Shortfall(
                 container.task,

@@ -10,6 +10,7 @@ from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from collections.abc import Set as AbstractSet
 
 
 class TaskPlan(NamedTuple):
@@ -35,13 +36,17 @@ class Basis(StrEnum):
 
 
 class NodePlan(NamedTuple):
-    """One node's division: `capacity` is N in thousandths of a core, or the realtime budget."""
+    """One node's division: `capacity` is N in thousandths of a core, or the realtime budget.
+
+    `suspended` are its suspended tasks.
+    """
 
     capacity: int
     shares: Mapping[str, int]
     containers: Mapping[str, int]
     scheduler: Scheduler = Scheduler.CFS
     basis: Basis = Basis.WEIGHT
+    suspended: AbstractSet[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)

@@ -106,7 +106,8 @@ def seat_tasks(policy: Policy, placement: Placement) -> Seating:
 
 def _on(node: str, policy: Policy, placement: Placement) -> Policy:
     """The policy as it holds on a node, which may be unable to do realtime."""
-    return replace(policy, scheduler=Scheduler.CFS) if node in placement.fair_only else policy
+    fair = replace(policy.enforcement, scheduler=Scheduler.CFS)
+    return replace(policy, enforcement=fair) if node in placement.fair_only else policy
 
 
 def _node(
@@ -115,16 +116,18 @@ def _node(
     allocatable = placement.allocatable[name]
     divisible = max(0, min(allocatable - policy.reserve, placement.left.get(name, allocatable)))
     processors = placement.processors_of(name)
-    if policy.scheduler is Scheduler.REALTIME:
+    if policy.enforcement.scheduler is Scheduler.REALTIME:
         capacity, quantum, step = min(REALTIME_BUDGET, divisible // processors), 1, processors
     else:
         capacity, quantum, step = divisible // QUANTUM * QUANTUM, QUANTUM, QUANTUM
     period = (
-        policy.period if policy.scheduler is Scheduler.REALTIME else placement.quota_periods.get(name, policy.period)
+        policy.enforcement.period
+        if policy.enforcement.scheduler is Scheduler.REALTIME
+        else placement.quota_periods.get(name, policy.enforcement.period)
     )
     seats = tuple(_seat(policy, *seat, capacity // quantum, step) for seat in seated)
     protects = any(seat.protected for seat in seats)
-    return SeatedNode(name, capacity, quantum, seats, policy.scheduler, processors, period, protects)
+    return SeatedNode(name, capacity, quantum, seats, policy.enforcement.scheduler, processors, period, protects)
 
 
 def _seat(policy: Policy, task: Task, containers: Sequence[Container], most: int, step: int) -> Seat:
@@ -138,6 +141,6 @@ def _seat(policy: Policy, task: Task, containers: Sequence[Container], most: int
 
 def _floor(policy: Policy, container: Container) -> int:
     """Units below which a container can't go: where only limits move, its request holds it up."""
-    if policy.scheduler is Scheduler.REALTIME or policy.control is not Control.LIMIT:
+    if policy.enforcement.scheduler is Scheduler.REALTIME or policy.enforcement.control is not Control.LIMIT:
         return 1
     return container.floor // QUANTUM

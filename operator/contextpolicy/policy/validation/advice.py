@@ -63,7 +63,7 @@ def _task(policy: Policy, field: str, task: Task) -> Iterator[Finding]:
     for number, activity in enumerate(task.activity):
         if activity.score == 0 and not activity.score_from and not activity.initiative:
             yield Finding(f"{field}.activity[{number}].score", 0, "an activity with score 0 never counts")
-    if task.restart_on_resize and not policy.min_dwell:
+    if task.restart_on_resize and not policy.enforcement.min_dwell:
         told = "every plan that changes its share may restart it: minDwell bounds how often"
         yield Finding(f"{field}.restartOnResize", task.restart_on_resize, told)
     if task.protected:
@@ -73,7 +73,7 @@ def _task(policy: Policy, field: str, task: Task) -> Iterator[Finding]:
     if task.needs.cores is not None and task.needs.cores > task.max:
         told = f"needs {format_cpu(task.needs.cores)} cores, but max allows {format_cpu(task.max)}: never feasible"
         yield Finding(f"{field}.needs.cores", task.needs.cores, told)
-    gap = throttle_gap(task.max, policy.period) if policy.scheduler is Scheduler.CFS else 0.0
+    gap = throttle_gap(task.max, policy.enforcement.period) if policy.enforcement.scheduler is Scheduler.CFS else 0.0
     if task.needs.deadline is not None and gap > task.needs.deadline:
         told = f"with max {format_cpu(task.max)} it may stand still for {gap:.3g} s, longer than its deadline"
         yield Finding(f"{field}.needs.deadline", task.needs.deadline, told)
@@ -104,6 +104,6 @@ def _contexts(policy: Policy) -> Iterator[Finding]:
             yield Finding(field, context.name, f"context {context.name} {told}")
         if not context.effects:
             yield Finding(field, context.name, f"context {context.name} changes no task")
-        if context.when and not (context.enter_after or context.exit_after or policy.min_dwell):
+        if context.when and not (context.enter_after or context.exit_after or policy.enforcement.min_dwell):
             told = "may change with every sample: enterAfter, exitAfter or minDwell bound how often pods are resized"
             yield Finding(field, context.name, f"context {context.name} {told}")

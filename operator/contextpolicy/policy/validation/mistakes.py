@@ -53,7 +53,7 @@ def _debounce(policy: Policy) -> Iterator[Finding]:
 
 def _steps(policy: Policy) -> Iterator[Finding]:
     """A max that falls below min when rounded down to a step. Realtime budgets move in finer steps."""
-    if policy.scheduler is Scheduler.REALTIME:
+    if policy.enforcement.scheduler is Scheduler.REALTIME:
         return
     for index, task in enumerate(policy.tasks):
         if task.max is not None and task.max // STEP * STEP < task.min <= task.max:
