@@ -102,8 +102,9 @@ def test_a_refused_order_does_not_count(admission):
         ((0.6, 0.5), 1.0, "CFS"),
         ((1.1,), 1.0, "CFS"),
         ((0.5,), 2.5, "CFS"),
-        ((0.5, 0.46), 0.95, "Realtime"),
-        ((0.5,), 1.0, "Realtime"),
+        ((1.0, 0.902), 1.9, "Realtime"),
+        ((1.0,), 1.902, "Realtime"),
+        ((1.0, 0.5), 1.4, "Realtime"),
     ],
 )
 def test_more_than_there_is_is_refused(admission, cores, capacity, scheduler):
@@ -112,10 +113,16 @@ def test_more_than_there_is_is_refused(admission, cores, capacity, scheduler):
 
 
 def test_realtime_budgets_of_all_policies_fit_the_period(admission):
-    realtime = {"scheduler": "Realtime", "capacity": 0.95}
-    assert admission.admit(an_order(a_target(SLAM, 0.5), **realtime))
-    assert refusal(admission, an_order(a_target(SPEECH, 0.46), policy=OTHER, **realtime)) == "TooMuch"
-    assert admission.admit(an_order(a_target(SPEECH, 0.45), policy=OTHER, **realtime))
+    realtime = {"scheduler": "Realtime", "capacity": 1.9}
+    assert admission.admit(an_order(a_target(SLAM, 1.0), **realtime))
+    assert refusal(admission, an_order(a_target(SPEECH, 0.902), policy=OTHER, **realtime)) == "TooMuch"
+    assert admission.admit(an_order(a_target(SPEECH, 0.9), policy=OTHER, **realtime))
+
+
+def test_realtime_budgets_are_whole_parts_of_the_period_of_each_processor(admission):
+    realtime = {"scheduler": "Realtime", "capacity": 1.9}
+    assert refusal(admission, an_order(a_target(SLAM, 0.501), **realtime)) == "Unreadable"
+    assert admission.admit(an_order(a_target(SLAM, 0.501)))
 
 
 def test_a_container_of_another_policy_is_not_touched(admission):

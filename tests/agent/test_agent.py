@@ -193,27 +193,27 @@ def test_a_killed_agents_writes_that_the_api_confirmed_stay(start, tree, agent, 
 
 
 def realtime(*targets, **more):
-    return a_message(*targets, scheduler="Realtime", capacity=0.95, **more)
+    return a_message(*targets, scheduler="Realtime", capacity=1.9, **more)
 
 
 def test_realtime_budgets_and_the_limit_of_the_suspended(tree, agent, slam, speech):
-    targets = a_target(SLAM, 0.949), a_target(SPEECH, 0.001, task="speech")
+    targets = a_target(SLAM, 1.898), a_target(SPEECH, 0.002, task="speech")
     agent.hear(POLICY, realtime(*targets, suspended=("speech",)))
     assert (tree.budget(slam), tree.budget(speech)) == (949, 1)
     assert (tree.limit(slam), tree.limit(speech)) == (500, 10)
-    agent.hear(POLICY, realtime(a_target(SLAM, 0.5), a_target(SPEECH, 0.45, task="speech"), sequence=2))
+    agent.hear(POLICY, realtime(a_target(SLAM, 1.0), a_target(SPEECH, 0.9, task="speech"), sequence=2))
     assert (tree.budget(speech), tree.limit(speech)) == (450, 500)
 
 
 def test_leaving_realtime_undoes_it(tree, agent, slam):
-    agent.hear(POLICY, realtime(a_target(SLAM, 0.5)))
+    agent.hear(POLICY, realtime(a_target(SLAM, 1.0)))
     agent.hear(POLICY, a_message(a_target(SLAM, 0.3), sequence=2))
     assert (tree.budget(slam), tree.budget(tree.layout.top), tree.limit(slam)) == (0, 0, 300)
 
 
 def test_entering_realtime_undoes_limits(tree, agent, slam):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.3)))
-    agent.hear(POLICY, realtime(a_target(SLAM, 0.5), sequence=2))
+    agent.hear(POLICY, realtime(a_target(SLAM, 1.0), sequence=2))
     assert (tree.budget(slam), tree.limit(slam)) == (500, 500)
 
 
@@ -222,7 +222,7 @@ def test_a_node_without_realtime_says_what_it_lacks_and_refuses(tmp_path, start)
     group = bare.container(SLAM)
     agent = start(bare)
     assert "CONFIG_RT_GROUP_SCHED" in agent.report()["missing"]["Realtime"][0]
-    agent.hear(POLICY, realtime(a_target(SLAM, 0.5)))
+    agent.hear(POLICY, realtime(a_target(SLAM, 1.0)))
     assert bare.limit(group) == 500
     assert agent.report()["refused"] == {"Incapable": 1}
 

@@ -24,6 +24,7 @@ POINTS = [
     for write, moment in itertools.product(range(writes), (BEFORE, DURING, AFTER))
 ]
 SHARES = ({"slam": 0.8, "speech": 0.1}, {"slam": 0.2, "speech": 0.6})
+"""Of one core, or under Realtime of each of two."""
 
 
 class Killed(BaseException):
@@ -79,10 +80,11 @@ class Story:
     def tell(self):
         """The newest plan, as a source tells it to whoever asks; with a second sequence for the agent after it."""
         self.agent.find_source(POLICY)
-        shares = SHARES[self.heard - 1]
+        realtime = self._scheduler == "Realtime"
+        shares = {name: share * (2 if realtime else 1) for name, share in SHARES[self.heard - 1].items()}
         targets = [a_target({"slam": SLAM, "speech": SPEECH}[name], c, task=name) for name, c in shares.items()]
-        suspended = ("speech",) if self._scheduler == "Realtime" and self.heard == 1 else ()
-        capacity = 0.95 if self._scheduler == "Realtime" else 1.0
+        suspended = ("speech",) if realtime and self.heard == 1 else ()
+        capacity = 1.9 if realtime else 1.0
         message = a_message(
             *targets, sequence=self.heard, capacity=capacity, suspended=suspended, scheduler=self._scheduler
         )
@@ -164,7 +166,7 @@ def test_killed_at_a_write_the_next_agent_ends_where_the_plan_wants_and_can_undo
     story.start()
     story.tell()
     story.wait()
-    assert story.obeyed() == {name: round(cores * 1000) for name, cores in SHARES[story.heard - 1].items()}
+    assert story.obeyed() == {name: round(share * 1000) for name, share in SHARES[story.heard - 1].items()}
     story.agent.lose_source(POLICY)
     story.agent.hear(POLICY, None)
     assert story.seen() == story.before

@@ -5,14 +5,21 @@ from __future__ import annotations
 import contextlib
 import json
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from contextpolicy.agent.admission import Admission
 from contextpolicy.agent.node_orders import MAX_BYTES, Manner, NodeOrder, OrderTarget, read
+from contextpolicy.bus.decision_bus import message
+from contextpolicy.cluster.pods import view
 from contextpolicy.errors import OrderError
+from contextpolicy.planning.allocation.placement import Container, Placement
 from contextpolicy.policy.spec import Control, Mode, RealtimePolicy, Scheduler
 from tests.agent.builders import JSON, NODE, POLICY, SLAM, SPEECH, a_message, a_target
+from tests.cluster import builders as cluster
+from tests.planning.builders import Story, a_context, a_policy, a_task
 
 
 def test_an_order_has_what_this_node_must_do():
@@ -51,6 +58,28 @@ def test_a_manner_that_the_kernel_does_not_know_is_refused(wrong):
 def test_the_nodes_own_scheduler_counts():
     nodes = {NODE: {"capacity": 1.0, "scheduler": "CFS"}}
     assert read(a_message(scheduler="Realtime", nodes=nodes), POLICY, NODE).scheduler is Scheduler.CFS
+
+
+def a_starting_pod(task):
+    pod = cluster.a_pod(task)
+    del pod["status"]["containerStatuses"]
+    return view(pod)
+
+
+@given(st.integers(1, 1024), st.integers(10, 939))
+def test_a_share_in_cores_comes_back_as_the_same_part_of_the_period(processors, part):
+    """From the plan over the bus to the agent, on every size of node."""
+    parts = {"slam": part, "speech": 949 - part, "chat": 1}
+    tasks = [a_task(name, priority=part) for name, part in parts.items()]
+    contexts = [a_context("quiet", "true", {"chat": {"suspend": True}})]
+    policy = a_policy(tasks=tasks, contexts=contexts, enforcement={"scheduler": "Realtime"})
+    containers = tuple(Container(f"lab/{task}/{task}", task, cluster.NODE) for task in parts)
+    plan = Story(policy, Placement({cluster.NODE: processors * 1000}, containers)).last
+    sent = message(policy, 1, plan, containers, map(a_starting_pod, parts))
+    assert sent["tasks"]["slam"]["share"] == part * processors / 1000
+    heard = read(msgspec.json.encode(sent), policy.reference, cluster.NODE)
+    assert [target.part(processors) for target in heard.targets] == list(parts.values())
+    assert Admission(processors).admit(heard, signed=1) == heard
 
 
 def test_a_message_without_this_node_wants_nothing_of_it():

@@ -263,16 +263,17 @@ def realtime(tmp_path: Path, fallback: str = "CFS") -> str:
     return str(path)
 
 
-def test_realtime_shares_are_milliseconds_of_each_period(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", realtime(tmp_path), DEMO, "--until", "1"]) == 0
-    assert "  47.5/100 ms (1)  47.5/100 ms (1)  " in capsys.readouterr().out
-
-
-def test_realtime_shares_count_in_the_policys_own_period(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = Path(realtime(tmp_path))
-    path.write_text(path.read_text().replace("scheduler: Realtime\n", "scheduler: Realtime\n    period: 1s\n"))
-    assert main(["simulate", str(path), DEMO, "--until", "1"]) == 0
-    assert "/1000 ms" in capsys.readouterr().out
+def test_realtime_shares_are_cores_in_every_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two tasks of equal weight have 95 % of four processors."""
+    told = {}
+    for output in ("table", "csv", "json"):
+        assert main(["simulate", realtime(tmp_path), DEMO, "--until", "1", "--output", output]) == 0
+        told[output] = capsys.readouterr().out
+    assert "  1900m (1)      1900m (1)" in told["table"]
+    assert [row.split(",")[7] for row in told["csv"].splitlines()[1:3]] == ["1.9", "1.9"]
+    [first, *_] = json.loads(told["json"])["plans"]
+    assert [task["share"] for task in first["tasks"].values()] == [1.9, 1.9]
+    assert {name: node["capacity"] for name, node in first["nodes"].items()} == {"robot": 3.8}
 
 
 def test_a_robot_without_realtime_falls_back_as_the_policy_says(

@@ -43,19 +43,25 @@ def two_nodes():
 
 
 def test_a_node_in_realtime_is_divided_by_eq_2():
-    told = explained("slam", on_node("slam", "speech"))
-    assert told[0] == "slam gets 71.3 ms of each 100 ms on node robot."
-    equation = "95 ms of each 100 ms * 3 / 4 = 71.25 ms of each 100 ms"
+    told = explained("slam", on_node("slam", "speech", cores=2))
+    assert told[0] == "slam gets 1426m on node robot."
     assert told[-2:] == [
-        f"Eq. 2 on node robot: {equation}.",
-        "Shares move in steps of 0.1 ms of each 100 ms, which makes it 71.3 ms of each 100 ms.",
+        "Eq. 2 on node robot: 1900m * 3 / 4 = 1425m.",
+        "Shares move in steps of 2m, which makes it 1426m.",
     ]
+
+
+def test_a_deadline_in_realtime_is_that_of_a_thread_on_one_of_the_processors():
+    tasks = [a_task("slam", min=2, needs={"cores": 2, "deadline": "60ms"}), a_task("rest", priority=9)]
+    story = Story(a_policy(tasks=tasks, enforcement={"scheduler": "Realtime"}), on_node("slam", "rest", cores=4))
+    needs = explain(story.planner, START + 1)["tasks"]["slam"]["needs"]
+    assert [(need["given"], need["met"]) for need in needs] == [(2000, True), (pytest.approx(0.05), True)]
 
 
 def test_a_node_that_fell_back_is_divided_by_eq_1(two_nodes):
     told = explained("slam", two_nodes)
-    assert told[0] == "slam gets 71.3 ms of each 100 ms on node able and 15000m on node unable."
+    assert told[0] == "slam gets 713m on node able and 15000m on node unable."
     assert [one for one in told if one.startswith("Eq.")] == [
-        "Eq. 2 on node able: 95 ms of each 100 ms * 3 / 4 = 71.25 ms of each 100 ms.",
+        "Eq. 2 on node able: 950m * 3 / 4 = 712.5m.",
         "Eq. 1 on node unable: 20000m * 3 / 4 = 15000m.",
     ]

@@ -53,7 +53,7 @@ def profiles(slam=0.06, speech=0.04):
 def predict(policy, cost, cores=1000):
     robot = Robot({"robot": cores})
     run = simulate(policy, TIMELINE, robot=robot)
-    return run, forecast(policy, TIMELINE, run.plans, cost, processors=robot.nodes, until=run.until)
+    return run, forecast(policy, TIMELINE, run.plans, cost, until=run.until)
 
 
 def test_half_a_core_is_too_little_for_slam_until_it_moves():

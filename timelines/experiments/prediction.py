@@ -51,4 +51,4 @@ def predict(folder: Path, pace: float, cores: int) -> Forecast:
     robot, until = Robot({NODE: cores * 1000}), TAIL * story.duration
     plans = simulate(policy, story, robot=robot, until=until).plans
     profiles = load_profiles(str(folder / PROFILES))
-    return forecast(policy, story, plans, profiles, processors=robot.nodes, until=until)
+    return forecast(policy, story, plans, profiles, until=until)

@@ -53,6 +53,7 @@ class Admission:
             return None
         if order.mode is not Mode.ENFORCE or (order.scheduler, order.control) == (Scheduler.CFS, Control.WEIGHT):
             order = replace(order, targets=())
+        self._check_parts(order)
         self._check_amounts(order)
         self._check_owners(order)
         self._sourceless.discard(order.policy)
@@ -101,12 +102,19 @@ class Admission:
         if 0 <= later <= REPEATABLE:
             raise OrderError("Outdated", f"{policy}: signed {later / 1e9:.3f} s before what was heard already")
 
+    def _check_parts(self, order: NodeOrder) -> None:
+        """A realtime share is a whole number of thousandths of the period, the same on each processor."""
+        for target in order.targets if order.scheduler is Scheduler.REALTIME else ():
+            if target.share % self._cpus:
+                raise OrderError("Unreadable", f"{order.policy}: {target.share}m is uneven on {self._cpus} processors")
+
     def _check_amounts(self, order: NodeOrder) -> None:
         realtime = order.scheduler is Scheduler.REALTIME
-        there_is = REALTIME_BUDGET - self._promised(order.policy) if realtime else self._cpus * 1000
+        most = self._cpus * (REALTIME_BUDGET if realtime else 1000)
+        there_is = most - self._promised(order.policy) if realtime else most
         asked = sum(target.share for target in order.targets)
-        if order.targets and order.capacity > (REALTIME_BUDGET if realtime else there_is):
-            raise OrderError("TooMuch", f"{order.policy}: a capacity of {order.capacity}m, this node has {there_is}m")
+        if order.targets and order.capacity > most:
+            raise OrderError("TooMuch", f"{order.policy}: a capacity of {order.capacity}m, this node has {most}m")
         if asked > min(order.capacity, there_is):
             raise OrderError("TooMuch", f"{order.policy}: {asked}m of {min(order.capacity, there_is)}m")
 

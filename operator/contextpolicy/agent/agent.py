@@ -76,7 +76,8 @@ class Agent:
     def __init__(self, settings: AgentSettings, scheduler: SchedulerBase, watch: WriteWatch) -> None:
         self._settings, self._scheduler, self._watch = settings, scheduler, watch
         self._refusals = Refusals()
-        self._admission = Admission(os.cpu_count() or 1)
+        self._cpus = os.cpu_count() or 1
+        self._admission = Admission(self._cpus)
         self._namespaces = PodNamespaces(settings.logs)
         self._ledger = Ledger(settings.state / "agent.journal")
         self._graces: dict[str, DisposableBase] = {}
@@ -152,7 +153,7 @@ class Agent:
             "node": self._settings.node,
             "cgroup": layout.version if layout else None,
             "driver": layout.driver if layout else None,
-            "processors": os.cpu_count(),
+            "processors": self._cpus,
             "quotaPeriod": capabilities.quota_period(layout),
             "missing": self._missing,
             "unlimited": self._unlimited,
@@ -189,7 +190,8 @@ class Agent:
             # Limits first: they must be in force when suspended threads fall back to the fair scheduler.
             resting = {group for group, target in groups.items() if target.suspended}
             writers.limits.apply(order.policy, dict.fromkeys(resting, QUANTUM), held=True)
-            writers.realtime.apply(order.policy, _shares(groups), order.manner, resting)
+            parts = {group: target.part(self._cpus) for group, target in groups.items()}
+            writers.realtime.apply(order.policy, parts, order.manner, resting)
             return
         # Settled first: `apply` makes an earlier run's entries its own, as if no resize had confirmed them yet.
         for group, target in groups.items():

@@ -20,7 +20,7 @@ MAX_CORES = 1024
 
 
 class OrderTarget(NamedTuple):
-    """One container: `share` in thousandths of a core (or of the realtime period), `limit` the one in force.
+    """One container: its `share`, and the `limit` in force, in thousandths of a core.
 
     The `container_id` is empty while the container is starting.
     """
@@ -31,6 +31,10 @@ class OrderTarget(NamedTuple):
     share: int
     limit: int | None
     suspended: bool
+
+    def part(self, processors: int) -> int:
+        """The share as a part of the period of each of the node's processors, in thousandths."""
+        return self.share // processors
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +51,10 @@ class Manner:
 
 @dataclass(frozen=True, slots=True)
 class NodeOrder:
-    """What one policy wants of one node; `stamp` only grows while its source lives."""
+    """What one policy wants of one node; `stamp` only grows while its source lives.
+
+    `capacity` is what the policy divides, in thousandths of a core.
+    """
 
     policy: str
     stamp: Stamp

@@ -99,7 +99,7 @@ def _misses(ask: Callable[..., Any], body: Mapping[str, Any], arguments: argpars
     inputs = with_steady_inputs(timeline.parse(recorded["timeline"]), profiles)
     robot = robot_of(recorded["plans"][-1], policy.reserve)
     run = simulate(policy, inputs, robot=robot, initiatives=plugins.load(policy))
-    told = forecast(policy, inputs, run.plans, profiles, processors=robot.nodes, until=run.until)
+    told = forecast(policy, inputs, run.plans, profiles, until=run.until)
     return {task: own[ALL].misses for task, own in told.tasks.items() if ALL in own}
 
 

@@ -37,9 +37,9 @@ output (--output): a table; or the fields
 
   json   policy, timeline, cores (of all nodes), until (s), notes (sentences), plans: a list, as on the decision bus:
          policy, mode, scheduler, control; sequence, time (s from the timeline's begin), cause, contexts (that hold);
-         shortfalls (task, message: what is not feasible); tasks by name: score, weight, share (cores; under Realtime
-         the part of each processor's period), suspended, because; nodes by name: capacity, scheduler,
-         dividedBy (Weight; Priority while all are at rest; Nothing while all are suspended), tasks and their shares
+         shortfalls (task, message: what is not feasible); tasks by name: score, weight, share (cores), suspended,
+         because; nodes by name: capacity (cores), scheduler, dividedBy (Weight; Priority while all are at rest;
+         Nothing while all are suspended), tasks and their shares
   csv    a row for each plan and task: time, sequence, cause, contexts (joined by ;), task, score, weight, share,
          suspended, as in json
 
@@ -106,7 +106,7 @@ def main(arguments: argparse.Namespace) -> int:
     robot = robot_of(arguments, policy)
     _refuse_unpredicted(arguments, expected)
     run = run_policy(policy, inputs, robot=robot, until=arguments.until)
-    predicted = predict(arguments.profiles, policy, inputs, run, robot) if arguments.profiles else None
+    predicted = predict(arguments.profiles, policy, inputs, run) if arguments.profiles else None
     told = [*notes(policy, robot, run), *(predicted.notes if predicted else ())]
     if expected is None or arguments.output != "table":
         about: dict[str, Any] = {"cores": sum(robot.nodes.values()) / 1000, "notes": told}
@@ -118,13 +118,13 @@ def main(arguments: argparse.Namespace) -> int:
     return 0 if expected is None else _compare(arguments, run, predicted, expected)
 
 
-def predict(path: str, policy: Policy, inputs: Timeline, run: Simulation, robot: Robot) -> Forecast:
+def predict(path: str, policy: Policy, inputs: Timeline, run: Simulation) -> Forecast:
     """What the plans of a run do to each task's inputs."""
     from contextpolicy.simulation.forecast import forecast
     from contextpolicy.simulation.profiles import load_profiles
 
     profiles = load_profiles(path)
-    return forecast(policy, inputs, run.plans, profiles, processors=robot.nodes, until=run.until)
+    return forecast(policy, inputs, run.plans, profiles, until=run.until)
 
 
 def read_files(arguments: argparse.Namespace) -> tuple[Policy, Timeline]:
@@ -213,7 +213,7 @@ def _print(  # noqa: PLR0913 - all that a run gives
         case "csv":
             print(report.as_csv(run.plans))
         case _:
-            print(report.table(run.plans, period=policy.enforcement.period))
+            print(report.table(run.plans))
             if predicted is not None:
                 print(f"\n{forecast_report.as_table(predicted)}")
 
@@ -229,7 +229,6 @@ def _draw(path: Path, policy: Policy, inputs: Timeline, run: Simulation) -> None
         until=run.until,
         weights=series.normalised_weights(run.plans),
         title=f"{policy.name} on {inputs.name} ({policy.enforcement.scheduler})",
-        unit=series.unit(run.plans),
     )
 
 

@@ -1,8 +1,8 @@
 """Why each task has its share: everything that led to the plan in force, as plain data.
 
 The same structure answers a query on the decision bus, `explain --output json` and, through `sentences`, people.
-CPU is in thousandths of a core (of the period on nodes in realtime), times and ages in seconds. A node's `scheduler` is
-the one it is divided for, which is not the policy's if the node can't do realtime.
+CPU is in thousandths of a core, times and ages in seconds. A node's `scheduler` is the one it is divided for, which is
+not the policy's if the node can't do realtime.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from contextpolicy.explain.deciding import absence, deciding_parts
 from contextpolicy.planning.allocation.division import terms
 from contextpolicy.planning.allocation.seating import seat_tasks
 from contextpolicy.planning.allocation.shares import divide, floors_exceed
-from contextpolicy.policy.bandwidth import throttle_gap
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -200,8 +199,8 @@ def _needs(planner: Planner, plan: Plan, task: Task) -> list[dict[str, Any]]:
     ]
     if not shares:
         return []
-    cores = min(node.cores(share) for node, share in shares)
-    gap = max(throttle_gap(share, node.period) for node, share in shares)
+    cores = min(share for _, share in shares)
+    gap = max(node.throttle_gap(share) for node, share in shares)
     memory = [c.memory for c in planner.placement.containers if c.task == task.name and c.memory is not None]
     rows = [
         ("cores", task.needs.cores, cores, task.needs.cores is not None and cores >= task.needs.cores),
@@ -232,7 +231,6 @@ def _node(own: Terms, made: NodePlan) -> dict[str, Any]:
         }
     return {
         "scheduler": made.scheduler,
-        "period": own.period,
         "capacity": made.capacity,
         "dividedBy": made.basis,
         "step": own.quantum,

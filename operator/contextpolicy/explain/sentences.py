@@ -93,7 +93,7 @@ def _waiting(explanation: Mapping[str, Any]) -> str:
 def _headline(explanation: Mapping[str, Any], task: str, own: Mapping[str, Any]) -> Iterator[str]:
     plan = explanation["plan"]
     nodes = {name: node for name, node in explanation["nodes"].items() if task in node["tasks"]}
-    shares = " and ".join(f"{_cpu(node, node['tasks'][task]['share'])} on node {n}" for n, node in nodes.items())
+    shares = " and ".join(f"{_cpu(node['tasks'][task]['share'])} on node {n}" for n, node in nodes.items())
     suspended = ", the least there is: it is suspended" if own["suspended"] and nodes else ""
     yield f"{task} gets {shares}{suspended}." if nodes else f"{_shareless(explanation, task, own)}."
     yield f"Plan {plan['sequence']} is in force for {plan['age']:.3g} s, caused by {plan['cause']}."
@@ -183,8 +183,8 @@ def _division(explanation: Mapping[str, Any], task: str) -> Iterator[str]:
             yield f"No task on node {name} can run: each has the least."
         if row["weight"] > 0:
             equation = "Eq. 1" if node["scheduler"] == Scheduler.CFS else "Eq. 2"
-            part = f"{_cpu(node, node['capacity'])} * {row['weight']:.4g} / {node['weights']:.4g}"
-            yield f"{equation} on node {name}: {part} = {_cpu(node, row['proportional'])}."
+            part = f"{_cpu(node['capacity'])} * {row['weight']:.4g} / {node['weights']:.4g}"
+            yield f"{equation} on node {name}: {part} = {_cpu(row['proportional'])}."
         yield from _bounds(node, row, task)
 
 
@@ -193,12 +193,12 @@ def _bounds(node: Mapping[str, Any], row: Mapping[str, Any], task: str) -> Itera
         yield "The floors together exceed the node, so all are scaled down."
     elif row["bound"] and row["weight"] > 0:
         word = "raises it to" if row["bound"] == "floor" else "holds it at"
-        yield f"Its {row['bound']} {word} {_cpu(node, row['share'])}."
+        yield f"Its {row['bound']} {word} {_cpu(row['share'])}."
     elif row["weight"] > 0 and abs(row["share"] - row["proportional"]) >= node["step"]:
         held = ", ".join(_held(node, task))
-        yield f"{held}; the rest, divided by weight, gives it {_cpu(node, row['share'])}."
+        yield f"{held}; the rest, divided by weight, gives it {_cpu(row['share'])}."
     elif row["weight"] > 0 and row["share"] != row["proportional"]:
-        yield f"Shares move in steps of {_cpu(node, node['step'])}, which makes it {_cpu(node, row['share'])}."
+        yield f"Shares move in steps of {_cpu(node['step'])}, which makes it {_cpu(row['share'])}."
 
 
 def _held(node: Mapping[str, Any], task: str) -> Iterator[str]:
@@ -206,7 +206,7 @@ def _held(node: Mapping[str, Any], task: str) -> Iterator[str]:
     for name, row in node["tasks"].items():
         if name != task and (row["bound"] or row["weight"] == 0):
             why = "suspended" if row["weight"] == 0 else f"at its {row['bound']}"
-            yield f"{name} has {_cpu(node, row['share'])} ({why})"
+            yield f"{name} has {_cpu(row['share'])} ({why})"
 
 
 def _needs(own: Mapping[str, Any]) -> Iterator[str]:
@@ -251,9 +251,5 @@ def _shown(value: object) -> str:
     return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
 
 
-def _cpu(node: Mapping[str, Any], millis: float) -> str:
-    """Thousandths of a core, or ms of each period, by the node's own scheduler: it may not be the policy's."""
-    if node["scheduler"] == Scheduler.CFS:
-        return f"{round(millis, 1):g}m"
-    period = node["period"]
-    return f"{round(millis * period, 2):g} ms of each {period * 1000:g} ms"
+def _cpu(millis: float) -> str:
+    return f"{round(millis, 1):g}m"

@@ -1,11 +1,13 @@
-"""A plan as JSON: the one definition for the decision bus, `simulate --output json` and recordings. CPU is in cores.
+"""A plan as JSON: the one definition for the decision bus, `simulate --output json` and recordings.
+
+CPU is in cores, with three decimals at most, whatever the scheduler: nobody needs to know it to read a share.
 
 ==========  ==========================================================================================================
 field       meaning
 ==========  ==========================================================================================================
 policy      `namespace/name`
 mode        as in the policy: only what is decided in mode Enforce is carried out
-scheduler   as in the policy: shares are CPU time under CFS, parts of each processor's period under Realtime
+scheduler   as in the policy
 realtime    how budgets work under Realtime: `policy` (RR, FIFO) and `period` in seconds
 control     as in the policy
 sequence    counts the plans of a run (see below); the first plan with a number is carried out, later ones with the same

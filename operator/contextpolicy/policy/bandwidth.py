@@ -10,5 +10,5 @@ SHORTEST, LONGEST = 0.01, 1.0
 
 
 def throttle_gap(share: int, period: float = PERIOD) -> float:
-    """Seconds for which one busy thread may be throttled with this share, in thousandths of a core or of the period."""
+    """Seconds for which one busy thread may be throttled with this share of one processor, in thousandths."""
     return period * max(0.0, 1 - share / 1000)

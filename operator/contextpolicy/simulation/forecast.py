@@ -87,24 +87,23 @@ def forecast(  # noqa: PLR0913 - what a run consists of, by keyword
     plans: Sequence[Plan],
     profiles: Profiles,
     *,
-    processors: Mapping[str, int],
     until: float,
     deadlines: Mapping[str, float] | None = None,
 ) -> Forecast:
-    """Predict a run whose plans are known; `processors` are each node's, in thousandths of a core.
+    """Predict a run whose plans are known.
 
     Of a task on several nodes, the first node counts. `deadlines` in seconds replace those of policy and profiles.
     """
     plans = [plan for plan in plans if plan.nodes]
     notes: list[str] = []
-    nodes, homes = _nodes(plans, profiles, processors), _homes(plans)
+    nodes, homes = _nodes(plans, profiles), _homes(plans)
     arrivals = sorted(_arrivals(timeline, profiles, homes, until, notes))
     used: list[Served] = []
     outcomes: list[Outcome] = []
     fair = policy.enforcement.scheduler is Scheduler.CFS
     phases = 1 if fair and policy.enforcement.control is not Control.LIMIT else PHASES
     for name, node in nodes.items():
-        changes = [_change(policy, plan, name, node.tasks, processors[name] / 1000) for plan in plans]
+        changes = [_change(policy, plan, name, node.tasks) for plan in plans]
         own = [work for work in arrivals if homes[work.task] == name]
         for phase in range(phases):
             server = Server(node.cores, node.workers(), _period(policy), phase / phases * _period(policy))
@@ -197,17 +196,13 @@ def _idle(used: Iterable[Served], contexts: _Contexts, cores: Sequence[float], p
     return {name: sum(cores) - busy[name] / lasted[name] for name in lasted if lasted[name] > 0}
 
 
-def _nodes(plans: Sequence[Plan], profiles: Profiles, processors: Mapping[str, int]) -> dict[str, _Node]:
-    """The nodes with the tasks that run there.
-
-    What the policy divides is what there is: its reserve counts as used. Under Realtime it divides each processor.
-    """
+def _nodes(plans: Sequence[Plan], profiles: Profiles) -> dict[str, _Node]:
+    """The nodes with the tasks that run there. What the policy divides is what there is: its reserve counts as used."""
     nodes: dict[str, _Node] = {}
     for task, home in _homes(plans).items():
         profile = profiles.tasks.get(task)
         first = next(plan.nodes[home] for plan in plans if home in plan.nodes)
-        cores = first.capacity if first.scheduler is Scheduler.CFS else processors[home] * first.capacity / 1000
-        node = nodes.setdefault(home, _Node(cores / 1000))
+        node = nodes.setdefault(home, _Node(first.capacity / 1000))
         if profile is not None:
             node.tasks[task] = profile
     return nodes
@@ -227,16 +222,15 @@ def _period(policy: Policy) -> float:
     return policy.enforcement.period if policy.enforcement.scheduler is Scheduler.REALTIME else PERIOD
 
 
-def _change(policy: Policy, plan: Plan, node: str, workers: Iterable[str], processors: float) -> Change:
+def _change(policy: Policy, plan: Plan, node: str, workers: Iterable[str]) -> Change:
     """A plan's allowances, when the kernel has them; the first plan is in force from the start.
 
-    A realtime budget is one of each processor, and modules have threads enough to use several.
+    A realtime budget is one of each processor, and modules have threads enough to use them all.
     """
     own = plan.nodes.get(node)
-    times = processors if own and own.scheduler is Scheduler.REALTIME else 1.0
     allowances = {}
     for task in workers:
-        share = times * own.containers.get(task, own.shares.get(task, 0)) / 1000 if own else 0.0
+        share = own.containers.get(task, own.shares.get(task, 0)) / 1000 if own else 0.0
         allowances[task] = _allowance(policy, task, share, suspended=plan.tasks[task].suspended)
     return Change(plan.time + REACTION if plan.time > 0 else 0.0, allowances)
 

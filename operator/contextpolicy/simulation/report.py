@@ -8,8 +8,6 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.planning.plan_json import plan_json
-from contextpolicy.policy.bandwidth import PERIOD
-from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,16 +18,13 @@ if TYPE_CHECKING:
 CSV_COLUMNS = ("time", "sequence", "cause", "contexts", "task", "score", "weight", "share", "suspended")
 
 
-def table(plans: Sequence[Plan], *, period: float = PERIOD) -> str:
-    """Time, contexts, share and weight of each task, and the cause; a row for each change in these columns.
-
-    `period` is the realtime period in seconds.
-    """
+def table(plans: Sequence[Plan]) -> str:
+    """Time, contexts, share and weight of each task, and the cause; a row for each change in these columns."""
     tasks = list(plans[0].tasks) if plans else []
     header = ["TIME", "CONTEXTS", *(f"{name.upper()} (WEIGHT)" for name in tasks), "CAUSE"]
     rows = [header]
     for before, plan in zip([None, *plans], plans, strict=False):
-        row = _row(plan, tasks, period)
+        row = _row(plan, tasks)
         if before is None or before.sequence != plan.sequence or row[1:-1] != rows[-1][1:-1]:
             rows.append(row)
     widths = [max(len(row[column]) for row in rows) for column in range(len(header) - 1)]
@@ -39,18 +34,14 @@ def table(plans: Sequence[Plan], *, period: float = PERIOD) -> str:
     )
 
 
-def _row(plan: Plan, tasks: Sequence[str], period: float) -> list[str]:
-    cells = [f"{_share(plan, name, period)}({plan.tasks[name].weight:.4g})" for name in tasks]
+def _row(plan: Plan, tasks: Sequence[str]) -> list[str]:
+    cells = [f"{_share(plan, name)}({plan.tasks[name].weight:.4g})" for name in tasks]
     return [f"{plan.time:.3f}", ", ".join(plan.contexts) or "-", *cells, plan.cause]
 
 
-def _share(plan: Plan, task: str, period: float) -> str:
-    """In thousandths of a core, or in milliseconds of each period; a task without a container of its own has none."""
-    schedulers = {node.scheduler for node in plan.nodes.values() if task in node.shares}
-    share = plan.tasks[task].share
-    if schedulers == {Scheduler.REALTIME}:
-        return f"{share * period:g}/{1000 * period:g} ms "
-    return f"{share}m " if schedulers else ""
+def _share(plan: Plan, task: str) -> str:
+    """In thousandths of a core; a task without a container of its own has none."""
+    return f"{plan.tasks[task].share}m " if any(task in node.shares for node in plan.nodes.values()) else ""
 
 
 def as_json(policy: Policy, plans: Sequence[Plan], **about: Any) -> str:

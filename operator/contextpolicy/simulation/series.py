@@ -4,22 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from contextpolicy.policy.spec import Scheduler
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from contextpolicy.planning.allocation.plan import Plan
 
 
-def unit(plans: Sequence[Plan]) -> str:
-    """The unit of shares, for the axis."""
-    realtime = {node.scheduler for plan in plans for node in plan.nodes.values()} == {Scheduler.REALTIME}
-    return "part of each period" if realtime else "cores"
-
-
 def shares(plans: Sequence[Plan]) -> dict[str, list[tuple[float, float]]]:
-    """Each task's share in cores, or as a fraction of each realtime period; tasks without a container have none."""
+    """Each task's share in cores; tasks without a container have none."""
     names = [
         name for name in _names(plans) if any(name in node.shares for plan in plans for node in plan.nodes.values())
     ]

@@ -53,7 +53,6 @@ class Trial:
             timeline,
             run.plans,
             self.profiles,
-            processors=self.robot.nodes,
             until=timeline.duration,
             deadlines=self.deadlines,
         )

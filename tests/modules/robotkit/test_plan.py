@@ -7,8 +7,10 @@ from contextlib import ExitStack, contextmanager
 import pytest
 import zenoh
 
+from contextpolicy.bus.decision_bus import message
 from robotkit.plan import UNPLANNED, Decision, Decisions, PlanListener
 from tests.modules.robotkit.bus import Matching, client, router
+from tests.planning.builders import Story, a_policy, a_task, on_node
 from tests.ports import free_port
 from tests.waiting import PATIENCE
 
@@ -25,6 +27,16 @@ def a_plan(run=1, sequence=1, *, task="slam", mode="Enforce", **changes):
 
 def test_a_task_hears_its_own_part():
     assert Decisions("slam").hear(KEY, a_plan(share=1.25)) == Decision(1.25, 10.0, suspended=False)
+
+
+@pytest.mark.parametrize("scheduler", ["CFS", "Realtime"])
+def test_a_share_is_cores_under_each_scheduler(scheduler):
+    """7 of 19 parts of what is to divide of two cores: all but the reserve, or 95 % of each."""
+    tasks = [a_task("slam", priority=7), a_task("speech", priority=12)]
+    policy = a_policy(tasks=tasks, scheduler=scheduler, reserve="100m")
+    plan = Story(policy, on_node("slam", "speech", cores=2)).last
+    heard = json.dumps(message(policy, 1, plan, (), ())).encode()
+    assert Decisions("slam").hear(KEY, heard).share == 0.7
 
 
 def test_a_late_plan_does_not_undo_a_newer_one():

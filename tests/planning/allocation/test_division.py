@@ -142,17 +142,17 @@ def test_protected_floors_that_do_not_fit_are_scaled_down_in_every_division():
         ]
 
 
-def test_realtime_divides_the_budget_that_the_kernel_leaves_in_milliseconds():
+def test_realtime_divides_what_the_kernel_leaves_of_each_processor_in_thousandths_of_its_period():
     node = divided(two_tasks(enforcement={"scheduler": "Realtime"}), on_node("slam", "speech", cores=4), slam=2).nodes[
         "robot"
     ]
-    assert node.capacity == 950
-    assert node.shares == {"slam": 633, "speech": 317}
+    assert node.capacity == 4 * 950
+    assert node.shares == {"slam": 4 * 633, "speech": 4 * 317}
 
 
 def test_a_reserve_is_kept_back_from_the_realtime_budget_too():
     policy = two_tasks(enforcement={"scheduler": "Realtime"}, reserve="1")
-    assert divided(policy, on_node("slam", "speech", cores=4)).nodes["robot"].capacity == 750
+    assert divided(policy, on_node("slam", "speech", cores=4)).nodes["robot"].capacity == 3000
 
 
 def test_a_node_that_cannot_do_realtime_divides_its_cores():

@@ -68,7 +68,7 @@ def test_the_throttle_gap_is_the_rest_of_the_period(share, gap):
 
 
 class TestRealtime:
-    """Cores are cores under both schedulers: a share is a part of each of four processors' periods."""
+    """Cores are cores under both schedulers: of four processors each gives a part of its period."""
 
     def story(self, slam, **enforcement):
         tasks = [a_task("slam", **slam), a_task("rest", priority=9)]
@@ -76,10 +76,10 @@ class TestRealtime:
         return Story(policy, on_node("slam", "rest", cores=4))
 
     def test_a_min_of_two_of_four_cores_is_half_of_each_period(self):
-        assert self.story({"min": 2}).shares() == {"slam": 500, "rest": 450}
+        assert self.story({"min": 2}).shares() == {"slam": 2000, "rest": 1800}
 
     def test_so_is_a_max(self):
-        assert self.story({"max": 2, "priority": 99}).shares() == {"slam": 500, "rest": 450}
+        assert self.story({"max": 2, "priority": 99}).shares() == {"slam": 2000, "rest": 1800}
 
     def test_needs_are_cores_too(self):
         assert self.story({"min": 2, "needs": {"cores": 2}}).last.shortfalls == ()
@@ -91,12 +91,12 @@ class TestRealtime:
         policy = a_policy(
             tasks=[a_task("slam", min=2), a_task("rest", priority=9)], enforcement={"scheduler": "Realtime"}
         )
-        assert Story(policy, placement).shares() == {"slam": 500, "rest": 450}
+        assert Story(policy, placement).shares() == {"slam": 2000, "rest": 1800}
 
     @pytest.mark.parametrize(("period", "gap"), [("1s", "0.5"), ("10ms", None), (None, "0.05")])
     def test_the_period_decides_for_how_long_a_task_may_stand_still(self, period, gap):
         story = self.story({"min": 2, "needs": {"deadline": "20ms"}}, **({"period": period} if period else {}))
-        wanted = f"needs results within 0.02 s, with 50 % of the period it may stand still for {gap} s"
+        wanted = f"needs results within 0.02 s, with 2000m it may stand still for {gap} s"
         assert [s.message for s in story.last.shortfalls] == ([wanted] if gap else [])
 
 

@@ -41,7 +41,6 @@ class Terms(NamedTuple):
     capacity: int
     quantum: int
     claims: tuple[Demand, ...]
-    period: float
     basis: Basis = Basis.WEIGHT
     unprotected: bool = False
     """Whether the protected tasks' floors are more than there is, so that not even they can be kept."""
@@ -98,7 +97,7 @@ def _terms(node: SeatedNode, weights: Mapping[str, Weight], at_rest: AtRest, kno
     if unprotected:
         # Not even the protected floors fit: scale them down with the others rather than keep an outdated plan.
         claims = [seat.claim(weights[seat.task].value, protect=False) for seat in node.seats]
-    return Terms(node.capacity, node.quantum, tuple(claims), node.period, basis, unprotected)
+    return Terms(node.capacity, node.quantum, tuple(claims), basis, unprotected)
 
 
 def _divide(node: SeatedNode, own: Terms) -> NodePlan:

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.planning.allocation.placement import QUANTUM
 from contextpolicy.planning.allocation.plan import Shortfall
-from contextpolicy.policy.bandwidth import throttle_gap
 from contextpolicy.policy.quantities import format_cpu
-from contextpolicy.policy.spec import Control, Scheduler
+from contextpolicy.policy.spec import Control
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -46,14 +45,12 @@ def shortfalls(
 
 
 def _unmet(task: Task, share: int, container: Container, node: SeatedNode) -> Iterator[Shortfall]:
-    needs, cores = task.needs, node.cores(share)
-    if needs.cores is not None and cores < needs.cores:
-        yield Shortfall(task.name, f"needs {format_cpu(needs.cores)} cores, gets {format_cpu(cores)}")
+    needs, gap = task.needs, node.throttle_gap(share)
+    if needs.cores is not None and share < needs.cores:
+        yield Shortfall(task.name, f"needs {format_cpu(needs.cores)} cores, gets {format_cpu(share)}")
     if needs.memory is not None and container.memory is not None and container.memory < needs.memory:
         yield Shortfall(task.name, f"needs {needs.memory} bytes of memory, its limit is {container.memory}")
-    gap = throttle_gap(share, node.period)
     if needs.deadline is not None and gap > needs.deadline:
-        part = format_cpu(share) if node.scheduler is Scheduler.CFS else f"{share / 10:g} % of the period"
         yield Shortfall(
-            task.name, f"needs results within {needs.deadline:g} s, with {part} it may stand still for {gap:.3g} s"
+            task.name, f"needs results within {needs.deadline:g} s, with {share}m it may stand still for {gap:.3g} s"
         )

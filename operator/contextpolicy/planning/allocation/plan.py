@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class TaskPlan(NamedTuple):
-    """One task: `share` is the sum over its containers in thousandths of a core (or of the realtime period).
+    """One task: `share` is the sum over its containers, in thousandths of a core.
 
     A suspended task has the least share the kernel allows, not none. One that weighs 0 because nothing is active is
     not suspended while its node is divided by priority.
@@ -36,9 +36,10 @@ class Basis(StrEnum):
 
 
 class NodePlan(NamedTuple):
-    """One node's division: `capacity` is N in thousandths of a core, or the realtime budget.
+    """One node's division of N, its `capacity`, into shares by task and by container, in thousandths of a core.
 
-    `suspended` are its suspended tasks.
+    Under Realtime all are multiples of the node's number of processors, each of which gives the same part of its
+    period: N is at most 95 % of them. `suspended` are its suspended tasks.
     """
 
     capacity: int
@@ -79,7 +80,7 @@ class Plan:
 
     @property
     def containers(self) -> dict[str, int]:
-        """Each container's share, over all nodes."""
+        """Each container's share in thousandths of a core, over all nodes."""
         return {identity: share for node in self.nodes.values() for identity, share in node.containers.items()}
 
     def tells(self, last: Plan | None) -> bool:

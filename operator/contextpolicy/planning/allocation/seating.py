@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.planning.allocation.placement import QUANTUM
 from contextpolicy.planning.allocation.shares import Demand
-from contextpolicy.policy.bandwidth import PERIOD
+from contextpolicy.policy.bandwidth import PERIOD, throttle_gap
 from contextpolicy.policy.spec import Control, Needs, Scheduler
 
 if TYPE_CHECKING:
@@ -48,9 +48,9 @@ class Seat:
 
 @dataclass(frozen=True, slots=True)
 class SeatedNode:
-    """One node: N in thousandths of a core (or of the realtime period), and the step that shares move in.
+    """One node: N and the step that shares move in, in thousandths of a core; `period` is in seconds.
 
-    A realtime share is a part of each processor's period; `period` is in seconds.
+    A realtime share is a part of the period of each processor alike, so there the step is a thousandth of each.
     """
 
     name: str
@@ -58,14 +58,14 @@ class SeatedNode:
     quantum: int
     seats: tuple[Seat, ...]
     scheduler: Scheduler = Scheduler.CFS
-    processors: int = 1
     period: float = PERIOD
     protects: bool = False
     """Whether any of its tasks is protected."""
 
-    def cores(self, share: int) -> int:
-        """What a share comes to in thousandths of a core."""
-        return share * self.processors if self.scheduler is Scheduler.REALTIME else share
+    def throttle_gap(self, share: int) -> float:
+        """Seconds for which one busy thread may be throttled with this share."""
+        of_one = share // self.quantum if self.scheduler is Scheduler.REALTIME else share
+        return throttle_gap(of_one, self.period)
 
     def claims(self, weights: Mapping[str, Weight], last: Sequence[Demand] = ()) -> list[Demand]:
         """Each task's claim; one of unchanged weight keeps that of `last`, an earlier result of this node's."""
@@ -115,27 +115,23 @@ def _node(
 ) -> SeatedNode:
     allocatable = placement.allocatable[name]
     divisible = max(0, min(allocatable - policy.reserve, placement.left.get(name, allocatable)))
-    processors = placement.processors_of(name)
-    if policy.enforcement.scheduler is Scheduler.REALTIME:
-        capacity, quantum, step = min(REALTIME_BUDGET, divisible // processors), 1, processors
+    own = policy.enforcement
+    if own.scheduler is Scheduler.REALTIME:
+        quantum, period = placement.processors_of(name), own.period
+        units = min(REALTIME_BUDGET, divisible // quantum)
     else:
-        capacity, quantum, step = divisible // QUANTUM * QUANTUM, QUANTUM, QUANTUM
-    period = (
-        policy.enforcement.period
-        if policy.enforcement.scheduler is Scheduler.REALTIME
-        else placement.quota_periods.get(name, policy.enforcement.period)
-    )
-    seats = tuple(_seat(policy, *seat, capacity // quantum, step) for seat in seated)
+        quantum, period = QUANTUM, placement.quota_periods.get(name, own.period)
+        units = divisible // quantum
+    seats = tuple(_seat(policy, *seat, units, quantum) for seat in seated)
     protects = any(seat.protected for seat in seats)
-    return SeatedNode(name, capacity, quantum, seats, policy.enforcement.scheduler, processors, period, protects)
+    return SeatedNode(name, units * quantum, quantum, seats, own.scheduler, period, protects)
 
 
-def _seat(policy: Policy, task: Task, containers: Sequence[Container], most: int, step: int) -> Seat:
-    """`step` is a unit in thousandths of a core; under realtime a unit is a thousandth of each processor."""
+def _seat(policy: Policy, task: Task, containers: Sequence[Container], most: int, quantum: int) -> Seat:
     floors = tuple(_floor(policy, container) for container in containers)
-    floor = max(sum(floors), -(-task.min // step))
+    floor = max(sum(floors), -(-task.min // quantum))
     # A request can hold the floor above `max`; the ceiling rises with it, as `Demand` needs floor <= ceiling.
-    ceiling = most if task.max is None else task.max // step
+    ceiling = most if task.max is None else task.max // quantum
     return Seat(task.name, tuple(containers), floors, floor, max(floor, ceiling), task.protected)
 
 

@@ -1,7 +1,8 @@
 """Eq. 1 and Eq. 2: what a weight buys, in whole units, within bounds (paper IV-D).
 
 s_c = N * w_c / sum(w) and t_c = P * w_c / sum(w) are the same division: N (or P) is a number of units, a unit being the
-smallest step that the kernel and the kubelet agree on (10m of CFS quota, 1 ms of a realtime second).
+smallest step that the kernel and the kubelet agree on (10m of CFS quota, a thousandth of each processor's realtime
+period).
 """
 
 from __future__ import annotations
