@@ -29,7 +29,8 @@ REALTIME = 950
 class Setting:
     """What holds for one task: its weight, its limit and its realtime budget (thousandths), and where it may run.
 
-    `slice` are the seconds that it asks the fair scheduler for at a time: a shorter one is served sooner.
+    `slice` are the seconds that it asks the fair scheduler for at a time: a shorter one is served sooner. `after` are
+    those from the beginning of the context until the limit is written.
     """
 
     shares: int = CORE
@@ -38,6 +39,7 @@ class Setting:
     realtime: bool = False
     processors: frozenset[int] = frozenset(range(PROCESSORS))
     slice: float | None = None
+    after: float = 0.0
 
 
 DEFAULT, PRIORITY, TUNED, PINNED, ROUND_ROBIN = "default", "priority", "tuned", "pinned", "round robin"
@@ -137,7 +139,8 @@ def _weights(tasks: Sequence[Task], context: Context, table: Table = TABLE) -> d
     running = [task for task in tasks if task.name not in context.suspends]
     wanted = sum(task.wants for task in running) / PROCESSORS
     found = shares(tasks, context, table)
-    suspended = dict.fromkeys(context.suspends, Setting(LEAST_SHARES, quota=STEP if table.freeze else None))
+    quota = STEP if table.freeze else None
+    suspended = dict.fromkeys(context.suspends, Setting(LEAST_SHARES, quota=quota, after=table.grace))
     return {
         task.name: Setting(
             kubelet_shares(found[task.name]) if wanted > table.above else CORE,

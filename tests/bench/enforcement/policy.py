@@ -22,7 +22,7 @@ class Table:
 
     `floor` is in thousandths of a core. `needs`: nobody has less than it wants, where all of that fits. `slice` are the
     protected tasks'. `above` is the load below which nobody is weighted. `freeze`: a suspended task has a quota, which
-    also stops the input that it is at.
+    also stops the input that it is at; `grace` are the seconds for which it has only the least weight before.
     """
 
     critical: float = 100
@@ -32,6 +32,7 @@ class Table:
     slice: float | None = None
     above: float = 0.0
     freeze: bool = True
+    grace: float = 0.0
 
     def weight(self, task: Task, context: Context) -> float:
         """The task's weight in a context; 0 is suspended."""
@@ -58,5 +59,6 @@ ATTEMPTS = {
     "weights, floors at need": Table(floor=300, needs=True),
     "weights, only above 0.8": Table(floor=300, above=0.8),
     "weights, only above 0.8, no quota": Table(floor=300, above=0.8, freeze=False),
+    "weights, floor 300m, quota 0.5 s later": Table(floor=300, grace=0.5),
 }
 """What was tried for goals that were missed."""

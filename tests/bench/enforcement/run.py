@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from multiprocessing.connection import wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,7 @@ from tests.bench.enforcement.worker import cpu_seconds, prepare, serve, stay
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from tests.bench.enforcement.divisions import Division
+    from tests.bench.enforcement.divisions import Division, Setting
     from tests.bench.enforcement.groups import Groups
     from tests.bench.enforcement.inputs import Inputs
     from tests.bench.enforcement.matrix import Cell
@@ -141,11 +142,16 @@ def _started(cell: Cell, tasks: Sequence[Task], script: Script, groups: Groups) 
         groups.close_realtime()
 
 
-def _change(due: float, groups: Groups, settings: Mapping[str, Any], started: Started) -> float:
-    """Write a context's settings at its time; how many seconds later they were in force."""
+def _change(due: float, groups: Groups, settings: Mapping[str, Setting], started: Started) -> float:
+    """Write a context's settings at its time, limits that come later at theirs; how late the first ones were."""
+    grace = max(setting.after for setting in settings.values())
     _sleep_until(due)
-    groups.apply(settings, started.ids)
-    return time.monotonic() - due
+    groups.apply({n: replace(s, quota=None) if s.after else s for n, s in settings.items()}, started.ids)
+    late = time.monotonic() - due
+    if grace:
+        _sleep_until(due + grace)
+        groups.apply(settings, started.ids)
+    return late
 
 
 def _sleep_until(moment: float) -> None:

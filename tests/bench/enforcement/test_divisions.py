@@ -82,7 +82,8 @@ def test_context_weights_are_eq_1_in_the_kubelets_unit():
 @pytest.mark.parametrize("name", [WEIGHTS, *ATTEMPTS])
 def test_a_suspended_task_has_the_least_weight_and_a_quota_but_for_one_attempt(name):
     quota = None if name.endswith("no quota") else STEP
-    assert settings(name, SUSPENDING)["drive"]["signs"] == Setting(LEAST_SHARES, quota=quota)
+    after = 0.5 if name.endswith("later") else 0.0
+    assert settings(name, SUSPENDING)["drive"]["signs"] == Setting(LEAST_SHARES, quota=quota, after=after)
 
 
 def test_context_limits_are_shares_of_at_most_a_core():
