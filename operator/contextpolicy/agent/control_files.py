@@ -121,10 +121,10 @@ class ControlFile(OpenFile):
         time, _, period = text.partition(" ")
         return None if time == self._form.unlimited else -(-int(time) * 1000 // int(period or self.period))
 
-    def text(self, amount: int) -> str:
+    def text(self, amount: int | None) -> str:
         """The text of an amount, no less than the kernel's minimum."""
-        time = max(self._form.least, amount * self.period // 1000)
-        return str(time) if self._form.period_file else f"{time} {self.period}"
+        time = self._form.unlimited if amount is None else str(max(self._form.least, amount * self.period // 1000))
+        return time if self._form.period_file else f"{time} {self.period}"
 
     def scaled(self, text: str, period: int) -> str:
         """The text of the same fraction of another period, in microseconds, rounded down."""
