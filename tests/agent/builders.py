@@ -13,6 +13,7 @@ from contextpolicy.agent.agent_settings import AgentSettings
 from contextpolicy.agent.cgroup_paths import CgroupPaths, Driver
 from contextpolicy.agent.control_files import CFS, REALTIME
 from contextpolicy.agent.threads import THREAD_FILES
+from contextpolicy.agent.weight_units import FILES
 from contextpolicy.policy.environment import DEFAULT_CONNECT
 
 if TYPE_CHECKING:
@@ -79,6 +80,17 @@ class Tree:
         time = (group / form.file).read_text().split()[0]
         return None if time == form.unlimited else int(time) // 100
 
+    def set_weight(self, group: Path, weight: int):
+        """Write a weight as the kubelet would, in the kernel's unit."""
+        self.weight_file(group).write_text(f"{weight}\n")
+
+    def weight(self, group: Path) -> int:
+        """In the kernel's unit."""
+        return int(self.weight_file(group).read_text().split()[0])
+
+    def weight_file(self, group: Path) -> Path:
+        return group / FILES[self.version]
+
     def budget(self, group: Path) -> int:
         """In thousandths of the group's period."""
         form = REALTIME[self.version]
@@ -96,10 +108,12 @@ class Tree:
         group.mkdir(parents=True)
         files = {"cgroup.procs": "", THREAD_FILES[self.version]: ""}
         if self.version == 1:
-            files |= {"cpu.cfs_quota_us": "-1\n", "cpu.cfs_period_us": "100000\n"}
+            files |= {"cpu.cfs_quota_us": "-1\n", "cpu.cfs_period_us": "100000\n", "cpu.shares": "1024\n"}
             files |= {"cpu.rt_runtime_us": "0\n", "cpu.rt_period_us": "1000000\n"} if self.realtime else {}
         else:
-            files |= {"cpu.max": "max 100000\n"} | ({"cpu.rt.max": "0 1000000\n"} if self.realtime else {})
+            files |= {"cpu.max": "max 100000\n", "cpu.weight": "100\n"} | (
+                {"cpu.rt.max": "0 1000000\n"} if self.realtime else {}
+            )
         for name, text in files.items():
             (group / name).write_text(text)
 

@@ -2,60 +2,72 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contextpolicy.agent.steps import PodLimits, Step, budget_steps, budgets, limit_steps
+from contextpolicy.agent.steps import LimitStep, PodLimits, Step, budget_steps, budgets, limit_steps
 
 POD, OTHER = Path("/top/pod1"), Path("/top/pod2")
 A, B, C = POD / "a", POD / "b", OTHER / "c"
 TOP = Path("/top")
 SHARE = st.integers(1, 950)
+LIMIT = st.none() | SHARE
+"""None is no limit."""
 
 
 def test_decreases_come_first_and_a_pod_grows_ahead_of_its_containers():
     pods = [PodLimits(POD, 500, 0, {A: (500, 900)}), PodLimits(OTHER, 500, 0, {C: (500, 100)})]
-    assert limit_steps(pods) == [Step(C, 100), Step(POD, 900), Step(A, 900)]
+    assert limit_steps(pods) == [LimitStep(C, 100), LimitStep(POD, 900), LimitStep(A, 900)]
 
 
 def test_a_pod_is_the_sum_of_its_containers():
     assert limit_steps([PodLimits(POD, 400, 100, {A: (100, 200), B: (200, 250)})]) == [
-        Step(POD, 550),
-        Step(A, 200),
-        Step(B, 250),
+        LimitStep(POD, 550),
+        LimitStep(A, 200),
+        LimitStep(B, 250),
     ]
 
 
 def test_a_pod_without_limit_stays_so():
-    assert limit_steps([PodLimits(POD, None, 0, {A: (100, 200)})]) == [Step(A, 200)]
+    assert limit_steps([PodLimits(POD, None, 0, {A: (100, 200)})]) == [LimitStep(A, 200)]
 
 
 def test_a_container_without_limit_gets_one_among_the_decreases():
     pods = [PodLimits(OTHER, 500, 0, {C: (400, 500)}), PodLimits(POD, None, 0, {A: (None, 200)})]
-    assert limit_steps(pods) == [Step(A, 200), Step(C, 500)]
+    assert limit_steps(pods) == [LimitStep(A, 200), LimitStep(C, 500)]
+
+
+def test_a_limit_that_goes_takes_the_pod_s_with_it():
+    pods = [PodLimits(POD, 500, 100, {A: (400, None)})]
+    assert limit_steps(pods) == [LimitStep(POD, None), LimitStep(A, None)]
 
 
 def test_what_is_right_is_not_written():
     assert limit_steps([PodLimits(POD, 500, 0, {A: (500, 500)})]) == []
 
 
-@given(st.lists(st.tuples(SHARE, SHARE), min_size=1, max_size=6), st.integers(0, 300))
+@given(st.lists(st.tuples(LIMIT, LIMIT), min_size=1, max_size=6), st.integers(0, 300))
 def test_no_instant_breaks_a_limit_or_sums_above_what_was_or_will_be(shares, others):
     containers = {POD / str(number): pair for number, pair in enumerate(shares)}
     now = {group: before for group, (before, _) in containers.items()}
-    pod = sum(now.values()) + others
-    most = max(sum(now.values()), sum(wanted for _, wanted in containers.values()))
+    pod = None if None in now.values() else sum(now.values()) + others
+    most = max(total(now), total({group: wanted for group, (_, wanted) in containers.items()}))
     for step in limit_steps([PodLimits(POD, pod, others, containers)]):
         if step.group == POD:
             pod = step.amount
         else:
             now[step.group] = step.amount
-        assert all(limit <= pod for limit in now.values())
-        assert sum(now.values()) <= most
+        assert all(total({POD: limit}) <= total({POD: pod}) for limit in now.values())
+        assert total(now) <= most
     assert now == {group: wanted for group, (_, wanted) in containers.items()}
-    assert sum(now.values()) + others <= pod
+    assert total(now) + others <= total({POD: pod})
+
+
+def total(limits):
+    return inf if None in limits.values() else sum(limits.values())
 
 
 def test_every_group_has_what_its_children_have():

@@ -1,4 +1,4 @@
-"""Cgroup files that hold a bandwidth (CPU time per period), for both schedulers and both cgroup versions.
+"""Open cgroup files, and those that hold a bandwidth (CPU time per period) for both schedulers and cgroup versions.
 
 Files stay open: a write is one system call of 2 us, and the watch for files that are closed after writing (`inotify`)
 never sees our own writes.
@@ -10,7 +10,7 @@ import errno
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from contextpolicy.agent.service import WRITES
 from contextpolicy.errors import ActuationError
@@ -55,21 +55,18 @@ REALTIME = {
 """Realtime budgets. Kernels with hierarchical constant bandwidth servers have the file of version 2."""
 
 
-class ControlFile:
-    """One open file. Amounts are thousandths of the period, None is no limit."""
+class OpenFile:
+    """One file of a cgroup, open for reading and writing."""
 
-    def __init__(self, group: Path, form: Format) -> None:
-        self.path = group / form.file
+    def __init__(self, path: Path) -> None:
+        self.path = path
         self.seen = ""
         """The text that `read` found last."""
         self._known = ""
-        self._form = form
         try:
-            text = (group / (form.period_file or form.file)).read_text()
-            self.period = int(text.split()[-1])
-            self._descriptor = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
+            self._descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
         except OSError as error:
-            raise _failure(self.path, error) from error
+            raise _failure(path, error) from error
 
     def read(self) -> str:
         """The file's text."""
@@ -101,15 +98,33 @@ class ControlFile:
         self._known = text
         _WRITTEN.inc()
 
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._descriptor)
+
+
+class ControlFile(OpenFile):
+    """The file of a bandwidth. Amounts are thousandths of the period, None is no limit."""
+
+    def __init__(self, group: Path, form: Format) -> None:
+        super().__init__(group / form.file)
+        self._form = form
+        try:
+            text = (group / (form.period_file or form.file)).read_text()
+        except OSError as error:
+            self.close()
+            raise _failure(self.path, error) from error
+        self.period = int(text.split()[-1])
+
     def amount(self, text: str) -> int | None:
         """The amount that a text means, rounded up, so that it reverses the rounding down of `text`."""
         time, _, period = text.partition(" ")
         return None if time == self._form.unlimited else -(-int(time) * 1000 // int(period or self.period))
 
-    def text(self, amount: int) -> str:
+    def text(self, amount: int | None) -> str:
         """The text of an amount, no less than the kernel's minimum."""
-        time = max(self._form.least, amount * self.period // 1000)
-        return str(time) if self._form.period_file else f"{time} {self.period}"
+        time = self._form.unlimited if amount is None else str(max(self._form.least, amount * self.period // 1000))
+        return time if self._form.period_file else f"{time} {self.period}"
 
     def scaled(self, text: str, period: int) -> str:
         """The text of the same fraction of another period, in microseconds, rounded down."""
@@ -131,29 +146,27 @@ class ControlFile:
                 raise _failure(self.period_path, error) from error
         self.period = period
 
-    def close(self) -> None:
-        """Close the file."""
-        os.close(self._descriptor)
+
+File = TypeVar("File", bound=OpenFile)
 
 
-class ControlFiles:
-    """Open files of one format, by group; `on_open` and `on_close` are called with each file's path."""
+class OpenFiles(Generic[File]):
+    """One open file of each group; `on_open` and `on_close` are called with each file's path."""
 
     def __init__(
         self,
-        form: Format,
+        open_file: Callable[[Path], File],
         on_open: Callable[[Path], None] = lambda _: None,
         on_close: Callable[[Path], None] = lambda _: None,
     ) -> None:
-        self.form = form
-        self._on_open, self._on_close = on_open, on_close
-        self._open: dict[Path, ControlFile] = {}
+        self._open_file, self._on_open, self._on_close = open_file, on_open, on_close
+        self._open: dict[Path, File] = {}
 
-    def __getitem__(self, group: Path) -> ControlFile:
+    def __getitem__(self, group: Path) -> File:
         """The group's file, opened if it is not yet; ActuationError `Gone` when there is no such group."""
         file = self._open.get(group)
         if file is None:
-            file = self._open[group] = ControlFile(group, self.form)
+            file = self._open[group] = self._open_file(group)
             self._on_open(file.path)
         return file
 
@@ -172,6 +185,19 @@ class ControlFiles:
         if file is not None:
             self._on_close(file.path)
             file.close()
+
+
+class ControlFiles(OpenFiles[ControlFile]):
+    """Open files of one format of bandwidth."""
+
+    def __init__(
+        self,
+        form: Format,
+        on_open: Callable[[Path], None] = lambda _: None,
+        on_close: Callable[[Path], None] = lambda _: None,
+    ) -> None:
+        super().__init__(lambda group: ControlFile(group, form), on_open, on_close)
+        self.form = form
 
 
 class Children:

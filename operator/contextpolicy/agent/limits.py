@@ -169,7 +169,7 @@ class Limits:
                 failed += [error] if error.reason != "Gone" else []
         return failed
 
-    def _intend(self, policy: str, file: ControlFile, amount: int) -> None:
+    def _intend(self, policy: str, file: ControlFile, amount: int | None) -> None:
         held = policy in self._held
         self._ledger.intend(file.path, policy, now=file.seen, ours=file.text(amount), held=held)
         if file.unheard:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -16,10 +17,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One write."""
+    """One write of a budget."""
 
     group: Path
     amount: int
+
+
+@dataclass(frozen=True, slots=True)
+class LimitStep:
+    """One write of a limit."""
+
+    group: Path
+    amount: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,28 +38,33 @@ class PodLimits:
     group: Path
     now: int | None
     others: int
-    containers: Mapping[Path, tuple[int | None, int]]
+    containers: Mapping[Path, tuple[int | None, int | None]]
 
     @property
-    def needed(self) -> int:
+    def needed(self) -> int | None:
         """The least limit of the pod that does not throttle its containers below theirs."""
-        return self.others + sum(wanted for _, wanted in self.containers.values())
+        wanted = [wanted for _, wanted in self.containers.values()]
+        return None if None in wanted else self.others + sum(amount or 0 for amount in wanted)
 
 
-def limit_steps(pods: Iterable[PodLimits]) -> list[Step]:
+def limit_steps(pods: Iterable[PodLimits]) -> list[LimitStep]:
     """All decreases, then the increases, each pod before its containers: version 1 refuses a child above its parent.
 
     A pod's own limit only grows here. Too high a limit does no harm, and the resize that follows lowers it; lowered at
     once, it could make a resize fail that is still under way.
     """
     pods = list(pods)
-    lower = [Step(c, w) for pod in pods for c, (now, w) in pod.containers.items() if now is None or w < now]
+    lower = [LimitStep(c, w) for pod in pods for c, (now, w) in pod.containers.items() if _height(w) < _height(now)]
     higher = []
-    for pod in sorted(pods, key=lambda pod: pod.needed):
-        if pod.now is not None and pod.now < pod.needed:
-            higher.append(Step(pod.group, pod.needed))
-        higher += [Step(c, w) for c, (now, w) in pod.containers.items() if now is not None and w > now]
+    for pod in sorted(pods, key=lambda pod: _height(pod.needed)):
+        if _height(pod.now) < _height(pod.needed):
+            higher.append(LimitStep(pod.group, pod.needed))
+        higher += [LimitStep(c, w) for c, (now, w) in pod.containers.items() if _height(w) > _height(now)]
     return lower + higher
+
+
+def _height(limit: int | None) -> float:
+    return inf if limit is None else limit
 
 
 def budgets(

@@ -1,0 +1,192 @@
+"""CPU weights: who goes first where processors are contested, at every level at which containers compete.
+
+Pods compete inside their QoS class's group, and classes with each other. So a container's weight is written in the
+container's group and, as the sum over its containers, in its pod's; a class has the sum of its pods' weights, as if
+these were their requests.
+
+The kubelet writes a pod's and a container's weight with every resize of them, and a class's every minute and whenever
+a pod starts or ends: always from the requests in the API, which no plan moves. So whatever others write is what to put
+back later, and ours is written again. Who wrote decides, not the text: under version 2 several requests share one.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import defaultdict
+from typing import TYPE_CHECKING, NamedTuple
+
+from contextpolicy.agent import weight_units as units
+from contextpolicy.agent.cgroup_paths import pod_of
+from contextpolicy.agent.control_files import Children, OpenFile, OpenFiles
+from contextpolicy.errors import ActuationError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+    from pathlib import Path
+
+    from contextpolicy.agent.inotify import WriteWatch
+    from contextpolicy.agent.ledger import Ledger
+    from contextpolicy.agent.refusals import Refusals
+
+log = logging.getLogger(__name__)
+
+
+class _Wish(NamedTuple):
+    """What a group should have, and the policy that wants it."""
+
+    policy: str
+    weight: int
+
+
+class _Members(NamedTuple):
+    """Containers and their pods: what each should have, and which are the pods."""
+
+    wishes: dict[Path, _Wish]
+    pods: Collection[Path]
+
+
+class Weights:
+    """The CPU weights that policies want on one node, in thousandths of a core; groups are the containers' cgroups."""
+
+    def __init__(self, version: int, watch: WriteWatch, ledger: Ledger, refusals: Refusals) -> None:
+        self._version, self._ledger, self._refusals = version, ledger, refusals
+        self._files = OpenFiles(self._open, watch.add, watch.remove)
+        self._beside = OpenFiles(self._open)
+        self._children = Children()
+        self._wanted: dict[str, Mapping[Path, int]] = {}
+
+    def apply(self, policy: str, cores: Mapping[Path, int]) -> list[ActuationError]:
+        """Set the policy's weights and undo any others it had; returns the failures."""
+        self._wanted[policy] = cores
+        return self._enforce(policy)
+
+    def release(self, policy: str) -> None:
+        """Undo all weights of the policy."""
+        self._wanted.pop(policy, None)
+        for error in self._enforce(policy):
+            self._refusals.note(error.reason, str(error))
+
+    def knows(self, group: Path) -> bool:
+        """Whether it was there at the last plan, and has not been found gone since."""
+        return group in self._files
+
+    def on_other_write(self, path: Path) -> None:
+        """Somebody else wrote a file that we watch."""
+        entry = self._ledger.entries.get(path)
+        try:
+            text = self._files[path.parent].heed()
+        except ActuationError:
+            self._lose(path.parent)
+            return
+        if entry is not None and entry.overtook and text == entry.ours:
+            entry.overtook = False
+        elif entry is not None:
+            self._ledger.hear(path, text)
+        for error in self._enforce():
+            self._refusals.note(error.reason, str(error))
+
+    def _enforce(self, policy: str = "") -> list[ActuationError]:
+        """Undo what else the policy had, and write what differs, the journal first; returns the failures."""
+        failed: list[ActuationError] = []
+        members = self._members()
+        classes = {pod.parent for pod in members.pods}
+        self._undo(policy, {*members.wishes, *classes})
+        wishes = members.wishes | {group: self._class_wish(group, members) for group in classes}
+        differing = [group for group, wish in wishes.items() if self._intend(group, wish, failed)]
+        self._ledger.save()
+        for group in differing:
+            self._write(group, wishes[group], failed)
+        self._ledger.save()
+        self._files.keep(wishes)
+        self._beside.keep(child for child in self._children.all() if child not in wishes)
+        self._children.keep(wishes)
+        return failed
+
+    def _members(self) -> _Members:
+        """What the containers that policies name should have, and their pods."""
+        wishes: dict[Path, _Wish] = {}
+        cores: dict[Path, int] = defaultdict(int)
+        owners: dict[Path, str] = {}
+        for policy, wanted in self._wanted.items():
+            for group, amount in wanted.items():
+                wishes[group] = _Wish(policy, units.of_container(amount, self._version))
+                cores[pod_of(group)] += amount
+                owners[pod_of(group)] = policy
+        for pod, amount in cores.items():
+            others = sum(units.millicores(self._now(c), self._version) for c in self._others(pod, wishes))
+            wishes[pod] = _Wish(owners[pod], units.of_pod(amount + others, self._version))
+        return _Members(wishes, list(cores))
+
+    def _class_wish(self, group: Path, members: _Members) -> _Wish:
+        own = [members.wishes[pod] for pod in members.pods if pod.parent == group]
+        others = sum(self._now(other) for other in self._others(group, members.wishes))
+        return _Wish(own[-1].policy, min(units.MOST[self._version], sum(wish.weight for wish in own) + others))
+
+    def _others(self, group: Path, wishes: Collection[Path]) -> list[Path]:
+        return [child for child in self._children.of(group) if child not in wishes]
+
+    def _now(self, group: Path) -> int:
+        """The weight of a group that is not ours; the least when it is gone."""
+        try:
+            return int(self._beside[group].read())
+        except ActuationError:
+            self._beside.close(group)
+            self._children.forget(group.parent)
+            return units.LEAST[self._version]
+
+    def _intend(self, group: Path, wish: _Wish, failed: list[ActuationError]) -> bool:
+        """Note in the journal what is about to be written; False where nothing has to be, or can be."""
+        try:
+            file, text = self._files[group], str(wish.weight)
+            entry = self._ledger.entries.get(file.path)
+            if file.read() == text and (entry is None or entry.policy == wish.policy):
+                return False
+        except ActuationError as error:
+            self._fail(group, error, failed)
+            return False
+        self._note(file, wish)
+        return True
+
+    def _note(self, file: OpenFile, wish: _Wish) -> None:
+        self._ledger.intend(file.path, wish.policy, now=file.seen, ours=str(wish.weight), held=True)
+        if file.unheard:
+            self._ledger.overtake(file.path, file.seen)
+
+    def _write(self, group: Path, wish: _Wish, failed: list[ActuationError]) -> None:
+        file = self._files[group]
+        try:
+            if file.seen != file.read():  # somebody else wrote meanwhile: realtime tasks can stop us for 0.1 s here
+                self._note(file, wish)
+                self._ledger.save()
+            file.write(str(wish.weight))
+        except ActuationError as error:
+            self._ledger.close(file.path)
+            self._fail(group, error, failed)
+
+    def _fail(self, group: Path, error: ActuationError, failed: list[ActuationError]) -> None:
+        failed.append(error)
+        if error.reason == "Gone":
+            self._lose(group)
+
+    def _lose(self, group: Path) -> None:
+        """The group is gone."""
+        self._ledger.close(group / units.FILES[self._version])
+        self._files.close(group)
+
+    def _undo(self, policy: str, kept: Collection[Path]) -> None:
+        """Put back what others wrote; files that hold another value by now are left alone."""
+        for path, entry in self._ledger.of(policy).items():
+            if path.name != units.FILES[self._version] or path.parent in kept:
+                continue
+            try:
+                file = self._files[path.parent]
+                if entry.wrote(file.read()):
+                    file.write(entry.theirs)
+                    log.info("%s: put back %s", path, entry.theirs)
+            except ActuationError as error:
+                if error.reason != "Gone":
+                    self._refusals.note(error.reason, str(error))
+            self._ledger.close(path)
+
+    def _open(self, group: Path) -> OpenFile:
+        return OpenFile(group / units.FILES[self._version])

@@ -1,0 +1,53 @@
+"""CPU weights in the kernel's units."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contextpolicy.agent import weight_units as units
+
+VERSIONS = (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("millicores", "version", "pod", "container"),
+    [
+        (0, 1, 2, 2),
+        (0, 2, 1, 1),
+        (10, 1, 10, 10),
+        (10, 2, 1, 4),
+        (25, 2, 1, 6),
+        (50, 2, 2, 11),
+        (1000, 1, 1024, 1024),
+        (1000, 2, 39, 100),
+        (1050, 2, 41, 104),
+        (256_000, 1, 262_144, 262_144),
+        (256_000, 2, 10_000, 10_000),
+        (10**9, 1, 262_144, 262_144),
+        (10**9, 2, 10_000, 10_000),
+    ],
+)
+def test_what_the_kubelet_and_the_runtime_make_of_a_request(millicores, version, pod, container):
+    assert units.of_pod(millicores, version) == pod
+    assert units.of_container(millicores, version) == container
+
+
+@given(st.integers(1, 300_000), st.integers(1, 300_000), st.sampled_from(VERSIONS))
+def test_more_never_weighs_less(one, other, version):
+    less, more = sorted((one, other))
+    assert units.of_pod(less, version) <= units.of_pod(more, version)
+    assert units.of_container(less, version) <= units.of_container(more, version)
+
+
+@given(st.integers(10, 200_000), st.sampled_from(VERSIONS))
+def test_a_container_s_weight_gives_its_request_back(millicores, version):
+    back = units.millicores(units.of_container(millicores, version), version)
+    assert abs(back - millicores) <= max(6, millicores * 0.05)
+
+
+@given(st.integers(0, 10**12), st.sampled_from(VERSIONS))
+def test_the_kernel_takes_every_weight(millicores, version):
+    for weight in (units.of_pod(millicores, version), units.of_container(millicores, version)):
+        assert units.LEAST[version] <= weight <= units.MOST[version]

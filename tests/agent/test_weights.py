@@ -1,0 +1,267 @@
+"""CPU weights: at every level where containers compete, kept against the kubelet, and undone."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+
+from contextpolicy.agent.cgroup_paths import Driver
+from contextpolicy.agent.ledger import Ledger
+from contextpolicy.agent.refusals import Refusals
+from contextpolicy.agent.weight_units import FILES, of_container, of_pod
+from contextpolicy.agent.weights import Weights
+from tests.agent.builders import CHAT, POLICY, SLAM, SPEECH, Tree
+
+OTHER = "robot/other"
+
+
+class Watch:
+    """What is watched."""
+
+    def __init__(self):
+        self.paths = set()
+
+    def add(self, path):
+        self.paths.add(path)
+
+    def remove(self, path):
+        self.paths.discard(path)
+
+
+@pytest.fixture(params=[(1, Driver.CGROUPFS), (1, Driver.SYSTEMD), (2, Driver.CGROUPFS), (2, Driver.SYSTEMD)], ids=str)
+def tree(request, tmp_path):
+    return Tree(tmp_path / "cgroup", *request.param)
+
+
+@pytest.fixture
+def journal(tmp_path):
+    return tmp_path / "agent.journal"
+
+
+@pytest.fixture
+def watch():
+    return Watch()
+
+
+@pytest.fixture
+def weights(tree, journal, watch):
+    return Weights(tree.version, watch, Ledger(journal), Refusals())
+
+
+@pytest.fixture
+def restarted(tree, journal, watch):
+    """The next run, with what the journal of this one says."""
+
+    def restart():
+        ledger = Ledger(journal)
+        ledger.load()
+        return Weights(tree.version, watch, ledger, Refusals())
+
+    return restart
+
+
+def request(tree, group, millicores):
+    """The kubelet makes a pod of one container with a request."""
+    tree.set_weight(group, of_container(millicores, tree.version))
+    tree.set_weight(group.parent, of_pod(millicores, tree.version))
+
+
+def sum_up(tree, group):
+    """The kubelet gives a class the sum of its pods' requests; here of their weights: the same in version 1."""
+    tree.set_weight(group, sum(tree.weight(pod) for pod in group.iterdir() if pod.is_dir()))
+
+
+@pytest.fixture
+def slam(tree):
+    group = tree.container(SLAM)
+    request(tree, group, 10)
+    return group
+
+
+@pytest.fixture
+def speech(tree):
+    group = tree.container(SPEECH)
+    request(tree, group, 10)
+    return group
+
+
+@pytest.fixture
+def klass(tree, slam, speech):
+    assert slam.parent.parent == speech.parent.parent
+    sum_up(tree, slam.parent.parent)
+    return slam.parent.parent
+
+
+def everything(tree):
+    return {path: tree.weight(path.parent) for path in tree.layout.top.rglob(FILES[tree.version])}
+
+
+def write(tree, weights, group, weight):
+    """The kubelet writes and the watch tells."""
+    tree.set_weight(group, weight)
+    weights.on_other_write(tree.weight_file(group))
+
+
+@pytest.mark.usefixtures("klass")
+def test_a_share_is_a_weight_of_container_and_pod(tree, weights, slam, speech):
+    assert weights.apply(POLICY, {slam: 990, speech: 50}) == []
+    for group, cores in ((slam, 990), (speech, 50)):
+        assert tree.weight(group) == of_container(cores, tree.version)
+        assert tree.weight(group.parent) == of_pod(cores, tree.version)
+
+
+def test_a_class_has_the_sum_of_its_pods(tree, weights, slam, speech, klass):
+    chat = tree.container(CHAT)
+    request(tree, chat, 200)
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    assert tree.weight(klass) == sum(of_pod(cores, tree.version) for cores in (990, 50, 200))
+
+
+def test_a_class_never_weighs_more_than_the_kernel_takes(tree, weights, slam, speech, klass):
+    weights.apply(POLICY, {slam: 250_000, speech: 250_000})
+    assert tree.weight(klass) == {1: 262_144, 2: 10_000}[tree.version]
+
+
+@pytest.mark.usefixtures("klass")
+def test_the_group_of_all_pods_is_left_alone(tree, weights, slam, speech):
+    before = tree.weight(tree.layout.top)
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    assert tree.weight(tree.layout.top) == before
+
+
+@pytest.mark.usefixtures("klass")
+def test_a_pod_counts_what_its_other_containers_ask_for(tree, weights, slam):
+    sidecar = tree.container(CHAT, uid="uid-a")
+    tree.set_weight(sidecar, of_container(500, tree.version))
+    weights.apply(POLICY, {slam: 1000})
+    assert tree.weight(slam.parent) == pytest.approx(of_pod(1500, tree.version), rel=0.03)
+    assert tree.weight(sidecar) == of_container(500, tree.version)
+
+
+@pytest.mark.usefixtures("klass")
+def test_a_pod_of_two_policies_has_both(tree, weights, slam):
+    chat = tree.container(CHAT, uid="uid-a")
+    weights.apply(POLICY, {slam: 1000})
+    weights.apply(OTHER, {chat: 2000})
+    assert tree.weight(slam.parent) == of_pod(3000, tree.version)
+    weights.release(POLICY)
+    assert tree.weight(chat) == of_container(2000, tree.version)
+    assert tree.weight(slam) == of_container(10, tree.version)
+    weights.release(OTHER)
+    assert tree.weight(slam.parent) == of_pod(10, tree.version)
+
+
+@pytest.mark.parametrize("level", ["container", "pod", "class"])
+def test_what_the_kubelet_writes_is_replaced_and_comes_back_in_the_end(tree, weights, slam, klass, level):
+    group = {"container": slam, "pod": slam.parent, "class": klass}[level]
+    weights.apply(POLICY, {slam: 990})
+    ours = everything(tree)
+    write(tree, weights, group, 77)
+    assert everything(tree) == ours
+    weights.release(POLICY)
+    assert tree.weight(group) == 77
+
+
+@pytest.mark.usefixtures("klass")
+def test_the_kubelet_may_write_our_own_text(tree, weights, slam, speech):
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    ours = tree.weight(slam)
+    write(tree, weights, slam, ours)
+    weights.apply(POLICY, {slam: 300, speech: 50})
+    weights.release(POLICY)
+    assert tree.weight(slam) == ours
+
+
+@pytest.mark.usefixtures("klass")
+def test_a_plan_overtakes_a_report(tree, weights, slam, speech):
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    tree.set_weight(slam, 77)
+    weights.apply(POLICY, {slam: 500, speech: 50})
+    weights.on_other_write(tree.weight_file(slam))
+    assert tree.weight(slam) == of_container(500, tree.version)
+    weights.release(POLICY)
+    assert tree.weight(slam) == 77
+
+
+def test_a_pod_that_starts_changes_its_class(tree, weights, slam, speech, klass):
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    chat = tree.container(CHAT)
+    request(tree, chat, 400)
+    write(tree, weights, klass, 5)
+    assert tree.weight(klass) == sum(of_pod(cores, tree.version) for cores in (990, 50, 400))
+
+
+def test_a_pod_that_ends_changes_its_class(tree, weights, slam, speech, klass):
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    shutil.rmtree(speech.parent)
+    failed = weights.apply(POLICY, {slam: 990})
+    assert (failed, tree.weight(klass)) == ([], of_pod(990, tree.version))
+
+
+@pytest.mark.usefixtures("klass")
+def test_release_leaves_everything_as_it_was(tree, weights, slam, speech, watch):
+    before = everything(tree)
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    weights.apply(POLICY, {slam: 40})
+    weights.release(POLICY)
+    assert everything(tree) == before
+    assert not watch.paths
+
+
+def test_a_container_that_no_plan_names_gets_its_weight_back(tree, weights, slam, speech, klass):
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    weights.apply(POLICY, {slam: 990})
+    assert tree.weight(speech) == of_container(10, tree.version)
+    assert tree.weight(klass) == of_pod(990, tree.version) + of_pod(10, tree.version)
+
+
+@pytest.mark.usefixtures("klass")
+def test_the_next_run_knows_what_was_there(tree, weights, slam, speech, restarted):
+    before = everything(tree)
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    after = restarted()
+    after.apply(POLICY, {slam: 300, speech: 300})
+    after.release(POLICY)
+    assert everything(tree) == before
+
+
+@pytest.mark.usefixtures("klass")
+def test_the_next_run_undoes_a_policy_that_it_never_hears_of(tree, weights, slam, speech, restarted):
+    before = everything(tree)
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    restarted().release(POLICY)
+    assert everything(tree) == before
+
+
+@pytest.mark.usefixtures("klass")
+def test_what_somebody_wrote_while_no_agent_ran_stays(tree, weights, slam, speech, restarted):
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    tree.set_weight(slam, 77)
+    restarted().release(POLICY)
+    assert tree.weight(slam) == 77
+
+
+@pytest.mark.usefixtures("klass")
+def test_a_container_that_is_gone_is_a_failure_and_stops_nothing(tree, weights, slam, speech):
+    shutil.rmtree(slam)
+    failed = weights.apply(POLICY, {slam: 990, speech: 50})
+    assert [error.reason for error in failed] == ["Gone"]
+    assert tree.weight(speech) == of_container(50, tree.version)
+
+
+@pytest.mark.usefixtures("klass")
+def test_nothing_is_written_twice(tree, weights, slam, speech):
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    times = {path: path.stat().st_mtime_ns for path in everything(tree)}
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    assert times == {path: path.stat().st_mtime_ns for path in everything(tree)}
+
+
+@pytest.mark.usefixtures("klass")
+def test_a_report_about_a_group_that_is_gone_is_no_news(tree, weights, slam, speech):
+    weights.apply(POLICY, {slam: 990, speech: 50})
+    shutil.rmtree(slam.parent)
+    weights.on_other_write(tree.weight_file(slam))
+    weights.release(POLICY)
+    assert tree.weight(speech) == of_container(10, tree.version)

@@ -1,0 +1,188 @@
+"""CPU weights on the real node (cgroup version 1): the CPU that tasks receive, whoever else wants the processors."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from contextpolicy.agent.weight_units import FILES, of_pod
+from tests.e2e.agents import NAMESPACE, group, usage
+from tests.e2e.cluster import get, run, until
+from tests.e2e.robot import BUSY, Robot, Sensors, task
+from tests.node import lifecycle
+
+THREADS = (
+    "import hashlib, threading\n"
+    "data = bytes(1 << 20)\n"
+    "def work():\n"
+    "    while True: hashlib.sha256(data)\n"
+    "for _ in range(4): threading.Thread(target=work).start()\n"
+)
+"""Hashing leaves Python's lock: each thread can fill a processor."""
+SLAM = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"cpu": "2", "memory": "64Mi"}}
+HOG = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"memory": "64Mi"}}
+GUARANTEED = {kind: {"cpu": "200m", "memory": "64Mi"} for kind in ("requests", "limits")}
+SHARES = {"slam": 1800, "speech": 200}
+PROCESSORS = os.cpu_count() or 1
+PODS, SYSTEM = PROCESSORS * 1024, 1024
+"""The weights of all pods together, which the kubelet sets from the node's cores, and of the slice beside them."""
+WINDOW = 8.0
+"""Seconds over which CPU time is measured."""
+LONG = 190.0
+"""Seconds: the kubelet has written its class groups three times."""
+ENOUGH = 0.85
+"""Of what the weights give a task: processors are shared out one by one."""
+
+
+@pytest.fixture(scope="module")
+def robot(module):
+    with Sensors(module) as sensors:
+        robot = Robot(NAMESPACE, sensors)
+        robot.drive(0.0)
+        yield robot
+
+
+@pytest.fixture
+def tasks(robot, agent):
+    """Two tasks that take what they get; together they fill the node twice."""
+    agent.wait()
+    robot.start("slam", "speech", command=["python3", "-c", THREADS], resources=SLAM)
+    yield robot
+    robot.stop("slam", "speech")
+
+
+@pytest.fixture
+def hogs(robot):
+    """Whoever else may want the processors: beside the tasks, in the other classes, and outside of Kubernetes."""
+    robot.start("beside", command=BUSY, resources=HOG)
+    robot.start("best-effort", command=["python3", "-c", THREADS], resources={})
+    robot.start("guaranteed", command=BUSY, resources=GUARANTEED)
+    with in_system_slice():
+        yield
+    robot.stop("beside", "best-effort", "guaranteed")
+
+
+@contextlib.contextmanager
+def in_system_slice():
+    """Two busy processes in a group beside all pods', with the weight that systemd gives to a slice."""
+    folder = Path("/sys/fs/cgroup/cpu/e2e-system.slice")
+    folder.mkdir(exist_ok=True)
+    (folder / FILES[1]).write_text(str(SYSTEM))
+    processes = [multiprocessing.Process(target=_spin, args=(folder / "cgroup.procs",)) for _ in range(2)]
+    for process in processes:
+        process.start()
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.join(10)
+        until("the group is empty", lambda: not (folder / "cgroup.procs").read_text())
+        folder.rmdir()
+
+
+def _spin(procs):
+    procs.write_text(str(os.getpid()))
+    while True:
+        pass
+
+
+def entitled():
+    """The cores that slam's weight entitles it to, from the requests in the API and the shares of the plan."""
+    burstable = sum(of_pod(cores, 1) for cores in (*SHARES.values(), 10))
+    in_its_class = of_pod(SHARES["slam"], 1) / burstable
+    in_all_pods = burstable / (burstable + of_pod(200, 1) + 2)
+    on_the_node = PODS / (PODS + SYSTEM)
+    return PROCESSORS * on_the_node * in_all_pods * in_its_class
+
+
+def weight(folder):
+    """A group's weight in the kernel's unit."""
+    return int((folder / FILES[1]).read_text())
+
+
+def govern(robot, **more):
+    """Slam gets nine times what speech gets, and speech nothing while the robot moves."""
+    tasks = [task("slam", priority=9), task("speech", priority=1)]
+    robot.policy(reserve="0", enforcement={"control": "Weight"}, tasks=tasks, **more)
+    weighted(robot)
+
+
+def weighted(robot):
+    def right():
+        own = group(robot, "slam").parent
+        return weight(own) == of_pod(SHARES["slam"], 1) or weight(own)
+
+    until("slam has its weight", right)
+
+
+def enough(robot):
+    """Slam receives what its weight entitles it to."""
+    got, due = usage(robot, "slam", "speech", seconds=WINDOW), entitled()
+    assert got["slam"] >= ENOUGH * due, f"{got}, slam is entitled to {due:.2f}"
+    return got
+
+
+@pytest.mark.usefixtures("hogs")
+def test_a_task_receives_what_its_weight_entitles_it_to_whatever_the_kubelet_does(tasks):
+    before = usage(tasks, "slam", seconds=WINDOW)["slam"]
+    assert before < 0.5 * entitled(), "the test must be able to fail"
+    govern(tasks)
+    began = time.monotonic()
+    got = enough(tasks)
+    assert got["speech"] < got["slam"] / 3
+    lifecycle.stop("kubelet")
+    lifecycle.start("kubelet")
+    enough(tasks)
+    tasks.start("passer-by")
+    enough(tasks)
+    tasks.stop("passer-by")
+    enough(tasks)
+    restarts = tasks.restarts("slam")
+    tasks.kill("slam")
+    until("slam runs again", lambda: tasks.restarts("slam") > restarts, patience=60)
+    weighted(tasks)
+    enough(tasks)
+    time.sleep(max(0.0, LONG - (time.monotonic() - began)))
+    enough(tasks)
+
+
+@pytest.mark.usefixtures("hogs")
+def test_a_quota_that_follows_to_the_api_takes_no_weight(tasks):
+    govern(tasks)
+    tasks.drive(0.3)
+    tasks.expect(speech=10)
+    until("the API has the quota", lambda: tasks.api_limit("speech") == "10m" or tasks.api_limit("speech"))
+    time.sleep(2)  # the kubelet writes pod and container once more
+    enough(tasks)
+    assert usage(tasks, "speech", seconds=WINDOW)["speech"] < 0.03
+    tasks.drive(0.0)
+    until("the API has the limit back", lambda: tasks.api_limit("speech") == "2" or tasks.api_limit("speech"))
+    time.sleep(2)
+    got = enough(tasks)
+    assert got["speech"] > 0.05
+
+
+@pytest.mark.usefixtures("hogs")
+def test_a_deleted_policy_leaves_every_weight_as_the_api_says(tasks):
+    folders = [path for task in ("slam", "speech") for path in (group(tasks, task), group(tasks, task).parent)]
+    before = [weight(folder) for folder in folders]
+    govern(tasks)
+    assert [weight(folder) for folder in folders] != before
+    run("kubectl", "delete", "ctxp", "--all", "-n", tasks.namespace, "--timeout=60s")
+    until("all weights are back", lambda: (now := [weight(folder) for folder in folders]) == before or now)
+
+
+def test_nobody_s_request_is_moved(tasks):
+    govern(tasks)
+    tasks.drive(0.3)
+    tasks.expect(speech=10)
+    tasks.drive(0.0)
+    tasks.expect(speech=2000)
+    for name in ("slam", "speech"):
+        assert get("pod", name, tasks.namespace)["spec"]["containers"][0]["resources"]["requests"]["cpu"] == "10m"
