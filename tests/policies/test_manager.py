@@ -129,6 +129,24 @@ def test_what_was_measured_of_a_policy_goes_with_it(running):
     assert measured() == set()
 
 
+def test_an_answer_that_comes_after_its_policy_is_gone_leaves_nothing(running):
+    """A release does not wait for pods that end."""
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    running.sample(IMU, speed=0.0)
+    for uid in running.cluster.pods:
+        running.cluster.terminate(uid)
+        running.operator.pod_changed(running.cluster.pods[uid])
+    done = running.delete(a_policy())
+    assert done.done()
+    running.cluster.faults.append(refusal("Forbidden"))
+    assert len(running.patches.jobs) == 2
+    running.patch()
+    running.patch()
+    assert measured() == set()
+    assert running.operator.queries._resizes.problems("lab/robot") == {}
+
+
 def test_a_policy_that_leaves_is_forgotten_too_when_another_operator_serves_its_namespace(running):
     running.sample(IMU, speed=0.3)
     running.settle()
