@@ -50,6 +50,11 @@ def patched_on(source, package):
                 found |= _assigned(node, names, callables)
             case ast.ClassDef():
                 found |= _waiting_fields(node, names)
+                found |= set().union(*(_set_only(method, names.types) for method in _methods(node)))
+            case ast.Subscript(value=namespace, ctx=ast.Store()) if _is_foreign_namespace(namespace):
+                found.add(namespace)
+            case ast.Call(func=ast.Attribute(value=namespace, attr="update")) if _is_foreign_namespace(namespace):
+                found.add(namespace)
             case ast.Call(args=[owner, *_]) if ast.unparse(node.func) in SETTERS and ast.unparse(owner) not in OWN:
                 found.add(node)
     return sorted({ast.unparse(node) for node in found})
@@ -99,6 +104,14 @@ def _is_foreign(attribute):
     return ast.unparse(attribute.value) not in OWN
 
 
+def _is_foreign_namespace(node):
+    """Whether it is `vars(x)` or `x.__dict__` of another object."""
+    match node:
+        case ast.Call(func=ast.Name("vars"), args=[owner]) | ast.Attribute(value=owner, attr="__dict__"):
+            return ast.unparse(owner) not in OWN
+    return False
+
+
 def _is_frozen(node):
     """Whether nothing can be assigned to what a class makes."""
     return any(
@@ -127,6 +140,17 @@ def _assigned(node, names, own):
     return found
 
 
+def _set_only(method, types):
+    """The attributes in which a method keeps a callable that it was given, if it does nothing but keep things."""
+    body = method.body[ast.get_docstring(method) is not None :]
+    if method.name == "__init__" or not all(isinstance(one, ast.Assign | ast.AnnAssign) for one in body):
+        return set()
+    given = _parameters(method.args, types)
+    pairs = [pair for one in body for pair in _pairs(one)]
+    kept = {target for target, value in pairs if isinstance(value, ast.Name) and value.id in given}
+    return {target for target in kept if isinstance(target, ast.Attribute)}
+
+
 def _waiting_fields(node, names):
     """The public fields of a class that hold a callable, unless it comes through the constructor of a dataclass.
 
@@ -142,6 +166,10 @@ def _waiting_fields(node, names):
             if not ast.unparse(target).startswith("_") and (waits or is_callable(value)):
                 found.add(target)
     return found
+
+
+def _methods(node):
+    return [one for one in node.body if isinstance(one, ast.FunctionDef)]
 
 
 def _annotated(node):

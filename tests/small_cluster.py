@@ -21,6 +21,7 @@ METHODS = (
     "pod_changed",
     "pod_gone",
     "node_changed",
+    "node_gone",
     "abandon",
     "close",
 )

@@ -128,8 +128,9 @@ class VirtualOperator:
             self.operator.pod_changed(self.cluster.pods[uid])
         self.turn()
 
-    def node(self, cpu: str = "1", name: str = NODE) -> None:
-        self.operator.node_changed({"metadata": {"name": name}, "status": {"allocatable": {"cpu": cpu}}})
+    def node(self, cpu: str = "1", name: str = NODE, uid: str = "") -> None:
+        metadata = {"name": name, "uid": uid or f"uid-{name}"}
+        self.operator.node_changed({"metadata": metadata, "status": {"allocatable": {"cpu": cpu}}})
         self.turn()
 
     def connect(self) -> None:

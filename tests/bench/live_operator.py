@@ -74,7 +74,7 @@ class LiveOperator:
         patches, reports = ThreadPoolExecutor(WORKERS), ThreadPoolExecutor(1)
         self._operator = Operator(self.cluster, OpenFence(), Loop(), patches=patches, reports=reports, signer=signer)
         self.cluster.tell = self._operator.pod_changed
-        self._operator.node_changed({"metadata": {"name": NODE}, "status": {"allocatable": {"cpu": "1"}}})
+        self._operator.node_changed({"metadata": {"name": NODE, "uid": NODE}, "status": {"allocatable": {"cpu": "1"}}})
         for feed in self.cluster.feeds.values():
             feed.clear()
         for pod in self.cluster.pods.values():

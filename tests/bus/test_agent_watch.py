@@ -27,8 +27,8 @@ ABLE, FAIR = AgentReport("", ""), AgentReport("", "no kernel option")
 class Bus:
     """A bus with a watch on it."""
 
-    def __init__(self, **agents):
-        self.session, self.scheduler = FakeSession(), TestScheduler()
+    def __init__(self, session=None, **agents):
+        self.session, self.scheduler = session or FakeSession(), TestScheduler()
         self.changes: list[dict[str, AgentReport]] = []
         self.session.agents |= agents
         self.watch = AgentWatch(
@@ -144,6 +144,70 @@ def test_an_answer_after_the_agent_has_gone_brings_it_not_back():
     callback(answers[0])
     bus.turn(2 * RETURN)
     assert bus.watch.reports == {}
+
+
+def questions_after(bus):
+    """How many are open after all those of before have timed out."""
+    bus.time_out()
+    bus.turn(RETURN)
+    return len(bus.session.questions)
+
+
+def test_an_agent_that_flaps_is_asked_one_question_at_a_time():
+    bus = Bus()
+    bus.session.agent(NODE, None)
+    for _ in range(5):
+        bus.turn()
+        bus.session.agent_gone(NODE)
+        bus.session.agent(NODE, None)
+    bus.turn()
+    assert questions_after(bus) == 1
+
+
+def test_a_question_that_a_later_one_replaced_is_not_repeated_when_it_times_out():
+    bus = Bus()
+    for _ in range(2):
+        bus.session.agent(NODE, None)
+        bus.turn()
+    _, replaced = bus.session.questions.pop(0)
+    assert replaced.drop is not None
+    replaced.drop()
+    bus.turn(PAUSE)
+    assert len(bus.session.questions) == 1
+
+
+def test_an_agent_that_flaps_between_two_questions_is_asked_at_once():
+    bus = Bus()
+    bus.session.agent(NODE, None)
+    bus.turn()
+    bus.time_out()
+    bus.session.agent(NODE, None)
+    bus.turn()
+    assert len(bus.session.questions) == 1
+    assert questions_after(bus) == 1
+
+
+def test_a_frozen_agent_that_flaps_is_asked_one_question_at_a_time():
+    bus = Bus(**{NODE: a_report()})
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
+    bus.turn(BOUND)
+    bus.session.agent_gone(NODE)
+    bus.session.agent(NODE, None)
+    bus.turn()
+    assert questions_after(bus) == 1
+
+
+def test_an_agent_that_ends_before_its_token_is_looked_for_is_given_up():
+    class Session(FakeSession):
+        def get(self, selector, handler=None, *, timeout):
+            answers = super().get(selector, handler, timeout=timeout)
+            self.agents.clear()
+            return answers
+
+    bus = Bus(Session(), **{NODE: a_report()})
+    assert bus.watch.reports == {NODE: ABLE}
+    bus.turn(RETURN)
+    assert bus.changes == [{}]
 
 
 def test_a_watch_that_is_closed_hears_no_tokens():

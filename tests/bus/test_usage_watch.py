@@ -75,6 +75,25 @@ def test_an_old_answer_is_not_shown(watch, session, clock):
     assert watch.now() == {}
 
 
+def test_a_rate_is_not_taken_over_the_time_in_which_nobody_watched(watch, session, clock):
+    watch.now()
+    session.answer(50.0, slam=(10.0, 100, 20))
+    clock.advance_by(OLD + ASK_EVERY)
+    for at in (56.0, 57.0):
+        assert watch.now() == {}
+        session.answer(at, slam=(at, 100, 20))
+        clock.advance_by(ASK_EVERY)
+    assert watch.now()["slam"].cores == 1.0
+
+
+def test_containers_that_are_gone_leave_nothing(watch, session, clock):
+    for number in range(20):
+        watch.now()
+        session.answer(50.0 + number, **{f"slam-{number}": (10.0, 100, 20)})
+        clock.advance_by(ASK_EVERY)
+    assert len(watch._last) <= OLD / ASK_EVERY
+
+
 @pytest.mark.parametrize(
     "payload",
     [b"", b"[]", b"{}", b'{"at": 1}', b'{"at": "x", "containers": {}}', b'{"at": 1, "containers": {"a": {}}}', b"\xff"],

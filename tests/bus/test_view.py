@@ -108,6 +108,13 @@ def test_a_withdrawn_plan_is_gone() -> None:
     assert view.policies == {}
 
 
+def test_the_board_goes_with_the_plan() -> None:
+    view = heard((KEY, plan()))
+    view.take_board(BOARD)
+    view.take(KEY, None)
+    assert view.boards == {}
+
+
 @pytest.mark.parametrize(
     ("key", "payload"),
     [

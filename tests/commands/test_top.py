@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from contextpolicy.bus.session import open_router
+from contextpolicy.bus.view import BusView
 from contextpolicy.cli import main
-from tests.bus.messages import KEY, plan, step
+from contextpolicy.commands import top
+from tests.bus.messages import BOARD, KEY, plan, step
 from tests.waiting import PATIENCE
 
 if TYPE_CHECKING:
@@ -102,3 +104,12 @@ def test_the_environment_names_the_router(
     monkeypatch.setenv("ZENOH_CONNECT", operator.endpoint)
     assert main(["top", "--once", "--output", "json"]) == 0
     assert "robot/delivery" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("last", [plan(), None], ids=["a plan", "no plan"])
+def test_of_a_policy_that_the_operator_no_longer_has_nothing_is_left(last: dict[str, Any] | None) -> None:
+    view = BusView()
+    top._take_all(view, [{**BOARD, "plan": last}])
+    assert view.boards
+    top._take_all(view, [])
+    assert (view.policies, view.boards) == ({}, {})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextpolicy.cluster.claims import claim
 from contextpolicy.policies import binder
-from tests.cluster.builders import a_pod, cpu
+from tests.cluster.builders import NODE, a_pod, cpu
 from tests.planning.builders import a_task
 from tests.policies.builders import IMU, a_policy, resources
 
@@ -18,8 +18,28 @@ def test_a_node_that_changes_its_size_changes_n(running):
     assert running.limits() == {"slam": 250, "speech": 250}
 
 
+def test_nothing_on_a_node_that_is_gone_is_claimed(running):
+    running.operator.node_gone(f"uid-{NODE}")
+    running.settle()
+    assert running.limits() == {"slam": 400, "speech": 400}
+    running.node()
+    running.settle()
+    assert running.limits() == {"slam": 500, "speech": 500}
+
+
+def test_a_node_that_was_registered_anew_outlives_the_one_before(running):
+    """A list may have the new one before it is noticed that the old one is gone."""
+    running.node("2", uid="uid-anew")
+    running.settle()
+    assert running.limits() == {"slam": 1000, "speech": 1000}
+    assert running.resizes_while(lambda: running.operator.node_gone(f"uid-{NODE}")) == []
+    running.operator.node_gone("uid-anew")
+    running.settle()
+    assert running.limits() == {"slam": 400, "speech": 400}
+
+
 def test_a_node_that_tells_no_size_is_ignored(running):
-    running.operator.node_changed({"metadata": {"name": "joining"}, "status": {}})
+    running.operator.node_changed({"metadata": {"name": "joining", "uid": "uid-joining"}, "status": {}})
     running.turn()
     running.sample(IMU, speed=0.3)
     running.settle()

@@ -7,6 +7,8 @@ from prometheus_client import REGISTRY
 
 from contextpolicy.policies import manager
 from contextpolicy.policy.tenants import Tenant, Tenants
+from contextpolicy.telemetry.reporter import STATUS_INTERVAL
+from tests.actuators.resize.fake_cluster import refusal
 from tests.cluster.builders import a_pod
 from tests.planning.builders import a_context, a_stream, a_task
 from tests.policies.builders import IMU, a_policy
@@ -113,17 +115,55 @@ def test_deletion_is_done_when_all_is_as_it_was(running):
     assert running.session.plans()[-1] is None, "whoever acts on its plans must stop"
 
 
-def test_what_was_measured_of_a_policy_goes_with_it(running):
-    def measured():
-        samples = (sample for family in REGISTRY.collect() for sample in family.samples)
-        return {s.name for s in samples if (s.labels.get("namespace"), s.labels.get("name")) == ("lab", "robot")}
+def measured():
+    samples = (sample for family in REGISTRY.collect() for sample in family.samples)
+    return {s.name for s in samples if (s.labels.get("namespace"), s.labels.get("name")) == ("lab", "robot")}
 
+
+def test_what_was_measured_of_a_policy_goes_with_it(running):
     running.sample(IMU, speed=0.3)
     running.settle()
     assert {"contextpolicy_task_weight", "contextpolicy_plans_total", "contextpolicy_resizes_total"} <= measured()
     running.delete(a_policy())
     running.settle()
     assert measured() == set()
+
+
+def test_an_answer_that_comes_after_its_policy_is_gone_leaves_nothing(running):
+    """A release does not wait for pods that end."""
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    running.sample(IMU, speed=0.0)
+    for uid in running.cluster.pods:
+        running.cluster.terminate(uid)
+        running.operator.pod_changed(running.cluster.pods[uid])
+    done = running.delete(a_policy())
+    assert done.done()
+    running.cluster.faults.append(refusal("Forbidden"))
+    assert len(running.patches.jobs) == 2
+    running.patch()
+    running.patch()
+    assert measured() == set()
+    assert running.operator.queries._resizes.problems("lab/robot") == {}
+
+
+def test_a_policy_that_leaves_is_forgotten_too_when_another_operator_serves_its_namespace(running):
+    running.sample(IMU, speed=0.3)
+    running.settle()
+    running.cluster.faults += [refusal("Forbidden")] * 9
+    running.delete(a_policy())
+    running.patch()
+    assert running.operator.queries._resizes.problems("lab/robot")
+    running.operator.abandon("lab")
+    running.cluster.faults.clear()
+    running.cluster.statuses.clear()
+    running.turn(60.0)
+    assert running.resizes_while(lambda: running.turn(STATUS_INTERVAL)) == []
+    assert running.limits() == {"slam": 800, "speech": 200}
+    assert running.cluster.statuses == {}
+    assert measured() == set()
+    assert running.operator.queries._resizes.problems("lab/robot") == {}
+    assert running.operator.queries._registry.find("lab/robot") is None
 
 
 def test_deletion_before_the_first_sample_has_nothing_to_do(operator):

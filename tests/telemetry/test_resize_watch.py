@@ -25,6 +25,9 @@ class Told:
         self.stages: list[tuple[str, str, float | None]] = []
         self.watch = ResizeWatch(self)
 
+    def knows(self, _):
+        return True
+
     def on_problem(self, _, reason, message):
         self.problems.append((reason, message))
 

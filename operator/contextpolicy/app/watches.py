@@ -34,7 +34,6 @@ class Watches:
     ) -> None:
         pods, nodes, self._policies = _Pods(operator, on_change), _Nodes(operator, on_change), _Policies(on_change)
         self._pods = {namespace: ObjectWatch(api, pods_of(namespace), pods) for namespace in namespaces}
-        # Nodes that are deleted need no handling: their pods are deleted too.
         self._all = [*self._pods.values(), ObjectWatch(api, "/api/v1/nodes", nodes)]
         if not self._pods:
             self._all += [ObjectWatch(api, "/api/v1/pods", pods), ObjectWatch(api, POLICIES, self._policies)]
@@ -94,7 +93,7 @@ class _Nodes:
         self._operator.node_changed(item)
 
     def on_gone(self, uid: str) -> None:
-        """Nothing."""
+        self._operator.node_gone(uid)
 
     def on_listing(self) -> None:
         self._on_change()

@@ -157,9 +157,13 @@ class Operator:
 
     def node_changed(self, node: Mapping[str, Any]) -> None:
         """A node is new or has changed; only its allocatable CPU matters."""
-        name, cpu = node["metadata"]["name"], allocatable(node)
+        uid, name, cpu = node["metadata"]["uid"], node["metadata"]["name"], allocatable(node)
         if cpu is not None:
-            on_loop(self._loop, lambda: self._binder.take_node(name, cpu))
+            on_loop(self._loop, lambda: self._binder.take_node(uid, name, cpu))
+
+    def node_gone(self, uid: str) -> None:
+        """A node was deleted."""
+        on_loop(self._loop, lambda: self._binder.lose_node(uid))
 
     def _take_pod(self, pod: PodView) -> None:
         self._binder.take_pod(pod)

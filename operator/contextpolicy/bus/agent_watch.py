@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import zenoh
@@ -55,9 +56,12 @@ class AgentWatch:
         """Blocks up to PATIENCE for the agents' first answers: never call it on the loop's thread."""
         self._session, self._scheduler, self._on_change = session, scheduler, on_change
         self.reports = dict(self._ask_all())
-        self._owing: set[str] = set()
+        self._owing: dict[str, object] = {}
+        """The last question to each node's agent while it has not answered: earlier ones are not asked again."""
         self._missed: dict[str, DisposableBase] = {}
         self._unconfirmed: dict[tuple[str, str], _Unconfirmed] = {}
+        for node in self.reports:
+            self._later(partial(self._miss, node))  # until its token is seen: it may have ended since it answered
         self._subscribers: list[Any] = [
             session.liveliness().declare_subscriber(agent_key("*"), self._on_token, history=True),
             session.declare_subscriber(confirmed_key("*"), self._on_confirmation),
@@ -115,9 +119,8 @@ class AgentWatch:
         if node not in self.reports or node in self._missed or node in self._owing:
             return
         log.warning("node %s: %s", node, LATE)
-        self._owing.add(node)
+        self._ask_later(node, RETURN)
         self._set(node, NOT_CONFIRMING)
-        self._scheduler.schedule_relative(RETURN, lambda *_: self._ask_again(node))
 
     def _ask_all(self) -> list[tuple[str, AgentReport]]:
         replies = self._session.get(agent_key("*"), timeout=PATIENCE)
@@ -126,14 +129,10 @@ class AgentWatch:
     def _on_token(self, token: zenoh.Sample) -> None:
         """Zenoh's callbacks must not call Zenoh."""
         node, lives = _node(token.key_expr), token.kind == zenoh.SampleKind.PUT
-        self._later(lambda: self._find(node) if lives else self._miss(node))
-
-    def _find(self, node: str) -> None:
-        self._owing.add(node)
-        self._ask(node, PATIENCE)
+        self._later(lambda: self._ask(node, PATIENCE) if lives else self._miss(node))
 
     def _miss(self, node: str) -> None:
-        self._owing.discard(node)
+        self._owing.pop(node, None)
         self._forgive(node)
         self._missed[node] = self._scheduler.schedule_relative(RETURN, lambda *_: self._give_up(node))
 
@@ -148,36 +147,41 @@ class AgentWatch:
             self._missed.pop(node).dispose()
 
     def _ask(self, node: str, patience: float) -> None:
-        """Ask one agent, without blocking.
+        """Ask one agent until it answers, without blocking.
 
         A query that times out ends with an error reply, one without any queryable with no reply: `_on_end` sees both.
         """
+        question = self._owing[node] = object()
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok:
                 report = read_report(reply.ok.payload.to_bytes())
                 self._later(lambda: self._on_answer(node, report))
 
-        ended = zenoh.handlers.Callback(on_reply, lambda: self._later(lambda: self._on_end(node)))
+        ended = zenoh.handlers.Callback(on_reply, lambda: self._later(lambda: self._on_end(node, question)))
         self._session.get(agent_key(node), ended, timeout=patience)
 
     def _on_answer(self, node: str, report: AgentReport) -> None:
-        if node in self._owing:
-            self._owing.discard(node)
+        if self._owing.pop(node, None):
             self._forgive(node)
             self._set(node, report)
 
-    def _on_end(self, node: str) -> None:
+    def _on_end(self, node: str, question: object) -> None:
         """Ask again if no answer came; until RETURN is over, the report of the agent's predecessor still holds."""
-        if node not in self._owing:
+        if self._owing.get(node) is not question:
             return
         if node not in self.reports:
             self._set(node, NO_ANSWER)
-        self._scheduler.schedule_relative(PAUSE, lambda *_: self._ask_again(node))
+        self._ask_later(node, PAUSE)
 
-    def _ask_again(self, node: str) -> None:
-        if node in self._owing:
-            self._ask(node, LONG_PATIENCE)
+    def _ask_later(self, node: str, seconds: float) -> None:
+        question = self._owing[node] = object()
+
+        def ask(*_: object) -> None:
+            if self._owing.get(node) is question:
+                self._ask(node, LONG_PATIENCE)
+
+        self._scheduler.schedule_relative(seconds, ask)
 
     def _set(self, node: str, report: AgentReport | None) -> None:
         before = dict(self.reports)

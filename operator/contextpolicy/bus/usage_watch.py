@@ -24,7 +24,7 @@ ASK_EVERY = 1.0
 PATIENCE = 2.0
 """Seconds that an agent has to answer."""
 OLD = 5.0
-"""Seconds after which an answer is no longer shown."""
+"""Seconds after which an answer is no longer shown, nor compared with the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,8 @@ class UsageWatch:
     def __init__(self, session: zenoh.Session, scheduler: SchedulerBase) -> None:
         self._session, self._scheduler = session, scheduler
         self._asked_at = -math.inf
-        self._last: dict[str, Counters] = {}
+        self._last: dict[str, tuple[float, Counters]] = {}
+        """Each container's latest counters, and when they came, by the loop's clock."""
         self._usage: dict[str, Usage] = {}
 
     def now(self) -> Mapping[str, Usage]:
@@ -71,13 +72,14 @@ class UsageWatch:
             self._scheduler.schedule(lambda *_: self._take(payload))
 
     def _take(self, payload: bytes) -> None:
+        now = self._now()
+        self._last = {container: (came, last) for container, (came, last) in self._last.items() if now - came < OLD}
         for container, counters in read_counters(payload).items():
-            before = self._last.get(container)
+            _, before = self._last.get(container, (now, None))
             if before is None or counters.at > before.at:
-                self._last[container] = counters
+                self._last[container] = now, counters
             if before is not None and counters.at > before.at:
-                self._usage[container] = _between(before, counters, self._now())
-        self._last = dict(list(self._last.items())[-10_000:])
+                self._usage[container] = _between(before, counters, now)
 
     def _now(self) -> float:
         return self._scheduler.to_seconds(self._scheduler.now)

@@ -96,7 +96,7 @@ class BusView:
         """
         policy, topic = policy_of(key), key.rpartition("/")[2]
         if payload is None:
-            gone = topic == "plan" and self.policies.pop(policy, None) is not None
+            gone = topic == "plan" and self.forget(policy)
             return {"policy": policy, "withdrawn": True} if gone else None
         try:
             content = json.loads(payload)
@@ -104,6 +104,11 @@ class BusView:
         except UNREADABLE:
             return None
         return self.policies[policy].as_json() if changed else None
+
+    def forget(self, policy: str) -> bool:
+        """The policy is gone; returns whether it had a plan."""
+        self.boards.pop(policy, None)
+        return self.policies.pop(policy, None) is not None
 
     def _plan(self, policy: str, content: Mapping[str, Any]) -> bool:
         new, known = _read(policy, content), self.policies.get(policy)

@@ -3,37 +3,40 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+from weakref import WeakValueDictionary
+
+from contextpolicy.cluster.pods import PodView
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from contextpolicy.cluster.pods import PodView
-
 
 class PodDirectory:
-    """The newest view of each pod."""
+    """The newest view of each pod. Of a namespace without pods nothing is left, once nobody looks at it either."""
 
     def __init__(self) -> None:
-        self._namespaces: dict[str, str] = {}
-        self._pods: dict[str, dict[str, PodView]] = {}
+        self._homes: dict[str, _Pods] = {}
+        """The pods of each pod's namespace, by its UID."""
+        self._namespaces: WeakValueDictionary[str, _Pods] = WeakValueDictionary()
 
     def put(self, pod: PodView) -> PodView | None:
         """Keep the pod's newest view; returns the one before, None if the pod is new."""
-        before = self.get(pod.uid)
-        self._namespaces[pod.uid] = pod.namespace
-        self._pods.setdefault(pod.namespace, {})[pod.uid] = pod
+        pods = self._homes[pod.uid] = self._in(pod.namespace)
+        before = pods.get(pod.uid)
+        pods[pod.uid] = pod
         return before
-
-    def get(self, uid: str) -> PodView | None:
-        """The pod, None if it is unknown."""
-        namespace = self._namespaces.get(uid)
-        return None if namespace is None else self._pods[namespace][uid]
 
     def pop(self, uid: str) -> PodView | None:
         """Remove a pod and return it, None if it is unknown."""
-        namespace = self._namespaces.pop(uid, None)
-        return None if namespace is None else self._pods[namespace].pop(uid)
+        return self._homes.pop(uid).pop(uid) if uid in self._homes else None
 
     def of(self, namespace: str) -> Collection[PodView]:
         """The pods of a namespace, as a live view."""
-        return self._pods.setdefault(namespace, {}).values()
+        return self._in(namespace).values()
+
+    def _in(self, namespace: str) -> _Pods:
+        return self._namespaces.setdefault(namespace, _Pods())
+
+
+class _Pods(dict[str, PodView]):
+    """By UID. A plain dict can't be held weakly."""

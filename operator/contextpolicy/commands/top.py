@@ -101,8 +101,8 @@ def _through_the_cluster(
 
 def _take_all(view: BusView, boards: Iterable[Mapping[str, Any]]) -> None:
     known = {str(board["policy"]): board for board in boards}
-    for gone in view.policies.keys() - known.keys():
-        del view.policies[gone]
+    for gone in (view.policies.keys() | view.boards.keys()) - known.keys():
+        view.forget(gone)
     for board in known.values():
         view.take_board(board)
 

@@ -37,7 +37,8 @@ class Binder:
         self.pods = PodDirectory()
         self._loop, self._registry, self._bus, self._publisher = loop, registry, bus, publisher
         self._originals, self._tenants = originals, tenants
-        self._nodes: dict[str, int] = {}
+        self._nodes: dict[str, tuple[str, int]] = {}
+        """Name and allocatable CPU by UID: one that is registered anew may be listed before the old one is gone."""
         self._moved: set[str] = set()
         """Namespaces whose pods came, went or moved since the last placement."""
 
@@ -54,10 +55,15 @@ class Binder:
             self._move(pod.namespace)
         return pod
 
-    def take_node(self, name: str, cpu: int) -> None:
+    def take_node(self, uid: str, name: str, cpu: int) -> None:
         """A node has this much allocatable CPU, in millicores."""
-        if self._nodes.get(name) != cpu:
-            self._nodes[name] = cpu
+        if self._nodes.get(uid) != (name, cpu):
+            self._nodes[uid] = name, cpu
+            self.place()
+
+    def lose_node(self, uid: str) -> None:
+        """A node was deleted: nothing there is claimed any more."""
+        if self._nodes.pop(uid, None) is not None:
             self.place()
 
     def place(self) -> None:
@@ -79,7 +85,7 @@ class Binder:
         runners = self._registry.runners()
         policies = [runner.policy for runner in runners]
         pods = chain.from_iterable(self.pods.of(namespace) for namespace in {own.namespace for own in policies})
-        claims = claim(policies, pods, self._nodes, self._originals.cpu, self._tenants)
+        claims = claim(policies, pods, dict(self._nodes.values()), self._originals.cpu, self._tenants)
         return [
             (runner, with_agents(policy, claims[policy.reference], self._bus.reports))
             for runner, policy in zip(runners, policies, strict=True)

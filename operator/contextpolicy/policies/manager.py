@@ -11,7 +11,7 @@ from contextpolicy.policies.services import Services
 from contextpolicy.telemetry import metrics
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from concurrent.futures import Future
 
     import zenoh
@@ -95,28 +95,23 @@ class PolicyManager:
             entry = self._registry.present.pop(reference, None)
             if entry is not None and entry.runner is not None:
                 entry.runner.end()
-            self._bus.forget(reference)
-            self._publisher.forget(reference)
-            self._recorder.forget(reference)
+            self._forget(reference)
             self.settle()
         self._actuators.release(reference, lambda: self._released(reference, done))
         self._binder.place()
 
     def abandon(self, namespace: str) -> None:
         """Another operator serves the namespace: forget its policies and change nothing."""
-        for reference in _of(namespace, self._registry.present):
-            runner = self._registry.present.pop(reference).runner
-            if runner is not None:
-                runner.stop()
-            self._bus.forget(reference)
-            self._publisher.forget(reference)
-            self._recorder.forget(reference)
+        present, leaving = self._registry.present, self._registry.leaving
+        for reference in _of(namespace, [*present, *leaving]):
+            entry = present.pop(reference, None)
+            leaving.pop(reference, None)
+            if entry is not None and entry.runner is not None:
+                entry.runner.stop()
+            self._forget(reference)
             self._actuators.abandon(reference)
             metrics.forget(reference)
         self.settle()
-        for reference in _of(namespace, self._registry.leaving):
-            del self._registry.leaving[reference]
-            self._actuators.abandon(reference)
         self._binder.place()
 
     def repeat(self) -> None:
@@ -172,6 +167,12 @@ class PolicyManager:
     def _recall(self, body: Mapping[str, Any]) -> None:
         self._actuators.recall(reference_of(body), (body.get("status") or {}).get("originals"))
 
+    def _forget(self, reference: str) -> None:
+        """Nothing runs of the policy any more."""
+        self._bus.forget(reference)
+        self._publisher.forget(reference)
+        self._recorder.forget(reference)
+
     def _released(self, reference: str, done: Future[None]) -> None:
         self._registry.leaving.pop(reference, None)
         self._publisher.forget(reference)
@@ -182,5 +183,5 @@ class PolicyManager:
             done.set_result(None)
 
 
-def _of(namespace: str, references: Mapping[str, object]) -> list[str]:
+def _of(namespace: str, references: Iterable[str]) -> list[str]:
     return [reference for reference in references if reference.partition("/")[0] == namespace]

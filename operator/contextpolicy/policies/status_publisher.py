@@ -91,6 +91,10 @@ class StatusPublisher:
             reason = "ContextEntered" if active else "ContextExited"
             self._post(entry, reason, f"{context}: {cause}", warning=False)
 
+    def knows(self, policy: str) -> bool:
+        """Whether the policy stays or leaves, but is not gone."""
+        return self._registry.find(policy) is not None
+
     def on_problem(self, policy: str, reason: str, message: str) -> None:
         """Report a problem with resizes, or that it is over."""
         if policy in self._registry.leaving and reason == FAILED:

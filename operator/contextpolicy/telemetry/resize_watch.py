@@ -31,6 +31,9 @@ RECOVERED = "ResizeRecovered"
 class ResizeListener(Protocol):
     """What hears of resizes."""
 
+    def knows(self, policy: str) -> bool:
+        """Whether the policy is still there; one that is released does not wait for answers about pods that end."""
+
     def on_problem(self, policy: str, reason: str, message: str) -> None:
         """There is a problem, or it is over: once each."""
 
@@ -57,6 +60,8 @@ class ResizeWatch:
 
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:
         """The API has accepted new resources; `answered` is when its answer came."""
+        if not self._listener.knows(policy):
+            return
         self._listener.on_stage(policy, "accepted", container, (cpu.limit or 0) / 1000, answered)
         metrics.RESIZES.labels(*metrics.labels(policy), "accepted").inc()
         reaction = self._reactions.reach(policy, container, "patch", cpu)
@@ -81,6 +86,8 @@ class ResizeWatch:
 
     def on_problem(self, policy: str, pod: str, error: ActuationError | None) -> None:
         """A patch failed, or (None) succeeded again after a failure."""
+        if not self._listener.knows(policy):
+            return
         failed = self._failed.setdefault(policy, {})
         if error is None:
             if failed.pop(pod, None):

@@ -147,13 +147,12 @@ def _deciding(task: Task, contexts: Sequence[Context]) -> Context | None:
 
 
 def _own_weight(task: Task, score: float, contexts: Sequence[Context]) -> Weight:
+    """What a task that can run weighs, before its parent's weight is split."""
     base = min(task.priority * score, HEAVIEST)
     context = _deciding(task, contexts)
     if context is None:
         return Weight(score, base, f"priority {task.priority:g} times score {score:g}")
     effect = context.effects[task.name]
-    if effect.suspend:
-        return Weight(score, 0.0, f"context {context.name} suspends it")
     if effect.weight is not None:
         value = min(effect.weight, HEAVIEST)
         return Weight(score, value, f"context {context.name} sets its weight to {effect.weight:g}")

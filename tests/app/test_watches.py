@@ -1,0 +1,48 @@
+"""What a replica's watches hand to its operator."""
+
+from __future__ import annotations
+
+import json
+import threading
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+from contextpolicy.app.watches import Watches
+from tests.cluster.builders import a_pod
+from tests.small_cluster import Told
+from tests.waiting import PATIENCE
+
+NODE = {"metadata": {"name": "robot-1", "uid": "uid-robot-1", "resourceVersion": "1"}}
+
+
+class Api:
+    """Lists one pod and one node, which are deleted soon."""
+
+    def __init__(self):
+        self.ended = threading.Event()
+        self._lists = {"pods": [a_pod("slam")], "nodes": [NODE]}
+
+    def read(self, path):
+        return {"metadata": {"resourceVersion": "1"}, "items": self._lists[_plural(path)]}
+
+    def watch(self, path, _):
+        gone = [json.dumps({"type": "DELETED", "object": one}).encode() for one in self._lists[_plural(path)]]
+        return nullcontext(SimpleNamespace(stream=lambda **_: self._lines(gone), shutdown=self.ended.set))
+
+    def _lines(self, lines):
+        yield from (line + b"\n" for line in lines)
+        assert self.ended.wait(PATIENCE)
+
+
+def _plural(path):
+    return path.partition("?")[0].rpartition("/")[2]
+
+
+def test_the_operator_hears_what_comes_and_goes():
+    api, told = Api(), Told()
+    watches = Watches(api, ["lab"], told.operator, lambda: None)
+    watches.start()
+    told.wait_for("pod_gone", "uid-slam")
+    told.wait_for("node_gone", "uid-robot-1")
+    watches.stop()
+    assert {name for name, *_ in told.calls} == {"pod_changed", "pod_gone", "node_changed", "node_gone"}

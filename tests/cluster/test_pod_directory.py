@@ -1,0 +1,49 @@
+"""Pods by namespace, as policies look at them."""
+
+from __future__ import annotations
+
+from contextpolicy.cluster.pod_directory import PodDirectory
+from contextpolicy.cluster.pods import view
+from tests.cluster.builders import a_pod
+
+
+def pod(name, namespace="lab", **parts):
+    return view(a_pod(name, namespace=namespace, **parts))
+
+
+def test_a_pod_is_known_by_its_uid_until_it_is_gone():
+    directory, slam = PodDirectory(), pod("slam")
+    assert directory.put(slam) is None
+    newer = pod("slam", labels={"app": "slam"})
+    assert directory.put(newer) is slam
+    assert directory.pop("uid-slam") is newer
+    assert directory.pop("uid-slam") is None
+
+
+def test_a_namespace_has_its_own_pods_only():
+    directory = PodDirectory()
+    directory.put(pod("slam"))
+    directory.put(pod("arm", namespace="elsewhere"))
+    assert [one.name for one in directory.of("lab")] == ["slam"]
+
+
+def test_a_view_shows_what_comes_and_goes_after_it_was_taken():
+    directory = PodDirectory()
+    shown = directory.of("lab")
+    for _ in range(2):
+        assert list(shown) == []
+        directory.put(pod("slam"))
+        assert [one.name for one in shown] == ["slam"]
+        assert list(directory.of("lab")) == list(shown)
+        directory.pop("uid-slam")
+    assert list(shown) == []
+
+
+def test_nothing_is_left_of_namespaces_that_are_gone():
+    directory = PodDirectory()
+    for number in range(3):
+        one = pod("slam", namespace=f"robot-{number}")
+        directory.put(one)
+        assert list(directory.of(f"elsewhere-{number}")) == []
+        directory.pop(one.uid)
+    assert {name: len(kept) for name, kept in vars(directory).items() if kept} == {}
