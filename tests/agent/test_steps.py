@@ -8,7 +8,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contextpolicy.agent.steps import LimitStep, PodLimits, Step, budget_steps, budgets, limit_steps
+from contextpolicy.agent.steps import LimitStep, PodLimits, budget_steps, budgets, limit_steps
 
 POD, OTHER = Path("/top/pod1"), Path("/top/pod2")
 A, B, C = POD / "a", POD / "b", OTHER / "c"
