@@ -28,7 +28,9 @@ class Story:
         self.ordered: list[tuple[float, dict[str, int]]] = []
         self.source: Subject[Mapping[str, NodePlan]] = Subject()
         self.ahead = frozenset(ahead)
-        self.end = self.source.pipe(follow_agents(self.scheduler, lambda: self.ahead)).subscribe(self.note)
+        self.not_set: frozenset[str] = frozenset()
+        follow = follow_agents(self.scheduler, lambda: self.ahead, lambda: self.not_set)
+        self.end = self.source.pipe(follow).subscribe(self.note)
 
     def note(self, nodes):
         now = round(self.scheduler.to_seconds(self.scheduler.now), 3)
@@ -102,6 +104,65 @@ def test_when_the_agent_is_gone_the_plan_is_ordered_at_once_and_no_timer_goes_on
     story.scheduler.advance_by(2 * LONGEST)
     assert len(story.ordered) <= 3, "the timer of the plan that waited may fire once"
     assert len(story.scheduler._queue) == 0
+
+
+TWO = ("robot/slam/slam", "robot/speech/speech")
+
+
+class Pair(Story):
+    """Two containers on the node, of which the agent could not set some."""
+
+    def note(self, nodes):
+        [self.node] = nodes.values() or [NodePlan(0, {}, {})]
+
+    def share(self, slam, speech):
+        self.source.on_next({NODE: NodePlan(1000, {}, dict(zip(TWO, (slam, speech), strict=True)))})
+
+    @property
+    def shares(self):
+        return tuple(self.node.containers.get(identity) for identity in TWO)
+
+
+def test_a_container_that_the_agent_could_not_set_is_ordered_at_once_and_the_others_follow():
+    story = Pair(NODE)
+    story.share(500, 500)
+    story.scheduler.advance_by(LONGEST)
+    story.not_set = frozenset(TWO[:1])
+    story.share(900, 100)
+    assert story.shares == (900, 500)
+    assert story.node.capacity == 1400, "what the agent has taken from the other pays for it"
+    story.scheduler.advance_by(SETTLED)
+    assert (story.shares, story.node.capacity) == ((900, 100), 1000)
+
+
+def test_in_a_storm_each_plan_is_ordered_for_what_the_agent_could_not_set():
+    story = Pair(NODE)
+    story.not_set = frozenset(TWO[:1])
+    for slam in (100, 900, 200):
+        story.share(slam, 1000 - slam)
+        assert story.shares == (slam, None)
+        story.scheduler.advance_by(SETTLED / 6)
+
+
+def test_what_the_agent_can_set_again_follows_it_again():
+    story = Pair(NODE)
+    story.not_set = frozenset(TWO)
+    story.share(500, 500)
+    story.share(900, 100)
+    assert story.shares == (900, 100)
+    story.not_set = frozenset()
+    story.share(200, 800)
+    assert story.shares == (900, 100)
+    story.scheduler.advance_by(SETTLED)
+    assert story.shares == (200, 800)
+
+
+def test_a_container_that_is_gone_is_ordered_no_more():
+    story = Pair(NODE)
+    story.not_set = frozenset(TWO)
+    story.share(500, 500)
+    story.source.on_next({NODE: NodePlan(1000, {}, {TWO[1]: 900})})
+    assert story.shares == (None, 900)
 
 
 def test_a_node_that_is_gone_is_not_waited_for():

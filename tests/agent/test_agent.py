@@ -13,7 +13,7 @@ from reactivex.testing import TestScheduler
 
 from contextpolicy.agent import capabilities
 from contextpolicy.agent.inotify import WriteWatch
-from contextpolicy.errors import ActuationError
+from contextpolicy.cluster.agent_reports import Confirmation
 from tests.agent.builders import CHAT, JSON, POLICY, SLAM, SPEECH, TIMES, Tree, a_message, a_target, an_agent
 
 GRACE = 10.0
@@ -244,9 +244,9 @@ def test_a_policy_reaches_no_container_outside_its_namespace(tree, agent, slam, 
         tree.pod("uid-a", namespace)
     else:
         (tree.logs / "robot_pod_uid-a").rmdir()
-    stamp = agent.hear(POLICY, a_message(a_target(SLAM, 0.01), a_target(SPEECH, 0.3, task="speech")))
+    said = agent.hear(POLICY, a_message(a_target(SLAM, 0.01), a_target(SPEECH, 0.3, task="speech")))
     assert (tree.limit(slam), tree.limit(speech)) == (500, 300)
-    assert (agent.report()["refused"], stamp) == ({"Foreign": 1}, (1, 1, 0))
+    assert (agent.report()["refused"], said.failed) == ({"Foreign": 1}, {f"containerd://{SLAM}": "Foreign"})
 
 
 def test_a_pod_that_came_after_the_agent_looked_is_found(tree, agent, slam):
@@ -257,8 +257,8 @@ def test_a_pod_that_came_after_the_agent_looked_is_found(tree, agent, slam):
 
 
 def test_a_plan_that_is_carried_out_is_confirmed_and_a_refused_one_is_not(agent, slam):  # noqa: ARG001
-    assert agent.hear(POLICY, a_message(a_target(SLAM, 0.4))) == (1, 1, 0)
-    assert agent.hear(POLICY, a_message(a_target(SLAM, 0.4))) == (1, 1, 0)
+    assert agent.hear(POLICY, a_message(a_target(SLAM, 0.4))) == Confirmation(POLICY, (1, 1, 0))
+    assert agent.hear(POLICY, a_message(a_target(SLAM, 0.4))) == Confirmation(POLICY, (1, 1, 0))
     assert agent.hear(POLICY, a_message(a_target(SLAM, 64), sequence=2)) is None
 
 
@@ -269,12 +269,3 @@ def test_a_withdrawal_that_is_repeated_later_undoes_nothing(tree, agent, slam):
     agent.hear(POLICY, None, withdrawn)
     assert tree.limit(slam) == 900
     assert agent.report()["refused"] == {"Outdated": 1}
-
-
-def test_a_plan_that_fails_is_not_confirmed(agent, slam, monkeypatch):  # noqa: ARG001
-    def fail(*_, **__):
-        raise ActuationError("ReadOnly", "the file system is read-only", retriable=True)
-
-    monkeypatch.setattr("contextpolicy.agent.limits.Limits.apply", fail)
-    assert agent.hear(POLICY, a_message(a_target(SLAM, 0.4))) is None
-    assert agent.report()["refused"]["ReadOnly"] > 0

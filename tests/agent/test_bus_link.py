@@ -15,7 +15,8 @@ from contextpolicy.bus import agent_watch as agents
 from contextpolicy.bus.agent_watch import AgentWatch
 from contextpolicy.bus.decision_bus import agent_key, confirmed_key, plan_key
 from contextpolicy.bus.signatures import Signer, Verifier
-from contextpolicy.cluster.agent_reports import AgentReport
+from contextpolicy.cluster.agent_reports import AgentReport, Confirmation
+from contextpolicy.streams.loop import Loop
 from tests.agent.builders import NODE
 from tests.bus.certificates import signing_keys
 from tests.modules.robotkit.bus import Matching, ask, client, router
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     import zenoh
 
 KEY, POLICY = plan_key("robot", "delivery"), "robot/delivery"
-STAMP = (1, 2, 3)
+STAMP, FAILED = (1, 2, 3), {"containerd://a": "Busy"}
 
 
 class Listener:
@@ -37,7 +38,7 @@ class Listener:
 
     def hear(self, policy, payload, signed):  # noqa: ARG002
         self._note((policy, payload))
-        return STAMP if payload else None
+        return Confirmation(policy, STAMP, FAILED) if payload else None
 
     def refuse(self, error):
         self._note(error.reason)
@@ -250,6 +251,25 @@ def test_of_plans_that_wait_the_one_signed_last_counts(bus, scheduler, listener)
     listener.expect((POLICY, b"newer"))
 
 
+def test_what_goes_wrong_with_one_policys_plan_loses_no_others(address, verifier):
+    class Failing(Listener):
+        def hear(self, policy, payload, signed):
+            super().hear(policy, payload, signed)
+            raise RuntimeError(policy)
+
+    listener, loop = Failing(), Loop()
+    go = threading.Event()
+    with client(address) as session:
+        bus = AgentBus(session, NODE, loop, listener, verifier)
+        loop.schedule(lambda *_: go.wait(PATIENCE))
+        for number in range(3):
+            bus._put(f"robot/{number}", b"plan", 1)
+        go.set()
+        listener.expect(*((f"robot/{number}", b"plan") for number in range(3)))
+        bus.close()
+    loop.dispose()
+
+
 def test_what_is_carried_out_is_confirmed(bus, operator, sign):  # noqa: ARG001
     confirmed, heard = [], threading.Event()
 
@@ -260,4 +280,4 @@ def test_what_is_carried_out_is_confirmed(bus, operator, sign):  # noqa: ARG001
     with operator.declare_subscriber(confirmed_key(NODE), hear):
         while not heard.wait(0.01):
             operator.put(KEY, b"plan", attachment=sign(b"plan"))
-    assert confirmed[0] == {"policy": POLICY, "stamp": list(STAMP)}
+    assert confirmed[0] == {"policy": POLICY, "stamp": list(STAMP), "failed": FAILED}

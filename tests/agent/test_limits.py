@@ -10,7 +10,6 @@ from contextpolicy.agent.cgroup_paths import Driver
 from contextpolicy.agent.control_files import CFS, ControlFiles
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.limits import Limits
-from contextpolicy.agent.refusals import Refusals
 from tests.agent.builders import CHAT, POLICY, SLAM, SPEECH, Tree
 
 OTHER = "robot/other"
@@ -28,7 +27,7 @@ def ledger(tmp_path):
 
 @pytest.fixture
 def limits(tree, ledger):
-    return Limits(ControlFiles(CFS[tree.version]), ledger, Refusals())
+    return Limits(ControlFiles(CFS[tree.version]), ledger)
 
 
 @pytest.fixture
@@ -283,7 +282,7 @@ def heir(tree, limits, slam, tmp_path):
     limits.apply(POLICY, {slam: 800})
     ledger = Ledger(tmp_path / "ledger.json")
     ledger.load()
-    return Limits(ControlFiles(CFS[tree.version]), ledger, Refusals())
+    return Limits(ControlFiles(CFS[tree.version]), ledger)
 
 
 def test_after_a_kill_an_unconfirmed_limit_is_undone(tree, heir, slam):

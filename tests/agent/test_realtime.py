@@ -12,7 +12,6 @@ from contextpolicy.agent.control_files import REALTIME, ControlFile, ControlFile
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.node_orders import Manner
 from contextpolicy.agent.realtime import Realtime
-from contextpolicy.agent.refusals import Refusals
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.spec import RealtimePolicy
 from tests.agent.builders import CHAT, POLICY, SLAM, SPEECH, Tree
@@ -33,13 +32,8 @@ def ledger(tmp_path):
 
 
 @pytest.fixture
-def refusals():
-    return Refusals()
-
-
-@pytest.fixture
-def realtime(tree, ledger, refusals, scheduled):  # noqa: ARG001 - no test may change real threads
-    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version]), ledger, refusals, 10)
+def realtime(tree, ledger, scheduled):  # noqa: ARG001 - no test may change real threads
+    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version]), ledger, 10)
 
 
 @pytest.fixture
@@ -216,18 +210,18 @@ def test_a_container_that_ended_frees_its_part(tree, realtime, slam, speech):
     assert budgets(tree, speech, tree.layout.top) == [350, 350]
 
 
-def test_a_refusal_of_the_kernel_is_counted_and_the_rest_goes_on(realtime, refusals, scheduled, monkeypatch, slam):
+def test_a_refusal_of_the_kernel_is_reported_and_the_rest_goes_on(realtime, scheduled, monkeypatch, slam):
     def no_room(file, text):
         if file.path.parent == slam.parent.parent.parent:
             raise ActuationError("OutOfBounds", f"no room for {text}", retriable=False)
 
     monkeypatch.setattr(ControlFile, "write", no_room)
-    realtime.apply(POLICY, {slam: 600}, MANNER)
-    assert refusals.counts == {"OutOfBounds": 1}
+    failures = realtime.apply(POLICY, {slam: 600}, MANNER)
+    assert {group: error.reason for group, error in failures.items()} == {slam.parent.parent.parent: "OutOfBounds"}
     assert scheduled == {slam: TURNS}
 
 
-def test_a_thread_born_in_the_last_moment_is_caught(tree, realtime, refusals, monkeypatch, slam):
+def test_a_thread_born_in_the_last_moment_is_caught(tree, realtime, monkeypatch, slam):
     def busy(file, text):
         if text.startswith("0") and file.path.parent == slam and refusals_left:
             refusals_left.pop()
@@ -237,8 +231,8 @@ def test_a_thread_born_in_the_last_moment_is_caught(tree, realtime, refusals, mo
     write, refusals_left = ControlFile.write, [1, 2]
     monkeypatch.setattr(ControlFile, "write", busy)
     realtime.apply(POLICY, {slam: 600}, MANNER)
-    realtime.release(POLICY)
-    assert (tree.budget(slam), refusals.counts) == (0, {})
+    assert realtime.release(POLICY) == {}
+    assert tree.budget(slam) == 0
 
 
 @pytest.fixture
@@ -248,7 +242,7 @@ def heir(tree, realtime, slam, speech, tmp_path):
     realtime.apply(OTHER, {speech: 300}, MANNER)
     ledger = Ledger(tmp_path / "ledger.json")
     ledger.load()
-    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version]), ledger, Refusals(), 10)
+    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version]), ledger, 10)
 
 
 def test_after_a_kill_all_can_be_undone(tree, heir, scheduled, slam, speech):

@@ -8,10 +8,24 @@ import pytest
 
 from contextpolicy.agent.capabilities import NodeFacts, missing, quota_period
 from contextpolicy.agent.cgroup_paths import Driver
-from contextpolicy.cluster.agent_reports import NO_AGENT, UNREADABLE, AgentReport, read_report, with_agents
+from contextpolicy.cluster.agent_reports import (
+    ALL,
+    MOST_NAMED,
+    NO_AGENT,
+    UNREADABLE,
+    AgentReport,
+    Confirmation,
+    not_set,
+    read_confirmation,
+    read_report,
+    with_agents,
+    write_confirmation,
+)
 from contextpolicy.cluster.claims import Claim
+from contextpolicy.cluster.pods import view
 from contextpolicy.planning.allocation.placement import Container, Placement
 from tests.agent.builders import NODE, SLAM, Tree
+from tests.cluster.builders import a_pod
 from tests.planning.builders import a_policy, a_stream, a_task
 
 PLACEMENT = Placement({NODE: 2000, "node-2": 2000}, (Container("a", "slam", NODE), Container("b", "slam", "node-2")))
@@ -94,3 +108,27 @@ def test_without_fallback_the_node_is_left_alone():
     assert claim.placement.allocatable.keys() == {NODE}
     assert [container.id for container in claim.placement.containers] == ["a"]
     assert claim.realtime == [f"node node-2 is left alone: {NO_AGENT}"]
+
+
+def test_a_confirmation_is_read_as_it_was_written():
+    said = Confirmation("lab/robot", (1, 2, 3), {"containerd://a": "Busy"})
+    assert read_confirmation(write_confirmation(said)) == said
+
+
+@pytest.mark.parametrize(("number", "named"), [(MOST_NAMED, MOST_NAMED), (MOST_NAMED + 1, 1)])
+def test_a_confirmation_names_so_many_and_else_says_all(number, named):
+    failed = {f"containerd://{n:064}": "OutOfBounds" for n in range(number)}
+    payload = write_confirmation(Confirmation("lab/robot", (1, 2, 3), failed))
+    said = read_confirmation(payload)
+    assert said is not None
+    assert (len(said.failed), ALL in said.failed) == (named, named == 1)
+    assert len(payload) < 12_000
+
+
+def test_what_an_agent_could_not_set_is_found_by_node_and_container_id():
+    pods = [view(a_pod("slam")), view(a_pod("speech"))]
+    node, known = pods[0].node, pods[0].containers[0].container_id
+    assert not_set({node: {known}}, pods) == {"lab/slam/slam"}
+    assert not_set({node: {"containerd://before-the-restart"}}, pods) == frozenset()
+    assert not_set({"another": {known, ALL}}, pods) == frozenset()
+    assert not_set({node: {ALL}}, pods) == {"lab/slam/slam", "lab/speech/speech"}

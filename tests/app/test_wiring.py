@@ -127,6 +127,31 @@ def test_resizes_follow_an_agent_that_confirms_and_wait_for_no_other(operator, c
     assert (operator.patches.jobs == []) is confirming
 
 
+@pytest.mark.parametrize("failed", ["slam", "speech"])
+def test_what_an_agent_could_not_set_is_resized_at_once_and_the_rest_follows_it(operator, failed):
+    operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
+    operator.list_all()
+    operator.connect()
+    operator.apply(a_policy())
+    operator.sample(IMU, speed=0.0)
+    operator.turn(2 * SETTLED)
+    operator.settle()
+    operator.session.failed = [f"containerd://{failed}"]
+    operator.sample(IMU, speed=0.3)
+    operator.turn(BOUND)
+    operator.settle()
+    after = {"slam": 800, "speech": 200}
+    assert operator.limits() == {"slam": 500, "speech": 500} | {failed: after[failed]}
+    operator.session.failed = []
+    operator.sample(IMU, speed=0.0)
+    operator.turn(BOUND)
+    operator.settle()
+    assert operator.limits()[failed] == after[failed], "the agent can again: resizes follow it"
+    operator.turn(2 * SETTLED)
+    operator.settle()
+    assert operator.limits() == {"slam": 500, "speech": 500}
+
+
 # start and end
 
 

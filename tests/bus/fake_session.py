@@ -47,7 +47,7 @@ class FakeSession:
     """`published` are the messages by key, None where one was withdrawn.
 
     `agents` live and answer with these reports; those whose report is None are slow. They confirm plans while they are
-    `confirming`. Like the real session, a closed
+    `confirming`, but for the containers that `failed`. Like the real session, a closed
     one refuses everything, and a question with a callback is answered after `get` has returned: when the test says so.
     """
 
@@ -65,6 +65,7 @@ class FakeSession:
         self.router: str | None = "router"
         self.closed = False
         self.confirming = True
+        self.failed: list[str] = []
 
     # what the operator calls
 
@@ -225,6 +226,7 @@ class FakeSession:
     def _confirm(self, plan: dict[str, Any]) -> None:
         """Every agent that lives carries out every plan at once."""
         said = {"policy": plan.get("policy"), "stamp": [plan.get(part, 0) for part in ("run", "sequence", "edition")]}
+        said["failed"] = dict.fromkeys(self.failed, "Busy")
         for node in plan.get("nodes", {}).keys() & self.agents.keys():
             self.deliver_bytes(
                 "contextpolicy/agents/*/confirmed", json.dumps(said).encode(), f"{agent_key(node)}/confirmed"

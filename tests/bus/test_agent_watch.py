@@ -9,7 +9,7 @@ import pytest
 from reactivex.testing import TestScheduler
 
 from contextpolicy.bus.agent_watch import BOUND, LONG_PATIENCE, PAUSE, RETURN, AgentWatch
-from contextpolicy.cluster.agent_reports import NO_ANSWER, NOT_CONFIRMING, AgentReport
+from contextpolicy.cluster.agent_reports import NO_ANSWER, NOT_CONFIRMING, AgentReport, Confirmation, write_confirmation
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE
 
@@ -41,8 +41,8 @@ class Bus:
         self.session.answer()
         self.scheduler.advance_by(0.01)
 
-    def confirm(self, *stamp, policy="lab/robot"):
-        said = json.dumps({"policy": policy, "stamp": stamp}).encode()
+    def confirm(self, *stamp, policy="lab/robot", failed=()):
+        said = write_confirmation(Confirmation(policy, stamp, dict.fromkeys(failed, "Busy")))
         self.session.deliver_bytes("contextpolicy/agents/*/confirmed", said, f"contextpolicy/agents/{NODE}/confirmed")
         self.scheduler.advance_by(0.01)
 
@@ -313,3 +313,24 @@ def test_a_confirmation_that_cannot_be_read_is_none(bus, said):
     bus.session.deliver_bytes("contextpolicy/agents/*/confirmed", said, f"contextpolicy/agents/{NODE}/confirmed")
     bus.turn(BOUND)
     assert bus.changes == [{NODE: NOT_CONFIRMING}]
+
+
+def test_what_an_agent_could_not_set_is_known_until_it_could(bus):
+    for sequence, failed in enumerate((["a"], ["a"], ["a", "b"], []), 1):
+        bus.watch.expect("lab/robot", (1, sequence, 0), [NODE])
+        bus.confirm(1, sequence, 0, failed=failed)
+        assert bus.watch.failures("lab/robot") == ({NODE: dict.fromkeys(failed, "Busy")} if failed else {})
+    assert len(bus.changes) == 3, "the second plan changed nothing"
+    bus.turn(2 * BOUND)
+    assert bus.watch.reports == {NODE: FAIR}
+
+
+def test_what_could_not_be_set_is_forgotten_with_its_policy_or_agent(bus):
+    bus.confirm(1, 1, 0, failed=["a"])
+    bus.confirm(1, 1, 0, policy="lab/other", failed=["b"])
+    bus.watch.forget("lab/robot")
+    assert (bus.watch.failures("lab/robot"), list(bus.watch.failures("lab/other"))) == ({}, [NODE])
+    bus.session.agent_gone(NODE)
+    bus.turn(RETURN)
+    bus.turn(RETURN)
+    assert bus.watch.failures("lab/other") == {}

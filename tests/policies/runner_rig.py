@@ -82,6 +82,9 @@ class Robot:
         if self.agents is not None:
             self.agents.expect(*expected)
 
+    def failures(self, policy):
+        return self.agents.failures(policy) if self.agents is not None else {}
+
     def board(self, policy):
         return {"policy": policy}
 

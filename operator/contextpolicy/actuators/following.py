@@ -3,7 +3,7 @@
 The agent has already written the limits. A resize takes tens of milliseconds, and as much of the node's CPU: that of
 the API server, its datastore, the kubelet and the runtime, which tasks lack. One that is overtaken by the next plan is
 wasted, brings an old limit back until the agent corrects it, and can fail on the kernel's rules. The API only has to
-agree in the end: its limits hold when the agent is gone.
+agree in the end: its limits hold when the agent is gone. A container that the agent could not set is ordered at once.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from reactivex import Observable
 from reactivex.disposable import CompositeDisposable, SerialDisposable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from reactivex.abc import DisposableBase, ObserverBase, SchedulerBase
 
@@ -30,17 +30,17 @@ NodePlans: TypeAlias = "Mapping[str, NodePlan]"
 
 
 def follow_agents(
-    scheduler: SchedulerBase, ahead: Callable[[], frozenset[str]]
+    scheduler: SchedulerBase, ahead: Callable[[], frozenset[str]], not_set: Callable[[], frozenset[str]]
 ) -> Callable[[Observable[NodePlans]], Observable[NodePlans]]:
     """Turn what is planned into what is to be ordered now: once for each item, and when a plan has settled.
 
     Nodes in `ahead` have an agent: they keep the plan ordered last until the next has settled. A node whose first plan
-    has not settled yet is missing.
+    has not settled yet is missing. Containers that are `not_set` by their agent do not wait.
     """
 
     def operator(source: Observable[NodePlans]) -> Observable[NodePlans]:
         def subscribe(observer: ObserverBase[NodePlans], _: SchedulerBase | None = None) -> DisposableBase:
-            follower = _Follower(observer, scheduler, ahead)
+            follower = _Follower(observer, scheduler, ahead, not_set)
             subscription = source.subscribe(follower.on_next, observer.on_error, observer.on_completed)
             return CompositeDisposable(subscription, follower.timer)
 
@@ -65,10 +65,14 @@ class _Follower:
     """One subscription."""
 
     def __init__(
-        self, observer: ObserverBase[NodePlans], scheduler: SchedulerBase, ahead: Callable[[], frozenset[str]]
+        self,
+        observer: ObserverBase[NodePlans],
+        scheduler: SchedulerBase,
+        ahead: Callable[[], frozenset[str]],
+        not_set: Callable[[], frozenset[str]],
     ) -> None:
         self.timer = SerialDisposable()
-        self._observer, self._scheduler, self._ahead = observer, scheduler, ahead
+        self._observer, self._scheduler, self._ahead, self._not_set = observer, scheduler, ahead, not_set
         self._planned: NodePlans = {}
         self._ordered: NodePlans = {}
         self._waiting: dict[str, _Waiting] = {}
@@ -99,9 +103,24 @@ class _Follower:
         if now >= waiting.due:
             return plan
         self._waiting[node] = waiting
-        return ordered
+        return _taken_over(plan, ordered, self._not_set())
 
     def _arm(self, now: float) -> None:
         if self._waiting:
             due = min(waiting.due for waiting in self._waiting.values())
             self.timer.disposable = self._scheduler.schedule_relative(due - now, self._emit)
+
+
+def _taken_over(plan: NodePlan, ordered: NodePlan | None, not_set: Collection[str]) -> NodePlan | None:
+    """What was ordered last, but with the plan's shares for containers that are `not_set`.
+
+    What pays for their rise the agent has taken from the others already, but the API has not: there the sum of the
+    limits may be that much more than the node's capacity.
+    """
+    if plan.containers.keys().isdisjoint(not_set):
+        return ordered
+    before = ordered.containers if ordered is not None else {}
+    own = {identity: share for identity, share in plan.containers.items() if identity in not_set}
+    kept = {identity: before[identity] for identity in plan.containers.keys() & before.keys() - own.keys()}
+    containers = own | kept
+    return plan._replace(containers=containers, capacity=max(plan.capacity, sum(containers.values())))

@@ -35,6 +35,7 @@ class Admission:
         self._stamps: dict[str, Stamp] = {}
         self._signed: dict[str, int] = {}
         self._sourceless: set[str] = set()
+        self._failed: set[str] = set()
         self._admitted: dict[str, NodeOrder] = {}
         self._desired: dict[str, _Desired] = {}
 
@@ -42,13 +43,14 @@ class Admission:
         """The order to obey, without targets if the policy wants nothing of the agent; None for a repetition.
 
         A message with new weights but the same shares is a repetition: what an owner wrote meanwhile stays until the
-        next plan. OrderError when the order is outdated, or asks for more than the node has or for another policy's
-        container.
+        next plan. An order that failed is obeyed again with each repetition. OrderError when the order is outdated, or
+        asks for more than the node has or for another policy's container.
         """
-        if not self._is_news(order, signed):
+        failed = order.policy in self._failed
+        if not self._is_news(order, signed) and not failed:
             return None
         desired = _desired(order)
-        if self._desired.get(order.policy) == desired:
+        if self._desired.get(order.policy) == desired and not failed:
             self._stamps[order.policy], self._signed[order.policy] = order.stamp, signed
             return None
         if order.mode is not Mode.ENFORCE or (order.scheduler, order.control) == (Scheduler.CFS, Control.WEIGHT):
@@ -57,10 +59,15 @@ class Admission:
         self._check_amounts(order)
         self._check_owners(order)
         self._sourceless.discard(order.policy)
+        self._failed.discard(order.policy)
         self._stamps[order.policy] = order.stamp
         self._signed[order.policy] = signed
         self._admitted[order.policy], self._desired[order.policy] = order, desired
         return order
+
+    def fail(self, policy: str) -> None:
+        """The policy's last admitted order was not carried out, or only in part."""
+        self._failed.add(policy)
 
     def withdraw(self, policy: str, signed: int) -> None:
         """The policy's plans are withdrawn; OrderError when its last plan was signed later, or at the same time."""
@@ -76,6 +83,7 @@ class Admission:
         """The policy has no containers any more; replays of its earlier orders are still refused."""
         self._admitted.pop(policy, None)
         self._desired.pop(policy, None)
+        self._failed.discard(policy)
 
     def forget(self, policy: str) -> None:
         """The policy has had no source for the grace period: its next plan is admitted whatever its stamp.

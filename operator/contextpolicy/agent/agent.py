@@ -11,63 +11,28 @@ from contextpolicy.agent import capabilities
 from contextpolicy.agent import node_orders as orders
 from contextpolicy.agent.admission import Admission
 from contextpolicy.agent.cgroup_paths import find_cgroups
-from contextpolicy.agent.control_files import CFS, REALTIME, ControlFiles
+from contextpolicy.agent.cgroup_writers import CgroupWriters
+from contextpolicy.agent.failures import GONE, by_container
 from contextpolicy.agent.ledger import Ledger
-from contextpolicy.agent.limits import Limits
 from contextpolicy.agent.pod_namespaces import PodNamespaces
-from contextpolicy.agent.realtime import Realtime
 from contextpolicy.agent.refusals import Refusals
 from contextpolicy.agent.service import OBEYED_SECONDS
 from contextpolicy.agent.usage import usage
-from contextpolicy.errors import ActuationError, OrderError
-from contextpolicy.planning.allocation.placement import QUANTUM
-from contextpolicy.policy.spec import Mode, Scheduler
+from contextpolicy.cluster.agent_reports import Confirmation
+from contextpolicy.errors import OrderError
+from contextpolicy.policy.spec import Mode
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from reactivex.abc import DisposableBase, SchedulerBase
 
     from contextpolicy.agent.agent_settings import AgentSettings
-    from contextpolicy.agent.cgroup_paths import CgroupPaths
+    from contextpolicy.agent.failures import Failures
     from contextpolicy.agent.inotify import WriteWatch
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
-    from contextpolicy.cluster.agent_reports import Stamp
 
 log = logging.getLogger(__name__)
-
-_ATTEMPTS = 3
-_MOST_GROUPS = 1000
-"""Containers whose cgroups are remembered; a node has a tenth of that, and it may run for years."""
-
-
-class _CgroupWriters:
-    """What writes the pods' cgroups, once the kubelet has created them: CPU limits and realtime budgets."""
-
-    def __init__(
-        self, layout: CgroupPaths, ledger: Ledger, refusals: Refusals, watch: WriteWatch, priority: int
-    ) -> None:
-        limits = ControlFiles(CFS[layout.version], watch.add, watch.remove)
-        budgets = ControlFiles(REALTIME[layout.version])
-        self.layout = layout
-        self.limits = Limits(limits, ledger, refusals)
-        self.realtime = Realtime(layout, budgets, ledger, refusals, priority)
-        self._groups: dict[tuple[str, str, str], Path] = {}
-
-    def group(self, target: OrderTarget) -> Path | None:
-        """The target's cgroup; None when there is none. One whose limit we have open needs no look."""
-        name = target.qos, target.uid, target.container_id
-        group = self._groups.get(name)
-        if group is not None and self.limits.knows(group):
-            return group
-        if len(self._groups) >= _MOST_GROUPS:
-            self._groups.clear()
-        group = self.layout.container(*name)
-        if not (target.container_id and group.is_dir()):
-            return None
-        self._groups[name] = group
-        return group
 
 
 class Agent:
@@ -82,14 +47,13 @@ class Agent:
         self._ledger = Ledger(settings.state / "agent.journal")
         self._graces: dict[str, DisposableBase] = {}
         self._sources: set[str] = set()
-        self._writers: _CgroupWriters | None = None
+        self._writers: CgroupWriters | None = None
         self._missing: dict[str, list[str]] = {}
         self._unlimited = ""
         self._followed: dict[str, dict[Path, OrderTarget]] = {}
 
     def start(self) -> None:
         """Probe the node, and start the grace period of every policy whose changes an earlier run left behind."""
-        self._settings.state.mkdir(parents=True, exist_ok=True)
         self._ledger.load()
         self._equip()
         for policy in {entry.policy for entry in self._ledger.entries.values()}:
@@ -103,10 +67,10 @@ class Agent:
         for policy in {entry.policy for entry in self._ledger.entries.values()}:
             self._release(policy)
 
-    def hear(self, policy: str, payload: bytes | None, signed: int) -> Stamp | None:
+    def hear(self, policy: str, payload: bytes | None, signed: int) -> Confirmation | None:
         """Carry out a plan for the policy, or its withdrawal (None). Bad messages are counted, never raised.
 
-        `signed` is the time of signing in nanoseconds since 1970. Returns the stamp of a plan that was carried out.
+        `signed` is the time of signing in nanoseconds since 1970. Returns what became of a plan that was obeyed.
         """
         try:
             if payload is None:
@@ -120,11 +84,12 @@ class Agent:
             return None
         if order is None or order.mode is Mode.ENFORCE:
             self._hold(policy)
-        if order is not None:
-            if not self._persist(lambda: self._obey(order)):
-                return None
+        failed = self._obey(order) if order is not None else {}
+        if failed:
+            self._admission.fail(policy)
+        elif order is not None:
             OBEYED_SECONDS.observe(max(0.0, (time.time_ns() - signed) / 1e9))
-        return heard.stamp
+        return Confirmation(policy, heard.stamp, failed)
 
     def refuse(self, error: OrderError) -> None:
         """Count and log a message that must not be obeyed."""
@@ -142,9 +107,8 @@ class Agent:
 
     def on_other_write(self, path: Path) -> None:
         """Somebody else wrote a CPU limit that we watch."""
-        writers = self._writers
-        if writers is not None:
-            self._persist(lambda: writers.limits.on_other_write(path))
+        if self._writers is not None:
+            self._note(self._writers.on_other_write(path))
 
     def report(self) -> dict[str, Any]:
         """What this node can do, what it lacks for the rest, and how often it refused what, as a JSON object."""
@@ -167,64 +131,62 @@ class Agent:
         followed = [(t.container_id, group) for groups in self._followed.values() for group, t in groups.items()]
         return usage(self._writers.layout, followed, time.monotonic())
 
-    def _equip(self) -> _CgroupWriters | None:
+    def _equip(self) -> CgroupWriters | None:
         """Find the pods' cgroups unless that is done; retried with each order, as the kubelet may start after us."""
         if self._writers is None:
             layout = find_cgroups(self._settings.cgroup_root)
             facts = capabilities.probe(layout)
             self._missing, self._unlimited = capabilities.missing(facts), capabilities.unlimited(facts)
             if layout is not None:
-                self._writers = _CgroupWriters(
-                    layout, self._ledger, self._refusals, self._watch, self._settings.priority
-                )
+                settings = self._settings
+                self._writers = CgroupWriters(layout, self._ledger, self._watch, settings.priority, self._cpus)
         return self._writers
 
-    def _obey(self, order: NodeOrder) -> None:
+    def _obey(self, order: NodeOrder) -> dict[str, str]:
+        """Carry out the order; returns the containers that did not get what they should have, and why."""
         writers = self._equip()
         lacks = self._missing.get(order.scheduler) if order.targets else None
         if writers is None or lacks:
             self._refusals.note("Incapable", f"{order.policy}: {order.scheduler}: {'; '.join(lacks or ())}")
-            return
-        groups = self._followed[order.policy] = self._groups(writers, order)
-        if order.scheduler is Scheduler.REALTIME:
-            # Limits first: they must be in force when suspended threads fall back to the fair scheduler.
-            resting = {group for group, target in groups.items() if target.suspended}
-            writers.limits.apply(order.policy, dict.fromkeys(resting, QUANTUM), held=True)
-            parts = {group: target.part(self._cpus) for group, target in groups.items()}
-            writers.realtime.apply(order.policy, parts, order.manner, resting)
-            return
-        # Settled first: `apply` makes an earlier run's entries its own, as if no resize had confirmed them yet.
-        for group, target in groups.items():
-            if target.limit is not None:
-                writers.limits.settle(group, target.limit)
-        writers.limits.apply(order.policy, _shares(groups))
-        writers.realtime.release(order.policy)
+            return {target.container_id: "Incapable" for target in order.targets if target.container_id}
+        groups, refused = self._groups(writers, order)
+        self._followed[order.policy] = groups
+        failures = writers.apply(order, groups)
+        self._note(failures)
+        return refused | by_container(failures, {group: target.container_id for group, target in groups.items()})
 
-    def _groups(self, writers: _CgroupWriters, order: NodeOrder) -> dict[Path, OrderTarget]:
-        """The cgroups of the targets on this node: a path of the pod's UID and the container's ID must exist.
+    def _groups(self, writers: CgroupWriters, order: NodeOrder) -> tuple[dict[Path, OrderTarget], dict[str, str]]:
+        """The cgroups of the targets on this node, and why the other containers have none.
 
-        Containers outside the policy's own namespace are refused, whoever signed the plan.
+        A path of the pod's UID and the container's ID must exist; until a container starts it has no ID. Containers
+        outside the policy's own namespace are refused, whoever signed the plan.
         """
-        groups = {}
+        groups, refused = {}, {}
         for target in order.targets:
             group = writers.group(target)
             if group is None:
                 self._refusals.note("NotHere", f"{order.policy}: {target.container_id or 'a container that starts'}")
+                refused[target.container_id] = "NotHere"
             elif (namespace := self._namespaces.of(target.uid)) != order.namespace:
                 self._refusals.note("Foreign", f"{order.policy}: {target.container_id} is of namespace {namespace}")
+                refused[target.container_id] = "Foreign"
             else:
                 groups[group] = target
-        return groups
+        refused.pop("", None)
+        return groups, refused
 
     def _release(self, policy: str) -> None:
         """Undo everything for the policy."""
         self._end_grace(policy)
         self._followed.pop(policy, None)
         self._admission.drop(policy)
-        writers = self._writers
-        if writers is not None:
-            self._persist(lambda: writers.limits.release(policy))
-            self._persist(lambda: writers.realtime.release(policy))
+        if self._writers is not None:
+            self._note(self._writers.release(policy))
+
+    def _note(self, failures: Failures) -> None:
+        for error in failures.values():
+            if error.reason != GONE:
+                self._refusals.note(error.reason, str(error))
 
     def _await_source(self, policy: str) -> None:
         self._end_grace(policy)
@@ -243,22 +205,7 @@ class Agent:
         elif policy not in self._graces:
             self._await_source(policy)
 
-    def _persist(self, action: Callable[[], None]) -> bool:
-        """Retry when a container ends meanwhile; the next attempt leaves it out. False when no attempt succeeded."""
-        for _ in range(_ATTEMPTS):
-            try:
-                action()
-            except ActuationError as error:
-                self._refusals.note(error.reason, str(error))
-            else:
-                return True
-        return False
-
     def _end_grace(self, policy: str) -> None:
         grace = self._graces.pop(policy, None)
         if grace is not None:
             grace.dispose()
-
-
-def _shares(groups: dict[Path, OrderTarget]) -> dict[Path, int]:
-    return {group: target.share for group, target in groups.items()}

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 import zenoh
 
 from contextpolicy.bus.decision_bus import agent_key, confirmed_key, plan_key, policy_of, usage_key
+from contextpolicy.cluster.agent_reports import write_confirmation
 from contextpolicy.errors import OrderError
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from reactivex.abc import SchedulerBase
 
     from contextpolicy.bus.signatures import Verifier
-    from contextpolicy.cluster.agent_reports import Stamp
+    from contextpolicy.cluster.agent_reports import Confirmation
 
 PLANS = plan_key("*", "*")
 
@@ -32,8 +33,8 @@ PLANS = plan_key("*", "*")
 class PlanListener(Protocol):
     """Receives plans; called on the loop's thread."""
 
-    def hear(self, policy: str, payload: bytes | None, signed: int) -> Stamp | None:
-        """A plan for the policy, or None when it is withdrawn; returns the stamp of a plan that was carried out.
+    def hear(self, policy: str, payload: bytes | None, signed: int) -> Confirmation | None:
+        """A plan for the policy, or None when it is withdrawn; returns what became of a plan that was obeyed.
 
         `signed` is the time of signing in nanoseconds since 1970.
         """
@@ -118,16 +119,20 @@ class AgentBus:
             self._later(self._drain)
 
     def _drain(self) -> None:
+        """One policy at a time: what goes wrong with its message does not concern the others'."""
         with self._lock:
-            waiting, self._waiting = self._waiting, {}
-        for policy, (payload, signed) in waiting.items():
-            stamp = self._listener.hear(policy, payload, signed)
-            if stamp is not None:
-                self._confirm(policy, stamp)
+            policy = next(iter(self._waiting))
+            payload, signed = self._waiting.pop(policy)
+            more = bool(self._waiting)
+        if more:
+            self._later(self._drain)
+        confirmation = self._listener.hear(policy, payload, signed)
+        if confirmation is not None:
+            self._confirm(confirmation)
 
-    def _confirm(self, policy: str, stamp: Stamp) -> None:
-        """Tell the operator that the plan is carried out; it relies on this agent only while it hears this in time."""
-        said = json.dumps({"policy": policy, "stamp": stamp}).encode()
+    def _confirm(self, confirmation: Confirmation) -> None:
+        """Report what became of a plan to the operator, which relies on this agent only while it hears this in time."""
+        said = write_confirmation(confirmation)
         self._session.put(self._confirmed_key, said, express=True, congestion_control=zenoh.CongestionControl.DROP)
 
     def _answerer(self, key: str, content: Callable[[], dict[str, Any]]) -> Callable[[zenoh.Query], None]:

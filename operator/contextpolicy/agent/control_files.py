@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from contextpolicy.agent.failures import GONE
 from contextpolicy.agent.service import WRITES
 from contextpolicy.errors import ActuationError
 
@@ -22,8 +23,8 @@ _WRITTEN = WRITES.labels("written")
 _LEAST_LINKS = 2
 """Of a directory, where children are counted at all: its own name and its `.`."""
 _REASONS = {
-    errno.ENOENT: "Gone",
-    errno.ENODEV: "Gone",
+    errno.ENOENT: GONE,
+    errno.ENODEV: GONE,
     errno.EBUSY: "Busy",
     errno.EINVAL: "OutOfBounds",
     errno.EACCES: "Forbidden",
@@ -163,11 +164,15 @@ class OpenFiles(Generic[File]):
         self._open: dict[Path, File] = {}
 
     def __getitem__(self, group: Path) -> File:
-        """The group's file, opened if it is not yet; ActuationError `Gone` when there is no such group."""
+        """The group's file, opened if it is not yet; ActuationError, `Gone` when there is no such group."""
         file = self._open.get(group)
         if file is None:
             file = self._open[group] = self._open_file(group)
-            self._on_open(file.path)
+            try:
+                self._on_open(file.path)
+            except OSError as error:
+                self.close(group)
+                raise _failure(file.path, error) from error
         return file
 
     def __contains__(self, group: Path) -> bool:

@@ -6,6 +6,7 @@ that), and emptied when nothing is left to undo. A reboot removes the cgroups an
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import os
@@ -13,6 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
+
+from contextpolicy.errors import ActuationError
 
 log = logging.getLogger(__name__)
 
@@ -25,9 +28,9 @@ class Entry:
     """One file: `theirs` is what anybody else last wrote, `ours` what we last wrote, both as the file's text.
 
     `earlier` are values that we wrote before, which a resize under way may still write. A `held` file is ours alone to
-    write. `inherited` entries are from an earlier run, which may have ended before its write: the file then holds an
-    earlier value. `overtook` says that the watch has yet to tell of a write before ours, which is not ours confirmed.
-    In both cases only the next plan tells whether a resize has confirmed it since.
+    write. `inherited` entries are from an earlier run, which may have ended before its write, or their last write
+    failed: the file then holds an earlier value. `overtook` says that the watch has yet to tell of a write before ours,
+    which is not ours confirmed. In both cases only the next plan tells whether a resize has confirmed it since.
     """
 
     policy: str
@@ -80,6 +83,14 @@ class Ledger:
         entry.policy, entry.ours, entry.held = policy, ours, held
         entry.inherited = entry.overtook = False
 
+    def retract(self, path: Path) -> None:
+        """What we intended was not written: the file holds what it held before, maybe an earlier value of ours."""
+        entry = self.entries[path]
+        if entry.earlier:
+            entry.inherited = True
+        else:
+            self.close(path)
+
     def overtake(self, path: Path, theirs: str) -> None:
         """What we intend goes over `theirs`, which somebody else wrote and we have yet to be told of."""
         entry = self.entries[path]
@@ -96,26 +107,44 @@ class Ledger:
             self._changed.add(path)
 
     def save(self) -> None:
-        """Append all changes to the journal."""
+        """Append all changes to the journal.
+
+        ActuationError `Unsaved` when that fails: what was intended must not be written. The next call saves it all.
+        """
         if not self._changed:
             return
-        journal = self._journal
-        if journal is None or os.fstat(journal).st_size > LONGEST:
-            self._journal = self._begin_anew()
-        elif self.entries:
-            # No fsync: the journal has to outlive this process, not the machine.
-            os.write(journal, b"".join(self._line(path) for path in self._changed))
-        else:
-            os.ftruncate(journal, 0)
+        try:
+            self._append()
+        except OSError as error:
+            self._leave_journal()
+            raise ActuationError("Unsaved", f"{self._file}: {error.strerror}", retriable=True) from error
         self._changed.clear()
 
-    def _begin_anew(self) -> int:
+    def _append(self) -> None:
+        journal = self._journal
+        if journal is None or os.fstat(journal).st_size > LONGEST:
+            self._begin_anew()
+        elif self.entries:
+            # No fsync: the journal has to outlive this process, not the machine.
+            lines = b"".join(self._line(path) for path in self._changed)
+            if os.write(journal, lines) < len(lines):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        else:
+            os.ftruncate(journal, 0)
+
+    def _begin_anew(self) -> None:
+        self._file.parent.mkdir(parents=True, exist_ok=True)
         temporary = self._file.with_suffix(".new")
         temporary.write_bytes(b"".join(self._line(path) for path in self.entries))
         temporary.replace(self._file)
+        self._leave_journal()
+        self._journal = os.open(self._file, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
+
+    def _leave_journal(self) -> None:
+        """Begin anew with the next change: the last line may have been cut short."""
         if self._journal is not None:
             os.close(self._journal)
-        return os.open(self._file, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
+        self._journal = None
 
     def _line(self, path: Path) -> bytes:
         entry = self.entries.get(path)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.agent.cgroup_paths import is_pod, pod_of
 from contextpolicy.agent.control_files import Children, ControlFile, ControlFiles
+from contextpolicy.agent.failures import GONE, Failures, attempt
 from contextpolicy.agent.steps import PodLimits, limit_steps
 from contextpolicy.errors import ActuationError
 
@@ -17,33 +18,40 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from contextpolicy.agent.ledger import Entry, Ledger
-    from contextpolicy.agent.refusals import Refusals
+
+    _Containers = dict[Path, tuple[int | None, int]]
+    """Of each container (now, wanted)."""
 
 log = logging.getLogger(__name__)
 
 
 class Limits:
-    """The CPU limits that policies want on one node, in thousandths of a core; groups are the containers' cgroups."""
+    """The CPU limits that policies want on one node, in thousandths of a core; groups are the containers' cgroups.
 
-    def __init__(self, files: ControlFiles, ledger: Ledger, refusals: Refusals) -> None:
-        self._files, self._ledger, self._refusals = files, ledger, refusals
+    Nothing is raised: each method returns the groups, containers or pods, where it failed.
+    """
+
+    def __init__(self, files: ControlFiles, ledger: Ledger) -> None:
+        self._files, self._ledger = files, ledger
         self._children, self._siblings = Children(), ControlFiles(files.form)
         self._wanted: dict[str, dict[Path, int]] = {}
         self._held: set[str] = set()
 
-    def apply(self, policy: str, shares: Mapping[Path, int], *, held: bool = False) -> None:
+    def apply(self, policy: str, shares: Mapping[Path, int], *, held: bool = False) -> Failures:
         """Set the policy's limits and undo any others it had. `held` ones are restored whoever overwrites them."""
         self._wanted[policy] = dict(shares)
         (self._held.add if held else self._held.discard)(policy)
-        self._enforce(policy, anew=True)
-        wanted = {self._files[group].path for group in self._groups(policy) if group in self._files}
-        self._undo({path: e for path, e in self._own(policy).items() if path not in wanted})
+        failures = self._enforce(policy, anew=True)
+        wanted = self._groups(policy)
+        failures |= self._undo({path: e for path, e in self._own(policy).items() if path.parent not in wanted})
         self._keep()
+        return failures
 
-    def release(self, policy: str) -> None:
+    def release(self, policy: str) -> Failures:
         """Undo all limits of the policy."""
-        self.apply(policy, {})
+        failures = self.apply(policy, {})
         self._wanted.pop(policy, None)
+        return failures
 
     def settle(self, group: Path, limit: int) -> None:
         """The API has `limit` in force: if an earlier run of the agent wrote the same, it is confirmed."""
@@ -58,7 +66,7 @@ class Limits:
         """Whether it was there at the last plan, and has not been found gone since."""
         return group in self._files
 
-    def on_other_write(self, path: Path) -> None:
+    def on_other_write(self, path: Path) -> Failures:
         """Somebody else wrote a file that we watch; the package's docstring has the rules."""
         entry = self._ledger.entries.get(path)
         policy = entry.policy if entry else self._owner(path.parent)
@@ -66,17 +74,16 @@ class Limits:
             text = self._files[path.parent].heed()
         except ActuationError:
             self._ledger.close(path)
-            return
+            return {}
         if entry is not None and entry.overtook and text == entry.ours:
-            return
+            return {}
         if entry is not None and (entry.held or text == entry.theirs or text in entry.earlier):
             self._ledger.hear(path, text)
         else:
             self._close(path)
             self._give_way(path, text)
-        if policy is not None:
-            self._enforce(policy)
-        self._ledger.save()
+        failures = self._enforce(policy) if policy is not None else {}
+        return failures | attempt(self._ledger.save, path.parent)
 
     def _give_way(self, path: Path, text: str) -> None:
         """Keep a foreign value until the next plan."""
@@ -95,32 +102,44 @@ class Limits:
         if not any(other.parent.parent == pod for other in self._ledger.entries):
             self._ledger.close(pod / path.name)
 
-    def _enforce(self, policy: str, *, anew: bool = False) -> None:
+    def _enforce(self, policy: str, *, anew: bool = False) -> Failures:
         """Write what differs. The kernel refuses if the kubelet has just lowered the pod: recompute and retry, once.
 
         A new plan overtakes what others wrote; otherwise a write that we have yet to be told of is left until then.
         """
-        for last in (False, True):
-            failed = self._write(policy, self._pods(policy, anew=anew))
-            for error in failed if last else ():
-                self._refusals.note(error.reason, str(error))
-            if not failed:
-                return
+        return self._write_once(policy, anew=anew) and self._write_once(policy, anew=anew)
 
-    def _pods(self, policy: str, *, anew: bool) -> list[PodLimits]:
-        by_pod: dict[Path, dict[Path, tuple[int | None, int]]] = defaultdict(dict)
+    def _write_once(self, policy: str, *, anew: bool) -> Failures:
+        by_pod, failures = self._now_and_wanted(policy, anew=anew)
+        pods = []
+        for pod, containers in by_pod.items():
+            try:
+                pods.append(PodLimits(pod, self._now(pod), self._others(pod, containers), containers))
+            except ActuationError as error:
+                self._lose(pod, error)
+                failures[pod] = error
+        return failures | self._write(policy, pods)
+
+    def _now_and_wanted(self, policy: str, *, anew: bool) -> tuple[dict[Path, _Containers], Failures]:
+        """What the policy's containers have and should have, by pod; and those of which the first can't be read."""
+        by_pod: dict[Path, _Containers] = defaultdict(dict)
+        failures: Failures = {}
         for group, share in self._wanted[policy].items():
             try:
                 now = self._now(group)
-            except ActuationError:
-                self._files.close(group)
+            except ActuationError as error:
+                self._lose(group, error)
+                failures[group] = error
             else:
                 if anew or not self._files[group].unheard:
                     by_pod[pod_of(group)][group] = (now, share)
-        return [
-            PodLimits(pod, self._now(pod), self._others(pod, containers), containers)
-            for pod, containers in by_pod.items()
-        ]
+        return by_pod, failures
+
+    def _lose(self, group: Path, error: ActuationError) -> None:
+        """The group's file can't be read: open it anew the next time."""
+        self._files.close(group)
+        if error.reason == GONE:
+            self._ledger.close(group / self._files.form.file)
 
     def _others(self, pod: Path, containers: Collection[Path]) -> int:
         """The sum of the pod's other containers' limits; those without one (the sandbox) do not count."""
@@ -145,29 +164,34 @@ class Limits:
         return file.amount(file.read())
 
     def _keep(self) -> None:
-        """Close the files of containers that no plan names any more, of their pods, and of those beside them."""
+        """Close the files of what is neither wanted nor still to be undone, of the pods, and of those beside them."""
         wanted = {group for known in self._wanted for group in self._groups(known)}
+        wanted.update(path.parent for path in self._ledger.entries)
         self._files.keep(wanted)
         self._children.keep(wanted)
         self._siblings.keep(self._children.all())
 
-    def _write(self, policy: str, pods: Iterable[PodLimits]) -> list[ActuationError]:
-        """Write the limits, the ledger first: an agent killed in between can still undo them. Returns the failures."""
-        files = [(self._files[step.group], step.amount) for step in limit_steps(pods)]
-        for file, amount in files:
+    def _write(self, policy: str, pods: Iterable[PodLimits]) -> Failures:
+        """Write the limits, the ledger first: an agent killed in between can still undo them."""
+        steps = [(self._files[step.group], step.amount) for step in limit_steps(pods)]
+        for file, amount in steps:
             self._intend(policy, file, amount)
-        self._ledger.save()
-        failed = []
-        for file, amount in files:
+        failures = attempt(self._ledger.save, *(file.path.parent for file, _ in steps))
+        for file, amount in () if failures else steps:
             try:
                 if file.seen != file.read():  # somebody else wrote meanwhile: realtime tasks can stop us for 0.1 s here
                     self._intend(policy, file, amount)
                     self._ledger.save()
                 file.write(file.text(amount))
             except ActuationError as error:
-                self._ledger.close(file.path)
-                failed += [error] if error.reason != "Gone" else []
-        return failed
+                failures[file.path.parent] = error
+        self._retract(failures)
+        return failures
+
+    def _retract(self, failures: Failures) -> None:
+        for group, error in failures.items():
+            path = group / self._files.form.file
+            (self._ledger.close if error.reason == GONE else self._ledger.retract)(path)
 
     def _intend(self, policy: str, file: ControlFile, amount: int | None) -> None:
         held = policy in self._held
@@ -190,16 +214,24 @@ class Limits:
     def _owner(self, group: Path) -> str | None:
         return next((policy for policy in self._wanted if group in self._groups(policy)), None)
 
-    def _undo(self, entries: Mapping[Path, Entry]) -> None:
-        """Put back what others wrote, containers before pods; files that hold another value by now are left alone."""
+    def _undo(self, entries: Mapping[Path, Entry]) -> Failures:
+        """Put back what others wrote, containers before pods; files that hold another value by now are left alone.
+
+        What can't be put back now stays in the ledger, for the policy's next plan or the agent's end.
+        """
+        failures: Failures = {}
         for path, entry in sorted(entries.items(), key=lambda item: len(item[0].parts), reverse=True):
             try:
-                file = self._files[path.parent]
-                if entry.wrote(file.read()) and self._fits(path.parent, file.amount(entry.theirs)):
-                    file.write(entry.theirs)
-                    log.info("%s: put back %s", path, entry.theirs)
+                self._put_back(path, entry)
             except ActuationError as error:
-                if error.reason != "Gone":
-                    self._refusals.note(error.reason, str(error))
+                failures[path.parent] = error
+                if error.reason != GONE:
+                    continue
             self._ledger.close(path)
-        self._ledger.save()
+        return failures | attempt(self._ledger.save, *(path.parent for path in entries))
+
+    def _put_back(self, path: Path, entry: Entry) -> None:
+        file = self._files[path.parent]
+        if entry.wrote(file.read()) and self._fits(path.parent, file.amount(entry.theirs)):
+            file.write(entry.theirs)
+            log.info("%s: put back %s", path, entry.theirs)

@@ -20,7 +20,7 @@ from contextpolicy.cluster.agent_reports import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
 
     from reactivex.abc import DisposableBase, SchedulerBase
 
@@ -49,7 +49,7 @@ class AgentWatch:
 
     The token says that an agent is alive, its answer what it can do. An agent is asked until it answers; until then
     plans can't count on it. The same holds for an agent that does not confirm a plan in time: a frozen process keeps
-    its token.
+    its token. A confirmation names the containers that the agent could not set: plans can't count on it for these.
     """
 
     def __init__(self, session: zenoh.Session, scheduler: SchedulerBase, on_change: Callable[[], object]) -> None:
@@ -60,6 +60,7 @@ class AgentWatch:
         """The last question to each node's agent while it has not answered: earlier ones are not asked again."""
         self._missed: dict[str, DisposableBase] = {}
         self._unconfirmed: dict[tuple[str, str], _Unconfirmed] = {}
+        self._failed: dict[tuple[str, str], Mapping[str, str]] = {}
         for node in self.reports:
             self._later(partial(self._miss, node))  # until its token is seen: it may have ended since it answered
         self._subscribers: list[Any] = [
@@ -89,8 +90,13 @@ class AgentWatch:
             else:
                 waiting.last = stamp
 
+    def failures(self, policy: str) -> dict[str, Mapping[str, str]]:
+        """By node, the containers (ID) to which its agent could not give what the policy's last plan says, and why."""
+        return {node: failed for (node, other), failed in self._failed.items() if other == policy}
+
     def forget(self, policy: str) -> None:
         """Expect no more confirmations for this policy: nobody makes plans for it any more."""
+        self._failed = {key: failed for key, failed in self._failed.items() if key[1] != policy}
         for node, other in [key for key in self._unconfirmed if key[1] == policy]:
             self._unconfirmed.pop((node, other)).timer.dispose()
 
@@ -103,6 +109,7 @@ class AgentWatch:
             self._later(lambda: self._confirmed(node, said))
 
     def _confirmed(self, node: str, said: Confirmation) -> None:
+        self._take_failures(node, said)
         waiting = self._unconfirmed.get((node, said.policy))
         if waiting is None or said.stamp < waiting.first:
             return
@@ -112,6 +119,16 @@ class AgentWatch:
             del self._unconfirmed[node, said.policy]
         else:
             waiting.first, waiting.timer = waiting.last, self._arm(node, said.policy, waiting.bound)
+
+    def _take_failures(self, node: str, said: Confirmation) -> None:
+        """What failed last is what counts: the agent tries again with each plan."""
+        before = self._failed.pop((node, said.policy), {})
+        if said.failed:
+            self._failed[node, said.policy] = said.failed
+        if said.failed.keys() != before.keys():
+            reasons = ", ".join(sorted(set(said.failed.values()))) or "none any more"
+            log.warning("node %s: containers of %s that its agent could not set: %s", node, said.policy, reasons)
+            self._on_change()
 
     def _doubt(self, node: str, policy: str) -> None:
         """Stop counting on the node's agent; after RETURN it is asked again what it can do, until it answers."""
@@ -187,6 +204,7 @@ class AgentWatch:
         before = dict(self.reports)
         if report is None:
             self.reports.pop(node, None)
+            self._failed = {key: failed for key, failed in self._failed.items() if key[0] != node}
         else:
             self.reports[node] = report
         if self.reports != before:

@@ -29,7 +29,7 @@ class BusListener(Protocol):
         """There is a session."""
 
     def on_agents(self) -> None:
-        """An agent's report has changed."""
+        """An agent's report has changed, or which containers it could not set."""
 
     def on_router(self) -> None:
         """The router came or went."""
@@ -84,6 +84,10 @@ class RobotBus:
         """A plan was published: the agents on `nodes` must confirm it (see `AgentWatch.expect`)."""
         if self._agents is not None:
             self._agents.expect(policy, stamp, nodes, standstill)
+
+    def failures(self, policy: str) -> Mapping[str, Mapping[str, str]]:
+        """The containers that agents could not set (see `AgentWatch.failures`)."""
+        return self._agents.failures(policy) if self._agents is not None else {}
 
     def forget(self, policy: str) -> None:
         """Nobody makes plans for this policy any more: expect no more confirmations."""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from contextpolicy.cluster.claims import container_id
 from contextpolicy.policy.spec import RealtimeFallback, Scheduler
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Iterable, Mapping
 
     from contextpolicy.cluster.claims import Claim
+    from contextpolicy.cluster.pods import PodView
     from contextpolicy.policy.spec import Policy
 
 Stamp = tuple[int, int, int]
@@ -48,12 +50,25 @@ NOT_CONFIRMING = AgentReport(LATE, LATE)
 """The report assumed for an agent that is alive but does not confirm plans in time."""
 
 
+MOST_NAMED = 100
+"""Containers that a confirmation names at most, in some 10 kB."""
+ALL = "*"
+"""Stands for all containers where too many failed to name each."""
+
+
 @dataclass(frozen=True, slots=True)
 class Confirmation:
-    """An agent has carried out the plan of this stamp (run, sequence, edition)."""
+    """An agent has carried out the plan of this stamp, but for the containers that `failed`: the reason by their ID."""
 
     policy: str
     stamp: Stamp
+    failed: Mapping[str, str] = field(default_factory=dict)
+
+
+def write_confirmation(said: Confirmation) -> bytes:
+    """The message that `read_confirmation` reads."""
+    failed = said.failed if len(said.failed) <= MOST_NAMED else {ALL: next(iter(said.failed.values()))}
+    return json.dumps({"policy": said.policy, "stamp": said.stamp, "failed": failed}).encode()
 
 
 def read_confirmation(payload: bytes) -> Confirmation | None:
@@ -61,9 +76,23 @@ def read_confirmation(payload: bytes) -> Confirmation | None:
     try:
         said = json.loads(payload)
         run, sequence, edition = (int(number) for number in said["stamp"])
-        return Confirmation(str(said["policy"]), (run, sequence, edition))
-    except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
+        failed = {str(container): str(reason) for container, reason in said.get("failed", {}).items()}
+        return Confirmation(str(said["policy"]), (run, sequence, edition), failed)
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
         return None
+
+
+def not_set(failures: Mapping[str, Collection[str]], pods: Iterable[PodView]) -> frozenset[str]:
+    """The containers that agents could not set, as planning names them; `failures` are their IDs by node.
+
+    One that is gone or was restarted since is none of them.
+    """
+    return frozenset(
+        container_id(pod, container.name)
+        for pod in pods
+        for container in pod.containers
+        if ALL in (failed := failures.get(pod.node, ())) or container.container_id in failed
+    )
 
 
 def read_report(payload: bytes) -> AgentReport:

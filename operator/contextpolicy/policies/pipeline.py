@@ -55,6 +55,9 @@ class Outputs(Protocol):
     def followed(self) -> frozenset[str]:
         """The nodes where the actuator follows an agent."""
 
+    def not_set(self) -> frozenset[str]:
+        """The containers that agents could not set."""
+
     def is_decision(self, plan: Plan) -> bool:
         """Whether the plan is the one with which the shares in force began."""
 
@@ -115,7 +118,7 @@ def connect(
     carried_out = decisions.pipe(head_start(scheduler, outputs.instructs_agents), share_on_loop)
     # What is newest when the head start is over: a plan that was overtaken meanwhile is not ordered.
     nodes = carried_out.pipe(ops.map(newest_nodes))
-    orders = merge(nodes, inputs.moves).pipe(follow_agents(scheduler, outputs.followed))
+    orders = merge(nodes, inputs.moves).pipe(follow_agents(scheduler, outputs.followed, outputs.not_set))
     # Each decision restarts the interval of the updates: its message has them all.
     messages = merge(decisions, plans.pipe(ops.filter(outputs.is_update)))
     paced = pace(UPDATE_INTERVAL, scheduler, at_once=outputs.is_decision)

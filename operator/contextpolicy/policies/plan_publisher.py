@@ -6,6 +6,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.bus.decision_bus import Bus, message
+from contextpolicy.cluster.agent_reports import not_set
 from contextpolicy.cluster.claims import Claim
 from contextpolicy.planning.allocation.placement import Placement
 from contextpolicy.policy.spec import Mode, Scheduler
@@ -82,6 +83,11 @@ class PlanPublisher:
         if self._bus is not None and plan is not None:
             step = {"stage": stage, "container": container, "cores": cores, "time": self._on_our_clock(at)}
             self._bus.publish_applied({"run": self.run, "sequence": plan.sequence, **step})
+
+    def not_set(self) -> frozenset[str]:
+        """The containers that agents could not set."""
+        failures = self._services.agents.failures(self._policy.reference)
+        return not_set(failures, self._pods) if failures else frozenset()
 
     def message(self) -> dict[str, Any] | None:
         """The bus message for the plan in force, with the containers as they are now; None before the first plan."""

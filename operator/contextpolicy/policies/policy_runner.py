@@ -150,6 +150,10 @@ class PolicyRunner:
             node for node, plan in last.nodes.items() if node in agents and plan.scheduler is Scheduler.CFS
         )
 
+    def not_set(self) -> frozenset[str]:
+        """The containers that agents could not set: their resizes follow nobody."""
+        return self.publisher.not_set()
+
     def is_decision(self, plan: Plan) -> bool:
         """Whether the plan is the one with which the shares in force began."""
         return plan is self.planner.decided

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     import zenoh
     from reactivex.abc import SchedulerBase
@@ -36,6 +36,9 @@ class Agents(Protocol):
 
     def expect(self, policy: str, stamp: Stamp, nodes: Iterable[str], standstill: float) -> None:
         """A plan was published; its tasks may keep all others from running for `standstill` seconds."""
+
+    def failures(self, policy: str) -> Mapping[str, Mapping[str, str]]:
+        """By node, the containers (ID) that its agent could not set, and why."""
 
 
 class Boards(Protocol):

@@ -9,7 +9,6 @@ from contextpolicy.agent.control_files import CFS, ControlFiles
 from contextpolicy.agent.inotify import WriteWatch
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.limits import Limits
-from contextpolicy.agent.refusals import Refusals
 from tests.e2e.cluster import until
 from tests.vm.inside.files import ROOT, limit, systemctl
 
@@ -40,7 +39,7 @@ class Agent(Limits):
     def __init__(self, journal):
         self.heard: list[str] = []
         watch = WriteWatch(self._hear)
-        super().__init__(ControlFiles(CFS[2], watch.add, watch.remove), Ledger(journal), Refusals())
+        super().__init__(ControlFiles(CFS[2], watch.add, watch.remove), Ledger(journal))
 
     def _hear(self, path):
         self.heard.append(path.read_text().strip())

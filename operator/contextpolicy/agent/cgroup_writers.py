@@ -1,0 +1,78 @@
+"""What writes the pods' cgroups, once the kubelet has created them: CPU limits and realtime budgets."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from contextpolicy.agent.control_files import CFS, REALTIME, ControlFiles
+from contextpolicy.agent.limits import Limits
+from contextpolicy.agent.realtime import Realtime
+from contextpolicy.planning.allocation.placement import QUANTUM
+from contextpolicy.policy.spec import Scheduler
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from contextpolicy.agent.cgroup_paths import CgroupPaths
+    from contextpolicy.agent.failures import Failures
+    from contextpolicy.agent.inotify import WriteWatch
+    from contextpolicy.agent.ledger import Ledger
+    from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
+
+_MOST_GROUPS = 1000
+"""Containers whose cgroups are remembered; a node has a tenth of that, and it may run for years."""
+
+
+class CgroupWriters:
+    """One node's writers. Nothing is raised: each method returns the groups where it failed."""
+
+    def __init__(self, layout: CgroupPaths, ledger: Ledger, watch: WriteWatch, priority: int, processors: int) -> None:
+        self.layout, self._processors = layout, processors
+        self._limits = Limits(ControlFiles(CFS[layout.version], watch.add, watch.remove), ledger)
+        self._realtime = Realtime(layout, ControlFiles(REALTIME[layout.version]), ledger, priority)
+        self._groups: dict[tuple[str, str, str], Path] = {}
+
+    def group(self, target: OrderTarget) -> Path | None:
+        """The target's cgroup; None when there is none. One whose limit we have open needs no look."""
+        name = target.qos, target.uid, target.container_id
+        group = self._groups.get(name)
+        if group is not None and self._limits.knows(group):
+            return group
+        if len(self._groups) >= _MOST_GROUPS:
+            self._groups.clear()
+        group = self.layout.container(*name)
+        if not (target.container_id and group.is_dir()):
+            return None
+        self._groups[name] = group
+        return group
+
+    def apply(self, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> Failures:
+        """Carry out the order on these groups, and undo what else the policy had."""
+        if order.scheduler is Scheduler.REALTIME:
+            return self._apply_realtime(order, groups)
+        # Settled first: `apply` makes an earlier run's entries its own, as if no resize had confirmed them yet.
+        for group, target in groups.items():
+            if target.limit is not None:
+                self._limits.settle(group, target.limit)
+        failures = self._limits.apply(order.policy, _shares(groups))
+        return self._realtime.release(order.policy) | failures
+
+    def release(self, policy: str) -> Failures:
+        """Undo everything for the policy."""
+        return self._limits.release(policy) | self._realtime.release(policy)
+
+    def on_other_write(self, path: Path) -> Failures:
+        """Somebody else wrote a file that we watch."""
+        return self._limits.on_other_write(path)
+
+    def _apply_realtime(self, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> Failures:
+        # Limits first: they must be in force when suspended threads fall back to the fair scheduler.
+        resting = {group for group, target in groups.items() if target.suspended}
+        failures = self._limits.apply(order.policy, dict.fromkeys(resting, QUANTUM), held=True)
+        parts = {group: target.part(self._processors) for group, target in groups.items()}
+        return self._realtime.apply(order.policy, parts, order.manner, resting) | failures
+
+
+def _shares(groups: Mapping[Path, OrderTarget]) -> dict[Path, int]:
+    return {group: target.share for group, target in groups.items()}
