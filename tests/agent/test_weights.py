@@ -8,7 +8,6 @@ import pytest
 
 from contextpolicy.agent.cgroup_paths import Driver
 from contextpolicy.agent.ledger import Ledger
-from contextpolicy.agent.refusals import Refusals
 from contextpolicy.agent.weight_units import FILES, of_container, of_pod
 from contextpolicy.agent.weights import Weights
 from tests.agent.builders import CHAT, POLICY, SLAM, SPEECH, Tree
@@ -46,7 +45,7 @@ def watch():
 
 @pytest.fixture
 def weights(tree, journal, watch):
-    return Weights(tree.version, watch, Ledger(journal), Refusals())
+    return Weights(tree.version, watch, Ledger(journal))
 
 
 @pytest.fixture
@@ -56,7 +55,7 @@ def restarted(tree, journal, watch):
     def restart():
         ledger = Ledger(journal)
         ledger.load()
-        return Weights(tree.version, watch, ledger, Refusals())
+        return Weights(tree.version, watch, ledger)
 
     return restart
 
@@ -105,7 +104,7 @@ def write(tree, weights, group, weight):
 
 @pytest.mark.usefixtures("klass")
 def test_a_share_is_a_weight_of_container_and_pod(tree, weights, slam, speech):
-    assert weights.apply(POLICY, {slam: 990, speech: 50}) == []
+    assert weights.apply(POLICY, {slam: 990, speech: 50}) == {}
     for group, cores in ((slam, 990), (speech, 50)):
         assert tree.weight(group) == of_container(cores, tree.version)
         assert tree.weight(group.parent) == of_pod(cores, tree.version)
@@ -196,7 +195,7 @@ def test_a_pod_that_ends_changes_its_class(tree, weights, slam, speech, klass):
     weights.apply(POLICY, {slam: 990, speech: 50})
     shutil.rmtree(speech.parent)
     failed = weights.apply(POLICY, {slam: 990})
-    assert (failed, tree.weight(klass)) == ([], of_pod(990, tree.version))
+    assert (failed, tree.weight(klass)) == ({}, of_pod(990, tree.version))
 
 
 @pytest.mark.usefixtures("klass")
@@ -246,7 +245,7 @@ def test_what_somebody_wrote_while_no_agent_ran_stays(tree, weights, slam, speec
 def test_a_container_that_is_gone_is_a_failure_and_stops_nothing(tree, weights, slam, speech):
     shutil.rmtree(slam)
     failed = weights.apply(POLICY, {slam: 990, speech: 50})
-    assert [error.reason for error in failed] == ["Gone"]
+    assert {group: error.reason for group, error in failed.items()} == {slam: "Gone"}
     assert tree.weight(speech) == of_container(50, tree.version)
 
 

@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import logging
 from collections import defaultdict
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from contextpolicy.agent import weight_units as units
 from contextpolicy.agent.cgroup_paths import pod_of
 from contextpolicy.agent.control_files import Children, OpenFile, OpenFiles
+from contextpolicy.agent.failures import GONE, Failures, attempt
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
 
     from contextpolicy.agent.inotify import WriteWatch
     from contextpolicy.agent.ledger import Ledger
-    from contextpolicy.agent.refusals import Refusals
 
 log = logging.getLogger(__name__)
 
@@ -46,61 +47,75 @@ class _Members(NamedTuple):
 
 
 class Weights:
-    """The CPU weights that policies want on one node, in thousandths of a core; groups are the containers' cgroups."""
+    """The CPU weights that policies want on one node, in thousandths of a core; groups are the containers' cgroups.
 
-    def __init__(self, version: int, watch: WriteWatch, ledger: Ledger, refusals: Refusals) -> None:
-        self._version, self._ledger, self._refusals = version, ledger, refusals
+    Nothing is raised: each method returns the groups, at any level, where it failed.
+    """
+
+    def __init__(self, version: int, watch: WriteWatch, ledger: Ledger) -> None:
+        self._version, self._ledger = version, ledger
         self._files = OpenFiles(self._open, watch.add, watch.remove)
         self._beside = OpenFiles(self._open)
         self._children = Children()
         self._wanted: dict[str, Mapping[Path, int]] = {}
 
-    def apply(self, policy: str, cores: Mapping[Path, int]) -> list[ActuationError]:
-        """Set the policy's weights and undo any others it had; returns the failures."""
+    def apply(self, policy: str, cores: Mapping[Path, int]) -> Failures:
+        """Set the policy's weights and undo any others it had."""
         self._wanted[policy] = cores
         return self._enforce(policy)
 
-    def release(self, policy: str) -> None:
+    def release(self, policy: str) -> Failures:
         """Undo all weights of the policy."""
         self._wanted.pop(policy, None)
-        for error in self._enforce(policy):
-            self._refusals.note(error.reason, str(error))
+        return self._enforce(policy)
 
     def knows(self, group: Path) -> bool:
         """Whether it was there at the last plan, and has not been found gone since."""
         return group in self._files
 
-    def on_other_write(self, path: Path) -> None:
+    def on_other_write(self, path: Path) -> Failures:
         """Somebody else wrote a file that we watch."""
         entry = self._ledger.entries.get(path)
         try:
             text = self._files[path.parent].heed()
-        except ActuationError:
-            self._lose(path.parent)
-            return
+        except ActuationError as error:
+            self._lose(path.parent, error)
+            return {}
         if entry is not None and entry.overtook and text == entry.ours:
             entry.overtook = False
         elif entry is not None:
             self._ledger.hear(path, text)
-        for error in self._enforce():
-            self._refusals.note(error.reason, str(error))
+        return self._enforce()
 
-    def _enforce(self, policy: str = "") -> list[ActuationError]:
-        """Undo what else the policy had, and write what differs, the journal first; returns the failures."""
-        failed: list[ActuationError] = []
+    def _enforce(self, policy: str = "") -> Failures:
+        """Undo what else the policy had, and write what differs."""
         members = self._members()
         classes = {pod.parent for pod in members.pods}
-        self._undo(policy, {*members.wishes, *classes})
+        failures = self._undo(policy, {*members.wishes, *classes})
         wishes = members.wishes | {group: self._class_wish(group, members) for group in classes}
-        differing = [group for group, wish in wishes.items() if self._intend(group, wish, failed)]
-        self._ledger.save()
-        for group in differing:
-            self._write(group, wishes[group], failed)
-        self._ledger.save()
-        self._files.keep(wishes)
+        failures |= self._write_all(wishes)
+        self._files.keep([*wishes, *(path.parent for path in self._ledger.entries)])
         self._beside.keep(child for child in self._children.all() if child not in wishes)
         self._children.keep(wishes)
-        return failed
+        return failures
+
+    def _write_all(self, wishes: Mapping[Path, _Wish]) -> Failures:
+        """Write what differs, the journal first: an agent killed in between can still undo it."""
+        failures: Failures = {}
+        differing = []
+        for group, wish in wishes.items():
+            try:
+                if self._intend(group, wish):
+                    differing.append(group)
+            except ActuationError as error:
+                failures[group] = error
+                self._lose(group, error)
+        unsaved = attempt(self._ledger.save, *differing)
+        for group in () if unsaved else differing:
+            failures |= attempt(partial(self._write, group, wishes[group]), group)
+        for group in unsaved or [group for group in differing if group in failures]:
+            self._retract(group, (unsaved or failures)[group])
+        return failures | unsaved
 
     def _members(self) -> _Members:
         """What the containers that policies name should have, and their pods."""
@@ -134,15 +149,11 @@ class Weights:
             self._children.forget(group.parent)
             return units.LEAST[self._version]
 
-    def _intend(self, group: Path, wish: _Wish, failed: list[ActuationError]) -> bool:
-        """Note in the journal what is about to be written; False where nothing has to be, or can be."""
-        try:
-            file, text = self._files[group], str(wish.weight)
-            entry = self._ledger.entries.get(file.path)
-            if file.read() == text and (entry is None or entry.policy == wish.policy):
-                return False
-        except ActuationError as error:
-            self._fail(group, error, failed)
+    def _intend(self, group: Path, wish: _Wish) -> bool:
+        """Note in the journal what is about to be written; False where nothing has to be."""
+        file, text = self._files[group], str(wish.weight)
+        entry = self._ledger.entries.get(file.path)
+        if file.read() == text and (entry is None or entry.policy == wish.policy):
             return False
         self._note(file, wish)
         return True
@@ -152,41 +163,43 @@ class Weights:
         if file.unheard:
             self._ledger.overtake(file.path, file.seen)
 
-    def _write(self, group: Path, wish: _Wish, failed: list[ActuationError]) -> None:
+    def _write(self, group: Path, wish: _Wish) -> None:
         file = self._files[group]
-        try:
-            if file.seen != file.read():  # somebody else wrote meanwhile: realtime tasks can stop us for 0.1 s here
-                self._note(file, wish)
-                self._ledger.save()
-            file.write(str(wish.weight))
-        except ActuationError as error:
-            self._ledger.close(file.path)
-            self._fail(group, error, failed)
+        if file.seen != file.read():  # somebody else wrote meanwhile: realtime tasks can stop us for 0.1 s here
+            self._note(file, wish)
+            self._ledger.save()
+        file.write(str(wish.weight))
 
-    def _fail(self, group: Path, error: ActuationError, failed: list[ActuationError]) -> None:
-        failed.append(error)
-        if error.reason == "Gone":
-            self._lose(group)
+    def _retract(self, group: Path, error: ActuationError) -> None:
+        path = group / units.FILES[self._version]
+        (self._ledger.close if error.reason == GONE else self._ledger.retract)(path)
 
-    def _lose(self, group: Path) -> None:
-        """The group is gone."""
-        self._ledger.close(group / units.FILES[self._version])
+    def _lose(self, group: Path, error: ActuationError) -> None:
+        """The group's file can't be read: open it anew the next time."""
         self._files.close(group)
+        if error.reason == GONE:
+            self._ledger.close(group / units.FILES[self._version])
 
-    def _undo(self, policy: str, kept: Collection[Path]) -> None:
-        """Put back what others wrote; files that hold another value by now are left alone."""
-        for path, entry in self._ledger.of(policy).items():
-            if path.name != units.FILES[self._version] or path.parent in kept:
-                continue
-            try:
-                file = self._files[path.parent]
-                if entry.wrote(file.read()):
-                    file.write(entry.theirs)
-                    log.info("%s: put back %s", path, entry.theirs)
-            except ActuationError as error:
-                if error.reason != "Gone":
-                    self._refusals.note(error.reason, str(error))
-            self._ledger.close(path)
+    def _undo(self, policy: str, kept: Collection[Path]) -> Failures:
+        """Put back what others wrote; files that hold another value by now are left alone.
+
+        What can't be put back now stays in the ledger, for the policy's next plan or the agent's end.
+        """
+        name = units.FILES[self._version]
+        left = [path for path in self._ledger.of(policy) if path.name == name and path.parent not in kept]
+        failures: Failures = {}
+        for path in left:
+            failed = attempt(partial(self._put_back, path), path.parent)
+            if not failed or failed[path.parent].reason == GONE:
+                self._ledger.close(path)
+            failures |= failed
+        return failures | attempt(self._ledger.save, *(path.parent for path in left))
+
+    def _put_back(self, path: Path) -> None:
+        file, entry = self._files[path.parent], self._ledger.entries[path]
+        if entry.wrote(file.read()):
+            file.write(entry.theirs)
+            log.info("%s: put back %s", path, entry.theirs)
 
     def _open(self, group: Path) -> OpenFile:
         return OpenFile(group / units.FILES[self._version])
