@@ -208,6 +208,13 @@ def test_what_waits_is_made_when_it_is_due_and_not_before(desk):
     assert desk.made == before + 2
 
 
+def test_in_a_storm_statuses_are_made_once_a_second(desk):
+    desk.storm(60)
+    before, began = desk.made, desk.now()
+    desk.storm(60)
+    assert desk.made - before <= (desk.now() - began) / STATUS_INTERVAL + 1
+
+
 def test_a_condition_does_not_wait_for_a_storm_to_end(desk):
     desk.storm(120, contexts=("moving", "reading"))
     desk.status(-1, ready="False")

@@ -38,12 +38,11 @@ class ReportApi(Protocol):
 
 
 class _Desk:
-    """What is to be written, is being written and was written about one policy."""
+    """What is to be written and was written about one policy; nothing more is once its timer is disposed of."""
 
     def __init__(self, policy: str) -> None:
         self.policy = policy
         self.pending: Callable[[], dict[str, Any]] | None = None
-        self.sent: dict[str, Any] | None = None
         self.written: dict[str, Any] | None = None
         """What the API server has: the same again would be no news."""
         self.budget = TokenBucket(BURST, REFILL)
@@ -64,7 +63,9 @@ class Reporter:
 
         `make` is called on the loop's thread.
         """
-        desk = self._desks.setdefault(policy, _Desk(policy))
+        desk = self._desks.get(policy)
+        if desk is None:
+            desk = self._desks[policy] = _Desk(policy)
         delay = STATUS_DELAY if desk.pending is None else STATUS_INTERVAL
         desk.pending = make
         if not desk.resting:
@@ -75,7 +76,6 @@ class Reporter:
         """The policy is gone: write nothing more for it."""
         desk = self._desks.pop(policy, None)
         if desk is not None:
-            desk.pending = desk.sent = None
             desk.timer.dispose()
 
     def event(self, event: Mapping[str, Any]) -> None:
@@ -100,7 +100,7 @@ class Reporter:
         if wait:
             self._look_in(desk, wait)
             return
-        desk.pending, desk.sent, desk.resting = None, status, True
+        desk.pending, desk.resting = None, True
         self._worker.submit(self._send, desk, status)
 
     def _send(self, desk: _Desk, status: dict[str, Any]) -> None:
@@ -109,14 +109,11 @@ class Reporter:
         error = _outcome(lambda: self._api.write_status(namespace, name, status))
         if error is not None:
             rest = STATUS_RETRY if error.retriable else STATUS_INTERVAL
-            log.log(
-                logging.INFO if error.reason == "NotFound" else logging.WARNING, "status of %s: %s", desk.policy, error
-            )
+            level = logging.INFO if error.reason == "NotFound" else logging.WARNING
+            log.log(level, "status of %s: %s", desk.policy, error)
         self._scheduler.schedule(lambda *_: self._sent(desk, status, error, rest))
 
     def _sent(self, desk: _Desk, status: dict[str, Any], error: ActuationError | None, rest: float) -> None:
-        if desk.sent is not status:
-            return
         if error is None:
             desk.written = status
             desk.budget.spend()
