@@ -140,6 +140,15 @@ def test_a_newer_status_takes_the_place_of_one_that_could_not_be_written(desk):
     assert [n for _, _, n in desk.statuses] == [2]
 
 
+def test_so_does_one_that_came_while_it_was_being_written(desk):
+    desk.faults += [UNREACHABLE]
+    desk.status(1)
+    desk.scheduler.advance_by(STATUS_DELAY + 0.01)
+    desk.status(2)
+    desk.wait(2 * STATUS_RETRY)
+    assert [n for _, _, n in desk.statuses] == [2]
+
+
 @pytest.mark.parametrize("reason", ["NotFound", "Invalid", "Forbidden"])
 def test_a_status_that_is_refused_is_given_up(desk, reason):
     desk.faults += [refusal(reason)]
@@ -174,6 +183,18 @@ def test_a_policy_of_the_same_name_begins_anew(desk):
     desk.reporter.forget(POLICY)
     desk.status(2)
     desk.wait(5)
+    assert [n for _, _, n in desk.statuses] == [2]
+
+
+@pytest.mark.parametrize("running", [False, True], ids=["waits", "fails"])
+def test_nor_does_it_wait_because_of_what_was_left_to_write(desk, running):
+    desk.faults += [UNREACHABLE] * running
+    desk.status(1)
+    desk.scheduler.advance_by((STATUS_DELAY + 0.01) * running)
+    desk.reporter.forget(POLICY)
+    desk.wait(1)
+    desk.status(2)
+    desk.wait(STATUS_DELAY + 0.05)
     assert [n for _, _, n in desk.statuses] == [2]
 
 

@@ -38,11 +38,10 @@ class ReportApi(Protocol):
 
 
 class _Desk:
-    """What is to be written and was written about one policy; nothing more is once its timer is disposed of."""
+    """What was written about one policy, and when more may be; nothing any more once the timer is disposed of."""
 
     def __init__(self, policy: str) -> None:
         self.policy = policy
-        self.pending: Callable[[], dict[str, Any]] | None = None
         self.written: dict[str, Any] | None = None
         """What the API server has: the same again would be no news."""
         self.budget = TokenBucket(BURST, REFILL)
@@ -50,12 +49,18 @@ class _Desk:
         """Whether nothing may be made yet, whatever it is."""
         self.timer = SerialDisposable()
 
+    def note(self, status: dict[str, Any]) -> None:
+        """The API server has it."""
+        self.written = status
+        self.budget.spend()
+
 
 class Reporter:
     """Called on the loop's thread. `worker` must have one thread, so that the newest status is written last."""
 
     def __init__(self, api: ReportApi, scheduler: SchedulerBase, worker: Executor) -> None:
         self._api, self._scheduler, self._worker = api, scheduler, worker
+        self._pending: dict[str, Callable[[], dict[str, Any]]] = {}
         self._desks: dict[str, _Desk] = {}
 
     def status(self, policy: str, make: Callable[[], dict[str, Any]]) -> None:
@@ -66,14 +71,15 @@ class Reporter:
         desk = self._desks.get(policy)
         if desk is None:
             desk = self._desks[policy] = _Desk(policy)
-        delay = STATUS_DELAY if desk.pending is None else STATUS_INTERVAL
-        desk.pending = make
+        delay = STATUS_INTERVAL if policy in self._pending else STATUS_DELAY
+        self._pending[policy] = make
         if not desk.resting:
             desk.resting = True
             self._look_in(desk, delay)
 
     def forget(self, policy: str) -> None:
         """The policy is gone: write nothing more for it."""
+        self._pending.pop(policy, None)
         desk = self._desks.pop(policy, None)
         if desk is not None:
             desk.timer.dispose()
@@ -92,15 +98,17 @@ class Reporter:
     def _look(self, desk: _Desk) -> None:
         """Write what is news, or look again when the budget has room for it."""
         desk.resting = False
-        status = desk.pending() if desk.pending is not None else None
+        make = self._pending.get(desk.policy)
+        status = make() if make is not None else desk.written
         if status is None or status == desk.written:
-            desk.pending = None
+            self._pending.pop(desk.policy, None)
             return
         wait = desk.budget.wait(self._scheduler.to_seconds(self._scheduler.now), reserve(desk.written, status))
         if wait:
             self._look_in(desk, wait)
             return
-        desk.pending, desk.resting = None, True
+        desk.resting = True
+        del self._pending[desk.policy]
         self._worker.submit(self._send, desk, status)
 
     def _send(self, desk: _Desk, status: dict[str, Any]) -> None:
@@ -115,10 +123,9 @@ class Reporter:
 
     def _sent(self, desk: _Desk, status: dict[str, Any], error: ActuationError | None, rest: float) -> None:
         if error is None:
-            desk.written = status
-            desk.budget.spend()
-        elif error.retriable and desk.pending is None:
-            desk.pending = lambda: status
+            desk.note(status)
+        elif error.retriable and desk is self._desks.get(desk.policy):
+            self._pending.setdefault(desk.policy, lambda: status)
         self._look_in(desk, rest)
 
     def _post(self, event: Mapping[str, Any]) -> None:
