@@ -1,10 +1,20 @@
 """kine on SQLite against etcd under the node's API server: reaction, load on the API, bytes written to disk.
 
-    python -m tests.bench.datastore [--turns 60] [--repeat 2]
+    python -m tests.bench.datastore [--datastores kine] [--turns 60] [--minutes 10] [--repeat 1]
 
 Starts the node on one datastore after the other, so nobody else may use it meanwhile. Needs the image contextpolicy:dev
-on the node (`make images`). Writes build/bench/datastore.json; progress goes to stderr. An hour is extrapolated from
-the stretch that was measured, which the table names.
+on the node (`make images`). Writes build/bench/datastore.json; progress goes to stderr. Two operators run, one with an
+agent, and each governs eight pods:
+
+    rest           nothing moves, for --minutes
+    storm          a plan that moves all eight limits, each second, --turns times
+    minute         a plan that moves one limit, each minute, --minutes times
+
+each of the loads first without the agent, then with it. An hour is extrapolated from the stretch that was measured,
+`above_rest` is less what was written at rest. One datastore takes about 8 + 3 * minutes + 4 * turns / 60 minutes.
+
+On kine the writes are also counted by kind, and `own_share_percent` is the part of status and Events of the policies in
+the bytes of these and of all pods with their Events; see `tests/bench/kine_rows.py`.
 """
 
 # ruff: noqa: T201 - a command prints
@@ -18,29 +28,37 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from prometheus_client.parser import text_string_to_metric_families
 
+from tests.bench import kine_rows
 from tests.bench.engine_measure import machine
 from tests.bench.reaction.figures import percentile
 from tests.bench.reaction.patch import BarePatch
 from tests.bench.reaction.rounds import operated
-from tests.bench.reaction.site import PLAIN, SPARE, Site, say
+from tests.bench.reaction.site import AGENT, PLAIN, SPARE, Site, say
 from tests.bench.reaction.stopwatch import MissedError, Stopwatch
 from tests.e2e.cluster import REPOSITORY, run
 from tests.node import access, components, lifecycle, processes
-from tests.node.layout import DATASTORE_VARIABLE
+from tests.node.layout import DATASTORE_VARIABLE, ROOT
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
+
+Turn = TypeVar("Turn")
 
 OUTPUT = REPOSITORY / "build" / "bench" / "datastore.json"
-PODS = 8
-INTERVAL = 1.0
-"""Seconds between two contexts: what a robot that is always busy may have."""
+PODS, POLICY = 8, "bench"
+STORM, MINUTE = 1.0, 60.0
+"""Seconds between two contexts: of a robot that is always busy, and of one that does something else each minute."""
+WARM_UP = 30
+"""Contexts of a storm that are not measured: statuses and Events begin with a burst that an hour has once."""
+DRAINED = 10.0
+"""Seconds after which nothing of a load is left to do."""
 TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -80,9 +98,9 @@ def main() -> int:
     options = _options()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     if options.here:
-        print(json.dumps(_here(options.turns)))
+        print(json.dumps(_here(options.turns, options.minutes)))
         return 0
-    rows = [_on(store, options.turns) for _ in range(options.repeat) for store in components.DATASTORES]
+    rows = [_on(store, options) for _ in range(options.repeat) for store in options.datastores]
     OUTPUT.parent.mkdir(parents=True, exist_ok=True)
     OUTPUT.write_text(json.dumps({"machine": machine(), "rows": rows}, indent=2) + "\n", encoding="utf-8")
     print(_text(rows))
@@ -95,18 +113,22 @@ def _options() -> argparse.Namespace:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--turns", type=int, default=60, help="contexts, one a second (%(default)s)")
-    parser.add_argument("--repeat", type=int, default=2, help="times that each datastore has its turn (%(default)s)")
+    every = tuple(components.DATASTORES)
+    parser.add_argument("--datastores", nargs="+", choices=every, default=every, help="those to measure (all)")
+    parser.add_argument("--turns", type=int, default=60, help="contexts of the storm, one a second (%(default)s)")
+    parser.add_argument("--minutes", type=int, default=10, help="at rest, and contexts one a minute (%(default)s)")
+    parser.add_argument("--repeat", type=int, default=1, help="times that each datastore has its turn (%(default)s)")
     parser.add_argument("--here", action="store_true", help="measure the running node only; needs `tests.node exec`")
     return parser.parse_args()
 
 
-def _on(store: str, turns: int) -> dict[str, Any]:
+def _on(store: str, options: argparse.Namespace) -> dict[str, Any]:
     say(f"{store}: starting the node")
     os.environ[DATASTORE_VARIABLE] = store
     lifecycle.up()
-    argv = access.command([sys.executable, "-m", "tests.bench.datastore", "--here", "--turns", str(turns)])
-    timeout = 300 + 4 * turns * INTERVAL
+    stretches = ("--turns", str(options.turns), "--minutes", str(options.minutes))
+    argv = access.command([sys.executable, "-m", "tests.bench.datastore", "--here", *stretches])
+    timeout = 900 + 12 * options.turns * STORM + 3 * options.minutes * MINUTE
     done = subprocess.run(
         argv, env=access.environment(), cwd=REPOSITORY, stdout=subprocess.PIPE, timeout=timeout, check=True, text=True
     )
@@ -114,45 +136,67 @@ def _on(store: str, turns: int) -> dict[str, Any]:
     return {"datastore": store, **measured}
 
 
-def _here(turns: int) -> dict[str, Any]:
+def _here(turns: int, minutes: int) -> dict[str, Any]:
     names = [f"task-{number}" for number in range(PODS)]
     with Stopwatch() as stopwatch, Site(stopwatch) as site:
         site.pods(SPARE, ["patched"])
         bare = BarePatch(SPARE, {"patched": site.groups[SPARE]["patched"]}, stopwatch)
-        bus = site.operator(PLAIN)
-        site.pods(PLAIN, names)
-        path = operated(site, stopwatch, PLAIN, bus, names)
-        time.sleep(10)  # what starting them left to do
-        say("at rest")
-        rest = _loaded(lambda: time.sleep(turns * INTERVAL))
-        say("contexts")
-        plans: list[dict[str, float]] = []
-        turned = _loaded(lambda: plans.extend(_paced(path.go, turns)))
-        say("bare PATCHes")
-        patches = _paced(bare.go, turns)
-        path.close()
+        buses = {PLAIN: site.operator(PLAIN), AGENT: site.operator(AGENT, agent=True)}
+        for namespace in buses:
+            site.pods(namespace, names)
+        paths = {namespace: operated(site, stopwatch, namespace, bus, names) for namespace, bus in buses.items()}
+        time.sleep(DRAINED)
+        rest = _loaded("at rest", lambda: None, minutes, MINUTE)
+        storm = {}
+        for namespace, path in paths.items():
+            _paced(path.turn, WARM_UP, STORM)
+            storm[namespace] = _loaded(f"{namespace}: storm", path.turn, turns, STORM)
+            time.sleep(DRAINED)
+        say("plans, and bare PATCHes")
+        plans = _paced(paths[PLAIN].go, turns, STORM)
+        patches = _paced(bare.go, turns, STORM)
+        minute = {}
+        for namespace, bus in buses.items():
+            paths[namespace].close()
+            few = operated(site, stopwatch, namespace, bus, names[:2])  # of two tasks only the first one's limit moves
+            time.sleep(DRAINED)
+            minute[namespace] = _loaded(f"{namespace}: minute", few.turn, minutes, MINUTE)
+            few.close()
         bare.close()
+    loads = {"storm": storm[PLAIN], "storm_agent": storm[AGENT], "minute": minute[PLAIN], "minute_agent": minute[AGENT]}
     return {
         "bare_patch_cgroup_ms": _spread([one["all cgroups"] for one in patches]),
         "plan_of_8_cgroups_ms": _spread([one["all cgroups"] for one in plans]),
-        "at_rest": rest,
-        "contexts": turned,
+        "rest": rest,
+        **{name: {**load, "above_rest_mib_per_hour": _above(load, rest)} for name, load in loads.items()},
     }
 
 
-def _loaded(work: Callable[[], object]) -> dict[str, float]:
+def _above(load: Mapping[str, float], rest: Mapping[str, float]) -> float:
+    return round(load["datastore_mib_per_hour"] - rest["datastore_mib_per_hour"], 1)
+
+
+def _loaded(what: str, act: Callable[[], object], times: int, interval: float) -> dict[str, float]:
+    """What `act` costs, done at each interval."""
+    say(what)
+    rows = kine_rows.Tally(kine_rows.open_database(ROOT / "kine" / "state.db")) if _is_kine() else None
     before = Load.now()
-    work()
-    return Load.now().since(before)
+    with rows or nullcontext():
+        _paced(act, times, interval)
+    return {**Load.now().since(before), **(rows.figures(POLICY) if rows else {})}
 
 
-def _paced(go: Callable[[], dict[str, float]], turns: int) -> list[dict[str, float]]:
+def _is_kine() -> bool:
+    return components.datastore() == "kine"
+
+
+def _paced(act: Callable[[], Turn], times: int, interval: float) -> list[Turn]:
     """One at each interval; those that missed a stage are told and left out."""
     found = []
-    for _ in range(turns):
-        due = time.monotonic() + INTERVAL
+    for _ in range(times):
+        due = time.monotonic() + interval
         try:
-            found.append(go())
+            found.append(act())
         except MissedError as error:
             say(str(error))
         time.sleep(max(0.0, due - time.monotonic()))
@@ -188,7 +232,8 @@ def _folder(name: str) -> Path:
 def _text(rows: Sequence[dict[str, Any]]) -> str:
     """One line for each figure, one column for each time that the node was started."""
     flat = [_flat(row) for row in rows]
-    return "\n".join(f"{name:36}" + "".join(f"{row[name]!s:>10}" for row in flat) for name in flat[0])
+    names = dict.fromkeys(name for row in flat for name in row)
+    return "\n".join(f"{name:40}" + "".join(f"{row.get(name, '')!s:>10}" for row in flat) for name in names)
 
 
 def _flat(row: dict[str, Any]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 
-from contextpolicy.telemetry.event_budget import BURST
+from contextpolicy.telemetry.event_budget import BURST, FOR_PROBLEMS, REFILL
 from tests.policies.builders import IMU, a_policy
 
 
@@ -37,11 +37,12 @@ def test_a_flapping_context_posts_a_burst_and_then_says_what_it_left_out(running
         running.sample(IMU, speed=0.3 if turn % 2 == 0 else 0.0)
         running.turn(0.1)
     running.settle()
-    assert len(running.told()) == BURST
-    running.turn(60.0)
+    posted = BURST - FOR_PROBLEMS
+    assert len(running.told()) == posted
+    running.turn(REFILL)
     running.sample(IMU, speed=0.3)
     running.settle()
-    assert f"({BURST} earlier events were left out)" in running.told()[BURST][1]
+    assert f"({2 * BURST - posted} earlier events were left out)" in running.told()[posted][1]
 
 
 def test_the_log_has_each_plan_with_its_cause(running, caplog):

@@ -2,8 +2,9 @@
 
 The agent has already written the limits. A resize takes tens of milliseconds, and as much of the node's CPU: that of
 the API server, its datastore, the kubelet and the runtime, which tasks lack. One that is overtaken by the next plan is
-wasted, brings an old limit back until the agent corrects it, and can fail on the kernel's rules. The API only has to
-agree in the end: its limits hold when the agent is gone. A container that the agent could not set is ordered at once.
+wasted, brings an old limit back until the agent corrects it, can fail on the kernel's rules, and costs flash 0.2 MiB.
+The API only has to agree in the end: its limits hold when the agent is gone. Plans that never last are never ordered;
+when the agent is gone, the newest is, at once. So is a container that the agent could not set.
 """
 
 from __future__ import annotations
@@ -20,10 +21,8 @@ if TYPE_CHECKING:
 
     from contextpolicy.planning.allocation.plan import NodePlan
 
-SETTLED = 3.0
+SETTLED = 2.0
 """Seconds for which a node's plan must stay the same before it is ordered."""
-LONGEST = 30.0
-"""Seconds after which the newest plan is ordered even if plans keep changing."""
 
 NodePlans: TypeAlias = "Mapping[str, NodePlan]"
 """Plans by node."""
@@ -50,15 +49,10 @@ def follow_agents(
 
 
 class _Waiting(NamedTuple):
-    """A plan that is not ordered yet: `began` is when its node started to wait, `since` when this very plan came."""
+    """A plan that is not ordered yet."""
 
     plan: NodePlan
-    began: float
-    since: float
-
-    @property
-    def due(self) -> float:
-        return min(self.since + SETTLED, self.began + LONGEST)
+    due: float
 
 
 class _Follower:
@@ -94,12 +88,12 @@ class _Follower:
         self._observer.on_next(self._ordered)
 
     def _choose(self, node: str, plan: NodePlan, now: float, ahead: frozenset[str]) -> NodePlan | None:
-        waiting = self._waiting.pop(node, None) or _Waiting(plan, now, now)
+        waiting = self._waiting.pop(node, None) or _Waiting(plan, now + SETTLED)
         ordered = self._ordered.get(node)
         if node not in ahead or plan == ordered:
             return plan
         if plan != waiting.plan:
-            waiting = _Waiting(plan, waiting.began, now)
+            waiting = _Waiting(plan, now + SETTLED)
         if now >= waiting.due:
             return plan
         self._waiting[node] = waiting

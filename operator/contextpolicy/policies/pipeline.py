@@ -39,7 +39,7 @@ does not wait. A limit takes longer to be in force, and an order that is overtak
 
 UPDATE_INTERVAL = 0.5
 """Seconds between messages that only update weights and scores: a score that follows a sensor changes with every
-sample, and every message also costs a status write."""
+sample, and every message also has a status made."""
 
 
 class Outputs(Protocol):

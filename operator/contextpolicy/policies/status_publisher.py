@@ -89,7 +89,7 @@ class StatusPublisher:
         entry = self._registry.present.get(policy)
         if entry is not None:
             reason = "ContextEntered" if active else "ContextExited"
-            self._post(entry, reason, f"{context}: {cause}", warning=False)
+            self._post(entry, reason, f"{context}: {cause}", warning=False, routine=True)
 
     def knows(self, policy: str) -> bool:
         """Whether the policy stays or leaves, but is not gone."""
@@ -148,9 +148,11 @@ class StatusPublisher:
         entry.conditions = made["conditions"]
         return made
 
-    def _post(self, entry: PolicyEntry | LeavingPolicy, reason: str, message: str, *, warning: bool) -> None:
+    def _post(
+        self, entry: PolicyEntry | LeavingPolicy, reason: str, message: str, *, warning: bool, routine: bool = False
+    ) -> None:
         now = self._loop.to_seconds(self._loop.now)
-        if entry.events.spend(now):
+        if entry.events.spend(now, routine=routine):
             told = entry.events.admit_to(message)
             self._reporter.event(event(entry.body, reason=reason, message=told, now=now, warning=warning))
         else:

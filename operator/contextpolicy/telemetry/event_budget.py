@@ -5,27 +5,28 @@ Pure.
 
 from __future__ import annotations
 
-BURST = 25
-"""Events that may come at once; what Kubernetes' own recorders allow an object."""
-REFILL = 10.0
-"""Seconds until one more may. Kubernetes' own wait 300 s, longer than what happens on a robot is of interest."""
+from contextpolicy.telemetry.token_bucket import TokenBucket
+
+BURST, REFILL = 25, 300.0
+"""Events that may come at once, and seconds until one more may: what Kubernetes' own recorders allow an object. Each
+costs two writes to flash, its end after an hour being one."""
+FOR_PROBLEMS = 10
+"""Events that contexts leave to problems."""
 
 
 class EventBudget:
-    """A token bucket for one policy; times are seconds of one clock."""
+    """For one policy; times are seconds of one clock."""
 
     def __init__(self) -> None:
         self.left_out = 0
-        self._tokens, self._at = float(BURST), 0.0
+        self._bucket = TokenBucket(BURST, REFILL)
 
-    def spend(self, now: float) -> bool:
-        """Whether one more Event may be posted; counts those that may not."""
-        self._tokens = min(BURST, self._tokens + max(0.0, now - self._at) / REFILL)
-        self._at = now
-        if self._tokens < 1:
+    def spend(self, now: float, *, routine: bool = False) -> bool:
+        """Whether one more Event may be posted; counts those that may not. `routine` is what happens all the time."""
+        if self._bucket.wait(now, FOR_PROBLEMS if routine else 0):
             self.left_out += 1
             return False
-        self._tokens -= 1
+        self._bucket.spend()
         return True
 
     def admit_to(self, message: str) -> str:

@@ -1,11 +1,15 @@
-"""Writes statuses and events off the hot path: the newest status wins."""
+"""Writes statuses and events off the hot path: the newest status wins, and as few are written as people need."""
 
 from __future__ import annotations
 
 import logging
 from typing import TYPE_CHECKING, Any, Protocol
 
+from reactivex.disposable import SerialDisposable
+
 from contextpolicy.errors import ActuationError, unexpected
+from contextpolicy.telemetry.status_budget import BURST, REFILL, reserve
+from contextpolicy.telemetry.token_bucket import TokenBucket
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -33,31 +37,52 @@ class ReportApi(Protocol):
         """Create an Event."""
 
 
+class _Desk:
+    """What was written about one policy, and when more may be; nothing any more once the timer is disposed of."""
+
+    def __init__(self, policy: str) -> None:
+        self.policy = policy
+        self.written: dict[str, Any] | None = None
+        """What the API server has: the same again would be no news."""
+        self.budget = TokenBucket(BURST, REFILL)
+        self.resting = False
+        """Whether nothing may be made yet, whatever it is."""
+        self.timer = SerialDisposable()
+
+    def note(self, status: dict[str, Any]) -> None:
+        """The API server has it."""
+        self.written = status
+        self.budget.spend()
+
+
 class Reporter:
     """Called on the loop's thread. `worker` must have one thread, so that the newest status is written last."""
 
     def __init__(self, api: ReportApi, scheduler: SchedulerBase, worker: Executor) -> None:
         self._api, self._scheduler, self._worker = api, scheduler, worker
         self._pending: dict[str, Callable[[], dict[str, Any]]] = {}
-        self._resting: set[str] = set()
-        self._sent: dict[str, dict[str, Any]] = {}
-        self._written: dict[str, dict[str, Any]] = {}
+        self._desks: dict[str, _Desk] = {}
 
     def status(self, policy: str, make: Callable[[], dict[str, Any]]) -> None:
         """Have the status that `make` returns written soon; of several calls only the last counts.
 
         `make` is called on the loop's thread.
         """
+        desk = self._desks.get(policy)
+        if desk is None:
+            desk = self._desks[policy] = _Desk(policy)
+        delay = STATUS_INTERVAL if policy in self._pending else STATUS_DELAY
         self._pending[policy] = make
-        if policy not in self._resting:
-            self._resting.add(policy)
-            self._scheduler.schedule_relative(STATUS_DELAY, lambda *_: self._rested(policy))
+        if not desk.resting:
+            desk.resting = True
+            self._look_in(desk, delay)
 
     def forget(self, policy: str) -> None:
         """The policy is gone: write nothing more for it."""
         self._pending.pop(policy, None)
-        self._sent.pop(policy, None)
-        self._written.pop(policy, None)
+        desk = self._desks.pop(policy, None)
+        if desk is not None:
+            desk.timer.dispose()
 
     def event(self, event: Mapping[str, Any]) -> None:
         """Post an event. There is no deduplication here: the caller knows that it is news."""
@@ -67,41 +92,41 @@ class Reporter:
         """Finish the write in progress and drop the queued ones."""
         self._worker.shutdown(wait=True, cancel_futures=True)
 
-    def _write(self, policy: str) -> None:
-        status = self._pending.pop(policy)()
-        if status == self._written.get(policy):
-            return
-        self._sent[policy] = status
-        self._resting.add(policy)
-        self._worker.submit(self._send, policy, status)
+    def _look_in(self, desk: _Desk, seconds: float) -> None:
+        desk.timer.disposable = self._scheduler.schedule_relative(seconds, lambda *_: self._look(desk))
 
-    def _send(self, policy: str, status: dict[str, Any]) -> None:
+    def _look(self, desk: _Desk) -> None:
+        """Write what is news, or look again when the budget has room for it."""
+        desk.resting = False
+        make = self._pending.get(desk.policy)
+        status = make() if make is not None else desk.written
+        if status is None or status == desk.written:
+            self._pending.pop(desk.policy, None)
+            return
+        wait = desk.budget.wait(self._scheduler.to_seconds(self._scheduler.now), reserve(desk.written, status))
+        if wait:
+            self._look_in(desk, wait)
+            return
+        desk.resting = True
+        del self._pending[desk.policy]
+        self._worker.submit(self._send, desk, status)
+
+    def _send(self, desk: _Desk, status: dict[str, Any]) -> None:
         rest = STATUS_INTERVAL
-        namespace, name = policy.split("/")
+        namespace, name = desk.policy.split("/")
         error = _outcome(lambda: self._api.write_status(namespace, name, status))
         if error is not None:
             rest = STATUS_RETRY if error.retriable else STATUS_INTERVAL
-            log.log(logging.INFO if error.reason == "NotFound" else logging.WARNING, "status of %s: %s", policy, error)
-            if error.retriable:
-                self._scheduler.schedule(lambda *_: self._keep(policy, status))
-        else:
-            self._scheduler.schedule(lambda *_: self._note(policy, status))
-        self._scheduler.schedule_relative(rest, lambda *_: self._rested(policy))
+            level = logging.INFO if error.reason == "NotFound" else logging.WARNING
+            log.log(level, "status of %s: %s", desk.policy, error)
+        self._scheduler.schedule(lambda *_: self._sent(desk, status, error, rest))
 
-    def _note(self, policy: str, status: dict[str, Any]) -> None:
-        """The API server has this status: the same again would be no news."""
-        if self._sent.get(policy) is status:
-            self._written[policy] = status
-
-    def _keep(self, policy: str, status: dict[str, Any]) -> None:
-        """Queue the failed status again, unless there is a newer one or the policy is gone."""
-        if self._sent.get(policy) is status:
-            self._pending.setdefault(policy, lambda: status)
-
-    def _rested(self, policy: str) -> None:
-        self._resting.discard(policy)
-        if policy in self._pending:
-            self._write(policy)
+    def _sent(self, desk: _Desk, status: dict[str, Any], error: ActuationError | None, rest: float) -> None:
+        if error is None:
+            desk.note(status)
+        elif error.retriable and desk is self._desks.get(desk.policy):
+            self._pending.setdefault(desk.policy, lambda: status)
+        self._look_in(desk, rest)
 
     def _post(self, event: Mapping[str, Any]) -> None:
         error = _outcome(lambda: self._api.post_event(event["metadata"]["namespace"], event))
@@ -112,8 +137,8 @@ class Reporter:
 def _outcome(write: Callable[[], None]) -> ActuationError | None:
     """Why the write failed, or None.
 
-    Unexpected exceptions are outcomes too: if one escaped, `_rested` would never run and the policy's status would
-    never be written again.
+    Unexpected exceptions are outcomes too: if one escaped, `_sent` would never run and the policy's status would never
+    be written again.
     """
     try:
         write()

@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.telemetry.status_budget import FOR_CONDITIONS, FOR_CONTEXTS, reserve
+
+
+def a_status(*, ready="True", message="", **fields):
+    conditions = [{"type": "Ready", "status": ready, "reason": "Working", "message": message}]
+    return {"observedGeneration": 1, "contexts": "-", "conditions": conditions, **fields}
+
+
+@pytest.mark.parametrize(
+    "after",
+    [
+        a_status(ready="False"),
+        a_status(observedGeneration=2),
+        a_status(promotedShadow="trial"),
+        a_status(shadow={"takenBack": {"generation": 1}}),
+    ],
+    ids=["condition", "generation", "promotion", "taken back"],
+)
+def test_what_somebody_has_to_act_on_may_take_the_last_write(after):
+    assert reserve(a_status(), after) == 0
+
+
+def test_the_first_status_may_take_the_last_write():
+    assert reserve(None, a_status()) == 0
+
+
+def test_contexts_leave_some_to_conditions():
+    assert reserve(a_status(), a_status(contexts="moving", tasks=[])) == FOR_CONDITIONS > 0
+
+
+@pytest.mark.parametrize("after", [a_status(tasks=[{"weight": 2}]), a_status(message="more"), a_status(plan={})])
+def test_what_moves_with_samples_leaves_some_to_contexts(after):
+    assert reserve(a_status(), after) == FOR_CONTEXTS > FOR_CONDITIONS
