@@ -157,6 +157,9 @@ def a_target(identity: str = SLAM, cores: float = 0.5, *, task: str = "slam", **
         "containerId": f"containerd://{identity}",
         "cores": cores,
         "limit": None,
+        "weight": None,
+        "quota": cores,
+        "held": False,
         **more,
     }
 

@@ -142,7 +142,7 @@ def test_containers_that_start_are_not_mistaken_for_each_other(admission):
     assert admission.admit(an_order(starting, policy=OTHER))
 
 
-@pytest.mark.parametrize("changes", [{"mode": "DryRun"}, {"mode": "Paused"}, {"control": "Weight"}])
+@pytest.mark.parametrize("changes", [{"mode": "DryRun"}, {"mode": "Paused"}])
 def test_what_moves_no_limits_wants_nothing(admission, changes):
     admitted = admission.admit(an_order(a_target(), **changes))
     assert admitted is not None

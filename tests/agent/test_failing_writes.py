@@ -267,7 +267,8 @@ def _threads(monkeypatch):
 
 
 def realtime(agent, slam=0.5, speech=0.3, **more):
-    return plan(agent, slam, speech, scheduler="Realtime", capacity=0.95, **more)
+    """Parts of each of the two processors' periods."""
+    return plan(agent, 2 * slam, 2 * speech, scheduler="Realtime", capacity=1.9, **more)
 
 
 @pytest.mark.usefixtures("_threads")

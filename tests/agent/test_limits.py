@@ -192,11 +192,42 @@ def test_a_container_that_ended_is_forgotten(tree, limits, ledger, slam, speech)
 
 
 def test_a_held_limit_is_kept_against_anybody_and_still_undone(tree, limits, slam):
-    limits.apply(POLICY, {slam: 10}, held=True)
+    limits.apply(POLICY, {slam: 10}, [slam])
     resize(tree, limits, slam, 300)
     assert tree.limit(slam) == 10
     limits.release(POLICY)
     assert tree.limit(slam) == 300
+
+
+def test_what_the_api_cannot_have_is_held_beside_what_it_can(tree, limits, slam, speech):
+    """The kubelet writes what the API has: the request of the one, the very limit of the other."""
+    limits.apply(POLICY, {slam: 10, speech: 400}, [slam])
+    resize(tree, limits, slam, 300)
+    resize(tree, limits, speech, 400)
+    resize(tree, limits, speech, 450)
+    assert (tree.limit(slam), tree.limit(speech)) == (10, 450)
+
+
+def test_a_held_limit_that_was_there_already_is_kept_too(tree, limits, slam):
+    tree.set(slam, 10)
+    limits.apply(POLICY, {slam: 10}, [slam])
+    resize(tree, limits, slam, 300)
+    assert tree.limit(slam) == 10
+
+
+def test_a_container_without_a_limit_is_capped_and_freed_again(tree, limits):
+    free = tree.container(CHAT, limit=None)
+    limits.apply(POLICY, {free: 10})
+    assert (tree.limit(free), tree.limit(free.parent)) == (10, None)
+    limits.apply(POLICY, {free: None})
+    assert (tree.limit(free), tree.limit(free.parent)) == (None, None)
+
+
+def test_weights_in_the_journal_keep_no_limit_of_a_pod(tree, limits, ledger, slam):
+    limits.apply(POLICY, {slam: 990})
+    ledger.intend(tree.weight_file(slam), POLICY, now="2", ours="100")
+    resize(tree, limits, slam, 990)
+    assert tree.limit_file(slam.parent) not in ledger.entries
 
 
 def told_late(tree, limits, group):
@@ -217,9 +248,10 @@ def test_a_resize_that_a_plan_overtakes_is_no_confirmation(tree, limits, slam):
 
 @pytest.mark.parametrize("held", [False, True])
 def test_a_resize_that_a_second_plan_overtakes_is_what_comes_back(tree, limits, slam, held):
-    limits.apply(POLICY, {slam: 20}, held=held)
+    kept = [slam] if held else []
+    limits.apply(POLICY, {slam: 20}, kept)
     tree.set(slam, 300)
-    limits.apply(POLICY, {slam: 10}, held=held)
+    limits.apply(POLICY, {slam: 10}, kept)
     told_late(tree, limits, slam)
     assert tree.limit(slam) == 10
     limits.release(POLICY)

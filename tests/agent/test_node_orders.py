@@ -16,7 +16,7 @@ from contextpolicy.bus.decision_bus import message
 from contextpolicy.cluster.pods import view
 from contextpolicy.errors import OrderError
 from contextpolicy.planning.allocation.placement import Container, Placement
-from contextpolicy.policy.spec import Control, Mode, RealtimePolicy, Scheduler
+from contextpolicy.policy.spec import Mode, RealtimePolicy, Scheduler
 from tests.agent.builders import JSON, NODE, POLICY, SLAM, SPEECH, a_message, a_target
 from tests.cluster import builders as cluster
 from tests.planning.builders import Story, a_context, a_policy, a_task
@@ -35,11 +35,30 @@ def test_an_order_has_what_this_node_must_do():
         stamp=(1, 7, 0),
         mode=Mode.ENFORCE,
         scheduler=Scheduler.CFS,
-        control=Control.LIMIT,
         capacity=1000,
         targets=(
-            OrderTarget("uid-a", "Burstable", f"containerd://{SLAM}", 990, 500, suspended=False),
-            OrderTarget("uid-b", "Burstable", f"containerd://{SPEECH}", 10, None, suspended=True),
+            OrderTarget(
+                "uid-a",
+                "Burstable",
+                f"containerd://{SLAM}",
+                990,
+                500,
+                suspended=False,
+                weight=None,
+                quota=990,
+                held=False,
+            ),
+            OrderTarget(
+                "uid-b",
+                "Burstable",
+                f"containerd://{SPEECH}",
+                10,
+                None,
+                suspended=True,
+                weight=None,
+                quota=10,
+                held=False,
+            ),
         ),
     )
 
@@ -126,7 +145,9 @@ def test_a_target_that_makes_no_sense_spoils_the_message(changes):
         {"sequence": "1"},
         {"mode": "Destroy"},
         {"scheduler": 5},
-        {"control": {}},
+        {"targets": [a_target(weight=-1)]},
+        {"targets": [a_target(quota=0)]},
+        {"targets": [a_target(held=1)]},
         {"tasks": []},
         {"nodes": []},
         {"nodes": {NODE: []}},

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from contextpolicy.bus.signatures import MAX_AGE
 from contextpolicy.errors import OrderError
 from contextpolicy.planning.allocation.seating import REALTIME_BUDGET
-from contextpolicy.policy.spec import Control, Mode, Scheduler
+from contextpolicy.policy.spec import Mode, Scheduler
 
 if TYPE_CHECKING:
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
@@ -53,7 +53,7 @@ class Admission:
         if self._desired.get(order.policy) == desired and not failed:
             self._stamps[order.policy], self._signed[order.policy] = order.stamp, signed
             return None
-        if order.mode is not Mode.ENFORCE or (order.scheduler, order.control) == (Scheduler.CFS, Control.WEIGHT):
+        if order.mode is not Mode.ENFORCE:
             order = replace(order, targets=())
         self._check_parts(order)
         self._check_amounts(order)
@@ -143,8 +143,8 @@ class Admission:
 
 def _desired(order: NodeOrder) -> _Desired:
     """The order without its edition and the limits in force: what has to change to make it a new one."""
-    targets = tuple((t.uid, t.qos, t.container_id, t.share, t.suspended) for t in order.targets)
-    return order.stamp[:2], order.mode, order.scheduler, order.control, order.capacity, order.manner, targets
+    targets = tuple(target._replace(limit=None) for target in order.targets)
+    return order.stamp[:2], order.mode, order.scheduler, order.capacity, order.manner, targets
 
 
 def _named(order: NodeOrder) -> list[OrderTarget]:

@@ -11,7 +11,7 @@ from contextpolicy.agent import capabilities
 from contextpolicy.agent import node_orders as orders
 from contextpolicy.agent.admission import Admission
 from contextpolicy.agent.cgroup_paths import find_cgroups
-from contextpolicy.agent.cgroup_writers import CgroupWriters
+from contextpolicy.agent.cgroup_writers import DRAIN, CgroupWriters
 from contextpolicy.agent.failures import GONE, by_container
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.pod_namespaces import PodNamespaces
@@ -46,6 +46,9 @@ class Agent:
         self._namespaces = PodNamespaces(settings.logs)
         self._ledger = Ledger(settings.state / "agent.journal")
         self._graces: dict[str, DisposableBase] = {}
+        self._drains: dict[str, DisposableBase] = {}
+        self._draining: dict[str, NodeOrder] = {}
+        """By policy, the newest order, while tasks that it suspends finish the input that they are at."""
         self._sources: set[str] = set()
         self._writers: CgroupWriters | None = None
         self._missing: dict[str, list[str]] = {}
@@ -151,9 +154,32 @@ class Agent:
             return {target.container_id: "Incapable" for target in order.targets if target.container_id}
         groups, refused = self._groups(writers, order)
         self._followed[order.policy] = groups
-        failures = writers.apply(order, groups)
+        self._draining[order.policy] = order
+        drained = not writers.drains(order, groups)
+        failures = writers.apply(order, groups, drained=drained)
         self._note(failures)
+        if drained:
+            self._end_drain(order.policy)
+        elif order.policy not in self._drains:
+            self._drains[order.policy] = self._scheduler.schedule_relative(DRAIN, lambda *_: self._drain(order.policy))
         return refused | by_container(failures, {group: target.container_id for group, target in groups.items()})
+
+    def _drain(self, policy: str) -> None:
+        """Suspended tasks had their time: carry out the newest order in full."""
+        order = self._draining[policy]
+        self._end_drain(policy)
+        if self._writers is not None:
+            groups, _ = self._groups(self._writers, order)
+            failures = self._writers.apply(order, groups, drained=True)
+            self._note(failures)
+            if failures:
+                self._admission.fail(policy)
+
+    def _end_drain(self, policy: str) -> None:
+        self._draining.pop(policy, None)
+        timer = self._drains.pop(policy, None)
+        if timer is not None:
+            timer.dispose()
 
     def _groups(self, writers: CgroupWriters, order: NodeOrder) -> tuple[dict[Path, OrderTarget], dict[str, str]]:
         """The cgroups of the targets on this node, and why the other containers have none.
@@ -178,6 +204,7 @@ class Agent:
     def _release(self, policy: str) -> None:
         """Undo everything for the policy."""
         self._end_grace(policy)
+        self._end_drain(policy)
         self._followed.pop(policy, None)
         self._admission.drop(policy)
         if self._writers is not None:

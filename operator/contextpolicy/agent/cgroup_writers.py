@@ -1,12 +1,14 @@
-"""What writes the pods' cgroups, once the kubelet has created them: CPU limits and realtime budgets."""
+"""What writes the pods' cgroups, once the kubelet has created them: CPU limits, weights and realtime budgets."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from contextpolicy.agent import weight_units
 from contextpolicy.agent.control_files import CFS, REALTIME, ControlFiles
 from contextpolicy.agent.limits import Limits
 from contextpolicy.agent.realtime import Realtime
+from contextpolicy.agent.cpu_weights import Weights
 from contextpolicy.planning.allocation.placement import QUANTUM
 from contextpolicy.policy.spec import Scheduler
 
@@ -23,6 +25,10 @@ if TYPE_CHECKING:
 _MOST_GROUPS = 1000
 """Containers whose cgroups are remembered; a node has a tenth of that, and it may run for years."""
 
+DRAIN = 0.5
+"""Seconds in which a suspended task may finish the input that it is at, with the least weight: a quota at once would
+freeze it, and with it what a robot has already seen or heard. Measured by `make bench-enforcement`."""
+
 
 class CgroupWriters:
     """One node's writers. Nothing is raised: each method returns the groups where it failed."""
@@ -30,6 +36,7 @@ class CgroupWriters:
     def __init__(self, layout: CgroupPaths, ledger: Ledger, watch: WriteWatch, priority: int, processors: int) -> None:
         self.layout, self._processors = layout, processors
         self._limits = Limits(ControlFiles(CFS[layout.version], watch.add, watch.remove), ledger)
+        self._weights = Weights(layout.version, watch, ledger)
         self._realtime = Realtime(layout, ControlFiles(REALTIME[layout.version]), ledger, priority)
         self._groups: dict[tuple[str, str, str], Path] = {}
 
@@ -37,7 +44,7 @@ class CgroupWriters:
         """The target's cgroup; None when there is none. One whose limit we have open needs no look."""
         name = target.qos, target.uid, target.container_id
         group = self._groups.get(name)
-        if group is not None and self._limits.knows(group):
+        if group is not None and (self._limits.knows(group) or self._weights.knows(group)):
             return group
         if len(self._groups) >= _MOST_GROUPS:
             self._groups.clear()
@@ -47,32 +54,49 @@ class CgroupWriters:
         self._groups[name] = group
         return group
 
-    def apply(self, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> Failures:
-        """Carry out the order on these groups, and undo what else the policy had."""
+    def apply(self, order: NodeOrder, groups: Mapping[Path, OrderTarget], *, drained: bool) -> Failures:
+        """Carry out the order on these groups, and undo what else the policy had.
+
+        A task that is suspended and weighs least keeps its quota unless it has `drained`.
+        """
         if order.scheduler is Scheduler.REALTIME:
             return self._apply_realtime(order, groups)
         # Settled first: `apply` makes an earlier run's entries its own, as if no resize had confirmed them yet.
         for group, target in groups.items():
             if target.limit is not None:
                 self._limits.settle(group, target.limit)
-        failures = self._limits.apply(order.policy, _shares(groups))
+        weights = {group: target.weight for group, target in groups.items() if target.weight is not None}
+        failures = self._weights.apply(order.policy, weights)
+        failures |= self._limits.apply(order.policy, self._quotas(order, groups, drained=drained), _held(groups))
         return self._realtime.release(order.policy) | failures
+
+    def drains(self, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> bool:
+        """Whether a task is about to be suspended that may finish the input that it is at: see `DRAIN`."""
+        return self._quotas(order, groups, drained=False) != self._quotas(order, groups, drained=True)
 
     def release(self, policy: str) -> Failures:
         """Undo everything for the policy."""
-        return self._limits.release(policy) | self._realtime.release(policy)
+        return self._weights.release(policy) | self._limits.release(policy) | self._realtime.release(policy)
 
     def on_other_write(self, path: Path) -> Failures:
         """Somebody else wrote a file that we watch."""
-        return self._limits.on_other_write(path)
+        weight = path.name == weight_units.FILES[self.layout.version]
+        return (self._weights if weight else self._limits).on_other_write(path)
+
+    def _quotas(self, order: NodeOrder, groups: Mapping[Path, OrderTarget], *, drained: bool) -> dict[Path, int | None]:
+        before = self._limits.wanted(order.policy)
+        draining = {group for group, target in groups.items() if not drained and target.weight == 0}
+        kept = {group: before[group] for group in draining & before.keys()}
+        return kept | {group: target.quota for group, target in groups.items() if group not in draining}
 
     def _apply_realtime(self, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> Failures:
         # Limits first: they must be in force when suspended threads fall back to the fair scheduler.
         resting = {group for group, target in groups.items() if target.suspended}
-        failures = self._limits.apply(order.policy, dict.fromkeys(resting, QUANTUM), held=True)
+        failures = self._limits.apply(order.policy, dict.fromkeys(resting, QUANTUM), resting)
+        failures |= self._weights.release(order.policy)
         parts = {group: target.part(self._processors) for group, target in groups.items()}
         return self._realtime.apply(order.policy, parts, order.manner, resting) | failures
 
 
-def _shares(groups: Mapping[Path, OrderTarget]) -> dict[Path, int]:
-    return {group: target.share for group, target in groups.items()}
+def _held(groups: Mapping[Path, OrderTarget]) -> set[Path]:
+    return {group for group, target in groups.items() if target.held}

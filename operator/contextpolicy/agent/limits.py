@@ -19,14 +19,16 @@ if TYPE_CHECKING:
 
     from contextpolicy.agent.ledger import Entry, Ledger
 
-    _Containers = dict[Path, tuple[int | None, int]]
+    _Containers = dict[Path, tuple[int | None, int | None]]
     """Of each container (now, wanted)."""
 
 log = logging.getLogger(__name__)
 
 
 class Limits:
-    """The CPU limits that policies want on one node, in thousandths of a core; groups are the containers' cgroups.
+    """The CPU limits that policies want on one node, in thousandths of a core, None for no limit.
+
+    Groups are the containers' cgroups.
 
     Nothing is raised: each method returns the groups, containers or pods, where it failed.
     """
@@ -34,13 +36,13 @@ class Limits:
     def __init__(self, files: ControlFiles, ledger: Ledger) -> None:
         self._files, self._ledger = files, ledger
         self._children, self._siblings = Children(), ControlFiles(files.form)
-        self._wanted: dict[str, dict[Path, int]] = {}
-        self._held: set[str] = set()
+        self._wanted: dict[str, dict[Path, int | None]] = {}
+        self._held: dict[str, set[Path]] = {}
+        """The containers whose limits are held, and their pods."""
 
-    def apply(self, policy: str, shares: Mapping[Path, int], *, held: bool = False) -> Failures:
+    def apply(self, policy: str, limits: Mapping[Path, int | None], held: Collection[Path] = ()) -> Failures:
         """Set the policy's limits and undo any others it had. `held` ones are restored whoever overwrites them."""
-        self._wanted[policy] = dict(shares)
-        (self._held.add if held else self._held.discard)(policy)
+        self._wanted[policy], self._held[policy] = dict(limits), {*held, *map(pod_of, held)}
         failures = self._enforce(policy, anew=True)
         wanted = self._groups(policy)
         failures |= self._undo({path: e for path, e in self._own(policy).items() if path.parent not in wanted})
@@ -51,7 +53,12 @@ class Limits:
         """Undo all limits of the policy."""
         failures = self.apply(policy, {})
         self._wanted.pop(policy, None)
+        self._held.pop(policy, None)
         return failures
+
+    def wanted(self, policy: str) -> Mapping[Path, int | None]:
+        """The policy's limits."""
+        return self._wanted.get(policy, {})
 
     def settle(self, group: Path, limit: int) -> None:
         """The API has `limit` in force: if an earlier run of the agent wrote the same, it is confirmed."""
@@ -79,7 +86,7 @@ class Limits:
             return {}
         if entry is not None and (entry.held or text == entry.theirs or text in entry.earlier):
             self._ledger.hear(path, text)
-        else:
+        elif not self._holds(path.parent):
             self._close(path)
             self._give_way(path, text)
         failures = self._enforce(policy) if policy is not None else {}
@@ -99,7 +106,7 @@ class Limits:
         """
         self._ledger.close(path)
         pod = path.parent.parent
-        if not any(other.parent.parent == pod for other in self._ledger.entries):
+        if not any(other.parent.parent == pod and other.name == path.name for other in self._ledger.entries):
             self._ledger.close(pod / path.name)
 
     def _enforce(self, policy: str, *, anew: bool = False) -> Failures:
@@ -194,10 +201,13 @@ class Limits:
             (self._ledger.close if error.reason == GONE else self._ledger.retract)(path)
 
     def _intend(self, policy: str, file: ControlFile, amount: int | None) -> None:
-        held = policy in self._held
+        held = self._holds(file.path.parent)
         self._ledger.intend(file.path, policy, now=file.seen, ours=file.text(amount), held=held)
         if file.unheard:
             self._ledger.overtake(file.path, file.seen)
+
+    def _holds(self, group: Path) -> bool:
+        return any(group in held for held in self._held.values())
 
     def _fits(self, group: Path, limit: int | None) -> bool:
         """Whether a pod's limit is no less than the sum of its containers'; always true of a container's."""

@@ -10,7 +10,7 @@ import msgspec
 from contextpolicy.agent.cgroup_paths import is_container_id, is_uid
 from contextpolicy.errors import OrderError
 from contextpolicy.policy.bandwidth import LONGEST, PERIOD, SHORTEST
-from contextpolicy.policy.spec import Control, Mode, RealtimePolicy, Scheduler
+from contextpolicy.policy.spec import Mode, RealtimePolicy, Scheduler
 
 if TYPE_CHECKING:
     from contextpolicy.cluster.agent_reports import Stamp
@@ -22,7 +22,9 @@ MAX_CORES = 1024
 class OrderTarget(NamedTuple):
     """One container: its `share`, and the `limit` in force, in thousandths of a core.
 
-    The `container_id` is empty while the container is starting.
+    `weight` and `quota` are what to write: a weight of None is left alone, one of 0 the least; a quota of None is none.
+    A quota that is `held` is restored whoever overwrites it, because the API can't have it. The `container_id` is empty
+    while the container is starting.
     """
 
     uid: str
@@ -31,6 +33,9 @@ class OrderTarget(NamedTuple):
     share: int
     limit: int | None
     suspended: bool
+    weight: int | None
+    quota: int | None
+    held: bool
 
     def part(self, processors: int) -> int:
         """The share as a part of the period of each of the node's processors, in thousandths."""
@@ -60,7 +65,6 @@ class NodeOrder:
     stamp: Stamp
     mode: Mode
     scheduler: Scheduler
-    control: Control
     capacity: int
     targets: tuple[OrderTarget, ...]
     manner: Manner = field(default_factory=Manner)
@@ -83,6 +87,9 @@ class _Target(msgspec.Struct, rename="camel"):
     qos: Literal["Guaranteed", "Burstable", "BestEffort"]
     container_id: str
     cores: _Cores
+    weight: Annotated[float, msgspec.Meta(ge=0, le=MAX_CORES)] | None
+    quota: _Cores | None
+    held: bool
     limit: _Cores | None = None
 
 
@@ -108,7 +115,6 @@ class _Message(msgspec.Struct):
     sequence: _Count
     mode: Mode
     scheduler: Scheduler
-    control: Control
     realtime: _Realtime
     tasks: dict[str, _Task]
     nodes: dict[str, _Node]
@@ -137,7 +143,6 @@ def _order(message: _Message, node: str) -> NodeOrder:
         stamp=(message.run, message.sequence, message.edition),
         mode=message.mode,
         scheduler=(own and own.scheduler) or message.scheduler,
-        control=message.control,
         capacity=round(own.capacity * 1000) if own else 0,
         targets=tuple(_target(t, tasks[t.task]) for t in message.targets if t.node == node),
         manner=Manner(round(message.realtime.period * 1e6), message.realtime.policy),
@@ -154,6 +159,13 @@ def _target(target: _Target, task: _Task) -> OrderTarget:
         target.qos,
         target.container_id,
         round(target.cores * 1000),
-        None if target.limit is None else round(target.limit * 1000),
+        _thousandths(target.limit),
         task.suspended,
+        _thousandths(target.weight),
+        _thousandths(target.quota),
+        target.held,
     )
+
+
+def _thousandths(cores: float | None) -> int | None:
+    return None if cores is None else round(cores * 1000)

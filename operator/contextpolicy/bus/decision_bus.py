@@ -9,6 +9,7 @@ import msgspec
 import zenoh
 
 from contextpolicy.cluster.claims import container_id
+from contextpolicy.planning.allocation.enforcement import amounts
 from contextpolicy.planning.plan_json import plan_json
 
 if TYPE_CHECKING:
@@ -63,19 +64,25 @@ def message(
     policy: Policy, run: int, plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]
 ) -> dict[str, Any]:
     """A plan as the bus carries it (see `plan_json`), without `edition` and `trigger`: the publisher adds those."""
-    return {**plan_json(policy, plan), "run": run, "targets": list(_targets(plan, containers, pods))}
+    return {**plan_json(policy, plan), "run": run, "targets": list(_targets(policy, plan, containers, pods))}
 
 
-def _targets(plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]) -> Iterator[dict[str, Any]]:
+def _targets(
+    policy: Policy, plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]
+) -> Iterator[dict[str, Any]]:
     """What each container gets, with everything an agent on its node needs to find the cgroup."""
-    tasks = {container.id: container.task for container in containers}
+    tasks = {container.id: container for container in containers}
+    specs = {task.name: task for task in policy.leaves}
     shares = plan.containers
     for pod in pods:
         for container in pod.containers:
             identity = container_id(pod, container.name)
             if identity in shares and identity in tasks:
+                claimed, suspended = tasks[identity], plan.tasks[tasks[identity].task].suspended
+                own = amounts(policy.enforcement.control, specs[claimed.task], shares[identity], suspended=suspended)
+                quota = claimed.limit if own.quota is None else own.quota
                 yield {
-                    "task": tasks[identity],
+                    "task": claimed.task,
                     "node": pod.node,
                     "namespace": pod.namespace,
                     "pod": pod.name,
@@ -84,6 +91,9 @@ def _targets(plan: Plan, containers: Iterable[Container], pods: Iterable[PodView
                     "container": container.name,
                     "containerId": container.container_id,
                     "cores": shares[identity] / 1000,
+                    "weight": None if own.weight is None or pod.qos != "Burstable" else own.weight / 1000,
+                    "quota": None if quota is None else quota / 1000,
+                    "held": quota is not None and (claimed.limit is None or quota < claimed.request),
                     "limit": container.actual.limit / 1000 if container.actual and container.actual.limit else None,
                 }
 

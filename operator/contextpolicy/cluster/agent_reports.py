@@ -124,15 +124,17 @@ def with_agents(policy: Policy, claim: Claim, reports: Mapping[str, AgentReport]
     A node that can't do realtime divides as CFS does, or is left out when the policy rules that out.
     """
     own = {node: reports[node] for node in claim.placement.allocatable if node in reports}
+    agents = frozenset(node for node, report in own.items() if not report.limits)
     placement = replace(
         claim.placement,
+        agents=agents,
         processors={node: report.processors for node, report in own.items() if report.processors},
         quota_periods={node: report.quota_period for node, report in own.items() if report.quota_period},
     )
     useless = {node: report.unlimited for node, report in own.items() if report.unlimited}
     claim = replace(
         claim,
-        agents=frozenset(node for node, report in own.items() if not report.limits),
+        agents=agents,
         placement=placement,
         unlimited=[f"node {node} can't limit CPU time: {why}" for node, why in sorted(useless.items())],
     )

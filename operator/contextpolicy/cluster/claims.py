@@ -181,9 +181,9 @@ def _find(policy: Policy, pods: Sequence[PodView], original: Original) -> list[_
     for task, pod, container in _matches(policy, pods):
         before = original(pod.uid, container.name)
         floor = pod.floor(container, before)
-        claimed = Container(container_id(pod, container.name), task.name, pod.node, floor, container.memory_limit)
-        limit = (before or container.spec).limit or 0
-        found.append(_Match(task, claimed, limit, pod.obstacle(container, may_restart=task.restart_on_resize)))
+        limit, identity = (before or container.spec).limit, container_id(pod, container.name)
+        claimed = Container(identity, task.name, pod.node, floor, container.memory_limit, limit)
+        found.append(_Match(task, claimed, limit or 0, pod.obstacle(container, may_restart=task.restart_on_resize)))
     return found
 
 

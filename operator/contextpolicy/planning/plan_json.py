@@ -27,8 +27,10 @@ The decision bus adds what only a running operator has:
 run         when the policy's runner was started, in milliseconds since 1970; (run, sequence, edition) only grows
 edition     counts the messages with one sequence number: weights, scores or contexts changed, or containers were
             restarted or moved
-targets     each container: `task`, `node`, `namespace`, `pod`, `uid`, `qos`, `container`, `containerId`, `cores` (what
-            it gets) and `limit` (what the kubelet reports as in force; null until it reports one)
+targets     each container: `task`, `node`, `namespace`, `pod`, `uid`, `qos`, `container`, `containerId`, `cores` (its
+            share); what an agent writes for it, `weight` (null: what it has; 0: the least) and `quota` (null: none),
+            and whether the quota is `held` although the API can't have it; and `limit` (what the kubelet reports as in
+            force; null until it reports one)
 trigger     when the sample that led to it arrived, in Unix seconds; absent from answers to queries
 ==========  ==========================================================================================================
 """

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from contextpolicy.planning.allocation.placement import QUANTUM
 from contextpolicy.planning.allocation.plan import Shortfall
+from contextpolicy.planning.allocation.seating import holds_up
 from contextpolicy.policy.quantities import format_cpu
-from contextpolicy.policy.spec import Control
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -36,12 +35,9 @@ def shortfalls(
             continue
         if weights[container.task].value > 0:
             yield from _unmet(tasks[container.task], share, container, seated[container.node])
-        elif container.task in suspended and policy.enforcement.control is Control.LIMIT and share > QUANTUM:
-            request = format_cpu(container.request)
-            yield Shortfall(
-                container.task,
-                f"is suspended but its CPU request of {request} keeps its limit at {format_cpu(share)}",
-            )
+        elif container.task in suspended and holds_up(policy, container, layout.agents):
+            request, limit = format_cpu(container.request), format_cpu(max(share, container.floor))
+            yield Shortfall(container.task, f"is suspended but its CPU request of {request} keeps its limit at {limit}")
 
 
 def _unmet(task: Task, share: int, container: Container, node: SeatedNode) -> Iterator[Shortfall]:

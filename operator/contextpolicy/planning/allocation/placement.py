@@ -17,8 +17,8 @@ QUANTUM = 10
 class Container:
     """One container that a task claims.
 
-    `request` is its CPU request in thousandths of a core, below which its limit can't go; `memory` is its memory limit
-    in bytes, None if it has none.
+    `request` is its CPU request in thousandths of a core, below which the API lets no limit go; `memory` is its memory
+    limit in bytes and `limit` the CPU limit that it had before any policy, None if it has none.
     """
 
     id: str
@@ -26,6 +26,7 @@ class Container:
     node: str
     request: int = 0
     memory: int | None = None
+    limit: int | None = None
 
     @property
     def floor(self) -> int:
@@ -49,6 +50,8 @@ class Placement:
     """As counted by the nodes' agents; without an agent, as many as the allocatable CPU needs."""
     quota_periods: Mapping[str, float] = field(default_factory=dict)
     """The kubelets' CFS periods in seconds, as the nodes' agents found them."""
+    agents: frozenset[str] = frozenset()
+    """The nodes whose agents write quotas: there a request holds none up."""
     left: Mapping[str, int] = field(default_factory=dict)
     """What other policies leave of a node, in thousandths of a core; a node not named is all there."""
 

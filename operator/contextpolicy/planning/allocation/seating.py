@@ -11,7 +11,7 @@ from contextpolicy.policy.bandwidth import PERIOD, throttle_gap
 from contextpolicy.policy.spec import Control, Needs, Scheduler
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from contextpolicy.planning.allocation.placement import Container, Placement
     from contextpolicy.planning.allocation.weights import Weight
@@ -79,11 +79,15 @@ class SeatedNode:
 
 @dataclass(frozen=True, slots=True)
 class Seating:
-    """All nodes of known size, the containers that may come up short of their needs, and the tasks without a pod."""
+    """All nodes of known size, the containers that may come up short of their needs, and the tasks without a pod.
+
+    `agents` are the nodes whose agents write quotas.
+    """
 
     nodes: tuple[SeatedNode, ...] = ()
     demanding: tuple[Container, ...] = ()
     absent: frozenset[str] = frozenset()
+    agents: frozenset[str] = frozenset()
 
 
 def seat_tasks(policy: Policy, placement: Placement) -> Seating:
@@ -99,9 +103,16 @@ def seat_tasks(policy: Policy, placement: Placement) -> Seating:
     demanding = tuple(
         container
         for container in placement.containers
-        if container.task in tasks and (tasks[container.task].needs != Needs() or container.floor > QUANTUM)
+        if container.task in tasks
+        and (tasks[container.task].needs != Needs() or holds_up(policy, container, placement.agents))
     )
-    return Seating(nodes, demanding, placement.absent)
+    return Seating(nodes, demanding, placement.absent, placement.agents)
+
+
+def holds_up(policy: Policy, container: Container, agents: Collection[str]) -> bool:
+    """Whether the container's request keeps its limit up when it is suspended; `agents` are nodes that have one."""
+    moves = policy.enforcement.control is Control.WEIGHT or container.node in agents
+    return container.floor > QUANTUM and not moves
 
 
 def _on(node: str, policy: Policy, placement: Placement) -> Policy:
@@ -122,21 +133,24 @@ def _node(
     else:
         quantum, period = QUANTUM, placement.quota_periods.get(name, own.period)
         units = divisible // quantum
-    seats = tuple(_seat(policy, *seat, units, quantum) for seat in seated)
+    led = name in placement.agents
+    seats = tuple(
+        _seat(task, containers, tuple(_floor(policy, one, led=led) for one in containers), units, quantum)
+        for task, containers in seated
+    )
     protects = any(seat.protected for seat in seats)
     return SeatedNode(name, units * quantum, quantum, seats, own.scheduler, period, protects)
 
 
-def _seat(policy: Policy, task: Task, containers: Sequence[Container], most: int, quantum: int) -> Seat:
-    floors = tuple(_floor(policy, container) for container in containers)
+def _seat(task: Task, containers: Sequence[Container], floors: tuple[int, ...], most: int, quantum: int) -> Seat:
     floor = max(sum(floors), -(-task.min // quantum))
     # A request can hold the floor above `max`; the ceiling rises with it, as `Demand` needs floor <= ceiling.
     ceiling = most if task.max is None else task.max // quantum
     return Seat(task.name, tuple(containers), floors, floor, max(floor, ceiling), task.protected)
 
 
-def _floor(policy: Policy, container: Container) -> int:
-    """Units below which a container can't go: where only limits move, its request holds it up."""
-    if policy.enforcement.scheduler is Scheduler.REALTIME or policy.enforcement.control is not Control.LIMIT:
+def _floor(policy: Policy, container: Container, *, led: bool) -> int:
+    """Units below which a container can't go: where only limits move, and no agent leads, its request holds it up."""
+    if led or policy.enforcement.scheduler is Scheduler.REALTIME or policy.enforcement.control is not Control.LIMIT:
         return 1
     return container.floor // QUANTUM

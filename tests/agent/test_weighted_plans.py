@@ -1,0 +1,162 @@
+"""The agent under `control: Weight` and `Suspend`: weights at once, quotas once the input at hand is done."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+import pytest
+from reactivex.testing import TestScheduler
+
+from contextpolicy.agent import capabilities
+from contextpolicy.agent.cgroup_paths import Driver
+from contextpolicy.agent.cgroup_writers import DRAIN
+from contextpolicy.agent.weight_units import of_container, of_pod
+from tests.agent.builders import POLICY, SLAM, SPEECH, Tree, a_message, a_target, an_agent
+from tests.agent.test_cpu_weights import Watch
+
+LAYOUTS = [(1, Driver.CGROUPFS), (1, Driver.SYSTEMD), (2, Driver.CGROUPFS), (2, Driver.SYSTEMD)]
+
+
+class Node:
+    """Two tasks and their agent."""
+
+    def __init__(self, folder, layout):
+        self.tree = Tree(folder / "cgroup", *layout)
+        self.slam, self.speech = self.tree.container(SLAM), self.tree.container(SPEECH)
+        self.watch, self._sequence = Watch(), 0
+        self._state = folder / "state"
+        self.start()
+
+    def start(self):
+        """Start an agent; one before it was killed."""
+        self.time = TestScheduler()
+        self.agent = an_agent(self.tree, self._state, self.time, self.watch)
+        self.agent.start()
+        self.agent.find_source(POLICY)
+
+    def plan(self, slam, speech, **more):
+        """Each is (weight, quota); a weight of 0 is suspended."""
+        self._sequence += 1
+        targets = [
+            a_target(identity, 0.5, task=task, weight=weight, quota=quota, **more)
+            for identity, task, (weight, quota) in ((SLAM, "slam", slam), (SPEECH, "speech", speech))
+        ]
+        suspended = tuple(task for task, (weight, _) in (("slam", slam), ("speech", speech)) if weight == 0)
+        return self.agent.hear(POLICY, a_message(*targets, sequence=self._sequence, suspended=suspended))
+
+    def wait(self, seconds):
+        self.time.advance_by(timedelta(seconds=seconds).total_seconds())
+
+    def weights(self):
+        return self.tree.weight(self.slam), self.tree.weight(self.speech)
+
+    def limits(self):
+        return self.tree.limit(self.slam), self.tree.limit(self.speech)
+
+    def expected(self, *cores):
+        return tuple(of_container(amount, self.tree.version) for amount in cores)
+
+
+@pytest.fixture(autouse=True)
+def _able(monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    monkeypatch.setattr(capabilities, "_has_capability", lambda _: True)
+
+
+@pytest.fixture(params=LAYOUTS, ids=str)
+def node(request, tmp_path):
+    return Node(tmp_path, request.param)
+
+
+ACTIVE, ASLEEP = (1.5, 0.5), (0, 0.01)
+
+
+def test_weights_are_written_at_once_and_limits_stay(node):
+    assert node.plan(ACTIVE, (0.3, 0.5)).failed == {}
+    assert node.weights() == node.expected(1500, 300)
+    assert node.limits() == (500, 500)
+    assert node.tree.weight(node.slam.parent) == of_pod(1500, node.tree.version)
+
+
+def test_a_suspended_task_weighs_least_at_once_and_is_capped_once_its_input_is_done(node):
+    node.plan(ACTIVE, (0.3, 0.5))
+    node.plan(ACTIVE, ASLEEP)
+    assert (node.weights(), node.limits()) == (node.expected(1500, 0), (500, 500))
+    node.wait(DRAIN - 0.01)
+    assert node.limits() == (500, 500)
+    node.wait(0.02)
+    assert node.limits() == (500, 10)
+
+
+def test_plans_that_come_meanwhile_put_nothing_off(node):
+    node.plan(ACTIVE, (0.3, 0.5))
+    for _ in range(4):
+        node.plan(ACTIVE, ASLEEP)
+        node.wait(DRAIN / 3)
+    assert node.limits() == (500, 10)
+
+
+def test_a_task_that_wakes_meanwhile_is_never_capped(node):
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(DRAIN / 2)
+    node.plan(ACTIVE, (0.3, 0.5))
+    node.wait(2 * DRAIN)
+    assert node.limits() == (500, 500)
+
+
+def test_a_task_wakes_at_once(node):
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(1)
+    node.plan(ACTIVE, (0.3, 0.5))
+    assert (node.weights(), node.limits()) == (node.expected(1500, 300), (500, 500))
+
+
+def test_what_is_suspended_stays_so_when_another_task_is(node):
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(1)
+    node.plan(ASLEEP, ASLEEP)
+    assert node.limits() == (500, 10)
+    node.wait(1)
+    assert node.limits() == (10, 10)
+
+
+def test_without_weights_a_quota_comes_at_once(node):
+    node.plan((None, 0.5), (None, 0.01))
+    assert (node.limits(), node.weights()) == ((500, 10), (100, 100) if node.tree.version == 2 else (1024, 1024))
+
+
+def test_the_kubelet_writes_what_the_api_has_and_ours_comes_back(node):
+    node.plan(ACTIVE, ASLEEP, held=True)
+    node.wait(1)
+    node.tree.set(node.speech, 300)
+    node.tree.set_weight(node.speech, 77)
+    for path in (node.tree.limit_file(node.speech), node.tree.weight_file(node.speech)):
+        node.agent.on_other_write(path)
+    assert (node.limits(), node.weights()) == ((500, 10), node.expected(1500, 0))
+
+
+def test_everything_written_is_watched(node):
+    node.plan(ACTIVE, ASLEEP)
+    groups = [node.slam, node.slam.parent, node.slam.parent.parent]
+    assert {node.tree.weight_file(group) for group in groups} <= node.watch.paths
+
+
+@pytest.mark.parametrize("seconds", [0, 1])
+def test_a_policy_that_is_deleted_leaves_no_trace_whenever_it_is(node, seconds):
+    before = node.limits(), node.weights(), node.tree.weight(node.slam.parent.parent)
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(seconds)
+    node.agent.hear(POLICY, None)
+    node.wait(1)
+    assert (node.limits(), node.weights(), node.tree.weight(node.slam.parent.parent)) == before
+
+
+@pytest.mark.parametrize("seconds", [0, 1])
+def test_an_agent_that_was_killed_is_undone_by_the_next(node, seconds):
+    before = node.limits(), node.weights(), node.tree.weight(node.slam.parent.parent)
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(seconds)
+    node.start()
+    node.agent.lose_source(POLICY)
+    node.wait(60)
+    assert (node.limits(), node.weights(), node.tree.weight(node.slam.parent.parent)) == before
