@@ -206,3 +206,26 @@ def test_a_clock_that_was_set_back_locks_nobody_out(admission):
     with pytest.raises(OrderError, match=r"20\.000 s before what was heard"):
         admission.admit(an_order(run=4), now - REPEATABLE)
     assert admission.admit(an_order(run=4), now - REPEATABLE - 1)
+
+
+def test_an_order_that_failed_is_obeyed_again_until_it_succeeds(admission):
+    order = an_order(a_target())
+    for _ in range(2):
+        assert admission.admit(order)
+        admission.fail(POLICY)
+    assert refusal(admission, an_order(a_target(), run=0)) == "Outdated"
+    assert admission.admit(an_order(a_target(), edition=1))
+    assert admission.admit(an_order(a_target(), edition=2)) is None
+
+
+def test_an_order_that_failed_still_has_its_containers(admission):
+    admission.admit(an_order(a_target(SLAM)))
+    admission.fail(POLICY)
+    assert refusal(admission, an_order(a_target(SLAM), policy=OTHER)) == "Owned"
+
+
+def test_an_order_that_failed_is_not_obeyed_again_once_its_policy_is_gone(admission):
+    admission.admit(an_order(a_target()))
+    admission.fail(POLICY)
+    admission.withdraw(POLICY, next(TIMES))
+    assert admission.admit(an_order(a_target())) is None

@@ -169,7 +169,8 @@ def test_a_file_that_cannot_be_watched_is_not_written(node):
             if path == node.slam_limit:
                 raise OSError(errno.ENOSPC, "inotify watch limit reached")
 
-    assert failed(plan(node.start(Full(lambda _: None)))) == {"a": "Failed"}
+    agent = node.start(Full(lambda _: None))
+    assert failed(agent.hear(POLICY, a_message(a_target(SLAM, 0.9, limit=0.5)))) == {"a": "Failed"}
     assert node.tree.limit(node.slam) == 500
 
 
@@ -248,6 +249,22 @@ def test_what_cannot_be_undone_now_is_undone_later(node):
     assert node.tree.limit(node.slam) == 500
 
 
+def test_what_is_still_to_be_undone_is_still_watched(node):
+    watched = set()
+
+    class Noting(WriteWatch):
+        def add(self, path):
+            watched.add(path)
+
+        def remove(self, path):
+            watched.remove(path)
+
+    plan(node.start(Noting(lambda _: None)))
+    node.kernel.refuse("pwrite", node.slam_limit, errno.EBUSY)
+    node.agent.hear(POLICY, None)
+    assert watched == {node.slam_limit}
+
+
 def test_a_limit_that_cannot_be_restored_is_counted(node):
     plan(node.agent)
     node.kernel.refuse("pwrite", node.slam_limit, errno.EROFS)
@@ -287,6 +304,32 @@ def test_a_budget_that_cannot_be_opened_is_named(node):
     node.kernel.allow()
     assert failed(realtime(node.agent)) == {}
     assert node.tree.budget(node.slam) == 500
+
+
+@pytest.mark.usefixtures("_threads")
+def test_a_budget_that_cannot_be_read_for_once_is_still_undone(node):
+    realtime(node.agent)
+    node.kernel.refuse("pread", node.slam_budget, errno.EIO)
+    assert failed(realtime(node.agent, 0.4, 0.4, sequence=2)) == {"a": "Failed"}
+    node.kernel.allow()
+    node.agent.hear(POLICY, None)
+    assert node.budgets() == (0, 0)
+
+
+@pytest.mark.usefixtures("_threads")
+@pytest.mark.parametrize("node", LAYOUTS[:2], indirect=True, ids=str)
+def test_a_period_that_cannot_be_put_back_now_is_counted_and_put_back_later(node):
+    period = node.slam / "cpu.rt_period_us"
+    realtime(node.agent)
+    text = period.read_text()
+    period.unlink()
+    period.mkdir()
+    node.agent.hear(POLICY, None)
+    assert node.agent.report()["refused"].keys() == {"Failed"}
+    period.rmdir()
+    period.write_text(text)
+    node.agent.stop()
+    assert (int(text), int(period.read_text())) == (100_000, 1_000_000)
 
 
 @pytest.mark.usefixtures("_threads")
@@ -373,6 +416,16 @@ def test_without_room_budgets_stay_as_they_are_and_can_be_undone(node, room):
     node.agent.hear(POLICY, None)
     assert node.budgets() == (0, 0)
     assert node.tree.budget(node.tree.layout.top) == 0
+
+
+@pytest.mark.usefixtures("_threads")
+def test_budgets_that_are_undone_without_room_are_counted(node):
+    for policy, target in ((POLICY, a_target(SLAM, 0.5)), (OTHER, a_target(SPEECH, 0.3, task="speech"))):
+        node.agent.hear(policy, a_message(target, policy=policy, scheduler="Realtime", capacity=0.95))
+    node.disk.full = True
+    node.agent.hear(POLICY, None)
+    assert node.budgets() == (0, 300)
+    assert node.agent.report()["refused"].keys() == {"Unsaved"}
 
 
 def test_an_agent_that_starts_without_a_place_for_its_journal_works_once_there_is_one(node, monkeypatch):

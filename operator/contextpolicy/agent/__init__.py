@@ -24,6 +24,9 @@ still hold `ours` then wait for the policy's plan, which says what the API has b
 period if none comes. One thing it can't know: that a resize agreed while no agent ran, for a policy whose operator is
 gone too. The older value is then put back, and the next resize or plan corrects it.
 
+What can't be written, or can't be journalled first, stays as it is. The confirmation of the plan names those
+containers, the operator resizes them itself, and each repetition of the plan tries again.
+
 Nobody else writes realtime budgets and the CPU limits of suspended realtime tasks, so no resize ever confirms those:
 they stay in the ledger until they are undone.
 """
