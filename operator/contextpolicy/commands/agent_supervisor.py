@@ -59,11 +59,11 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _supervise(state: StateDirectory, arguments: argparse.Namespace) -> bool:
+    from contextpolicy.agent.agent_supervisor import AgentSupervisor
     from contextpolicy.agent.inotify import WriteWatch
-    from contextpolicy.agent.supervisor import Supervisor
 
     undoing = [sys.executable, "-m", "contextpolicy", "agent-supervisor", "--undo", f"--grace={arguments.grace}"]
-    supervisor = Supervisor(state, lambda: _succeeds(undoing), grace=arguments.grace, patience=arguments.patience)
+    supervisor = AgentSupervisor(state, lambda: _succeeds(undoing), grace=arguments.grace, patience=arguments.patience)
     WriteWatch(lambda _: supervisor.come()).add(state.lock)
     stop_on_signals(supervisor.stop)
     log.info("watching over the agent")

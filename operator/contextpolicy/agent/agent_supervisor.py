@@ -30,7 +30,7 @@ class _Event(Enum):
     STOP = auto()
 
 
-class Supervisor:
+class AgentSupervisor:
     """`undo` undoes what the journal has, unless an agent lives, and says whether it could.
 
     `grace` is how long a killed agent's successor may take, `patience` how long the agent's end may take when both are
