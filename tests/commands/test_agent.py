@@ -25,8 +25,10 @@ KEY = plan_key("robot", "delivery")
 PROGRAM = ("-m", "contextpolicy")
 IMPATIENT = (
     "-c",
-    "from contextpolicy import cli; from contextpolicy.commands import agent; agent.TURN = 0.1; "
-    "raise SystemExit(cli.main())",
+    (
+        "from contextpolicy import cli; from contextpolicy.commands import agent; agent.TURN = 0.1; "
+        "raise SystemExit(cli.main())"
+    ),
 )
 """The program, but it does not wait long for its turn."""
 
