@@ -108,7 +108,9 @@ def test_nothing_is_undone_while_an_agent_may_still_come_and_the_next_one_goes_o
     ask_to_end(following)
     assert following.wait(PATIENCE) == 0
     assert node.undone()
-    assert supervisor.poll() is None
+    ask_to_end(supervisor)
+    _, error = supervisor.communicate(timeout=PATIENCE)
+    assert (supervisor.returncode, error) == (0, ""), "it did something"
 
 
 def test_one_agent_after_the_other_is_undone(node):
@@ -190,6 +192,12 @@ def test_a_journal_that_cannot_be_written_is_reported_and_tried_again_by_the_nex
     (node.state / "agent.new").rmdir()
     node.supervisor()
     until(node.undone)
+
+
+def test_a_journal_that_cannot_be_read_is_reported(node):
+    kill(node.busy())
+    (node.state / "agent.journal").write_text("garbage\n")
+    assert node.run("agent-supervisor", "--undo").wait(PATIENCE) == 1
 
 
 def test_without_a_state_directory_it_says_so(node):
