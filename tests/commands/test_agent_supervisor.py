@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
 
@@ -52,6 +53,11 @@ class Node:
         """Whether all is as it was, and no agent has to know."""
         return self.limits() == [500, 500] and not StateDirectory(self.state).anything_left
 
+    def kill(self):
+        """End all programs, which ends any wait for what they say."""
+        for process in self.started:
+            process.kill()
+
     def _start(self, module, *arguments):
         places = {"CGROUP_ROOT": str(self.tree.mount), "STATE_DIRECTORY": str(self.state)}
         command = [sys.executable, "-m", module, *map(str, arguments)]
@@ -63,9 +69,12 @@ class Node:
 @pytest.fixture
 def node(tmp_path):
     node = Node(tmp_path)
+    bound = threading.Timer(2 * PATIENCE, node.kill)
+    bound.start()
     yield node
+    bound.cancel()
+    node.kill()
     for process in node.started:
-        process.kill()
         process.communicate()
 
 
