@@ -10,45 +10,32 @@ import argparse
 import os
 import signal
 import sys
+from importlib import import_module
 
-from contextpolicy.commands import (
-    adopt,
-    agent,
-    completion,
-    doctor,
-    explain,
-    force,
-    graph,
-    mode,
-    record,
-    restore,
-    router,
-    run,
-    shadow,
-    simulate,
-    skeleton,
-    status,
-    suggest,
-    top,
-    validate,
-    why_not,
-)
+from contextpolicy.commands import completion
 from contextpolicy.errors import ContextPolicyError
 
-ON_THE_CLUSTER = (status, top, explain, why_not, force, mode, shadow, adopt, doctor, record, restore)
-ON_THE_DESK = (validate, simulate, suggest, skeleton, graph, completion)
-IN_THE_CLUSTER = (run, router, agent)
+ON_THE_CLUSTER = (
+    *("status", "top", "explain", "why_not", "force", "mode", "shadow", "adopt", "doctor", "record", "restore"),
+)
+ON_THE_DESK = ("validate", "simulate", "suggest", "skeleton", "graph", "completion")
+IN_THE_CLUSTER = ("run", "router", "agent", "agent_supervisor")
+"""The modules of commands that run for good."""
 PLUGIN = "kubectl-ctxp"
 """The name under which kubectl finds this program as `kubectl ctxp`."""
 
 
-def build_parser(prog: str) -> argparse.ArgumentParser:
-    """The parser of all commands; `prog` is what people call the program."""
+def build_parser(prog: str, first: str = "") -> argparse.ArgumentParser:
+    """The parser of all commands; `prog` is what people call the program, `first` the first word that follows it.
+
+    Of those that run for good only the one in question: the others take 3 MiB.
+    """
     parser = argparse.ArgumentParser(prog=prog, description="Context decides who gets the CPU.")
     parser.add_argument("--version", action=_Version, nargs=0, help="show the installed version and exit")
     subparsers = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (*ON_THE_CLUSTER, *ON_THE_DESK, *IN_THE_CLUSTER):
-        command.add(subparsers)
+    only = first.replace("-", "_")
+    for command in (only,) if only in IN_THE_CLUSTER else (*ON_THE_CLUSTER, *ON_THE_DESK, *IN_THE_CLUSTER):
+        import_module(f"contextpolicy.commands.{command}").add(subparsers)
     return parser
 
 
@@ -73,7 +60,8 @@ def main(argv: list[str] | None = None) -> int:
     if words[:1] == ["__complete"]:
         return completion.reply(build_parser("contextpolicy"), words[1:])
     called = os.path.basename(sys.argv[0]) if argv is None else "contextpolicy"  # noqa: PTH119 - a name, not a path
-    arguments = build_parser("kubectl ctxp" if called == PLUGIN else "contextpolicy").parse_args(words)
+    parser = build_parser("kubectl ctxp" if called == PLUGIN else "contextpolicy", *words[:1])
+    arguments = parser.parse_args(words)
     try:
         code = int(arguments.main(arguments))
         sys.stdout.flush()

@@ -40,7 +40,7 @@ class Tree:
     def __init__(self, mount: Path, version: int = 1, driver: Driver = Driver.CGROUPFS, *, realtime: bool = True):
         self.mount, self.version, self.realtime = mount, version, realtime
         self.layout = CgroupPaths(mount if version == 2 else mount / "cpu", version, driver)
-        self.logs = mount.parent / f"{mount.name}-pods"
+        self.logs = logs_of(mount)
         self.logs.mkdir(parents=True, exist_ok=True)
         self._group(self.layout.top)
         if version == 2:
@@ -120,24 +120,28 @@ class Tree:
 
 def an_agent(tree: Tree, state: Path, scheduler, watch, *, grace: float = 10.0):
     """An agent of this node, whose messages are signed one after the other unless a test says when."""
-    return Informed(
-        AgentSettings(
-            node=NODE,
-            keys=state,
-            connect=(DEFAULT_CONNECT,),
-            credentials=None,
-            metrics_port=8081,
-            log_format="text",
-            log_level="info",
-            cgroup_root=tree.mount,
-            logs=tree.logs,
-            state=state,
-            priority=10,
-            grace=grace,
-        ),
-        scheduler,
-        watch,
+    return Informed(agent_settings(tree.mount, state, grace=grace), scheduler, watch)
+
+
+def agent_settings(mount: Path, state: Path, *, grace: float = 10.0):
+    return AgentSettings(
+        node=NODE,
+        keys=state,
+        connect=(DEFAULT_CONNECT,),
+        credentials=None,
+        metrics_port=8081,
+        log_format="text",
+        log_level="info",
+        cgroup_root=mount,
+        logs=logs_of(mount),
+        state=state,
+        priority=10,
+        grace=grace,
     )
+
+
+def logs_of(mount: Path) -> Path:
+    return mount.parent / f"{mount.name}-pods"
 
 
 class Informed(Agent):

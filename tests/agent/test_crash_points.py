@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+from contextlib import suppress
 from datetime import timedelta
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from reactivex.testing import TestScheduler
 
 from contextpolicy.agent import capabilities
 from contextpolicy.agent.inotify import WriteWatch
-from tests.agent.builders import POLICY, SLAM, SPEECH, Tree, a_message, a_target, an_agent
+from contextpolicy.agent.leftovers import undo
+from tests.agent.builders import POLICY, SLAM, SPEECH, Tree, a_message, a_target, agent_settings, an_agent
 
 GRACE = 10.0
 BEFORE, DURING, AFTER = "before", "during", "after"
@@ -106,6 +108,10 @@ class Story:
         read = self.tree.budget if self._scheduler == "Realtime" else self.tree.limit
         return {name: read(group) for name, group in self.groups.items()}
 
+    def undo(self):
+        """As the supervisor, after its grace period."""
+        undo(agent_settings(self.tree.mount, self._state))
+
     def wait(self):
         self.time.advance_by(timedelta(seconds=2 * GRACE))
 
@@ -185,4 +191,24 @@ def test_killed_at_a_write_and_again_at_the_next_ones_start(tell_story, fuse, sc
     fuse.left = None
     story.start()
     story.wait()
+    assert story.seen() == story.before
+
+
+@pytest.mark.parametrize(("scheduler", "write", "moment"), POINTS)
+def test_killed_at_a_write_and_the_supervisor_undoes_it(tell_story, fuse, scheduler, write, moment):
+    story = tell_story(scheduler)
+    kill(story, fuse, write, moment)
+    story.undo()
+    assert story.seen() == story.before
+
+
+@pytest.mark.parametrize(("scheduler", "write", "moment"), POINTS)
+def test_killed_at_a_write_and_again_while_the_supervisor_undoes(tell_story, fuse, scheduler, write, moment):
+    story = tell_story(scheduler)
+    kill(story, fuse, write, moment)
+    fuse.left, fuse.moment = write % 5, moment
+    with suppress(Killed):
+        story.undo()
+    fuse.left = None
+    story.undo()
     assert story.seen() == story.before

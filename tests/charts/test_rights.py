@@ -172,3 +172,18 @@ def test_every_container_has_a_weight_and_none_is_throttled(render):
         resources = container(workload)["resources"]
         assert resources["requests"].keys() == {"cpu", "memory"}
         assert resources["limits"].keys() == {"memory"}
+
+
+@pytest.mark.parametrize("realtime", ["false", "true"])
+def test_the_agents_supervisor_has_its_rights_on_the_node_and_knows_nothing_else(render, realtime):
+    agent = render("agent.enabled=true", f"agent.realtime={realtime}")["DaemonSet", "contextpolicy-agent"]
+    (supervisor,) = agent["spec"]["template"]["spec"]["initContainers"]
+    assert supervisor["restartPolicy"] == "Always"
+    assert supervisor["image"] == container(agent)["image"]
+    assert supervisor["securityContext"] == container(agent)["securityContext"]
+    assert supervisor["resources"]["limits"].keys() == {"memory"}
+    writable = [mount for mount in container(agent)["volumeMounts"] if not mount.get("readOnly")]
+    assert supervisor["volumeMounts"] == writable
+    settings = {variable["name"]: variable["value"] for variable in supervisor["env"]}
+    assert settings.items() <= {v["name"]: v.get("value") for v in container(agent)["env"]}.items()
+    assert settings.keys() == {"CGROUP_ROOT", "LOG_FORMAT", "LOG_LEVEL"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from urllib.request import urlopen
 
 import pytest
 
+from contextpolicy.agent.state_directory import StateDirectory
 from contextpolicy.bus.decision_bus import plan_key
 from contextpolicy.bus.signatures import Signer
 from tests.agent.builders import NODE, SLAM, Tree, a_message, a_target
@@ -20,6 +22,15 @@ from tests.ports import free_port
 from tests.waiting import PATIENCE, until
 
 KEY = plan_key("robot", "delivery")
+PROGRAM = ("-m", "contextpolicy")
+IMPATIENT = (
+    "-c",
+    (
+        "from contextpolicy import cli; from contextpolicy.commands import agent; agent.TURN = 0.1; "
+        "raise SystemExit(cli.main())"
+    ),
+)
+"""The program, but it does not wait long for its turn."""
 
 
 @pytest.fixture
@@ -77,7 +88,7 @@ def start(tmp_path, tree, address, keys, free_port):
     """Start the program with this node's settings."""
     started = []
 
-    def start(*arguments):
+    def start(*arguments, program=PROGRAM):
         environment = os.environ | {
             "NODE_NAME": NODE,
             "ZENOH_CONNECT": address,
@@ -88,7 +99,7 @@ def start(tmp_path, tree, address, keys, free_port):
             "STATE_DIRECTORY": str(tmp_path / "state"),
             "PYTHONPATH": "operator",
         }
-        command = [sys.executable, "-m", "contextpolicy", "agent", *arguments]
+        command = [sys.executable, *program, "agent", *arguments]
         process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
         started.append(process)
         return process
@@ -117,10 +128,31 @@ def test_what_cannot_be_noted_is_not_done(start, operator, tree, slam, tmp_path)
     """A full or missing disk: better no faster limit than one that nobody could undo."""
     process = start()
     operator.wait()
-    (tmp_path / "state").rmdir()
+    shutil.rmtree(tmp_path / "state")
     operator.publish(a_message(a_target(SLAM, 0.9)))
     assert any("FileNotFoundError" in line for line in process.stderr)
     assert tree.limit(slam) == 500
+
+
+def test_its_lock_is_free_when_it_is_killed_and_its_journal_says_what_to_undo(start, operator, tree, slam, tmp_path):
+    process = start()
+    operator.publish(a_message(a_target(SLAM, 0.9)))
+    until(lambda: tree.limit(slam) == 900)
+    state = StateDirectory(tmp_path / "state")
+    assert not state.take_now()
+    process.kill()
+    process.wait(PATIENCE)
+    assert state.take_now()
+    assert state.anything_left
+
+
+def test_it_ends_when_another_agent_lives_or_a_supervisor_undoes_for_too_long(start, tmp_path):
+    state = StateDirectory(tmp_path / "state")
+    assert state.take_now()
+    process = start(program=IMPATIENT)
+    _, said = process.communicate(timeout=PATIENCE)
+    assert "agent.lock: held for 0.1 s" in said
+    assert process.returncode == 1
 
 
 def test_settings_that_make_no_sense_are_told(start):

@@ -5,10 +5,15 @@ import sys
 
 import pytest
 
+from contextpolicy import cli
+
 HEAVY = {"cel", "importlib.metadata", "kopf", "kubernetes", "msgspec", "reactivex", "urllib.request", "yaml", "zenoh"}
 
 
 AGENT = ("agent.agent", "agent.agent_settings", "agent.bus_link", "agent.service", "bus.signatures")
+SUPERVISOR = (
+    *("agent.agent_settings", "agent.agent_supervisor", "agent.inotify", "agent.state_directory", "telemetry.logs"),
+)
 ROUTER = ("bus.session", "telemetry.logs")
 
 
@@ -23,9 +28,19 @@ def test_the_command_line_alone_imports_nothing_that_is_large():
     assert loaded("from contextpolicy.cli import build_parser; build_parser('x')") & HEAVY == set()
 
 
+@pytest.mark.parametrize("command", ["run", "router", "agent", "agent-supervisor"])
+def test_a_command_that_runs_for_good_does_without_the_others(command):
+    found = loaded(f"from contextpolicy.cli import build_parser; build_parser('x', '{command}')")
+    commands = {name.rpartition(".")[2] for name in found if name.startswith("contextpolicy.commands.")}
+    assert commands & {*cli.ON_THE_CLUSTER, *cli.ON_THE_DESK, *cli.IN_THE_CLUSTER} - {"completion"} == {
+        command.replace("-", "_")
+    }
+
+
 @pytest.mark.parametrize(
-    ("parts", "needed"), [(AGENT, {"msgspec", "reactivex", "urllib.request", "zenoh"}), (ROUTER, {"zenoh"})]
+    ("parts", "needed"),
+    [(AGENT, {"msgspec", "reactivex", "urllib.request", "zenoh"}), (SUPERVISOR, set()), (ROUTER, {"zenoh"})],
 )
-def test_agent_and_router_import_what_they_need(parts, needed):
+def test_agent_supervisor_and_router_import_what_they_need(parts, needed):
     modules = ", ".join(f"contextpolicy.{part}" for part in parts)
     assert loaded(f"import {modules}") & HEAVY <= needed

@@ -314,3 +314,20 @@ helm.sh/hook: test
 helm.sh/hook-weight: {{ . | quote }}
 helm.sh/hook-delete-policy: hook-succeeded,hook-failed,before-hook-creation
 {{- end -}}
+
+{{/* What the agent may do on its node, and its supervisor, which undoes the same. */}}
+{{- define "contextpolicy.agentSecurity" -}}
+# The cgroup files and the state directory belong to root and only their owner may write them. That is all
+# root is needed for: no capability goes with it, so it can neither override file rights (DAC_OVERRIDE) nor
+# mount or trace anything. To be told of other writers (inotify) takes no more than to read the file.
+runAsUser: 0
+runAsGroup: 0
+allowPrivilegeEscalation: false
+readOnlyRootFilesystem: true
+capabilities:
+  drop: [ALL]
+  {{- if .Values.agent.realtime }}
+  # Realtime priority, for the threads of other users' processes.
+  add: [SYS_NICE]
+  {{- end }}
+{{- end -}}

@@ -38,10 +38,25 @@ class AgentSettings:
 def read(variables: Mapping[str, str], *, priority: int, grace: float) -> AgentSettings:
     """Read the settings; SettingsError lists every invalid variable."""
     environment = Environment(variables)
-    keys = environment.directory("PLAN_SIGNING")
-    settings = AgentSettings(
+    settings = _read(environment, priority, grace)
+    environment.findings += _findings(settings, has_keys=bool(environment.text("PLAN_SIGNING")))
+    environment.check()
+    return settings
+
+
+def read_for_supervisor(variables: Mapping[str, str], *, grace: float) -> AgentSettings:
+    """Read what is needed to undo: neither keys nor a bus, nor what says whose a pod is."""
+    environment = Environment(variables)
+    settings = _read(environment, 1, grace)
+    environment.findings += _missing_cgroups(settings.cgroup_root)
+    environment.check()
+    return settings
+
+
+def _read(environment: Environment, priority: int, grace: float) -> AgentSettings:
+    return AgentSettings(
         node=environment.text("NODE_NAME"),
-        keys=keys or Path(),
+        keys=environment.directory("PLAN_SIGNING") or Path(),
         connect=environment.endpoints("ZENOH_CONNECT"),
         credentials=environment.directory("ZENOH_CREDENTIALS"),
         metrics_port=environment.port("METRICS_PORT", 8081),
@@ -53,18 +68,19 @@ def read(variables: Mapping[str, str], *, priority: int, grace: float) -> AgentS
         priority=priority,
         grace=grace,
     )
-    environment.findings += _findings(settings, has_keys=keys is not None)
-    environment.check()
-    return settings
 
 
 def _findings(settings: AgentSettings, *, has_keys: bool) -> Iterator[Finding]:
     node, root, logs = settings.node, settings.cgroup_root, settings.logs
     if not node or "/" in node:
         yield Finding("NODE_NAME", node, "the name of this node in the cluster")
-    if not root.is_dir():
-        yield Finding("CGROUP_ROOT", str(root), "the directory where the node's cgroups are mounted")
+    yield from _missing_cgroups(root)
     if not logs.is_dir():
         yield Finding("POD_LOGS", str(logs), "the directory where the kubelet keeps the pods' logs")
     if not has_keys:
         yield Finding("PLAN_SIGNING", "", "the directory of the certificate with the operator's public key")
+
+
+def _missing_cgroups(root: Path) -> Iterator[Finding]:
+    if not root.is_dir():
+        yield Finding("CGROUP_ROOT", str(root), "the directory where the node's cgroups are mounted")

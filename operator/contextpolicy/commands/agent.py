@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import os
 import threading
 from typing import TYPE_CHECKING
@@ -16,8 +17,12 @@ if TYPE_CHECKING:
     from contextpolicy.agent.agent_settings import AgentSettings
     from contextpolicy.streams.loop import Loop
 
+log = logging.getLogger(__name__)
+
 HUNG = 2.0
 """Seconds after which a loop that does not answer counts as hung."""
+TURN = 20.0
+"""Seconds to wait for a predecessor that ends, or for a supervisor that undoes: less than a pod has to end."""
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -50,8 +55,12 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Run until SIGTERM or SIGINT; exit code 1 if a thread failed, so that the kubelet restarts the agent."""
+    """Run until SIGTERM or SIGINT; exit code 1 makes the kubelet restart the agent: a thread failed, or another lives.
+
+    The lock is held until the process ends.
+    """
     from contextpolicy.agent import agent_settings as settings
+    from contextpolicy.agent.state_directory import StateDirectory
     from contextpolicy.telemetry import logs
 
     own = settings.read(os.environ, priority=arguments.priority, grace=arguments.grace)
@@ -65,6 +74,10 @@ def main(arguments: argparse.Namespace) -> int:
         stop.set()
 
     threading.excepthook = fail
+    state = StateDirectory(own.state)
+    if not state.begin_life(TURN):
+        log.error("%s: held for %g s by another agent, or a supervisor that undoes", state.lock, TURN)
+        return 1
     _run(own, stop)
     return 1 if failed.is_set() else 0
 

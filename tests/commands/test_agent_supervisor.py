@@ -1,0 +1,217 @@
+"""The supervisor as a program, beside agents that are processes and die."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from contextpolicy.agent.state_directory import StateDirectory
+from tests.agent.builders import SLAM, SPEECH, Tree
+from tests.waiting import PATIENCE, until
+
+LONG = 3600.0
+"""A grace period that no test waits for."""
+ENDLESS = -1
+
+
+class Node:
+    """Two containers, and the programs beside them."""
+
+    def __init__(self, tmp_path):
+        self.tree, self.state = Tree(tmp_path / "cgroup"), tmp_path / "state"
+        self._groups = [self.tree.container(SLAM), self.tree.container(SPEECH)]
+        self.started = []
+
+    def agent(self, plans=3):
+        """Start an agent that carries out so many plans."""
+        return self._start("tests.agent.mortal", self.tree.mount, self.state, plans)
+
+    def busy(self, plans=3):
+        """Start an agent that has carried them out."""
+        agent = self.agent(plans)
+        printed(agent, plans)
+        return agent
+
+    def supervisor(self, *arguments, grace=0.0):
+        """Start a supervisor that watches."""
+        supervisor = self.run("agent-supervisor", f"--grace={grace}", *arguments)
+        said(supervisor, "watching")
+        return supervisor
+
+    def run(self, *arguments):
+        return self._start("contextpolicy", *arguments)
+
+    def limits(self):
+        return [self.tree.limit(group) for group in self._groups]
+
+    def undone(self):
+        """Whether all is as it was, and no agent has to know."""
+        return self.limits() == [500, 500] and not StateDirectory(self.state).anything_left
+
+    def kill(self):
+        """End all programs, which ends any wait for what they say."""
+        for process in self.started:
+            process.kill()
+
+    def _start(self, module, *arguments):
+        places = {"CGROUP_ROOT": str(self.tree.mount), "STATE_DIRECTORY": str(self.state)}
+        command = [sys.executable, "-m", module, *map(str, arguments)]
+        pipe, environment = subprocess.PIPE, os.environ | places
+        self.started.append(subprocess.Popen(command, env=environment, stdout=pipe, stderr=pipe, text=True))
+        return self.started[-1]
+
+
+@pytest.fixture
+def node(tmp_path):
+    node = Node(tmp_path)
+    bound = threading.Timer(2 * PATIENCE, node.kill)
+    bound.start()
+    yield node
+    bound.cancel()
+    node.kill()
+    for process in node.started:
+        process.communicate()
+
+
+def kill(process):
+    process.kill()
+    process.wait(PATIENCE)
+
+
+def ask_to_end(process):
+    process.send_signal(signal.SIGTERM)
+
+
+def printed(agent, word):
+    """Wait until it prints that it is here, or the number of a plan that it carried out."""
+    assert f"{word}\n" in agent.stdout
+
+
+def said(process, text):
+    """Wait until it logs a line with the text."""
+    assert any(text in line for line in process.stderr), f"it never said {text}"
+
+
+@pytest.mark.parametrize("plan", [1, 2, 3, 40, 200])
+def test_an_agent_killed_anywhere_among_its_plans_is_undone(node, plan):
+    node.supervisor()
+    agent = node.agent(ENDLESS)
+    printed(agent, plan)
+    kill(agent)
+    until(node.undone)
+
+
+def test_nothing_is_undone_while_an_agent_may_still_come_and_the_next_one_goes_on(node):
+    supervisor = node.supervisor(grace=LONG)
+    kill(node.busy())
+    said(supervisor, "the agent is dead")
+    wanted = node.limits()
+    assert wanted != [500, 500]
+    following = node.busy()
+    assert node.limits() == wanted
+    ask_to_end(following)
+    assert following.wait(PATIENCE) == 0
+    assert node.undone()
+    ask_to_end(supervisor)
+    _, error = supervisor.communicate(timeout=PATIENCE)
+    assert (supervisor.returncode, error) == (0, ""), "it did something"
+
+
+def test_one_agent_after_the_other_is_undone(node):
+    node.supervisor()
+    for _ in range(3):
+        kill(node.busy())
+        until(node.undone)
+
+
+def test_an_agent_that_came_within_the_grace_period_and_died_is_undone(node):
+    node.supervisor(grace=1.0)
+    first = node.busy()
+    second = node.agent()
+    printed(second, "here")
+    kill(first)
+    printed(second, 3)
+    assert node.limits() != [500, 500]
+    kill(second)
+    until(node.undone)
+
+
+def test_a_supervisor_that_starts_after_the_agents_death_undoes_it(node):
+    kill(node.busy())
+    node.supervisor()
+    until(node.undone)
+
+
+def test_a_supervisor_that_was_killed_is_followed_by_the_next(node):
+    supervisor, agent = node.supervisor(grace=LONG), node.busy()
+    kill(supervisor)
+    again = node.supervisor(grace=LONG)
+    kill(agent)
+    said(again, "the agent is dead")
+    kill(again)
+    node.supervisor()
+    until(node.undone)
+
+
+@pytest.mark.parametrize("agent_first", [True, False])
+def test_both_are_asked_to_end(node, agent_first):
+    agent, supervisor = node.busy(), node.supervisor(grace=LONG)
+    for process in (agent, supervisor) if agent_first else (supervisor, agent):
+        ask_to_end(process)
+    assert [agent.wait(PATIENCE), supervisor.wait(PATIENCE)] == [0, 0]
+    assert node.undone()
+
+
+@pytest.mark.parametrize("killed_first", [True, False])
+def test_asked_to_end_it_undoes_what_a_killed_agent_left_at_once(node, killed_first):
+    agent, supervisor = node.busy(), node.supervisor(grace=LONG)
+    for end in (kill, None) if killed_first else (None, kill):
+        end(agent) if end else ask_to_end(supervisor)
+    assert supervisor.wait(PATIENCE) == 0
+    assert node.undone()
+
+
+def test_asked_to_end_alone_it_leaves_a_living_agent_its_limits(node):
+    node.busy()
+    wanted = node.limits()
+    supervisor = node.supervisor("--patience=0.1")
+    ask_to_end(supervisor)
+    said(supervisor, "the agent still lives")
+    assert supervisor.wait(PATIENCE) == 0
+    assert node.limits() == wanted
+
+
+def test_undo_does_nothing_while_an_agent_lives(node):
+    node.busy()
+    wanted = node.limits()
+    assert node.run("agent-supervisor", "--undo").wait(PATIENCE) == 0
+    assert node.limits() == wanted
+
+
+def test_a_journal_that_cannot_be_written_is_reported_and_tried_again_by_the_next(node):
+    kill(node.busy())
+    (node.state / "agent.new").mkdir()
+    assert node.supervisor().wait(PATIENCE) == 1
+    assert node.limits() == [500, 500]
+    (node.state / "agent.new").rmdir()
+    node.supervisor()
+    until(node.undone)
+
+
+def test_a_journal_that_cannot_be_read_is_reported(node):
+    kill(node.busy())
+    (node.state / "agent.journal").write_text("garbage\n")
+    assert node.run("agent-supervisor", "--undo").wait(PATIENCE) == 1
+
+
+def test_without_a_state_directory_it_says_so(node):
+    node.state.write_text("a file")
+    supervisor = node.run("agent-supervisor")
+    _, error = supervisor.communicate(timeout=PATIENCE)
+    assert supervisor.returncode == 2
+    assert "STATE_DIRECTORY" in error
