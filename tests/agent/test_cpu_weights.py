@@ -7,9 +7,9 @@ import shutil
 import pytest
 
 from contextpolicy.agent.cgroup_paths import Driver
+from contextpolicy.agent.cpu_weights import Weights
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.weight_units import FILES, of_container, of_pod
-from contextpolicy.agent.cpu_weights import Weights
 from tests.agent.builders import CHAT, POLICY, SLAM, SPEECH, Tree
 
 OTHER = "robot/other"

@@ -420,8 +420,8 @@ def test_without_room_budgets_stay_as_they_are_and_can_be_undone(node, room):
 
 @pytest.mark.usefixtures("_threads")
 def test_budgets_that_are_undone_without_room_are_counted(node):
-    for policy, target in ((POLICY, a_target(SLAM, 0.5)), (OTHER, a_target(SPEECH, 0.3, task="speech"))):
-        node.agent.hear(policy, a_message(target, policy=policy, scheduler="Realtime", capacity=0.95))
+    for policy, target in ((POLICY, a_target(SLAM, 1.0)), (OTHER, a_target(SPEECH, 0.6, task="speech"))):
+        node.agent.hear(policy, a_message(target, policy=policy, scheduler="Realtime", capacity=1.9))
     node.disk.full = True
     node.agent.hear(POLICY, None)
     assert node.budgets() == (0, 300)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 
 import pytest
 from reactivex.testing import TestScheduler
@@ -12,6 +13,7 @@ from contextpolicy.bus.decision_bus import Bus, agent_key, applied_key, message,
 from contextpolicy.bus.signatures import Signer, Verifier
 from contextpolicy.cluster.pods import view
 from contextpolicy.planning.allocation.placement import Container, Placement
+from contextpolicy.policy.spec import Control, Enforcement
 from tests.bus.certificates import signing_keys
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE, a_pod
@@ -24,7 +26,7 @@ POLICY = a_policy(
     contexts=[a_context("moving", "imu.speed > 0.1", {"speech": {"suspend": True}})],
 )
 PLAN = b'{"n":1}'
-CONTAINERS = (Container("lab/slam/slam", "slam", NODE), Container("lab/speech/speech", "speech", NODE))
+CONTAINERS = tuple(Container(f"lab/{name}/{name}", name, NODE, limit=500) for name in ("slam", "speech"))
 
 
 @pytest.fixture
@@ -87,6 +89,9 @@ def test_a_message_has_all_that_modules_agents_and_recorders_read(story):
                 "container": task,
                 "containerId": f"containerd://{task}",
                 "cores": cores,
+                "weight": None,
+                "quota": cores,
+                "held": False,
                 "limit": 0.5,
             }
             for task, cores in (("slam", 1.99), ("speech", 0.01))
@@ -96,6 +101,47 @@ def test_a_message_has_all_that_modules_agents_and_recorders_read(story):
 
 def made_because(story, task):
     return story.last.tasks[task].because
+
+
+def written(control, container, pod=None, *, speed=0.3):
+    """What an agent is to write for speech, which is suspended while the robot moves: weight, quota, held."""
+    policy = replace(POLICY, enforcement=Enforcement(control=control))
+    story = Story(policy, Placement({NODE: 2000}, (CONTAINERS[0], container), agents=frozenset({NODE})))
+    story.sample("imu", at=1, speed=speed)
+    containers, shown = (CONTAINERS[0], container), view(pod or a_pod("speech"))
+    [target] = message(policy, 1, story.last, containers, [shown])["targets"]
+    return target["weight"], target["quota"], target["held"]
+
+
+SPEECH = CONTAINERS[1]
+
+
+@pytest.mark.parametrize(
+    ("control", "moving", "standing"),
+    [
+        (Control.LIMIT, (None, 0.01, False), (None, 0.18, False)),
+        (Control.WEIGHT, (0, 0.01, False), (0.18, 0.5, False)),
+        (Control.SUSPEND, (None, 0.01, False), (None, 0.5, False)),
+    ],
+)
+def test_what_an_agent_writes(control, moving, standing):
+    assert written(control, SPEECH) == moving
+    assert written(control, SPEECH, speed=0.0) == standing
+
+
+@pytest.mark.parametrize("control", list(Control))
+def test_a_quota_that_the_api_cannot_have_is_held(control):
+    assert written(control, replace(SPEECH, request=300))[1:] == (0.01, True)
+    assert written(control, replace(SPEECH, limit=None))[1:] == (0.01, True)
+
+
+def test_without_a_limit_there_is_no_quota_while_the_task_is_active():
+    assert written(Control.WEIGHT, replace(SPEECH, limit=None), speed=0.0) == (0.18, None, False)
+
+
+@pytest.mark.parametrize("qos", ["Guaranteed", "BestEffort"])
+def test_weights_compare_among_burstable_pods_only(qos):
+    assert written(Control.WEIGHT, SPEECH, a_pod("speech", qos=qos))[0] is None
 
 
 def test_only_containers_with_a_share_are_targets(story):

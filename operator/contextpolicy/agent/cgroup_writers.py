@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.agent import weight_units
 from contextpolicy.agent.control_files import CFS, REALTIME, ControlFiles
+from contextpolicy.agent.cpu_weights import Weights
 from contextpolicy.agent.limits import Limits
 from contextpolicy.agent.realtime import Realtime
-from contextpolicy.agent.cpu_weights import Weights
 from contextpolicy.planning.allocation.placement import QUANTUM
 from contextpolicy.policy.spec import Scheduler
 
