@@ -9,8 +9,8 @@ import pytest
 from contextpolicy.agent.cgroup_paths import Driver
 from contextpolicy.agent.cpu_weights import Weights
 from contextpolicy.agent.ledger import Ledger
-from contextpolicy.agent.weight_units import FILES, of_container, of_pod
-from tests.agent.builders import CHAT, POLICY, SLAM, SPEECH, Tree
+from contextpolicy.agent.weight_units import FILES, LEAST, of_container, of_pod
+from tests.agent.builders import CHAT, POLICY, SANDBOX, SLAM, SPEECH, Tree
 
 OTHER = "robot/other"
 
@@ -139,6 +139,13 @@ def test_a_pod_counts_what_its_other_containers_ask_for(tree, weights, slam):
 
 
 @pytest.mark.usefixtures("klass")
+def test_a_sandbox_adds_nothing_to_its_pod(tree, weights, slam):
+    tree.sandbox(slam)
+    tree.set_weight(slam.parent / SANDBOX, LEAST[tree.version])
+    weights.apply(POLICY, {slam: 1000})
+    assert tree.weight(slam.parent) == of_pod(1000, tree.version)
+
+
 def test_a_pod_of_two_policies_has_both(tree, weights, slam):
     chat = tree.container(CHAT, uid="uid-a")
     weights.apply(POLICY, {slam: 1000})

@@ -39,8 +39,10 @@ def of_container(millicores: int, version: int) -> int:
 
 
 def millicores(weight: int, version: int) -> int:
-    """The request, in thousandths of a core, for which a container would have the weight; at least 1."""
+    """The request, in thousandths of a core, for which a container would have the weight; 0 for the least."""
+    if weight == LEAST[version]:
+        return 0
     amount: float = weight
     if version == 2:
         amount = 2 ** ((sqrt(125**2 + 4 * 612 * (log10(weight) + 7 / 34)) - 125) / 2)
-    return max(1, round(amount * 1000 / _CORE))
+    return round(amount * 1000 / _CORE)
