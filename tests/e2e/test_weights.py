@@ -28,14 +28,14 @@ SLAM = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"cpu": "2", "me
 HOG = {"requests": {"cpu": "10m", "memory": "32Mi"}, "limits": {"memory": "64Mi"}}
 GUARANTEED = {kind: {"cpu": "200m", "memory": "64Mi"} for kind in ("requests", "limits")}
 SHARES = {"slam": 1800, "speech": 200}
-PROCESSORS = os.cpu_count() or 1
-PODS, SYSTEM = PROCESSORS * 1024, 1024
-"""The weights of all pods together, which the kubelet sets from the node's cores, and of the slice beside them."""
+ALL_PODS = Path("/sys/fs/cgroup/cpuacct/kubepods/cpuacct.usage")
+SYSTEM = 1024
+"""The weight that systemd gives to a slice."""
 WINDOW = 8.0
 """Seconds over which CPU time is measured."""
 LONG = 190.0
 """Seconds: the kubelet has written its class groups three times."""
-ENOUGH = 0.85
+ENOUGH = 0.9
 """Of what the weights give a task: processors are shared out one by one."""
 
 
@@ -53,6 +53,7 @@ def tasks(robot, agent):
     agent.wait()
     robot.start("slam", "speech", command=["python3", "-c", THREADS], resources=SLAM)
     yield robot
+    run("kubectl", "delete", "ctxp", "--all", "-n", robot.namespace, "--timeout=60s")
     robot.stop("slam", "speech")
 
 
@@ -93,12 +94,20 @@ def _spin(procs):
 
 
 def entitled():
-    """The cores that slam's weight entitles it to, from the requests in the API and the shares of the plan."""
+    """The part of all pods' CPU that slam's weight entitles it to, from the API's requests and the plan's shares.
+
+    What all pods get beside system.slice, and beside whatever else runs on the machine, is not a policy's to decide.
+    """
     burstable = sum(of_pod(cores, 1) for cores in (*SHARES.values(), 10))
-    in_its_class = of_pod(SHARES["slam"], 1) / burstable
-    in_all_pods = burstable / (burstable + of_pod(200, 1) + 2)
-    on_the_node = PODS / (PODS + SYSTEM)
-    return PROCESSORS * on_the_node * in_all_pods * in_its_class
+    return of_pod(SHARES["slam"], 1) / (burstable + of_pod(200, 1) + 2)
+
+
+def received(robot):
+    """The tasks' parts of all pods' CPU."""
+    before, began = int(ALL_PODS.read_text()), time.monotonic()
+    cores = usage(robot, "slam", "speech", seconds=WINDOW)
+    total = (int(ALL_PODS.read_text()) - before) / 1e9 / (time.monotonic() - began)
+    return {task: amount / total for task, amount in cores.items()}
 
 
 def weight(folder):
@@ -123,14 +132,14 @@ def weighted(robot):
 
 def enough(robot):
     """Slam receives what its weight entitles it to."""
-    got, due = usage(robot, "slam", "speech", seconds=WINDOW), entitled()
-    assert got["slam"] >= ENOUGH * due, f"{got}, slam is entitled to {due:.2f}"
+    got, due = received(robot), entitled()
+    assert got["slam"] >= ENOUGH * due, f"{got} of all pods' CPU, slam is entitled to {due:.2f}"
     return got
 
 
 @pytest.mark.usefixtures("hogs")
 def test_a_task_receives_what_its_weight_entitles_it_to_whatever_the_kubelet_does(tasks):
-    before = usage(tasks, "slam", seconds=WINDOW)["slam"]
+    before = received(tasks)["slam"]
     assert before < 0.5 * entitled(), "the test must be able to fail"
     govern(tasks)
     began = time.monotonic()
@@ -159,8 +168,8 @@ def test_a_quota_that_follows_to_the_api_takes_no_weight(tasks):
     tasks.expect(speech=10)
     until("the API has the quota", lambda: tasks.api_limit("speech") == "10m" or tasks.api_limit("speech"))
     time.sleep(2)  # the kubelet writes pod and container once more
-    enough(tasks)
-    assert usage(tasks, "speech", seconds=WINDOW)["speech"] < 0.03
+    got = enough(tasks)
+    assert got["speech"] < 0.02
     tasks.drive(0.0)
     until("the API has the limit back", lambda: tasks.api_limit("speech") == "2" or tasks.api_limit("speech"))
     time.sleep(2)
