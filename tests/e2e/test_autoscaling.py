@@ -83,10 +83,9 @@ def test_under_limit_a_plan_scales_nothing(robot, readings):
     assert (utilisation(robot), replicas(robot)) == (USED, 1)
 
 
-@pytest.mark.parametrize("control", ["Weight", "Both"])
-def test_weights_are_requests_and_so_scale(robot, control):
+def test_weights_are_requests_and_so_scale(robot):
     """As the operator's README says: a suspended task looks overloaded, because its request is next to nothing."""
-    robot.policy(enforcement={"control": control}, tasks=[task("slam"), task("speech")])
+    robot.policy(enforcement={"control": "Weight"}, tasks=[task("slam"), task("speech")])
     robot.drive(0.3)
     until("it looks overloaded", lambda: (utilisation(robot) or 0) > 100, patience=120)
     until("it was scaled", lambda: replicas(robot) > 1, patience=120)

@@ -144,24 +144,40 @@ def test_two_tasks_in_one_pod_and_a_sidecar(robot):
     robot.expect(slam=890)
 
 
-@pytest.mark.parametrize("control", ["Weight", "Both"])
-def test_weight_control_moves_requests(robot, control):
+def requests(robot):
+    return {name: resources(robot, name)["requests"]["cpu"] for name in ("slam", "speech")}
+
+
+def limits(robot):
+    return {name: resources(robot, name)["limits"]["cpu"] for name in ("slam", "speech")}
+
+
+def test_weights_are_requests_that_always_fit(robot):
+    """Two tasks of at most 800m divide 1000m: a request is 0.625 of a weight, and no order of resizes is deferred."""
     robot.start("slam", "speech")
-    robot.policy(enforcement={"control": control}, tasks=[task("slam", max="800m"), task("speech", max="800m")])
-    robot.drive(0.3)
-    limit = {"Weight": {"slam": "800m", "speech": "800m"}, "Both": {"slam": "800m", "speech": "10m"}}[control]
-
-    def moved():
-        now = {name: resources(robot, name) for name in ("slam", "speech")}
-        requests = {name: found["requests"]["cpu"] for name, found in now.items()}
-        limits = {name: found["limits"]["cpu"] for name, found in now.items()}
-        return True if (limits, requests["speech"]) == (limit, limit_of(control)) else now
-
-    until("requests follow the shares", moved)
+    robot.policy(enforcement={"control": "Weight"}, tasks=[task("slam", max="800m"), task("speech", max="800m")])
+    for _ in range(5):
+        robot.drive(0.3)
+        moving = {"slam": "500m", "speech": "2m"}
+        until("slam's request is its weight", lambda: requests(robot) == moving or requests(robot))
+        assert limits(robot) == {"slam": "800m", "speech": "10m"}
+        robot.drive(0.0)
+        standing = {"slam": "312m", "speech": "312m"}
+        until("requests are alike", lambda: requests(robot) == standing or requests(robot))
+        assert limits(robot) == {"slam": "800m", "speech": "800m"}
+    assert robot.told("ResizePending") == []
     delete("ctxp", "robot", robot.namespace)
-    until("restored", lambda: resources(robot, "slam")["requests"]["cpu"] == "10m")
-    assert resources(robot, "slam")["limits"]["cpu"] == "500m"
+    original = {"slam": "10m", "speech": "10m"}
+    until("requests are restored", lambda: requests(robot) == original or requests(robot))
+    assert limits(robot) == {"slam": "500m", "speech": "500m"}
 
 
-def limit_of(control):
-    return {"Weight": "10m", "Both": "9m"}[control]
+def test_contexts_that_only_suspend_leave_everybody_else_alone(robot):
+    robot.start("slam", "speech")
+    before = resources(robot, "slam")
+    robot.policy(enforcement={"control": "Suspend"})
+    robot.drive(0.3)
+    robot.expect(slam=500, speech=10)
+    robot.drive(0.0)
+    robot.expect(slam=500, speech=500)
+    assert resources(robot, "slam") == before

@@ -51,7 +51,7 @@ while True: pass
 """More busy processes than the node has processors to spare."""
 
 SPEC = {
-    "scheduler": "Realtime",
+    "enforcement": {"scheduler": "Realtime"},
     "reserve": 0,
     "tasks": [task("slam", idle=50), task("speech", idle=200), task("spare", idle=700)],
     "contexts": [
@@ -146,7 +146,8 @@ def test_every_thread_takes_turns_at_realtime_priority_also_those_born_later(gov
 def test_period_and_turns_are_the_policys(governed):
     """The paper's period, and threads that queue; a min of 1 of 2 cores is half of each processor's period."""
     tasks = [task("slam", idle=1, min=1), task("speech", idle=200), task("spare", idle=700)]
-    governed.policy(**SPEC | {"period": "1s", "realtimePolicy": "FIFO", "tasks": tasks})
+    own = {"scheduler": "Realtime", "period": "1s", "realtimePolicy": "FIFO"}
+    governed.policy(**SPEC | {"enforcement": own, "tasks": tasks})
     expect(governed, {"slam": 500})
     until("the period is a second", lambda: period(group(governed, "slam")) == 1_000_000)
     until("threads queue", lambda: policies(governed, "slam") == {(os.SCHED_FIFO, PRIORITY)})
@@ -177,7 +178,7 @@ def test_the_api_keeps_its_limits(governed):
 
 
 def test_changing_the_scheduler_moves_between_the_two(governed):
-    governed.policy(**SPEC | {"scheduler": "CFS"})
+    governed.policy(**SPEC | {"enforcement": {"scheduler": "CFS"}})
     governed.expect(slam=110, speech=420)
     assert budgets(governed, *TASKS) == dict.fromkeys(TASKS, 0)
     governed.policy(**SPEC)

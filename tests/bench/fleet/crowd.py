@@ -97,7 +97,7 @@ class Fleet:
         names = [f"task-{task}" for task in range(self.tasks)]
         sides = {"left": ("turn.left", names[::2]), "right": ("!turn.left", names[1::2])}
         spec = {
-            "transition": "Prompt",
+            "enforcement": {"transition": "Prompt"},
             "streams": [{"name": "turn", "key": f"{namespace}/turn"}],
             "tasks": [{"name": name, "selector": {"matchLabels": {"app": name}}, "idle": 1} for name in names],
             "contexts": [

@@ -1,4 +1,4 @@
-"""`control: Limit`, `Weight` and `Both` on the same load: one task takes all it can get, one is half idle."""
+"""`control: Limit`, `Weight` and `Suspend` on the same load: one task takes all it can get, one is half idle."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tests.bench.reaction.site import Site
     from timelines.demo.cgroup import Cgroup
 
-CONTROLS = ("Limit", "Weight", "Both")
+CONTROLS = ("Limit", "Weight", "Suspend")
 BUSY, HALF = "busy", "half-idle"
 SETTLE, WINDOW = 2.0, 10.0
 RESERVE = "1"
@@ -37,7 +37,7 @@ def measure(site: Site, journal: Journal) -> None:
 def _rows(site: Site, control: str) -> list[dict[str, Any]]:
     site.workers(PLAIN, {BUSY: (2, 1.0), HALF: (1, 0.5)})
     groups = {name: site.groups[PLAIN][name] for name in (BUSY, HALF)}
-    apply(objects.policy_of(PLAIN, {**_spec(), "control": control}))
+    apply(objects.policy_of(PLAIN, {**_spec(), "enforcement": {"control": control}}))
     until(f"control {control} is in force", lambda: _in_force(control, groups))
     site.quiet.wait()
     site.signal(PLAIN, groups, on=True)
@@ -84,7 +84,7 @@ def _in_force(control: str, groups: dict[str, Cgroup]) -> bool:
     pods = json.loads(run("kubectl", "get", "pods", *groups, "-n", PLAIN, "-o", "json"))["items"]
     actual = [pod["status"]["containerStatuses"][0]["resources"]["requests"]["cpu"] for pod in pods]
     moved = all(request != objects.WORKER_REQUEST for request in actual)
-    return (limits == {2.0} if control == "Weight" else 2.0 not in limits) and moved == (control != "Limit")
+    return (2.0 not in limits if control == "Limit" else limits == {2.0}) and moved == (control == "Weight")
 
 
 def _counters(group: Cgroup) -> dict[str, float]:

@@ -13,7 +13,7 @@ from dataclasses import fields
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.policy.spec import Policy, Transition
+from contextpolicy.policy.spec import Enforcement, Transition
 from tests.bench.reaction import objects
 from tests.bench.reaction.counted_work import CountedWork
 from tests.bench.reaction.figures import IDLE, RESIZE, SATURATED, percentile
@@ -136,7 +136,7 @@ class _Case:
 
     def _prepare(self, name: str) -> None:
         """The operator moves the limits in this way, or leaves them to bare PATCHes."""
-        spec = {"mode": "Paused"} if name == BARE else {"mode": "Enforce", "transition": name}
+        spec = {"mode": "Paused"} if name == BARE else {"mode": "Enforce", "enforcement": {"transition": name}}
         apply(objects.policy_of(PLAIN, {**_spec(self._names), **spec}))
         if name == BARE:
             until("the policy is paused", lambda: {group.limit() for group in self._groups.values()} == {ORIGINAL})
@@ -254,7 +254,7 @@ def keys(journal: Journal) -> dict[str, float | None]:
 
 def _default() -> str:
     """What a policy has that says nothing."""
-    return str(next(field.default for field in fields(Policy) if field.name == "transition"))
+    return str(next(field.default for field in fields(Enforcement) if field.name == "transition"))
 
 
 def _ratio(one: float | None, other: float | None) -> float | None:
