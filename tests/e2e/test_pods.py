@@ -156,13 +156,12 @@ def test_weights_are_requests_that_always_fit(robot):
     """Two tasks of at most 800m divide 1000m: a request is 0.625 of a weight, and no order of resizes is deferred."""
     robot.start("slam", "speech")
     robot.policy(enforcement={"control": "Weight"}, tasks=[task("slam", max="800m"), task("speech", max="800m")])
+    moving, standing = {"slam": "500m", "speech": "2m"}, {"slam": "312m", "speech": "312m"}
     for _ in range(5):
         robot.drive(0.3)
-        moving = {"slam": "500m", "speech": "2m"}
         until("slam's request is its weight", lambda: requests(robot) == moving or requests(robot))
         assert limits(robot) == {"slam": "800m", "speech": "10m"}
         robot.drive(0.0)
-        standing = {"slam": "312m", "speech": "312m"}
         until("requests are alike", lambda: requests(robot) == standing or requests(robot))
         assert limits(robot) == {"slam": "800m", "speech": "800m"}
     assert robot.told("ResizePending") == []
