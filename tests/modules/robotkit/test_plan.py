@@ -33,7 +33,7 @@ def test_a_task_hears_its_own_part():
 def test_a_share_is_cores_under_each_scheduler(scheduler):
     """7 of 19 parts of what is to divide of two cores: all but the reserve, or 95 % of each."""
     tasks = [a_task("slam", priority=7), a_task("speech", priority=12)]
-    policy = a_policy(tasks=tasks, scheduler=scheduler, reserve="100m")
+    policy = a_policy(tasks=tasks, enforcement={"scheduler": scheduler}, reserve="100m")
     plan = Story(policy, on_node("slam", "speech", cores=2)).last
     heard = json.dumps(message(policy, 1, plan, (), ())).encode()
     assert Decisions("slam").hear(KEY, heard).share == 0.7
