@@ -13,7 +13,7 @@ from contextpolicy.bus.decision_bus import Bus, agent_key, applied_key, message,
 from contextpolicy.bus.signatures import Signer, Verifier
 from contextpolicy.cluster.pods import view
 from contextpolicy.planning.allocation.placement import Container, Placement
-from contextpolicy.policy.spec import Control, Enforcement
+from contextpolicy.policy.spec import Control, Enforcement, Scheduler
 from tests.bus.certificates import signing_keys
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE, a_pod
@@ -142,6 +142,16 @@ def test_without_a_limit_there_is_no_quota_while_the_task_is_active():
 @pytest.mark.parametrize("qos", ["Guaranteed", "BestEffort"])
 def test_weights_compare_among_burstable_pods_only(qos):
     assert written(Control.WEIGHT, SPEECH, a_pod("speech", qos=qos))[0] is None
+
+
+def test_under_realtime_only_what_is_suspended_has_a_quota():
+    tasks = tuple(replace(task, suspended_cpu=50) for task in POLICY.tasks)
+    policy = replace(POLICY, tasks=tasks, enforcement=Enforcement(scheduler=Scheduler.REALTIME))
+    story = Story(policy, Placement({NODE: 2000}, CONTAINERS))
+    story.sample("imu", at=1, speed=0.3)
+    targets = message(policy, 1, story.last, CONTAINERS, pods("slam", "speech"))["targets"]
+    assert {target["task"]: target["quota"] for target in targets} == {"slam": 0.5, "speech": 0.05}
+    assert targets[1]["cores"] < 0.01, "a suspended task leaves realtime, so it takes no part of that budget"
 
 
 def test_only_containers_with_a_share_are_targets(story):

@@ -5,6 +5,8 @@ from dataclasses import replace
 import pytest
 
 from contextpolicy.cluster.checkup import ClusterFacts, Verdict, checkup
+from tests.cluster.builders import a_pod
+from tests.planning.builders import a_body, a_task
 
 METRICS = "# HELP kubelet_cgroup_version x\nkubelet_cgroup_version 2\n"
 
@@ -96,3 +98,14 @@ def test_everything_that_is_bad_says_what_mends_it():
 
 def test_a_router_of_the_users_own_is_no_fault():
     assert found(routers=[]) == set()
+
+
+def test_a_task_that_its_liveness_probe_may_kill_is_named():
+    pod = a_pod("slam")
+    pod["spec"]["containers"][0]["livenessProbe"] = {"tcpSocket": {"port": 1}}
+    policy = {**a_policy(), **a_body(tasks=[a_task("slam", requires=[{"when": "true"}])])}
+    policy["status"] = a_policy()["status"]
+    warning = ("task slam of policy lab/robot", "warning")
+    assert found(policies=[policy], pods=[pod]) == {warning}
+    assert found(policies=[policy], pods=[a_pod("slam"), {"metadata": {}}]) == set()
+    assert found(policies=[policy], pods=None) == {("tasks", "unknown")}

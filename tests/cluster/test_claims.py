@@ -285,6 +285,34 @@ def test_an_obstacle_of_one_pod_leaves_the_tasks_other_pods():
     assert "slam-0/slam has no CPU limit" in result.obstacles["slam"]
 
 
+@pytest.mark.parametrize(("qos", "resources"), [("Burstable", cpu("10m", None)), ("BestEffort", {})])
+def test_with_an_agent_a_pod_without_a_limit_is_claimed(qos, resources):
+    pods = [view(a_pod("slam", {"slam": resources}, qos=qos))]
+    result = claim([policy_of("robot", "slam")], pods, NODES, agents={NODE})["lab/robot"]
+    assert (held(result), result.obstacles) == ({"lab/slam/slam": "slam"}, {})
+    assert held(claim([policy_of("robot", "slam")], pods, NODES, agents={"other"})["lab/robot"]) == {}
+
+
+@pytest.mark.parametrize(
+    ("qos", "remedy"),
+    [("Guaranteed", "give slam a CPU request below its limit"), ("BestEffort", "give slam a CPU request")],
+)
+def test_a_pod_that_weights_do_not_reach_is_claimed_and_reported(qos, remedy):
+    pods = [view(a_pod("slam", {"slam": {}} if qos == "BestEffort" else None, qos=qos))]
+    for control, obstacles in (("Weight", ["slam"]), ("Limit", []), ("Suspend", [])):
+        policy = policy_of("robot", "slam", enforcement={"control": control})
+        result = claim([policy], pods, NODES, agents={NODE})["lab/robot"]
+        assert (held(result), list(result.obstacles)) == ({"lab/slam/slam": "slam"}, obstacles)
+        assert all(message.endswith(remedy) for message in result.obstacles.values())
+
+
+def test_without_a_limit_of_its_own_a_container_counts_as_one_that_may_use_its_node():
+    pods = [view(a_pod("slam", {"slam": cpu("10m", None)})), view(a_pod("speech", namespace="hall"))]
+    policies = [policy_of("robot", "slam"), replace(policy_of("other", "speech"), namespace="hall")]
+    claims = claim(policies, pods, NODES, tenants=Tenants(), agents={NODE})
+    assert claims["lab/robot"].placement.left == {NODE: 1500}
+
+
 def test_the_order_of_pods_decides_nothing():
     pods = views("slam", "speech", "nav")
     policy = policy_of("robot", "slam", "speech", "nav")

@@ -98,9 +98,9 @@ def test_a_container_that_a_resize_would_restart_is_left_alone_and_told_once(run
 def test_thousands_of_pods_that_come_at_once_cost_one_placement(running, monkeypatch):
     placements = []
 
-    def counted(*arguments):
+    def counted(*arguments, **more):
         placements.append(1)
-        return claim(*arguments)
+        return claim(*arguments, **more)
 
     monkeypatch.setattr(binder, "claim", counted)
     for number in range(300):

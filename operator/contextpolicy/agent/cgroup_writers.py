@@ -91,8 +91,8 @@ class CgroupWriters:
 
     def _apply_realtime(self, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> Failures:
         # Limits first: they must be in force when suspended threads fall back to the fair scheduler.
-        resting = {group for group, target in groups.items() if target.suspended}
-        failures = self._limits.apply(order.policy, dict.fromkeys(resting, QUANTUM), resting)
+        resting = {group: target.quota or QUANTUM for group, target in groups.items() if target.suspended}
+        failures = self._limits.apply(order.policy, resting, resting)
         failures |= self._weights.release(order.policy)
         parts = {group: target.part(self._processors) for group, target in groups.items()}
         return self._realtime.apply(order.policy, parts, order.manner, resting) | failures

@@ -11,6 +11,7 @@ import zenoh
 from contextpolicy.cluster.claims import container_id
 from contextpolicy.planning.allocation.enforcement import amounts
 from contextpolicy.planning.plan_json import plan_json
+from contextpolicy.policy.spec import Control, Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -74,12 +75,15 @@ def _targets(
     tasks = {container.id: container for container in containers}
     specs = {task.name: task for task in policy.leaves}
     shares = plan.containers
+    # There an agent writes quotas for suspended tasks only.
+    realtime = {name for name, node in plan.nodes.items() if node.scheduler is Scheduler.REALTIME}
     for pod in pods:
         for container in pod.containers:
             identity = container_id(pod, container.name)
             if identity in shares and identity in tasks:
                 claimed, suspended = tasks[identity], plan.tasks[tasks[identity].task].suspended
-                own = amounts(policy.enforcement.control, specs[claimed.task], shares[identity], suspended=suspended)
+                control = Control.SUSPEND if pod.node in realtime else policy.enforcement.control
+                own = amounts(control, specs[claimed.task], shares[identity], suspended=suspended)
                 quota = claimed.limit if own.quota is None else own.quota
                 yield {
                     "task": claimed.task,

@@ -118,13 +118,18 @@ def _within(number: float, least: float, most: float) -> float:
     return number
 
 
+def writing(reports: Mapping[str, AgentReport]) -> frozenset[str]:
+    """The nodes whose agents write limits and weights."""
+    return frozenset(node for node, report in reports.items() if not report.limits)
+
+
 def with_agents(policy: Policy, claim: Claim, reports: Mapping[str, AgentReport]) -> Claim:
     """The claim with what its nodes' agents can do.
 
     A node that can't do realtime divides as CFS does, or is left out when the policy rules that out.
     """
     own = {node: reports[node] for node in claim.placement.allocatable if node in reports}
-    agents = frozenset(node for node, report in own.items() if not report.limits)
+    agents = writing(own)
     placement = replace(
         claim.placement,
         agents=agents,

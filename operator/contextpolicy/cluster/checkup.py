@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
+
+from contextpolicy.cluster.claims import matches
+from contextpolicy.cluster.liveness_probes import probe_warning
+from contextpolicy.cluster.pods import PodView, view
+from contextpolicy.errors import PolicyError
+from contextpolicy.policy.parsing import parse
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -38,7 +45,7 @@ class ClusterFacts:
     """Objects as the API has them. None where the caller may not read them: their checks are `unknown`.
 
     `lacking` are the operator's rights that are missing, as `verb resource`; `kubelets` the configuration of each
-    node's kubelet and its metrics as text.
+    node's kubelet and its metrics as text; `pods` are those of the policies' namespaces.
     """
 
     version: str
@@ -49,6 +56,7 @@ class ClusterFacts:
     lacking: Sequence[str] | None
     kubelets: Mapping[str, tuple[Mapping[str, Any], str]] = field(default_factory=dict)
     serves_policies: bool = True
+    pods: Sequence[Mapping[str, Any]] | None = ()
 
 
 def checkup(facts: ClusterFacts) -> Iterator[Check]:
@@ -60,6 +68,7 @@ def checkup(facts: ClusterFacts) -> Iterator[Check]:
     yield from _nodes(facts)
     yield _bus(facts)
     yield from _policies(facts.policies or ())
+    yield from _probes(facts.policies or (), facts.pods)
 
 
 def _version(subject: str, text: str) -> Check:
@@ -174,6 +183,28 @@ def _policies(policies: Iterable[Mapping[str, Any]]) -> Iterator[Check]:
             yield Check(name, verdict, f"{one['type']}: {one['reason']}", one["message"])
         if _conditions(policy) and not bad:
             yield Check(name, Verdict.OK, "all conditions are True")
+
+
+def _probes(policies: Iterable[Mapping[str, Any]], pods: Sequence[Mapping[str, Any]] | None) -> Iterator[Check]:
+    """Liveness probes that tasks may fail while they are suspended; what can't be read is reported elsewhere."""
+    if pods is None:
+        yield Check("tasks", Verdict.UNKNOWN, "their pods can't be listed", "ask somebody who may list pods")
+    views = list(filter(None, map(_view, pods or ())))
+    for body in policies:
+        with suppress(PolicyError):
+            policy = parse(body)
+            own = [pod for pod in views if pod.namespace == policy.namespace and not pod.ended]
+            for task, pod, container in matches(policy, own):
+                warning = probe_warning(policy, task, pod, container)
+                if warning is not None:
+                    yield Check(f"task {task.name} of policy {policy.reference}", Verdict.WARNING, *warning)
+
+
+def _view(pod: Mapping[str, Any]) -> PodView | None:
+    try:
+        return view(pod)
+    except ValueError:
+        return None
 
 
 def _conditions(policy: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:

@@ -6,13 +6,15 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from contextpolicy.cluster.liveness_probes import probe_warning
 from contextpolicy.planning.allocation.placement import QUANTUM, Container, Placement
-from contextpolicy.policy.spec import Control, Mode
+from contextpolicy.policy.spec import Control, Mode, Scheduler
 from contextpolicy.policy.tenants import Tenants
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
+    from contextpolicy.cluster.liveness_probes import ProbeWarning
     from contextpolicy.cluster.pods import ContainerView, Cpu, PodView
     from contextpolicy.policy.spec import Policy, Task
 
@@ -26,6 +28,9 @@ class Claim:
     placement: Placement
     conflicts: list[str] = field(default_factory=list)
     obstacles: dict[str, str] = field(default_factory=dict)
+    """By task, why containers of it are not claimed, or can't have all that the policy's control means."""
+    warnings: dict[str, str] = field(default_factory=dict)
+    """By task, what may go wrong although it is claimed."""
     realtime: list[str] = field(default_factory=list)
     unlimited: list[str] = field(default_factory=list)
     """Messages about nodes whose kernel can't limit CPU time, where orders have no effect."""
@@ -39,12 +44,14 @@ def container_id(pod: PodView, container: str) -> str:
     return f"{pod.namespace}/{pod.name}/{container}"
 
 
-def claim(
+def claim(  # noqa: PLR0913 - all that a claim depends on
     policies: Sequence[Policy],
     pods: Iterable[PodView],
     nodes: Mapping[str, int],
     original: Original = lambda *_: None,
     tenants: Tenants | None = None,
+    *,
+    agents: Collection[str] = (),
 ) -> dict[str, Claim]:
     """What each policy gets, by reference. `policies` are ordered oldest first.
 
@@ -56,14 +63,16 @@ def claim(
     A shadow is placed as if it stood where the policy is that it is a shadow of.
 
     `nodes` maps names to allocatable thousandths of a core, `original` a pod's UID and a container's name to what the
-    container had before any policy.
+    container had before any policy. `agents` are the nodes whose agents write limits.
     """
     tenants = tenants or Tenants()
     live: dict[str, list[PodView]] = defaultdict(list)
     for pod in sorted((pod for pod in pods if pod.node in nodes and not pod.ended), key=lambda pod: pod.name):
         live[pod.namespace].append(pod)
     ordered = sorted(policies, key=lambda policy: -tenants.priority(policy.namespace))
-    found = [(policy, _find(policy, live[policy.namespace], original)) for policy in _with_shadows(ordered)]
+    found = [
+        (policy, _find(policy, live[policy.namespace], nodes, original, agents)) for policy in _with_shadows(ordered)
+    ]
     registry = _Registry(nodes, tenants, _owned(found, tenants))
     placed = {policy.reference: registry.admit(policy, matches) for policy, matches in found}
     return {policy.reference: placed.get(policy.reference) or _alone(policy, policies) for policy in policies}
@@ -91,12 +100,17 @@ def _alone(shadow: Policy, policies: Iterable[Policy]) -> Claim:
 
 @dataclass(frozen=True, slots=True)
 class _Match:
-    """A container that a task selects, with the limit that it had before any policy."""
+    """A container that a task selects, with the CPU that it could use before any policy.
+
+    An `obstacle` keeps it from being claimed; `unweighted` only says why a weight has no effect on it.
+    """
 
     task: Task
     container: Container
     limit: int
     obstacle: str | None
+    unweighted: str | None
+    warning: ProbeWarning | None
 
 
 class _Registry:
@@ -126,6 +140,10 @@ class _Registry:
                 result.obstacles[task] = match.obstacle
             else:
                 held[identity] = match
+                if match.unweighted is not None:
+                    result.obstacles[task] = match.unweighted
+                if match.warning is not None:
+                    result.warnings[task] = str(match.warning)
         absent = {task.name for task in policy.leaves} - {match.task.name for match in matches}
         return self._take(policy, list(held.values()), frozenset(absent), result)
 
@@ -175,15 +193,22 @@ class _Registry:
         return ", ".join(sorted(owned.keys() - {namespace})), max(0, min(own, part))
 
 
-def _find(policy: Policy, pods: Sequence[PodView], original: Original) -> list[_Match]:
+def _find(
+    policy: Policy, pods: Sequence[PodView], nodes: Mapping[str, int], original: Original, agents: Collection[str]
+) -> list[_Match]:
     """`pods` are those of the policy's own namespace: no other is its business."""
+    own = policy.enforcement
+    weighted = own.control is Control.WEIGHT and own.scheduler is Scheduler.CFS
     found = []
-    for task, pod, container in _matches(policy, pods):
+    for task, pod, container in matches(policy, pods):
         before = original(pod.uid, container.name)
         floor = pod.floor(container, before)
         limit, identity = (before or container.spec).limit, container_id(pod, container.name)
         claimed = Container(identity, task.name, pod.node, floor, container.memory_limit, limit)
-        found.append(_Match(task, claimed, limit or 0, pod.obstacle(container, may_restart=task.restart_on_resize)))
+        obstacle = pod.obstacle(container, may_restart=task.restart_on_resize, agent=pod.node in agents)
+        unweighted = pod.unweighted(container) if weighted else None
+        usable = nodes[pod.node] if limit is None else limit
+        found.append(_Match(task, claimed, usable, obstacle, unweighted, probe_warning(policy, task, pod, container)))
     return found
 
 
@@ -213,7 +238,8 @@ def _least(policy: Policy, container: Container) -> int:
     return container.floor if policy.enforcement.control is Control.LIMIT else QUANTUM
 
 
-def _matches(policy: Policy, pods: Sequence[PodView]) -> Iterator[tuple[Task, PodView, ContainerView]]:
+def matches(policy: Policy, pods: Sequence[PodView]) -> Iterator[tuple[Task, PodView, ContainerView]]:
+    """Each task with the pods and containers that it selects; `pods` are those of the policy's namespace."""
     for task in policy.leaves:
         for pod in pods:
             if task.selector is not None and task.selector.matches(pod.labels):

@@ -45,6 +45,8 @@ class ContainerView:
     writers: Writers = NOBODY
     restarts: bool = False
     """Whether its `resizePolicy` makes the kubelet restart it whenever its CPU changes."""
+    probed: bool = False
+    """Whether it has a livenessProbe, so that the kubelet kills it when it does not answer in time."""
 
     @property
     def in_force(self) -> bool:
@@ -109,19 +111,22 @@ class PodView:
         equal_memory = container.memory_limit is not None and container.memory_request == container.memory_limit
         return request + 1 if equal_memory and cpu.request != cpu.limit else request
 
-    def obstacle(self, container: ContainerView, *, may_restart: bool = False) -> str | None:
+    def obstacle(self, container: ContainerView, *, may_restart: bool = False, agent: bool = False) -> str | None:
         """Why this container's CPU can't be changed in place, with what to do about it; None when it can.
 
-        `may_restart`: its task accepts that a resize restarts it, if that is what its `resizePolicy` says.
+        `may_restart`: its task accepts that a resize restarts it, if that is what its `resizePolicy` says. `agent`: its
+        node has one, which needs no limit in the API: it writes the cgroup's, and takes it back.
         """
         if self.mirror:
             return f"{self.name} is a static pod, which can't be resized; run it as a Deployment"
+        if container.spec.limit is None and agent:
+            return None
         if self.qos == "BestEffort":
             return f"{self.name} is BestEffort, which can't be resized; give {container.name} a CPU request and limit"
         if container.spec.limit is None:
             return (
                 f"{self.name}/{container.name} has no CPU limit, and one that is set can't be taken back; "
-                "give it a CPU limit in its pod template"
+                "give it a CPU limit in its pod template, or run the node agent on its node"
             )
         if container.restarts and not may_restart:
             return (
@@ -129,6 +134,16 @@ class PodView:
                 "set NotRequired in its pod template, or accept restarts with restartOnResize: true on its task"
             )
         return None
+
+    def unweighted(self, container: ContainerView) -> str | None:
+        """Why this container can't have a weight of its own, with what to do about it; None when it can."""
+        remedies = {"BestEffort": "a CPU request", "Guaranteed": "a CPU request below its limit"}
+        if self.qos not in remedies:
+            return None
+        return (
+            f"{self.name} is {self.qos}, and weights compare only among Burstable pods; "
+            f"give {container.name} {remedies[self.qos]}"
+        )
 
 
 def view(pod: Mapping[str, Any]) -> PodView:
@@ -201,6 +216,7 @@ def _container(container: Mapping[str, Any], field: str, status: Mapping[str, An
             policy.get("resourceName") == "cpu" and policy.get("restartPolicy") == "RestartContainer"
             for policy in container.get("resizePolicy") or []
         ),
+        probed=bool(container.get("livenessProbe")),
     )
 
 

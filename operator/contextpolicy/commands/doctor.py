@@ -77,7 +77,11 @@ def facts(api: ApiServer, namespaces: Sequence[str | None]) -> ClusterFacts:
     kubelets = {name: one for node in nodes or () if (one := _kubelet(api, name := node["metadata"]["name"]))}
     lacking = _lacking(api, operators[0], policies or ()) if operators else None
     routers = _allowed(lambda: _pods(api, ROUTER))
-    return ClusterFacts(version, policies, operators, routers, nodes, lacking, kubelets, serves_policies=served)
+    used = sorted({policy["metadata"]["namespace"] for policy in policies or ()})
+    pods = _allowed(lambda: [pod for namespace in used for pod in _of(api, namespace)])
+    return ClusterFacts(
+        version, policies, operators, routers, nodes, lacking, kubelets, serves_policies=served, pods=pods
+    )
 
 
 def _allowed(read: Callable[[], T]) -> T | None:
@@ -95,6 +99,11 @@ def _policies(api: ApiServer, namespaces: Sequence[str | None]) -> list[dict[str
 
 def _pods(api: ApiServer, selector: str) -> list[dict[str, Any]]:
     pods: list[dict[str, Any]] = api.read(f"/api/v1/pods?labelSelector={quote(selector)}")["items"]
+    return pods
+
+
+def _of(api: ApiServer, namespace: str) -> list[dict[str, Any]]:
+    pods: list[dict[str, Any]] = api.read(f"/api/v1/namespaces/{quote(namespace)}/pods")["items"]
     return pods
 
 

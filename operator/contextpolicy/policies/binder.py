@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from contextpolicy.cluster.agent_reports import with_agents
+from contextpolicy.cluster.agent_reports import with_agents, writing
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pod_directory import PodDirectory
 
@@ -85,7 +85,8 @@ class Binder:
         runners = self._registry.runners()
         policies = [runner.policy for runner in runners]
         pods = chain.from_iterable(self.pods.of(namespace) for namespace in {own.namespace for own in policies})
-        claims = claim(policies, pods, dict(self._nodes.values()), self._originals.cpu, self._tenants)
+        nodes, agents = dict(self._nodes.values()), writing(self._bus.reports)
+        claims = claim(policies, pods, nodes, self._originals.cpu, self._tenants, agents=agents)
         return [
             (runner, with_agents(policy, claims[policy.reference], self._bus.reports))
             for runner, policy in zip(runners, policies, strict=True)

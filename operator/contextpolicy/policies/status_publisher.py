@@ -114,6 +114,7 @@ class StatusPublisher:
         for reason, had, have in (
             ("Conflicted", before.conflicts, now.conflicts),
             ("NotResizable", list(before.obstacles.values()), list(now.obstacles.values())),
+            ("LivenessProbe", list(before.warnings.values()), list(now.warnings.values())),
             ("RealtimeUnavailable", before.realtime, now.realtime),
         ):
             if have and have != had:

@@ -6,7 +6,7 @@ from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
 from contextpolicy.policy.cel import Expression
-from contextpolicy.policy.spec import SatisfiedBy
+from contextpolicy.policy.spec import Enforce, SatisfiedBy
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -97,3 +97,12 @@ class TaskTree:
         for one in self.ancestors(producer):
             if one not in own or self.tasks[one].satisfied_by is SatisfiedBy.ALL:
                 yield one
+
+
+def suspendable(policy: Policy, task: Task) -> bool:
+    """Whether anything can suspend the task: what it waits for, a context, or a task that it is a part of."""
+    if task.requires or task.protected:
+        return bool(task.requires)
+    effects = [context.effects[task.name] for context in policy.contexts if task.name in context.effects]
+    own = task.activity or not task.priority or task.needs.enforce is Enforce.SUSPEND
+    return bool(own or TaskTree(policy).ancestors(task.name) or any(effect.suspends for effect in effects))

@@ -181,6 +181,7 @@ def _task(fields: Fields) -> policy.Task:
         idle=fields.number("idle"),
         min=max(10, minimum or 0),
         max=fields.cpu("max"),
+        suspended_cpu=max(10, fields.cpu("suspendedCpu") or 0),
         needs=_needs(fields.nested("needs")),
         activity=activity,
         requires=tuple(_requirement(item) for item in fields.nested_list("requires", limit=16)),
@@ -196,11 +197,13 @@ def _task(fields: Fields) -> policy.Task:
             "a selector for a task in a container, subtasks for one without",
         )
     if result.subtasks:
-        for group_less in ("min", "max", "needs", "container", "restartOnResize"):
+        for group_less in ("min", "max", "suspendedCpu", "needs", "container", "restartOnResize"):
             if group_less in fields:
                 fields.refuse(group_less, fields.raw(group_less), "only on a task in a container: a group has subtasks")
     if result.max is not None and not result.min <= result.max:
         fields.refuse("max", fields.raw("max"), f"at least min ({minimum or 10}m) and at least 10m")
+    elif result.max is not None and result.max < result.suspended_cpu:
+        fields.refuse("suspendedCpu", fields.raw("suspendedCpu"), "at most max")
     if result.protected and result.subtasks:
         allowed = "true on a task in a container: protect the subtasks that need it"
         fields.refuse("protected", fields.raw("protected"), allowed)

@@ -196,6 +196,7 @@ class Task:
 
     Contexts can weight a `protected` one, but nothing can suspend it or put it below its `min`. With
     `restart_on_resize` it accepts that a new share restarts a container whose `resizePolicy` is RestartContainer.
+    `suspended_cpu` is what each of its containers keeps while it is suspended.
     """
 
     name: str
@@ -205,6 +206,7 @@ class Task:
     idle: float | None = None
     min: int = 10
     max: int | None = None
+    suspended_cpu: int = 10
     needs: Needs = Needs()
     activity: tuple[Activity, ...] = ()
     requires: tuple[Requirement, ...] = ()

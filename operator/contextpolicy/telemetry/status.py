@@ -244,13 +244,15 @@ def _task(planner: Planner, facts: StatusFacts, name: str) -> dict[str, Any]:
     pods = sum(container.task == name for container in facts.claim.placement.containers)
     shortfalls = [s.message for s in planner.last.shortfalls if s.task == name] if planner.last else []
     problems = [*shortfalls, *([facts.claim.obstacles[name]] if name in facts.claim.obstacles else [])]
+    warnings = [facts.claim.warnings[name]] if name in facts.claim.warnings else []
+    because = [plan.because] if plan else []
     return {
         "name": name,
         "weight": plan.weight if plan else 0,
         "share": format_cpu(plan.share if plan else 0),
         "suspended": bool(plan and plan.suspended),
         "pods": pods,
-        "message": "; ".join(problems or ([plan.because] if plan else []))[:MAX_MESSAGE],
+        "message": "; ".join([*(problems or because), *warnings])[:MAX_MESSAGE],
     }
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
-from contextlib import ExitStack
+import threading
+from contextlib import ExitStack, contextmanager
 
 import pytest
 
 from robotkit import Input
 from robotkit.inputs import Inputs
+from robotkit.session import POOL
 from tests.modules.robotkit.bus import Matching, client, router, soon
 from tests.waiting import until
 
@@ -83,3 +86,95 @@ def test_small_messages_are_sent():
         assert soon(inputs.take).payload == b"7"
         assert inputs.shared["small"] == 0
         inputs.close()
+
+
+# a peer that gets no CPU: stopped in the middle of whatever it does, as one that its quota throttles
+
+RESTLESS_CAMERA = """
+import sys
+from tests.modules.robotkit.bus import client
+from tests.modules.robotkit.test_shared_memory import FRAME
+with client(sys.argv[1], shared_memory=True) as camera:
+    publisher = camera.declare_publisher("test/other")
+    print("ready", flush=True)
+    while True:
+        publisher.put(FRAME)
+"""
+HOARDER = """
+import sys
+from robotkit import Input
+from robotkit.inputs import Inputs
+from tests.modules.robotkit.bus import client
+with client(sys.argv[1], shared_memory=True) as module:
+    inputs = Inputs(module, {"frame": Input("test/frame/*", depth=200)})
+    inputs.resume()
+    print("ready", flush=True)
+    sys.stdin.read()
+    while True:
+        one = inputs.take()
+        print(one.key.rpartition("/")[2], *set(one.payload), flush=True)
+"""
+ALL_OF_IT = POOL // len(FRAME) + 1
+"""Frames of which not all fit into a publisher's shared memory."""
+
+
+@contextmanager
+def a_peer(program, address):
+    argv = [sys.executable, "-c", program, address]
+    with subprocess.Popen(argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as peer:
+        assert peer.stdout is not None
+        assert peer.stdout.readline() == "ready\n"
+        try:
+            yield peer
+        finally:
+            peer.kill()
+
+
+@contextmanager
+def camera_and_module(address):
+    """Call the result to send a frame of one value and wait for it; it returns how many came by shared memory."""
+    with client(address, shared_memory=True) as camera, client(address, shared_memory=True) as module:
+        inputs = Inputs(module, {"frame": Input("test/frame/*", depth=5), "other": Input("test/other")})
+        inputs.resume()
+        publisher = camera.declare_publisher("test/frame/1")
+        Matching(publisher).wait(expected=True)
+
+        def send(number):
+            frame = bytes([number]) * len(FRAME)
+            camera.put(f"test/frame/{number}", frame)
+            while soon(inputs.take).payload != frame:
+                pass  # one of the peer's
+            return inputs.shared["frame"]
+
+        yield send
+        inputs.close()
+
+
+@pytest.mark.parametrize("program", [RESTLESS_CAMERA, HOARDER], ids=["writer", "reader"])
+def test_a_stopped_peer_blocks_neither_readers_nor_writers(program):
+    with router() as address, camera_and_module(address) as send, a_peer(program, address) as peer:
+        until(lambda: send(1))
+        peer.send_signal(signal.SIGSTOP)
+        before = send(1)
+        until(lambda: send(1) >= before + ALL_OF_IT)  # what the stopped one held is free again
+
+
+def test_a_frame_that_was_overwritten_meanwhile_is_dropped_and_not_mistaken_for_another():
+    with router() as address, camera_and_module(address) as send, a_peer(HOARDER, address) as peer:
+        until(lambda: send(1) >= ALL_OF_IT // 2)
+        peer.send_signal(signal.SIGSTOP)
+        before = send(1)
+        until(lambda: send(2) >= before + 3 * ALL_OF_IT)
+        peer.send_signal(signal.SIGCONT)
+        frames: list[list[str]] = []
+        stdin, stdout = peer.stdin, peer.stdout
+        assert stdin is not None
+        assert stdout is not None
+        stdin.close()
+        reader = threading.Thread(target=lambda: frames.extend(line.split() for line in stdout))
+        reader.start()
+        until(lambda: send(2) and ["2", "2"] in frames)  # it may have to connect again first
+        peer.kill()
+        reader.join()
+    assert ["1", "1"] in frames  # that which came by TCP
+    assert [content for name, *content in frames if content != [name]] == []

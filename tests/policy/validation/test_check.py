@@ -66,6 +66,7 @@ FULL = {
                 "idle": 1,
                 "min": "10m",
                 "max": 2,
+                "suspendedCpu": "50m",
                 "restartOnResize": True,
                 "selector": {
                     "matchLabels": {"app": "slam"},

@@ -57,10 +57,11 @@ def target_cpu(
     ownership = pod.owned.get(container.name)
     before = original.cpu if original else ownership.cpu if ownership else container.spec
     wanted = order.limits.get(identity, order.shares[identity])
+    if pod.view.qos == "Guaranteed":
+        limit = before.limit if wanted is None else wanted
+        return Cpu(limit, limit)
     if before.limit is None or wanted is None:
         return Cpu(_request(order, identity, before, before.limit), before.limit)
-    if pod.view.qos == "Guaranteed":
-        return Cpu(wanted, wanted)
     limit = wanted if identity in order.requests else max(wanted, pod.view.floor(container, before))
     return Cpu(_request(order, identity, before, limit), limit)
 

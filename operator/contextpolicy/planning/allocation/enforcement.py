@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from contextpolicy.planning.allocation.placement import QUANTUM
 from contextpolicy.policy.spec import Control
 
 if TYPE_CHECKING:
@@ -28,6 +27,6 @@ def amounts(control: Control, task: Task, share: int, *, suspended: bool) -> Amo
         return Amounts(None, share)
     weighted = control is Control.WEIGHT
     if suspended:
-        return Amounts(0 if weighted else None, QUANTUM)
+        return Amounts(0 if weighted else None, task.suspended_cpu)
     least = PROTECTED_WEIGHT if task.protected else 0
     return Amounts(max(share, least) if weighted else None, task.max)

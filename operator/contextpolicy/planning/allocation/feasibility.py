@@ -35,7 +35,7 @@ def shortfalls(
             continue
         if weights[container.task].value > 0:
             yield from _unmet(tasks[container.task], share, container, seated[container.node])
-        elif container.task in suspended and holds_up(policy, container, layout.agents):
+        elif container.task in suspended and holds_up(policy, tasks[container.task], container, layout.agents):
             request, limit = format_cpu(container.request), format_cpu(max(share, container.floor))
             yield Shortfall(container.task, f"is suspended but its CPU request of {request} keeps its limit at {limit}")
 

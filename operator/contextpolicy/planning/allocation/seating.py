@@ -30,18 +30,20 @@ class Seat:
     containers: tuple[Container, ...]
     floors: tuple[int, ...]
     """What each container can't go below."""
+    suspended: int
+    """What they keep together while the task is suspended."""
     floor: int
     ceiling: int
     protected: bool = False
 
     def claim(self, weight: float, *, protect: bool = True) -> Demand:
-        """A suspended task claims the least possible, not its min; a protected one never less than its min.
+        """A suspended task claims what it keeps, not its min; a protected one never less than its min.
 
         Without `protect` its min is scaled down with the other floors: there is not enough for all protected ones.
         """
         least = self.floor if self.protected and protect else len(self.floors)
         if weight == 0:
-            floor = self.floor if self.protected else sum(self.floors)
+            floor = self.floor if self.protected else self.suspended
             return Demand(self.task, 0.0, floor, floor, least)
         return Demand(self.task, weight, self.floor, self.ceiling, least)
 
@@ -104,15 +106,18 @@ def seat_tasks(policy: Policy, placement: Placement) -> Seating:
         container
         for container in placement.containers
         if container.task in tasks
-        and (tasks[container.task].needs != Needs() or holds_up(policy, container, placement.agents))
+        and (
+            tasks[container.task].needs != Needs()
+            or holds_up(policy, tasks[container.task], container, placement.agents)
+        )
     )
     return Seating(nodes, demanding, placement.absent, placement.agents)
 
 
-def holds_up(policy: Policy, container: Container, agents: Collection[str]) -> bool:
+def holds_up(policy: Policy, task: Task, container: Container, agents: Collection[str]) -> bool:
     """Whether the container's request keeps its limit up when it is suspended; `agents` are nodes that have one."""
     moves = policy.enforcement.control is Control.WEIGHT or container.node in agents
-    return container.floor > QUANTUM and not moves
+    return container.floor > task.suspended_cpu and not moves
 
 
 def _on(node: str, policy: Policy, placement: Placement) -> Policy:
@@ -135,18 +140,36 @@ def _node(
         units = divisible // quantum
     led = name in placement.agents
     seats = tuple(
-        _seat(task, containers, tuple(_floor(policy, one, led=led) for one in containers), units, quantum)
+        _seat(
+            task,
+            containers,
+            tuple(_floor(policy, one, led=led) for one in containers),
+            most=units,
+            quantum=quantum,
+            scheduler=own.scheduler,
+        )
         for task, containers in seated
     )
     protects = any(seat.protected for seat in seats)
     return SeatedNode(name, units * quantum, quantum, seats, own.scheduler, period, protects)
 
 
-def _seat(task: Task, containers: Sequence[Container], floors: tuple[int, ...], most: int, quantum: int) -> Seat:
-    floor = max(sum(floors), -(-task.min // quantum))
+def _seat(  # noqa: PLR0913 - a task, its containers, and what bounds them on the node
+    task: Task,
+    containers: Sequence[Container],
+    floors: tuple[int, ...],
+    *,
+    most: int,
+    quantum: int,
+    scheduler: Scheduler,
+) -> Seat:
+    # A suspended task leaves realtime, so what it keeps is no part of that budget.
+    kept = 1 if scheduler is Scheduler.REALTIME else -(-task.suspended_cpu // quantum)
+    suspended = sum(max(one, kept) for one in floors)
+    floor = max(suspended, -(-task.min // quantum))
     # A request can hold the floor above `max`; the ceiling rises with it, as `Demand` needs floor <= ceiling.
     ceiling = most if task.max is None else task.max // quantum
-    return Seat(task.name, tuple(containers), floors, floor, max(floor, ceiling), task.protected)
+    return Seat(task.name, tuple(containers), floors, suspended, floor, max(floor, ceiling), task.protected)
 
 
 def _floor(policy: Policy, container: Container, *, led: bool) -> int:
