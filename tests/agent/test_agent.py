@@ -243,6 +243,14 @@ def test_realtime_budgets_and_the_limit_of_the_suspended(tree, agent, slam, spee
     assert (tree.budget(speech), tree.limit(speech)) == (450, 500)
 
 
+def test_what_is_suspended_under_realtime_goes_back_to_the_original(tree, agent, slam):
+    tree.set(slam, 300)
+    agent.hear(POLICY, realtime(a_target(SLAM, 0.002), suspended=("slam",)))
+    assert tree.limit(slam) == 10
+    agent.hear(POLICY, None)
+    assert tree.limit(slam) == 500
+
+
 def test_leaving_realtime_undoes_it(tree, agent, slam):
     agent.hear(POLICY, realtime(a_target(SLAM, 1.0)))
     agent.hear(POLICY, a_message(a_target(SLAM, 0.3), sequence=2))

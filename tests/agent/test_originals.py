@@ -193,3 +193,22 @@ def test_what_repeats_costs_the_journal_nothing(tree, limits, slam, journal):
         limits.apply(POLICY, {slam: 10}, originals={slam: 500})
         resize(tree, limits, slam, 10)
     assert journal.read_text() == before
+
+
+def test_a_pod_is_still_undone_while_the_api_has_yet_to_agree_on_one_of_its_containers(tree, limits, slam):
+    sidecar = tree.container(CHAT, limit=100, uid="uid-a")
+    limits.apply(POLICY, {slam: 900, sidecar: 50}, originals={slam: 500, sidecar: 100})
+    assert tree.limit(slam.parent) == 950
+    tree.set(sidecar, 50)
+    limits.on_other_write(tree.limit_file(sidecar))
+    limits.release(POLICY, leave_agreed=True)
+    assert (tree.limit(slam), tree.limit(sidecar), tree.limit(slam.parent)) == (500, 50, 600)
+
+
+def test_a_pod_whose_container_the_api_agreed_on_is_the_kubelets(tree, limits, slam, journal):
+    """It does not write a pod's limit that is right already."""
+    limits.apply(POLICY, {slam: 900}, originals={slam: 500})
+    tree.set(slam, 900)
+    limits.on_other_write(tree.limit_file(slam))
+    *_, last = [line for line in journal.read_text().splitlines() if str(tree.limit_file(slam.parent)) in line]
+    assert last.endswith(",null]")
