@@ -29,6 +29,10 @@ def test_a_container_whose_node_has_no_plan_yet_is_claimed_without_a_share():
     assert (order.claimed, order.shares, order.limits) == (frozenset("a"), {}, {})
 
 
+def test_the_nodes_with_agents_are_known_also_where_no_plan_is_yet():
+    assert order_of(parse(a_policy()), (SLAM,), {}, agents={"robot-1"}).agents == {"robot-1"}
+
+
 def controlled(control, **more):
     policy = parse(
         a_policy(

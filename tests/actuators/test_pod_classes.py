@@ -10,7 +10,8 @@ import pytest
 
 from contextpolicy.actuators.order import order_of
 from contextpolicy.actuators.resize.pod_state import PodState
-from contextpolicy.actuators.resize.targets import LEAST_REQUEST, target_cpu
+from contextpolicy.actuators.resize.takeover import LEAST_REQUEST
+from contextpolicy.actuators.resize.targets import target_cpu
 from contextpolicy.actuators.resize.tracked_pod import TrackedPod
 from contextpolicy.bus.decision_bus import message
 from contextpolicy.cluster.agent_reports import AgentReport, with_agents, writing

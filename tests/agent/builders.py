@@ -164,6 +164,7 @@ def a_target(identity: str = SLAM, cores: float = 0.5, *, task: str = "slam", **
         "weight": None,
         "quota": cores,
         "held": False,
+        "original": 0.5,
         **more,
     }
 

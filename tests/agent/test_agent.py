@@ -156,19 +156,56 @@ def test_a_plan_that_arrives_after_its_source_is_gone_does_not_stay(tree, agent,
     assert tree.limit(slam) == 500
 
 
-def test_a_confirmed_limit_stays_without_a_source(tree, agent, scheduler, slam):
-    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
-    tree.set(slam, 900)
-    agent.on_other_write(tree.limit_file(slam))
+def confirm(tree, agent, group, limit):
+    """The kubelet writes what the API has."""
+    tree.set(group, limit)
+    agent.on_other_write(tree.limit_file(group))
+
+
+def test_what_the_api_confirmed_is_undone_without_a_source_and_written_again_when_it_is_back(
+    tree, agent, scheduler, slam
+):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.01)))
+    confirm(tree, agent, slam, 10)
     agent.lose_source(POLICY)
-    wait(scheduler, 2 * GRACE)
-    assert tree.limit(slam) == 900
+    wait(scheduler, GRACE - 0.1)
+    assert tree.limit(slam) == 10
+    wait(scheduler, GRACE)
+    assert tree.limit(slam) == 500
+    agent.find_source(POLICY)
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.01), run=2))
+    assert tree.limit(slam) == 10
 
 
-def test_stopping_undoes_what_is_not_confirmed(tree, agent, slam):
-    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+def test_what_the_api_confirmed_is_undone_with_the_policy(tree, agent, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.01)))
+    confirm(tree, agent, slam, 10)
+    agent.hear(POLICY, None)
+    assert tree.limit(slam) == 500
+
+
+def test_stopping_undoes_what_is_not_confirmed_and_leaves_the_rest(tree, agent, slam, speech):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9), a_target(SPEECH, 0.01, task="speech")))
+    confirm(tree, agent, speech, 10)
+    agent.stop()
+    assert (tree.limit(slam), tree.limit(speech)) == (500, 10)
+
+
+def test_stopping_while_nobody_plans_undoes_everything(tree, agent, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.01)))
+    confirm(tree, agent, slam, 10)
+    agent.lose_source(POLICY)
     agent.stop()
     assert tree.limit(slam) == 500
+
+
+def test_a_container_that_had_no_limit_and_one_that_did(tree, agent, slam):
+    free = tree.container(SPEECH, limit=None)
+    targets = a_target(SLAM, 0.01), a_target(SPEECH, 0.01, task="speech", original=None, held=True)
+    agent.hear(POLICY, a_message(*targets))
+    assert (tree.limit(slam), tree.limit(free)) == (10, 10)
+    agent.hear(POLICY, None)
+    assert (tree.limit(slam), tree.limit(free)) == (500, None)
 
 
 def test_a_killed_agents_writes_are_undone_unless_a_plan_comes(start, tree, scheduler, slam, speech):
@@ -187,6 +224,7 @@ def test_a_killed_agents_writes_are_undone_unless_a_plan_comes(start, tree, sche
 def test_a_killed_agents_writes_that_the_api_confirmed_stay(start, tree, agent, slam):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
     heir = start()
+    heir.find_source(POLICY)
     heir.hear(POLICY, a_message(a_target(SLAM, 0.9, limit=0.9)))
     heir.stop()
     assert tree.limit(slam) == 900
@@ -203,6 +241,14 @@ def test_realtime_budgets_and_the_limit_of_the_suspended(tree, agent, slam, spee
     assert (tree.limit(slam), tree.limit(speech)) == (500, 10)
     agent.hear(POLICY, realtime(a_target(SLAM, 1.0), a_target(SPEECH, 0.9, task="speech"), sequence=2))
     assert (tree.budget(speech), tree.limit(speech)) == (450, 500)
+
+
+def test_what_is_suspended_under_realtime_goes_back_to_the_original(tree, agent, slam):
+    tree.set(slam, 300)
+    agent.hear(POLICY, realtime(a_target(SLAM, 0.002), suspended=("slam",)))
+    assert tree.limit(slam) == 10
+    agent.hear(POLICY, None)
+    assert tree.limit(slam) == 500
 
 
 def test_leaving_realtime_undoes_it(tree, agent, slam):

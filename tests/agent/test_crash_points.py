@@ -18,11 +18,11 @@ from tests.agent.builders import POLICY, SLAM, SPEECH, Tree, a_message, a_target
 
 GRACE = 10.0
 BEFORE, DURING, AFTER = "before", "during", "after"
-WRITES = {"CFS": 13, "Realtime": 32}
-"""What the story costs."""
+WRITES = {"CFS": 13, "CFS agreed": 18, "Realtime": 32}
+"""What each story costs; in one of them the API agrees to each plan."""
 POINTS = [
-    (scheduler, write, moment)
-    for scheduler, writes in WRITES.items()
+    (story, write, moment)
+    for story, writes in WRITES.items()
     for write, moment in itertools.product(range(writes), (BEFORE, DURING, AFTER))
 ]
 SHARES = ({"slam": 0.8, "speech": 0.1}, {"slam": 0.2, "speech": 0.6})
@@ -66,8 +66,9 @@ class Fuse:
 class Story:
     """Two plans, then the policy is deleted; `after` counts the plans that some agent heard of."""
 
-    def __init__(self, tmp_path, scheduler, watch):
-        self._scheduler, self._state, self._watch = scheduler, tmp_path / "state", watch
+    def __init__(self, tmp_path, name, watch):
+        self._scheduler, _, self._agreed = name.partition(" ")
+        self._state, self._watch = tmp_path / "state", watch
         self.tree = Tree(tmp_path / "cgroup")
         self.groups = {"slam": self.tree.container(SLAM), "speech": self.tree.container(SPEECH)}
         self.before = self.seen()
@@ -95,13 +96,28 @@ class Story:
     def run(self):
         for self.heard in range(1, len(SHARES) + 1):
             self.tell()
+            if self._agreed:
+                self.agree()
         self.agent.lose_source(POLICY)
         self.agent.hear(POLICY, None)
 
+    def agree(self):
+        """The kubelet writes what the API has by now: a pod that rises before its container, one that falls after."""
+        for name, share in SHARES[self.heard - 1].items():
+            files = [self.tree.limit_file(group) for group in (self.groups[name].parent, self.groups[name])]
+            for file in files if share > 0.5 else reversed(files):
+                with file.open("w") as text:
+                    text.write(f"{round(share * 100_000)}\n")
+                self.agent.on_other_write(file)
+
     def seen(self):
-        """Every limit, period and budget of pods; unlike the kernel's, these files keep the end of a longer text."""
+        """Every limit, period and budget; unlike the kernel's, these files keep the end of a longer text.
+
+        A pod keeps what the API agreed to where that is no less than its containers' sum.
+        """
         names = ("cpu.cfs_quota_us", "cpu.rt_runtime_us", "cpu.rt_period_us")
-        files = [path for name in names for path in self.tree.layout.top.rglob(name)]
+        tops = self.groups.values() if self._agreed else [self.tree.layout.top]
+        files = [path for top in tops for name in names for path in top.rglob(name)]
         return {path: path.read_text().partition("\n")[0] for path in files}
 
     def obeyed(self):
@@ -130,7 +146,7 @@ def watch():
 
 @pytest.fixture
 def tell_story(tmp_path, watch):
-    return lambda scheduler: Story(tmp_path, scheduler, watch)
+    return lambda name: Story(tmp_path, name, watch)
 
 
 @pytest.fixture

@@ -228,14 +228,15 @@ def test_a_killed_agents_failed_write_leaves_what_was_written_before_to_be_undon
     assert node.tree.limit(node.slam) == 500
 
 
-def test_a_resize_that_does_what_the_agent_could_not_leaves_nothing_to_undo(node):
+def test_a_resize_that_does_what_the_agent_could_not_is_left_at_the_agents_end(node):
+    node.agent.find_source(POLICY)
     plan(node.agent)
     node.kernel.refuse("pwrite", node.slam_limit, errno.EINVAL)
     plan(node.agent, 0.8, 0.2, sequence=2)
     node.kernel.allow()
     node.tree.set(node.slam, 800)
     node.agent.on_other_write(node.slam_limit)
-    node.agent.hear(POLICY, None)
+    node.agent.stop()
     assert node.tree.limit(node.slam) == 800
 
 

@@ -19,11 +19,11 @@ def disk(tmp_path):
 
 def test_another_life_knows_it_all(disk):
     ledger = Ledger(disk)
-    ledger.intend(FILE, "robot/delivery", now="50000", ours="1000", held=True)
+    ledger.intend(FILE, "robot/delivery", now="50000", ours="1000", held=True, original="70000")
     ledger.save()
     heir = Ledger(disk)
     heir.load()
-    assert heir.entries == {FILE: Entry("robot/delivery", "50000", "1000", held=True, inherited=True)}
+    assert heir.entries == {FILE: Entry("robot/delivery", "50000", "1000", held=True, inherited=True, original="70000")}
 
 
 def test_only_the_first_write_finds_theirs(disk):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 
 import pytest
+from reactivex.scheduler import VirtualTimeScheduler
 
 from contextpolicy.agent.inotify import WriteWatch
 from contextpolicy.agent.leftovers import undo
@@ -36,6 +37,16 @@ def groups(tree, state):
 
 def test_every_policy_is_undone_at_once(tree, state, groups):
     undo(agent_settings(tree.mount, state, grace=3600))
+    assert [tree.limit(group) for group in groups] == [500, 500]
+    assert (state / "agent.journal").read_text() == ""
+
+
+def test_what_the_api_agreed_to_is_undone_as_well(tree, state, groups):
+    """Nobody knows whether the operator lives. If it does, it has the kubelet write the API's limits once more."""
+    heir = an_agent(tree, state, VirtualTimeScheduler(), WriteWatch(lambda _: None))
+    heir.start()
+    heir.hear("robot/delivery", a_message(a_target(SLAM, 0.1, limit=0.1)))
+    undo(agent_settings(tree.mount, state))
     assert [tree.limit(group) for group in groups] == [500, 500]
     assert (state / "agent.journal").read_text() == ""
 

@@ -47,6 +47,7 @@ def test_an_order_has_what_this_node_must_do():
                 weight=None,
                 quota=990,
                 held=False,
+                original=500,
             ),
             OrderTarget(
                 "uid-b",
@@ -58,6 +59,7 @@ def test_an_order_has_what_this_node_must_do():
                 weight=None,
                 quota=10,
                 held=False,
+                original=500,
             ),
         ),
     )

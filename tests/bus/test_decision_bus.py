@@ -92,6 +92,7 @@ def test_a_message_has_all_that_modules_agents_and_recorders_read(story):
                 "weight": None,
                 "quota": cores,
                 "held": False,
+                "original": 0.5,
                 "limit": 0.5,
             }
             for task, cores in (("slam", 1.99), ("speech", 0.01))

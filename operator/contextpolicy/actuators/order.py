@@ -24,6 +24,7 @@ class Order:
     by node. A claimed container without a share keeps what it has. `limits` are what a share means for a container's
     limit, None for the one it had before any policy; `requests` are what it means for its request, where requests are
     weights. `bounded`: the limits are what a node is divided by, so that they must not sum to more than `capacity`.
+    On the nodes in `agents` an agent writes limits first, and resizes follow.
     """
 
     policy: str
@@ -35,6 +36,7 @@ class Order:
     bounded: bool = True
     nodes: Mapping[str, str] = field(default_factory=dict)
     transition: Transition = Transition.STRICT
+    agents: frozenset[str] = frozenset()
 
     def leaves_alone(self, container: str) -> bool:
         """Whether the container, which has a share, keeps what it had before any policy."""
@@ -75,6 +77,7 @@ def order_of(
         bounded=control is Control.LIMIT,
         transition=policy.enforcement.transition,
         nodes={container.id: container.node for container in containers},
+        agents=frozenset(agents),
     )
 
 

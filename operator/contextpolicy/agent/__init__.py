@@ -9,7 +9,7 @@ What "undo" means. The API and the kubelet own every CPU limit: the agent only w
 a little sooner. For each file that it wrote the ledger keeps `theirs`, what anybody else last wrote there, and `ours`.
 `inotify` reports when somebody else writes the file:
 
-- `ours`: the resize came and agrees. The entry is closed; nothing is left to undo.
+- `ours`: the resize came and agrees. From then on `theirs` is the same; only the original is left to put back.
 - a value of an earlier plan: a resize that was under way when the plan changed. It becomes `theirs`; ours is put back.
 - `theirs` again: nothing new was decided. systemd, which makes the cgroups of most robots, writes all of a unit's
   settings anew at `daemon-reload` and `set-property`, with the limit that the kubelet last told it. Ours is put back.
@@ -17,12 +17,16 @@ a little sooner. For each file that it wrote the ledger keeps `theirs`, what any
   now. The entry stays open.
 - anything else: a decision of the owner. The value stays until the next plan; nothing is left to undo.
 
-To undo is to write `theirs` back where the file still holds `ours`. That happens when a plan no longer names the
-container, when the policy leaves Enforce or is deleted, when the policy's plans have had no source for the grace
-period, and at SIGTERM. The ledger is saved before the first write, so a restarted agent knows all this: files that
-still hold `ours` then wait for the policy's plan, which says what the API has by now, and are undone after the grace
-period if none comes. One thing it can't know: that a resize agreed while no agent ran, for a policy whose operator is
-gone too. The older value is then put back, and the next resize or plan corrects it.
+To undo is to put back the original, the limit that the container had before any policy: the plan says which. A pod, and
+a container whose original is unknown, gets `theirs`. Files that hold neither `ours` nor `theirs` by now are left alone.
+That happens when a plan no longer names the container, when the policy leaves Enforce or is deleted, and when the
+policy's plans have had no source for the grace period: whatever the API holds then, nobody is left to put it back. At
+SIGTERM everything gets `theirs` while the policy's source lives: what the API has is its plan, and the next agent, or
+the operator without one, goes on from there.
+
+The ledger is saved before the first write, so a restarted agent, or the supervisor of one that is not, knows all this:
+files then wait for the policy's plan, which says what the API has by now, and are undone after the grace period if none
+comes. Where the operator lives, it has the kubelet write the API's limits once more (`actuators.resize.takeover`).
 
 What can't be written, or can't be journalled first, stays as it is. The confirmation of the plan names those
 containers, the operator resizes them itself, and each repetition of the plan tries again.

@@ -64,11 +64,11 @@ class Agent:
             self._await_source(policy)
 
     def stop(self) -> None:
-        """Undo everything, for every policy."""
+        """Undo everything, for every policy, but for what the API has as well where somebody makes plans still."""
         for grace in self._graces.values():
             grace.dispose()
         for policy in {entry.policy for entry in self._ledger.entries.values()}:
-            self._release(policy)
+            self._release(policy, leave_agreed=policy in self._sources)
 
     def hear(self, policy: str, payload: bytes | None, signed: int) -> Confirmation | None:
         """Carry out a plan for the policy, or its withdrawal (None). Bad messages are counted, never raised.
@@ -201,14 +201,14 @@ class Agent:
         refused.pop("", None)
         return groups, refused
 
-    def _release(self, policy: str) -> None:
-        """Undo everything for the policy."""
+    def _release(self, policy: str, *, leave_agreed: bool = False) -> None:
+        """Undo everything for the policy; `leave_agreed`: but for what the API has as well."""
         self._end_grace(policy)
         self._end_drain(policy)
         self._followed.pop(policy, None)
         self._admission.drop(policy)
         if self._writers is not None:
-            self._note(self._writers.release(policy))
+            self._note(self._writers.release(policy, leave_agreed=leave_agreed))
 
     def _note(self, failures: Failures) -> None:
         for error in failures.values():
@@ -221,7 +221,7 @@ class Agent:
 
     def _give_up(self, policy: str) -> None:
         if self._ledger.of(policy):
-            log.warning("%s: no plans for %g s; undoing what the API did not confirm", policy, self._settings.grace)
+            log.warning("%s: no plans for %g s; undoing everything", policy, self._settings.grace)
         self._release(policy)
         self._admission.forget(policy)
 

@@ -67,16 +67,18 @@ class CgroupWriters:
                 self._limits.settle(group, target.limit)
         weights = {group: target.weight for group, target in groups.items() if target.weight is not None}
         failures = self._weights.apply(order.policy, weights)
-        failures |= self._limits.apply(order.policy, self._quotas(order, groups, drained=drained), _held(groups))
+        quotas = self._quotas(order, groups, drained=drained)
+        failures |= self._limits.apply(order.policy, quotas, _held(groups), _originals(groups))
         return self._realtime.release(order.policy) | failures
 
     def drains(self, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> bool:
         """Whether a task is about to be suspended that may finish the input that it is at: see `DRAIN`."""
         return self._quotas(order, groups, drained=False) != self._quotas(order, groups, drained=True)
 
-    def release(self, policy: str) -> Failures:
-        """Undo everything for the policy."""
-        return self._weights.release(policy) | self._limits.release(policy) | self._realtime.release(policy)
+    def release(self, policy: str, *, leave_agreed: bool = False) -> Failures:
+        """Undo everything for the policy; `leave_agreed`: but for what the API has as well."""
+        limits = self._limits.release(policy, leave_agreed=leave_agreed)
+        return self._weights.release(policy) | limits | self._realtime.release(policy)
 
     def on_other_write(self, path: Path) -> Failures:
         """Somebody else wrote a file that we watch."""
@@ -92,7 +94,7 @@ class CgroupWriters:
     def _apply_realtime(self, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> Failures:
         # Limits first: they must be in force when suspended threads fall back to the fair scheduler.
         resting = {group: target.quota or QUANTUM for group, target in groups.items() if target.suspended}
-        failures = self._limits.apply(order.policy, resting, resting)
+        failures = self._limits.apply(order.policy, resting, resting, _originals(groups))
         failures |= self._weights.release(order.policy)
         parts = {group: target.part(self._processors) for group, target in groups.items()}
         return self._realtime.apply(order.policy, parts, order.manner, resting) | failures
@@ -100,3 +102,7 @@ class CgroupWriters:
 
 def _held(groups: Mapping[Path, OrderTarget]) -> set[Path]:
     return {group for group, target in groups.items() if target.held}
+
+
+def _originals(groups: Mapping[Path, OrderTarget]) -> dict[Path, int | None]:
+    return {group: target.original for group, target in groups.items()}

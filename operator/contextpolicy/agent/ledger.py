@@ -31,6 +31,8 @@ class Entry:
     write. `inherited` entries are from an earlier run, which may have ended before its write, or their last write
     failed: the file then holds an earlier value. `overtook` says that the watch has yet to tell of a write before ours,
     which is not ours confirmed. In both cases only the next plan tells whether a resize has confirmed it since.
+    `original` is what the file held before any policy, where the plan says so. Such an entry stays open when the API
+    agrees: `theirs` is then the same as `ours`.
     """
 
     policy: str
@@ -40,6 +42,16 @@ class Entry:
     inherited: bool = False
     overtook: bool = False
     earlier: set[str] = field(default_factory=set)
+    original: str | None = None
+
+    @property
+    def agreed(self) -> bool:
+        """Whether the API has what we want."""
+        return self.theirs == self.ours and not self.held
+
+    def knows(self, text: str) -> bool:
+        """Whether a file that holds `text` holds what the API or we last wrote, not somebody's later decision."""
+        return text in (self.theirs, self.ours, *self.earlier)
 
     def wrote(self, text: str) -> bool:
         """Whether a file that holds `text` holds our value, not what was there before."""
@@ -71,17 +83,39 @@ class Ledger:
         """The policy's entries."""
         return {path: entry for path, entry in self.entries.items() if entry.policy == policy}
 
-    def intend(self, path: Path, policy: str, *, now: str, ours: str, held: bool = False) -> None:
+    def intend(  # noqa: PLR0913 - all that an entry says
+        self, path: Path, policy: str, *, now: str, ours: str, held: bool = False, original: str | None = None
+    ) -> None:
         """We are about to write `ours` over `now`; the caller must `save` before it does."""
         entry = self.entries.get(path)
         self._changed.add(path)
         if entry is None:
-            self.entries[path] = Entry(policy, now, ours, held)
+            self.entries[path] = Entry(policy, now, ours, held, original=original)
             return
         if entry.ours != ours:
             entry.earlier.add(entry.ours)
-        entry.policy, entry.ours, entry.held = policy, ours, held
+        entry.policy, entry.ours, entry.held, entry.original = policy, ours, held, original
         entry.inherited = entry.overtook = False
+
+    def remember(self, path: Path, policy: str, *, now: str, original: str, held: bool = False) -> None:
+        """The policy wants what the file holds already; `original` is what to put back in the end."""
+        entry = self.entries.get(path)
+        if entry is None and now != original:
+            self.entries[path] = Entry(policy, now, now, held, original=original)
+            self._changed.add(path)
+        elif entry is not None and (entry.policy, entry.held, entry.original) != (policy, held, original):
+            entry.policy, entry.held, entry.original = policy, held, original
+            self._changed.add(path)
+
+    def agree(self, path: Path, text: str) -> None:
+        """The API has `text`, which the policy wants and the file holds: only the original is left to put back."""
+        entry = self.entries[path]
+        if entry.original in (None, text):
+            self.close(path)
+            return
+        entry.theirs, entry.ours, entry.earlier = text, text, set()
+        entry.inherited = entry.overtook = False
+        self._changed.add(path)
 
     def retract(self, path: Path) -> None:
         """What we intended was not written: the file holds what it held before, maybe an earlier value of ours."""
@@ -98,8 +132,9 @@ class Ledger:
 
     def hear(self, path: Path, theirs: str) -> None:
         """Somebody else wrote `theirs`, and the entry stays open."""
-        self.entries[path].theirs = theirs
-        self._changed.add(path)
+        if self.entries[path].theirs != theirs:
+            self.entries[path].theirs = theirs
+            self._changed.add(path)
 
     def close(self, path: Path) -> None:
         """There is nothing to undo in this file."""
@@ -148,14 +183,15 @@ class Ledger:
 
     def _line(self, path: Path) -> bytes:
         entry = self.entries.get(path)
-        content = (entry.policy, entry.theirs, entry.ours, entry.held, sorted(entry.earlier)) if entry else None
+        content = entry and (entry.policy, entry.theirs, entry.ours, entry.held, sorted(entry.earlier), entry.original)
         return msgspec.json.encode((str(path), content)) + b"\n"
 
-    def _replay(self, path: str, entry: tuple[str, str, str, bool, list[str]] | None) -> None:
+    def _replay(self, path: str, entry: tuple[str, str, str, bool, list[str], str | None] | None) -> None:
         if entry is None:
             self.entries.pop(Path(path), None)
         else:
-            policy, theirs, ours, held, earlier = entry
-            known = {str(text) for text in earlier}
-            inherited = Entry(str(policy), str(theirs), str(ours), held is True, inherited=True, earlier=known)
+            policy, theirs, ours, held, earlier, original = entry
+            inherited = Entry(str(policy), str(theirs), str(ours), held is True, inherited=True)
+            inherited.earlier = {str(text) for text in earlier}
+            inherited.original = None if original is None else str(original)
             self.entries[Path(path)] = inherited

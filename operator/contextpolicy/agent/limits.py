@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 from collections import defaultdict
 from contextlib import suppress
+from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from contextpolicy.agent.cgroup_paths import is_pod, pod_of
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+NOTHING: Mapping[Path, int | None] = MappingProxyType({})
+
 
 class Limits:
     """The CPU limits that policies want on one node, in thousandths of a core, None for no limit.
@@ -36,24 +40,40 @@ class Limits:
     def __init__(self, files: ControlFiles, ledger: Ledger) -> None:
         self._files, self._ledger = files, ledger
         self._children, self._siblings = Children(), ControlFiles(files.form)
-        self._wanted: dict[str, dict[Path, int | None]] = {}
+        self._wanted: dict[str, Mapping[Path, int | None]] = {}
         self._held: dict[str, set[Path]] = {}
         """The containers whose limits are held, and their pods."""
+        self._originals: dict[str, Mapping[Path, int | None]] = {}
+        self._yielded: set[Path] = set()
+        """Containers that keep what somebody else decided, until the policy's next plan."""
 
-    def apply(self, policy: str, limits: Mapping[Path, int | None], held: Collection[Path] = ()) -> Failures:
-        """Set the policy's limits and undo any others it had. `held` ones are restored whoever overwrites them."""
-        self._wanted[policy], self._held[policy] = dict(limits), {*held, *map(pod_of, held)}
+    def apply(
+        self,
+        policy: str,
+        limits: Mapping[Path, int | None],
+        held: Collection[Path] = (),
+        originals: Mapping[Path, int | None] = NOTHING,
+    ) -> Failures:
+        """Set the policy's limits and undo any others it had. `held` ones are restored whoever overwrites them.
+
+        `originals` are what the containers had before any policy: what undoing puts back, also if the API has agreed.
+        """
+        self._yielded.difference_update(self._wanted.get(policy, ()), limits)
+        self._wanted[policy], self._held[policy] = limits, {*held, *map(pod_of, held)}
+        self._originals[policy] = originals
         failures = self._enforce(policy, anew=True)
         wanted = self._paths(self._groups(policy))
         failures |= self._undo({path: e for path, e in self._own(policy).items() if path not in wanted})
         self._keep()
         return failures
 
-    def release(self, policy: str) -> Failures:
-        """Undo all limits of the policy."""
-        failures = self.apply(policy, {})
-        self._wanted.pop(policy, None)
+    def release(self, policy: str, *, leave_agreed: bool = False) -> Failures:
+        """Undo all limits of the policy; `leave_agreed`: but for what the API has as well."""
+        failures = self._undo(self._own(policy), leave_agreed=leave_agreed)
+        self._yielded.difference_update(self._wanted.pop(policy, ()))
         self._held.pop(policy, None)
+        self._originals.pop(policy, None)
+        self._keep()
         return failures
 
     def wanted(self, policy: str) -> Mapping[Path, int | None]:
@@ -67,7 +87,7 @@ class Limits:
             entry = self._ledger.entries.get(file.path)
             unsure = entry is not None and (entry.inherited or entry.overtook)
             if unsure and file.text(limit) == file.read():
-                self._close(file.path)
+                self._agree(file.path, file.seen)
 
     def knows(self, group: Path) -> bool:
         """Whether it was there at the last plan, and has not been found gone since."""
@@ -87,27 +107,43 @@ class Limits:
         if entry is not None and (entry.held or text == entry.theirs or text in entry.earlier):
             self._ledger.hear(path, text)
         elif not self._holds(path.parent):
-            self._close(path)
-            self._give_way(path, text)
+            if entry is not None and text == entry.ours:
+                self._agree(path, text)
+            else:
+                self._close(path)
+                self._give_way(path, text)
         failures = self._enforce(policy) if policy is not None else {}
         return failures | attempt(self._ledger.save, path.parent)
 
     def _give_way(self, path: Path, text: str) -> None:
-        """Keep a foreign value until the next plan."""
-        for wanted in self._wanted.values():
-            if path.parent in wanted and text != self._files[path.parent].text(wanted[path.parent]):
+        """Keep a foreign value until the next plan, or until its owner writes the plan's."""
+        group = path.parent
+        for policy, wanted in self._wanted.items():
+            if group in wanted and text != self._files[group].text(wanted[group]):
                 log.info("%s: somebody else wants %s", path, text)
-                del wanted[path.parent]
+                self._yielded.add(group)
+            elif group in wanted:
+                self._yielded.discard(group)
+                self._remember(policy, group)
+
+    def _agree(self, path: Path, text: str) -> None:
+        """A resize came and agrees."""
+        self._ledger.agree(path, text)
+        self._close_pod(path)
 
     def _close(self, path: Path) -> None:
-        """Close an entry, and its pod's with the last container's.
+        self._ledger.close(path)
+        self._close_pod(path)
+
+    def _close_pod(self, path: Path) -> None:
+        """Close the entry of the file's pod with the last container's on which the API has yet to agree.
 
         The pod's own write may never be seen: the kubelet does not rewrite a pod limit that is right already.
         """
-        self._ledger.close(path)
-        pod = path.parent.parent
-        if not any(other.parent.parent == pod and other.name == path.name for other in self._ledger.entries):
-            self._ledger.close(pod / path.name)
+        pod, name = path.parent.parent, path.name
+        entries = self._ledger.entries.items()
+        if all(entry.agreed for other, entry in entries if other.parent.parent == pod and other.name == name):
+            self._ledger.close(pod / name)
 
     def _enforce(self, policy: str, *, anew: bool = False) -> Failures:
         """Write what differs. The kernel refuses if the kubelet has just lowered the pod: recompute and retry, once.
@@ -118,6 +154,10 @@ class Limits:
 
     def _write_once(self, policy: str, *, anew: bool) -> Failures:
         by_pod, failures = self._now_and_wanted(policy, anew=anew)
+        return failures | self._write(policy, self._pods(by_pod, failures))
+
+    def _pods(self, by_pod: Mapping[Path, _Containers], failures: Failures) -> list[PodLimits]:
+        """The pods with all that their limits depend on; those that can't be read become `failures`."""
         pods = []
         for pod, containers in by_pod.items():
             try:
@@ -125,7 +165,7 @@ class Limits:
             except ActuationError as error:
                 self._lose(pod, error)
                 failures[pod] = error
-        return failures | self._write(policy, pods)
+        return pods
 
     def _now_and_wanted(self, policy: str, *, anew: bool) -> tuple[dict[Path, _Containers], Failures]:
         """What the policy's containers have and should have, by pod; and those of which the first can't be read."""
@@ -138,9 +178,18 @@ class Limits:
                 self._lose(group, error)
                 failures[group] = error
             else:
-                if anew or not self._files[group].unheard:
+                if group not in self._yielded and (anew or not self._files[group].unheard):
                     by_pod[pod_of(group)][group] = (now, share)
+                if anew and now == share:
+                    self._remember(policy, group)
         return by_pod, failures
+
+    def _remember(self, policy: str, group: Path) -> None:
+        """What the policy wants is in force already: its undoing is ours as well."""
+        file, originals = self._files[group], self._originals[policy]
+        if group in originals:
+            original = file.text(originals[group])
+            self._ledger.remember(file.path, policy, now=file.seen, original=original, held=self._holds(group))
 
     def _lose(self, group: Path, error: ActuationError) -> None:
         """The group's file can't be read: open it anew the next time."""
@@ -202,8 +251,10 @@ class Limits:
             (self._ledger.close if error.reason == GONE else self._ledger.retract)(path)
 
     def _intend(self, policy: str, file: ControlFile, amount: int | None) -> None:
-        held = self._holds(file.path.parent)
-        self._ledger.intend(file.path, policy, now=file.seen, ours=file.text(amount), held=held)
+        group, originals = file.path.parent, self._originals[policy]
+        original = file.text(originals[group]) if group in originals else None
+        held = self._holds(group)
+        self._ledger.intend(file.path, policy, now=file.seen, ours=file.text(amount), held=held, original=original)
         if file.unheard:
             self._ledger.overtake(file.path, file.seen)
 
@@ -230,21 +281,40 @@ class Limits:
     def _owner(self, group: Path) -> str | None:
         return next((policy for policy in self._wanted if group in self._groups(policy)), None)
 
-    def _undo(self, entries: Mapping[Path, Entry]) -> Failures:
-        """Put back what others wrote, containers before pods; files that hold another value by now are left alone.
+    def _undo(self, entries: Mapping[Path, Entry], *, leave_agreed: bool = False) -> Failures:
+        """Put back the originals, and where there are none what others wrote, containers before pods.
 
-        What can't be put back now stays in the ledger, for the policy's next plan or the agent's end.
+        `leave_agreed`: put back only what others wrote. Files that hold another value by now are left alone. What can't
+        be put back now stays in the ledger, for the policy's next plan or the agent's end.
         """
-        failures: Failures = {}
-        for path, entry in sorted(entries.items(), key=lambda item: len(item[0].parts), reverse=True):
-            try:
-                self._put_back(path, entry)
-            except ActuationError as error:
-                failures[path.parent] = error
-                if error.reason != GONE:
-                    continue
-            self._ledger.close(path)
+        originals = {p: entry for p, entry in entries.items() if entry.original is not None and not leave_agreed}
+        failures = self._restore(originals) and self._restore(originals)
+        rest = entries.keys() - originals.keys()
+        for path in sorted(rest, key=lambda path: len(path.parts), reverse=True):
+            failures |= attempt(partial(self._put_back, path, entries[path]), path.parent)
+        for path in entries:
+            if path.parent not in failures or failures[path.parent].reason == GONE:
+                self._ledger.close(path)
         return failures | attempt(self._ledger.save, *(path.parent for path in entries))
+
+    def _restore(self, entries: Mapping[Path, Entry]) -> Failures:
+        """Put back containers' originals; their pods only grow, as for a plan."""
+        by_pod: dict[Path, _Containers] = defaultdict(dict)
+        failures: Failures = {}
+        for path, entry in entries.items():
+            group = path.parent
+            try:
+                now = self._now(group)
+            except ActuationError as error:
+                failures[group] = error
+            else:
+                if entry.knows(self._files[group].seen):
+                    by_pod[pod_of(group)][group] = (now, self._files[group].amount(entry.original or ""))
+        for step in limit_steps(self._pods(by_pod, failures)):
+            file = self._files[step.group]
+            log.info("%s: put back %s", file.path, file.text(step.amount))
+            failures |= attempt(partial(file.write, file.text(step.amount)), step.group)
+        return failures
 
     def _put_back(self, path: Path, entry: Entry) -> None:
         file = self._files[path.parent]

@@ -24,7 +24,7 @@ class OrderTarget(NamedTuple):
 
     `weight` and `quota` are what to write: a weight of None is left alone, one of 0 the least; a quota of None is none.
     A quota that is `held` is restored whoever overwrites it, because the API can't have it. The `container_id` is empty
-    while the container is starting.
+    while the container is starting. The `original` is the limit that it had before any policy, None for none.
     """
 
     uid: str
@@ -36,6 +36,7 @@ class OrderTarget(NamedTuple):
     weight: int | None
     quota: int | None
     held: bool
+    original: int | None
 
     def part(self, processors: int) -> int:
         """The share as a part of the period of each of the node's processors, in thousandths."""
@@ -90,6 +91,7 @@ class _Target(msgspec.Struct, rename="camel"):
     weight: Annotated[float, msgspec.Meta(ge=0, le=MAX_CORES)] | None
     quota: _Cores | None
     held: bool
+    original: _Cores | None
     limit: _Cores | None = None
 
 
@@ -164,6 +166,7 @@ def _target(target: _Target, task: _Task) -> OrderTarget:
         _thousandths(target.weight),
         _thousandths(target.quota),
         target.held,
+        _thousandths(target.original),
     )
 
 

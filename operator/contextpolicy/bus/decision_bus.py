@@ -98,6 +98,7 @@ def _targets(
                     "weight": None if own.weight is None or pod.qos != "Burstable" else own.weight / 1000,
                     "quota": None if quota is None else quota / 1000,
                     "held": quota is not None and (claimed.limit is None or quota < claimed.request),
+                    "original": None if claimed.limit is None else claimed.limit / 1000,
                     "limit": container.actual.limit / 1000 if container.actual and container.actual.limit else None,
                 }
 

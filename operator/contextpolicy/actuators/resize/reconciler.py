@@ -11,6 +11,7 @@ from contextpolicy.actuators.resize import guard
 from contextpolicy.actuators.resize.pod_patch import Patch
 from contextpolicy.actuators.resize.pod_state import Phase
 from contextpolicy.actuators.resize.put_back import is_falling, to_put_back, without_rises
+from contextpolicy.actuators.resize.takeover import REWRITE_AFTER, can_rewrite
 from contextpolicy.actuators.resize.targets import Target, steps, target_cpu
 from contextpolicy.cluster.claims import container_id
 
@@ -39,6 +40,8 @@ class Reconciler:
         self._before: dict[str, Cpu] = {}
         """What each container had when the current plan came, by identity."""
         self._releasing = False
+        self._handed_over: frozenset[str] = frozenset()
+        """The nodes whose agents came or went with the newest order."""
         self.again = inf
         """Loop time in seconds at which to call `reconcile` again, if nothing happens before."""
         self._policy = order.policy
@@ -56,6 +59,7 @@ class Reconciler:
         """Take what the policy wants from now on."""
         if order.shares != self.order.shares:
             self._before.clear()
+        self._handed_over |= self.order.agents ^ order.agents
         self.order, self._releasing = order, False
 
     def release(self) -> None:
@@ -85,7 +89,10 @@ class Reconciler:
 
     def reconcile(self, now: float) -> None:
         """Send what may be sent now."""
+        self._take_over(now)
         targets = list(self._targets(now))
+        for target in targets:
+            target.pod.end_rewrite(target.container, target.cpu, now)
         self._touched.update(
             [target.pod.uid for target in targets], [uid for uid, _ in self._originals.of(self._policy)]
         )
@@ -116,13 +123,25 @@ class Reconciler:
             for pod in self._pods.known(self._touched | kept)
         )
 
+    def _take_over(self, now: float) -> None:
+        """Have the containers of agents that went written once more; an agent that came writes itself."""
+        handed_over, self._handed_over = self._handed_over, frozenset()
+        for identity in self.order.shares if handed_over else ():
+            node = self.order.nodes.get(identity, "")
+            pod, container = self._pods.find(identity) if node in handed_over else (None, None)
+            if pod is not None and container is not None:
+                pod.rewrites.pop(container.name, None)
+                if node not in self.order.agents and can_rewrite(container):
+                    pod.rewrites[container.name] = now + REWRITE_AFTER
+
     def _targets(self, now: float) -> Iterator[Target]:
         """The containers with a share. A plan ordered late may name containers that the policy has lost since."""
         for identity in self.order.shares:
             pod, container = self._pods.find(identity)
             if pod is not None and container is not None and identity in self.order.claimed and not pod.view.ended:
                 original = self._originals.at(pod.uid, container.name)
-                if original is None and self.order.leaves_alone(identity):
+                untouched = original is None and container.name not in pod.rewrites
+                if untouched and self.order.leaves_alone(identity):
                     continue
                 wanted = target_cpu(self.order, identity, pod, container, original)
                 spec = pod.state.spec(container.name)
@@ -145,6 +164,7 @@ class Reconciler:
             identity = container_id(pod.view, name)
             if ownership.policy == self._policy and (pod.view.ended or identity not in self.order.claimed):
                 del pod.owned[name]
+                pod.rewrites.pop(name, None)
                 if ownership.told:
                     self._observer.on_conflict(self._policy, identity, None)
 
@@ -154,8 +174,9 @@ class Reconciler:
         conflict = guard.look(self._policy, target, self._originals.at(pod.uid, name), now)
         if conflict is not None:
             self._observer.on_conflict(self._policy, target.id, conflict)
-        nudge, ownership = pod.nudge_state.until, pod.owned.get(name)
-        due = nudge if nudge > now else inf
+        ownership = pod.owned.get(name)
+        moments = pod.nudge_state.until, pod.rewrites.get(name, inf)
+        due = min([moment for moment in moments if moment > now], default=inf)
         if ownership is None or not ownership.told:
             return due
         if now >= ownership.forgotten_at:

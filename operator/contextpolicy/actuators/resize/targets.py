@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from contextpolicy.actuators.resize.headroom import Holding, prompt, strict
+from contextpolicy.actuators.resize.takeover import LEAST_REQUEST
 from contextpolicy.cluster.pods import Cpu
 from contextpolicy.policy.spec import Transition
 
@@ -17,10 +18,6 @@ if TYPE_CHECKING:
     from contextpolicy.actuators.resize.originals import Original
     from contextpolicy.actuators.resize.tracked_pod import TrackedPod
     from contextpolicy.cluster.pods import ContainerView
-
-
-LEAST_REQUEST = 2
-"""Thousandths of a core: the kubelet's smallest cpu.shares is 2."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from contextpolicy.actuators.resize.conflict import Ownership
 from contextpolicy.actuators.resize.kubelet_nudge import NudgeState, nudge
 from contextpolicy.actuators.resize.pauses import REFUSED
+from contextpolicy.actuators.resize.takeover import aside, has_taken
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -42,6 +43,8 @@ class TrackedPod:
     nudge_state: NudgeState = field(default_factory=NudgeState)
     refusals: dict[tuple[str, bool], Refusal] = field(default_factory=dict)
     troubled: set[str] = field(default_factory=set)
+    rewrites: dict[str, float] = field(default_factory=dict)
+    """The containers that are to be written once more, and from when on."""
 
     def __post_init__(self) -> None:
         self.view = self.state.view
@@ -94,13 +97,21 @@ class TrackedPod:
         return refused or self.state.keeps_failing or bool(self.view.pending)
 
     def step(self, container: ContainerView, wanted: Cpu, spec: Cpu | None, now: float) -> Cpu:
-        """The resources to request: those wanted, or a nudge when the kubelet has overlooked them; `spec` is what is.
+        """The resources to request: those wanted, or others in between to make the kubelet write; `spec` is what is.
 
         A container that every resize restarts is not nudged: half a minute until the kubelet looks by itself is the
         lesser evil.
         """
-        overlooked = now >= self.nudge_state.until and spec == wanted and not container.restarts
-        return nudge(container, wanted) if overlooked else wanted
+        overlooked = now >= self.nudge_state.until and not container.restarts
+        if now >= self.rewrites.get(container.name, inf):
+            wanted = aside(self.view.qos, wanted)
+        return nudge(container, wanted) if overlooked and spec == wanted else wanted
+
+    def end_rewrite(self, container: ContainerView, wanted: Cpu, now: float) -> None:
+        """Ask for what is wanted again once the kubelet has written the container."""
+        due = now >= self.rewrites.get(container.name, inf)
+        if due and container.spec == aside(self.view.qos, wanted) and has_taken(self.view, container):
+            del self.rewrites[container.name]
 
     def rests_until(self, name: str) -> float:
         """Until when a foreign change of the container is left in place; -inf without one."""

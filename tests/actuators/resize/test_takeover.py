@@ -1,0 +1,199 @@
+"""A node whose agent is gone: the kubelet writes the plan's limits once more, although the API has them already."""
+
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.actuators.order import Order
+from contextpolicy.actuators.resize.takeover import REWRITE_AFTER, aside
+from contextpolicy.cluster.pods import Cpu
+from tests.actuators.resize.rig import POLICY, Rig
+from tests.cluster.builders import NODE, a_pod, cpu
+
+HERE, NOWHERE = frozenset({NODE}), frozenset[str]()
+FAR = "robot-2"
+OVER = REWRITE_AFTER + 0.1
+
+
+def an_order(agents, *, capacity=1000, limits=None, node=NODE, **shares):
+    named = {f"lab/{name}/{name}": share for name, share in shares.items()}
+    limits = {f"lab/{name}/{name}": limit for name, limit in (limits or shares).items()}
+    nodes = dict.fromkeys(named, node)
+    return Order(POLICY, frozenset(named), named, {node: capacity}, limits, nodes=nodes, agents=agents)
+
+
+def in_force(*pods, **shares):
+    """A plan that the API has put in force behind an agent; the calls for it are forgotten."""
+    rig = Rig(*(pods or (a_pod(name) for name in shares)))
+    rig.apply(an_order(HERE, **shares))
+    rig.settle()
+    rig.cluster.calls.clear()
+    return rig
+
+
+def asked(rig):
+    """Every resize: pod, its request and its limit."""
+    found = []
+    for call, name, patch in rig.cluster.calls:
+        if call == "resize":
+            [resources] = [c["resources"] for c in patch["spec"]["containers"]]
+            found.append((name, resources["requests"]["cpu"], resources["limits"]["cpu"]))
+    return found
+
+
+def test_limits_that_the_api_has_are_written_once_more_when_an_agent_is_gone():
+    rig = in_force(slam=300)
+    rig.apply(an_order(NOWHERE, slam=300))
+    rig.wait(REWRITE_AFTER - 0.1)
+    assert not rig.workers.jobs, "its supervisor may not have undone it yet"
+    rig.wait(0.2)
+    rig.settle()
+    assert asked(rig) == [("slam", "99m", "300m"), ("slam", "100m", "300m")]
+    rig.wait(600)
+    rig.settle()
+    assert len(asked(rig)) == 2
+
+
+def test_the_way_back_waits_until_the_kubelet_has_written():
+    """Of two changes at once a kubelet sees only the sum, which is none."""
+    rig = in_force(slam=300)
+    rig.apply(an_order(NOWHERE, slam=300))
+    rig.wait(OVER)
+    rig.work()
+    rig.watch()
+    rig.wait(5)
+    assert not rig.workers.jobs
+    rig.cluster.confirm()
+    rig.watch()
+    rig.settle()
+    assert [limit for *_, limit in asked(rig)] == ["300m", "300m"]
+
+
+def test_a_kubelet_that_is_at_it_is_waited_for():
+    rig = in_force(slam=300)
+    rig.apply(an_order(NOWHERE, slam=300))
+    rig.wait(OVER)
+    rig.work()
+    rig.cluster.pods["uid-slam"]["status"]["conditions"] = [{"type": "PodResizeInProgress", "status": "True"}]
+    rig.cluster.confirm()
+    rig.watch()
+    rig.wait(5)
+    assert not rig.workers.jobs
+
+
+def test_an_agent_that_is_back_in_time_writes_itself():
+    rig = in_force(slam=10)
+    rig.apply(an_order(NOWHERE, slam=10))
+    rig.wait(5)
+    rig.apply(an_order(HERE, slam=10))
+    rig.wait(600)
+    rig.settle()
+    assert asked(rig) == []
+
+
+@pytest.mark.parametrize("agents", [HERE, NOWHERE])
+def test_where_no_agent_is_lost_nothing_is_written_twice(agents):
+    rig = Rig(a_pod("slam"))
+    for _ in range(3):
+        rig.apply(an_order(agents, slam=10))
+        rig.settle()
+    rig.wait(600)
+    rig.settle()
+    assert len(asked(rig)) == 1
+
+
+def test_another_nodes_agent_does_not_count():
+    rig = Rig(a_pod("slam"))
+    rig.apply(an_order(frozenset({FAR}), slam=10))
+    rig.settle()
+    rig.apply(an_order(NOWHERE, slam=10))
+    rig.wait(OVER)
+    rig.settle()
+    assert len(asked(rig)) == 1
+
+
+def test_a_container_that_the_plan_leaves_alone_may_still_have_what_a_frozen_agent_wrote():
+    rig = Rig(a_pod("slam"))
+    rig.apply(an_order(HERE, slam=500, limits={"slam": None}))
+    rig.settle()
+    assert asked(rig) == []
+    rig.apply(an_order(NOWHERE, slam=500, limits={"slam": None}))
+    rig.wait(OVER)
+    rig.settle()
+    assert [limit for *_, limit in asked(rig)] == ["500m", "500m"]
+    assert "slam" in rig.cluster.originals("uid-slam"), "an operator killed in between must know the request"
+
+
+def test_all_of_a_node_are_rewritten_and_no_limit_moves():
+    rig = in_force(slam=600, speech=300, chat=100)
+    rig.apply(an_order(NOWHERE, slam=600, speech=300, chat=100))
+    rig.wait(OVER)
+    rig.settle()
+    assert sorted({(name, limit) for name, _, limit in asked(rig)}) == [
+        ("chat", "100m"),
+        ("slam", "600m"),
+        ("speech", "300m"),
+    ]
+    assert len(asked(rig)) == 6
+
+
+def test_a_plan_that_changes_meanwhile_is_written_and_rewritten():
+    rig = in_force(slam=10)
+    rig.apply(an_order(NOWHERE, slam=10))
+    rig.wait(5)
+    rig.apply(an_order(NOWHERE, slam=300))
+    rig.settle()
+    rig.wait(OVER)
+    rig.settle()
+    assert rig.cluster.limit("slam") == 300
+    assert len(asked(rig)) == 3, "the supervisor may have undone the first"
+
+
+def test_a_container_that_every_resize_restarts_is_left():
+    pod = a_pod("slam", {"slam": cpu("100m", "500m")})
+    pod["spec"]["containers"][0]["resizePolicy"] = [{"resourceName": "cpu", "restartPolicy": "RestartContainer"}]
+    rig = in_force(pod, slam=300)
+    rig.apply(an_order(NOWHERE, slam=300))
+    rig.wait(OVER)
+    rig.settle()
+    assert asked(rig) == []
+
+
+def test_an_operator_killed_in_the_middle_leaves_no_thousandth():
+    rig = in_force(slam=300)
+    before = rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]["requests"]["cpu"]
+    rig.apply(an_order(NOWHERE, slam=300))
+    rig.wait(OVER)
+    rig.work()
+    assert rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]["requests"]["cpu"] != before
+    rig.kill()
+    rig.apply(an_order(NOWHERE, slam=300))
+    rig.settle()
+    assert rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]["requests"]["cpu"] == before
+
+
+def test_a_policy_that_ends_in_the_middle_leaves_the_originals():
+    rig = in_force(slam=300)
+    rig.apply(an_order(NOWHERE, slam=300))
+    rig.wait(OVER)
+    rig.work()
+    rig.release()
+    rig.settle()
+    assert rig.released == [POLICY]
+    [container] = rig.cluster.pods["uid-slam"]["spec"]["containers"]
+    [fresh] = a_pod("slam")["spec"]["containers"]
+    assert container["resources"] == fresh["resources"]
+
+
+@pytest.mark.parametrize(
+    ("qos", "wanted", "beside"),
+    [
+        ("Burstable", Cpu(100, 300), Cpu(99, 300)),
+        ("Burstable", Cpu(2, 10), Cpu(3, 10)),
+        ("Burstable", Cpu(10, 10), Cpu(9, 10)),
+        ("Guaranteed", Cpu(300, 300), Cpu(299, 299)),
+        ("Guaranteed", Cpu(10, 10), Cpu(11, 11)),
+    ],
+)
+def test_a_pods_class_and_the_least_limit_are_kept(qos, wanted, beside):
+    assert aside(qos, wanted) == beside
