@@ -7,6 +7,7 @@ import time
 import pytest
 
 from contextpolicy.agent.cgroup_paths import CgroupPaths, Driver, find_cgroups
+from contextpolicy.agent.weight_units import of_container, of_pod
 from tests.e2e.cluster import until
 from tests.e2e.robot import task
 from tests.vm.chart import NAMESPACE, ROBOT
@@ -139,19 +140,46 @@ def test_systemd_knows_what_a_resize_has_confirmed(governed):
     agreed(**ORIGINAL)
 
 
-def test_weights_move_too_and_are_restored(sensors):
-    before = {name: weight(scope(name, ROBOT)) for name in TASKS}
+def weights(name):
+    """Of a task's container, its pod, and the pod's class."""
+    group = scope(name, ROBOT)
+    return [weight(folder) for folder in (group, group.parent, group.parent.parent)]
+
+
+def pods_of_the_class():
+    group = scope(TASKS[0], ROBOT).parent.parent
+    return sum(weight(pod) for pod in group.iterdir() if pod.name.endswith(".slice"))
+
+
+def weighted(**shares):
+    """Every level has what the shares mean, and the class the sum of its pods."""
+    wanted = {name: [of_container(cores, 2), of_pod(cores, 2)] for name, cores in shares.items()}
+
+    def right():
+        now = {name: weights(name) for name in shares}
+        summed = {found[2] for found in now.values()} == {pods_of_the_class()}
+        return ({name: found[:2] for name, found in now.items()} == wanted and summed) or (now, pods_of_the_class())
+
+    until(f"the weights mean {shares}", right)
+
+
+def test_weights_are_written_at_every_level_and_restored(sensors):
+    before = {name: weights(name)[:2] for name in TASKS}
+    requests = {name: api.get("pods", name, ROBOT)["spec"]["containers"][0]["resources"]["requests"] for name in TASKS}
     drive(sensors, 0.0)
     govern(enforcement={"control": "Weight"})
-    until("both weigh alike, more than before", lambda: len(set(weights().values())) == 1 and weights() != before)
+    weighted(**STANDING)
     drive(sensors, 0.3)
-    until("slam weighs more", lambda: weights()["slam"] > 5 * weights()["speech"] or weights())
+    weighted(slam=390, speech=0)
+    in_force(slam=500, speech=10)
+    systemctl("daemon-reload")
+    time.sleep(65)  # the kubelet has written its classes since
+    weighted(slam=390, speech=0)
+    assert {
+        name: api.get("pods", name, ROBOT)["spec"]["containers"][0]["resources"]["requests"] for name in TASKS
+    } == requests
     let_go()
-    until("the weights are as they were", lambda: weights() == before or weights())
-
-
-def weights():
-    return {name: weight(scope(name, ROBOT)) for name in TASKS}
+    until("the weights are as they were", lambda: {name: weights(name)[:2] for name in TASKS} == before)
 
 
 def test_realtime_is_refused_in_words_that_help(sensors):
