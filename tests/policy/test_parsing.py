@@ -44,6 +44,12 @@ def test_what_is_not_said_has_the_documented_default():
     assert policy.reference == "lab/robot"
 
 
+def test_a_field_of_the_group_outside_it_says_where_it_belongs():
+    [(value, allowed)] = refused(control="Weight").values()
+    assert value == "Weight"
+    assert allowed.endswith("; did you mean enforcement.control?")
+
+
 def test_fields_are_read_in_planning_units():
     policy = a_policy(
         reserve="300m",

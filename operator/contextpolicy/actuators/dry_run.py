@@ -17,22 +17,25 @@ log = logging.getLogger(__name__)
 
 
 class DryRun:
-    """Logs every change of a share."""
+    """Logs every change of what a container would have."""
 
     def __init__(self) -> None:
-        self._last: dict[str, Mapping[str, int]] = {}
+        self._last: dict[str, Mapping[str, tuple[int, int | None]]] = {}
 
     def recall(self, policy: str, stored: object) -> None:
         """Nothing: an earlier dry run has changed nothing."""
 
     def apply(self, order: Order) -> None:
-        """Log the shares that differ from the policy's last order."""
+        """Log what differs from the policy's last order."""
         before = self._last.pop(order.policy, {})
-        for container, share in order.shares.items():
-            if before.get(container) != share:
-                log.info("dry run: %s would set the CPU of %s to %s", order.policy, container, format_cpu(share))
-        if order.shares:
-            self._last[order.policy] = dict(order.shares)
+        now = {container: (share, order.limits.get(container, share)) for container, share in order.shares.items()}
+        for container, (share, limit) in now.items():
+            if before.get(container) != (share, limit):
+                capped = "the limit it had" if limit is None else f"a limit of {format_cpu(limit)}"
+                text = "dry run: %s would give %s a share of %s and %s"
+                log.info(text, order.policy, container, format_cpu(share), capped)
+        if now:
+            self._last[order.policy] = now
 
     def release(self, policy: str, done: Callable[[], None]) -> None:
         """There is nothing to restore."""

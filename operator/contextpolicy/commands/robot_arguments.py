@@ -54,7 +54,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const="",
         metavar="NODE",
-        help="this node, or every node, can't do realtime: the policy's realtimeFallback decides",
+        help="this node, or every node, can't do realtime: the policy's enforcement.realtimeFallback decides",
     )
 
 

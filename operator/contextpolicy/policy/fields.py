@@ -40,6 +40,7 @@ class Fields:
         self.path = path
         self._findings = findings
         self._known: set[str] = set()
+        self._nested: dict[str, Fields] = {}
         self._raw: dict[str, Any] = {}
         if isinstance(raw, dict):
             self._raw = raw
@@ -166,7 +167,8 @@ class Fields:
     def nested(self, name: str) -> Fields:
         """A nested object; an absent one reads as empty."""
         value = self.raw(name)
-        return Fields({} if value is None else value, self.at(name), self._findings)
+        self._nested[name] = Fields({} if value is None else value, self.at(name), self._findings)
+        return self._nested[name]
 
     def nested_list(self, name: str, *, limit: int) -> list[Fields]:
         """A list of objects."""
@@ -198,8 +200,18 @@ class Fields:
     def close(self) -> None:
         """Refuse the fields that nobody read: a misspelt name must not be ignored."""
         for name in [name for name in self._raw if name not in self._known]:
-            allowed = "known fields: " + ", ".join(sorted(self._known)) + did_you_mean(name, self._known)
-            self.refuse(str(name), self._raw[name], allowed)
+            self.refuse(
+                str(name), self._raw[name], f"known fields: {', '.join(sorted(self._known))}{self._meant(name)}"
+            )
+
+    def has_read(self, field: str) -> bool:
+        """Whether the field is known, be it there or not."""
+        return field in self._known
+
+    def _meant(self, field: object) -> str:
+        """What an unknown field may stand for: one that belongs into a nested object, or a similar name."""
+        inside = [f"{name}.{field}" for name, inner in self._nested.items() if inner.has_read(str(field))]
+        return f"; did you mean {inside[0]}?" if inside else did_you_mean(field, self._known)
 
     def _entries(self, name: str) -> dict[Any, Any]:
         value = self.raw(name)

@@ -59,7 +59,7 @@ def _policy(namespace: str, name: str, spec: Fields) -> policy.Policy:
         namespace=namespace,
         name=name,
         mode=spec.choice("mode", policy.Mode.ENFORCE),
-        enforcement=_enforcement(spec.nested("enforcement")) if "enforcement" in spec else policy.Enforcement(),
+        enforcement=_enforcement(spec.nested("enforcement")),
         reserve=spec.cpu("reserve") or 0,
         fallback=spec.optional_text("fallback"),
         force=_force(spec.nested("force")) if "force" in spec else spec.raw("force"),

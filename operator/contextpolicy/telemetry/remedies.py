@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _AGAIN = f"it is asked for again after {REFUSED.longest:.0f} s at the latest"
 _BOUNDED = (
     "the pod has resources of its own (spec.resources), which bound its containers': set the task's max to its CPU "
-    "limit and control to Limit, or take them out of its template"
+    "limit and enforcement.control to Limit, or take them out of its template"
 )
 _REFUSALS = (
     (r"exceeded quota", f"raise the ResourceQuota or lower the task's max; {_AGAIN}"),
