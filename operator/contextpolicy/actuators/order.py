@@ -22,9 +22,9 @@ class Order:
 
     `claimed` are its containers, `nodes` maps each to its node. `shares` are the plan's, by container; `capacity` is N,
     by node. A claimed container without a share keeps what it has. `limits` are what a share means for a container's
-    limit, None for the one it had before any policy; `requests` are what it means for its request, where requests are
-    weights. `bounded`: the limits are what a node is divided by, so that they must not sum to more than `capacity`.
-    On the nodes in `agents` an agent writes limits first, and resizes follow.
+    limit where that is not the share itself, None for the one it had before any policy; `requests` are what it means
+    for its request, where requests are weights. `bounded`: the limits are what a node is divided by, so that they must
+    not sum to more than `capacity`. On the nodes in `agents` an agent writes limits first, and resizes follow.
     """
 
     policy: str
@@ -56,17 +56,8 @@ def order_of(
     Realtime nodes are left to the agent: their containers are not claimed, so limits that we moved are put back. Where
     there are `agents`, they write weights, and no request moves.
     """
-    control, tasks = policy.enforcement.control, {task.name: task for task in policy.leaves}
-    limits: dict[str, int | None] = {}
-    requests: dict[str, int] = {}
-    for name, node in nodes.items():
-        here = [(c, tasks[c.task]) for c in containers if c.id in node.containers and c.task in tasks]
-        factor = request_factor(node.capacity, [task for _, task in here])
-        for container, task in here:
-            share, suspended = node.containers[container.id], task.name in node.suspended
-            weight, limits[container.id] = amounts(control, task, share, suspended=suspended)
-            if weight is not None and name not in agents:
-                requests[container.id] = int(min(weight, task.max or node.capacity) * factor)
+    bounded = policy.enforcement.control is Control.LIMIT
+    limits, requests = ({}, {}) if bounded else _limits_and_requests(policy, containers, nodes, agents)
     return Order(
         policy=policy.reference,
         claimed=frozenset([container.id for container in containers if container.node not in realtime]),
@@ -74,11 +65,28 @@ def order_of(
         capacity={name: node.capacity for name, node in nodes.items()},
         limits=limits,
         requests=requests,
-        bounded=control is Control.LIMIT,
+        bounded=bounded,
         transition=policy.enforcement.transition,
         nodes={container.id: container.node for container in containers},
         agents=frozenset(agents),
     )
+
+
+def _limits_and_requests(
+    policy: Policy, containers: Collection[Container], nodes: Mapping[str, NodePlan], agents: Collection[str]
+) -> tuple[dict[str, int | None], dict[str, int]]:
+    tasks = {task.name: task for task in policy.tasks}
+    limits: dict[str, int | None] = {}
+    requests: dict[str, int] = {}
+    for name, node in nodes.items():
+        here = [(container, tasks[container.task]) for container in containers if container.id in node.containers]
+        factor = request_factor(node.capacity, [task for _, task in here])
+        for container, task in here:
+            share, suspended = node.containers[container.id], task.name in node.suspended
+            weight, limits[container.id] = amounts(policy.enforcement.control, task, share, suspended=suspended)
+            if weight is not None and name not in agents:
+                requests[container.id] = int(min(weight, task.max or node.capacity) * factor)
+    return limits, requests
 
 
 def request_factor(capacity: int, tasks: Collection[Task]) -> float:

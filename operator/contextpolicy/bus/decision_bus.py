@@ -73,7 +73,7 @@ def _targets(
 ) -> Iterator[dict[str, Any]]:
     """What each container gets, with everything an agent on its node needs to find the cgroup."""
     tasks = {container.id: container for container in containers}
-    specs = {task.name: task for task in policy.leaves}
+    specs = {task.name: task for task in policy.tasks}
     shares = plan.containers
     # There an agent writes quotas for suspended tasks only.
     realtime = {name for name, node in plan.nodes.items() if node.scheduler is Scheduler.REALTIME}
