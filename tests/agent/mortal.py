@@ -24,7 +24,7 @@ def main(root: Path, state: Path, plans: int) -> int:
     say("here")
     if not StateDirectory(state).begin_life(PATIENCE):
         return 1
-    agent = Informed(agent_settings(root, state), TestScheduler(), WriteWatch(lambda _: None))
+    agent = Informed(agent_settings(root, state), TestScheduler(), WriteWatch(lambda *_: None))
     agent.start()
     agent.find_source(POLICY)
     for number in itertools.count(1) if plans < 0 else range(1, plans + 1):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from datetime import timedelta
+from time import monotonic
 from types import SimpleNamespace
 
 import pytest
@@ -22,7 +23,7 @@ GRACE = 10.0
 @pytest.fixture(scope="module")
 def watch():
     """Watches in vain: tests say themselves who wrote what."""
-    return WriteWatch(lambda _: None)
+    return WriteWatch(lambda *_: None)
 
 
 @pytest.fixture
@@ -159,7 +160,7 @@ def test_a_plan_that_arrives_after_its_source_is_gone_does_not_stay(tree, agent,
 def confirm(tree, agent, group, limit):
     """The kubelet writes what the API has."""
     tree.set(group, limit)
-    agent.on_other_write(tree.limit_file(group))
+    agent.on_other_write(tree.limit_file(group), monotonic())
 
 
 def test_what_the_api_confirmed_is_undone_without_a_source_and_written_again_when_it_is_back(

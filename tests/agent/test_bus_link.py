@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
+from reactivex import Subject
 from reactivex.scheduler import EventLoopScheduler
 
 from contextpolicy.agent.bus_link import AgentBus
@@ -34,6 +35,7 @@ class Listener:
 
     def __init__(self):
         self.events, self._changed = [], threading.Condition()
+        self.late: Subject[Confirmation] = Subject()
         self.lacks = []
 
     def hear(self, policy, payload, signed):  # noqa: ARG002

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from time import monotonic
 
 import pytest
 
@@ -99,7 +100,7 @@ def everything(tree):
 def write(tree, weights, group, weight):
     """The kubelet writes and the watch tells."""
     tree.set_weight(group, weight)
-    weights.on_other_write(tree.weight_file(group))
+    weights.on_other_write(tree.weight_file(group), monotonic())
 
 
 @pytest.mark.usefixtures("klass")
@@ -184,7 +185,7 @@ def test_a_plan_overtakes_a_report(tree, weights, slam, speech):
     weights.apply(POLICY, {slam: 990, speech: 50})
     tree.set_weight(slam, 77)
     weights.apply(POLICY, {slam: 500, speech: 50})
-    weights.on_other_write(tree.weight_file(slam))
+    weights.on_other_write(tree.weight_file(slam), monotonic())
     assert tree.weight(slam) == of_container(500, tree.version)
     weights.release(POLICY)
     assert tree.weight(slam) == 77
@@ -268,6 +269,6 @@ def test_nothing_is_written_twice(tree, weights, slam, speech):
 def test_a_report_about_a_group_that_is_gone_is_no_news(tree, weights, slam, speech):
     weights.apply(POLICY, {slam: 990, speech: 50})
     shutil.rmtree(slam.parent)
-    weights.on_other_write(tree.weight_file(slam))
+    weights.on_other_write(tree.weight_file(slam), monotonic())
     weights.release(POLICY)
     assert tree.weight(speech) == of_container(10, tree.version)

@@ -7,6 +7,7 @@ import os
 from contextlib import suppress
 from datetime import timedelta
 from pathlib import Path
+from time import monotonic
 
 import pytest
 from reactivex.testing import TestScheduler
@@ -108,7 +109,7 @@ class Story:
             for file in files if share > 0.5 else reversed(files):
                 with file.open("w") as text:
                     text.write(f"{round(share * 100_000)}\n")
-                self.agent.on_other_write(file)
+                self.agent.on_other_write(file, monotonic())
 
     def seen(self):
         """Every limit, period and budget; unlike the kernel's, these files keep the end of a longer text.
@@ -141,7 +142,7 @@ def _able(monkeypatch):
 @pytest.fixture(scope="module")
 def watch():
     """Watches in vain: nobody else writes."""
-    return WriteWatch(lambda _: None)
+    return WriteWatch(lambda *_: None)
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import errno
 import os
 import shutil
 from pathlib import Path
+from time import monotonic
 
 import pytest
 from reactivex.testing import TestScheduler
@@ -19,7 +20,7 @@ from tests.agent.builders import CHAT, POLICY, SLAM, SPEECH, Tree, a_message, a_
 
 LAYOUTS = [(1, Driver.CGROUPFS), (1, Driver.SYSTEMD), (2, Driver.CGROUPFS), (2, Driver.SYSTEMD)]
 OTHER = "robot/other"
-WATCH = WriteWatch(lambda _: None)
+WATCH = WriteWatch(lambda *_: None)
 """Watches in vain: tests say themselves who wrote what."""
 REASONS = {
     errno.EROFS: "Forbidden",
@@ -169,7 +170,7 @@ def test_a_file_that_cannot_be_watched_is_not_written(node):
             if path == node.slam_limit:
                 raise OSError(errno.ENOSPC, "inotify watch limit reached")
 
-    agent = node.start(Full(lambda _: None))
+    agent = node.start(Full(lambda *_: None))
     assert failed(agent.hear(POLICY, a_message(a_target(SLAM, 0.9, limit=0.5)))) == {"a": "Failed"}
     assert node.tree.limit(node.slam) == 500
 
@@ -204,7 +205,7 @@ def test_once_it_is_carried_out_what_an_owner_writes_stays_when_it_is_repeated(n
     node.kernel.allow()
     plan(node.agent)
     node.tree.set(node.slam, 300)
-    node.agent.on_other_write(node.slam_limit)
+    node.agent.on_other_write(node.slam_limit, monotonic())
     assert failed(plan(node.agent, edition=1)) == {}
     assert node.tree.limit(node.slam) == 300
 
@@ -235,7 +236,7 @@ def test_a_resize_that_does_what_the_agent_could_not_is_left_at_the_agents_end(n
     plan(node.agent, 0.8, 0.2, sequence=2)
     node.kernel.allow()
     node.tree.set(node.slam, 800)
-    node.agent.on_other_write(node.slam_limit)
+    node.agent.on_other_write(node.slam_limit, monotonic())
     node.agent.stop()
     assert node.tree.limit(node.slam) == 800
 
@@ -260,7 +261,7 @@ def test_what_is_still_to_be_undone_is_still_watched(node):
         def remove(self, path):
             watched.remove(path)
 
-    plan(node.start(Noting(lambda _: None)))
+    plan(node.start(Noting(lambda *_: None)))
     node.kernel.refuse("pwrite", node.slam_limit, errno.EBUSY)
     node.agent.hear(POLICY, None)
     assert watched == {node.slam_limit}
@@ -270,7 +271,7 @@ def test_a_limit_that_cannot_be_restored_is_counted(node):
     plan(node.agent)
     node.kernel.refuse("pwrite", node.slam_limit, errno.EROFS)
     node.tree.set(node.slam, 500)
-    node.agent.on_other_write(node.slam_limit)
+    node.agent.on_other_write(node.slam_limit, monotonic())
     assert node.agent.report()["refused"] == {"Forbidden": 1}
 
 
@@ -402,7 +403,7 @@ def test_without_room_a_limit_that_somebody_took_back_is_not_restored(node):
     plan(node.agent)
     node.disk.full = True
     node.tree.set(node.slam, 500)
-    node.agent.on_other_write(node.slam_limit)
+    node.agent.on_other_write(node.slam_limit, monotonic())
     node.agent.hear(POLICY, None)
     assert node.tree.limit(node.slam) == 500
 

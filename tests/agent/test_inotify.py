@@ -18,7 +18,7 @@ def heard():
 
 @pytest.fixture
 def watch(heard):
-    return WriteWatch(heard.put)
+    return WriteWatch(lambda path, _: heard.put(path))
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from time import monotonic
 
 import pytest
 
@@ -43,7 +44,7 @@ def speech(tree):
 def resize(tree, limits, group, limit):
     """The kubelet writes and the watch tells."""
     tree.set(group, limit)
-    limits.on_other_write(tree.limit_file(group))
+    limits.on_other_write(tree.limit_file(group), monotonic())
 
 
 def test_shares_become_limits_at_once(tree, limits, slam, speech):
@@ -232,7 +233,7 @@ def test_weights_in_the_journal_keep_no_limit_of_a_pod(tree, limits, ledger, sla
 
 def told_late(tree, limits, group):
     """The watch tells of a write that the agent has overwritten meanwhile."""
-    limits.on_other_write(tree.limit_file(group))
+    limits.on_other_write(tree.limit_file(group), monotonic())
 
 
 def test_a_resize_that_a_plan_overtakes_is_no_confirmation(tree, limits, slam):

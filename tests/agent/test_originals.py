@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from time import monotonic
+
 import pytest
 
 from contextpolicy.agent.cgroup_paths import Driver
@@ -50,7 +52,7 @@ def resize(tree, limits, group, limit):
     groups = [group.parent, group] if limit > tree.limit(group.parent) else [group, group.parent]
     for each in groups:
         tree.set(each, limit)
-        limits.on_other_write(tree.limit_file(each))
+        limits.on_other_write(tree.limit_file(each), monotonic())
 
 
 def test_what_the_api_has_is_undone_as_well(tree, limits, slam, journal):
@@ -170,7 +172,7 @@ def test_beside_a_container_of_no_policy(tree, limits, slam):
     limits.apply(POLICY, {slam: 10}, originals={slam: 500})
     for group, limit in ((slam, 10), (slam.parent, 110)):
         tree.set(group, limit)
-        limits.on_other_write(tree.limit_file(group))
+        limits.on_other_write(tree.limit_file(group), monotonic())
     limits.release(POLICY)
     assert (tree.limit(slam), tree.limit(sidecar), tree.limit(slam.parent)) == (500, 100, 600)
 
@@ -200,7 +202,7 @@ def test_a_pod_is_still_undone_while_the_api_has_yet_to_agree_on_one_of_its_cont
     limits.apply(POLICY, {slam: 900, sidecar: 50}, originals={slam: 500, sidecar: 100})
     assert tree.limit(slam.parent) == 950
     tree.set(sidecar, 50)
-    limits.on_other_write(tree.limit_file(sidecar))
+    limits.on_other_write(tree.limit_file(sidecar), monotonic())
     limits.release(POLICY, leave_agreed=True)
     assert (tree.limit(slam), tree.limit(sidecar), tree.limit(slam.parent)) == (500, 50, 600)
 
@@ -209,6 +211,6 @@ def test_a_pod_whose_container_the_api_agreed_on_is_the_kubelets(tree, limits, s
     """It does not write a pod's limit that is right already."""
     limits.apply(POLICY, {slam: 900}, originals={slam: 500})
     tree.set(slam, 900)
-    limits.on_other_write(tree.limit_file(slam))
+    limits.on_other_write(tree.limit_file(slam), monotonic())
     *_, last = [line for line in journal.read_text().splitlines() if str(tree.limit_file(slam.parent)) in line]
     assert last.endswith(",null]")

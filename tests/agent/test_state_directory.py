@@ -36,7 +36,7 @@ def test_an_agent_gives_up_after_a_while(directory):
 def test_whoever_watches_learns_that_an_agent_lives_and_not_that_one_waits(directory):
     supervisor, agent = directory(), directory()
     heard: SimpleQueue[object] = SimpleQueue()
-    watch = WriteWatch(lambda path: heard.put((path, supervisor.take_now())))
+    watch = WriteWatch(lambda path, _: heard.put((path, supervisor.take_now())))
     watch.add(supervisor.lock)
     assert agent.begin_life(PATIENCE)
     assert heard.get(timeout=PATIENCE) == (supervisor.lock, False)

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from datetime import timedelta
+from math import inf
+from time import monotonic
 
 import pytest
 from reactivex.testing import TestScheduler
 
 from contextpolicy.agent import capabilities
 from contextpolicy.agent.cgroup_paths import Driver
-from contextpolicy.agent.cgroup_writers import DRAIN
+from contextpolicy.agent.drains import DRAIN
 from contextpolicy.agent.weight_units import of_container, of_pod
+from contextpolicy.cluster.agent_reports import Confirmation
 from tests.agent.builders import POLICY, SLAM, SPEECH, Tree, a_message, a_target, an_agent
 from tests.agent.test_cpu_weights import Watch
 
@@ -43,6 +48,35 @@ class Node:
         ]
         suspended = tuple(task for task, (weight, _) in (("slam", slam), ("speech", speech)) if weight == 0)
         return self.agent.hear(POLICY, a_message(*targets, sequence=self._sequence, suspended=suspended))
+
+    def repeat(self, *plan, **more):
+        """The operator says the same again."""
+        self._sequence -= 1
+        return self.plan(*plan, **more)
+
+    @property
+    def journal(self):
+        return self._state / "agent.journal"
+
+    def kubelet(self, group, limit):
+        """The kubelet writes a limit and the watch tells."""
+        self.tree.set(group, limit)
+        self.agent.on_other_write(self.tree.limit_file(group), monotonic())
+
+    def groups(self):
+        """Slam's container, its pod, and the class of both pods."""
+        return [self.slam, self.slam.parent, self.slam.parent.parent]
+
+    def everything(self):
+        return [self.tree.weight(group) for group in self.groups()], self.limits()
+
+    def foreign(self, everything):
+        """Somebody else writes all of that."""
+        weights, limits = everything
+        for group, weight in zip(self.groups(), weights, strict=True):
+            self.tree.set_weight(group, weight)
+        for group, limit in zip((self.slam, self.speech), limits, strict=True):
+            self.tree.set(group, limit)
 
     def wait(self, seconds):
         self.time.advance_by(timedelta(seconds=seconds).total_seconds())
@@ -131,7 +165,7 @@ def test_the_kubelet_writes_what_the_api_has_and_ours_comes_back(node):
     node.tree.set(node.speech, 300)
     node.tree.set_weight(node.speech, 77)
     for path in (node.tree.limit_file(node.speech), node.tree.weight_file(node.speech)):
-        node.agent.on_other_write(path)
+        node.agent.on_other_write(path, monotonic())
     assert (node.limits(), node.weights()) == ((500, 10), node.expected(1500, 0))
 
 
@@ -160,3 +194,109 @@ def test_an_agent_that_was_killed_is_undone_by_the_next(node, seconds):
     node.agent.lose_source(POLICY)
     node.wait(60)
     assert (node.limits(), node.weights(), node.tree.weight(node.slam.parent.parent)) == before
+
+
+def test_every_suspended_task_has_its_time(node):
+    node.plan(ACTIVE, (0.3, 0.5))
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(DRAIN - 0.02)
+    node.plan(ASLEEP, ASLEEP)
+    node.wait(0.05)
+    assert node.limits() == (500, 10)
+    node.wait(DRAIN)
+    assert node.limits() == (10, 10)
+
+
+def test_a_task_that_was_awake_in_between_has_its_time_again(node):
+    node.plan(ASLEEP, ACTIVE)
+    node.wait(0.3)
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(0.15)
+    node.plan(ASLEEP, ACTIVE)
+    node.wait(0.1)
+    assert node.limits() == (500, 500)
+
+
+@pytest.mark.parametrize("agreed", [False, True])
+def test_a_suspended_task_stays_so_when_the_agent_starts_again(node, agreed):
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(1)
+    if agreed:
+        node.kubelet(node.speech, 10)
+    node.start()
+    node.plan(ACTIVE, ASLEEP, limit=0.01 if agreed else 0.5)
+    assert node.limits() == (500, 10)
+    node.wait(1)
+    assert node.limits() == (500, 10)
+
+
+def test_reports_of_what_was_overwritten_undo_nothing(node):
+    """A resize writes twice, systemd for itself and the runtime; both reports wait while ours is put back."""
+    before = node.everything()
+    node.plan(ACTIVE, ASLEEP, held=True)
+    node.wait(1)
+    files = [*map(node.tree.weight_file, node.groups()), node.tree.limit_file(node.speech)]
+    node.foreign(before)
+    heard = monotonic()
+    for path in files + files:
+        node.agent.on_other_write(path, heard)
+    assert (node.limits(), node.weights()) == ((500, 10), node.expected(1500, 0))
+    node.agent.stop()
+    assert node.everything() == before
+
+
+def test_lost_reports_undo_nothing(node):
+    before = node.everything()
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(1)
+    for path in list(node.watch.paths):
+        node.agent.on_other_write(path, -inf)
+    node.agent.hear(POLICY, None)
+    assert node.everything() == before
+
+
+def test_a_quota_that_fails_later_is_reported(node, monkeypatch):
+    late: list[Confirmation] = []
+    node.agent.late.subscribe(late.append)
+    node.plan(ACTIVE, ASLEEP)
+    with monkeypatch.context() as broken:
+        broken.setattr(os, "pwrite", refuse)
+        node.wait(1)
+    assert [(said.stamp, list(said.failed.values())) for said in late] == [((1, 1, 0), ["Forbidden"])]
+    node.repeat(ACTIVE, ASLEEP)
+    assert node.limits() == (500, 10)
+
+
+def test_a_value_that_can_not_be_put_back_is_reported_and_tried_again(node, monkeypatch):
+    late: list[Confirmation] = []
+    node.agent.late.subscribe(late.append)
+    node.plan(ACTIVE, ASLEEP, held=True)
+    node.wait(1)
+    with monkeypatch.context() as broken:
+        broken.setattr(os, "pwrite", refuse)
+        node.kubelet(node.speech, 500)
+    assert [list(said.failed) for said in late] == [[f"containerd://{SPEECH}"]]
+    node.repeat(ACTIVE, ASLEEP, held=True)
+    assert node.limits() == (500, 10)
+
+
+def test_what_others_write_while_no_agent_runs_comes_back_in_the_end(node):
+    node.plan(ACTIVE, (0.3, 0.5))
+    node.tree.set_weight(node.slam, 55)
+    node.tree.set_weight(node.slam.parent, 56)
+    node.start()
+    node.plan(ACTIVE, (0.3, 0.5))
+    node.agent.hear(POLICY, None)
+    assert (node.tree.weight(node.slam), node.tree.weight(node.slam.parent)) == (55, 56)
+
+
+def test_weights_that_follow_a_score_leave_the_journal_small(node):
+    for step in range(400):
+        node.plan((round(0.3 + step * 0.001, 3), 0.5), (0.3, 0.5))
+    before = node.journal.stat().st_size
+    node.plan((1.2, 0.5), (0.3, 0.5))
+    assert node.journal.stat().st_size - before < 2000
+
+
+def refuse(*_):
+    raise OSError(errno.EROFS, "read-only")

@@ -65,6 +65,10 @@ class Admission:
         self._admitted[order.policy], self._desired[order.policy] = order, desired
         return order
 
+    def stamp(self, policy: str) -> Stamp | None:
+        """That of the policy's last admitted order."""
+        return self._stamps.get(policy)
+
     def fail(self, policy: str) -> None:
         """The policy's last admitted order was not carried out, or only in part."""
         self._failed.add(policy)

@@ -7,11 +7,15 @@ import os
 import time
 from typing import TYPE_CHECKING, Any
 
+from reactivex import Subject
+from reactivex.disposable import SerialDisposable
+
 from contextpolicy.agent import capabilities
 from contextpolicy.agent import node_orders as orders
 from contextpolicy.agent.admission import Admission
 from contextpolicy.agent.cgroup_paths import find_cgroups
-from contextpolicy.agent.cgroup_writers import DRAIN, CgroupWriters
+from contextpolicy.agent.cgroup_writers import CgroupWriters
+from contextpolicy.agent.drains import Drains
 from contextpolicy.agent.failures import GONE, by_container
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.pod_namespaces import PodNamespaces
@@ -23,6 +27,7 @@ from contextpolicy.errors import OrderError
 from contextpolicy.policy.spec import Mode
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from reactivex.abc import DisposableBase, SchedulerBase
@@ -46,9 +51,11 @@ class Agent:
         self._namespaces = PodNamespaces(settings.logs)
         self._ledger = Ledger(settings.state / "agent.journal")
         self._graces: dict[str, DisposableBase] = {}
-        self._drains: dict[str, DisposableBase] = {}
-        self._draining: dict[str, NodeOrder] = {}
-        """By policy, the newest order, while tasks that it suspends finish the input that they are at."""
+        self._drains = Drains()
+        self._drain_timers: dict[str, SerialDisposable] = {}
+        self._orders: dict[str, NodeOrder] = {}
+        self.late: Subject[Confirmation] = Subject()
+        """What became of a plan after it was confirmed."""
         self._sources: set[str] = set()
         self._writers: CgroupWriters | None = None
         self._missing: dict[str, list[str]] = {}
@@ -108,10 +115,12 @@ class Agent:
         self._admission.lose_source(policy)
         self._await_source(policy)
 
-    def on_other_write(self, path: Path) -> None:
-        """Somebody else wrote a CPU limit that we watch."""
+    def on_other_write(self, path: Path, heard: float) -> None:
+        """Somebody else wrote a file that we watch, as we `heard` then, in seconds on the monotonic clock."""
         if self._writers is not None:
-            self._note(self._writers.on_other_write(path))
+            failures = self._writers.on_other_write(path, heard)
+            self._note(failures)
+            self._report_late(failures)
 
     def report(self) -> dict[str, Any]:
         """What this node can do, what it lacks for the rest, and how often it refused what, as a JSON object."""
@@ -154,30 +163,41 @@ class Agent:
             return {target.container_id: "Incapable" for target in order.targets if target.container_id}
         groups, refused = self._groups(writers, order)
         self._followed[order.policy] = groups
-        self._draining[order.policy] = order
-        drained = not writers.drains(order, groups)
-        failures = writers.apply(order, groups, drained=drained)
-        self._note(failures)
-        if drained:
-            self._end_drain(order.policy)
-        elif order.policy not in self._drains:
-            self._drains[order.policy] = self._scheduler.schedule_relative(DRAIN, lambda *_: self._drain(order.policy))
+        self._orders[order.policy] = order
+        failures = self._carry_out(writers, order, groups)
         return refused | by_container(failures, {group: target.container_id for group, target in groups.items()})
 
-    def _drain(self, policy: str) -> None:
-        """Suspended tasks had their time: carry out the newest order in full."""
-        order = self._draining[policy]
-        self._end_drain(policy)
-        if self._writers is not None:
-            groups, _ = self._groups(self._writers, order)
-            failures = self._writers.apply(order, groups, drained=True)
-            self._note(failures)
-            if failures:
-                self._admission.fail(policy)
+    def _carry_out(self, writers: CgroupWriters, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> Failures:
+        now = self._scheduler.to_seconds(self._scheduler.now)
+        resting = [group for group, target in groups.items() if target.weight == 0]
+        failures = writers.apply(order, groups, self._drains.rest(order.policy, resting, now))
+        self._note(failures)
+        due = self._drains.next(order.policy, now)
+        if due is not None:
+            timer = self._drain_timers.setdefault(order.policy, SerialDisposable())
+            timer.disposable = self._scheduler.schedule_relative(due - now, lambda *_: self._drain(order.policy))
+        return failures
 
-    def _end_drain(self, policy: str) -> None:
-        self._draining.pop(policy, None)
-        timer = self._drains.pop(policy, None)
+    def _drain(self, policy: str) -> None:
+        """A suspended task has had its time: carry out the newest order as far as it goes by now."""
+        order = self._orders.get(policy)
+        if order is not None and self._writers is not None:
+            groups, _ = self._groups(self._writers, order)
+            self._report_late(self._carry_out(self._writers, order, groups))
+
+    def _report_late(self, failures: Failures) -> None:
+        """Say which containers do not have what the plan says any more, and try again with its next repetition."""
+        for policy, groups in self._followed.items():
+            failed = by_container(failures, {group: target.container_id for group, target in groups.items()})
+            stamp = self._admission.stamp(policy)
+            if failed and stamp is not None:
+                self._admission.fail(policy)
+                self.late.on_next(Confirmation(policy, stamp, failed))
+
+    def _end_drains(self, policy: str) -> None:
+        self._orders.pop(policy, None)
+        self._drains.forget(policy)
+        timer = self._drain_timers.pop(policy, None)
         if timer is not None:
             timer.dispose()
 
@@ -204,7 +224,7 @@ class Agent:
     def _release(self, policy: str, *, leave_agreed: bool = False) -> None:
         """Undo everything for the policy; `leave_agreed`: but for what the API has as well."""
         self._end_grace(policy)
-        self._end_drain(policy)
+        self._end_drains(policy)
         self._followed.pop(policy, None)
         self._admission.drop(policy)
         if self._writers is not None:

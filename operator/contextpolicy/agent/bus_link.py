@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Any
 
+    from reactivex import Observable
     from reactivex.abc import SchedulerBase
 
     from contextpolicy.bus.signatures import Verifier
@@ -32,6 +33,10 @@ PLANS = plan_key("*", "*")
 
 class PlanListener(Protocol):
     """Receives plans; called on the loop's thread."""
+
+    @property
+    def late(self) -> Observable[Confirmation]:
+        """What became of plans after they were confirmed."""
 
     def hear(self, policy: str, payload: bytes | None, signed: int) -> Confirmation | None:
         """A plan for the policy, or None when it is withdrawn; returns what became of a plan that was obeyed.
@@ -74,9 +79,11 @@ class AgentBus:
             session.declare_queryable(usage_key(node), self._answerer(usage_key(node), listener.usage)),
             session.liveliness().declare_token(key),
         ]
+        self._late = listener.late.subscribe(self._confirm)
 
     def close(self) -> None:
         """Leave the bus, the liveliness token first: the operator must stop relying on the agent before it is gone."""
+        self._late.dispose()
         for declared in reversed(self._declared):
             declared.undeclare()
 

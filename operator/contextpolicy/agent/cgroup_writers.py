@@ -13,7 +13,7 @@ from contextpolicy.planning.allocation.placement import QUANTUM
 from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
     from pathlib import Path
 
     from contextpolicy.agent.cgroup_paths import CgroupPaths
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
 
 _MOST_GROUPS = 1000
 """Containers whose cgroups are remembered; a node has a tenth of that, and it may run for years."""
-
-DRAIN = 0.5
-"""Seconds in which a suspended task may finish the input that it is at, with the least weight: a quota at once would
-freeze it, and with it what a robot has already seen or heard. Measured by `make bench-enforcement`."""
 
 
 class CgroupWriters:
@@ -54,11 +50,8 @@ class CgroupWriters:
         self._groups[name] = group
         return group
 
-    def apply(self, order: NodeOrder, groups: Mapping[Path, OrderTarget], *, drained: bool) -> Failures:
-        """Carry out the order on these groups, and undo what else the policy had.
-
-        A task that is suspended and weighs least keeps its quota unless it has `drained`.
-        """
+    def apply(self, order: NodeOrder, groups: Mapping[Path, OrderTarget], draining: Collection[Path]) -> Failures:
+        """Carry out the order on these groups, and undo what else the policy had; those `draining` keep their quota."""
         if order.scheduler is Scheduler.REALTIME:
             return self._apply_realtime(order, groups)
         # Settled first: `apply` makes an earlier run's entries its own, as if no resize had confirmed them yet.
@@ -67,29 +60,21 @@ class CgroupWriters:
                 self._limits.settle(group, target.limit)
         weights = {group: target.weight for group, target in groups.items() if target.weight is not None}
         failures = self._weights.apply(order.policy, weights)
-        quotas = self._quotas(order, groups, drained=drained)
-        failures |= self._limits.apply(order.policy, quotas, _held(groups), _originals(groups))
+        quotas = {group: target.quota for group, target in groups.items() if group not in draining}
+        quotas |= self._limits.standing(order.policy, draining)
+        held = {group for group in _held(groups) if group not in draining}
+        failures |= self._limits.apply(order.policy, quotas, held, _originals(groups))
         return self._realtime.release(order.policy) | failures
-
-    def drains(self, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> bool:
-        """Whether a task is about to be suspended that may finish the input that it is at: see `DRAIN`."""
-        return self._quotas(order, groups, drained=False) != self._quotas(order, groups, drained=True)
 
     def release(self, policy: str, *, leave_agreed: bool = False) -> Failures:
         """Undo everything for the policy; `leave_agreed`: but for what the API has as well."""
         limits = self._limits.release(policy, leave_agreed=leave_agreed)
         return self._weights.release(policy) | limits | self._realtime.release(policy)
 
-    def on_other_write(self, path: Path) -> Failures:
-        """Somebody else wrote a file that we watch."""
+    def on_other_write(self, path: Path, heard: float) -> Failures:
+        """Somebody else wrote a file that we watch, as we `heard` then, in seconds on the monotonic clock."""
         weight = path.name == weight_units.FILES[self.layout.version]
-        return (self._weights if weight else self._limits).on_other_write(path)
-
-    def _quotas(self, order: NodeOrder, groups: Mapping[Path, OrderTarget], *, drained: bool) -> dict[Path, int | None]:
-        before = self._limits.wanted(order.policy)
-        draining = {group for group, target in groups.items() if not drained and target.weight == 0}
-        kept = {group: before[group] for group in draining & before.keys()}
-        return kept | {group: target.quota for group, target in groups.items() if group not in draining}
+        return (self._weights if weight else self._limits).on_other_write(path, heard)
 
     def _apply_realtime(self, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> Failures:
         # Limits first: they must be in force when suspended threads fall back to the fair scheduler.

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import errno
 import os
+import time
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -63,6 +65,8 @@ class OpenFile:
         self.path = path
         self.seen = ""
         """The text that `read` found last."""
+        self.written = -inf
+        """When we last wrote it, in seconds on the monotonic clock."""
         self._known = ""
         try:
             self._descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
@@ -96,7 +100,7 @@ class OpenFile:
             failure = _failure(self.path, error)
             WRITES.labels(failure.reason).inc()
             raise failure from error
-        self._known = text
+        self._known, self.written = text, time.monotonic()
         _WRITTEN.inc()
 
     def close(self) -> None:

@@ -73,16 +73,17 @@ class Weights:
         """Whether it was there at the last plan, and has not been found gone since."""
         return group in self._files
 
-    def on_other_write(self, path: Path) -> Failures:
-        """Somebody else wrote a file that we watch."""
+    def on_other_write(self, path: Path, heard: float) -> Failures:
+        """Somebody else wrote a file that we watch, as we `heard` then."""
         entry = self._ledger.entries.get(path)
         try:
-            text = self._files[path.parent].heed()
+            file = self._files[path.parent]
+            text = file.heed()
         except ActuationError as error:
             self._lose(path.parent, error)
             return {}
-        if entry is not None and entry.overtook and text == entry.ours:
-            entry.overtook = False
+        if entry is not None and text == entry.ours and (entry.overtook or heard <= file.written):
+            entry.overtook = False  # what was written before ours is known already
         elif entry is not None:
             self._ledger.hear(path, text)
         return self._enforce()

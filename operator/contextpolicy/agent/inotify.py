@@ -6,6 +6,8 @@ import ctypes
 import os
 import struct
 import threading
+import time
+from math import inf
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -18,12 +20,13 @@ _BUFFER = 4096
 
 
 class WriteWatch:
-    """Calls `on_write(path)`, on its own thread, when a file is closed after it was opened for writing.
+    """Calls `on_write(path, heard)`, on its own thread, when a file is closed after it was opened for writing.
 
-    Writes to a file that stays open are not reported: that excludes our own.
+    `heard` is the time in seconds on the monotonic clock, -infinity where the kernel has lost reports: then any file
+    may have been written. Writes to a file that stays open are not reported: that excludes our own.
     """
 
-    def __init__(self, on_write: Callable[[Path], object]) -> None:
+    def __init__(self, on_write: Callable[[Path, float], object]) -> None:
         self._on_write = on_write
         self._libc = ctypes.CDLL(None, use_errno=True)
         self._descriptor = self._checked(self._libc.inotify_init1(os.O_CLOEXEC))
@@ -47,8 +50,9 @@ class WriteWatch:
     def _follow(self) -> None:
         while True:
             for number in _numbers(os.read(self._descriptor, _BUFFER)):
+                heard = -inf if number < 0 else time.monotonic()
                 for path in self._written(number):
-                    self._on_write(path)
+                    self._on_write(path, heard)
 
     def _written(self, number: int) -> list[Path]:
         """The file of a watch; all files when events were lost, for any may have been written."""

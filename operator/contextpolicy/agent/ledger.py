@@ -92,7 +92,11 @@ class Ledger:
         if entry is None:
             self.entries[path] = Entry(policy, now, ours, held, original=original)
             return
-        if entry.ours != ours:
+        if entry.inherited and now not in {entry.ours, *entry.earlier}:
+            entry.theirs = now  # somebody else wrote while no agent ran
+        if held:
+            entry.earlier = {now, entry.ours}
+        elif entry.ours != ours:
             entry.earlier.add(entry.ours)
         entry.policy, entry.ours, entry.held, entry.original = policy, ours, held, original
         entry.inherited = entry.overtook = False

@@ -76,9 +76,13 @@ class Limits:
         self._keep()
         return failures
 
-    def wanted(self, policy: str) -> Mapping[Path, int | None]:
-        """The policy's limits."""
-        return self._wanted.get(policy, {})
+    def standing(self, policy: str, groups: Collection[Path]) -> dict[Path, int | None]:
+        """What the policy wants of these groups so far; what they have where it wants nothing yet."""
+        wanted, found = self._wanted.get(policy, {}), {}
+        for group in groups:
+            with suppress(ActuationError):
+                found[group] = wanted[group] if group in wanted else self._now(group)
+        return found
 
     def settle(self, group: Path, limit: int) -> None:
         """The API has `limit` in force: if an earlier run of the agent wrote the same, it is confirmed."""
@@ -93,16 +97,17 @@ class Limits:
         """Whether it was there at the last plan, and has not been found gone since."""
         return group in self._files
 
-    def on_other_write(self, path: Path) -> Failures:
-        """Somebody else wrote a file that we watch; the package's docstring has the rules."""
+    def on_other_write(self, path: Path, heard: float) -> Failures:
+        """Somebody else wrote a file that we watch, as we `heard` then; the package's docstring has the rules."""
         entry = self._ledger.entries.get(path)
         policy = entry.policy if entry else self._owner(path.parent)
         try:
-            text = self._files[path.parent].heed()
+            file = self._files[path.parent]
+            text = file.heed()
         except ActuationError:
             self._ledger.close(path)
             return {}
-        if entry is not None and entry.overtook and text == entry.ours:
+        if entry is not None and (entry.overtook or heard <= file.written) and text == entry.ours:
             return {}
         if entry is not None and (entry.held or text == entry.theirs or text in entry.earlier):
             self._ledger.hear(path, text)

@@ -96,7 +96,7 @@ def _run(settings: AgentSettings, stop: threading.Event) -> None:
     tell_build("agent")
     verifier = Verifier(settings.keys)
     loop = Loop()
-    watch = WriteWatch(lambda path: _later(loop, lambda: agent.on_other_write(path)))
+    watch = WriteWatch(lambda path, heard: _later(loop, lambda: agent.on_other_write(path, heard)))
     agent = Agent(settings, loop, watch)
     _later(loop, agent.start)
     serve(settings.metrics_port, lambda: _later(loop, lambda: None).wait(HUNG))

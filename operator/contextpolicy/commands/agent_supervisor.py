@@ -64,7 +64,7 @@ def _supervise(state: StateDirectory, arguments: argparse.Namespace) -> bool:
 
     undoing = [sys.executable, "-m", "contextpolicy", "agent-supervisor", "--undo", f"--grace={arguments.grace}"]
     supervisor = AgentSupervisor(state, lambda: _succeeds(undoing), grace=arguments.grace, patience=arguments.patience)
-    WriteWatch(lambda _: supervisor.come()).add(state.lock)
+    WriteWatch(lambda *_: supervisor.come()).add(state.lock)
     stop_on_signals(supervisor.stop)
     log.info("watching over the agent")
     return supervisor.run()

@@ -41,9 +41,9 @@ class Agent(Limits):
         watch = WriteWatch(self._hear)
         super().__init__(ControlFiles(CFS[2], watch.add, watch.remove), Ledger(journal))
 
-    def _hear(self, path):
+    def _hear(self, path, heard):
         self.heard.append(path.read_text().strip())
-        self.on_other_write(path)
+        self.on_other_write(path, heard)
 
 
 @pytest.fixture
