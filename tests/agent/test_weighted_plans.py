@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from datetime import timedelta
 from math import inf
+from pathlib import Path
 from time import monotonic
+from typing import TYPE_CHECKING
 
 import pytest
 from reactivex.testing import TestScheduler
@@ -15,9 +18,11 @@ from contextpolicy.agent import capabilities
 from contextpolicy.agent.cgroup_paths import Driver
 from contextpolicy.agent.drains import DRAIN
 from contextpolicy.agent.weight_units import of_container, of_pod
-from contextpolicy.cluster.agent_reports import Confirmation
 from tests.agent.builders import POLICY, SLAM, SPEECH, Tree, a_message, a_target, an_agent
 from tests.agent.test_cpu_weights import Watch
+
+if TYPE_CHECKING:
+    from contextpolicy.cluster.agent_reports import Confirmation
 
 LAYOUTS = [(1, Driver.CGROUPFS), (1, Driver.SYSTEMD), (2, Driver.CGROUPFS), (2, Driver.SYSTEMD)]
 
@@ -296,6 +301,89 @@ def test_weights_that_follow_a_score_leave_the_journal_small(node):
     before = node.journal.stat().st_size
     node.plan((1.2, 0.5), (0.3, 0.5))
     assert node.journal.stat().st_size - before < 2000
+
+
+def test_a_weight_beside_the_classes_is_never_written(node):
+    before = node.tree.weight(node.tree.layout.top)
+    node.plan((0.3, 0.5), (0.3, 0.5), qos="Guaranteed")
+    assert node.tree.weight(node.tree.layout.top) == before
+
+
+def test_a_limit_that_systemd_has_rounded_is_left_as_it_is(node):
+    node.tree.set(node.slam, 340)
+    node.plan((0.5, 0.333), (0.3, 0.5), original=0.333)
+    assert node.limits() == (340, 500)
+
+
+@pytest.fixture
+def _ended(monkeypatch):
+    """The kernel reads no file of a group that has ended, however long it was open."""
+    read = os.pread
+
+    def pread(file, *rest):
+        if str(Path(f"/proc/self/fd/{file}").readlink()).endswith(" (deleted)"):
+            raise OSError(errno.ENODEV, "no such device")
+        return read(file, *rest)
+
+    monkeypatch.setattr(os, "pread", pread)
+
+
+@pytest.mark.usefixtures("_ended")
+def test_a_pod_that_has_ended_counts_no_more_in_its_class(node):
+    node.plan((1.0, 0.5), (0.3, 0.5))
+    shutil.rmtree(node.slam.parent)
+    group = node.speech.parent.parent
+    node.tree.set_weight(group, 2)
+    node.agent.on_other_write(node.tree.weight_file(group), monotonic())
+    assert node.tree.weight(group) == node.tree.weight(node.speech.parent)
+
+
+@pytest.mark.usefixtures("_ended")
+def test_a_pod_that_takes_the_place_of_another_counts(node):
+    before = node.tree.container("4" * 64, uid="uid-x")
+    node.plan((1.0, 0.5), (0.3, 0.5))
+    shutil.rmtree(before.parent)
+    after = node.tree.container("5" * 64, uid="uid-y")
+    node.tree.set_weight(after.parent, 900)
+    group = after.parent.parent
+    node.tree.set_weight(group, 5)
+    node.agent.on_other_write(node.tree.weight_file(group), monotonic())
+    pods = node.slam.parent, node.speech.parent, after.parent
+    assert node.tree.weight(group) == sum(node.tree.weight(pod) for pod in pods)
+
+
+def test_a_pod_of_two_policies_gets_its_limit_back_with_the_last(node):
+    """While the other policy's container is larger, the kernel would refuse the pod's former limit."""
+    containers = {
+        "robot/p": node.tree.container("1" * 64, uid="uid-x", limit=250),
+        "robot/q": node.tree.container("2" * 64, uid="uid-x", limit=250),
+    }
+    for policy, group in containers.items():
+        target = a_target("12"[policy == "robot/q"] * 64, 1.0, task="t", uid="uid-x", original=0.25)
+        node.agent.hear(policy, a_message(target, policy=policy, capacity=2.0))
+        assert node.tree.limit(group) == 1000
+    node.agent.hear("robot/q", None)
+    node.agent.hear("robot/p", None)
+    pod = containers["robot/p"].parent
+    assert [node.tree.limit(group) for group in (*containers.values(), pod)] == [250, 250, 500]
+
+
+def test_a_pod_gets_its_limit_back_once_its_container_has(node, monkeypatch):
+    group = node.tree.container("1" * 64, uid="uid-x", limit=250)
+    target = a_target("1" * 64, 1.0, task="t", uid="uid-x", original=0.25)
+    node.agent.hear("robot/p", a_message(target, policy="robot/p", capacity=2.0))
+    write = os.pwrite
+
+    def refuse_one(file, text, offset):
+        if Path(f"/proc/self/fd/{file}").readlink() == node.tree.limit_file(group):
+            refuse()
+        return write(file, text, offset)
+
+    with monkeypatch.context() as broken:
+        broken.setattr(os, "pwrite", refuse_one)
+        node.agent.hear("robot/p", None)
+    node.agent.stop()
+    assert (node.tree.limit(group), node.tree.limit(group.parent)) == (250, 250)
 
 
 def refuse(*_):

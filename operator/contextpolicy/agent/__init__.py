@@ -13,8 +13,8 @@ a little sooner. For each file that it wrote the ledger keeps `theirs`, what any
 - a value of an earlier plan: a resize that was under way when the plan changed. It becomes `theirs`; ours is put back.
 - `theirs` again: nothing new was decided. systemd, which makes the cgroups of most robots, writes all of a unit's
   settings anew at `daemon-reload` and `set-property`, with the limit that the kubelet last told it. Ours is put back.
-- `ours`, but we wrote it over something that `inotify` had yet to report, or after the report was read: the report is of
-  what was there before. The entry stays open.
+- `ours`, but we wrote it over something that `inotify` had yet to report, or after the report was read: the report is
+  of what was there before. The entry stays open.
 - anything else: a decision of the owner. The value stays until the next plan; nothing is left to undo.
 
 To undo is to put back the original, the limit that the container had before any policy: the plan says which. A pod, and

@@ -159,6 +159,7 @@ class Agent:
         writers = self._equip()
         lacks = self._missing.get(order.scheduler) if order.targets else None
         if writers is None or lacks:
+            self._end_drains(order.policy)
             self._refusals.note("Incapable", f"{order.policy}: {order.scheduler}: {'; '.join(lacks or ())}")
             return {target.container_id: "Incapable" for target in order.targets if target.container_id}
         groups, refused = self._groups(writers, order)

@@ -58,7 +58,9 @@ class CgroupWriters:
         for group, target in groups.items():
             if target.limit is not None:
                 self._limits.settle(group, target.limit)
-        weights = {group: target.weight for group, target in groups.items() if target.weight is not None}
+        # A Guaranteed pod is beside the classes: a weight there would compete with all of them.
+        weighted = {group: target for group, target in groups.items() if target.qos == "Burstable"}
+        weights = {group: target.weight for group, target in weighted.items() if target.weight is not None}
         failures = self._weights.apply(order.policy, weights)
         quotas = {group: target.quota for group, target in groups.items() if group not in draining}
         quotas |= self._limits.standing(order.policy, draining)

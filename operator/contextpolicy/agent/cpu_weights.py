@@ -90,10 +90,11 @@ class Weights:
 
     def _enforce(self, policy: str = "") -> Failures:
         """Undo what else the policy had, and write what differs."""
-        members = self._members()
+        gone: Failures = {}
+        members = self._members(gone)
         classes = {pod.parent for pod in members.pods}
-        failures = self._undo(policy, {*members.wishes, *classes})
-        wishes = members.wishes | {group: self._class_wish(group, members) for group in classes}
+        failures = gone | self._undo(policy, {*members.wishes, *classes})
+        wishes = members.wishes | {group: wish for group in classes if (wish := self._class_wish(group, members))}
         failures |= self._write_all(wishes)
         self._files.keep([*wishes, *(path.parent for path in self._ledger.entries)])
         self._beside.keep(child for child in self._children.all() if child not in wishes)
@@ -118,37 +119,52 @@ class Weights:
             self._retract(group, (unsaved or failures)[group])
         return failures | unsaved
 
-    def _members(self) -> _Members:
-        """What the containers that policies name should have, and their pods."""
+    def _members(self, failures: Failures) -> _Members:
+        """What the containers that policies name should have, and their pods; those that have ended count no more."""
         wishes: dict[Path, _Wish] = {}
         cores: dict[Path, int] = defaultdict(int)
         owners: dict[Path, str] = {}
         for policy, wanted in self._wanted.items():
             for group, amount in wanted.items():
+                try:
+                    self._files[group].read()
+                except ActuationError as error:
+                    failures[group] = error
+                    self._lose(group, error)
+                    self._children.forget(pod_of(group).parent)
+                    continue
                 wishes[group] = _Wish(policy, units.of_container(amount, self._version))
                 cores[pod_of(group)] += amount
                 owners[pod_of(group)] = policy
         for pod, amount in cores.items():
-            others = sum(units.millicores(self._now(c), self._version) for c in self._others(pod, wishes))
+            others = sum(units.millicores(weight, self._version) for weight in self._others(pod, wishes))
             wishes[pod] = _Wish(owners[pod], units.of_pod(amount + others, self._version))
-        return _Members(wishes, list(cores))
+        return _Members(wishes, cores.keys())
 
-    def _class_wish(self, group: Path, members: _Members) -> _Wish:
-        own = [members.wishes[pod] for pod in members.pods if pod.parent == group]
-        others = sum(self._now(other) for other in self._others(group, members.wishes))
+    def _class_wish(self, group: Path, members: _Members) -> _Wish | None:
+        """The sum of the pods that are there; None when none of ours is any more."""
+        own = [members.wishes[pod] for pod in self._children.of(group) if pod in members.pods]
+        if not own:
+            return None
+        others = sum(self._others(group, members.wishes))
         return _Wish(own[-1].policy, min(units.MOST[self._version], sum(wish.weight for wish in own) + others))
 
-    def _others(self, group: Path, wishes: Collection[Path]) -> list[Path]:
-        return [child for child in self._children.of(group) if child not in wishes]
+    def _others(self, group: Path, wishes: Collection[Path]) -> list[int]:
+        """The weights of a group's other children; listed again if one has ended, for another may have come."""
+        for _ in range(2):
+            found = [self._now(child) for child in self._children.of(group) if child not in wishes]
+            if None not in found:
+                break
+        return [weight for weight in found if weight is not None]
 
-    def _now(self, group: Path) -> int:
-        """The weight of a group that is not ours; the least when it is gone."""
+    def _now(self, group: Path) -> int | None:
+        """The weight of a group that is not ours; None when it is gone."""
         try:
             return int(self._beside[group].read())
         except ActuationError:
             self._beside.close(group)
             self._children.forget(group.parent)
-            return units.LEAST[self._version]
+            return None
 
     def _intend(self, group: Path, wish: _Wish) -> bool:
         """Note in the journal what is about to be written; False where nothing has to be."""

@@ -14,6 +14,7 @@ from contextpolicy.agent.control_files import Children, ControlFile, ControlFile
 from contextpolicy.agent.failures import GONE, Failures, attempt
 from contextpolicy.agent.steps import PodLimits, limit_steps
 from contextpolicy.errors import ActuationError
+from contextpolicy.planning.allocation.placement import QUANTUM
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
@@ -69,8 +70,8 @@ class Limits:
 
     def release(self, policy: str, *, leave_agreed: bool = False) -> Failures:
         """Undo all limits of the policy; `leave_agreed`: but for what the API has as well."""
-        failures = self._undo(self._own(policy), leave_agreed=leave_agreed)
         self._yielded.difference_update(self._wanted.pop(policy, ()))
+        failures = self._undo(self._own(policy), leave_agreed=leave_agreed)
         self._held.pop(policy, None)
         self._originals.pop(policy, None)
         self._keep()
@@ -184,7 +185,7 @@ class Limits:
                 failures[group] = error
             else:
                 if group not in self._yielded and (anew or not self._files[group].unheard):
-                    by_pod[pod_of(group)][group] = (now, share)
+                    by_pod[pod_of(group)][group] = (now, now if _is_rounded(share, now) else share)
                 if anew and now == share:
                     self._remember(policy, group)
         return by_pod, failures
@@ -292,15 +293,29 @@ class Limits:
         `leave_agreed`: put back only what others wrote. Files that hold another value by now are left alone. What can't
         be put back now stays in the ledger, for the policy's next plan or the agent's end.
         """
+        entries = {**self._too_small(), **entries} if entries else entries
         originals = {p: entry for p, entry in entries.items() if entry.original is not None and not leave_agreed}
         failures = self._restore(originals) and self._restore(originals)
         rest = entries.keys() - originals.keys()
         for path in sorted(rest, key=lambda path: len(path.parts), reverse=True):
             failures |= attempt(partial(self._put_back, path, entries[path]), path.parent)
         for path in entries:
-            if path.parent not in failures or failures[path.parent].reason == GONE:
+            failed = failures.get(path.parent)
+            if failed.reason == GONE if failed else not self._is_too_small(path, entries[path]):
                 self._ledger.close(path)
         return failures | attempt(self._ledger.save, *(path.parent for path in entries))
+
+    def _too_small(self) -> dict[Path, Entry]:
+        """Pods that no policy limits any more, but which could not be put back so far."""
+        wanted = self._paths({group for policy in self._wanted for group in self._groups(policy)})
+        name, entries = self._files.form.file, self._ledger.entries
+        return {p: e for p, e in entries.items() if p.name == name and is_pod(p.parent) and p not in wanted}
+
+    def _is_too_small(self, path: Path, entry: Entry) -> bool:
+        """Whether a pod's former limit is less than its containers' still add up to."""
+        with suppress(ActuationError):
+            return is_pod(path.parent) and entry.wrote(self._files[path.parent].read())
+        return False
 
     def _restore(self, entries: Mapping[Path, Entry]) -> Failures:
         """Put back containers' originals; their pods only grow, as for a plan."""
@@ -326,3 +341,8 @@ class Limits:
         if entry.wrote(file.read()) and self._fits(path.parent, file.amount(entry.theirs)):
             file.write(entry.theirs)
             log.info("%s: put back %s", path, entry.theirs)
+
+
+def _is_rounded(limit: int | None, now: int | None) -> bool:
+    """Whether what is there is what the systemd driver makes of a limit: a multiple of 10m (runc #4622)."""
+    return limit is not None and now == -(-limit // QUANTUM) * QUANTUM
