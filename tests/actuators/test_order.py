@@ -71,6 +71,12 @@ def test_beside_an_agent_no_request_moves():
     assert (order.requests, order.leaves_alone("p")) == ({}, True)
 
 
+def test_a_node_without_room_leaves_requests_of_nothing():
+    policy = parse(a_policy(enforcement={"control": "Weight"}, contexts=[]))
+    order = order_of(policy, [SLAM], {"robot": NodePlan(0, {"slam": 10}, {SLAM.id: 10})})
+    assert order.requests == {SLAM.id: 0}
+
+
 @given(st.lists(st.tuples(st.none() | st.integers(1, 400), st.integers(1, 400)), min_size=1, max_size=9))
 def test_requests_never_sum_to_more_than_the_node_has(tasks):
     specs = [a_task(f"t{n}", **({} if most is None else {"max": f"{most * 10}m"})) for n, (most, _) in enumerate(tasks)]

@@ -34,7 +34,7 @@ def a_node(scheduler: str) -> dict[str, Any]:
     return {"capacity": 1.0, "scheduler": scheduler, "tasks": {"slam": 0.99, "speech": 0.01}}
 
 
-def target(task: str, cores: float, limit: float | None = 0.5) -> dict[str, Any]:
+def target(task: str, cores: float, limit: float | None = 0.5, **changes: Any) -> dict[str, Any]:
     return {
         "task": task,
         "node": "robot-1",
@@ -42,7 +42,10 @@ def target(task: str, cores: float, limit: float | None = 0.5) -> dict[str, Any]
         "pod": f"{task}-1",
         "container": task,
         "cores": cores,
+        "weight": None,
+        "quota": cores,
         "limit": limit,
+        **changes,
     }
 
 

@@ -74,6 +74,17 @@ def test_limits_that_are_in_force_already() -> None:
     assert stages(heard((KEY, plan(targets=[target("slam", 0.99, limit=0.99)])))) == {"slam": "inForce", "speech": None}
 
 
+def test_a_task_that_is_not_capped_at_its_share_is_in_force_with_the_limit_that_it_keeps() -> None:
+    kept = target("slam", 0.99, limit=2.0, quota=2.0)
+    assert stages(heard((KEY, plan(control="Suspend", targets=[kept]))))["slam"] == "inForce"
+
+
+def test_a_weight_has_a_stage_once_it_is_resized_for_an_agent_resizes_nothing() -> None:
+    message = plan(control="Weight", targets=[target("slam", 0.99, limit=2.0, quota=2.0, weight=0.99)])
+    assert stages(heard((KEY, message)))["slam"] is None
+    assert stages(heard((KEY, message), (APPLIED, step("accepted", 2.0))))["slam"] == "accepted"
+
+
 def test_a_new_plan_keeps_what_it_does_not_change() -> None:
     view = heard((KEY, plan()), (APPLIED, step("inForce", 0.99)), (KEY, plan(sequence=2)))
     assert stages(view)["slam"] == "inForce"

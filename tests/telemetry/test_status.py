@@ -31,6 +31,7 @@ def made(story, *, previous=(), **facts):
     claim = Claim(story.planner.placement, facts.pop("conflicts", []), facts.pop("obstacles", {}))
     claim.realtime = facts.pop("realtime", [])
     claim.shared = facts.pop("shared", {})
+    claim.agents = facts.pop("agents", frozenset())
     content = status(story.planner, StatusFacts(3, 17, claim, **facts), previous, NOW)
     stored = {name: value for name, value in json.loads(json.dumps(content)).items() if value is not None}
     jsonschema.validate(stored, SCHEMA)
@@ -85,6 +86,13 @@ def test_more_nodes_than_the_definition_allows_are_counted():
     assert [node["name"] for node in content["nodes"]] == [f"node-{number:03}" for number in range(64)]
     assert content["moreNodes"] == 6
     assert "moreNodes" not in made(moving())
+
+
+def test_weights_that_are_requests_come_with_the_factor_that_fits_them_into_the_node():
+    story = moving(tasks=[a_task("slam", max="500m"), a_task("speech")], enforcement={"control": "Weight"})
+    assert made(story)["nodes"][0]["requestFactor"] == 0.667
+    assert "requestFactor" not in made(story, agents=frozenset({"robot"}))["nodes"][0]
+    assert "requestFactor" not in made(moving(enforcement={"control": "Suspend"}))["nodes"][0]
 
 
 def test_before_the_first_plan():

@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from contextpolicy.planning.allocation.enforcement import amounts
-from contextpolicy.policy.spec import Control, Transition
+from contextpolicy.policy.spec import Control, Scheduler, Transition
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from contextpolicy.planning.allocation.placement import Container
     from contextpolicy.planning.allocation.plan import NodePlan
-    from contextpolicy.policy.spec import Policy, Task
+    from contextpolicy.policy.spec import Policy
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,23 +76,35 @@ def _limits_and_requests(
     policy: Policy, containers: Collection[Container], nodes: Mapping[str, NodePlan], agents: Collection[str]
 ) -> tuple[dict[str, int | None], dict[str, int]]:
     tasks = {task.name: task for task in policy.tasks}
+    factors = request_factors(policy, containers, nodes, agents)
     limits: dict[str, int | None] = {}
     requests: dict[str, int] = {}
     for name, node in nodes.items():
-        here = [(container, tasks[container.task]) for container in containers if container.id in node.containers]
-        factor = request_factor(node.capacity, [task for _, task in here])
-        for container, task in here:
+        for container in containers:
+            if container.id not in node.containers:
+                continue
+            task = tasks[container.task]
             share, suspended = node.containers[container.id], task.name in node.suspended
             weight, limits[container.id] = amounts(policy.enforcement.control, task, share, suspended=suspended)
-            if weight is not None and name not in agents:
-                requests[container.id] = int(min(weight, task.max or node.capacity) * factor)
+            if weight is not None and name in factors:
+                requests[container.id] = int(min(weight, task.max or node.capacity) * factors[name])
     return limits, requests
 
 
-def request_factor(capacity: int, tasks: Collection[Task]) -> float:
-    """What a weight is multiplied with to become a request, for a node with one container for each of `tasks`.
+def request_factors(
+    policy: Policy, containers: Collection[Container], nodes: Mapping[str, NodePlan], agents: Collection[str]
+) -> dict[str, float]:
+    """What a weight is multiplied with to become a request, by node; only nodes where weights are requests.
 
-    The scheduler and the kubelet keep room for requests, so even if each were at its max they must fit into N. The
-    factor does not depend on the plan: what counts is how requests compare, and no order of resizes can fail.
+    The scheduler and the kubelet keep room for requests, so even if each task were at its max they must fit into N.
+    The factor does not depend on the plan: what counts is how requests compare, and no order of resizes can fail.
     """
-    return min(1.0, capacity / sum([task.max or capacity for task in tasks] or [1]))
+    if policy.enforcement.control is not Control.WEIGHT:
+        return {}
+    most = {task.name: task.max for task in policy.tasks}
+    factors = {}
+    for name, node in nodes.items():
+        if name not in agents and node.scheduler is Scheduler.CFS:
+            asked = sum(most[one.task] or node.capacity for one in containers if one.id in node.containers)
+            factors[name] = min(1.0, node.capacity / max(1, asked))
+    return factors

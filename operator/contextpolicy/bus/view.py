@@ -27,12 +27,21 @@ WORDS = {"planned": "planned", "accepted": "accepted", "inForce": "in force"}
 
 @dataclass(slots=True)
 class ShownTarget:
-    """One container of a task; `stage` says how far its new `cores` have come, if its node is `resized` at all."""
+    """One container of a task; `stage` says how far its new `cores` have come, if its node is `resized` at all.
+
+    Where it is `weighted`, the API may hear nothing: an agent writes weights.
+    """
 
     task: str
     cores: float
     stage: str
     resized: bool
+    weighted: bool
+
+    @property
+    def shown(self) -> bool:
+        """Whether its stage means anything."""
+        return self.resized and not (self.weighted and self.stage == "planned")
 
 
 @dataclass(slots=True)
@@ -54,7 +63,7 @@ class PolicyView:
         """The stage of the task's slowest container; None where the policy resizes nothing or the task has none."""
         if self.mode != Mode.ENFORCE:
             return None
-        stages = [target.stage for target in self.targets.values() if target.task == task and target.resized]
+        stages = [target.stage for target in self.targets.values() if target.task == task and target.shown]
         return min(stages, key=STAGES.__getitem__, default=None)
 
     def as_json(self) -> dict[str, Any]:
@@ -134,7 +143,6 @@ class BusView:
 
 
 def _read(policy: str, content: Mapping[str, Any]) -> PolicyView:
-    limited = content["control"] == Control.LIMIT
     fair = {name for name, node in content["nodes"].items() if node["scheduler"] == Scheduler.CFS}
     return PolicyView(
         policy=policy,
@@ -157,8 +165,9 @@ def _read(policy: str, content: Mapping[str, Any]) -> PolicyView:
             f"{one['namespace']}/{one['pod']}/{one['container']}": ShownTarget(
                 task=str(one["task"]),
                 cores=_number(one["cores"]),
-                stage="inForce" if limited and one["limit"] == one["cores"] else "planned",
+                stage="inForce" if one["weight"] is None and one["limit"] == one["quota"] else "planned",
                 resized=one["node"] in fair,
+                weighted=one["weight"] is not None,
             )
             for one in content["targets"]
         },

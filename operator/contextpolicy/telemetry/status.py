@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.actuators.order import request_factors
 from contextpolicy.planning.conditions.stream import UNHEARD
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.policy.spec import Mode, Scheduler
@@ -227,12 +228,14 @@ def _plan(planner: Planner, run: int) -> dict[str, Any] | None:
 
 def _nodes(planner: Planner, claim: Claim) -> list[dict[str, Any]]:
     nodes = planner.last.nodes if planner.last else {}
+    factors = request_factors(planner.policy, claim.placement.containers, nodes, claim.agents)
     return [
         {
             "name": name,
             "capacity": format_cpu(node.capacity),
             "allocatable": format_cpu(claim.placement.allocatable.get(name, 0)),
             "dividedBy": node.basis,
+            **({"requestFactor": round(factors[name], 3)} if name in factors else {}),
             **({"message": claim.shared[name][:MAX_MESSAGE]} if name in claim.shared else {}),
         }
         for name, node in sorted(nodes.items())
