@@ -28,8 +28,9 @@ _REFUSALS = (
     (r"denied (the )?request", f"let that admission policy or webhook pass the operator's resizes; {_AGAIN}"),
 )
 _NO_ROOM = (
-    "its CPU request doesn't fit beside the node's other pods: lower their requests or the task's max, or give the pod "
-    "unequal memory request and limit, so that only its CPU limit moves; the kubelet carries it out when there is room"
+    "its CPU request doesn't fit beside the node's other pods: raise the policy's reserve, lower their requests or the "
+    "task's max, or, unless control is Weight, give the pod unequal memory request and limit, so that only its CPU "
+    "limit moves; the kubelet carries it out when there is room"
 )
 _STATIC_CPUS = (
     "a static CPU manager resizes no Guaranteed pod: give it unequal memory request and limit, so that it is "
