@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 import zenoh
 
-from contextpolicy.cluster.claims import container_id
+from contextpolicy.cluster.container_names import container_id
 from contextpolicy.planning.allocation.enforcement import amounts
 from contextpolicy.planning.plan_json import plan_json
 from contextpolicy.policy.spec import Control, Scheduler

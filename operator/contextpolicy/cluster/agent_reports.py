@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from contextpolicy.cluster.claims import container_id
+from contextpolicy.cluster.container_names import container_id
 from contextpolicy.policy.spec import RealtimeFallback, Scheduler
 
 if TYPE_CHECKING:

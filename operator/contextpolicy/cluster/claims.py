@@ -6,6 +6,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from contextpolicy.cluster.container_names import container_id
 from contextpolicy.cluster.liveness_probes import probe_warning
 from contextpolicy.planning.allocation.placement import QUANTUM, Container, Placement
 from contextpolicy.policy.spec import Control, Mode, Scheduler
@@ -37,11 +38,6 @@ class Claim:
     agents: frozenset[str] = frozenset()
     shared: dict[str, str] = field(default_factory=dict)
     """By node, why the policy divides less of it than it could alone."""
-
-
-def container_id(pod: PodView, container: str) -> str:
-    """The name that planning uses for a container: unique, and the same after a restart of the operator."""
-    return f"{pod.namespace}/{pod.name}/{container}"
 
 
 def claim(  # noqa: PLR0913 - all that a claim depends on

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
-from contextpolicy.cluster.claims import container_id
+from contextpolicy.cluster.container_names import container_id
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from contextpolicy.actuators.resize.pod_patch import Answer, Found, Patch, ask, send
-from contextpolicy.cluster.claims import container_id
+from contextpolicy.cluster.container_names import container_id
 
 if TYPE_CHECKING:
     from collections.abc import Callable

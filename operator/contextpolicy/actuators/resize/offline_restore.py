@@ -9,7 +9,7 @@ from contextpolicy.actuators.resize import pod_patch
 from contextpolicy.actuators.resize.originals import read
 from contextpolicy.actuators.resize.pod_patch import Patch, send
 from contextpolicy.cluster.api import FINALIZER
-from contextpolicy.cluster.claims import container_id
+from contextpolicy.cluster.container_names import container_id
 from contextpolicy.cluster.pods import view
 from contextpolicy.errors import ActuationError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from contextpolicy.cluster.claims import container_id
+from contextpolicy.cluster.container_names import container_id
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping

@@ -13,7 +13,7 @@ from contextpolicy.actuators.resize.pod_state import Phase
 from contextpolicy.actuators.resize.put_back import is_falling, to_put_back, without_rises
 from contextpolicy.actuators.resize.takeover import REWRITE_AFTER, can_rewrite
 from contextpolicy.actuators.resize.targets import Target, steps, target_cpu
-from contextpolicy.cluster.claims import container_id
+from contextpolicy.cluster.container_names import container_id
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping

@@ -20,7 +20,7 @@ from contextpolicy.actuators.resize.pod_state import Phase
 from contextpolicy.actuators.resize.reconciler import Reconciler
 from contextpolicy.actuators.resize.status_record import StatusRecord
 from contextpolicy.actuators.resize.targets import target_cpu
-from contextpolicy.cluster.claims import container_id
+from contextpolicy.cluster.container_names import container_id
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
