@@ -19,6 +19,7 @@ from contextpolicy.cluster.agent_reports import (
     not_set,
     read_confirmation,
     read_report,
+    unwritten,
     with_agents,
     write_confirmation,
 )
@@ -133,3 +134,12 @@ def test_what_an_agent_could_not_set_is_found_by_node_and_container_id():
     assert not_set({node: {"containerd://before-the-restart"}}, pods) == frozenset()
     assert not_set({"another": {known, ALL}}, pods) == frozenset()
     assert not_set({node: {ALL}}, pods) == {"lab/slam/slam", "lab/speech/speech"}
+
+
+def test_a_weight_that_cannot_be_written_is_said_because_no_resize_takes_its_place():
+    pods = [view(a_pod("slam")), view(a_pod("speech"))]
+    failures = {pods[0].node: {pods[0].containers[0].container_id: "Forbidden"}}
+    weighted = governing_slam(enforcement={"control": "Weight"})
+    told = f"lab/slam/slam: the agent of node {pods[0].node} can't write its weight: Forbidden"
+    assert unwritten(weighted, failures, pods) == [told]
+    assert unwritten(governing_slam(), failures, pods) == []

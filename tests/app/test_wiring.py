@@ -127,6 +127,22 @@ def test_resizes_follow_an_agent_that_confirms_and_wait_for_no_other(operator, c
     assert (operator.patches.jobs == []) is confirming
 
 
+def test_a_weight_that_an_agent_can_not_write_is_not_applied(operator):
+    operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
+    operator.list_all()
+    operator.connect()
+    operator.session.failed = ["containerd://slam"]
+    operator.apply(a_policy(enforcement={"control": "Weight"}))
+    operator.sample(IMU, speed=0.3)
+    operator.turn(10.0)
+    status, _, message = operator.condition("Applied")
+    assert (status, "slam: the agent of node" in message, "can't write its weight" in message) == ("False", True, True)
+    operator.session.failed = []
+    operator.sample(IMU, speed=0.3)
+    operator.turn(10.0)
+    assert operator.condition("Applied")[0] == "True"
+
+
 @pytest.mark.parametrize("failed", ["slam", "speech"])
 def test_what_an_agent_could_not_set_is_resized_at_once_and_the_rest_follows_it(operator, failed):
     operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from contextpolicy.cluster.container_names import container_id
-from contextpolicy.policy.spec import RealtimeFallback, Scheduler
+from contextpolicy.policy.spec import Control, RealtimeFallback, Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
@@ -93,6 +93,17 @@ def not_set(failures: Mapping[str, Collection[str]], pods: Iterable[PodView]) ->
         for container in pod.containers
         if ALL in (failed := failures.get(pod.node, ())) or container.container_id in failed
     )
+
+
+def unwritten(policy: Policy, failures: Mapping[str, Mapping[str, str]], pods: Iterable[PodView]) -> list[str]:
+    """What agents could not write, and no resize can set in their place: weights; `failures` as in `not_set`."""
+    if policy.enforcement.control is not Control.WEIGHT:
+        return []
+    shown = {name: pod.node for pod in pods for name in not_set(failures, [pod])}
+    return [
+        f"{name}: the agent of node {node} can't write its weight: {', '.join(sorted(set(failures[node].values())))}"
+        for name, node in sorted(shown.items())
+    ]
 
 
 def read_report(payload: bytes) -> AgentReport:

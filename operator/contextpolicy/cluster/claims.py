@@ -34,7 +34,7 @@ class Claim:
     """By task, what may go wrong although it is claimed."""
     realtime: list[str] = field(default_factory=list)
     unlimited: list[str] = field(default_factory=list)
-    """Messages about nodes whose kernel can't limit CPU time, where orders have no effect."""
+    """Messages about nodes whose kernel can't limit CPU time, and containers whose weights can't be written."""
     agents: frozenset[str] = frozenset()
     shared: dict[str, str] = field(default_factory=dict)
     """By node, why the policy divides less of it than it could alone."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from contextpolicy.cluster.agent_reports import with_agents, writing
+from contextpolicy.cluster.agent_reports import unwritten, with_agents, writing
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pod_directory import PodDirectory
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from contextpolicy.policies.policy_runner import PolicyRunner
     from contextpolicy.policies.registry import PolicyRegistry
     from contextpolicy.policies.status_publisher import StatusPublisher
+    from contextpolicy.policy.spec import Policy
     from contextpolicy.policy.tenants import Tenants
     from contextpolicy.streams.loop import Loop
 
@@ -88,9 +89,16 @@ class Binder:
         nodes, agents = dict(self._nodes.values()), writing(self._bus.reports)
         claims = claim(policies, pods, nodes, self._originals.cpu, self._tenants, agents=agents)
         return [
-            (runner, with_agents(policy, claims[policy.reference], self._bus.reports))
+            (runner, self._with_agents(policy, claims[policy.reference]))
             for runner, policy in zip(runners, policies, strict=True)
         ]
+
+    def _with_agents(self, policy: Policy, found: Claim) -> Claim:
+        own = with_agents(policy, found, self._bus.reports)
+        failures = self._bus.failures(policy.reference)
+        if failures:
+            own.unlimited.extend(unwritten(policy, failures, self.pods.of(policy.namespace)))
+        return own
 
     def _give(self, runner: PolicyRunner, own: Claim) -> None:
         policy = runner.policy
