@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from contextpolicy.planning.allocation.shares import Demand, divide
-from tests.bench.enforcement.policy import ATTEMPTS, STEP, TABLE, Table
+from tests.bench.enforcement.policy import ATTEMPTS, STEP, TABLE, WEIGHTED, Table
 from tests.bench.enforcement.stories import PROCESSORS
 
 if TYPE_CHECKING:
@@ -134,8 +134,8 @@ def _limits(tasks: Sequence[Task], context: Context) -> dict[str, Setting]:
     return {name: Setting(quota=share) for name, share in shares(tasks, context, TABLE, ceiling=1000).items()}
 
 
-def _weights(tasks: Sequence[Task], context: Context, table: Table = TABLE) -> dict[str, Setting]:
-    """A weight from the share; a suspended task has the least one, and a quota."""
+def _weights(tasks: Sequence[Task], context: Context, table: Table = WEIGHTED) -> dict[str, Setting]:
+    """A weight from the share; a suspended task has the least one, and soon a quota."""
     running = [task for task in tasks if task.name not in context.suspends]
     wanted = sum(task.wants for task in running) / PROCESSORS
     found = shares(tasks, context, table)

@@ -97,9 +97,9 @@ def stand_in(cell: Cell) -> Cell:
 
 def for_goals(cell: Cell) -> bool:
     """Whether a goal compares it; the static divisions are among them where one of them might serve every context."""
-    if cell.queue is not Queue.NEWEST or cell.load == NEARLY:
+    if cell.queue is not Queue.NEWEST or cell.load == NEARLY or cell.division in ATTEMPTS:
         return False
-    if cell.division in (WEIGHTS, *ATTEMPTS):
+    if cell.division == WEIGHTS:
         return cell.gated or cell.story == IMPORTANCE.name
     if cell.story == IMPORTANCE.name:
         return cell.division in ((DEFAULT,) if cell.load == LIGHT else (*STATIC, ALONE))

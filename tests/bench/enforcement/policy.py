@@ -1,10 +1,12 @@
-"""The weights that a policy would have for this robot, and what was tried instead. Pure."""
+"""The weights that a policy would have for this robot, and what else was tried. Pure."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from contextpolicy.agent.drains import DRAIN
+from contextpolicy.planning.allocation.enforcement import PROTECTED_WEIGHT
 from tests.bench.enforcement.stories import PROCESSORS
 
 if TYPE_CHECKING:
@@ -52,13 +54,15 @@ class Table:
 
 PROTECTED = {"nav": 10.0, "imu": 5.0}
 TABLE = Table()
+WEIGHTED = Table(floor=PROTECTED_WEIGHT, grace=DRAIN)
+"""As the agent enforces weights; the attempts below are why it does so."""
 ATTEMPTS = {
+    "weights, floor 100m, quota at once": TABLE,
     "weights, ratio 10": Table(critical=30),
-    "weights, floor 300m": Table(floor=300),
-    "weights, floor 300m, slice 0.5 ms": Table(floor=300, slice=0.0005),
-    "weights, floors at need": Table(floor=300, needs=True),
-    "weights, only above 0.8": Table(floor=300, above=0.8),
-    "weights, only above 0.8, no quota": Table(floor=300, above=0.8, freeze=False),
-    "weights, floor 300m, quota 0.5 s later": Table(floor=300, grace=0.5),
+    "weights, quota at once": Table(floor=300),
+    "weights, slice 0.5 ms": replace(WEIGHTED, slice=0.0005),
+    "weights, floors at need": replace(WEIGHTED, needs=True),
+    "weights, only above 0.8": replace(WEIGHTED, above=0.8),
+    "weights, no quota": Table(floor=300, freeze=False),
 }
-"""What was tried for goals that were missed."""
+"""What else was tried for the goals."""

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from tests.bench.enforcement.divisions import LEAST_SHARES, kubelet_shares, shares
 from tests.bench.enforcement.figures import Figures, Run
 from tests.bench.enforcement.matrix import SEED, taken
-from tests.bench.enforcement.policy import TABLE
+from tests.bench.enforcement.policy import WEIGHTED
 from tests.bench.enforcement.simulator import Simulated, simulate
 from tests.bench.enforcement.stories import PROCESSORS
 
@@ -83,7 +83,7 @@ def simple(tasks: Sequence[Task], script: Script) -> list[dict[str, int]]:
         {task.name: kubelet_shares(round(task.wants * 1000)) for task in tasks},
         {task.name: 1024 if task.name in critical or task.protected else 16 for task in tasks},
         *(
-            {name: kubelet_shares(share) for name, share in shares(tasks, context, TABLE).items()}
+            {name: kubelet_shares(share) for name, share in shares(tasks, context, WEIGHTED).items()}
             for context in script.story.contexts
         ),
     ]

@@ -72,17 +72,17 @@ def test_context_weights_favour_the_critical_task_of_each_context(story):
 
 
 def test_context_weights_are_eq_1_in_the_kubelets_unit():
-    # 2000m over 100 + 3 + 3 + 3 + 10, with imu kept at its floor of 100m: to steps of 10m
+    # 2000m over 100 + 3 + 3 + 3, with nav and imu kept at their floors of 300m: to steps of 10m
     found = settings(WEIGHTS)["drive"]
-    assert found["imu"].shares == kubelet_shares(100) == 102
-    assert found["slam"].shares == pytest.approx(1900 * 100 / 119 * 1.024, abs=11)
-    assert found["map"].shares == pytest.approx(1900 * 3 / 119 * 1.024, abs=11)
+    assert found["nav"].shares == found["imu"].shares == kubelet_shares(300) == 307
+    assert found["slam"].shares == pytest.approx(1400 * 100 / 109 * 1.024, abs=11)
+    assert found["map"].shares == pytest.approx(1400 * 3 / 109 * 1.024, abs=11)
 
 
 @pytest.mark.parametrize("name", [WEIGHTS, *ATTEMPTS])
 def test_a_suspended_task_has_the_least_weight_and_a_quota_but_for_one_attempt(name):
     quota = None if name.endswith("no quota") else STEP
-    after = 0.5 if name.endswith("later") else 0.0
+    after = 0.0 if name.endswith(("quota", "at once", "ratio 10")) else 0.5
     assert settings(name, SUSPENDING)["drive"]["signs"] == Setting(LEAST_SHARES, quota=quota, after=after)
 
 
@@ -106,16 +106,16 @@ def test_realtime_budgets_fit_in_what_the_kernel_leaves():
 def test_an_attempt_without_contention_weights_nobody():
     name = "weights, only above 0.8"
     assert {one.shares for one in settings(name, load=0.7)["drive"].values()} == {CORE}
-    assert settings(name, load=1.3) == settings("weights, floor 300m", load=1.3)
+    assert settings(name, load=1.3) == settings(WEIGHTS, load=1.3)
 
 
 def test_an_attempt_gives_everybody_what_it_wants_if_that_fits():
     light = settings("weights, floors at need", load=0.7)["drive"]
     for task in tasks(0.7):
         assert light[task.name].shares >= kubelet_shares(round(task.wants * 1000) - STEP)
-    assert settings("weights, floors at need", load=1.3) == settings("weights, floor 300m", load=1.3)
+    assert settings("weights, floors at need", load=1.3) == settings(WEIGHTS, load=1.3)
 
 
 def test_an_attempt_gives_the_protected_short_slices():
-    found = settings("weights, floor 300m, slice 0.5 ms")["talk"]
+    found = settings("weights, slice 0.5 ms")["talk"]
     assert {name for name, one in found.items() if one.slice} == {"nav", "imu"}
