@@ -1,4 +1,7 @@
-"""The command line: python -m crds writes into the definition what the table of CEL functions says, and copies it."""
+"""The command line: python -m crds writes what the table of CEL functions says into the definition and its page.
+
+The definition is copied to where it is read.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,12 @@ import sys
 import textwrap
 from pathlib import Path
 
-from contextpolicy.policy.cel_functions import KEYWORDS, OWN, RESERVED
+from contextpolicy.policy.cel_functions import KEYWORDS, LIBRARY, OWN, RESERVED, Macro
+from crds.cel_page import page
 
 ROOT = Path(__file__).parents[1]
 DEFINITION = ROOT / "crds" / "contextpolicies.contextpolicy.dev.yaml"
+PAGE = ROOT / "docs" / "reference" / "cel-functions.md"
 COPIES = ("charts/contextpolicy/files", "operator/contextpolicy/policy/validation")
 WIDTH = 120
 
@@ -28,7 +33,11 @@ def written(definition: str) -> str:
 
 def _manual() -> str:
     *functions, last = (f"{function.example}, {function.meaning}" for function in OWN)
-    return f"Besides CEL's own functions there are {'; '.join(functions)}; and {last}."
+    library = ", ".join(function.name for function in LIBRARY)
+    return (
+        f"Besides CEL's own functions there are {'; '.join(functions)}; and {last}. CEL's own are {library}, and the "
+        f"loops {', '.join(Macro)}: docs/reference/cel-functions.md has what each takes and returns, with an example."
+    )
 
 
 def _names(refused: tuple[str, ...]) -> str:
@@ -51,10 +60,11 @@ def _replaced(definition: str, place: str, text: str) -> str:
 
 
 def main() -> int:
-    """Write the definition and its copies."""
+    """Write the definition, its copies and the page."""
     definition = written(DEFINITION.read_text(encoding="utf-8"))
     for folder in ("crds", *COPIES):
         (ROOT / folder / DEFINITION.name).write_text(definition, encoding="utf-8")
+    PAGE.write_text(page(), encoding="utf-8")
     return 0
 
 

@@ -72,7 +72,7 @@ def _base(architecture: str) -> str:
 
 
 def _bud(commit: Commit, architecture: str, base_image: str) -> None:
-    """Build anew, whatever was built before: what a layer is made of may have changed elsewhere."""
+    """Build from scratch, even if it was built before: what a layer is made of may have changed elsewhere."""
     arguments = {"BASE_IMAGE": base_image, "VERSION": commit.version, "REVISION": commit.identifier}
     options = [part for name, value in arguments.items() for part in ("--build-arg", f"{name}={value}")]
     options += [part for volume in host.volumes() for part in ("--volume", volume)]

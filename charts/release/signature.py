@@ -41,7 +41,7 @@ def _read(key: Path) -> ec.EllipticCurvePrivateKey:
 
 
 def _make(key: Path) -> ec.EllipticCurvePrivateKey:
-    log.info("%s: made; whoever has it can sign releases", key)
+    log.info("%s: created; anyone who has it can sign releases", key)
     private = ec.generate_private_key(ec.SECP256R1())
     text = private.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()

@@ -35,7 +35,7 @@ class Commit:
         return str(project["version"])
 
     def notes(self) -> str:
-        """The changes of the version, as the changelog tells them."""
+        """The version's section of the changelog."""
         return notes((self.folder / "CHANGELOG.md").read_text(), self.version)
 
 

@@ -1,4 +1,4 @@
-"""The version: pyproject.toml has it, and `python -m charts.release.version X.Y.Z` tells everybody who repeats it."""
+"""The version: pyproject.toml has it, and `python -m charts.release.version X.Y.Z` updates its copies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ PLACES = {
     "charts/robot/Chart.yaml": CHART,
     "config/gitops/argocd/applications.yaml": TAG,
     "config/gitops/flux/operator.yaml": TAG,
-    "README.md": rf"contextpolicy:({FORM})",
+    "config/ros2-node/node.yaml": rf"contextpolicy-host:({FORM})",
+    "docs/how-to/install.md": rf"contextpolicy:({FORM})",
+    "docs/tutorials/pods.yaml": rf"contextpolicy:({FORM})",
 }
 """Which files have the version, and how to find it there."""
 UNRELEASED = "## Unreleased\n"
@@ -50,7 +52,7 @@ def main() -> int:
     """Change the version of this work tree."""
     version = sys.argv[1] if len(sys.argv) == 2 else ""
     if not re.fullmatch(FORM, version):
-        sys.stderr.write(f"error: {version!r} is no version; allowed are such as 0.2.0 and 0.2.0-rc.1\n")
+        sys.stderr.write(f"error: invalid value {version!r}: expected a version such as 0.2.0 or 0.2.0-rc.1\n")
         return 2
     change(REPOSITORY, version, dt.datetime.now(tz=dt.UTC).date())
     return 0

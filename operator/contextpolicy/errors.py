@@ -16,9 +16,9 @@ ContextPolicyError
 ├── DocumentError       a file that is not valid YAML (validation.documents)
 ├── PolicyFileError     a file without a valid policy (validation.policy_file)
 ├── ExpectationError    invalid expectations (simulation.expectations)
-├── RecordingError      a recording that can't be read (streams.recordings)
+├── RecordingError      a recording that can't be read (streams.recorded_message)
 ├── DrawingError        a diagram that can't be drawn
-└── NoAnswerError       nobody on the bus answers (commands.explain)
+└── NoAnswerError       no reply on the bus (commands.explain)
 """
 
 from __future__ import annotations
@@ -36,14 +36,24 @@ MAX_VALUE = 200
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong: which field, what it holds, what is allowed."""
+    """One thing that is wrong: which field, what it holds (None: nothing), what is allowed.
+
+    With `is_sentence`, `allowed` is a whole sentence about the value, such as the message of a rule.
+    """
 
     field: str
     value: object
     allowed: str
+    is_sentence: bool = False
 
     def __str__(self) -> str:
-        return f"{self.field}: {_short(self.value)} is not allowed: {self.allowed}"
+        return f"{self.field}: {self.problem()}"
+
+    def problem(self, limit: int = MAX_VALUE) -> str:
+        """What is wrong, without the field; the value is cut to `limit` characters."""
+        expected = self.allowed if self.is_sentence else f"expected {self.allowed}"
+        what = "missing" if self.value is None else f"invalid value {_short(self.value, limit)}"
+        return f"{what}: {expected}"
 
 
 class FindingsError(ContextPolicyError):
@@ -122,13 +132,13 @@ class OrderError(ContextPolicyError):
 
 
 class SigningKeyError(ContextPolicyError):
-    """There is no key to sign or verify plans with."""
+    """The key to sign or verify plans is missing."""
 
 
 class DrawingError(ContextPolicyError):
     """A diagram that can't be drawn."""
 
 
-def _short(value: object) -> str:
+def _short(value: object, limit: int) -> str:
     text = repr(value)
-    return text if len(text) <= MAX_VALUE else f"{text[: MAX_VALUE - 3]}..."
+    return text if len(text) <= limit else f"{text[: limit - 3]}..."

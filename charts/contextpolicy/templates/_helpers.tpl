@@ -1,17 +1,23 @@
+{{/* What the program is called in names and labels. */}}
+{{- define "contextpolicy.name" -}}
+{{ .Values.nameOverride | default .Chart.Name | trunc 50 | trimSuffix "-" }}
+{{- end -}}
+
 {{/* The name that all objects start with. */}}
 {{- define "contextpolicy.fullname" -}}
+{{- $name := include "contextpolicy.name" . -}}
 {{- if .Values.fullnameOverride -}}
 {{- .Values.fullnameOverride | trunc 50 | trimSuffix "-" -}}
-{{- else if contains .Chart.Name .Release.Name -}}
+{{- else if contains $name .Release.Name -}}
 {{- .Release.Name | trunc 50 | trimSuffix "-" -}}
 {{- else -}}
-{{- printf "%s-%s" .Release.Name .Chart.Name | trunc 50 | trimSuffix "-" -}}
+{{- printf "%s-%s" .Release.Name $name | trunc 50 | trimSuffix "-" -}}
 {{- end -}}
 {{- end -}}
 
 {{/* What identifies the pods of one component: it can never change. Takes a list: root, component. */}}
 {{- define "contextpolicy.selectorLabels" -}}
-app.kubernetes.io/name: {{ (index . 0).Chart.Name }}
+app.kubernetes.io/name: {{ include "contextpolicy.name" (index . 0) }}
 app.kubernetes.io/instance: {{ (index . 0).Release.Name }}
 app.kubernetes.io/component: {{ index . 1 }}
 {{- end -}}
@@ -21,6 +27,7 @@ app.kubernetes.io/component: {{ index . 1 }}
 {{- $root := index . 0 -}}
 helm.sh/chart: {{ printf "%s-%s" $root.Chart.Name $root.Chart.Version | replace "+" "_" | trunc 63 | trimSuffix "-" }}
 {{ include "contextpolicy.selectorLabels" . }}
+app.kubernetes.io/part-of: contextpolicy
 app.kubernetes.io/version: {{ $root.Chart.AppVersion | quote }}
 app.kubernetes.io/managed-by: {{ $root.Release.Service }}
 {{- with $root.Values.commonLabels }}
@@ -28,10 +35,12 @@ app.kubernetes.io/managed-by: {{ $root.Release.Service }}
 {{- end }}
 {{- end -}}
 
-{{/* The labels of the pods of one component. Takes a list: root, component. */}}
+{{/* The labels of the pods of one component. Takes a list: root, component. By `part-of` the command line finds them,
+whatever the chart's names are overridden with. */}}
 {{- define "contextpolicy.podLabels" -}}
 {{- $own := (get (index . 0).Values (index . 1) | default dict).podLabels -}}
 {{ include "contextpolicy.selectorLabels" . }}
+app.kubernetes.io/part-of: contextpolicy
 {{- with merge (dict) ($own | default dict) (index . 0).Values.commonLabels }}
 {{ toYaml . }}
 {{- end }}
@@ -42,7 +51,7 @@ app.kubernetes.io/managed-by: {{ $root.Release.Service }}
 {{- end -}}
 
 {{- define "contextpolicy.serviceAccountName" -}}
-{{ .Values.serviceAccount.name | default (include "contextpolicy.fullname" .) }}
+{{ .Values.serviceAccount.name | default (.Values.serviceAccount.create | ternary (include "contextpolicy.fullname" .) "default") }}
 {{- end -}}
 
 {{/* Where operator and agent find Zenoh: the chart's router, or the endpoints given; exactly one of the two. */}}
@@ -55,17 +64,16 @@ app.kubernetes.io/managed-by: {{ $root.Release.Service }}
 {{- else if .Values.zenoh.connect -}}
 {{ join "," .Values.zenoh.connect }}
 {{- else -}}
-{{- fail "there is no Zenoh router to listen to: set router.enabled=true to run one, or name one with zenoh.connect" -}}
+{{- fail "no Zenoh router: set router.enabled=true to run one, or zenoh.connect to use another" -}}
 {{- end -}}
 {{- end -}}
 
 {{/* Whether the chart's router asks who speaks: always where an agent acts on what it hears. */}}
 {{- define "contextpolicy.secured" -}}
-{{- $wanted := .Values.security.enabled -}}
-{{- if and .Values.agent.enabled .Values.router.enabled (kindIs "bool" $wanted) (not $wanted) -}}
-{{- fail "the agent carries out what it hears on the bus: leave security.enabled empty or set it to true, or set agent.enabled=false" -}}
+{{- if and .Values.agent.enabled .Values.router.enabled (not .Values.security.enabled) -}}
+{{- fail "the agent carries out what it hears on the bus: leave security.enabled=true, or set agent.enabled=false" -}}
 {{- end -}}
-{{- if and .Values.router.enabled (kindIs "bool" $wanted | ternary $wanted .Values.agent.enabled) -}}true{{- end -}}
+{{- if and .Values.router.enabled .Values.security.enabled -}}true{{- end -}}
 {{- end -}}
 
 {{/* Where the fleet's router is; nothing where there is none. */}}
@@ -90,7 +98,62 @@ true
 {{- end -}}
 {{- end -}}
 
-{{/* The Secret by which a component says who it is on the bus; empty where nobody asks. Takes a list: root, role. */}}
+{{/* By namespace, the names of the Secrets that the chart's Job fills, as JSON: none where all are brought. */}}
+{{- define "contextpolicy.issuedSecrets" -}}
+{{- $prefix := include "contextpolicy.fullname" . -}}
+{{- $own := list -}}
+{{- $issued := dict -}}
+{{- if include "contextpolicy.issuesBus" . -}}
+{{- range list "authority" "router" "sensor" "module" "operator" "agent" "viewer" -}}
+{{- $own = append $own (printf "%s-bus-%s" $prefix .) -}}
+{{- end -}}
+{{- range without .Values.security.namespaces .Release.Namespace -}}
+{{- $_ := set $issued . (list (printf "%s-bus-sensor" $prefix) (printf "%s-bus-module" $prefix)) -}}
+{{- end -}}
+{{- end -}}
+{{- if include "contextpolicy.issuesSigning" . -}}
+{{- $own = append $own (include "contextpolicy.signingSecret" .) -}}
+{{- end -}}
+{{- if $own -}}
+{{- $_ := set $issued .Release.Namespace $own -}}
+{{- end -}}
+{{- $issued | toJson -}}
+{{- end -}}
+
+{{/* Whether the chart makes the certificates of its router and the roles. */}}
+{{- define "contextpolicy.issuesBus" -}}
+{{- if and (include "contextpolicy.secured" .) (include "contextpolicy.makesCertificates" .) -}}true{{- end -}}
+{{- end -}}
+
+{{/* Whether it makes the key of the plans. */}}
+{{- define "contextpolicy.issuesSigning" -}}
+{{- if and .Values.agent.enabled (not .Values.security.signingSecret) -}}true{{- end -}}
+{{- end -}}
+
+{{/* The pod that creates them: the same at the installation and on a schedule. */}}
+{{- define "contextpolicy.certificatesPodTemplate" -}}
+{{- $arguments := list "certificates" (printf "--release=%s/%s" .Release.Namespace (include "contextpolicy.fullname" .)) -}}
+{{- if include "contextpolicy.issuesBus" . -}}
+{{- range include "contextpolicy.routerNames" . | fromJsonArray -}}
+{{- $arguments = append $arguments (printf "--router-name=%s" .) -}}
+{{- end -}}
+{{- range .Values.security.namespaces -}}
+{{- $arguments = append $arguments (printf "--share=%s" .) -}}
+{{- end -}}
+{{- else -}}
+{{- $arguments = append $arguments "--no-bus" -}}
+{{- end -}}
+{{- if not (include "contextpolicy.issuesSigning" .) -}}
+{{- $arguments = append $arguments "--no-signing" -}}
+{{- end -}}
+metadata:
+  labels:
+    {{- include "contextpolicy.podLabels" (list . "certificates") | nindent 4 }}
+spec:
+  {{- include "contextpolicy.oncePodSpec" (list . "certificates" $arguments) | trim | nindent 2 }}
+{{- end -}}
+
+{{/* The Secret with which a component authenticates on the bus; empty where the bus is open. Takes a list: root, role. */}}
 {{- define "contextpolicy.busSecret" -}}
 {{- $root := index . 0 -}}
 {{- $role := index . 1 -}}
@@ -106,20 +169,12 @@ true
 {{ .Values.security.signingSecret | default (printf "%s-signing" (include "contextpolicy.fullname" .)) }}
 {{- end -}}
 
-{{/* The names in the router's certificate, as JSON: what its clients connect to. */}}
+{{/* The names and addresses in the router's certificate, as JSON: what its clients connect to. */}}
 {{- define "contextpolicy.routerNames" -}}
 {{- $service := printf "%s-router" (include "contextpolicy.fullname" .) -}}
 {{- $local := printf "%s.%s" $service .Release.Namespace -}}
-{{- $hosts := list $service $local (printf "%s.svc" $local) (printf "%s.svc.cluster.local" $local) "localhost" -}}
-{{- $addresses := list "127.0.0.1" -}}
-{{- range concat (compact (list .Values.router.service.clusterIP)) .Values.security.routerNames -}}
-{{- if regexMatch "^([0-9.]+|[0-9a-fA-F:.]*:[0-9a-fA-F:.]*)$" . -}}
-{{- $addresses = append $addresses . -}}
-{{- else -}}
-{{- $hosts = append $hosts . -}}
-{{- end -}}
-{{- end -}}
-{{ dict "hosts" $hosts "addresses" $addresses | toJson }}
+{{- $own := list $service $local (printf "%s.svc" $local) (printf "%s.svc.cluster.local" $local) "localhost" "127.0.0.1" "::1" -}}
+{{- concat $own (compact (list .Values.router.service.clusterIP)) .Values.security.routerNames | uniq | toJson -}}
 {{- end -}}
 
 {{/* The environment, mounts and volumes of a component: its Secrets and its extras. Each takes a list: root, role. */}}
@@ -154,19 +209,28 @@ true
 {{- end -}}
 
 {{- define "contextpolicy.volumes" -}}
+{{- $root := index . 0 -}}
 {{- with include "contextpolicy.busSecret" . }}
 - name: bus
   secret:
     secretName: {{ . }}
+    {{- if include "contextpolicy.issuesBus" $root }}
+    # The pod waits until they are there.
+    items:
+    - {key: ca.crt, path: ca.crt}
+    - {key: tls.crt, path: tls.crt}
+    - {key: tls.key, path: tls.key}
+    {{- end }}
 {{- end }}
 {{- if and (index . 0).Values.agent.enabled (ne (index . 1) "router") }}
 - name: signing
   secret:
     secretName: {{ include "contextpolicy.signingSecret" (index . 0) }}
-    {{- if eq (index . 1) "agent" }}
-    # Not the key: whoever breaks into a node must not be able to decide for the others.
     items:
     - {key: tls.crt, path: tls.crt}
+    # Agents don't get the key: an attacker on one node must not be able to publish plans for the others.
+    {{- if ne (index . 1) "agent" }}
+    - {key: tls.key, path: tls.key}
     {{- end }}
 {{- end }}
 {{- with (get (index . 0).Values (index . 1)).extraVolumes }}
@@ -217,6 +281,28 @@ affinity:
 {{- end }}
 {{- end -}}
 
+{{/* Renders nothing; fails when two of the operator's servers would listen on the same port. */}}
+{{- define "contextpolicy.checkPorts" -}}
+{{- $ports := list (int .Values.operator.healthPort) (int .Values.metrics.port) (int .Values.operator.livePort) -}}
+{{- if and .Values.router.enabled (eq (int .Values.router.port) (int .Values.metrics.port)) -}}
+{{- fail (printf "router.port and metrics.port are both %d: the router listens on each of them" (int .Values.router.port)) -}}
+{{- end -}}
+{{- if lt (len (uniq $ports)) 3 -}}
+{{- fail (printf "operator.healthPort %d, metrics.port %d and operator.livePort %d must differ: the operator listens on each of them" (index $ports 0) (index $ports 1) (index $ports 2)) -}}
+{{- end -}}
+{{- end -}}
+
+{{/* How a component's pods are spread. Takes a list: root, component, what holds where the values say nothing. */}}
+{{- define "contextpolicy.spread" -}}
+{{- $own := dict "labelSelector" (dict "matchLabels" (include "contextpolicy.selectorLabels" . | fromYaml)) -}}
+{{- with (get (index . 0).Values (index . 1)).topologySpreadConstraints | default (index . 2) }}
+topologySpreadConstraints:
+{{- range . }}
+- {{ if hasKey . "labelSelector" }}{{ toYaml . | nindent 2 | trim }}{{ else }}{{ merge (dict) . $own | toYaml | nindent 2 | trim }}{{ end }}
+{{- end }}
+{{- end }}
+{{- end -}}
+
 {{/* All that the operator does in a namespace. */}}
 {{- define "contextpolicy.namespacedRules" -}}
 # Policies are read; patched for the finalizer that lets the operator restore containers before a policy goes.
@@ -245,6 +331,13 @@ affinity:
 - apiGroups: [coordination.k8s.io]
   resources: [leases]
   verbs: [create]
+# What a pod had before, where its status does not say so beyond doubt.
+- apiGroups: [apps]
+  resources: [replicasets, statefulsets, daemonsets]
+  verbs: [get]
+- apiGroups: [batch]
+  resources: [jobs]
+  verbs: [get]
 {{- with .Values.rosTypes }}
 # Definitions of the robot's own ROS 2 messages, which policies name; no other ConfigMap can be read.
 - apiGroups: [""]
@@ -252,6 +345,16 @@ affinity:
   resourceNames: {{ toJson . }}
   verbs: [get]
 {{- end }}
+{{- end -}}
+
+{{/* What the release calls itself in the Leases of namespaces, and the Lease of its replicas: namespace/name. */}}
+{{- define "contextpolicy.lease" -}}
+{{ .Release.Namespace }}/{{ include "contextpolicy.fullname" . }}
+{{- end -}}
+
+{{/* The Secret with the key that signs what containers had before. */}}
+{{- define "contextpolicy.originalsSecret" -}}
+{{ include "contextpolicy.fullname" . }}-originals
 {{- end -}}
 
 {{/* Whether uninstalling puts containers back; without rights the Job could do nothing. */}}
@@ -264,6 +367,15 @@ affinity:
 helm.sh/hook: post-delete
 helm.sh/hook-weight: {{ . | quote }}
 helm.sh/hook-delete-policy: hook-succeeded,before-hook-creation
+{{- end -}}
+
+{{/* The namespaces that are served as arguments, as JSON; none means all. */}}
+{{- define "contextpolicy.namespaceArguments" -}}
+{{- $arguments := list -}}
+{{- range .Values.watchNamespaces -}}
+{{- $arguments = append $arguments (printf "--namespace=%s" .) -}}
+{{- end -}}
+{{- $arguments | toJson -}}
 {{- end -}}
 
 {{/* The pod of something that is done once, with the account of the same name. Takes a list: root, component, arguments. */}}
@@ -285,9 +397,6 @@ containers:
   imagePullPolicy: {{ $root.Values.image.pullPolicy }}
   args:
   {{- toYaml (index . 2) | nindent 2 }}
-  {{- range $root.Values.watchNamespaces }}
-  - --namespace={{ . }}
-  {{- end }}
   resources:
     {{- toYaml $root.Values.operator.resources | nindent 4 }}
   securityContext:
@@ -319,7 +428,7 @@ helm.sh/hook-delete-policy: hook-succeeded,hook-failed,before-hook-creation
 {{- define "contextpolicy.agentSecurity" -}}
 # The cgroup files and the state directory belong to root and only their owner may write them. That is all
 # root is needed for: no capability goes with it, so it can neither override file rights (DAC_OVERRIDE) nor
-# mount or trace anything. To be told of other writers (inotify) takes no more than to read the file.
+# mount or trace anything. Watching for other writers (inotify) needs no more than read access to the file.
 runAsUser: 0
 runAsGroup: 0
 allowPrivilegeEscalation: false

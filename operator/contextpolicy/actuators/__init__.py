@@ -1,1 +1,1 @@
-"""I/O out: what makes a plan real. `actuator` is the contract; `app/wiring.py` registers one actuator for each mode."""
+"""Output: carries out plans. `actuator` is the contract; `app/wiring.py` registers one actuator for each mode."""

@@ -10,6 +10,7 @@ from contextpolicy.actuators.order import Order
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from contextpolicy.actuators.resize.stored_originals import StoredOriginals
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.policy.spec import Mode
 
@@ -20,7 +21,7 @@ class Actuator(Protocol):
     Everything is called on the loop's thread, and must not block.
     """
 
-    def recall(self, policy: str, stored: object) -> None:
+    def recall(self, policy: str, stored: StoredOriginals) -> None:
         """A policy appeared; `stored` is its `status.originals`, what its containers had before an earlier operator."""
 
     def apply(self, order: Order) -> None:
@@ -40,14 +41,14 @@ class Actuator(Protocol):
 
 
 class Actuators:
-    """All actuators of an operator, one for each mode that has one; what concerns all of them goes to each."""
+    """All actuators of an operator, one for each mode; what concerns all of them goes to each."""
 
     def __init__(self, by_mode: Mapping[Mode, Actuator]) -> None:
         self._by_mode = by_mode
 
-    def of(self, mode: Mode) -> Actuator | None:
-        """The actuator of a mode; None where nothing acts."""
-        return self._by_mode.get(mode)
+    def of(self, mode: Mode) -> Actuator:
+        """The actuator of a mode."""
+        return self._by_mode[mode]
 
     def put_back_others(self, policy: str, mode: Mode) -> None:
         """The policy is in this mode now: the actuators of the others put back what they changed for it."""
@@ -55,7 +56,7 @@ class Actuators:
             if other is not mode:
                 actuator.apply(Order(policy, frozenset()))
 
-    def recall(self, policy: str, stored: object) -> None:
+    def recall(self, policy: str, stored: StoredOriginals) -> None:
         """See `Actuator.recall`."""
         for actuator in self._by_mode.values():
             actuator.recall(policy, stored)

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from contextpolicy.actuators.order import Order
+    from contextpolicy.actuators.resize.stored_originals import StoredOriginals
     from contextpolicy.cluster.pods import PodView
 
 log = logging.getLogger(__name__)
@@ -22,23 +23,22 @@ class DryRun:
     def __init__(self) -> None:
         self._last: dict[str, Mapping[str, tuple[int, int | None]]] = {}
 
-    def recall(self, policy: str, stored: object) -> None:
+    def recall(self, policy: str, stored: StoredOriginals) -> None:
         """Nothing: an earlier dry run has changed nothing."""
 
     def apply(self, order: Order) -> None:
         """Log what differs from the policy's last order."""
-        before = self._last.pop(order.policy, {})
+        before = self._last.get(order.policy, {})
         now = {container: (share, order.limits.get(container, share)) for container, share in order.shares.items()}
         for container, (share, limit) in now.items():
             if before.get(container) != (share, limit):
                 capped = "the limit it had" if limit is None else f"a limit of {format_cpu(limit)}"
                 text = "dry run: %s would give %s a share of %s and %s"
                 log.info(text, order.policy, container, format_cpu(share), capped)
-        if now:
-            self._last[order.policy] = now
+        self._last[order.policy] = now
 
     def release(self, policy: str, done: Callable[[], None]) -> None:
-        """There is nothing to restore."""
+        """Nothing was changed, so nothing is restored."""
         self.abandon(policy)
         done()
 

@@ -15,7 +15,7 @@ from reactivex import Observable
 from reactivex.disposable import CompositeDisposable, SerialDisposable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable, Mapping
 
     from reactivex.abc import DisposableBase, ObserverBase, SchedulerBase
 
@@ -29,12 +29,13 @@ NodePlans: TypeAlias = "Mapping[str, NodePlan]"
 
 
 def follow_agents(
-    scheduler: SchedulerBase, ahead: Callable[[], frozenset[str]], not_set: Callable[[], frozenset[str]]
+    scheduler: SchedulerBase, ahead: Callable[[], frozenset[str]], not_set: Callable[[], Mapping[str, str]]
 ) -> Callable[[Observable[NodePlans]], Observable[NodePlans]]:
     """Turn what is planned into what is to be ordered now: once for each item, and when a plan has settled.
 
     Nodes in `ahead` have an agent: they keep the plan ordered last until the next has settled. A node whose first plan
-    has not settled yet is missing. Containers that are `not_set` by their agent do not wait.
+    has not settled yet is missing. Containers that are `not_set` by their agent, with
+    their tasks, do not wait.
     """
 
     def operator(source: Observable[NodePlans]) -> Observable[NodePlans]:
@@ -63,7 +64,7 @@ class _Follower:
         observer: ObserverBase[NodePlans],
         scheduler: SchedulerBase,
         ahead: Callable[[], frozenset[str]],
-        not_set: Callable[[], frozenset[str]],
+        not_set: Callable[[], Mapping[str, str]],
     ) -> None:
         self.timer = SerialDisposable()
         self._observer, self._scheduler, self._ahead, self._not_set = observer, scheduler, ahead, not_set
@@ -105,16 +106,28 @@ class _Follower:
             self.timer.disposable = self._scheduler.schedule_relative(due - now, self._emit)
 
 
-def _taken_over(plan: NodePlan, ordered: NodePlan | None, not_set: Collection[str]) -> NodePlan | None:
+def _taken_over(plan: NodePlan, ordered: NodePlan | None, not_set: Mapping[str, str]) -> NodePlan | None:
     """What was ordered last, but with the plan's shares for containers that are `not_set`.
+
+    Which tasks are suspended or capped is of the plan as well for those of these containers, and of the last order for
+    the others: else their limits would move with each plan.
 
     What pays for their rise the agent has taken from the others already, but the API has not: there the sum of the
     limits may be that much more than the node's capacity.
     """
     if plan.containers.keys().isdisjoint(not_set):
         return ordered
-    before = ordered.containers if ordered is not None else {}
+    last = ordered if ordered is not None else plan._replace(containers={})
+    before, moving = last.containers, {not_set[identity] for identity in plan.containers.keys() & not_set.keys()}
     own = {identity: share for identity, share in plan.containers.items() if identity in not_set}
     kept = {identity: before[identity] for identity in plan.containers.keys() & before.keys() - own.keys()}
     containers = own | kept
-    return plan._replace(containers=containers, capacity=max(plan.capacity, sum(containers.values())))
+    return plan._replace(
+        containers=containers,
+        capacity=max(plan.capacity, sum(containers.values())),
+        suspended=(last.suspended - moving) | (plan.suspended & moving),
+        caps={
+            **{task: cap for task, cap in last.caps.items() if task not in moving},
+            **{task: cap for task, cap in plan.caps.items() if task in moving},
+        },
+    )

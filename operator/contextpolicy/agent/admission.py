@@ -7,12 +7,13 @@ operator may be wrong: orders that are outdated or ask for too much are refused.
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 from typing import TYPE_CHECKING
 
 from contextpolicy.bus.signatures import MAX_AGE
 from contextpolicy.errors import OrderError
 from contextpolicy.planning.allocation.seating import REALTIME_BUDGET
-from contextpolicy.policy.spec import Mode, Scheduler
+from contextpolicy.policy.spec import Scheduler
 
 if TYPE_CHECKING:
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
@@ -46,14 +47,14 @@ class Admission:
         next plan. An order that failed is obeyed again with each repetition. OrderError when the order is outdated, or
         asks for more than the node has or for another policy's container.
         """
-        failed = order.policy in self._failed
+        failed = self.is_failing(order.policy)
         if not self._is_news(order, signed) and not failed:
             return None
         desired = _desired(order)
         if self._desired.get(order.policy) == desired and not failed:
             self._stamps[order.policy], self._signed[order.policy] = order.stamp, signed
             return None
-        if order.mode is not Mode.ENFORCE:
+        if not order.mode.acts:
             order = replace(order, targets=())
         self._check_parts(order)
         self._check_amounts(order)
@@ -73,9 +74,20 @@ class Admission:
         """The policy's last admitted order was not carried out, or only in part."""
         self._failed.add(policy)
 
+    def recover(self, policy: str) -> None:
+        """What failed of the policy's last admitted order is carried out by now."""
+        self._failed.discard(policy)
+
+    def is_failing(self, policy: str) -> bool:
+        """Whether the policy's last admitted order was not carried out, or only in part."""
+        return policy in self._failed
+
     def withdraw(self, policy: str, signed: int) -> None:
-        """The policy's plans are withdrawn; OrderError when its last plan was signed later, or at the same time."""
-        self._check_time(policy, signed)
+        """The policy's plans are withdrawn; OrderError when its last plan was signed later, or at the same time.
+
+        However much later: after a clock was set back, a withdrawal from before would pass for fresh again.
+        """
+        self._check_time(policy, signed, inf)
         self._signed[policy] = signed
         self.drop(policy)
 
@@ -109,10 +121,10 @@ class Admission:
             self._check_time(order.policy, signed)
         return order.stamp != last
 
-    def _check_time(self, policy: str, signed: int) -> None:
+    def _check_time(self, policy: str, signed: int, most: float = REPEATABLE) -> None:
         later = self._signed.get(policy, 0) - signed
-        if 0 <= later <= REPEATABLE:
-            raise OrderError("Outdated", f"{policy}: signed {later / 1e9:.3f} s before what was heard already")
+        if 0 <= later <= most:
+            raise OrderError("Outdated", f"{policy}: signed {later / 1e9:.3f} s before the latest one accepted")
 
     def _check_parts(self, order: NodeOrder) -> None:
         """A realtime share is a whole number of thousandths of the period, the same on each processor."""

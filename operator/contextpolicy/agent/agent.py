@@ -8,33 +8,34 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from reactivex import Subject
-from reactivex.disposable import SerialDisposable
 
 from contextpolicy.agent import capabilities
 from contextpolicy.agent import node_orders as orders
 from contextpolicy.agent.admission import Admission
+from contextpolicy.agent.agent_metrics import OBEYED_SECONDS
 from contextpolicy.agent.cgroup_paths import find_cgroups
 from contextpolicy.agent.cgroup_writers import CgroupWriters
 from contextpolicy.agent.drains import Drains
-from contextpolicy.agent.failures import GONE, by_container
+from contextpolicy.agent.failures import GONE, by_container, outside
+from contextpolicy.agent.keyed_timers import KeyedTimers
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.pod_namespaces import PodNamespaces
 from contextpolicy.agent.refusals import Refusals
-from contextpolicy.agent.service import OBEYED_SECONDS
+from contextpolicy.agent.retries import Retries
 from contextpolicy.agent.usage import usage
 from contextpolicy.cluster.agent_reports import Confirmation
 from contextpolicy.errors import OrderError
-from contextpolicy.policy.spec import Mode
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterable, Mapping
     from pathlib import Path
 
-    from reactivex.abc import DisposableBase, SchedulerBase
+    from reactivex.abc import SchedulerBase
 
     from contextpolicy.agent.agent_settings import AgentSettings
+    from contextpolicy.agent.control_files import FileWatch
     from contextpolicy.agent.failures import Failures
-    from contextpolicy.agent.inotify import WriteWatch
+    from contextpolicy.agent.inotify import WriteListener
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
 
 log = logging.getLogger(__name__)
@@ -43,16 +44,19 @@ log = logging.getLogger(__name__)
 class Agent:
     """Carries out what policies want of this node."""
 
-    def __init__(self, settings: AgentSettings, scheduler: SchedulerBase, watch: WriteWatch) -> None:
-        self._settings, self._scheduler, self._watch = settings, scheduler, watch
+    def __init__(
+        self, settings: AgentSettings, scheduler: SchedulerBase, watch_for: Callable[[WriteListener], FileWatch]
+    ) -> None:
+        """`watch_for` makes the watch that reports to us."""
+        self._settings, self._scheduler, self._watch = settings, scheduler, watch_for(self)
         self._refusals = Refusals()
         self._cpus = os.cpu_count() or 1
         self._admission = Admission(self._cpus)
         self._namespaces = PodNamespaces(settings.logs)
         self._ledger = Ledger(settings.state / "agent.journal")
-        self._graces: dict[str, DisposableBase] = {}
-        self._drains = Drains()
-        self._drain_timers: dict[str, SerialDisposable] = {}
+        self._graces = KeyedTimers(scheduler)
+        self._retries = Retries(scheduler, self)
+        self._drains = Drains(scheduler, self)
         self._orders: dict[str, NodeOrder] = {}
         self.late: Subject[Confirmation] = Subject()
         """What became of a plan after it was confirmed."""
@@ -67,15 +71,20 @@ class Agent:
         self._ledger.load()
         self._equip()
         for policy in {entry.policy for entry in self._ledger.entries.values()}:
-            log.info("%s: a former agent was killed; waiting for the policy's plan", policy)
+            log.info("%s: an earlier agent was killed; waiting for the policy's plan", policy)
             self._await_source(policy)
 
+    @property
+    def journal_is_damaged(self) -> bool:
+        """Whether what an earlier run left behind is not known completely."""
+        return self._ledger.is_damaged
+
     def stop(self) -> None:
-        """Undo everything, for every policy, but for what the API has as well where somebody makes plans still."""
-        for grace in self._graces.values():
-            grace.dispose()
+        """Undo everything, for every policy, except what the API agrees with while plans are still published."""
+        self._graces.stop()
         for policy in {entry.policy for entry in self._ledger.entries.values()}:
             self._release(policy, leave_agreed=policy in self._sources)
+        self._retries.stop()
 
     def hear(self, policy: str, payload: bytes | None, signed: int) -> Confirmation | None:
         """Carry out a plan for the policy, or its withdrawal (None). Bad messages are counted, never raised.
@@ -92,7 +101,7 @@ class Agent:
         except OrderError as error:
             self.refuse(error)
             return None
-        if order is None or order.mode is Mode.ENFORCE:
+        if order is None or order.mode.acts:
             self._hold(policy)
         failed = self._obey(order) if order is not None else {}
         if failed:
@@ -106,8 +115,13 @@ class Agent:
         self._refusals.note(error.reason, str(error))
 
     def find_source(self, policy: str) -> None:
-        """A source of plans for the policy is alive."""
+        """A source of plans for the policy is alive: a plan that we carry out holds, whenever it says it once more.
+
+        What a killed agent left waits for the plan itself.
+        """
         self._sources.add(policy)
+        if policy in self._orders:
+            self._graces.end(policy)
 
     def lose_source(self, policy: str) -> None:
         """The policy's source of plans is gone, or cut off by the network: its grace period begins."""
@@ -115,12 +129,30 @@ class Agent:
         self._admission.lose_source(policy)
         self._await_source(policy)
 
+    def on_write(self, path: Path, heard: float) -> None:
+        """See `on_other_write`; called on the watch's thread."""
+        self._scheduler.schedule(lambda *_: self.on_other_write(path, heard))
+
     def on_other_write(self, path: Path, heard: float) -> None:
-        """Somebody else wrote a file that we watch, as we `heard` then, in seconds on the monotonic clock."""
+        """Another process wrote a file that we watch, as we `heard` then, in seconds on the monotonic clock."""
         if self._writers is not None:
             failures = self._writers.on_other_write(path, heard)
             self._note(failures)
-            self._report_late(failures)
+            self._report_late(failures, self._followed)
+
+    def on_retry(self, key: str) -> None:
+        """Something of this policy failed: carry out its newest order again, or undo again what it left."""
+        order = self._orders.get(key)
+        if order is not None:
+            self._confirm_late(key, self._obey(order, again=True))
+        elif self._writers is not None:
+            self._follow_up(key, self._writers.release(key))
+
+    def on_drained(self, policy: str) -> None:
+        """A suspended task has had its time: carry out the newest order as far as it goes by now."""
+        failed = self._obey(self._orders[policy])
+        if failed or self._admission.is_failing(policy):
+            self._confirm_late(policy, failed)
 
     def report(self) -> dict[str, Any]:
         """What this node can do, what it lacks for the rest, and how often it refused what, as a JSON object."""
@@ -154,8 +186,11 @@ class Agent:
                 self._writers = CgroupWriters(layout, self._ledger, self._watch, settings.priority, self._cpus)
         return self._writers
 
-    def _obey(self, order: NodeOrder) -> dict[str, str]:
-        """Carry out the order; returns the containers that did not get what they should have, and why."""
+    def _obey(self, order: NodeOrder, *, again: bool = False) -> dict[str, str]:
+        """Carry out the order; returns the containers that did not get what they should have, and why.
+
+        Among them are those that it no longer names and that could not be undone. `again`: it is no new plan.
+        """
         writers = self._equip()
         lacks = self._missing.get(order.scheduler) if order.targets else None
         if writers is None or lacks:
@@ -165,48 +200,56 @@ class Agent:
         groups, refused = self._groups(writers, order)
         self._followed[order.policy] = groups
         self._orders[order.policy] = order
-        failures = self._carry_out(writers, order, groups)
-        return refused | by_container(failures, {group: target.container_id for group, target in groups.items()})
+        failures = self._carry_out(writers, order, groups, again=again)
+        left = {
+            writers.name(group): error.reason for group, error in outside(failures, self._followed.values()).items()
+        }
+        return refused | left | by_container(failures, _names(groups))
 
-    def _carry_out(self, writers: CgroupWriters, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> Failures:
-        now = self._scheduler.to_seconds(self._scheduler.now)
+    def _carry_out(
+        self, writers: CgroupWriters, order: NodeOrder, groups: Mapping[Path, OrderTarget], *, again: bool
+    ) -> Failures:
         resting = [group for group, target in groups.items() if target.weight == 0]
-        failures = writers.apply(order, groups, self._drains.rest(order.policy, resting, now))
-        self._note(failures)
-        due = self._drains.next(order.policy, now)
-        if due is not None:
-            timer = self._drain_timers.setdefault(order.policy, SerialDisposable())
-            timer.disposable = self._scheduler.schedule_relative(due - now, lambda *_: self._drain(order.policy))
+        failures = writers.apply(order, groups, self._drains.rest(order.policy, resting), again=again)
+        self._follow_up(order.policy, failures)
         return failures
 
-    def _drain(self, policy: str) -> None:
-        """A suspended task has had its time: carry out the newest order as far as it goes by now."""
-        order = self._orders.get(policy)
-        if order is not None and self._writers is not None:
-            groups, _ = self._groups(self._writers, order)
-            self._report_late(self._carry_out(self._writers, order, groups))
+    def _report_late(self, failures: Failures, policies: Iterable[str]) -> None:
+        """Say which containers do not have what the plan says any more, and try again; not which have ended."""
+        left = {group: error for group, error in failures.items() if error.reason != GONE}
+        for policy in policies:
+            failed = by_container(left, _names(self._followed[policy]))
+            if failed:
+                self._retries.again(policy)
+                self._confirm_late(policy, failed)
 
-    def _report_late(self, failures: Failures) -> None:
-        """Say which containers do not have what the plan says any more, and try again with its next repetition."""
-        for policy, groups in self._followed.items():
-            failed = by_container(failures, {group: target.container_id for group, target in groups.items()})
-            stamp = self._admission.stamp(policy)
-            if failed and stamp is not None:
-                self._admission.fail(policy)
-                self.late.on_next(Confirmation(policy, stamp, failed))
+    def _confirm_late(self, policy: str, failed: Mapping[str, str]) -> None:
+        stamp = self._admission.stamp(policy)
+        if stamp is not None:
+            (self._admission.fail if failed else self._admission.recover)(policy)
+            self.late.on_next(Confirmation(policy, stamp, failed))
+
+    def _follow_up(self, policy: str, failures: Failures) -> None:
+        """What an order of the policy, or its release, came to: count what failed, and try again later.
+
+        What is gone needs neither. Weights are written for all policies together.
+        """
+        self._note(failures)
+        self._report_late(failures, self._followed.keys() - {policy})
+        if any(error.reason != GONE for error in failures.values()) or not self._ledger.is_saved:
+            self._retries.again(policy)
+        else:
+            self._retries.end(policy)
 
     def _end_drains(self, policy: str) -> None:
         self._orders.pop(policy, None)
         self._drains.forget(policy)
-        timer = self._drain_timers.pop(policy, None)
-        if timer is not None:
-            timer.dispose()
 
     def _groups(self, writers: CgroupWriters, order: NodeOrder) -> tuple[dict[Path, OrderTarget], dict[str, str]]:
         """The cgroups of the targets on this node, and why the other containers have none.
 
         A path of the pod's UID and the container's ID must exist; until a container starts it has no ID. Containers
-        outside the policy's own namespace are refused, whoever signed the plan.
+        outside the policy's own namespace are refused, even in a signed plan.
         """
         groups, refused = {}, {}
         for target in order.targets:
@@ -224,12 +267,12 @@ class Agent:
 
     def _release(self, policy: str, *, leave_agreed: bool = False) -> None:
         """Undo everything for the policy; `leave_agreed`: but for what the API has as well."""
-        self._end_grace(policy)
+        self._graces.end(policy)
         self._end_drains(policy)
         self._followed.pop(policy, None)
         self._admission.drop(policy)
         if self._writers is not None:
-            self._note(self._writers.release(policy, leave_agreed=leave_agreed))
+            self._follow_up(policy, self._writers.release(policy, leave_agreed=leave_agreed))
 
     def _note(self, failures: Failures) -> None:
         for error in failures.values():
@@ -237,8 +280,7 @@ class Agent:
                 self._refusals.note(error.reason, str(error))
 
     def _await_source(self, policy: str) -> None:
-        self._end_grace(policy)
-        self._graces[policy] = self._scheduler.schedule_relative(self._settings.grace, lambda *_: self._give_up(policy))
+        self._graces.start(policy, self._settings.grace, lambda: self._give_up(policy))
 
     def _give_up(self, policy: str) -> None:
         if self._ledger.of(policy):
@@ -249,11 +291,10 @@ class Agent:
     def _hold(self, policy: str) -> None:
         """A plan holds while its source lives. One that was delayed may have none any more: start the grace period."""
         if policy in self._sources:
-            self._end_grace(policy)
+            self._graces.end(policy)
         elif policy not in self._graces:
             self._await_source(policy)
 
-    def _end_grace(self, policy: str) -> None:
-        grace = self._graces.pop(policy, None)
-        if grace is not None:
-            grace.dispose()
+
+def _names(groups: Mapping[Path, OrderTarget]) -> dict[Path, str]:
+    return {group: target.container_id for group, target in groups.items()}

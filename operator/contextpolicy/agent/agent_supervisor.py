@@ -12,10 +12,10 @@ from __future__ import annotations
 import logging
 from enum import Enum, auto
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from pathlib import Path
 
     from contextpolicy.agent.state_directory import StateDirectory
 
@@ -30,20 +30,27 @@ class _Event(Enum):
     STOP = auto()
 
 
+class Undoer(Protocol):
+    """What undoes what the journal has."""
+
+    def undo(self) -> bool:
+        """Undo it, unless an agent lives; False when something could not be undone."""
+
+
 class AgentSupervisor:
-    """`undo` undoes what the journal has, unless an agent lives, and says whether it could.
+    """Listens to the writes of the agent's lock.
 
     `grace` is how long a killed agent's successor may take, `patience` how long the agent's end may take when both are
     asked to end; both in seconds.
     """
 
-    def __init__(self, state: StateDirectory, undo: Callable[[], bool], *, grace: float, patience: float) -> None:
-        self._state, self._undo = state, undo
+    def __init__(self, state: StateDirectory, undoer: Undoer, *, grace: float, patience: float) -> None:
+        self._state, self._undoer = state, undoer
         self._grace, self._patience = grace, patience
         self._events = SimpleQueue[_Event]()
         self._following = False
 
-    def come(self) -> None:
+    def on_write(self, path: Path, heard: float) -> None:  # noqa: ARG002 - the watch's signature
         """An agent has started: called from any thread."""
         self._events.put(_Event.CAME)
 
@@ -57,10 +64,10 @@ class AgentSupervisor:
             left = self._state.anything_left
             self._state.release()
             if left:
-                log.warning("the agent is dead; its changes are undone in %g s if no other comes", self._grace)
+                log.warning("the agent died; undoing its changes in %g s unless a new one starts", self._grace)
             event = self._next(_Event.CAME, _Event.STOP, within=self._grace if left else None)
             if event is None:
-                if not self._undo():
+                if not self._undoer.undo():
                     return False
                 event = self._next(_Event.CAME, _Event.STOP)
             if event is _Event.STOP:
@@ -94,8 +101,8 @@ class AgentSupervisor:
         """The agent is asked to end too, and undoes its changes: undo what it could not, at once."""
         self._follow()
         if self._next(_Event.DEAD, within=self._patience) is None:
-            log.warning("the agent still lives after %g s: it has to undo its changes itself", self._patience)
+            log.warning("the agent is still alive after %g s: leaving its changes to itself", self._patience)
             return True
         left = self._state.anything_left
         self._state.release()
-        return self._undo() if left else True
+        return self._undoer.undo() if left else True

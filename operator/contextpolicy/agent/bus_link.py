@@ -14,9 +14,12 @@ from typing import TYPE_CHECKING, Protocol
 
 import zenoh
 
-from contextpolicy.bus.decision_bus import agent_key, confirmed_key, plan_key, policy_of, usage_key
+from contextpolicy.agent.repetitions import Repetitions
+from contextpolicy.agent.retries import Retries
+from contextpolicy.bus.decision_bus import LARGEST_PLAN, agent_key, confirmed_key, plan_key, policy_of, usage_key
 from contextpolicy.cluster.agent_reports import write_confirmation
 from contextpolicy.errors import OrderError
+from contextpolicy.streams.direct import directly
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,10 +51,10 @@ class PlanListener(Protocol):
         """A message without a valid signature of the operator."""
 
     def find_source(self, policy: str) -> None:
-        """Somebody makes plans for the policy."""
+        """The policy has a source of plans."""
 
     def lose_source(self, policy: str) -> None:
-        """Nobody makes plans for the policy any more."""
+        """The policy no longer has a source of plans."""
 
     def report(self) -> dict[str, Any]:
         """What the node can do, as a JSON object."""
@@ -67,13 +70,15 @@ class AgentBus:
         self, session: zenoh.Session, node: str, scheduler: SchedulerBase, listener: PlanListener, verifier: Verifier
     ) -> None:
         self._session, self._scheduler, self._listener = session, scheduler, listener
-        self._verifier = verifier
+        self._verifier, self._repetitions = verifier, Repetitions()
         self._waiting: dict[str, tuple[bytes | None, int]] = {}
+        self._questions = Retries(scheduler, self)
+        """Policies whose source has yet to say its plan."""
         self._lock = Lock()
         key = agent_key(node)
         self._confirmed_key = confirmed_key(node)
         self._declared: list[Any] = [
-            session.declare_subscriber(PLANS, self._take),
+            session.declare_subscriber(PLANS, directly(self._take)),
             session.liveliness().declare_subscriber(PLANS, self._on_source, history=True),
             session.declare_queryable(key, self._answerer(key, listener.report)),
             session.declare_queryable(usage_key(node), self._answerer(usage_key(node), listener.usage)),
@@ -84,6 +89,7 @@ class AgentBus:
     def close(self) -> None:
         """Leave the bus, the liveliness token first: the operator must stop relying on the agent before it is gone."""
         self._late.dispose()
+        self._later(self._questions.stop)
         for declared in reversed(self._declared):
             declared.undeclare()
 
@@ -91,13 +97,22 @@ class AgentBus:
         """Ask a source for its plan when it appears: at our start, at its own, and when the network is back."""
         key = str(sample.key_expr)
         if sample.kind == zenoh.SampleKind.PUT:
-            self._later(lambda: self._ask(key))
+            self._later(lambda: self._find(policy_of(key)))
         else:
-            self._later(lambda: self._listener.lose_source(policy_of(key)))
+            self._later(lambda: self._lose(policy_of(key)))
 
-    def _ask(self, key: str) -> None:
-        self._listener.find_source(policy_of(key))
-        self._session.get(key, self._on_reply)
+    def on_retry(self, key: str) -> None:
+        """The policy's source has said nothing: ask again, until a plan comes or the source is gone."""
+        self._session.get(plan_key(*key.split("/")), self._on_reply)
+        self._questions.again(key)
+
+    def _find(self, policy: str) -> None:
+        self._listener.find_source(policy)
+        self.on_retry(policy)
+
+    def _lose(self, policy: str) -> None:
+        self._questions.end(policy)
+        self._listener.lose_source(policy)
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
@@ -105,11 +120,14 @@ class AgentBus:
 
     def _take(self, sample: zenoh.Sample) -> None:
         """A plan or its withdrawal, published or as a reply; a later one replaces an earlier one that still waits."""
+        if len(sample.payload) > LARGEST_PLAN:
+            return
         key = str(sample.key_expr)
         payload = None if sample.kind == zenoh.SampleKind.DELETE else sample.payload.to_bytes()
         attachment = sample.attachment.to_bytes() if sample.attachment is not None else None
         try:
             signed = self._verifier.check(key, payload, attachment, time.time_ns())
+            self._repetitions.check(key, attachment or b"")
         except OrderError as error:
             refusal = error  # Python unbinds `error` when the except clause ends
             self._later(lambda: self._listener.refuse(refusal))
@@ -133,6 +151,7 @@ class AgentBus:
             more = bool(self._waiting)
         if more:
             self._later(self._drain)
+        self._questions.end(policy)
         confirmation = self._listener.hear(policy, payload, signed)
         if confirmation is not None:
             self._confirm(confirmation)

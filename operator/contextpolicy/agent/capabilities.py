@@ -35,7 +35,7 @@ class NodeFacts:
 def missing(facts: NodeFacts) -> dict[str, list[str]]:
     """What each scheduler lacks here, with what to do about it; an empty list means that it works."""
     if facts.version is None:
-        nothing = ["there is no cgroup of pods (kubepods): is the kubelet running, and CGROUP_ROOT its cgroup mount?"]
+        nothing = ["no pod cgroup (kubepods): the kubelet is not running, or CGROUP_ROOT is not its cgroup mount"]
         return {Scheduler.CFS: nothing, Scheduler.REALTIME: nothing}
     both = [] if facts.writable else ["cgroup files can't be written: mount the node's cgroups read-write, as root"]
     limits = [unlimited(facts)] if unlimited(facts) else []
@@ -43,7 +43,7 @@ def missing(facts: NodeFacts) -> dict[str, list[str]]:
 
 
 def unlimited(facts: NodeFacts) -> str:
-    """Why nobody can limit CPU time on the node, not even the kubelet; empty where that works."""
+    """Why CPU time can't be limited on the node, even by the kubelet; empty where it can."""
     if facts.version is None or facts.limits:
         return ""
     return (

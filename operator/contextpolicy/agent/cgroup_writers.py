@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from contextpolicy.agent import weight_units
-from contextpolicy.agent.control_files import CFS, REALTIME, ControlFiles
+from contextpolicy.agent.control_files import CFS, REALTIME, ControlFiles, Unwatched
 from contextpolicy.agent.cpu_weights import Weights
 from contextpolicy.agent.limits import Limits
 from contextpolicy.agent.realtime import Realtime
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from contextpolicy.agent.cgroup_paths import CgroupPaths
+    from contextpolicy.agent.control_files import FileWatch
     from contextpolicy.agent.failures import Failures
-    from contextpolicy.agent.inotify import WriteWatch
     from contextpolicy.agent.ledger import Ledger
     from contextpolicy.agent.node_orders import NodeOrder, OrderTarget
 
@@ -29,11 +29,11 @@ _MOST_GROUPS = 1000
 class CgroupWriters:
     """One node's writers. Nothing is raised: each method returns the groups where it failed."""
 
-    def __init__(self, layout: CgroupPaths, ledger: Ledger, watch: WriteWatch, priority: int, processors: int) -> None:
+    def __init__(self, layout: CgroupPaths, ledger: Ledger, watch: FileWatch, priority: int, processors: int) -> None:
         self.layout, self._processors = layout, processors
-        self._limits = Limits(ControlFiles(CFS[layout.version], watch.add, watch.remove), ledger)
+        self._limits = Limits(ControlFiles(CFS[layout.version], watch), ledger)
         self._weights = Weights(layout.version, watch, ledger)
-        self._realtime = Realtime(layout, ControlFiles(REALTIME[layout.version]), ledger, priority)
+        self._realtime = Realtime(layout, ControlFiles(REALTIME[layout.version], Unwatched()), ledger, priority)
         self._groups: dict[tuple[str, str, str], Path] = {}
 
     def group(self, target: OrderTarget) -> Path | None:
@@ -50,10 +50,19 @@ class CgroupWriters:
         self._groups[name] = group
         return group
 
-    def apply(self, order: NodeOrder, groups: Mapping[Path, OrderTarget], draining: Collection[Path]) -> Failures:
-        """Carry out the order on these groups, and undo what else the policy had; those `draining` keep their quota."""
+    def name(self, group: Path) -> str:
+        """The ID of a container that a plan named; the group's own name where none is remembered."""
+        return next((name[2] for name, known in self._groups.items() if known == group), group.name)
+
+    def apply(
+        self, order: NodeOrder, groups: Mapping[Path, OrderTarget], draining: Collection[Path], *, again: bool
+    ) -> Failures:
+        """Carry out the order on these groups, and undo what else the policy had; those `draining` keep their quota.
+
+        `again`: it is no new plan, and what an owner wrote since the first time stays.
+        """
         if order.scheduler is Scheduler.REALTIME:
-            return self._apply_realtime(order, groups)
+            return self._apply_realtime(order, groups, again=again)
         # Settled first: `apply` makes an earlier run's entries its own, as if no resize had confirmed them yet.
         for group, target in groups.items():
             if target.limit is not None:
@@ -65,7 +74,7 @@ class CgroupWriters:
         quotas = {group: target.quota for group, target in groups.items() if group not in draining}
         quotas |= self._limits.standing(order.policy, draining)
         held = {group for group in _held(groups) if group not in draining}
-        failures |= self._limits.apply(order.policy, quotas, held, _originals(groups))
+        failures |= self._limits.apply(order.policy, quotas, held, _originals(groups), again=again)
         return self._realtime.release(order.policy) | failures
 
     def release(self, policy: str, *, leave_agreed: bool = False) -> Failures:
@@ -74,14 +83,14 @@ class CgroupWriters:
         return self._weights.release(policy) | limits | self._realtime.release(policy)
 
     def on_other_write(self, path: Path, heard: float) -> Failures:
-        """Somebody else wrote a file that we watch, as we `heard` then, in seconds on the monotonic clock."""
+        """Another process wrote a file that we watch, as we `heard` then, in seconds on the monotonic clock."""
         weight = path.name == weight_units.FILES[self.layout.version]
         return (self._weights if weight else self._limits).on_other_write(path, heard)
 
-    def _apply_realtime(self, order: NodeOrder, groups: Mapping[Path, OrderTarget]) -> Failures:
+    def _apply_realtime(self, order: NodeOrder, groups: Mapping[Path, OrderTarget], *, again: bool) -> Failures:
         # Limits first: they must be in force when suspended threads fall back to the fair scheduler.
         resting = {group: target.quota or QUANTUM for group, target in groups.items() if target.suspended}
-        failures = self._limits.apply(order.policy, resting, resting, _originals(groups))
+        failures = self._limits.apply(order.policy, resting, resting, _originals(groups), again=again)
         failures |= self._weights.release(order.policy)
         parts = {group: target.part(self._processors) for group, target in groups.items()}
         return self._realtime.apply(order.policy, parts, order.manner, resting) | failures

@@ -12,10 +12,10 @@ import time
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
-from contextpolicy.agent.failures import GONE
-from contextpolicy.agent.service import WRITES
+from contextpolicy.agent.agent_metrics import WRITES
+from contextpolicy.agent.failures import GONE, NOT_ENABLED
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
@@ -67,6 +67,8 @@ class OpenFile:
         """The text that `read` found last."""
         self.written = -inf
         """When we last wrote it, in seconds on the monotonic clock."""
+        self.ours = ""
+        """The text that we last wrote."""
         self._known = ""
         try:
             self._descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
@@ -84,11 +86,11 @@ class OpenFile:
 
     @property
     def unheard(self) -> bool:
-        """Whether the last `read` found a write of somebody else that we have not been told of (`heed`) yet."""
+        """Whether the last `read` found a foreign write that the watch has not reported (`heed`) yet."""
         return self.seen != self._known
 
     def heed(self) -> str:
-        """Somebody else has written the file: its text."""
+        """Another process has written the file: its text."""
         self._known = ""
         return self.read()
 
@@ -100,7 +102,7 @@ class OpenFile:
             failure = _failure(self.path, error)
             WRITES.labels(failure.reason).inc()
             raise failure from error
-        self._known, self.written = text, time.monotonic()
+        self._known, self.ours, self.written = text, text, time.monotonic()
         _WRITTEN.inc()
 
     def close(self) -> None:
@@ -119,7 +121,7 @@ class ControlFile(OpenFile):
         except OSError as error:
             self.close()
             raise _failure(self.path, error) from error
-        self.period = int(text.split()[-1])
+        self.period = int(text.partition("\n")[0].split()[-1])
 
     def amount(self, text: str) -> int | None:
         """The amount that a text means, rounded up, so that it reverses the rounding down of `text`."""
@@ -155,25 +157,40 @@ class ControlFile(OpenFile):
 File = TypeVar("File", bound=OpenFile)
 
 
-class OpenFiles(Generic[File]):
-    """One open file of each group; `on_open` and `on_close` are called with each file's path."""
+class FileWatch(Protocol):
+    """What follows the writes of others to open files, as `inotify.WriteWatch` does."""
 
-    def __init__(
-        self,
-        open_file: Callable[[Path], File],
-        on_open: Callable[[Path], None] = lambda _: None,
-        on_close: Callable[[Path], None] = lambda _: None,
-    ) -> None:
-        self._open_file, self._on_open, self._on_close = open_file, on_open, on_close
+    def add(self, path: Path) -> None:
+        """The file is open; OSError when it does not exist."""
+
+    def remove(self, path: Path) -> None:
+        """The file is to be closed."""
+
+
+class Unwatched:
+    """Used where foreign writes need not be reported."""
+
+    def add(self, path: Path) -> None:
+        """Nothing to do."""
+
+    def remove(self, path: Path) -> None:
+        """Nothing to do."""
+
+
+class OpenFiles(Generic[File]):
+    """One open file of each group, under a watch."""
+
+    def __init__(self, open_file: Callable[[Path], File], watch: FileWatch) -> None:
+        self._open_file, self._watch = open_file, watch
         self._open: dict[Path, File] = {}
 
     def __getitem__(self, group: Path) -> File:
-        """The group's file, opened if it is not yet; ActuationError, `Gone` when there is no such group."""
+        """The group's file, opened if it is not yet; ActuationError, `Gone` when the group does not exist."""
         file = self._open.get(group)
         if file is None:
             file = self._open[group] = self._open_file(group)
             try:
-                self._on_open(file.path)
+                self._watch.add(file.path)
             except OSError as error:
                 self.close(group)
                 raise _failure(file.path, error) from error
@@ -192,21 +209,20 @@ class OpenFiles(Generic[File]):
         """Close the group's file, if it is open."""
         file = self._open.pop(group, None)
         if file is not None:
-            self._on_close(file.path)
+            self._watch.remove(file.path)
             file.close()
 
 
 class ControlFiles(OpenFiles[ControlFile]):
     """Open files of one format of bandwidth."""
 
-    def __init__(
-        self,
-        form: Format,
-        on_open: Callable[[Path], None] = lambda _: None,
-        on_close: Callable[[Path], None] = lambda _: None,
-    ) -> None:
-        super().__init__(lambda group: ControlFile(group, form), on_open, on_close)
+    def __init__(self, form: Format, watch: FileWatch) -> None:
+        super().__init__(lambda group: ControlFile(group, form), watch)
         self.form = form
+
+    def paths(self, groups: Iterable[Path]) -> set[Path]:
+        """The files of groups; those of open ones, whose hash is known, at a tenth of the cost."""
+        return {self[group].path if group in self else group / self.form.file for group in groups}
 
 
 class Children:
@@ -250,4 +266,7 @@ def children(group: Path) -> list[Path]:
 
 def _failure(path: Path, error: OSError) -> ActuationError:
     reason = _REASONS.get(error.errno or 0, "Failed")
+    if error.errno == errno.ENOENT and path.parent.is_dir():
+        wanted = "CPU controller that is enabled there (cgroup.subtree_control of the groups above)"
+        return ActuationError(NOT_ENABLED, f"{path}: no such file: expected a {wanted}", retriable=False)
     return ActuationError(reason, f"{path}: {error.strerror}", retriable=reason == "Busy")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from contextpolicy.agent import weight_units as units
 from contextpolicy.agent.cgroup_paths import pod_of
-from contextpolicy.agent.control_files import Children, OpenFile, OpenFiles
+from contextpolicy.agent.control_files import Children, OpenFile, OpenFiles, Unwatched
 from contextpolicy.agent.failures import GONE, Failures, attempt
 from contextpolicy.errors import ActuationError
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
     from pathlib import Path
 
-    from contextpolicy.agent.inotify import WriteWatch
+    from contextpolicy.agent.control_files import FileWatch
     from contextpolicy.agent.ledger import Ledger
 
 log = logging.getLogger(__name__)
@@ -52,10 +52,10 @@ class Weights:
     Nothing is raised: each method returns the groups, at any level, where it failed.
     """
 
-    def __init__(self, version: int, watch: WriteWatch, ledger: Ledger) -> None:
+    def __init__(self, version: int, watch: FileWatch, ledger: Ledger) -> None:
         self._version, self._ledger = version, ledger
-        self._files = OpenFiles(self._open, watch.add, watch.remove)
-        self._beside = OpenFiles(self._open)
+        self._files = OpenFiles(self._open, watch)
+        self._beside = OpenFiles(self._open, Unwatched())
         self._children = Children()
         self._wanted: dict[str, Mapping[Path, int]] = {}
 
@@ -74,14 +74,14 @@ class Weights:
         return group in self._files
 
     def on_other_write(self, path: Path, heard: float) -> Failures:
-        """Somebody else wrote a file that we watch, as we `heard` then."""
+        """Another process wrote a file that we watch, as we `heard` then."""
         entry = self._ledger.entries.get(path)
         try:
             file = self._files[path.parent]
             text = file.heed()
         except ActuationError as error:
             self._lose(path.parent, error)
-            return {}
+            return {path.parent: error}
         if entry is not None and text == entry.ours and (entry.overtook or heard <= file.written):
             entry.overtook = False  # what was written before ours is known already
         elif entry is not None:
@@ -142,8 +142,11 @@ class Weights:
         return _Members(wishes, cores.keys())
 
     def _class_wish(self, group: Path, members: _Members) -> _Wish | None:
-        """The sum of the pods that are there; None when none of ours is any more."""
-        own = [members.wishes[pod] for pod in self._children.of(group) if pod in members.pods]
+        """The sum of the pods that are there; None when none of ours is any more.
+
+        Ours are those just read: a listing may still have the one whose place a new one has taken.
+        """
+        own = [members.wishes[pod] for pod in members.pods if pod.parent == group]
         if not own:
             return None
         others = sum(self._others(group, members.wishes))
@@ -182,7 +185,7 @@ class Weights:
 
     def _write(self, group: Path, wish: _Wish) -> None:
         file = self._files[group]
-        if file.seen != file.read():  # somebody else wrote meanwhile: realtime tasks can stop us for 0.1 s here
+        if file.seen != file.read():  # a foreign write meanwhile: realtime tasks can stop us for 0.1 s here
             self._note(file, wish)
             self._ledger.save()
         file.write(str(wish.weight))
@@ -192,7 +195,7 @@ class Weights:
         (self._ledger.close if error.reason == GONE else self._ledger.retract)(path)
 
     def _lose(self, group: Path, error: ActuationError) -> None:
-        """The group's file can't be read: open it anew the next time."""
+        """The group's file can't be read: reopen it next time."""
         self._files.close(group)
         if error.reason == GONE:
             self._ledger.close(group / units.FILES[self._version])
@@ -200,7 +203,7 @@ class Weights:
     def _undo(self, policy: str, kept: Collection[Path]) -> Failures:
         """Put back what others wrote; files that hold another value by now are left alone.
 
-        What can't be put back now stays in the ledger, for the policy's next plan or the agent's end.
+        What can't be put back now stays in the ledger, to be tried again.
         """
         name = units.FILES[self._version]
         left = [path for path in self._ledger.of(policy) if path.name == name and path.parent not in kept]
@@ -216,7 +219,7 @@ class Weights:
         file, entry = self._files[path.parent], self._ledger.entries[path]
         if entry.wrote(file.read()):
             file.write(entry.theirs)
-            log.info("%s: put back %s", path, entry.theirs)
+            log.info("%s: restored %s", path, entry.theirs)
 
     def _open(self, group: Path) -> OpenFile:
         return OpenFile(group / units.FILES[self._version])

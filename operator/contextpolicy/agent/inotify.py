@@ -3,31 +3,44 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import os
 import struct
 import threading
 import time
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
 _CLOSE_WRITE, _OVERFLOW = 0x8, 0x4000
 _HEADER = struct.Struct("iIII")
 _BUFFER = 4096
+_SPENT = {
+    errno.ENOSPC: "no watch is left for its user: raise fs.inotify.max_user_watches",
+    errno.EMFILE: "no inotify instance is left for its user: raise fs.inotify.max_user_instances",
+}
+"""What the kernel's errors mean here; their own texts are about disks and files."""
+
+
+class WriteListener(Protocol):
+    """What hears of writes; called on the watch's own thread."""
+
+    def on_write(self, path: Path, heard: float) -> None:
+        """The file was closed after it was opened for writing.
+
+        `heard` is the time in seconds on the monotonic clock, -infinity where the kernel has lost reports: then any
+        file may have been written.
+        """
 
 
 class WriteWatch:
-    """Calls `on_write(path, heard)`, on its own thread, when a file is closed after it was opened for writing.
+    """Watches files. Writes to a file that stays open are not reported: that excludes our own."""
 
-    `heard` is the time in seconds on the monotonic clock, -infinity where the kernel has lost reports: then any file
-    may have been written. Writes to a file that stays open are not reported: that excludes our own.
-    """
-
-    def __init__(self, on_write: Callable[[Path, float], object]) -> None:
-        self._on_write = on_write
+    def __init__(self, listener: WriteListener) -> None:
+        self._listener = listener
         self._libc = ctypes.CDLL(None, use_errno=True)
         self._descriptor = self._checked(self._libc.inotify_init1(os.O_CLOEXEC))
         self._paths: dict[int, Path] = {}
@@ -52,7 +65,7 @@ class WriteWatch:
             for number in _numbers(os.read(self._descriptor, _BUFFER)):
                 heard = -inf if number < 0 else time.monotonic()
                 for path in self._written(number):
-                    self._on_write(path, heard)
+                    self._listener.on_write(path, heard)
 
     def _written(self, number: int) -> list[Path]:
         """The file of a watch; all files when events were lost, for any may have been written."""
@@ -64,7 +77,7 @@ class WriteWatch:
     def _checked(self, result: int) -> int:
         if result < 0:
             code = ctypes.get_errno()
-            raise OSError(code, os.strerror(code))
+            raise OSError(code, _SPENT.get(code) or os.strerror(code))
         return result
 
 

@@ -10,6 +10,7 @@ import errno
 import json
 import logging
 import os
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,6 +23,9 @@ log = logging.getLogger(__name__)
 LONGEST = 1 << 20
 """Size of the journal in bytes above which it is rewritten without its outdated lines."""
 
+_AMOUNT = re.compile(r"(max|-?[0-9]{1,19})( [1-9][0-9]{0,18})?")
+"""The text of a file that holds a weight, a bandwidth or a period."""
+
 
 @dataclass(slots=True)
 class Entry:
@@ -29,8 +33,8 @@ class Entry:
 
     `earlier` are values that we wrote before, which a resize under way may still write. A `held` file is ours alone to
     write. `inherited` entries are from an earlier run, which may have ended before its write, or their last write
-    failed: the file then holds an earlier value. `overtook` says that the watch has yet to tell of a write before ours,
-    which is not ours confirmed. In both cases only the next plan tells whether a resize has confirmed it since.
+    failed: the file then holds an earlier value. `overtook` says that the watch has yet to report a write before ours,
+    which is not ours confirmed. In both cases only the next plan shows whether a resize has confirmed it since.
     `original` is what the file held before any policy, where the plan says so. Such an entry stays open when the API
     agrees: `theirs` is then the same as `ours`.
     """
@@ -50,7 +54,7 @@ class Entry:
         return self.theirs == self.ours and not self.held
 
     def knows(self, text: str) -> bool:
-        """Whether a file that holds `text` holds what the API or we last wrote, not somebody's later decision."""
+        """Whether a file that holds `text` holds what the API or we last wrote, not a later foreign write."""
         return text in (self.theirs, self.ours, *self.earlier)
 
     def wrote(self, text: str) -> bool:
@@ -64,20 +68,38 @@ class Ledger:
     def __init__(self, file: Path) -> None:
         self._file = file
         self.entries: dict[Path, Entry] = {}
+        self.is_saved = True
+        """Whether the last `save` succeeded."""
+        self.is_damaged = False
+        """Whether `load` found an unreadable line that was not just cut short: what it had to undo is unknown."""
         self._changed: set[Path] = set()
         self._journal: int | None = None
 
     def load(self) -> None:
-        """Load the entries of an earlier run; unreadable lines, such as one cut short, are logged and skipped."""
+        """Load the entries of an earlier run; unreadable lines, such as one cut short, are logged and left out.
+
+        The file is then rewritten: with such a line it would never be empty again.
+        """
         try:
-            lines = self._file.read_bytes().splitlines()
+            content = self._file.read_bytes()
         except FileNotFoundError:
             return
-        for line in lines:
+        taken = [self._take(line) for line in content.splitlines()]
+        # What was being appended when the agent was killed was not done yet.
+        self.is_damaged = not all(taken if content.endswith(b"\n") else taken[:-1])
+        if not all(taken):
             try:
-                self._replay(*json.loads(line))
-            except (ValueError, TypeError) as error:
-                log.warning("%s: a line that can't be read: %s", self._file, error)
+                self._begin_anew()
+            except OSError as error:
+                log.warning("%s can't be rewritten: %s", self._file, error.strerror)
+
+    def _take(self, line: bytes) -> bool:
+        try:
+            self._replay(*json.loads(line))
+        except (ValueError, TypeError, AttributeError, RecursionError) as error:
+            log.warning("%s: unreadable line: %s", self._file, error)
+            return False
+        return True
 
     def of(self, policy: str) -> dict[Path, Entry]:
         """The policy's entries."""
@@ -93,7 +115,7 @@ class Ledger:
             self.entries[path] = Entry(policy, now, ours, held, original=original)
             return
         if entry.inherited and now not in {entry.ours, *entry.earlier}:
-            entry.theirs = now  # somebody else wrote while no agent ran
+            entry.theirs = now  # another process wrote while no agent ran
         if held:
             entry.earlier = {now, entry.ours}
         elif entry.ours != ours:
@@ -130,18 +152,18 @@ class Ledger:
             self.close(path)
 
     def overtake(self, path: Path, theirs: str) -> None:
-        """What we intend goes over `theirs`, which somebody else wrote and we have yet to be told of."""
+        """What we intend replaces `theirs`, a foreign write that the watch has yet to report."""
         entry = self.entries[path]
         entry.theirs, entry.overtook = theirs, True
 
     def hear(self, path: Path, theirs: str) -> None:
-        """Somebody else wrote `theirs`, and the entry stays open."""
+        """Another process wrote `theirs`, and the entry stays open."""
         if self.entries[path].theirs != theirs:
             self.entries[path].theirs = theirs
             self._changed.add(path)
 
     def close(self, path: Path) -> None:
-        """There is nothing to undo in this file."""
+        """The file has nothing to undo."""
         if self.entries.pop(path, None) is not None:
             self._changed.add(path)
 
@@ -155,9 +177,11 @@ class Ledger:
         try:
             self._append()
         except OSError as error:
+            self.is_saved = False
             self._leave_journal()
             raise ActuationError("Unsaved", f"{self._file}: {error.strerror}", retriable=True) from error
         self._changed.clear()
+        self.is_saved = True
 
     def _append(self) -> None:
         journal = self._journal
@@ -180,7 +204,7 @@ class Ledger:
         self._journal = os.open(self._file, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
 
     def _leave_journal(self) -> None:
-        """Begin anew with the next change: the last line may have been cut short."""
+        """Rewrite the file with the next change: its last line may have been cut short."""
         if self._journal is not None:
             os.close(self._journal)
         self._journal = None
@@ -191,11 +215,19 @@ class Ledger:
         return msgspec.json.encode((str(path), content)) + b"\n"
 
     def _replay(self, path: str, entry: tuple[str, str, str, bool, list[str], str | None] | None) -> None:
+        if not path.startswith("/") or b"\0" in os.fsencode(path):
+            raise ValueError(f"{path!r}: expected an absolute path")
         if entry is None:
             self.entries.pop(Path(path), None)
         else:
             policy, theirs, ours, held, earlier, original = entry
-            inherited = Entry(str(policy), str(theirs), str(ours), held is True, inherited=True)
-            inherited.earlier = {str(text) for text in earlier}
-            inherited.original = None if original is None else str(original)
+            inherited = Entry(str(policy), _amount(theirs), _amount(ours), held is True, inherited=True)
+            inherited.earlier = {_amount(text) for text in earlier}
+            inherited.original = None if original is None else _amount(original)
             self.entries[Path(path)] = inherited
+
+
+def _amount(text: str) -> str:
+    if not _AMOUNT.fullmatch(text):
+        raise ValueError(f"{text!r}: expected what a control file holds, such as 50000 or max 100000")
+    return text

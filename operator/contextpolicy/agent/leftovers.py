@@ -1,4 +1,4 @@
-"""Undo what a killed agent left, as an agent started in its place would if its grace period passed without a plan."""
+"""Undo what a killed agent left, as an agent started in its place would at its own end: no source of plans is known."""
 
 from __future__ import annotations
 
@@ -7,29 +7,20 @@ from typing import TYPE_CHECKING
 from reactivex.scheduler import VirtualTimeScheduler
 
 from contextpolicy.agent.agent import Agent
-from contextpolicy.agent.inotify import WriteWatch
+from contextpolicy.agent.control_files import Unwatched
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from contextpolicy.agent.agent_settings import AgentSettings
 
 
-def undo(settings: AgentSettings) -> None:
-    """Undo it now, for every policy; what can't be undone stays in the journal. The caller holds the lock."""
-    time = VirtualTimeScheduler()
-    Agent(settings, time, _Blind()).start()
-    time.start()
+def undo(settings: AgentSettings) -> bool:
+    """Undo it now, for every policy; what can't be undone stays in the journal. The caller holds the lock.
 
+    False if the journal was damaged, so that nobody knows whether this was all.
 
-class _Blind(WriteWatch):
-    """Watches nothing: what is undone once needs no watch, and the node may have none left to give."""
-
-    def __init__(self) -> None:
-        """Take nothing from the kernel."""
-
-    def add(self, path: Path) -> None:
-        """Ignore it."""
-
-    def remove(self, path: Path) -> None:
-        """Ignore it."""
+    What is undone once needs no watch, and the node may have none left to give.
+    """
+    agent = Agent(settings, VirtualTimeScheduler(), lambda _: Unwatched())
+    agent.start()
+    agent.stop()
+    return not agent.journal_is_damaged

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 import msgspec
 
 from contextpolicy.agent.cgroup_paths import is_container_id, is_uid
+from contextpolicy.bus.decision_bus import LARGEST_PLAN, MOST_CORES
 from contextpolicy.errors import OrderError
 from contextpolicy.policy.bandwidth import LONGEST, PERIOD, SHORTEST
 from contextpolicy.policy.spec import Mode, RealtimePolicy, Scheduler
@@ -15,15 +16,12 @@ from contextpolicy.policy.spec import Mode, RealtimePolicy, Scheduler
 if TYPE_CHECKING:
     from contextpolicy.cluster.agent_reports import Stamp
 
-MAX_BYTES = 1 << 20
-MAX_CORES = 1024
-
 
 class OrderTarget(NamedTuple):
     """One container: its `share`, and the `limit` in force, in thousandths of a core.
 
     `weight` and `quota` are what to write: a weight of None is left alone, one of 0 the least; a quota of None is none.
-    A quota that is `held` is restored whoever overwrites it, because the API can't have it. The `container_id` is empty
+    A quota that is `held` is restored after every foreign write, as the API can't hold it. The `container_id` is empty
     while the container is starting. The `original` is the limit that it had before any policy, None for none.
     """
 
@@ -77,8 +75,10 @@ class NodeOrder:
 
 
 _Count = Annotated[int, msgspec.Meta(ge=0)]
-_Cores = Annotated[float, msgspec.Meta(ge=0.001, le=MAX_CORES)]
+_Cores = Annotated[float, msgspec.Meta(ge=0.001, le=MOST_CORES)]
 """Cores, which messages give with at most three decimals."""
+_Limit = Annotated[float, msgspec.Meta(ge=0)]
+"""A pod's limit in cores: 0 means none, and more than MOST_CORES never binds."""
 
 
 class _Target(msgspec.Struct, rename="camel"):
@@ -88,11 +88,11 @@ class _Target(msgspec.Struct, rename="camel"):
     qos: Literal["Guaranteed", "Burstable", "BestEffort"]
     container_id: str
     cores: _Cores
-    weight: Annotated[float, msgspec.Meta(ge=0, le=MAX_CORES)] | None
-    quota: _Cores | None
+    weight: Annotated[float, msgspec.Meta(ge=0, le=MOST_CORES)] | None
+    quota: _Limit | None
     held: bool
-    original: _Cores | None
-    limit: _Cores | None = None
+    original: _Limit | None
+    limit: _Limit | None = None
 
 
 class _Task(msgspec.Struct):
@@ -130,7 +130,7 @@ _MESSAGE = msgspec.json.Decoder(_Message)
 def read(payload: bytes, policy: str, node: str) -> NodeOrder:
     """The order in a message about `policy`; OrderError when the message is malformed or about another policy."""
     try:
-        message = _MESSAGE.decode(payload[: MAX_BYTES + 1])
+        message = _MESSAGE.decode(payload[: LARGEST_PLAN + 1])
         if message.policy != policy:
             raise OrderError("WrongPolicy", f"a message of {message.policy!r:.80} on the key of {policy}")
         return _order(message, node)
@@ -161,14 +161,15 @@ def _target(target: _Target, task: _Task) -> OrderTarget:
         target.qos,
         target.container_id,
         round(target.cores * 1000),
-        _thousandths(target.limit),
+        _limit(target.limit),
         task.suspended,
-        _thousandths(target.weight),
-        _thousandths(target.quota),
+        None if target.weight is None else round(target.weight * 1000),
+        _limit(target.quota),
         target.held,
-        _thousandths(target.original),
+        _limit(target.original),
     )
 
 
-def _thousandths(cores: float | None) -> int | None:
-    return None if cores is None else round(cores * 1000)
+def _limit(cores: float | None) -> int | None:
+    """In thousandths of a core; None for no limit."""
+    return max(1, round(min(cores, MOST_CORES) * 1000)) if cores else None

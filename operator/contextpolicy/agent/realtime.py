@@ -57,7 +57,7 @@ class Realtime:
             try:
                 return self._apply(policy, shares, manner, suspended)
             except ActuationError as error:  # a container has ended meanwhile: the next attempt leaves it out
-                failures = dict.fromkeys(shares, error)
+                failures = dict.fromkeys(shares or (self._layout.top,), error)
         return failures
 
     def _apply(self, policy: str, shares: Mapping[Path, int], manner: Manner, suspended: Collection[Path]) -> Failures:
@@ -164,7 +164,7 @@ class Realtime:
         file.write(text)
 
     def _others_of(self, parents: Iterable[Path], ours: Container[Path]) -> dict[Path, int]:
-        """The sum of foreign children's budgets, by parent; read once, as nobody else gives pods realtime budgets."""
+        """The sum of foreign children's budgets, by parent; read once: only the agent gives pods realtime budgets."""
         for parent in parents:
             if parent not in self._others:
                 self._others[parent] = {c: self._now(c) for c in children(parent) if self._foreign(c)}

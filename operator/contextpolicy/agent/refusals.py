@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 
-from contextpolicy.agent.service import REFUSALS
+from contextpolicy.agent.agent_metrics import REFUSALS
 
 log = logging.getLogger(__name__)
 

@@ -1,6 +1,6 @@
 """What lasts from one agent to the next: the journal, and a lock on it that says whether an agent lives.
 
-The lock is the kernel's (flock). However its holder ends, it is free at once, and whoever waits for it wakes. An agent
+The lock is the kernel's (flock). However its holder ends, it is free at once, and a waiter wakes. An agent
 holds it for life; its supervisor takes it to wait for the agent's death, and to undo what the dead agent left.
 """
 
@@ -31,7 +31,7 @@ class StateDirectory:
             path.mkdir(parents=True, exist_ok=True)
             self._descriptor = os.open(self.lock, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
         except OSError as error:
-            allowed = f"a directory where files can be made and written ({error.strerror})"
+            allowed = f"a directory where files can be created and written ({error.strerror})"
             raise SettingsError("environment", (Finding("STATE_DIRECTORY", str(path), allowed),)) from error
 
     @property

@@ -32,7 +32,7 @@ def make_ordinary(group: Path, version: int) -> None:
 
 
 def _change(group: Path, version: int, new: Callable[[int], tuple[int, os.sched_param] | None]) -> None:
-    """Repeat until a whole round finds nothing to change."""
+    """Repeat until a whole pass changes nothing."""
     for _ in range(_ROUNDS):
         if not [thread for thread in _threads(group, version) if _change_one(thread, new)]:
             return

@@ -1,4 +1,4 @@
-"""What containers have used so far, from their cgroups; read only when somebody asks."""
+"""What containers have used so far, from their cgroups; read only on request."""
 
 from __future__ import annotations
 

@@ -6,20 +6,21 @@ They run in the replica that leads, for the namespaces that are its own: kopf it
 from __future__ import annotations
 
 import asyncio
+import hashlib
+import json
 from typing import Any
 
 import kopf
 
-from contextpolicy.cluster.api import FINALIZER
+from contextpolicy.policy.custom_resource import FINALIZER, GROUP, PLURAL
 
-PLURAL, GROUP = "contextpolicies", "contextpolicy.dev"
 registry = kopf.get_default_registry()
 """Where the decorators below register the handlers."""
 
 RECONNECT = (0.1, 0.2, 0.5, *[1.0] * 60)
 """Seconds between attempts to reach the API server: kopf's own pauses grow to 21 s, but a robot reboots faster."""
 EXIT_TIMEOUT = 0.3
-"""Seconds that a handler under way may take when the operator ends: a standby waits for our Lease, and does it anew."""
+"""Seconds that a running handler may take when the operator ends: a standby waits for our Lease, and reruns it."""
 RESTORE_TIMEOUT = 20.0
 """Seconds to wait for a restore before kopf tries again; the finalizer keeps the object until it is done."""
 
@@ -27,12 +28,26 @@ REREAD = 10.0
 """Seconds until kopf retries a policy whose ConfigMap can't be read: GitOps may create that later."""
 
 
+class Digests(kopf.AnnotationsDiffBaseStorage):
+    """Recognises an edit by a digest of what kopf compares, which it otherwise stores whole in an annotation.
+
+    Kubernetes refuses more than 256 KiB of annotations: a policy of that size, or with notes of half of it, was never
+    taken up and could not be deleted.
+    """
+
+    def build(self, *, body: kopf.Body, extra_fields: Any = None) -> kopf.BodyEssence:
+        """The digest in the essence's place: our handlers need to know that something differs, not what."""
+        essence = super().build(body=body, extra_fields=extra_fields)
+        text = json.dumps(essence, sort_keys=True, separators=(",", ":"))
+        return kopf.BodyEssence(spec={"digest": hashlib.sha256(text.encode()).hexdigest()})
+
+
 @kopf.on.startup()
 async def configure(settings: kopf.OperatorSettings, memo: Any, **_: Any) -> None:
     """Set kopf up. Nothing here may fail: kopf would try again after a minute."""
     settings.persistence.finalizer = FINALIZER
     settings.persistence.progress_storage = kopf.AnnotationsProgressStorage(prefix=GROUP)
-    settings.persistence.diffbase_storage = kopf.AnnotationsDiffBaseStorage(prefix=GROUP)
+    settings.persistence.diffbase_storage = Digests(prefix=GROUP)
     settings.posting.enabled = False
     settings.scanning.disabled = True
     settings.networking.error_backoffs = RECONNECT
@@ -47,13 +62,20 @@ async def apply(body: kopf.Body, memo: Any, **_: Any) -> None:
     """A policy exists at startup, is new or was edited."""
     adopted = await asyncio.to_thread(memo.operator.policy_changed, dict(body))
     if not await asyncio.wrap_future(adopted):
-        raise kopf.TemporaryError("not all that the policy names can be read", delay=REREAD)
+        raise kopf.TemporaryError("not everything that the policy refers to can be read yet", delay=REREAD)
+
+
+@kopf.on.event(GROUP, PLURAL)
+async def see(type: str | None, body: kopf.Body, memo: Any, **_: Any) -> None:  # noqa: A002 - kopf's name for it
+    """Anything of a policy has changed, its status too."""
+    if type != "DELETED":
+        memo.operator.policy_seen(dict(body))
 
 
 @kopf.on.delete(GROUP, PLURAL)
 async def release(body: kopf.Body, memo: Any, **_: Any) -> None:
     """Restore every container before the finalizer is removed."""
-    restored = memo.operator.policy_deleted(dict(body))
+    restored = await asyncio.to_thread(memo.operator.policy_deleted, dict(body))
     try:
         await asyncio.wait_for(asyncio.wrap_future(restored), RESTORE_TIMEOUT)
     except TimeoutError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from threading import Event, Thread
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import kopf
 
@@ -15,14 +15,21 @@ if TYPE_CHECKING:
     from contextpolicy.app.wiring import Operator
 
 
-class KopfThread:
-    """Kopf on a thread of its own, for a fixed set of namespaces; `on_end` is called there when it ends by itself."""
+class KopfListener(Protocol):
+    """What hears of kopf."""
 
-    def __init__(self, operator: Operator, namespaces: Collection[str], on_end: Callable[[], None]) -> None:
+    def on_kopf_end(self) -> None:
+        """It has ended by itself; called on its thread."""
+
+
+class KopfThread:
+    """Kopf on a thread of its own, for a fixed set of namespaces."""
+
+    def __init__(self, operator: Operator, namespaces: Collection[str], listener: KopfListener) -> None:
         self.namespaces = frozenset(namespaces)
         self.failed = False
         self._memo = kopf.Memo(operator=operator, loop=None)
-        self._stop, self._on_end = Event(), on_end
+        self._stop, self._listener = Event(), listener
         self._thread = Thread(target=self._run, name="kopf", daemon=True)
         self._thread.start()
 
@@ -51,4 +58,4 @@ class KopfThread:
         finally:
             self.failed = not self._stop.is_set()
             if self.failed:
-                self._on_end()
+                self._listener.on_kopf_end()

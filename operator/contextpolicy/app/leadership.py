@@ -10,33 +10,32 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
-from contextpolicy.cluster.lease import Candidacy
+from contextpolicy.cluster.lease import NAMESPACE_LEASE, Candidacy
 from contextpolicy.cluster.lease_keeper import LeaseKeeper, clock
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
     from contextpolicy.app.settings import Settings
-    from contextpolicy.cluster.lease_keeper import LeaseApi
+    from contextpolicy.cluster.lease_keeper import LeaseApi, LeaseListener
 
 log = logging.getLogger(__name__)
 
-NAMESPACE_LEASE = "contextpolicy"
-"""The Lease in each namespace that says which release serves it."""
-NAMESPACE_SECONDS = 30
+NAMESPACE_SECONDS = 60
 """How long a release holds a namespace at a time. It does not give it back at its end: the next replica goes on, and
-after an uninstallation a Job puts containers back before another release resizes them."""
+after an uninstallation a Job puts containers back, and gives it back then. So only a release that ends without its Job
+keeps others waiting for that long, and there are three writes a minute."""
 
 
 class Leadership:
-    """`on_change` is called, on any thread, whenever what we may do has changed or may have changed."""
+    """What we may do; the listener hears of each Lease whenever that may have changed."""
 
-    def __init__(self, api: LeaseApi, settings: Settings, on_change: Callable[[], None]) -> None:
-        self._replica, self._keeper = _run_for_release(api, settings, on_change)
+    def __init__(self, api: LeaseApi, settings: Settings, listener: LeaseListener) -> None:
+        self._replica, self._keeper = _run_for_release(api, settings, listener)
         self._release = "/".join(settings.lease or (settings.identity,))
         self._claims: dict[str, Candidacy] = {}
-        self._told: dict[str, str] = {}
-        self._claiming = LeaseKeeper(api, NAMESPACE_LEASE, on_change)
+        self._reported: dict[str, str] = {}
+        self._claiming = LeaseKeeper(api, NAMESPACE_LEASE, listener)
         self._claiming_started = False
 
     def start(self) -> None:
@@ -67,7 +66,7 @@ class Leadership:
     def follows(self) -> bool:
         """Whether another replica leads, and we would notice if it did not.
 
-        One that has not renewed its Lease since we look may be dead: then nobody decides until the Lease has run out.
+        One that has not renewed its Lease since we look may be dead: then none decides until the Lease has expired.
         """
         return self._replica is not None and self._replica.follows
 
@@ -95,7 +94,7 @@ class Leadership:
         for namespace in self._claims.keys() - wanted:
             del self._claims[namespace]
             self._claiming.leave(namespace)
-            self._told.pop(namespace, None)
+            self._reported.pop(namespace, None)
         for namespace in sorted(wanted):
             claim = self._claims.get(namespace)
             if claim is None or claim.lost:
@@ -114,24 +113,24 @@ class Leadership:
 
     def _tell_other(self, namespace: str, claim: Candidacy) -> None:
         """Say once why a namespace is not served: by whom it is, or what is missing."""
-        told = ""
+        reason = ""
         if claim.refused:
-            told = f"namespace {namespace} can't be served: {claim.refused}"
+            reason = f"namespace {namespace} can't be served: {claim.refused}"
         elif claim.holder not in ("", self._release):
-            told = f"namespace {namespace} is served by {claim.holder}: it is left alone until that one ends"
-        if told != self._told.get(namespace, ""):
-            self._told[namespace] = told
-            if told:
-                log.warning("%s", told)
+            reason = f"namespace {namespace} is served by {claim.holder}: leaving it alone until that release ends"
+        if reason != self._reported.get(namespace, ""):
+            self._reported[namespace] = reason
+            if reason:
+                log.warning("%s", reason)
 
 
 def _run_for_release(
-    api: LeaseApi, settings: Settings, on_change: Callable[[], None]
+    api: LeaseApi, settings: Settings, listener: LeaseListener
 ) -> tuple[Candidacy | None, LeaseKeeper | None]:
     if settings.lease is None:
         return None, None
     namespace, name = settings.lease
     candidacy = Candidacy(settings.identity, settings.lease_seconds, settings.lease_pod)
-    keeper = LeaseKeeper(api, name, on_change, watched=namespace)
+    keeper = LeaseKeeper(api, name, listener, watched=namespace)
     keeper.stand(namespace, candidacy)
     return candidacy, keeper

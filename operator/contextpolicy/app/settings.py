@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import combinations
 from socket import gethostname
 from typing import TYPE_CHECKING
 
 from contextpolicy.cluster.lease import LONGEST, OwnPod
+from contextpolicy.errors import Finding
 from contextpolicy.policy.environment import DEFAULT_CONNECT, LOG_FORMATS, LOG_LEVELS, Environment
 from contextpolicy.policy.tenants import Tenants, read_tenants
 
@@ -25,6 +27,10 @@ class Settings:
     `lease` is the namespace and name of the Lease for which this operator's replicas run (None: it has none), held for
     `lease_seconds` at a time by the replica that calls itself `identity`, and deleted with `lease_pod`, which is in the
     same namespace (None: it stays).
+
+    `agents_everywhere` says that every node with tasks is to have a node agent, so that one without is reported.
+
+    `originals_key` is the namespace and name of the Secret with the key that signs originals (None: nothing does).
     """
 
     connect: tuple[str, ...] = (DEFAULT_CONNECT,)
@@ -38,6 +44,8 @@ class Settings:
     lease: tuple[str, str] | None = None
     lease_seconds: int = 15
     lease_pod: OwnPod | None = None
+    originals_key: tuple[str, str] | None = None
+    agents_everywhere: bool = False
     identity: str = field(default_factory=gethostname)
     log_format: str = "text"
     log_level: str = "info"
@@ -61,9 +69,23 @@ def read(variables: Mapping[str, str]) -> Settings:
             "LEASE_SECONDS", 15, most=LONGEST, expected=f"whole seconds from 1 to {LONGEST}"
         ),
         lease_pod=OwnPod(*pod) if pod else None,
+        originals_key=environment.pair(
+            "ORIGINALS_KEY", "a namespace and a Secret's name, such as contextpolicy-system/contextpolicy-originals"
+        ),
+        agents_everywhere=environment.word("AGENTS", ("any", "everywhere"), "any") == "everywhere",
         identity=environment.text("IDENTITY", gethostname()),
         log_format=environment.word("LOG_FORMAT", LOG_FORMATS, "text"),
         log_level=environment.word("LOG_LEVEL", LOG_LEVELS, "info"),
     )
+    _require_distinct(
+        environment, HEALTH_PORT=settings.health_port, METRICS_PORT=settings.metrics_port, LIVE_PORT=settings.live_port
+    )
     environment.check()
     return settings
+
+
+def _require_distinct(environment: Environment, **ports: int) -> None:
+    """Two servers can't listen on one port."""
+    for one, other in combinations(ports, 2):
+        if ports[one] == ports[other]:
+            environment.findings.append(Finding(other, str(ports[other]), f"another port than {one}"))

@@ -10,7 +10,7 @@ import os
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from threading import Condition, Event, Thread
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NoReturn, Protocol
 
 from contextpolicy.app.kopf_thread import KopfThread
 from contextpolicy.app.leadership import Leadership
@@ -18,15 +18,18 @@ from contextpolicy.app.probes import HUNG, Heartbeat
 from contextpolicy.app.watches import Watches
 from contextpolicy.app.wiring import Operator
 from contextpolicy.bus.session import open_client
-from contextpolicy.bus.signatures import Signer
+from contextpolicy.bus.signatures import Signer, UnsignedPlans
 from contextpolicy.cluster.api import ApiServer
 from contextpolicy.errors import ActuationError
-from contextpolicy.streams.loop import Loop
+from contextpolicy.streams.loop import Loop, on_loop
+from contextpolicy.streams.wall_clock import WallClock
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
 
+    from contextpolicy.actuators.resize.stored_originals import EntrySignatures
     from contextpolicy.app.settings import Settings
+    from contextpolicy.cluster.api_connection import AnswerListener
 
 log = logging.getLogger(__name__)
 
@@ -37,12 +40,12 @@ PAUSES = (0.1, 0.2, 0.5, 1.0)
 NOT_INSTALLED = "the custom resource is not installed: kubectl apply -f crds/"
 
 
-def reach(stop: Event, on_answer: Callable[[str, str], object]) -> ApiServer | None:
+def reach(stop: Event, listener: AnswerListener) -> ApiServer | None:
     """The API server, as soon as it answers and has the custom resource; None when `stop` is set first."""
     reported = ""
     for pause in _pauses():
         try:
-            api = ApiServer(on_answer)
+            api = ApiServer(listener)
             problem = "" if api.serves_policies() else NOT_INSTALLED
         except ActuationError as error:
             if not error.retriable and error.reason == "NoCluster":
@@ -58,13 +61,22 @@ def reach(stop: Event, on_answer: Callable[[str, str], object]) -> ApiServer | N
     return None
 
 
-class Supervisor:
-    """One replica from start to end; `restart` begins a new process with nothing kept, and does not return."""
+class ReplicaListener(Protocol):
+    """What hears of a replica."""
 
-    def __init__(self, api: ApiServer, settings: Settings, restart: Callable[[], NoReturn]) -> None:
-        self._api, self._settings, self._restart = api, settings, restart
+    def on_deposed(self) -> NoReturn:
+        """Another replica leads: begin again as its standby, with nothing kept."""
+
+
+class Supervisor:
+    """One replica from start to end."""
+
+    def __init__(
+        self, api: ApiServer, settings: Settings, listener: ReplicaListener, signatures: EntrySignatures
+    ) -> None:
+        self._api, self._settings, self._listener = api, settings, listener
         self._news, self._woken = Condition(), False
-        self._leadership = Leadership(api, settings, self._wake)
+        self._leadership = Leadership(api, settings, self)
         loop = Loop()
         self.operator = Operator(
             api,
@@ -72,11 +84,14 @@ class Supervisor:
             loop,
             patches=ThreadPoolExecutor(PATCH_WORKERS, thread_name_prefix="patch"),
             reports=ThreadPoolExecutor(1, thread_name_prefix="report"),
-            signer=Signer(settings.signing) if settings.signing else None,
+            signer=Signer(settings.signing) if settings.signing else UnsignedPlans(),
+            signatures=signatures,
             tenants=settings.tenants,
+            clock=WallClock(loop),
+            agents_everywhere=settings.agents_everywhere,
         )
-        self._heartbeat = Heartbeat(lambda beat: loop.schedule(lambda *_: beat()))
-        self._watches = Watches(api, settings.namespaces, self.operator, self._wake)
+        self._heartbeat = Heartbeat(_LoopThread(loop))
+        self._watches = Watches(api, settings.namespaces, self.operator, self)
         self._kopf: KopfThread | None = None
         self._kopf_heartbeat: Heartbeat | None = None
         self._interruptions = 0
@@ -98,8 +113,13 @@ class Supervisor:
             self._close()
 
     def hung(self) -> list[str]:
-        """The parts of the process that do nothing any more; anything else is no reason for a restart."""
+        """The parts of the process that hang; nothing else justifies a restart."""
         return [*self._ended(), *self._late()]
+
+    def delays(self) -> Mapping[str, float]:
+        """Seconds for which each loop has not answered, by its name; takes at most a second, whatever hangs."""
+        beating = {"the event loop": self._heartbeat, "kopf's loop": self._kopf_heartbeat}
+        return {name: heartbeat.delay() for name, heartbeat in beating.items() if heartbeat is not None}
 
     def unready(self) -> list[str]:
         """Why this replica does not decide, or could not as soon as it leads."""
@@ -108,8 +128,20 @@ class Supervisor:
         if not self.operator.has_router:
             problems.append("no Zenoh router answers")
         if not (self._leadership.leads or self._leadership.follows):
-            problems.append("the Lease is not ours, and nobody was seen to renew it")
+            problems.append("this replica does not hold the Lease, and none was seen renewing it")
         return [*problems, *self.hung()]
+
+    def on_lease(self) -> None:
+        """What we may do may have changed."""
+        self._wake()
+
+    def on_lists(self) -> None:
+        """What there is to serve may have changed."""
+        self._wake()
+
+    def on_kopf_end(self) -> None:
+        """Kopf has failed, and this process with it."""
+        self._wake()
 
     def _follow_leadership(self) -> None:
         """Run kopf for what is ours, once all pods and nodes are known.
@@ -118,7 +150,7 @@ class Supervisor:
         """
         if self._leadership.deposed:
             log.warning("another replica leads: restarting as its standby")
-            self._restart()
+            self._listener.on_deposed()
         if not self._leadership.leads or self._watches.unlisted():
             return
         self._leadership.serve(self._watches.served())
@@ -135,8 +167,8 @@ class Supervisor:
             self._kopf.stop()
             for lost in self._kopf.namespaces - namespaces:
                 self.operator.abandon(lost)
-        self._kopf = KopfThread(self.operator, namespaces, self._wake) if namespaces else None
-        self._kopf_heartbeat = Heartbeat(self._kopf.submit) if self._kopf else None
+        self._kopf = KopfThread(self.operator, namespaces, self) if namespaces else None
+        self._kopf_heartbeat = Heartbeat(self._kopf) if self._kopf else None
 
     def _connect(self) -> None:
         """On a thread: waiting for a router must not keep the operator from its other work."""
@@ -163,8 +195,7 @@ class Supervisor:
             yield str(error)
 
     def _late(self) -> Iterable[str]:
-        for name, heartbeat in (("the loop", self._heartbeat), ("kopf's loop", self._kopf_heartbeat)):
-            delay = heartbeat.delay() if heartbeat else 0.0
+        for name, delay in self.delays().items():
             if delay > HUNG:
                 yield f"{name} has not answered for {delay:.1f} s"
 
@@ -184,9 +215,22 @@ class Supervisor:
             self._woken = False
 
 
-def restart_process() -> NoReturn:
-    """Begin as a new process with our process id: no thread survives, and no kubelet delays the start."""
-    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - our own command line again
+class NewProcess:
+    """A deposed replica begins as a new process with our process id: no thread survives, and no kubelet delays it."""
+
+    def on_deposed(self) -> NoReturn:
+        """Begin it."""
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606 - our own command line again
+
+
+class _LoopThread:
+    """The loop, as what has a heartbeat."""
+
+    def __init__(self, loop: Loop) -> None:
+        self._loop = loop
+
+    def submit(self, beat: Callable[[], None]) -> object:
+        return on_loop(self._loop, beat)
 
 
 def _pauses() -> Iterable[float]:

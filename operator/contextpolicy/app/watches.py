@@ -3,36 +3,39 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.cluster.watching import ObjectWatch
+from contextpolicy.policy.custom_resource import API, PLURAL
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Iterable, Mapping
 
     from contextpolicy.app.wiring import Operator
     from contextpolicy.cluster.watching import ListWatch
 
 log = logging.getLogger(__name__)
 
-POLICIES = "/apis/contextpolicy.dev/v1alpha1/contextpolicies"
+POLICIES = f"{API}/{PLURAL}"
 NOT_SERVED = (
-    "namespace %s is not served: its pods may not be listed. Upgrade the release if its Role is missing. If the "
-    "namespace is being deleted, the Role is gone already, and policies that are left there hold it up: let them go "
+    "not serving namespace %s: listing its pods is forbidden. If its Role is missing, upgrade the release. If the "
+    "namespace is being deleted, its Role is gone already, and policies left there block the deletion: release them "
     "with `contextpolicy restore --namespace %s --remove-finalizers`"
 )
 
 
+class ListsListener(Protocol):
+    """What hears of the lists; called on any thread."""
+
+    def on_lists(self) -> None:
+        """A list was read or refused, or policies came or went."""
+
+
 class Watches:
-    """Hands pods and nodes to the operator; without `namespaces`, those of all.
+    """Hands pods and nodes to the operator; without `namespaces`, those of all."""
 
-    `on_change` is called, on any thread, when a list was read or refused and when policies came or went.
-    """
-
-    def __init__(
-        self, api: ListWatch, namespaces: Iterable[str], operator: Operator, on_change: Callable[[], None]
-    ) -> None:
-        pods, nodes, self._policies = _Pods(operator, on_change), _Nodes(operator, on_change), _Policies(on_change)
+    def __init__(self, api: ListWatch, namespaces: Iterable[str], operator: Operator, listener: ListsListener) -> None:
+        pods, nodes, self._policies = _Pods(operator, listener), _Nodes(operator, listener), _Policies(listener)
         self._pods = {namespace: ObjectWatch(api, pods_of(namespace), pods) for namespace in namespaces}
         self._all = [*self._pods.values(), ObjectWatch(api, "/api/v1/nodes", nodes)]
         if not self._pods:
@@ -72,8 +75,8 @@ class Watches:
 
 
 class _Pods:
-    def __init__(self, operator: Operator, on_change: Callable[[], None]) -> None:
-        self._operator, self._on_change = operator, on_change
+    def __init__(self, operator: Operator, listener: ListsListener) -> None:
+        self._operator, self._listener = operator, listener
 
     def on_object(self, item: Mapping[str, Any]) -> None:
         self._operator.pod_changed(item)
@@ -82,12 +85,12 @@ class _Pods:
         self._operator.pod_gone(uid)
 
     def on_listing(self) -> None:
-        self._on_change()
+        self._listener.on_lists()
 
 
 class _Nodes:
-    def __init__(self, operator: Operator, on_change: Callable[[], None]) -> None:
-        self._operator, self._on_change = operator, on_change
+    def __init__(self, operator: Operator, listener: ListsListener) -> None:
+        self._operator, self._listener = operator, listener
 
     def on_object(self, item: Mapping[str, Any]) -> None:
         self._operator.node_changed(item)
@@ -96,26 +99,26 @@ class _Nodes:
         self._operator.node_gone(uid)
 
     def on_listing(self) -> None:
-        self._on_change()
+        self._listener.on_lists()
 
 
 class _Policies:
     """The namespace of each policy by UID."""
 
-    def __init__(self, on_change: Callable[[], None]) -> None:
+    def __init__(self, listener: ListsListener) -> None:
         self.namespaces: dict[str, str] = {}
-        self._on_change = on_change
+        self._listener = listener
 
     def on_object(self, item: Mapping[str, Any]) -> None:
         self.namespaces[item["metadata"]["uid"]] = item["metadata"]["namespace"]
-        self._on_change()
+        self._listener.on_lists()
 
     def on_gone(self, uid: str) -> None:
         self.namespaces.pop(uid, None)
-        self._on_change()
+        self._listener.on_lists()
 
     def on_listing(self) -> None:
-        self._on_change()
+        self._listener.on_lists()
 
 
 def pods_of(namespace: str) -> str:

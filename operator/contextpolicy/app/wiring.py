@@ -1,7 +1,7 @@
 """Everything alive in one operator: policies, pods and nodes come in from the watches; patches and reports go out.
 
 Public methods may be called from any thread but the loop's: each hands its work to the loop and returns at once, except
-`policy_changed`, `connected` and `close`, which block.
+`policy_changed`, `policy_deleted`, `connected` and `close`, which block.
 """
 
 from __future__ import annotations
@@ -12,21 +12,23 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.actuators.actuator import Actuators
 from contextpolicy.actuators.dry_run import DryRun
+from contextpolicy.actuators.idle import Idle
 from contextpolicy.actuators.resize.resizer import PodResizer
+from contextpolicy.actuators.resize.stored_originals import raw_of, stored_in
+from contextpolicy.actuators.resize.vetting import Vetted, Vetting
 from contextpolicy.bus.robot_bus import RobotBus
 from contextpolicy.cluster.fencing import FencedApi
-from contextpolicy.cluster.nodes import allocatable
-from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.nodes import read_node
+from contextpolicy.cluster.pods import version_of, view
 from contextpolicy.policies.binder import Binder
 from contextpolicy.policies.loader import load
 from contextpolicy.policies.manager import PolicyManager
 from contextpolicy.policies.queries import Queries
-from contextpolicy.policies.registry import PolicyRegistry
+from contextpolicy.policies.registry import PolicyRegistry, reference_of
 from contextpolicy.policies.shadows import Shadows
 from contextpolicy.policies.status_publisher import StatusPublisher
 from contextpolicy.policy.spec import Mode
-from contextpolicy.policy.tenants import Tenants
-from contextpolicy.recorder.flight_recorder import FlightRecorder
+from contextpolicy.recorder.flight_recorder import BUDGET, SECONDS, FlightRecorder
 from contextpolicy.streams.loop import on_loop
 
 if TYPE_CHECKING:
@@ -35,10 +37,15 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from contextpolicy.bus.signatures import Signer
+    from contextpolicy.actuators.resize.stored_originals import EntrySignatures
+    from contextpolicy.bus.signatures import PlanSigner
+    from contextpolicy.cluster.agent_reports import Confirmation
     from contextpolicy.cluster.fencing import Fence, PolicyApi
     from contextpolicy.cluster.pods import PodView
+    from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.tenants import Tenants
     from contextpolicy.streams.loop import Loop
+    from contextpolicy.streams.wall_clock import WallClock
 
 log = logging.getLogger(__name__)
 
@@ -46,8 +53,9 @@ log = logging.getLogger(__name__)
 class Operator:
     """The operator without its watches.
 
-    `api` is written to only where the `fence` lets us act. `patches` sends resizes; `reports` writes statuses and
-    events and must have one thread, which keeps them in order. `close` shuts both down.
+    The `clock` gives the times that people read. `api` is written to only where the `fence` lets us act. `patches`
+    sends resizes; `reports` writes statuses and events and must have one thread, which keeps them in order. `close`
+    shuts both down. `agents_everywhere` says that every node with tasks is to have a node agent.
     """
 
     def __init__(  # noqa: PLR0913 - what an operator is made of
@@ -58,23 +66,37 @@ class Operator:
         *,
         patches: Executor,
         reports: Executor,
-        signer: Signer | None = None,
-        tenants: Tenants | None = None,
+        signer: PlanSigner,
+        signatures: EntrySignatures,
+        tenants: Tenants,
+        clock: WallClock,
+        agents_everywhere: bool = False,
     ) -> None:
         self._api, self._loop, self._patches = FencedApi(api, fence), loop, patches
-        self._tenants = tenants or Tenants()
-        registry, recorder = PolicyRegistry(), FlightRecorder()
+        self._tenants = tenants
+        registry, recorder = PolicyRegistry(), FlightRecorder(BUDGET, SECONDS)
         shadows = Shadows(registry)
-        self._bus = RobotBus(loop)
-        self._publisher = StatusPublisher(self._api, loop, reports, registry, bus=self._bus, shadows=shadows)
-        resizer = PodResizer(self._api, loop, patches, self._publisher.resizes)
-        self._originals = resizer.originals
-        self._actuators = Actuators({Mode.ENFORCE: resizer, Mode.DRY_RUN: DryRun()})
+        self._bus = RobotBus(loop, self)
+        self._publisher = StatusPublisher(
+            self._api, loop, reports, registry, bus=self._bus, shadows=shadows, clock=clock
+        )
+        self._vetting = Vetting(signatures, self._api)
+        self._resizer = PodResizer(self._api, loop, patches, self._publisher.resizes, signatures)
+        self._originals = self._resizer.originals
+        self._actuators = Actuators({Mode.ENFORCE: self._resizer, Mode.DRY_RUN: DryRun(), Mode.PAUSED: Idle()})
         self._binder = Binder(
             loop, registry, self._bus, self._publisher, originals=self._originals, tenants=self._tenants
         )
         self.queries = Queries(
-            loop, registry, self._bus, pods=self._binder.pods, resizes=self._publisher.resizes, recorder=recorder
+            loop,
+            registry,
+            self._bus,
+            pods=self._binder.pods,
+            nodes=self._binder.nodes,
+            resizes=self._publisher.resizes,
+            recorder=recorder,
+            clock=clock,
+            agents_everywhere=agents_everywhere,
         )
         self._policies = PolicyManager(
             loop,
@@ -88,6 +110,7 @@ class Operator:
             recorder=recorder,
             fence=fence,
             signer=signer,
+            clock=clock,
         )
 
     def close(self) -> None:
@@ -101,7 +124,7 @@ class Operator:
 
     def connected(self, session: zenoh.Session) -> None:
         """The session to the robot's bus is open: start the policies that waited for it. Blocks up to a second."""
-        self._bus.open(session, self)
+        self._bus.open(session)
 
     def on_session(self) -> None:
         """There is a session: start the policies that waited for it."""
@@ -110,6 +133,10 @@ class Operator:
     def on_agents(self) -> None:
         """An agent's report has changed, and with it what policies can count on."""
         self._binder.place()
+
+    def on_confirmation(self, node: str, said: Confirmation) -> None:
+        """A node's agent has carried out a plan: what it wrote is in force."""
+        self._publisher.on_confirmation(node, said)
 
     def on_router(self) -> None:
         """The router came or went: every status has that."""
@@ -126,20 +153,30 @@ class Operator:
         Reads on the caller's thread, which may take a second.
         """
         loaded = load(body, self._api, self._tenants)
-        return on_loop(self._loop, lambda: self._policies.adopt(body, loaded))
+        vetted = self._vet(body, loaded.policy)
+        return on_loop(self._loop, lambda: self._policies.adopt(body, loaded, vetted))
 
     def policy_deleted(self, body: Mapping[str, Any]) -> Future[None]:
-        """A ContextPolicy is being deleted; the future is done when every container is restored."""
+        """A ContextPolicy is being deleted; the future is done when every container is restored.
+
+        Reads on the caller's thread, which may take a second.
+        """
         done: Future[None] = Future()
-        on_loop(self._loop, lambda: self._policies.drop(body, done))
+        vetted = self._vet(body, None)
+        on_loop(self._loop, lambda: self._policies.drop(body, vetted, done))
         return done
+
+    def policy_seen(self, body: Mapping[str, Any]) -> None:
+        """A ContextPolicy as the watch shows it, after any change: only we may change its originals."""
+        raw, version = raw_of(body), version_of(body["metadata"])
+        on_loop(self._loop, lambda: self._resizer.inspect(reference_of(body), raw, version))
 
     def abandon(self, namespace: str) -> None:
         """Another operator serves this namespace now: forget its policies, and change nothing."""
         on_loop(self._loop, lambda: self._policies.abandon(namespace))
 
     def resume(self) -> None:
-        """We may act again after an interruption, and nobody else did meanwhile: say again what is in force."""
+        """We may act again after an interruption in which no other replica did: publish again what is in force."""
         on_loop(self._loop, self._policies.repeat)
 
     def pod_changed(self, pod: Mapping[str, Any]) -> None:
@@ -149,21 +186,29 @@ class Operator:
         except ValueError as error:
             log.warning("a pod can't be read: %s: %.200r", error, pod)
             return
+        self._vetting.observe(seen)
         on_loop(self._loop, lambda: self._take_pod(seen))
 
     def pod_gone(self, uid: str) -> None:
         """A pod was deleted."""
+        self._vetting.forget(uid)
         on_loop(self._loop, lambda: self._lose_pod(uid))
 
     def node_changed(self, node: Mapping[str, Any]) -> None:
-        """A node is new or has changed; only its allocatable CPU matters."""
-        uid, name, cpu = node["metadata"]["uid"], node["metadata"]["name"], allocatable(node)
-        if cpu is not None:
-            on_loop(self._loop, lambda: self._binder.take_node(uid, name, cpu))
+        """A node is new or has changed; only its allocatable CPU and its kubelet's version matter."""
+        uid, seen = node["metadata"]["uid"], read_node(node)
+        if seen is not None:
+            on_loop(self._loop, lambda: self._binder.take_node(uid, seen))
 
     def node_gone(self, uid: str) -> None:
         """A node was deleted."""
         on_loop(self._loop, lambda: self._binder.lose_node(uid))
+
+    def _vet(self, body: Mapping[str, Any], policy: Policy | None) -> Vetted:
+        """What a policy's status says about an earlier operator's work; of no interest once the policy is known."""
+        if self._originals.knows(reference_of(body)):
+            return Vetted(stored_in(body))
+        return self._vetting.vet(body, policy or load(body, self._api, self._tenants).policy)
 
     def _take_pod(self, pod: PodView) -> None:
         self._binder.take_pod(pod)

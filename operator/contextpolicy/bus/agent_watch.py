@@ -5,7 +5,8 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from itertools import islice
+from typing import TYPE_CHECKING, Any, Protocol
 
 import zenoh
 
@@ -20,7 +21,7 @@ from contextpolicy.cluster.agent_reports import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
     from reactivex.abc import DisposableBase, SchedulerBase
 
@@ -38,27 +39,49 @@ RETURN = 10.0
 """Seconds an agent may be gone, for an upgrade say, before its node counts as having none. Falling back and returning
 at once would quickly revert every limit, which kubelets get wrong (kubernetes#125205)."""
 
+MOST_NODES = 5000
+"""Nodes that a cluster has at most (kubernetes.io, "Considerations for large clusters")."""
 BOUND = 0.5
 """Seconds an agent has to confirm a plan. It needs milliseconds, but a busy node may keep it waiting."""
 STANDSTILLS = 3
 """How often realtime tasks may keep a plan waiting for a period's end: at operator, router and agent."""
 
 
+class AgentListener(Protocol):
+    """What hears of agents; called on the loop's thread."""
+
+    def on_agents(self) -> None:
+        """An agent's report has changed, or which containers it could not set."""
+
+    def on_confirmation(self, node: str, said: Confirmation) -> None:
+        """A node's agent has carried out a plan, but for the containers that it names."""
+
+
 class AgentWatch:
-    """Follows the agents' liveliness tokens; `on_change` is called on the loop's thread.
+    """Follows the agents' liveliness tokens.
 
     The token says that an agent is alive, its answer what it can do. An agent is asked until it answers; until then
     plans can't count on it. The same holds for an agent that does not confirm a plan in time: a frozen process keeps
     its token. A confirmation names the containers that the agent could not set: plans can't count on it for these.
+
+    A certificate of the role agent does not say of which node: anyone who has one may speak for any. So only `nodes`
+    that the cluster has are asked and believed, which bounds what thousands of invented ones could take.
     """
 
-    def __init__(self, session: zenoh.Session, scheduler: SchedulerBase, on_change: Callable[[], object]) -> None:
+    def __init__(
+        self, session: zenoh.Session, scheduler: SchedulerBase, listener: AgentListener, nodes: Collection[str]
+    ) -> None:
         """Blocks up to PATIENCE for the agents' first answers: never call it on the loop's thread."""
-        self._session, self._scheduler, self._on_change = session, scheduler, on_change
-        self.reports = dict(self._ask_all())
+        self._session, self._scheduler, self._listener, self._nodes = session, scheduler, listener, nodes
+        # The cluster's nodes may not be known yet: those that turn out to be none of them are given up.
+        self.reports = dict(islice(self._ask_all(), MOST_NODES))
+        self.gone: set[str] = set()
+        """The nodes whose agent was there, has been given up, and has not come back."""
         self._owing: dict[str, object] = {}
         """The last question to each node's agent while it has not answered: earlier ones are not asked again."""
         self._missed: dict[str, DisposableBase] = {}
+        self._planned: set[str] = set()
+        """The policies that have a source of plans."""
         self._unconfirmed: dict[tuple[str, str], _Unconfirmed] = {}
         self._failed: dict[tuple[str, str], Mapping[str, str]] = {}
         for node in self.reports:
@@ -73,11 +96,16 @@ class AgentWatch:
         for subscriber in self._subscribers:
             subscriber.undeclare()
 
+    def look(self, node: str) -> None:
+        """The cluster has this node now: its agent may live already."""
+        self._session.liveliness().get(agent_key(node), zenoh.handlers.Callback(self._on_found), timeout=LONG_PATIENCE)
+
     def expect(self, policy: str, stamp: Stamp, nodes: Iterable[str], standstill: float = 0.0) -> None:
         """A plan was published: each capable agent on `nodes` must confirm it, or a later plan, within BOUND.
 
         `standstill` is for how many seconds realtime tasks may keep all others from running.
         """
+        self._planned.add(policy)
         bound = BOUND + STANDSTILLS * standstill
         for node in nodes:
             report = self.reports.get(node)
@@ -95,7 +123,8 @@ class AgentWatch:
         return {node: failed for (node, other), failed in self._failed.items() if other == policy}
 
     def forget(self, policy: str) -> None:
-        """Expect no more confirmations for this policy: nobody makes plans for it any more."""
+        """Expect no more confirmations for this policy: its source of plans is gone."""
+        self._planned.discard(policy)
         self._failed = {key: failed for key, failed in self._failed.items() if key[1] != policy}
         for node, other in [key for key in self._unconfirmed if key[1] == policy]:
             self._unconfirmed.pop((node, other)).timer.dispose()
@@ -109,7 +138,11 @@ class AgentWatch:
             self._later(lambda: self._confirmed(node, said))
 
     def _confirmed(self, node: str, said: Confirmation) -> None:
+        # The policy may have been forgotten while this was on its way.
+        if said.policy not in self._planned or node not in self._nodes:
+            return
         self._take_failures(node, said)
+        self._listener.on_confirmation(node, said)
         waiting = self._unconfirmed.get((node, said.policy))
         if waiting is None or said.stamp < waiting.first:
             return
@@ -128,7 +161,7 @@ class AgentWatch:
         if said.failed.keys() != before.keys():
             reasons = ", ".join(sorted(set(said.failed.values()))) or "none any more"
             log.warning("node %s: containers of %s that its agent could not set: %s", node, said.policy, reasons)
-            self._on_change()
+            self._listener.on_agents()
 
     def _doubt(self, node: str, policy: str) -> None:
         """Stop counting on the node's agent; after RETURN it is asked again what it can do, until it answers."""
@@ -139,16 +172,27 @@ class AgentWatch:
         self._ask_later(node, RETURN)
         self._set(node, NOT_CONFIRMING)
 
-    def _ask_all(self) -> list[tuple[str, AgentReport]]:
-        replies = self._session.get(agent_key("*"), timeout=PATIENCE)
-        return [(_node(reply.ok.key_expr), read_report(reply.ok.payload.to_bytes())) for reply in replies if reply.ok]
+    def _ask_all(self) -> Iterator[tuple[str, AgentReport]]:
+        for reply in self._session.get(agent_key("*"), timeout=PATIENCE):
+            if reply.ok:
+                yield _node(reply.ok.key_expr), read_report(reply.ok.payload.to_bytes())
 
     def _on_token(self, token: zenoh.Sample) -> None:
         """Zenoh's callbacks must not call Zenoh."""
         node, lives = _node(token.key_expr), token.kind == zenoh.SampleKind.PUT
-        self._later(lambda: self._ask(node, PATIENCE) if lives else self._miss(node))
+        self._later(lambda: self._lives(node) if lives else self._miss(node))
+
+    def _on_found(self, reply: zenoh.Reply) -> None:
+        if reply.ok:
+            self._on_token(reply.ok)
+
+    def _lives(self, node: str) -> None:
+        if node in self._nodes:
+            self._ask(node, PATIENCE)
 
     def _miss(self, node: str) -> None:
+        if node not in self._nodes and node not in self.reports:
+            return
         self._owing.pop(node, None)
         self._forgive(node)
         self._missed[node] = self._scheduler.schedule_relative(RETURN, lambda *_: self._give_up(node))
@@ -156,6 +200,8 @@ class AgentWatch:
     def _give_up(self, node: str) -> None:
         """The agent was gone for too long. A new one may be alive already, but has not said what it can do."""
         del self._missed[node]
+        if node in self._nodes and node not in self._owing:
+            self.gone.add(node)
         self._set(node, NO_ANSWER if node in self._owing else None)
 
     def _forgive(self, node: str) -> None:
@@ -207,8 +253,9 @@ class AgentWatch:
             self._failed = {key: failed for key, failed in self._failed.items() if key[0] != node}
         else:
             self.reports[node] = report
+            self.gone.discard(node)
         if self.reports != before:
-            self._on_change()
+            self._listener.on_agents()
 
     def _later(self, action: Callable[[], None]) -> None:
         self._scheduler.schedule(lambda *_: action())

@@ -1,33 +1,37 @@
-"""Whether a session has a router: Zenoh tells each time that a transport opens or closes, so nothing asks."""
+"""Whether a session has a router: Zenoh reports each transport that opens or closes, so nothing polls."""
 
 from __future__ import annotations
 
 from threading import Lock
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import zenoh
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+
+class ConnectionListener(Protocol):
+    """What hears of the router."""
+
+    def on_connection(self, *, connected: bool) -> None:
+        """There is a router now, or none any more; on a thread of Zenoh's, and once at the start."""
 
 
 class Connection:
-    """Calls `on_change(connected)`, on a thread of Zenoh's, whenever that changes, and once at the start.
+    """Reports whenever that changes, and once at the start.
 
     A router that ends is noticed within milliseconds, one that hangs after the lease of `bus.session`, a second.
     """
 
-    def __init__(self, session: zenoh.Session, on_change: Callable[[bool], object]) -> None:
-        self._on_change = on_change
+    def __init__(self, session: zenoh.Session, listener: ConnectionListener) -> None:
+        self._listener = listener
         self._open: set[str] = set()
         self._lock = Lock()
         self._told: bool | None = None
-        self._listener = session.info.declare_transport_events_listener(self._on_event, history=True)
+        self._events = session.info.declare_transport_events_listener(self._on_event, history=True)
         self._tell()
 
     def close(self) -> None:
         """Stop listening."""
-        self._listener.undeclare()
+        self._events.undeclare()
 
     def _on_event(self, event: zenoh.TransportEvent) -> None:
         change = self._open.add if event.kind == zenoh.SampleKind.PUT else self._open.discard
@@ -41,4 +45,4 @@ class Connection:
             connected = bool(self._open)
             if connected is not self._told:
                 self._told = connected
-                self._on_change(connected)
+                self._listener.on_connection(connected=connected)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
+from threading import Lock
 from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
@@ -12,18 +14,30 @@ from contextpolicy.cluster.container_names import container_id
 from contextpolicy.planning.allocation.enforcement import amounts
 from contextpolicy.planning.plan_json import plan_json
 from contextpolicy.policy.spec import Control, Scheduler
+from contextpolicy.streams.direct import directly
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from reactivex.abc import SchedulerBase
+    from zenoh.handlers import Callback
 
-    from contextpolicy.bus.signatures import Signer
+    from contextpolicy.bus.questions import Questions
+    from contextpolicy.bus.signatures import PlanSigner
     from contextpolicy.cluster.fencing import Fence
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.planning.allocation.placement import Container
     from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.policy.spec import Policy
+
+
+MOST_WAITING = 32
+"""Questions to one policy that wait for the loop: who asks more often gets no answer, and delays no plan."""
+LARGEST_PLAN = 4 << 20
+"""Bytes: a plan for 5,000 containers has half of that. Agents do not even copy what is larger."""
+MOST_CORES = 1024
+"""Cores: no node has more. A larger limit, such as a `1500` that lacks its `m`, is sent as this: it binds nowhere."""
+LARGEST_QUESTION = 4096
+"""Bytes that a question may carry: they are never read, and queued ones take memory."""
 
 
 def plan_key(namespace: str, name: str) -> str:
@@ -75,6 +89,7 @@ def _targets(
     tasks = {container.id: container for container in containers}
     specs = {task.name: task for task in policy.tasks}
     shares = plan.containers
+    count = Counter((container.node, container.task) for container in tasks.values() if container.id in shares)
     # There an agent writes quotas for suspended tasks only.
     realtime = {name for name, node in plan.nodes.items() if node.scheduler is Scheduler.REALTIME}
     for pod in pods:
@@ -83,8 +98,18 @@ def _targets(
             if identity in shares and identity in tasks:
                 claimed, suspended = tasks[identity], plan.tasks[tasks[identity].task].suspended
                 control = Control.SUSPEND if pod.node in realtime else policy.enforcement.control
-                own = amounts(control, specs[claimed.task], shares[identity], suspended=suspended)
-                quota = claimed.limit if own.quota is None else own.quota
+                # A pod may have come back under its name on a node that the plan does not have.
+                node = plan.nodes.get(claimed.node)
+                cap = node.caps.get(claimed.task) if node and node.caps else None
+                own = amounts(
+                    control,
+                    specs[claimed.task],
+                    shares[identity],
+                    suspended=suspended,
+                    cap=cap,
+                    containers=count[claimed.node, claimed.task],
+                )
+                quota = claimed.limit or None if own.quota is None else own.quota
                 yield {
                     "task": claimed.task,
                     "node": pod.node,
@@ -96,11 +121,16 @@ def _targets(
                     "containerId": container.container_id,
                     "cores": shares[identity] / 1000,
                     "weight": None if own.weight is None or pod.qos != "Burstable" else own.weight / 1000,
-                    "quota": None if quota is None else quota / 1000,
-                    "held": quota is not None and (claimed.limit is None or quota < claimed.request),
-                    "original": None if claimed.limit is None else claimed.limit / 1000,
-                    "limit": container.actual.limit / 1000 if container.actual and container.actual.limit else None,
+                    "quota": _cores(quota),
+                    "held": quota is not None and (not claimed.limit or quota < claimed.request),
+                    "original": _cores(claimed.limit),
+                    "limit": _cores(container.actual.limit if container.actual else None),
                 }
+
+
+def _cores(limit: int | None) -> float | None:
+    """A limit as the bus carries it; None for none, which 0 means in a pod."""
+    return min(limit / 1000, MOST_CORES) if limit else None
 
 
 class Answers(Protocol):
@@ -123,18 +153,20 @@ class Bus:
         self,
         session: zenoh.Session,
         policy: Policy,
-        scheduler: SchedulerBase,
+        questions: Questions,
         answers: Answers,
         *,
-        signer: Signer | None,
+        signer: PlanSigner,
         fence: Fence,
     ) -> None:
         """The liveliness token on the plans' key shows agents that an operator still makes plans.
 
-        Agents ignore plans published without a `signer`. The `fence` is asked before each message and answer: an
+        Agents ignore plans that the `signer` does not sign. The `fence` is asked before each message and answer: an
         operator that lost its Lease must be silent at once.
         """
-        self._scheduler, self._signer, self._fence = scheduler, signer, fence
+        self._questions, self._signer, self._fence = questions, signer, fence
+        self._waiting, self._lock = 0, Lock()
+        """Questions that the loop has yet to answer."""
         self._namespace = policy.namespace
         self._key = key = plan_key(policy.namespace, policy.name)
         self._publisher = session.declare_publisher(
@@ -182,24 +214,39 @@ class Bus:
 
     def _signature(self, payload: bytes | None) -> bytes | None:
         """The attachment that proves to agents that a plan, or its withdrawal (None), comes from the operator."""
-        return self._signer.sign(self._key, payload, time.time_ns()) if self._signer else None
+        return self._signer.sign(self._key, payload, time.time_ns())
 
-    def _answer(self, key: str, content: Callable[[], dict[str, Any] | None]) -> Callable[[zenoh.Query], None]:
+    def _answer(self, key: str, content: Callable[[], dict[str, Any] | None]) -> Callback[zenoh.Query]:
         """A query callback that replies from the loop, since Zenoh's callbacks must not call Zenoh.
 
         The reply names its own key because a query with wildcards may address all policies at once.
         """
 
         def reply(query: zenoh.Query) -> None:
-            answer = content() if self._may_speak() else None
+            with self._lock:
+                self._waiting -= 1
             with query:
+                answer = content() if self._may_speak() else None
                 if answer is not None:
                     payload = msgspec.json.encode(answer)
                     signature = self._signature(payload) if key == self._key else None
                     query.reply(key, payload, encoding=zenoh.Encoding.APPLICATION_JSON, attachment=signature)
 
-        return lambda query: _schedule(self._scheduler, lambda: reply(query))
+        def ask(query: zenoh.Query) -> None:
+            if self._admit(query):
+                self._questions.ask(lambda: reply(query))
+            else:
+                with query:  # that ends it
+                    pass
 
+        return directly(ask)
 
-def _schedule(scheduler: SchedulerBase, action: Callable[[], None]) -> None:
-    scheduler.schedule(lambda *_: action())
+    def _admit(self, query: zenoh.Query) -> bool:
+        """Whether a question may wait for the loop; called on a Zenoh thread."""
+        if query.payload is not None and len(query.payload) > LARGEST_QUESTION:
+            return False
+        with self._lock:
+            if self._waiting >= MOST_WAITING:
+                return False
+            self._waiting += 1
+        return True

@@ -1,16 +1,23 @@
-"""What modules tell of themselves once a second: how much of their input they miss."""
+"""What modules report once a second: how much of their input they miss."""
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, NamedTuple
+from threading import Lock
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import zenoh
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from contextpolicy.streams.direct import directly
 
+if TYPE_CHECKING:
     from reactivex.abc import SchedulerBase
+
+
+LARGEST = 4096
+"""Bytes of a message: modules need a hundred."""
+MOST_TASKS = 256
+"""More than a policy can have."""
 
 
 class TaskHealth(NamedTuple):
@@ -20,18 +27,32 @@ class TaskHealth(NamedTuple):
     suspended: bool
 
 
+class TaskHealthListener(Protocol):
+    """What hears of tasks; called on the loop's thread."""
+
+    def on_task_health(self, policy: str, task: str, health: TaskHealth) -> None:
+        """A task of the policy that is watched for has reported."""
+
+
 class HealthWatch:
-    """Subscribes to `key`, whose `*` is the task's name; `on_health(task, health)` is called on the loop's thread."""
+    """Subscribes to `key`, whose `*` is the task's name, for one policy (its reference).
+
+    However fast messages come, the newest of each task waits for the loop, of at most `MOST_TASKS`.
+    """
 
     def __init__(
         self,
         session: zenoh.Session,
         key: str,
         scheduler: SchedulerBase,
-        on_health: Callable[[str, TaskHealth], None],
+        policy: str,
+        listener: TaskHealthListener,
     ) -> None:
-        self._place, self._scheduler, self._on_health = key.split("/").index("*"), scheduler, on_health
-        self._subscriber = session.declare_subscriber(key, self._on_sample)
+        self._place, self._scheduler = key.split("/").index("*"), scheduler
+        self._policy, self._listener = policy, listener
+        self._waiting: dict[str, TaskHealth] = {}
+        self._lock = Lock()
+        self._subscriber = session.declare_subscriber(key, directly(self._on_sample))
 
     def close(self) -> None:
         """Hear no more."""
@@ -39,10 +60,25 @@ class HealthWatch:
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         """Zenoh's callbacks must not block."""
-        task = str(sample.key_expr).split("/")[self._place]
-        health = read_health(sample.payload.to_bytes()) if sample.kind == zenoh.SampleKind.PUT else None
+        if sample.kind != zenoh.SampleKind.PUT or len(sample.payload) > LARGEST:
+            return
+        task, health = str(sample.key_expr).split("/")[self._place], read_health(sample.payload.to_bytes())
         if health is not None:
-            self._scheduler.schedule(lambda *_: self._on_health(task, health))
+            self._put(task, health)
+
+    def _put(self, task: str, health: TaskHealth) -> None:
+        with self._lock:
+            idle = not self._waiting
+            if task in self._waiting or len(self._waiting) < MOST_TASKS:
+                self._waiting[task] = health
+        if idle:
+            self._scheduler.schedule(self._drain)
+
+    def _drain(self, *_: object) -> None:
+        with self._lock:
+            heard, self._waiting = self._waiting, {}
+        for task, health in heard.items():
+            self._listener.on_task_health(self._policy, task, health)
 
 
 def read_health(payload: bytes) -> TaskHealth | None:

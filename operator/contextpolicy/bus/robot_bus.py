@@ -1,17 +1,17 @@
-"""What an operator has of the robot's bus: the session, whether a router answers, and what the nodes' agents tell."""
+"""The operator's side of the robot's bus: the session, whether a router answers, and the node agents' reports."""
 
 from __future__ import annotations
 
 import logging
 from typing import TYPE_CHECKING, Protocol
 
-from contextpolicy.bus.agent_watch import AgentWatch
+from contextpolicy.bus.agent_watch import AgentListener, AgentWatch
 from contextpolicy.bus.connection import Connection
 from contextpolicy.bus.usage_watch import UsageWatch
 from contextpolicy.streams.loop import on_loop
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Collection, Iterable, Mapping
 
     import zenoh
     from reactivex.abc import SchedulerBase
@@ -22,14 +22,11 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-class BusListener(Protocol):
+class BusListener(AgentListener, Protocol):
     """What hears of the bus; called on the loop."""
 
     def on_session(self) -> None:
         """There is a session."""
-
-    def on_agents(self) -> None:
-        """An agent's report has changed, or which containers it could not set."""
 
     def on_router(self) -> None:
         """The router came or went."""
@@ -38,26 +35,22 @@ class BusListener(Protocol):
 class RobotBus:
     """Empty until it is opened. Everything but `open`, `stop` and `close` belongs to the loop's thread."""
 
-    def __init__(self, loop: SchedulerBase) -> None:
+    def __init__(self, loop: SchedulerBase, listener: BusListener) -> None:
         self.session: zenoh.Session | None = None
         self.connected = False
         """Whether a router answers."""
-        self._loop = loop
+        self._loop, self._listener = loop, listener
+        self._nodes: set[str] = set()
+        """The cluster's nodes: reports of others are ignored."""
         self._agents: AgentWatch | None = None
         self._usage: UsageWatch | None = None
         self._connection: Connection | None = None
 
-    def open(
-        self,
-        session: zenoh.Session,
-        listener: BusListener,
-    ) -> None:
+    def open(self, session: zenoh.Session) -> None:
         """Take the session and follow the agents and the router; blocks up to a second for the agents' answers."""
-        agents = AgentWatch(session, self._loop, lambda: on_loop(self._loop, listener.on_agents))
-        on_loop(self._loop, lambda: self._begin(session, agents, listener))
-        self._connection = Connection(
-            session, lambda connected: on_loop(self._loop, lambda: self._link(listener, connected=connected))
-        )
+        agents = AgentWatch(session, self._loop, self._listener, self._nodes)
+        on_loop(self._loop, lambda: self._begin(session, agents))
+        self._connection = Connection(session, self)
 
     def stop(self) -> None:
         """Follow nothing any more; what was heard already may still use the session, on the loop."""
@@ -76,6 +69,22 @@ class RobotBus:
         """What each node's agent can do."""
         return self._agents.reports if self._agents else {}
 
+    @property
+    def gone(self) -> Collection[str]:
+        """The nodes whose agent was there and is gone (see `AgentWatch.gone`)."""
+        return self._agents.gone if self._agents else ()
+
+    def take_node(self, node: str) -> None:
+        """The cluster has this node."""
+        if node not in self._nodes:
+            self._nodes.add(node)
+            if self._agents is not None:
+                self._agents.look(node)
+
+    def lose_node(self, node: str) -> None:
+        """The cluster has it no more."""
+        self._nodes.discard(node)
+
     def usage(self) -> Mapping[str, Usage]:
         """The latest usage by container ID (see `UsageWatch.now`)."""
         return self._usage.now() if self._usage else {}
@@ -90,16 +99,21 @@ class RobotBus:
         return self._agents.failures(policy) if self._agents is not None else {}
 
     def forget(self, policy: str) -> None:
-        """Nobody makes plans for this policy any more: expect no more confirmations."""
+        """The policy's source of plans is gone: expect no more confirmations."""
         if self._agents is not None:
             self._agents.forget(policy)
 
-    def _begin(self, session: zenoh.Session, agents: AgentWatch, listener: BusListener) -> None:
-        self.session, self._agents, self._usage = session, agents, UsageWatch(session, self._loop)
-        listener.on_session()
+    def on_connection(self, *, connected: bool) -> None:
+        """Pass it on to the loop."""
+        on_loop(self._loop, lambda: self._link(connected=connected))
 
-    def _link(self, listener: BusListener, *, connected: bool) -> None:
+    def _begin(self, session: zenoh.Session, agents: AgentWatch) -> None:
+        self.session, self._agents, self._usage = session, agents, UsageWatch(session, self._loop, self._nodes)
+        self._listener.on_session()
+
+    def _link(self, *, connected: bool) -> None:
         if connected is not self.connected:
             self.connected = connected
-            log.log(logging.INFO if connected else logging.WARNING, "the bus is %s", "there" if connected else "lost")
-            listener.on_router()
+            level, state = (logging.INFO, "connected") if connected else (logging.WARNING, "disconnected")
+            log.log(level, "router %s", state)
+            self._listener.on_router()

@@ -8,7 +8,8 @@ payload itself is unchanged. For a plan of 4 kB signing takes 51 us and verifyin
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Generic, TypeVar
+import time
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
@@ -29,6 +30,9 @@ envelope: its key is trusted because it is in that file; issuer and dates are no
 MAX_AGE = 10.0
 """Seconds, by the verifier's clock, in either direction: plans arrive in milliseconds, but nodes' clocks differ."""
 
+LOOK = 0.5
+"""Seconds after which the agent looks again whether its keys were replaced: one that was removed counts no longer."""
+
 _DOMAIN = b"contextpolicy plan, version 1\n"
 _TIME = struct.Struct(">Q")
 _SIGNATURE = 64
@@ -42,8 +46,12 @@ class _KeyFile(Generic[T]):
         self._version = 0, 0
         self.content = self.renewed() or self._read()
 
-    def renewed(self) -> T | None:
-        """The new content if the file was replaced, else None; an unreadable version leaves the last good one."""
+    def renewed(self, otherwise: T | None = None) -> T | None:
+        """The new content if the file was replaced, else None.
+
+        One that is gone or holds no key leaves the last good content, or `otherwise` if that is given.
+        """
+        version = 0, 0
         try:
             # `stat` follows the kubelet's symlinks, so a swapped Secret shows as another inode.
             status = self._path.stat()
@@ -51,7 +59,11 @@ class _KeyFile(Generic[T]):
             if version == self._version:
                 return None
             content = self._read()
-        except (OSError, SigningKeyError):
+        except (FileNotFoundError, SigningKeyError):
+            if otherwise is None:
+                return None
+            content = otherwise
+        except OSError:
             return None
         self._version, self.content = version, content
         return content
@@ -61,6 +73,27 @@ class _KeyFile(Generic[T]):
             return self._parse(self._path.read_bytes())
         except (OSError, ValueError, TypeError) as error:
             raise SigningKeyError(f"{self._path}: no Ed25519 key in PEM: {type(error).__name__}") from error
+
+
+NOBODY: tuple[Ed25519PublicKey, ...] = ()
+"""Whose signatures count when the certificates are gone or make no sense: a key that was taken out never does again."""
+
+
+class PlanSigner(Protocol):
+    """What proves to agents that a message comes from the operator."""
+
+    def sign(self, key: str, payload: bytes | None, now: int) -> bytes | None:
+        """The attachment for a message on `key`, None where nothing is signed.
+
+        A `payload` of None is a withdrawal, `now` is in ns since 1970.
+        """
+
+
+class UnsignedPlans:
+    """Without a key: plans are published unsigned, and agents ignore them."""
+
+    def sign(self, key: str, payload: bytes | None, now: int) -> None:
+        """No attachment."""
 
 
 class Signer:
@@ -77,11 +110,12 @@ class Signer:
 
 
 class Verifier:
-    """The agent's side; it may be called on any thread."""
+    """The agent's side; it may be called on any thread. `clock` shows seconds and never steps."""
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, clock: Callable[[], float] = time.monotonic) -> None:
         """SigningKeyError when there is no certificate."""
         self._keys = _KeyFile(directory / CERTIFICATES, _public_keys)
+        self._clock, self._looked = clock, clock()
 
     def check(self, key: str, payload: bytes | None, attachment: bytes | None, now: int) -> int:
         """Return the time of signing, in ns since 1970 like `now`; OrderError when the sender is not proven."""
@@ -93,14 +127,18 @@ class Verifier:
         age = (now - signed) / 1e9
         if abs(age) > MAX_AGE:
             raise OrderError(
-                "TooOld", f"{key}: signed {age:.1f} s ago by this node's clock; at most {MAX_AGE:g} s count"
+                "TooOld", f"{key}: signed {age:.1f} s ago by this node's clock; expected at most {MAX_AGE:g} s"
             )
         return int(signed)
 
     def _proven(self, signature: bytes, content: bytes) -> bool:
-        """Look for new keys only when a signature fails: a valid message costs no `stat`."""
+        """Look for new keys when a signature fails, and else now and then: most valid messages cost no `stat`."""
+        now = self._clock()
+        if now - self._looked >= LOOK:
+            self._looked = now
+            self._keys.renewed(NOBODY)
         return _by_any(self._keys.content, signature, content) or _by_any(
-            self._keys.renewed() or (), signature, content
+            self._keys.renewed(NOBODY) or (), signature, content
         )
 
 

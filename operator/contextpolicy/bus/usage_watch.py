@@ -1,6 +1,6 @@
 """What containers use and how much they are throttled, as the nodes' agents read it from the cgroups.
 
-Asked only while somebody watches: with nobody at a board, no agent reads anything.
+Requested only while a board is open: without a viewer, no agent reads anything.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 import zenoh
 
 from contextpolicy.bus.decision_bus import usage_key
+from contextpolicy.bus.session import LARGEST_WORD
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
 
     from reactivex.abc import SchedulerBase
 
@@ -24,7 +25,7 @@ ASK_EVERY = 1.0
 PATIENCE = 2.0
 """Seconds that an agent has to answer."""
 OLD = 5.0
-"""Seconds after which an answer is no longer shown, nor compared with the next."""
+"""Seconds after which an answer is neither shown nor compared with the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,17 +48,20 @@ class Usage:
 
 
 class UsageWatch:
-    """Called on the loop's thread. Times are the agents' own monotonic clocks, compared only with themselves."""
+    """Called on the loop's thread. Times are the agents' own monotonic clocks, compared only with themselves.
 
-    def __init__(self, session: zenoh.Session, scheduler: SchedulerBase) -> None:
-        self._session, self._scheduler = session, scheduler
+    `nodes` are those of the cluster, whose agents are believed.
+    """
+
+    def __init__(self, session: zenoh.Session, scheduler: SchedulerBase, nodes: Collection[str]) -> None:
+        self._session, self._scheduler, self._nodes = session, scheduler, nodes
         self._asked_at = -math.inf
         self._last: dict[str, tuple[float, Counters]] = {}
         """Each container's latest counters, and when they came, by the loop's clock."""
         self._usage: dict[str, Usage] = {}
 
     def now(self) -> Mapping[str, Usage]:
-        """The latest usage by container ID; asks the agents anew, whose answers the next call has."""
+        """The latest usage by container ID; queries the agents again, for the next call."""
         now = self._now()
         if now - self._asked_at >= ASK_EVERY:
             self._asked_at = now
@@ -67,9 +71,9 @@ class UsageWatch:
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
         """Zenoh's callbacks must not block."""
-        if reply.ok:
-            payload = reply.ok.payload.to_bytes()
-            self._scheduler.schedule(lambda *_: self._take(payload))
+        if reply.ok and len(reply.ok.payload) <= LARGEST_WORD:
+            node, payload = str(reply.ok.key_expr).split("/")[2], reply.ok.payload.to_bytes()
+            self._scheduler.schedule(lambda *_: self._take(payload) if node in self._nodes else None)
 
     def _take(self, payload: bytes) -> None:
         now = self._now()

@@ -1,4 +1,4 @@
-"""The decision bus for a human reader: the last plan of every policy, and how far it has been applied. Pure."""
+"""What a reader of the decision bus knows: the last plan of every policy, and how far it has been applied. Pure."""
 
 from __future__ import annotations
 
@@ -8,21 +8,18 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Group
-from rich.table import Table
-from rich.text import Text
-
 from contextpolicy.bus.decision_bus import plan_key, policy_of
 from contextpolicy.policy.spec import Control, Mode, Scheduler
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Mapping
 
+ACTING = frozenset(mode.value for mode in Mode if mode.acts)
+"""The modes in which plans are carried out, as messages name them; one that we don't know is none of them."""
 STAGES = {"planned": 0, "accepted": 1, "inForce": 2}
 """How far a container's limit has come, in the bus's words: decided, accepted by the API, in force on the node."""
 UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
-"""What a message of somebody else may raise where it is read."""
-WORDS = {"planned": "planned", "accepted": "accepted", "inForce": "in force"}
+"""What reading a foreign message may raise."""
 
 
 @dataclass(slots=True)
@@ -61,7 +58,7 @@ class PolicyView:
 
     def stage(self, task: str) -> str | None:
         """The stage of the task's slowest container; None where the policy resizes nothing or the task has none."""
-        if self.mode != Mode.ENFORCE:
+        if self.mode not in ACTING:
             return None
         stages = [target.stage for target in self.targets.values() if target.task == task and target.shown]
         return min(stages, key=STAGES.__getitem__, default=None)
@@ -87,15 +84,20 @@ class BusView:
 
     policies: dict[str, PolicyView] = field(default_factory=dict)
     boards: dict[str, Mapping[str, Any]] = field(default_factory=dict)
-    """What only the operator itself can tell of each policy (see `live.board`), if it was asked."""
+    """What only the operator itself knows of each policy (see `live.board`), if it answers."""
 
     def take_board(self, board: Mapping[str, Any]) -> None:
-        """Take a policy's board; what it says of the plan counts like a message. An unreadable one is ignored."""
+        """Take a policy's board; what it says of the plan counts like a message. An unreadable one is ignored.
+
+        Without a plan (paused) none is in force: what was heard before would pass for one.
+        """
         with suppress(*UNREADABLE):
             policy = str(board["policy"])
             key = plan_key(*policy.split("/"))
             self.boards[policy] = _read_board(board)
-            if board["plan"] is not None:
+            if board["plan"] is None:
+                self.policies.pop(policy, None)
+            else:
                 self.take(key, json.dumps(board["plan"]).encode())
 
     def take(self, key: str, payload: bytes | None) -> dict[str, Any] | None:
@@ -201,82 +203,3 @@ def _number(value: float) -> float:
     if not isinstance(value, int | float) or not math.isfinite(value):
         raise ValueError(f"not a number: {value!r:.80}")
     return value
-
-
-def live(view: BusView, now: float) -> Group | Text:
-    """A table for each policy."""
-    if not view.policies:
-        return Text("no plans yet")
-    policies = [policy for _, policy in sorted(view.policies.items())]
-    return Group(*(part for policy in policies for part in _parts(policy, view.boards.get(policy.policy), now)))
-
-
-def _parts(policy: PolicyView, board: Mapping[str, Any] | None, now: float) -> Iterator[Text | Table]:
-    yield _headline(policy, now)
-    yield _tasks(policy, board["containers"] if board else ())
-    if board is not None:
-        if board["streams"]:
-            yield _streams(board["streams"])
-        yield _reactions(board["reactions"])
-
-
-def _headline(policy: PolicyView, now: float) -> Text:
-    """A line above the table: a title would wrap at its width. `Text`, because a cause may contain [brackets]."""
-    mode = "" if policy.mode == Mode.ENFORCE else f"   {policy.mode}"
-    contexts = ", ".join(policy.contexts) or "-"
-    age = max(0.0, now - policy.time)
-    return Text(f"{policy.policy}{mode}   context: {contexts}   for {age:.0f} s: {policy.cause}", style="bold")
-
-
-def _tasks(policy: PolicyView, containers: Sequence[Mapping[str, Any]]) -> Table:
-    headings = ("task", "weight", "share", "limit", "use", "throttled", "stage")
-    table = titled("", headings, left=("task", "stage"))
-    for name, task in policy.tasks.items():
-        own = [container for container in containers if container["task"] == name]
-        stage = WORDS.get(policy.stage(name) or "", "-")
-        suspended = "   suspended" if task["suspended"] else ""
-        parts = [part for one in own if (part := one["throttled"]) is not None]
-        table.add_row(
-            Text(name),
-            f"{task['weight']:g}",
-            cores(task["share"]),
-            cores(_sum(one["limit"] for one in own)),
-            cores(_sum(one["use"] for one in own)),
-            f"{max(parts):.0%}" if parts else "-",
-            stage + suspended,
-        )
-    return table
-
-
-def _sum(amounts: Iterable[float | None]) -> float | None:
-    known = [amount for amount in amounts if amount is not None]
-    return sum(known) if known else None
-
-
-def _streams(streams: Mapping[str, Mapping[str, Any]]) -> Table:
-    table = titled("", ("stream", "age", "samples", "state"), left=("stream", "state"))
-    for name, stream in streams.items():
-        age = "-" if stream["age"] is None else f"{stream['age']:.1f} s"
-        state = "silent" if stream["silent"] else "not heard yet" if stream["age"] is None else "heard"
-        table.add_row(Text(name), age, str(stream["samples"]), state)
-    return table
-
-
-def _reactions(reactions: Mapping[str, float] | None) -> Text:
-    if reactions is None:
-        return Text("no reaction to a sample yet")
-    told = (f"{name} {reactions[name] * 1000:.0f} ms" for name in ("median", "worst", "last"))
-    return Text(f"sample to limit in force: {', '.join(told)} of the latest {reactions['count']:.0f}")
-
-
-def titled(title: str, headings: Sequence[str], *, left: Sequence[str]) -> Table:
-    """An empty table; the columns named in `left` hold text, the others right-aligned numbers."""
-    table = Table(title=Text(title) if title else None, title_justify="left")
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading in left else "right")
-    return table
-
-
-def cores(value: float | None) -> str:
-    """Cores as Kubernetes' thousandths, such as 150m; a dash for None."""
-    return "-" if value is None else f"{value * 1000:.0f}m"

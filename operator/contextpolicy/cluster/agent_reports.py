@@ -20,13 +20,13 @@ Stamp = tuple[int, int, int]
 """Run, sequence and edition, which identify a plan and order the plans of one source."""
 
 NO_AGENT = "no node agent runs there: install the chart with agent.enabled=true and agent.realtime=true"
-UNREADABLE = "its node agent's report can't be read: operator and agent must be of one version"
+UNREADABLE = "its node agent's report can't be read: operator and agent must have the same version"
 MOST_PROCESSORS = 8192
 """More than Linux can be built for (NR_CPUS)."""
 SHORTEST_PERIOD, LONGEST_PERIOD = 0.001, 1.0
 """Seconds: what the kernel takes as the period of a quota."""
 LATE = "its node agent did not confirm a plan in time: it is frozen, too slow, or does not accept the operator's plans"
-SILENT = "its node agent did not answer yet: it is asked again until it does"
+SILENT = "its node agent has not answered yet; retrying"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +50,10 @@ NOT_CONFIRMING = AgentReport(LATE, LATE)
 """The report assumed for an agent that is alive but does not confirm plans in time."""
 
 
+MOST_BYTES = 64 << 10
+"""Bytes of a report or a confirmation; more is not read. One with MOST_NAMED containers has a sixth of that."""
+MOST_TEXT = 500
+"""Characters kept of each text in a report."""
 MOST_NAMED = 100
 """Containers that a confirmation names at most, in some 10 kB."""
 ALL = "*"
@@ -74,7 +78,7 @@ def write_confirmation(said: Confirmation) -> bytes:
 def read_confirmation(payload: bytes) -> Confirmation | None:
     """An agent's confirmation; None when it can't be read."""
     try:
-        said = json.loads(payload)
+        said = json.loads(_bounded(payload))
         run, sequence, edition = (int(number) for number in said["stamp"])
         failed = {str(container): str(reason) for container, reason in said.get("failed", {}).items()}
         return Confirmation(str(said["policy"]), (run, sequence, edition), failed)
@@ -109,17 +113,24 @@ def unwritten(policy: Policy, failures: Mapping[str, Mapping[str, str]], pods: I
 def read_report(payload: bytes) -> AgentReport:
     """An agent's report; an unreadable one counts as lacking everything."""
     try:
-        report = json.loads(payload)
+        report = json.loads(_bounded(payload))
         missing, processors, period = report["missing"], report.get("processors"), report.get("quotaPeriod")
         return AgentReport(
-            "; ".join(missing[Scheduler.CFS]),
-            "; ".join(missing[Scheduler.REALTIME]),
-            str(report.get("unlimited", "")),
+            "; ".join(missing[Scheduler.CFS])[:MOST_TEXT],
+            "; ".join(missing[Scheduler.REALTIME])[:MOST_TEXT],
+            str(report.get("unlimited", ""))[:MOST_TEXT],
             int(_within(processors, 1, MOST_PROCESSORS)) if processors else None,
             float(_within(period, SHORTEST_PERIOD, LONGEST_PERIOD)) if period else None,
         )
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return AgentReport(UNREADABLE, UNREADABLE)
+
+
+def _bounded(payload: bytes) -> bytes:
+    """The payload; ValueError when it is longer than any that an agent sends."""
+    if len(payload) > MOST_BYTES:
+        raise ValueError(f"{len(payload)} bytes")
+    return payload
 
 
 def _within(number: float, least: float, most: float) -> float:
@@ -151,6 +162,7 @@ def with_agents(policy: Policy, claim: Claim, reports: Mapping[str, AgentReport]
     claim = replace(
         claim,
         agents=agents,
+        attended=frozenset(own),
         placement=placement,
         unlimited=[f"node {node} can't limit CPU time: {why}" for node, why in sorted(useless.items())],
     )

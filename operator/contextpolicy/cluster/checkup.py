@@ -1,24 +1,34 @@
-"""What stands in the way of deciding on a cluster, found from what its API says, with what mends it. Pure."""
+"""What stands in the way of deciding on a cluster, found from what its API says, with the remedy. Pure."""
 
 from __future__ import annotations
 
 import re
 from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.cluster.claims import matches
-from contextpolicy.cluster.liveness_probes import probe_warning
+from contextpolicy.cluster.nodes import PROMPT, kubernetes_version
 from contextpolicy.cluster.pods import PodView, view
+from contextpolicy.cluster.serving import Service
 from contextpolicy.errors import PolicyError
+from contextpolicy.policy.liveness_probes import probe_warning
 from contextpolicy.policy.parsing import parse
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-OLDEST, PROMPT = (1, 33), (1, 36)
-"""Kubernetes since which a container can be resized, and since which that takes tens of milliseconds."""
+OLDEST = (1, 33)
+"""Kubernetes since which a container can be resized."""
+
+EXPIRES_SOON, EXPIRES_NOW = timedelta(days=30), timedelta(days=7)
+"""What is left of a certificate when people should know, and when they have to act: the alerts have the same."""
+
+
+WERE_TRUE = {False: "were True while an operator served it", None: "were True when last written"}
+"""What is said of a policy's conditions by whether an operator serves it, where that is not sure."""
 
 
 class Verdict(StrEnum):
@@ -45,7 +55,10 @@ class ClusterFacts:
     """Objects as the API has them. None where the caller may not read them: their checks are `unknown`.
 
     `lacking` are the operator's rights that are missing, as `verb resource`; `kubelets` the configuration of each
-    node's kubelet and its metrics as text; `pods` are those of the policies' namespaces.
+    node's kubelet and its metrics as text; `pods` are those of the policies' namespaces; `definition` is the
+    CustomResourceDefinition; `deployments` are the operators', read where none has a pod; `services` says by namespace
+    whether an operator serves its policies. `ends` says by Secret (namespace/name) when the certificate that a part
+    mounts ends, None where it can't be read; `now` is the time.
     """
 
     version: str
@@ -57,25 +70,34 @@ class ClusterFacts:
     kubelets: Mapping[str, tuple[Mapping[str, Any], str]] = field(default_factory=dict)
     serves_policies: bool = True
     pods: Sequence[Mapping[str, Any]] | None = ()
+    definition: Mapping[str, Any] | None = None
+    deployments: Sequence[Mapping[str, Any]] | None = None
+    services: Mapping[str, Service] = field(default_factory=dict)
+    ends: Mapping[str, datetime | None] = field(default_factory=dict)
+    now: datetime = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def checkup(facts: ClusterFacts) -> Iterator[Check]:
     """All checks, from the cluster down to the policies."""
     yield _version("API server", facts.version)
     yield _definition(facts)
-    yield from _operator(facts.operators)
-    yield _rights(facts.lacking)
+    yield from _operator(facts)
+    yield _rights(facts)
     yield from _nodes(facts)
     yield _bus(facts)
-    yield from _policies(facts.policies or ())
+    yield from _openness(facts.routers or ())
+    yield from _certificates(facts)
+    yield from _services(facts.services)
+    yield from _policies(facts)
     yield from _probes(facts.policies or (), facts.pods)
 
 
 def _version(subject: str, text: str) -> Check:
-    found = re.match(r"v?(\d+)\.(\d+)", text)
-    version = (int(found[1]), int(found[2])) if found else (0, 0)
+    version = kubernetes_version(text)
     if version < OLDEST:
-        return Check(subject, Verdict.BAD, text, "upgrade to Kubernetes 1.33 or later: older ones resize no container")
+        return Check(
+            subject, Verdict.BAD, text, "upgrade to Kubernetes 1.33 or later: older ones cannot resize containers"
+        )
     if version < PROMPT:
         remedy = "upgrade to 1.36, or set agent.enabled=true: until then a resize takes 1 to 2 s"
         return Check(subject, Verdict.WARNING, text, remedy)
@@ -87,23 +109,56 @@ def _definition(facts: ClusterFacts) -> Check:
     if not facts.serves_policies:
         return Check(subject, Verdict.BAD, "not served", "kubectl apply -f crds/, or install the chart")
     if facts.policies is None:
-        remedy = "name a namespace where you may: --namespace; or ask somebody who may list policies"
+        remedy = "choose a namespace with --namespace, or use an account that may list policies"
         return Check(subject, Verdict.UNKNOWN, "served, but its policies can't be listed", remedy)
+    owner = _release_of(facts.definition or {})
+    if owner and facts.operators and owner not in map(_release_of_pod, facts.operators):
+        seen = f"belongs to release {owner[1]} in {owner[0]}, which runs no operator"
+        remedy = "upgrade it with the release that does: helm upgrade --install ... --take-ownership"
+        return Check(subject, Verdict.WARNING, seen, remedy)
     return Check(subject, Verdict.OK, f"served, {len(facts.policies)} policies")
 
 
-def _operator(pods: Sequence[Mapping[str, Any]] | None) -> Iterator[Check]:
+def _release_of(definition: Mapping[str, Any]) -> tuple[str, str] | None:
+    """The namespace and name of the Helm release that installed it, None if none did."""
+    annotations = (definition.get("metadata") or {}).get("annotations") or {}
+    name = annotations.get("meta.helm.sh/release-name")
+    return (str(annotations.get("meta.helm.sh/release-namespace", "")), str(name)) if name else None
+
+
+def _release_of_pod(pod: Mapping[str, Any]) -> tuple[str, str]:
+    labels = pod["metadata"].get("labels") or {}
+    return str(pod["metadata"].get("namespace", "")), str(labels.get("app.kubernetes.io/instance", ""))
+
+
+def _operator(facts: ClusterFacts) -> Iterator[Check]:
+    pods = facts.operators
     if pods is None:
-        yield Check("operator", Verdict.UNKNOWN, "its pods can't be listed", "ask somebody who may list pods")
+        yield Check("operator", Verdict.UNKNOWN, "its pods can't be listed", "use an account that may list pods")
         return
     if not pods:
-        yield Check("operator", Verdict.BAD, "no pod", "helm install contextpolicy charts/contextpolicy")
+        yield _absent(facts.deployments)
     releases = {(pod["metadata"].get("labels") or {}).get("app.kubernetes.io/instance") for pod in pods}
     if len(releases) > 1:
         names = ", ".join(_name(pod) for pod in pods)
         yield Check("operator", Verdict.WARNING, f"{len(releases)} releases: {names}", "namespaces must not overlap")
     for pod in pods:
         yield _running(f"operator {_name(pod)}", pod)
+
+
+def _absent(deployments: Sequence[Mapping[str, Any]] | None) -> Check:
+    """No pod of an operator: what to do depends on whether one is installed."""
+    install = "helm install contextpolicy charts/contextpolicy"
+    if deployments is None:
+        return Check("operator", Verdict.BAD, "no pod", f"if `helm list -A` has no release of it: {install}")
+    if not deployments:
+        return Check("operator", Verdict.BAD, "not installed", install)
+    metadata, wanted = deployments[0]["metadata"], deployments[0]["spec"].get("replicas", 1)
+    where = f"-n {metadata['namespace']} deployment/{metadata['name']}"
+    seen = f"no pod: Deployment {_name(deployments[0])} wants {wanted} replicas"
+    return Check(
+        "operator", Verdict.BAD, seen, f"kubectl describe {where}" if wanted else f"kubectl scale {where} --replicas=1"
+    )
 
 
 def _running(subject: str, pod: Mapping[str, Any]) -> Check:
@@ -119,9 +174,12 @@ def _running(subject: str, pod: Mapping[str, Any]) -> Check:
     return Check(subject, Verdict.OK, "ready")
 
 
-def _rights(lacking: Sequence[str] | None) -> Check:
+def _rights(facts: ClusterFacts) -> Check:
+    lacking = facts.lacking
+    if facts.operators == []:
+        return Check("operator's rights", Verdict.UNKNOWN, "no operator runs", "start one, and look again")
     if lacking is None:
-        return Check("operator's rights", Verdict.UNKNOWN, "can't be asked", "ask somebody who may review access")
+        return Check("operator's rights", Verdict.UNKNOWN, "can't be checked", "use an account that may review access")
     if lacking:
         return Check("operator's rights", Verdict.BAD, f"may not {', '.join(lacking)}", "set rbac.create=true")
     return Check("operator's rights", Verdict.OK, "complete")
@@ -129,7 +187,7 @@ def _rights(lacking: Sequence[str] | None) -> Check:
 
 def _nodes(facts: ClusterFacts) -> Iterator[Check]:
     if facts.nodes is None:
-        yield Check("nodes", Verdict.UNKNOWN, "can't be listed", "ask somebody who may list nodes")
+        yield Check("nodes", Verdict.UNKNOWN, "can't be listed", "use an account that may list nodes")
     for node in facts.nodes or ():
         name = node["metadata"]["name"]
         yield _version(f"kubelet of {name}", node["status"]["nodeInfo"]["kubeletVersion"])
@@ -137,7 +195,10 @@ def _nodes(facts: ClusterFacts) -> Iterator[Check]:
             yield from _kubelet(name, *facts.kubelets[name])
         else:
             yield Check(
-                f"cgroups of {name}", Verdict.UNKNOWN, "its kubelet can't be asked", "needs the right nodes/proxy"
+                f"cgroups of {name}",
+                Verdict.UNKNOWN,
+                "its kubelet can't be queried",
+                "needs permission for nodes/proxy",
             )
 
 
@@ -150,7 +211,7 @@ def _kubelet(name: str, configuration: Mapping[str, Any], metrics: str) -> Itera
     else:
         yield Check(f"cgroups of {name}", Verdict.OK, seen)
     if configuration.get("cpuManagerPolicy", "none") != "none":
-        remedy = "pods of policies must be Burstable: a static CPU manager resizes no Guaranteed pod"
+        remedy = "pods of policies must be Burstable: a static CPU manager can't resize Guaranteed pods"
         yield Check(f"CPU manager of {name}", Verdict.WARNING, str(configuration["cpuManagerPolicy"]), remedy)
 
 
@@ -170,11 +231,45 @@ def _bus(facts: ClusterFacts) -> Check:
     return Check("bus", Verdict.OK, f"{len(ready)} routers of the chart" if ready else "a router of your own")
 
 
-def _policies(policies: Iterable[Mapping[str, Any]]) -> Iterator[Check]:
-    for policy in policies:
+def _openness(routers: Sequence[Mapping[str, Any]]) -> Iterator[Check]:
+    """Whether the chart's routers ask who speaks: they do where they have credentials."""
+    for pod in routers:
+        names = {one["name"] for part in pod["spec"]["containers"] for one in part.get("env") or ()}
+        if "ZENOH_CREDENTIALS" not in names:
+            seen = "open: anyone who reaches the router can make contexts begin and end"
+            yield Check(f"router {_name(pod)}", Verdict.WARNING, seen, "set security.enabled=true")
+
+
+def _certificates(facts: ClusterFacts) -> Iterator[Check]:
+    for secret, end in facts.ends.items():
+        subject = f"certificate in {secret}"
+        if end is None:
+            yield Check(subject, Verdict.UNKNOWN, "can't be read", "use an account that may read Secrets there")
+            continue
+        left = end - facts.now
+        seen = f"ends {end:%Y-%m-%d}, in {left.days} days" if left > timedelta() else f"ended {end:%Y-%m-%d}"
+        verdict = Verdict.BAD if left < EXPIRES_NOW else Verdict.WARNING if left < EXPIRES_SOON else Verdict.OK
+        remedy = "find out why its renewal Job fails: kubectl get jobs -n NAMESPACE; or renew your own"
+        yield Check(subject, verdict, seen, remedy)
+
+
+def _services(services: Mapping[str, Service]) -> Iterator[Check]:
+    for namespace, service in services.items():
+        subject, said = f"namespace {namespace}", service.sentence(namespace)
+        if service.served is None:
+            yield Check(subject, Verdict.UNKNOWN, said, "use an account that may read Leases there")
+        elif not service.served:
+            remedy = (
+                "start an operator whose watchNamespaces has it; until then its policies' conditions are the last one's"
+            )
+            yield Check(subject, Verdict.BAD, said, remedy)
+
+
+def _policies(facts: ClusterFacts) -> Iterator[Check]:
+    for policy in facts.policies or ():
         name = f"policy {_name(policy)}"
         if not _conditions(policy):
-            remedy = "the operator has not seen it: is its namespace among watchNamespaces?"
+            remedy = "the operator has not seen it: check that watchNamespaces has its namespace"
             yield Check(name, Verdict.BAD, "without status", remedy)
         bad = [one for one in _conditions(policy) if one["status"] == "False" and one["type"] != "Ready"]
         for one in bad:
@@ -182,21 +277,28 @@ def _policies(policies: Iterable[Mapping[str, Any]]) -> Iterator[Check]:
             # The operator's message ends with what to do about it.
             yield Check(name, verdict, f"{one['type']}: {one['reason']}", one["message"])
         if _conditions(policy) and not bad:
-            yield Check(name, Verdict.OK, "all conditions are True")
+            served = facts.services.get(policy["metadata"]["namespace"], Service(served=True)).served
+            tense = WERE_TRUE.get(served, "are True")
+            yield Check(
+                name,
+                Verdict.OK if served else Verdict.UNKNOWN,
+                f"all conditions {tense}",
+                f"see namespace {policy['metadata']['namespace']}",
+            )
 
 
 def _probes(policies: Iterable[Mapping[str, Any]], pods: Sequence[Mapping[str, Any]] | None) -> Iterator[Check]:
     """Liveness probes that tasks may fail while they are suspended; what can't be read is reported elsewhere."""
     if pods is None:
-        yield Check("tasks", Verdict.UNKNOWN, "their pods can't be listed", "ask somebody who may list pods")
+        yield Check("tasks", Verdict.UNKNOWN, "their pods can't be listed", "use an account that may list pods")
     views = list(filter(None, map(_view, pods or ())))
     for body in policies:
         with suppress(PolicyError):
             policy = parse(body)
             own = [pod for pod in views if pod.namespace == policy.namespace and not pod.ended]
             for task, pod, container in matches(policy, own):
-                warning = probe_warning(policy, task, pod, container)
-                if warning is not None:
+                warning = probe_warning(policy, task, f"{pod.name}/{container.name}")
+                if container.probed and warning is not None:
                     yield Check(f"task {task.name} of policy {policy.reference}", Verdict.WARNING, *warning)
 
 

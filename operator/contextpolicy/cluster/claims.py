@@ -6,20 +6,26 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from contextpolicy.cluster import room
 from contextpolicy.cluster.container_names import container_id
-from contextpolicy.cluster.liveness_probes import probe_warning
+from contextpolicy.cluster.parts import Stake, parts
 from contextpolicy.planning.allocation.placement import QUANTUM, Container, Placement
-from contextpolicy.policy.spec import Control, Mode, Scheduler
-from contextpolicy.policy.tenants import Tenants
+from contextpolicy.policy.liveness_probes import probe_warning
+from contextpolicy.policy.spec import Control, Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
-    from contextpolicy.cluster.liveness_probes import ProbeWarning
     from contextpolicy.cluster.pods import ContainerView, Cpu, PodView
+    from contextpolicy.policy.liveness_probes import ProbeWarning
     from contextpolicy.policy.spec import Policy, Task
+    from contextpolicy.policy.tenants import Tenants
 
     Original = Callable[[str, str], Cpu | None]
+
+_NOTHING: Mapping[str, int] = {}
+MOST_NAMED = 10
+"""Containers that a message lists."""
 
 
 @dataclass(slots=True)
@@ -30,48 +36,76 @@ class Claim:
     conflicts: list[str] = field(default_factory=list)
     obstacles: dict[str, str] = field(default_factory=dict)
     """By task, why containers of it are not claimed, or can't have all that the policy's control means."""
+    misnamed: dict[str, str] = field(default_factory=dict)
+    """By task, which containers its pods have where none has the name that the task says."""
     warnings: dict[str, str] = field(default_factory=dict)
     """By task, what may go wrong although it is claimed."""
     realtime: list[str] = field(default_factory=list)
     unlimited: list[str] = field(default_factory=list)
     """Messages about nodes whose kernel can't limit CPU time, and containers whose weights can't be written."""
     agents: frozenset[str] = frozenset()
+    """The nodes whose agents write limits and weights."""
+    attended: frozenset[str] = frozenset()
+    """The nodes that have an agent, whatever it can do."""
     shared: dict[str, str] = field(default_factory=dict)
     """By node, why the policy divides less of it than it could alone."""
+    room: dict[str, int] = field(default_factory=dict)
+    """What the requests of its containers may add up to beside those of others, by node where weights are requests."""
 
 
 def claim(  # noqa: PLR0913 - all that a claim depends on
     policies: Sequence[Policy],
     pods: Iterable[PodView],
     nodes: Mapping[str, int],
-    original: Original = lambda *_: None,
-    tenants: Tenants | None = None,
+    original: Original,
+    tenants: Tenants,
     *,
     agents: Collection[str] = (),
+    elsewhere: Mapping[str, int] = _NOTHING,
+    doubt: Callable[[str], str | None] = lambda _: None,
 ) -> dict[str, Claim]:
     """What each policy gets, by reference. `policies` are ordered oldest first.
 
     Policies come in the order that `tenants` gives their namespaces, then by age. Each gets what those before it leave
     of a node, so that the limits never sum to more than the node has. Where namespaces of equal priority meet, none
-    divides more than its own containers' limits add up to, nor more than an equal part if these don't fit together: so
-    nobody can take from a neighbour what it had without any policy. Only enforcing policies take anything.
+    divides more than its own containers' limits add up to, nor more than its part in proportion to their requests if
+    these don't fit together: so no neighbour takes from a namespace what it would have without any policy, whatever
+    limits it writes. Only enforcing policies take anything.
 
     A shadow is placed as if it stood where the policy is that it is a shadow of.
 
     `nodes` maps names to allocatable thousandths of a core, `original` a pod's UID and a container's name to what the
-    container had before any policy. `agents` are the nodes whose agents write limits.
+    container had before any policy. `agents` are the nodes whose agents write limits; `elsewhere` is what pods that are
+    not among `pods` request, by node. `doubt` says of a pod's UID why it must be left alone, if it must.
     """
-    tenants = tenants or Tenants()
-    live: dict[str, list[PodView]] = defaultdict(list)
-    for pod in sorted((pod for pod in pods if pod.node in nodes and not pod.ended), key=lambda pod: pod.name):
-        live[pod.namespace].append(pod)
+    pods = list(pods)
+    live = _live(pods, nodes)
     ordered = sorted(policies, key=lambda policy: -tenants.priority(policy.namespace))
     found = [
-        (policy, _find(policy, live[policy.namespace], nodes, original, agents)) for policy in _with_shadows(ordered)
+        (policy, _find(policy, live[policy.namespace], nodes, original, agents, doubt))
+        for policy in _with_shadows(ordered)
     ]
     registry = _Registry(nodes, tenants, _owned(found, tenants))
     placed = {policy.reference: registry.admit(policy, matches) for policy, matches in found}
+    free = {node: size - elsewhere.get(node, 0) for node, size in nodes.items() if node not in agents}
+    for group in room.groups([policy for policy, _ in found]):
+        parties = [
+            room.party(one, placed[one.reference].placement.containers, registry.parts.get(one.reference, {}))
+            for one in group
+        ]
+        for reference, own in room.rooms(parties, free, pods, original).items():
+            placed[reference].room = own
+    for policy, _ in found:
+        placed[policy.reference].misnamed = _misnamed(policy, live[policy.namespace])
     return {policy.reference: placed.get(policy.reference) or _alone(policy, policies) for policy in policies}
+
+
+def _live(pods: Iterable[PodView], nodes: Collection[str]) -> Mapping[str, list[PodView]]:
+    """By namespace, the pods that run on these nodes."""
+    live: dict[str, list[PodView]] = defaultdict(list)
+    for pod in sorted((pod for pod in pods if pod.node in nodes and not pod.ended), key=lambda pod: pod.name):
+        live[pod.namespace].append(pod)
+    return live
 
 
 def _with_shadows(policies: Sequence[Policy]) -> Iterator[Policy]:
@@ -89,21 +123,21 @@ def _with_shadows(policies: Sequence[Policy]) -> Iterator[Policy]:
 def _alone(shadow: Policy, policies: Iterable[Policy]) -> Claim:
     """The claim of a shadow without the policy that it is to be compared with."""
     there = [one.name for one in policies if one.namespace == shadow.namespace and one.shadow is None]
-    of, allowed = shadow.shadow.of if shadow.shadow else "", f"one of {', '.join(there)}" if there else "none runs"
-    told = f"spec.shadow.of: {of!r} is not allowed: a policy of namespace {shadow.namespace} that runs, {allowed}"
-    return Claim(Placement(), conflicts=[told])
+    of, known = shadow.shadow.of if shadow.shadow else "", f": one of {', '.join(there)}" if there else "; none runs"
+    problem = f"spec.shadow.of: invalid value {of!r}: expected a running policy of namespace {shadow.namespace}{known}"
+    return Claim(Placement(), conflicts=[problem])
 
 
 @dataclass(frozen=True, slots=True)
 class _Match:
-    """A container that a task selects, with the CPU that it could use before any policy.
+    """A container that a task selects, with the CPU that it had before any policy.
 
     An `obstacle` keeps it from being claimed; `unweighted` only says why a weight has no effect on it.
     """
 
     task: Task
     container: Container
-    limit: int
+    stake: Stake
     obstacle: str | None
     unweighted: str | None
     warning: ProbeWarning | None
@@ -113,7 +147,7 @@ class _Registry:
     """What the policies that came first have taken. `owned`: see `_owned`."""
 
     def __init__(
-        self, nodes: Mapping[str, int], tenants: Tenants, owned: Mapping[tuple[str, int], Mapping[str, int]]
+        self, nodes: Mapping[str, int], tenants: Tenants, owned: Mapping[tuple[str, int], Mapping[str, Stake]]
     ) -> None:
         self._nodes, self._tenants, self._owned = nodes, tenants, owned
         self._before: dict[tuple[str, int], int] = {}
@@ -123,6 +157,8 @@ class _Registry:
         self._owners: dict[str, str] = {}
         self._taken: dict[str, int] = defaultdict(int)
         self._takers: dict[str, list[str]] = defaultdict(list)
+        self.parts: dict[str, Mapping[str, int]] = {}
+        """By policy, what it divides of each node."""
 
     def admit(self, policy: Policy, matches: Sequence[_Match]) -> Claim:
         result = Claim(Placement())
@@ -131,7 +167,7 @@ class _Registry:
             identity, task = match.container.id, match.task.name
             owner = held[identity].task.name if identity in held else self._owners.get(identity)
             if owner is not None:
-                result.conflicts.append(f"{identity} belongs to {owner}, task {task} can't have it too")
+                result.conflicts.append(f"{identity} belongs to {owner}; task {task} can't claim it too")
             elif match.obstacle is not None:
                 result.obstacles[task] = match.obstacle
             else:
@@ -155,13 +191,14 @@ class _Registry:
             left[node] = share
             if why:
                 result.shared[node] = why
-            if policy.mode is Mode.ENFORCE:
+            if policy.mode.acts:
                 self._taken[node] += share
                 self._used[node, policy.namespace] += share
                 self._takers[node].append(policy.reference)
         containers = tuple(match.container for match in held if match.container.node in left)
-        if policy.mode is Mode.ENFORCE:
+        if policy.mode.acts:
             self._owners |= {c.id: f"task {c.task} of {policy.reference}" for c in containers}
+        self.parts[policy.reference] = left
         shared = {node: left[node] for node in result.shared}
         nodes = {node: self._nodes[node] for node in left}
         result.placement = Placement(nodes, containers, absent=absent, left=shared)
@@ -170,27 +207,33 @@ class _Registry:
     def _share(self, policy: Policy, node: str, here: Iterable[_Match]) -> tuple[int, str]:
         """What the policy divides of a node, and why that is less than if it were alone there."""
         share, why = max(0, self._nodes[node] - policy.reserve), ""
-        rivals, part = self._part(policy, node, sum(match.limit for match in here))
+        rivals, part = self._part(policy, node, _sum(match.stake for match in here))
         if rivals and part < share:
             share, why = part, f"node {node}: no priority decides between {policy.namespace} and {rivals}, so it "
-            why += f"divides {part}m: what its containers' own limits add up to, or an equal part where they don't fit"
+            why += f"divides {part}m: the sum of its containers' limits, "
+            why += "or its part by their requests where they don't fit"
         free = max(0, self._nodes[node] - self._taken[node])
         if free < share:
             share, why = free, f"node {node}: {', '.join(self._takers[node])} come first and leave {free}m of "
             why += f"{self._nodes[node]}m"
         return share, why
 
-    def _part(self, policy: Policy, node: str, own: int) -> tuple[str, int]:
+    def _part(self, policy: Policy, node: str, own: Stake) -> tuple[str, int]:
         """The other namespaces of equal priority on a node, and what is left of the policy's part beside them."""
         priority, namespace = self._tenants.priority(policy.namespace), policy.namespace
         before = self._before.setdefault((node, priority), max(0, self._nodes[node] - self._taken[node]))
         owned = {namespace: own, **self._owned.get((node, priority), {})}
-        part = _fair(before, owned)[namespace] - self._used[node, namespace]
-        return ", ".join(sorted(owned.keys() - {namespace})), max(0, min(own, part))
+        part = parts(before, owned)[namespace] - self._used[node, namespace]
+        return ", ".join(sorted(owned.keys() - {namespace})), max(0, min(own.limit, part))
 
 
-def _find(
-    policy: Policy, pods: Sequence[PodView], nodes: Mapping[str, int], original: Original, agents: Collection[str]
+def _find(  # noqa: PLR0913, PLR0917 - as `claim`
+    policy: Policy,
+    pods: Sequence[PodView],
+    nodes: Mapping[str, int],
+    original: Original,
+    agents: Collection[str],
+    doubt: Callable[[str], str | None],
 ) -> list[_Match]:
     """`pods` are those of the policy's own namespace: no other is its business."""
     own = policy.enforcement
@@ -199,39 +242,65 @@ def _find(
     for task, pod, container in matches(policy, pods):
         before = original(pod.uid, container.name)
         floor = pod.floor(container, before)
-        limit, identity = (before or container.spec).limit, container_id(pod, container.name)
-        claimed = Container(identity, task.name, pod.node, floor, container.memory_limit, limit)
-        obstacle = pod.obstacle(container, may_restart=task.restart_on_resize, agent=pod.node in agents)
+        cpu, identity = before or container.spec, container_id(pod, container.name)
+        claimed = Container(
+            identity, task.name, pod.node, floor, container.memory_limit, cpu.limit, pod.qos == "Burstable"
+        )
+        obstacle = doubt(pod.uid) or pod.obstacle(
+            container, may_restart=task.restart_on_resize, agent=pod.node in agents
+        )
+        if before is None:  # what is written down as the original has been granted
+            obstacle = obstacle or pod.waits_for_request(container)
         unweighted = pod.unweighted(container) if weighted else None
-        usable = nodes[pod.node] if limit is None else limit
-        found.append(_Match(task, claimed, usable, obstacle, unweighted, probe_warning(policy, task, pod, container)))
+        stake = Stake(_request(container, before), nodes[pod.node] if cpu.limit is None else cpu.limit)
+        warning = probe_warning(policy, task, f"{pod.name}/{container.name}") if container.probed else None
+        found.append(_Match(task, claimed, stake, obstacle, unweighted, warning))
     return found
 
 
-def _owned(found: Iterable[tuple[Policy, Sequence[_Match]]], tenants: Tenants) -> dict[tuple[str, int], dict[str, int]]:
-    """By node and priority: what the limits of each namespace's containers under enforcing policies add up to."""
-    limits: dict[tuple[str, int], dict[str, dict[str, int]]] = defaultdict(lambda: defaultdict(dict))
+def _request(container: ContainerView, before: Cpu | None) -> int:
+    """What it requested before any policy, as far as the kubelet granted it: anybody may write more."""
+    if before is not None and before.request != container.spec.request:
+        return before.request or 0
+    return container.admitted
+
+
+def _owned(
+    found: Iterable[tuple[Policy, Sequence[_Match]]], tenants: Tenants
+) -> dict[tuple[str, int], dict[str, Stake]]:
+    """By node and priority: what each namespace's containers under enforcing policies have together."""
+    stakes: dict[tuple[str, int], dict[str, dict[str, Stake]]] = defaultdict(lambda: defaultdict(dict))
     for policy, matches in found:
         for match in matches:
-            if match.obstacle is None and policy.mode is Mode.ENFORCE:
+            if match.obstacle is None and policy.mode.acts:
                 place = match.container.node, tenants.priority(policy.namespace)
-                limits[place][policy.namespace][match.container.id] = match.limit
+                stakes[place][policy.namespace][match.container.id] = match.stake
     return {
-        place: {namespace: sum(own.values()) for namespace, own in there.items()} for place, there in limits.items()
+        place: {namespace: _sum(own.values()) for namespace, own in there.items()} for place, there in stakes.items()
     }
 
 
-def _fair(total: int, wanted: Mapping[str, int]) -> dict[str, int]:
-    """What each gets of the total: all that it wants, or an equal part of what those who want less leave."""
-    parts: dict[str, int] = {}
-    for place, (name, want) in enumerate(sorted(wanted.items(), key=lambda item: (item[1], item[0]))):
-        parts[name] = min(want, (total - sum(parts.values())) // (len(wanted) - place))
-    return parts
+def _sum(stakes: Iterable[Stake]) -> Stake:
+    return sum(stakes, Stake())
 
 
 def _least(policy: Policy, container: Container) -> int:
     """The lowest limit that the container can get from the policy."""
     return container.floor if policy.enforcement.control is Control.LIMIT else QUANTUM
+
+
+def _misnamed(policy: Policy, pods: Sequence[PodView]) -> dict[str, str]:
+    """By task, what its pods have instead of its container; `pods` are those of the policy's namespace."""
+    found = {}
+    for task in policy.leaves:
+        own = [pod for pod in pods if task.selector is not None and task.selector.matches(pod.labels)]
+        if own and not any(task.container in pod.by_name for pod in own):
+            there = ", ".join(sorted({name for pod in own for name in pod.by_name})[:MOST_NAMED])
+            found[task.name] = (
+                f"task {task.name}: container: invalid value {task.container!r}: "
+                f"expected one that its pods have, such as {own[0].name}: {there}"
+            )
+    return found
 
 
 def matches(policy: Policy, pods: Sequence[PodView]) -> Iterator[tuple[Task, PodView, ContainerView]]:

@@ -20,17 +20,20 @@ class Fence(Protocol):
 class PolicyApi(Protocol):
     """What running policies need of the API server."""
 
+    def read(self, path: str) -> dict[str, Any]:
+        """GET an object or a list."""
+
     def config_map(self, namespace: str, name: str) -> dict[str, str]:
         """The data of a ConfigMap."""
 
     def pod(self, namespace: str, name: str) -> dict[str, Any]:
         """GET a pod."""
 
-    def resize(self, namespace: str, pod: str, patch: Mapping[str, Any]) -> int:
-        """PATCH pods/resize; the changed pod's resourceVersion."""
+    def resize(self, namespace: str, pod: str, patch: Mapping[str, Any], manager: str) -> int:
+        """PATCH pods/resize as this field manager; the changed pod's resourceVersion."""
 
-    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> None:
-        """Merge into `status.originals` of a ContextPolicy."""
+    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> int:
+        """Merge into `status.originals` of a ContextPolicy; its resourceVersion."""
 
     def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
         """Merge into the status of a ContextPolicy."""
@@ -45,6 +48,10 @@ class FencedApi:
     def __init__(self, api: PolicyApi, fence: Fence) -> None:
         self._api, self._fence = api, fence
 
+    def read(self, path: str) -> dict[str, Any]:
+        """See `ApiServer.read`."""
+        return self._api.read(path)
+
     def config_map(self, namespace: str, name: str) -> dict[str, str]:
         """See `ApiServer.config_map`."""
         return self._api.config_map(namespace, name)
@@ -53,15 +60,15 @@ class FencedApi:
         """See `ApiServer.pod`."""
         return self._api.pod(namespace, name)
 
-    def resize(self, namespace: str, pod: str, patch: Mapping[str, Any]) -> int:
+    def resize(self, namespace: str, pod: str, patch: Mapping[str, Any], manager: str) -> int:
         """See `ApiServer.resize`."""
         self._check(namespace)
-        return self._api.resize(namespace, pod, patch)
+        return self._api.resize(namespace, pod, patch, manager)
 
-    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> None:
+    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> int:
         """See `ApiServer.write_originals`."""
         self._check(namespace)
-        self._api.write_originals(namespace, policy, changes)
+        return self._api.write_originals(namespace, policy, changes)
 
     def write_status(self, namespace: str, name: str, status: Mapping[str, Any]) -> None:
         """See `ApiServer.write_status`."""

@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+NAMESPACE_LEASE = "contextpolicy"
+"""The Lease in each namespace that says which release serves it."""
 RENEW = 1 / 3
 """The part of a Lease's duration after which its holder renews it."""
 ACT = 0.8
@@ -26,7 +28,7 @@ that are on their way then: they arrive before anybody else starts."""
 AGAIN = 0.2
 """Seconds after which a request that failed is sent again."""
 REFUSED = 5.0
-"""Seconds after which a refused request is sent again: nothing tells when a right or a namespace is there."""
+"""Seconds after which a refused request is retried: no event says when a right or a namespace appears."""
 LONGEST = 60
 """Seconds that a holder may ask for at most: whatever a Lease says, it is not waited for any longer."""
 
@@ -40,7 +42,7 @@ class OwnPod(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """As the API server has it; `version` is empty when it has none, `holder` when nobody holds it.
+    """As the API server has it; `version` is empty when it has none, `holder` when it is free.
 
     Kubernetes deletes a Lease with the `pod` of its holder. So it is free as soon as that is gone, also when the holder
     could not give it back: `helm uninstall` takes its rights away before it ends.
@@ -56,7 +58,7 @@ class Lease:
 
 
 def read(item: Mapping[str, Any]) -> Lease:
-    """Read a Lease; fields that make no sense count as missing, whoever wrote them."""
+    """Read a Lease; invalid fields count as missing."""
     spec = item.get("spec") or {}
     return Lease(
         holder=str(spec.get("holderIdentity") or ""),
@@ -113,7 +115,7 @@ class Candidacy:
 
     @property
     def holder(self) -> str:
-        """Who holds it, as far as we know; empty when nobody does."""
+        """The holder, as far as we know; empty when it is free."""
         return self._seen.holder if self._seen else ""
 
     @property
@@ -139,7 +141,7 @@ class Candidacy:
 
     @property
     def seen(self) -> bool:
-        """Whether we know who holds it, or that nobody does."""
+        """Whether we know its holder, or that it is free."""
         return self._seen is not None
 
     def ask(self, wall: str) -> Lease | None:
@@ -160,7 +162,7 @@ class Candidacy:
     def succeed(self, written: Lease, sent: float, now: float) -> bool:
         """The API server took what was sent at `sent`, as it has it now.
 
-        Returns whether that came too late for us to act without a pause, though nobody else held it meanwhile.
+        Returns whether that came too late for us to act without a pause, though no other replica held it meanwhile.
         """
         if self.lost:
             return False
@@ -171,7 +173,7 @@ class Candidacy:
         return paused
 
     def fail(self, now: float, refused: str = "") -> None:
-        """The write failed, or its answer was lost; the Lease as it is then is told to `see`, if it can be read.
+        """The write failed, or its answer was lost; the current Lease is passed to `see`, if it can be read.
 
         `refused` says why asking again soon is of no use.
         """
@@ -188,7 +190,7 @@ class Candidacy:
 
 
 def _is_news(version: str, known: str) -> bool:
-    """Versions count up; the watch may tell an older one than the answer to our own write."""
+    """Versions count up; the watch may report an older one than the answer to our own write."""
     return version != known if not (version and known) else int(version) > int(known)
 
 

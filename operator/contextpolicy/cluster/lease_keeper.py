@@ -15,7 +15,7 @@ from contextpolicy.cluster.watching import ListWatch, ObjectWatch
 from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from contextpolicy.cluster.lease import Candidacy
 
@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 TERMINATING = "because it is being terminated"
 """How the API server refuses new objects in a namespace that is being deleted. Nobody can hold a Lease there any more,
-and all that is left to do is to let its policies go, so whoever serves the namespace goes on."""
+and all that is left to do is to let its policies go, so the one that serves the namespace goes on."""
 
 
 class LeaseApi(ListWatch, Protocol):
@@ -36,20 +36,27 @@ class LeaseApi(ListWatch, Protocol):
         """Create or replace a Lease."""
 
 
+class LeaseListener(Protocol):
+    """What hears of Leases; called on any thread."""
+
+    def on_lease(self) -> None:
+        """A Lease was looked at or written: what we may do may have changed."""
+
+
 def clock() -> float:
-    """Seconds since boot: nobody can set it, and it goes on while the machine is suspended."""
+    """Seconds since boot: it can't be set, and it runs while the machine is suspended."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class LeaseKeeper:
-    """Leases of one name; `on_change` is called after every look and write.
+    """Leases of one name; reports after every look and write.
 
     The Lease of the namespace `watched` is watched, so that it is taken the moment its holder gives it back. Others are
     looked at when they may have run out: that is soon enough for them, and a watch for each namespace is not free.
     """
 
-    def __init__(self, api: LeaseApi, name: str, on_change: Callable[[], None], watched: str = "") -> None:
-        self._api, self._name, self._on_change = api, name, on_change
+    def __init__(self, api: LeaseApi, name: str, listener: LeaseListener, watched: str = "") -> None:
+        self._api, self._name, self._listener = api, name, listener
         self.interruptions = 0
         """How often a holder had to pause because a renewal came late; it only grows."""
         self._candidacies: dict[str, Candidacy] = {}
@@ -128,7 +135,7 @@ class LeaseKeeper:
                     continue
                 candidacy = self._candidacies[namespace]
             self._step(namespace, candidacy)
-            self._on_change()
+            self._listener.on_lease()
 
     def _step(self, namespace: str, candidacy: Candidacy) -> None:
         """Look at a Lease that was never seen, else write it; after a refusal look what it is now."""
@@ -147,7 +154,7 @@ class LeaseKeeper:
                     self.interruptions += candidacy.succeed(wanted, sent, clock())
                 return
             level = logging.DEBUG if error.reason == "Conflict" else logging.WARNING
-            log.log(level, "%s: %s", self._told(namespace), error)
+            log.log(level, "%s: %s", self._subject(namespace), error)
             self._failed(namespace, candidacy, error)
         except Exception:
             log.exception("internal error")
@@ -163,7 +170,7 @@ class LeaseKeeper:
             try:
                 self._look(namespace, candidacy)
             except ActuationError as unread:
-                log.warning("%s: %s", self._told(namespace), unread)
+                log.warning("%s: %s", self._subject(namespace), unread)
         with self._news:
             candidacy.fail(clock(), "" if error.retriable else f"{error.reason}: {error}")
 
@@ -176,7 +183,7 @@ class LeaseKeeper:
         try:
             self._api.write_lease(namespace, self._name, given, timeout=1.0)
         except ActuationError as error:
-            log.warning("%s is not given back: %s", self._told(namespace), error)
+            log.warning("%s could not be released: %s", self._subject(namespace), error)
 
     def _see(self, found: Lease) -> None:
         with self._news:
@@ -184,7 +191,7 @@ class LeaseKeeper:
             if candidacy is not None:
                 candidacy.see(found, clock())
                 self._news.notify()
-        self._on_change()
+        self._listener.on_lease()
 
-    def _told(self, namespace: str) -> str:
+    def _subject(self, namespace: str) -> str:
         return f"Lease {namespace}/{self._name}"

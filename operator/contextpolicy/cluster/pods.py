@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from kubernetes.utils.quantity import parse_quantity
-
+from contextpolicy.cluster.owner_references import Owner, owner_of
+from contextpolicy.cluster.resource_quantities import in_bytes, millicores
 from contextpolicy.cluster.writers import NOBODY, Writers, writers
 from contextpolicy.planning.allocation.placement import QUANTUM
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
-    from decimal import Decimal
 
 MIRROR = "kubernetes.io/config.mirror"
 """Annotation of a static pod's mirror pod in the API; the kubelet refuses to resize it."""
@@ -58,6 +56,14 @@ class ContainerView:
         """Whether the request and the limit in the API are in force."""
         return self.in_force and self.allocated in (None, self.spec.request)
 
+    @property
+    def admitted(self) -> int:
+        """The request that the kubelet keeps room for; more may be written, and deferred or refused for ever."""
+        request = self.spec.request or 0
+        if self.allocated is None:
+            return request if self.container_id else 0
+        return min(request, self.allocated)
+
 
 @dataclass(frozen=True, slots=True)
 class PodView:
@@ -81,6 +87,15 @@ class PodView:
     """Whether a container still runs; in a pod that is being deleted they may until the grace period ends."""
     version: int
     """The object's resourceVersion, which only grows, so a lower one means an older view. 0 when it is not a number."""
+    reserved: int
+    """The CPU request that it has at least, whatever its long-running containers have: that of its init containers at
+    their peak, or its own (KEP-2837)."""
+    overhead: int
+    """What its runtime class adds to its CPU request."""
+    owner: Owner | None = None
+    """Its controller."""
+    pooled: bool = False
+    """Whether the pod as a whole has CPU resources (`spec.resources`, KEP-2837), which its containers share."""
     by_name: Mapping[str, ContainerView] = field(init=False, repr=False, compare=False)
     """The containers, by name."""
 
@@ -124,16 +139,36 @@ class PodView:
         if self.qos == "BestEffort":
             return f"{self.name} is BestEffort, which can't be resized; give {container.name} a CPU request and limit"
         if container.spec.limit is None:
-            return (
-                f"{self.name}/{container.name} has no CPU limit, and one that is set can't be taken back; "
-                "give it a CPU limit in its pod template, or run the node agent on its node"
-            )
+            return self._without_limit(container)
         if container.restarts and not may_restart:
             return (
                 f"{self.name}/{container.name} restarts whenever its CPU changes (resizePolicy RestartContainer); "
                 "set NotRequired in its pod template, or accept restarts with restartOnResize: true on its task"
             )
         return None
+
+    def waits_for_request(self, container: ContainerView) -> str | None:
+        """Why what the container requests is not known to be its own, with what to do about it; None when it is."""
+        request, granted = container.spec.request or 0, container.allocated
+        if granted is None or request <= granted:
+            return None
+        return (
+            f"{self.name}/{container.name} requests {request}m, and the kubelet has granted {granted}m"
+            f"{f' ({self.pending})' if self.pending else ''}; request what its node has room for"
+        )
+
+    def _without_limit(self, container: ContainerView) -> str:
+        whose = f"{self.name}/{container.name}"
+        if self.pooled:
+            return (
+                f"{whose} has no CPU limit of its own, only its pod as a whole has one (spec.resources), which "
+                f"policies don't move; give {container.name} a CPU request and limit in its pod template, within the "
+                "pod's, or run the node agent on its node"
+            )
+        return (
+            f"{whose} has no CPU limit, and Kubernetes can't remove one once it is set; "
+            "give it a CPU limit in its pod template, or run the node agent on its node"
+        )
 
     def unweighted(self, container: ContainerView) -> str | None:
         """Why this container can't have a weight of its own, with what to do about it; None when it can."""
@@ -151,7 +186,7 @@ def view(pod: Mapping[str, Any]) -> PodView:
     try:
         return _view(pod)
     except (TypeError, KeyError, AttributeError) as error:
-        raise ValueError(f"no pod: {error!r:.200}") from error
+        raise ValueError(f"not a pod: {error!r:.200}") from error
 
 
 def _view(pod: Mapping[str, Any]) -> PodView:
@@ -173,7 +208,21 @@ def _view(pod: Mapping[str, Any]) -> PodView:
         ended=bool(metadata.get("deletionTimestamp")) or status.get("phase") in ("Succeeded", "Failed"),
         running=any("running" in (entry.get("state") or {}) for entry in _statuses(status)),
         version=version_of(metadata),
+        reserved=max(_peak(spec), cpu_of(spec.get("resources") or {}).request or 0),
+        overhead=millicores((spec.get("overhead") or {}).get("cpu")) or 0,
+        owner=owner_of(metadata),
+        pooled=cpu_of(spec.get("resources") or {}) != Cpu(None, None),
     )
+
+
+def _peak(spec: Mapping[str, Any]) -> int:
+    """The most that is requested while init containers run: each beside the sidecars that started before it."""
+    sidecars = most = 0
+    for container in spec.get("initContainers") or []:
+        request = cpu_of(container.get("resources") or {}).request or 0
+        most = max(most, sidecars + request)
+        sidecars += request if container.get("restartPolicy") == "Always" else 0
+    return most
 
 
 def version_of(metadata: Mapping[str, Any]) -> int:
@@ -205,10 +254,10 @@ def _container(container: Mapping[str, Any], field: str, status: Mapping[str, An
     return ContainerView(
         name=container["name"],
         list_field=field,
-        spec=_cpu_of(resources),
-        actual=None if actual is None else _cpu_of(actual),
-        memory_request=_memory(requests.get("memory")),
-        memory_limit=_memory(limits.get("memory")),
+        spec=cpu_of(resources),
+        actual=None if actual is None else cpu_of(actual),
+        memory_request=in_bytes(requests.get("memory")),
+        memory_limit=in_bytes(limits.get("memory")),
         container_id=status.get("containerID") or "",
         allocated=millicores((status.get("allocatedResources") or {}).get("cpu")),
         writers=by,
@@ -220,27 +269,11 @@ def _container(container: Mapping[str, Any], field: str, status: Mapping[str, An
     )
 
 
-def _cpu_of(resources: Mapping[str, Any]) -> Cpu:
+def cpu_of(resources: Mapping[str, Any]) -> Cpu:
+    """The CPU of a container's `resources`."""
     return Cpu(
         millicores((resources.get("requests") or {}).get("cpu")), millicores((resources.get("limits") or {}).get("cpu"))
     )
-
-
-def millicores(raw: object) -> int | None:
-    """A CPU quantity in thousandths of a core, rounded up as Kubernetes does; ValueError when it is invalid."""
-    return None if raw is None else _quantity(raw, 1000)
-
-
-def _memory(raw: object) -> int | None:
-    return None if raw is None else _quantity(raw, 1)
-
-
-def _quantity(raw: object, scale: int) -> int:
-    try:
-        number: Decimal = parse_quantity(str(raw))  # type: ignore[no-untyped-call]
-        return math.ceil(number * scale)
-    except ArithmeticError as error:  # a number beyond all bounds
-        raise ValueError(f"{raw!r} is no quantity") from error
 
 
 def _pending(status: Mapping[str, Any]) -> str:

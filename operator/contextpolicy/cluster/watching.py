@@ -33,7 +33,7 @@ PAUSES = (0.1, 0.2, 0.5, 1.0)
 
 PAGE = 500
 """Objects in one page of a list: 5000 pods at once take 200 MiB to decode. All pages show one moment, whose version the
-watch starts from; when the server no longer has it (410) the list begins anew."""
+watch starts from; when the server no longer has it (410) it lists again."""
 
 
 class ListWatch(Protocol):
@@ -62,7 +62,7 @@ class WatchListener(Protocol):
 class ObjectWatch:
     """One list, followed on a thread of its own.
 
-    The listener is called on that thread. `listed` is done once it has heard of everything that existed at the start.
+    The listener is called on that thread. `listed` is done once it has received everything that existed at the start.
     `refused` says why the server lets us see nothing, if it does not.
     """
 
@@ -121,7 +121,7 @@ class ObjectWatch:
             self._listener.on_gone(uid)
         self._known = uids
         if self._failures:
-            log.info("%s is told again", self._path)
+            log.info("%s: watch re-established", self._path)
         self._failures = 0
         self._note_refusal("")
         if not self.listed.done():
@@ -163,7 +163,7 @@ class ObjectWatch:
         if self._stop.is_set():
             return
         if self._failures == 0:
-            log.warning("%s can't be watched, trying again: %s", self._path, error)
+            log.warning("%s can't be watched, retrying: %s", self._path, error)
         if isinstance(error, ActuationError) and error.reason == "Forbidden":
             self._note_refusal(str(error))
         self._stop.wait(PAUSES[min(self._failures, len(PAUSES) - 1)])

@@ -10,6 +10,9 @@ if TYPE_CHECKING:
 
 FIELD_MANAGER = "contextpolicy"
 """The name under which the API server records our writes."""
+RESTORE_MANAGER = "contextpolicy-restore"
+"""The name for those that put back what was there before: what they wrote is no longer anyone's request."""
+OURS = (FIELD_MANAGER, RESTORE_MANAGER)
 
 
 @dataclass(frozen=True, slots=True)

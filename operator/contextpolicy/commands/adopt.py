@@ -35,9 +35,9 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Write, then delete: whoever stops in between can do it again."""
-    namespace, name = reference_of(arguments.policy, arguments.namespace)
-    with api_server() as api:
+    """Write, then delete: it can be repeated after a stop in between."""
+    namespace, name = reference_of(arguments)
+    with api_server(arguments) as api:
         body = policy_object(api, namespace, name)
         of = policy_object(api, namespace, shadow.of(body))
         target = of["metadata"]["name"]

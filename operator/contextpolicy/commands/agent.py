@@ -30,8 +30,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser = subparsers.add_parser(
         "agent",
         help="run the node agent",
-        description="Hear plans on the decision bus and write the cgroups of this node at once, CPU limits and "
-        "realtime budgets, until SIGTERM; then undo what the API did not confirm. Settings come from the environment: "
+        description="Receive plans on the decision bus and write this node's cgroups (weights, CPU limits, realtime "
+        "budgets) at once, until SIGTERM; then undo what the API did not confirm. Settings come from the environment: "
         "NODE_NAME, PLAN_SIGNING (the directory of the operator's certificate), ZENOH_CONNECT, ZENOH_CREDENTIALS, "
         "CGROUP_ROOT (default /sys/fs/cgroup), POD_LOGS (default /var/log/pods), STATE_DIRECTORY (default "
         "/run/contextpolicy), METRICS_PORT (also answers /healthz), LOG_FORMAT, LOG_LEVEL.",
@@ -49,7 +49,7 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         type=float,
         default=10.0,
         metavar="SECONDS",
-        help="how long a policy's plans hold when nobody makes them any more (default: %(default)s)",
+        help="how long a policy's plan stays in force without an operator (default: %(default)s)",
     )
     parser.set_defaults(main=main)
 
@@ -85,19 +85,21 @@ def main(arguments: argparse.Namespace) -> int:
 def _run(settings: AgentSettings, stop: threading.Event) -> None:
     """Start before the bus is there: what an earlier run left is undone in time even if no router ever answers."""
     from contextpolicy.agent.agent import Agent
+    from contextpolicy.agent.agent_metrics import CONNECTED
     from contextpolicy.agent.bus_link import AgentBus
     from contextpolicy.agent.inotify import WriteWatch
-    from contextpolicy.agent.service import CONNECTED, serve
+    from contextpolicy.agent.service import serve
     from contextpolicy.bus.session import open_client
     from contextpolicy.bus.signatures import Verifier
     from contextpolicy.streams.loop import Loop
-    from contextpolicy.telemetry.build_info import tell_build
+    from contextpolicy.telemetry.build_info import publish_build
+    from contextpolicy.telemetry.certificate_metrics import publish_expiry
 
-    tell_build("agent")
+    publish_build("agent")
+    publish_expiry("agent", settings.credentials)
     verifier = Verifier(settings.keys)
     loop = Loop()
-    watch = WriteWatch(lambda path, heard: _later(loop, lambda: agent.on_other_write(path, heard)))
-    agent = Agent(settings, loop, watch)
+    agent = Agent(settings, loop, WriteWatch)
     _later(loop, agent.start)
     serve(settings.metrics_port, lambda: _later(loop, lambda: None).wait(HUNG))
     gc.freeze()  # as the operator: no collection in the middle of a plan goes through all that was imported

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import sys
+import time
 from typing import TYPE_CHECKING
 
 from contextpolicy.commands.termination import stop_on_signals
@@ -17,31 +18,35 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+SHOWN = 3.0
+"""Seconds for which a router is sought, and for which the token is shown: the operator asks it in vain meanwhile."""
+
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
     parser = subparsers.add_parser(
         "agent-supervisor",
         help="undo what a killed node agent left",
-        description="Wait for the node agent's death, give the next one the grace period to come, and undo what the "
-        "dead one left if none comes; until SIGTERM. Settings come from the environment, as the agent's: CGROUP_ROOT, "
-        "STATE_DIRECTORY, LOG_FORMAT, LOG_LEVEL.",
+        description="Wait until the node agent dies, and undo what it left unless another agent starts within the "
+        "grace period; until SIGTERM. Settings come from the environment, as the agent's: CGROUP_ROOT, "
+        "STATE_DIRECTORY, LOG_FORMAT, LOG_LEVEL; with NODE_NAME, ZENOH_CONNECT and ZENOH_CREDENTIALS the operator "
+        "learns that something was undone.",
     )
     parser.add_argument(
         "--grace",
         type=float,
         default=10.0,
         metavar="SECONDS",
-        help="how long after a killed agent another may come (default: %(default)s)",
+        help="how long to wait for another agent after one died (default: %(default)s)",
     )
     parser.add_argument(
         "--patience",
         type=float,
         default=20.0,
         metavar="SECONDS",
-        help="how long to wait for the agent's end at SIGTERM (default: %(default)s)",
+        help="how long to wait at SIGTERM for the agent to end (default: %(default)s)",
     )
-    parser.add_argument("--undo", action="store_true", help="undo now, unless an agent lives, and exit")
+    parser.add_argument("--undo", action="store_true", help="undo now, unless an agent is running, and exit")
     parser.set_defaults(main=main)
 
 
@@ -63,17 +68,23 @@ def _supervise(state: StateDirectory, arguments: argparse.Namespace) -> bool:
     from contextpolicy.agent.inotify import WriteWatch
 
     undoing = [sys.executable, "-m", "contextpolicy", "agent-supervisor", "--undo", f"--grace={arguments.grace}"]
-    supervisor = AgentSupervisor(state, lambda: _succeeds(undoing), grace=arguments.grace, patience=arguments.patience)
-    WriteWatch(lambda *_: supervisor.come()).add(state.lock)
+    own = _OwnProcess(undoing)
+    supervisor = AgentSupervisor(state, own, grace=arguments.grace, patience=arguments.patience)
+    WriteWatch(supervisor).add(state.lock)
     stop_on_signals(supervisor.stop)
     log.info("watching over the agent")
     return supervisor.run()
 
 
-def _succeeds(command: list[str]) -> bool:
-    """Run it in a process of its own, whose memory the supervisor does not keep."""
-    process = os.posix_spawn(command[0], command, os.environ)
-    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 0
+class _OwnProcess:
+    """Undoes in a process of its own, whose memory the supervisor does not keep."""
+
+    def __init__(self, command: list[str]) -> None:
+        self._command = command
+
+    def undo(self) -> bool:
+        process = os.posix_spawn(self._command[0], self._command, os.environ)
+        return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 0
 
 
 def _undo(settings: AgentSettings, state: StateDirectory) -> bool:
@@ -82,5 +93,28 @@ def _undo(settings: AgentSettings, state: StateDirectory) -> bool:
         return True
     from contextpolicy.agent.leftovers import undo
 
-    undo(settings)
-    return not state.anything_left
+    complete = undo(settings)
+    if settings.node:
+        _announce(settings)
+    return complete and not state.anything_left
+
+
+def _announce(settings: AgentSettings) -> None:
+    """Show the operator an agent that comes and goes: after that it has the kubelet write the API's limits once more.
+
+    An agent that was frozen is no news to it when it dies, and what it wrote may be undone long after the takeover.
+    """
+    import zenoh
+
+    from contextpolicy.bus.decision_bus import agent_key
+    from contextpolicy.bus.session import open_visitor
+
+    try:
+        session = open_visitor(settings.connect, patience=SHOWN, credentials=settings.credentials)
+    except zenoh.ZError as error:
+        log.warning("the operator can't be shown what was undone: %s", error)
+        return
+    token = session.liveliness().declare_token(agent_key(settings.node))
+    time.sleep(SHOWN)
+    token.undeclare()
+    session.close()

@@ -1,26 +1,84 @@
-"""`--credentials`, the same for every command that uses the bus."""
+"""`contextpolicy credentials ROLE DIRECTORY`: what a client outside of the cluster needs to get onto the bus."""
 
 from __future__ import annotations
 
-import argparse
-import os
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from contextpolicy.commands.cluster_access import OPERATOR, ClusterAccessError, add_cluster, api_server
+from contextpolicy.errors import ActuationError
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Mapping, Sequence
+
+    from contextpolicy.cluster.api import ApiServer
+
+ROLES = ("sensor", "module", "viewer")
+OWN = "-bus-operator"
+"""How the operator's Secret ends where the chart makes the certificates."""
 
 
-def add_credentials(parser: argparse.ArgumentParser) -> None:
-    """Declare the option. It takes a path: anyone who may list processes can read a command line."""
-    parser.add_argument(
-        "--credentials",
-        type=directory,
-        metavar="DIRECTORY",
-        default=os.environ.get("ZENOH_CREDENTIALS") or None,
-        help="a Secret's files: ca.crt with tls.crt and tls.key, or with username and password (default: "
-        "ZENOH_CREDENTIALS, else the bus is open to all)",
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "credentials",
+        help="fetch a role's certificate for the bus",
+        description="Write ca.crt, tls.crt and tls.key of a role into a directory, for ZENOH_CREDENTIALS and "
+        "--credentials of a driver or a person outside the cluster. Requires the right to read the Secret. "
+        "Certificates last a year and are renewed 120 days before they expire: run it again in time.",
     )
+    parser.add_argument("role", choices=ROLES, help="what the certificate allows")
+    parser.add_argument("directory", type=Path, metavar="DIRECTORY", help="created if it does not exist")
+    parser.add_argument("-n", "--namespace", metavar="NS", help="of the release (default: where its operator is)")
+    add_cluster(parser)
+    parser.set_defaults(main=main)
 
 
-def directory(text: str) -> Path:
-    """An existing directory."""
-    if not Path(text).is_dir():
-        raise argparse.ArgumentTypeError(f"{text} is no directory")
-    return Path(text)
+def main(arguments: argparse.Namespace) -> int:
+    """Fetch and write."""
+    with api_server(arguments) as api:
+        files = fetch(api, arguments.role, arguments.namespace)
+    directory: Path = arguments.directory
+    directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+    for name, content in files.items():
+        path = directory / name
+        path.touch(mode=0o600)
+        path.write_bytes(content)
+    print(f"{directory}: {', '.join(files)} of role {arguments.role}")
+    return 0
+
+
+def fetch(api: ApiServer, role: str, namespace: str | None) -> Mapping[str, bytes]:
+    """The files of the role's Secret; ClusterAccessError when there is none yet."""
+    where = f"/api/v1/namespaces/{quote(namespace)}/pods" if namespace else "/api/v1/pods"
+    place, name = secret_of(role, api.items(f"{where}?labelSelector={quote(OPERATOR)}"))
+    try:
+        files = api.secret(place, name).files
+    except ActuationError as error:
+        raise ClusterAccessError(f"Secret {place}/{name} can't be read: {error}") from error
+    if not files:
+        raise ClusterAccessError(f"Secret {place}/{name} is empty: the Job that makes certificates has not run yet")
+    return files
+
+
+def secret_of(role: str, operators: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """Namespace and name of a role's Secret, by what the operator's pods mount."""
+    found = {
+        (pod["metadata"]["namespace"], volume["secret"]["secretName"])
+        for pod in operators
+        for volume in pod["spec"].get("volumes") or ()
+        if volume["name"] == "bus"
+    }
+    if not operators:
+        raise ClusterAccessError(f"no operator is here: no pod has the labels {OPERATOR}")
+    if not found:
+        raise ClusterAccessError("the bus is open (security.enabled=false): no certificate is needed")
+    if len(found) > 1:
+        names = ", ".join(sorted(namespace for namespace, _ in found))
+        raise ClusterAccessError(f"several releases run here: name the namespace of one with -n: {names}")
+    [(namespace, name)] = found
+    if not name.endswith(OWN):
+        raise ClusterAccessError(f"the certificates are your own (Secret {namespace}/{name}): the chart makes none")
+    return namespace, f"{name.removesuffix(OWN)}-bus-{role}"

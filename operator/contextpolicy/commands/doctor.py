@@ -1,14 +1,19 @@
-"""`contextpolicy doctor`: what stands in the way on this cluster, and what mends it."""
+"""`contextpolicy doctor`: what stands in the way on this cluster, and how to fix it."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
+from datetime import UTC, datetime
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import quote
 
-from contextpolicy.commands.cluster_access import OPERATOR, api_server
+from contextpolicy.commands.cluster_access import OPERATOR, add_cluster, api_server
 from contextpolicy.commands.structured_output import add_output, structured
+from contextpolicy.commands.terminal import columns, waiting
 from contextpolicy.errors import ActuationError
+from contextpolicy.explain.text_table import wrapped
+from contextpolicy.policy.custom_resource import DEFINITION, GROUP, PLURAL
 
 if TYPE_CHECKING:
     import argparse
@@ -21,13 +26,14 @@ T = TypeVar("T")
 
 ROUTER = OPERATOR.replace("=operator", "=router")
 RIGHTS = (
-    ("contextpolicy.dev", "contextpolicies", "", ("list", "watch", "patch")),
-    ("contextpolicy.dev", "contextpolicies", "status", ("patch",)),
+    (GROUP, PLURAL, "", ("list", "watch", "patch")),
+    (GROUP, PLURAL, "status", ("patch",)),
     ("", "pods", "", ("get", "list", "watch")),
     ("", "pods", "resize", ("patch",)),
     ("", "events", "", ("create",)),
 )
 """What the operator must be allowed in the namespaces of policies; nodes are checked apart."""
+DEFINITION_PATH = f"/apis/apiextensions.k8s.io/v1/customresourcedefinitions/{DEFINITION}"
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -36,32 +42,37 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "doctor",
         help="find what stands in the way on this cluster",
         description="Check the API server, kubelets, cgroups, the operator and its rights, the bus and every policy, "
-        "and tell what mends what is wrong. Changes nothing. What you may not read is unknown, not wrong. Exit "
-        "codes: 0 nothing is bad, 1 something is, 2 there is no cluster.",
+        "and say how to fix what is wrong. Changes nothing. What you may not read is unknown, not wrong.",
     )
-    parser.add_argument(
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "-n",
         "--namespace",
         metavar="NS",
         action="append",
         help="only policies of this namespace; may be repeated",
     )
+    where.add_argument("-A", "--all-namespaces", action="store_true", help="policies of every namespace (default)")
+    add_cluster(parser)
     add_output(parser)
     parser.set_defaults(main=main)
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Look and tell."""
+    """Check and report."""
     from contextpolicy.cluster.checkup import Verdict, checkup
 
-    with api_server() as api:
+    with api_server(arguments) as api, waiting("looking at the cluster"):
         checks = list(checkup(facts(api, arguments.namespace or [None])))
-    if arguments.output == "text":
+    if arguments.output == "table":
         for check in checks:
-            print(f"{check.verdict.upper():8} {check.subject}: {check.seen}")
+            line = f"{check.subject}: {check.seen}"
+            print(*wrapped(line, columns(), f"{check.verdict.upper():8} ", " " * 9), sep="\n")
             if check.remedy and check.verdict is not Verdict.OK:
-                print(f"{'':9}-> {check.remedy}")
+                print(*wrapped(check.remedy, columns(), f"{'':9}-> ", " " * 12), sep="\n")
     else:
-        print(structured([{**asdict(check), "verdict": str(check.verdict)} for check in checks], arguments.output))
+        items = [{**asdict(check), "verdict": str(check.verdict)} for check in checks]
+        print(structured({"items": items}, arguments.output))
     return 1 if any(check.verdict is Verdict.BAD for check in checks) else 0
 
 
@@ -69,19 +80,51 @@ def facts(api: ApiServer, namespaces: Sequence[str | None]) -> ClusterFacts:
     """Everything that may be read, of policies in these namespaces (None: all); what may not is None."""
     from contextpolicy.cluster.checkup import ClusterFacts
 
-    version = str(api.read("/version")["gitVersion"])
+    version = str(api.read("/version", "gitVersion")["gitVersion"])
     served = api.serves_policies()
     policies = _allowed(lambda: _policies(api, namespaces)) if served else None
     operators = _allowed(lambda: _pods(api, OPERATOR))
-    nodes = _allowed(lambda: api.read("/api/v1/nodes")["items"])
+    nodes = _allowed(lambda: api.items("/api/v1/nodes"))
     kubelets = {name: one for node in nodes or () if (one := _kubelet(api, name := node["metadata"]["name"]))}
     lacking = _lacking(api, operators[0], policies or ()) if operators else None
     routers = _allowed(lambda: _pods(api, ROUTER))
+    definition = _allowed(lambda: api.read(DEFINITION_PATH))
     used = sorted({policy["metadata"]["namespace"] for policy in policies or ()})
     pods = _allowed(lambda: [pod for namespace in used for pod in _of(api, namespace)])
     return ClusterFacts(
-        version, policies, operators, routers, nodes, lacking, kubelets, serves_policies=served, pods=pods
+        version,
+        policies,
+        operators,
+        routers,
+        nodes,
+        lacking,
+        kubelets,
+        serves_policies=served,
+        pods=pods,
+        deployments=None if operators else _allowed(lambda: _deployments(api)),
+        services={namespace: api.service(namespace) for namespace in used},
+        definition=definition,
+        ends=_ends(api, [*(operators or ()), *(routers or ())]),
+        now=datetime.now(UTC),
     )
+
+
+def _ends(api: ApiServer, pods: Sequence[Mapping[str, Any]]) -> dict[str, datetime | None]:
+    """When the certificates end by which these pods say who they are on the bus, by Secret."""
+    mounted = {
+        (pod["metadata"]["namespace"], volume["secret"]["secretName"])
+        for pod in pods
+        for volume in pod["spec"].get("volumes") or ()
+        if volume["name"] == "bus" and "secret" in volume
+    }
+    return {f"{space}/{name}": _allowed(partial(_end, api, space, name)) for space, name in sorted(mounted)}
+
+
+def _end(api: ApiServer, namespace: str, secret: str) -> datetime | None:
+    from contextpolicy.bus.credentials import CERTIFICATE
+    from contextpolicy.bus.expiry import end
+
+    return end(api.secret(namespace, secret).files.get(CERTIFICATE, b""))
 
 
 def _allowed(read: Callable[[], T]) -> T | None:
@@ -98,19 +141,21 @@ def _policies(api: ApiServer, namespaces: Sequence[str | None]) -> list[dict[str
 
 
 def _pods(api: ApiServer, selector: str) -> list[dict[str, Any]]:
-    pods: list[dict[str, Any]] = api.read(f"/api/v1/pods?labelSelector={quote(selector)}")["items"]
-    return pods
+    return api.items(f"/api/v1/pods?labelSelector={quote(selector)}")
+
+
+def _deployments(api: ApiServer) -> list[dict[str, Any]]:
+    return api.items(f"/apis/apps/v1/deployments?labelSelector={quote(OPERATOR)}")
 
 
 def _of(api: ApiServer, namespace: str) -> list[dict[str, Any]]:
-    pods: list[dict[str, Any]] = api.read(f"/api/v1/namespaces/{quote(namespace)}/pods")["items"]
-    return pods
+    return api.items(f"/api/v1/namespaces/{quote(namespace)}/pods")
 
 
 def _kubelet(api: ApiServer, node: str) -> tuple[Mapping[str, Any], str] | None:
     path = f"/api/v1/nodes/{quote(node)}/proxy"
     try:
-        return api.read(f"{path}/configz")["kubeletconfig"], api.read_text(f"{path}/metrics")
+        return api.read(f"{path}/configz", "kubeletconfig")["kubeletconfig"], api.read_text(f"{path}/metrics")
     except ActuationError:
         return None
 

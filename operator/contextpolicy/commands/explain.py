@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import json
 import sys
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.commands import recording_arguments, robot_arguments
+from contextpolicy.commands.bus_arguments import add_credentials, connect
 from contextpolicy.commands.cluster_access import add_namespace, api_server, operator, policy_object, reference_of
-from contextpolicy.commands.credentials import add_credentials
 from contextpolicy.commands.robot_arguments import seconds
 from contextpolicy.commands.simulate import read_files, run_policy
 from contextpolicy.commands.structured_output import add_output, structured
+from contextpolicy.commands.terminal import columns, waiting
 from contextpolicy.errors import ContextPolicyError
+from contextpolicy.explain.text_table import wrapped
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
-    from pathlib import Path
 
     import zenoh
 
@@ -34,10 +36,10 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Declare the command."""
     parser = subparsers.add_parser(
         "explain",
-        help="tell why a task has its share",
-        description="Tell in sentences why each task has its share: samples, score, pre-conditions, contexts, task "
-        "graph, Eq. 1 or 2, bounds and needs. Of activities and contexts that do not hold it tells the part of the "
-        "condition that decides and the stream that it waits for. Either live from the operator, or at a moment of a "
+        help="explain why a task has its share",
+        description="Explain in sentences why each task has its share: samples, score, pre-conditions, contexts, task "
+        "graph, Eq. 1 or 2, bounds and needs. For activities and contexts that do not hold, show the decisive part of "
+        "the condition and the stream that it waits for. Either live from the operator, or at one time of a "
         "simulation.",
     )
     parser.add_argument("policy", metavar="POLICY", help="[NAMESPACE/]NAME; with --timeline a policy file")
@@ -56,6 +58,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     )
     source.add_argument(
         "--connect",
+        type=connect,
         metavar="ENDPOINTS",
         help="ask through the router at tcp/HOST:7447 (default: through the cluster, with kubectl)",
     )
@@ -71,13 +74,20 @@ def explanation_of(arguments: argparse.Namespace) -> dict[str, Any]:
         return _simulate(arguments)
     if arguments.connect:
         return _ask(arguments)
-    namespace, name = reference_of(arguments.policy, arguments.namespace)
-    with api_server() as api, operator(api) as ask:
+    _refuse_file(arguments.policy)
+    namespace, name = reference_of(arguments)
+    with api_server(arguments) as api, operator(api, arguments, namespace) as ask:
         found: dict[str, Any] | None = ask("explanation", policy=f"{namespace}/{name}")
         if found is None:
             policy_object(api, namespace, name)
             raise NoAnswerError(f"the operator runs no valid version of {namespace}/{name}: see `status`")
     return found
+
+
+def _refuse_file(policy: str) -> None:
+    """A file is easily named in place of a policy of the cluster, whose name can have no such ending."""
+    if policy.endswith((".yaml", ".yml", ".json")) or Path(policy).is_file():
+        raise NoAnswerError(f"{policy} is a file: give --timeline with the samples on which it decides")
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -89,23 +99,32 @@ def main(arguments: argparse.Namespace) -> int:
     known = list(explanation["tasks"])
     if arguments.task and known and arguments.task not in known:
         allowed = "one of " + ", ".join(known) + did_you_mean(arguments.task, known)
-        print(f"task {arguments.task} is not allowed: {allowed}", file=sys.stderr)
+        print(f"unknown task {arguments.task!r}: expected {allowed}", file=sys.stderr)
         return 2
-    if arguments.output != "text":
+    if arguments.output != "table":
         print(structured(explanation, arguments.output))
         return 0
     for task in [arguments.task] if arguments.task else known or [""]:
         first, *others = sentences(explanation, task)
-        print(first, *(f"  {sentence}" for sentence in others), sep="\n")
+        _print(first)
+        for sentence in others:
+            _print(sentence, "  ")
     if not arguments.task:
-        print(*context_sentences(explanation), sep="\n")
+        for sentence in context_sentences(explanation):
+            _print(sentence)
     return 0
+
+
+def _print(sentence: str, indent: str = "") -> None:
+    print(*wrapped(sentence, columns(), indent, f"{indent}  "), sep="\n")
 
 
 def _simulate(arguments: argparse.Namespace) -> dict[str, Any]:
     from contextpolicy.explain.explanation import explain
 
     policy, inputs = read_files(arguments)
+    for note in inputs.notes:
+        print(f"note: {note}", file=sys.stderr)
     robot = robot_arguments.robot_of(arguments, policy)
     run = run_policy(policy, inputs, robot=robot, until=arguments.at)
     return explain(run.planner, run.epoch + run.until)
@@ -113,9 +132,7 @@ def _simulate(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _ask(arguments: argparse.Namespace) -> dict[str, Any]:
     with visit(arguments.connect, arguments.credentials) as session:
-        answer = _answer(
-            session, f"contextpolicy/{'/'.join(reference_of(arguments.policy, arguments.namespace))}/explain"
-        )
+        answer = _answer(session, f"contextpolicy/{'/'.join(reference_of(arguments))}/explain")
     if answer is not None:
         return answer
     raise NoAnswerError(
@@ -132,12 +149,15 @@ def visit(connect: str, credentials: Path | None = None) -> Iterator[zenoh.Sessi
     from contextpolicy.bus.session import open_visitor
 
     try:
-        with open_visitor(connect.split(","), patience=PATIENCE, credentials=credentials) as session:
+        with ExitStack() as stack:
+            with waiting(f"connecting to {connect}"):
+                visitor = open_visitor(connect.split(","), patience=PATIENCE, credentials=credentials)
+                session = stack.enter_context(visitor)
             yield session
     except zenoh.ZError as error:
-        # What follows is the place in Zenoh's own source.
+        # What follows is the place in Zenoh's own source; what precedes the cause is the endpoints as it writes them.
         reason = str(error).partition(" at /")[0]
-        raise NoAnswerError(f"{connect}: {reason}") from error
+        raise NoAnswerError(f"no Zenoh router answers at {connect}: {reason.rpartition(']. ')[2]}") from error
 
 
 def _answer(session: zenoh.Session, key: str) -> dict[str, Any] | None:

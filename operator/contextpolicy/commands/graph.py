@@ -18,10 +18,12 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("policy", metavar="POLICY", help="a file with one ContextPolicy")
     parser.add_argument(
+        "-o",
         "--output",
+        metavar="FORMAT",
         choices=("mermaid", "svg"),
         default="mermaid",
-        help="default: mermaid; svg needs pip install 'contextpolicy[plot]'",
+        help="mermaid (default) or svg; svg needs pip install '.[plot]' in a checkout",
     )
     parser.add_argument("--context", metavar="NAME", help="show the graph as this context modifies it")
     parser.set_defaults(main=main)
@@ -37,8 +39,8 @@ def main(arguments: argparse.Namespace) -> int:
     policy = load_policy(arguments.policy)
     known = [context.name for context in policy.contexts]
     if arguments.context is not None and arguments.context not in known:
-        allowed = f"one of {', '.join(known)}" if known else "none are declared"
-        print(f"--context {arguments.context} is not allowed: {allowed}", file=sys.stderr)
+        allowed = f"expected one of {', '.join(known)}" if known else "the policy has none"
+        print(f"--context: unknown context {arguments.context!r}: {allowed}", file=sys.stderr)
         return 2
     graph = build(policy, context=arguments.context)
     print(mermaid(graph) if arguments.output == "mermaid" else svg(graph))

@@ -9,46 +9,49 @@ from contextpolicy.commands.cluster_access import (
     ClusterAccessError,
     add_namespace,
     api_server,
+    carried_out,
     policy_object,
     reference_of,
 )
+from contextpolicy.commands.exit_codes import NO, OK
 
 if TYPE_CHECKING:
     import argparse
 
 MODES = {
-    "pause": ("Paused", "stop planning, and put every container back as it was before the policy"),
-    "resume": ("Enforce", "carry plans out (again)"),
-    "dry-run": ("DryRun", "plan and tell, but put every container back and change nothing"),
-    "promote": ("Enforce", "carry a shadow out in place of the policy that it is a shadow of"),
+    "pause": ("Paused", "POLICY", "stop planning, and give every container back the CPU it had before the policy"),
+    "resume": ("Enforce", "POLICY", "carry out plans"),
+    "dry-run": ("DryRun", "POLICY", "plan and report, but restore every container and change none"),
+    "promote": ("Enforce", "SHADOW", "carry out a shadow in place of its policy"),
 }
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the commands."""
-    for command, (mode, text) in MODES.items():
+    for command, (mode, whose, text) in MODES.items():
         parser = subparsers.add_parser(
             command,
             help=text,
-            description=f"Set the policy's mode to {mode}: {text}. Under GitOps set spec.mode in Git instead, which "
-            "would undo this.",
+            description=f"Set the {whose.lower()}'s mode to {mode}: {text}. Under GitOps set spec.mode in "
+            "Git instead, which would undo this.",
         )
-        parser.add_argument("policy", metavar="POLICY", help="[NAMESPACE/]NAME")
+        parser.add_argument("policy", metavar=whose, help=f"[NAMESPACE/]NAME of the {whose.lower()}")
         add_namespace(parser)
         parser.set_defaults(main=main, mode=mode, command=command)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Set the mode; setting it to what it is changes nothing."""
-    namespace, name = reference_of(arguments.policy, arguments.namespace)
-    with api_server() as api:
+    namespace, name = reference_of(arguments)
+    with api_server(arguments) as api:
         body = policy_object(api, namespace, name)
         if arguments.command == "promote":
             shadow.of(body)
         elif arguments.command == "resume" and "shadow" in body["spec"]:
             raise ClusterAccessError(f"{namespace}/{name} is a shadow: `promote` carries it out")
+        service = api.service(namespace)
         before = body["spec"].get("mode", "Enforce")
         if before != arguments.mode:
             api.change_policy(namespace, name, {"mode": arguments.mode})
     print(f"{namespace}/{name}: {before} -> {arguments.mode}" if before != arguments.mode else f"{name}: is {before}")
-    return 0
+    return OK if carried_out(service, namespace) else NO

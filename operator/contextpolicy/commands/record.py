@@ -40,16 +40,20 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(arguments: argparse.Namespace) -> int:
     """Ask and write."""
-    namespace, name = reference_of(arguments.policy, arguments.namespace)
+    namespace, name = reference_of(arguments)
     folder: Path = arguments.to or Path(f"{name}-recorded")
     if folder.exists():
-        raise ClusterAccessError(f"--to {folder} is not allowed: a folder that does not exist yet")
-    with api_server() as api, operator(api) as ask:
+        raise ClusterAccessError(f"--to: invalid value {str(folder)!r}: expected a folder that does not exist yet")
+    with api_server(arguments) as api, operator(api, arguments, namespace) as ask:
         recorded = ask("recording", policy=f"{namespace}/{name}", last=arguments.last)
     if recorded is None:
-        raise ClusterAccessError(f"the operator runs no policy {namespace}/{name}")
+        raise ClusterAccessError(
+            f"the operator runs no policy {namespace}/{name}: `status -A` shows which there are, and what is wrong"
+        )
     if not recorded["timeline"]["inputs"]:
-        raise ClusterAccessError(f"nothing was heard for {namespace}/{name} yet: there is nothing to replay")
+        raise ClusterAccessError(
+            f"nothing was heard for {namespace}/{name} yet, so nothing can be replayed; `top` shows its streams"
+        )
     for path, text in contents(recorded).items():
         folder.mkdir(parents=True, exist_ok=True)
         (folder / path).write_text(text, encoding="utf-8")
@@ -82,7 +86,7 @@ def robot(recorded: Mapping[str, Any]) -> Iterator[str]:
 
 
 def robot_of(plan: Mapping[str, Any], reserve: int) -> Robot:
-    """The robot that a plan tells of; `reserve` is what its policy leaves of each node, in thousandths of a core."""
+    """The robot that a plan describes; `reserve` is what its policy leaves of each node, in thousandths of a core."""
     from contextpolicy.simulation.robot import Robot
 
     # The capacity is what the reserve leaves.

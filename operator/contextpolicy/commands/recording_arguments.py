@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,13 +17,14 @@ if TYPE_CHECKING:
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    own = parser.add_argument_group("recording", "If TIMELINE is an MCAP file, or a folder of rosbag2.")
+    own = parser.add_argument_group("recording", "If TIMELINE is an MCAP file, or a folder or .db3 file of rosbag2.")
     own.add_argument("--start-offset", type=seconds, default=0.0, metavar="S", help="leave out its first S seconds")
     own.add_argument("--playback-duration", type=seconds, metavar="S", help="read S seconds of it (default: all)")
     own.add_argument(
         "--topics", type=topic, nargs="+", default=(), metavar="TOPIC", help="these topics only; /robot/** is allowed"
     )
-    own.add_argument("--use-sim-time", action="store_true", help="time is what its simulator told on /clock")
+    own.add_argument("--use-sim-time", action="store_true", help="take the time from the recording's /clock")
+    own.add_argument("--skip-damaged", action="store_true", help="leave out what is damaged instead of refusing it all")
 
 
 def topic(text: str) -> str:
@@ -31,7 +33,7 @@ def topic(text: str) -> str:
 
     reason = refusal(text.strip("/"))
     if reason:
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: a topic or a key expression; {reason}")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected a topic or a key expression; {reason}")
     return text.strip("/")
 
 
@@ -44,20 +46,24 @@ def load_inputs(arguments: argparse.Namespace, policy: Policy, definitions: Defi
 def _load(arguments: argparse.Namespace, policy: Policy, definitions: Definitions) -> Timeline:
     from contextpolicy.errors import Finding, SettingsError
     from contextpolicy.streams import recordings, timeline
+    from contextpolicy.streams.recorded_message import NO_DAMAGE
 
     path = Path(arguments.timeline)
     if recordings.is_recording(path):
         excerpt = recordings.Excerpt(
             arguments.start_offset, arguments.playback_duration, arguments.topics, arguments.use_sim_time
         )
-        recording = recordings.open_recording(path, excerpt)
+        damages = recordings.DamageLog() if arguments.skip_damaged else NO_DAMAGE
+        recording = recordings.open_recording(path, excerpt, damages)
         wanted = [stream.key for stream in policy.streams]
-        return recordings.timeline_of(recording, excerpt, recordings.keys_for(policy), name=path.stem, wanted=wanted)
+        read = recordings.timeline_of(recording, excerpt, recordings.keys_for(policy), name=path.stem, wanted=wanted)
+        return replace(read, notes=tuple(damages.notes))
     used = {
         "--start-offset": arguments.start_offset,
         "--playback-duration": arguments.playback_duration,
         "--topics": arguments.topics,
         "--use-sim-time": arguments.use_sim_time,
+        "--skip-damaged": arguments.skip_damaged,
     }
     findings = [Finding(name, value, "with a recording only") for name, value in used.items() if value]
     if findings:

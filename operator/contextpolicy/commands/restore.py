@@ -1,79 +1,154 @@
-"""`contextpolicy restore`: puts every container back as it was before any policy, when no operator runs."""
+"""`contextpolicy restore`: restores every container to what it was before any policy, when no operator runs."""
 
 from __future__ import annotations
 
-import json
 import sys
-from typing import TYPE_CHECKING
+import time
+from typing import TYPE_CHECKING, Any, Protocol
+
+from contextpolicy.commands.cluster_access import add_cluster, api_server
+from contextpolicy.commands.exit_codes import FAILED, NO
+from contextpolicy.commands.structured_output import add_output, structured
+from contextpolicy.commands.terminal import waiting
+from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator, Sequence
 
-    from contextpolicy.actuators.resize.offline_restore import Released, RestoreApi, Restored
+    from contextpolicy.actuators.resize.offline_restore import LeftAlone, Released, RestoreApi, Restored, Unread
+    from contextpolicy.cluster.occupancy import Occupancy
+    from contextpolicy.cluster.originals_key import SecretApi
     from contextpolicy.cluster.pods import Cpu
+
+    class CommandApi(RestoreApi, SecretApi, Protocol):
+        """The calls to the API server that the command needs."""
+
+        def delete_secret(self, namespace: str, name: str) -> None:
+            """Delete a Secret."""
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command."""
     parser = subparsers.add_parser(
         "restore",
-        help="put containers back when there is no operator",
-        description="Put every container that a policy resized back as it was. Use it when the operator "
-        "is gone: a running one would resize them again. Exit codes: 0 all restored, 1 some are not: run it again.",
+        help="restore containers when there is no operator",
+        description="Restore every container that a policy resized. Use it when the operator is gone: a running "
+        "operator would resize them again, so namespaces that an operator serves are left alone.",
     )
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--namespace", metavar="NS", action="append", help="only in this namespace; may be repeated")
-    where.add_argument("--all-namespaces", action="store_true", help="in every namespace (default)")
+    where.add_argument("-n", "--namespace", metavar="NS", action="append", help="only in this namespace; repeatable")
+    where.add_argument("-A", "--all-namespaces", action="store_true", help="in every namespace (default)")
     parser.add_argument(
         "--remove-finalizers",
         action="store_true",
         help="then remove the policies' finalizers, which an absent operator can't, so that they can be deleted",
     )
+    parser.add_argument(
+        "--release",
+        metavar="NS/NAME",
+        default="",
+        help="act for this release alone: leave namespaces alone whose Lease names another, also if that one is down; "
+        "by default those whose Lease is renewed within its duration (60 s). "
+        "Believe only originals that its operator signed",
+    )
     parser.add_argument("--dry-run", action="store_true", help="only print what would be done")
-    parser.add_argument("--output", choices=("text", "json"), default="text", help="default: text")
+    add_cluster(parser)
+    add_output(parser)
     parser.set_defaults(main=main)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Restore, and print what was done."""
-    from contextpolicy.cluster.api import ApiServer
-
-    api = ApiServer()
-    try:
+    with api_server(arguments) as api, waiting("restoring, and waiting for operators that may still act"):
         return run(api, arguments)
-    finally:
-        api.close()
 
 
-def run(api: RestoreApi, arguments: argparse.Namespace) -> int:
+def run(api: CommandApi, arguments: argparse.Namespace) -> int:
     """Restore containers first: a policy keeps its finalizer while one that it resized is not back.
 
     Its status has the only record of what that container had.
     """
     from contextpolicy.actuators.resize import offline_restore
+    from contextpolicy.actuators.resize.offline_restore import LeftAlone, Restored, Unread
+    from contextpolicy.actuators.resize.stored_originals import signatures_with
+    from contextpolicy.cluster.occupancy import Occupancy
 
+    occupancy = Occupancy(api, arguments.release, time.sleep, dry_run=arguments.dry_run)
     namespaces: Sequence[str | None] = arguments.namespace or [None]
     dry_run: bool = arguments.dry_run
-    restored = [one for where in namespaces for one in offline_restore.restore(api, where, dry_run=dry_run)]
+    key = _key(api, arguments.release)
+    done = [
+        one
+        for where in namespaces
+        for one in offline_restore.restore(api, where, occupancy, signatures_with(key), dry_run=dry_run)
+    ]
+    restored = [one for one in done if isinstance(one, Restored)]
+    left = [one for one in done if isinstance(one, LeftAlone)]
+    unread = [one for one in done if isinstance(one, Unread)]
+    if len(unread) == len(namespaces):
+        raise unread[0].error
     released: list[Released] = []
     if arguments.remove_finalizers:
         held = {one.policy for one in restored if one.error}
-        released = [one for where in namespaces for one in offline_restore.release(api, where, held, dry_run=dry_run)]
-    (_print_json if arguments.output == "json" else _print_text)(restored, released)
+        readable = [where for where in namespaces if where not in [one.namespace for one in unread]]
+        released = [
+            one for where in readable for one in offline_restore.release(api, where, occupancy, held, dry_run=dry_run)
+        ]
+    if arguments.output == "table":
+        _print_text(restored, left, released)
+    else:
+        print(structured(_document(restored, left, released, unread), arguments.output))
+    for one in unread:
+        print(f"namespace {one.namespace}: NOT read: {one.error.reason}: {one.error}", file=sys.stderr)
     if dry_run:
         print("dry run: nothing was changed", file=sys.stderr)
-    errors = [*(one.error for one in restored), *(one.error for one in released)]
-    return 1 if any(errors) else 0
+    if unread:
+        return FAILED
+    if any([*(one.error for one in restored), *(one.error for one in released)]):
+        return NO
+    if arguments.remove_finalizers and not dry_run:
+        _finish(api, arguments.release, occupancy, key)
+    return 0
 
 
-def _print_text(restored: Sequence[Restored], released: Sequence[Released]) -> None:
+def _key(api: CommandApi, release: str) -> bytes | None:
+    """The key by which the release signed originals; without it all that statuses say is believed."""
+    from contextpolicy.cluster.originals_key import find_key, secret_of
+
+    if not release:
+        return None
+    try:
+        key = find_key(api, *secret_of(release))
+    except ActuationError as error:
+        print(f"originals are not checked: {error}", file=sys.stderr)
+        return None
+    if key is None:
+        print(f"originals are not checked: {release} has made no key", file=sys.stderr)
+    return key
+
+
+def _finish(api: CommandApi, release: str, occupancy: Occupancy, key: bytes | None) -> None:
+    """Nothing is left of the release: neither what it served nor what it has signed."""
+    from contextpolicy.cluster.originals_key import secret_of
+
+    try:
+        if key is not None:
+            api.delete_secret(*secret_of(release))
+        occupancy.give_back()
+    except ActuationError as error:
+        print(f"not all of {release} could be removed: {error}", file=sys.stderr)
+
+
+def _print_text(restored: Sequence[Restored], left: Sequence[LeftAlone], released: Sequence[Released]) -> None:
+    for one in left:
+        print(f"namespace {one.namespace}: served by {one.holder}, left alone")
     for container in restored:
         print(f"{container.container}: {_deed(container)}")
     for policy in released:
         deed = f"NOT released: {policy.error}" if policy.error else "finalizer removed"
         print(f"ContextPolicy {policy.policy}: {deed}")
-    if not restored and not released:
+    if not (restored or left or released):
         print("nothing to restore")
 
 
@@ -98,7 +173,9 @@ def _quantities(cpu: Cpu | None) -> dict[str, str]:
     return {kind: format_cpu(amount) for kind, amount in amounts.items() if amount is not None}
 
 
-def _print_json(restored: Sequence[Restored], released: Sequence[Released]) -> None:
+def _document(
+    restored: Sequence[Restored], left: Sequence[LeftAlone], released: Sequence[Released], unread: Sequence[Unread]
+) -> dict[str, Any]:
     containers = [
         {
             "container": one.container,
@@ -110,4 +187,6 @@ def _print_json(restored: Sequence[Restored], released: Sequence[Released]) -> N
         for one in restored
     ]
     policies = [{"policy": one.policy, "error": one.error} for one in released]
-    print(json.dumps({"containers": containers, "policies": policies}, indent=2))
+    alone = [{"namespace": one.namespace, "servedBy": one.holder} for one in left]
+    closed = [{"namespace": one.namespace, "error": f"{one.error.reason}: {one.error}"} for one in unread]
+    return {"containers": containers, "policies": policies, "leftAlone": alone, "unread": closed}

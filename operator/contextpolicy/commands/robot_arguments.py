@@ -30,7 +30,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=rate,
         default=1.0,
         metavar="R",
-        help="inputs come R times as fast: a robot of 1/R of the speed",
+        help="inputs arrive R times as fast, as for a robot with 1/R of the CPU speed",
     )
     own = parser.add_argument_group(
         "robot", "Each task runs once, on the first node, with no CPU request, unless said otherwise."
@@ -91,7 +91,7 @@ def seconds(text: str) -> float:
     """A point in time, in seconds."""
     value = _number(text)
     if not 0 <= value <= MAX_SECONDS:
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: seconds, 0 to {MAX_SECONDS}")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected seconds, 0 to {MAX_SECONDS}")
     return value
 
 
@@ -99,7 +99,7 @@ def rate(text: str) -> float:
     """How many times as fast."""
     value = _number(text)
     if not 1 / MAX_RATE <= value <= MAX_RATE:
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: times as fast, {1 / MAX_RATE:g} to {MAX_RATE}")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected a factor of {1 / MAX_RATE:g} to {MAX_RATE}")
     return value
 
 
@@ -121,14 +121,14 @@ def _cpu(text: str) -> int:
     except ValueError:
         value = 0
     if not 0 < value <= MAX_CORES * 1000:
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: {CPU_ALLOWED}, above 0 to {MAX_CORES}")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected {CPU_ALLOWED}, above 0 to {MAX_CORES}")
     return value
 
 
 def _named(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not (name and equals and value):
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: NAME=VALUE")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected NAME=VALUE")
     return name, value
 
 
@@ -140,5 +140,5 @@ def _named_cpu(text: str) -> tuple[str, int]:
 def _named_count(text: str) -> tuple[str, int]:
     name, value = _named(text)
     if not value.isdecimal() or not 0 < int(value) <= MAX_REPLICAS:
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: a whole number from 1 to {MAX_REPLICAS}")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected a whole number from 1 to {MAX_REPLICAS}")
     return name, int(value)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import socket
+import argparse
+import os
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from contextpolicy.commands.credentials import add_credentials
+from contextpolicy.bus.listening import EVERYWHERE
+from contextpolicy.commands.bus_arguments import add_credentials
 from contextpolicy.commands.termination import stop_on_signals
 
 if TYPE_CHECKING:
-    import argparse
+    import threading
     from pathlib import Path
 
     import zenoh
@@ -29,10 +32,10 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "router",
         help="run a Zenoh router",
         description="Route between Zenoh clients until SIGTERM. With --credentials clients must have a certificate (or "
-        "a password, where the directory holds users.txt), and may say and hear what their role may: sensor, module, "
-        "operator, agent or viewer, the common name of the certificate or the user's name. Many robots: each robot's "
-        "router joins a fleet's router with --uplink, where viewers see what all of them decide; nothing goes from "
-        "robot to robot.",
+        "a password, where the directory holds users.txt), and may publish and receive what their role allows: "
+        "sensor, module, operator, agent or viewer, the common name of the certificate or the user's name. In a fleet, "
+        "each robot's router joins the fleet's router with --uplink, where viewers see what all robots decide; nothing "
+        "passes from robot to robot.",
     )
     parser.add_argument(
         "--listen",
@@ -44,9 +47,19 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     add_credentials(parser)
     parser.add_argument(
         "--samples",
-        default="**",
+        default=[],
+        type=sample_keys,
         metavar="KEYS",
-        help="key expressions on which sensors and modules may publish, comma separated (default: %(default)s)",
+        help="key expressions on which sensors and modules may publish, comma separated (default: all keys but "
+        "contextpolicy/**)",
+    )
+    parser.add_argument(
+        "--max-message-bytes",
+        type=_positive,
+        default=8 << 20,
+        metavar="BYTES",
+        help="drop larger messages; policies read payloads of up to 1 MiB, camera frames for modules may be larger "
+        "(default: %(default)s)",
     )
     place = parser.add_mutually_exclusive_group()
     place.add_argument(
@@ -62,11 +75,44 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     parser.add_argument(
         "--metrics-port", type=int, metavar="PORT", help="serve /metrics for Prometheus here (default: no)"
     )
+    parser.add_argument(
+        "--supervised",
+        action="store_true",
+        help="route in a process of its own, and start that again at once if it is killed",
+    )
+    parser.add_argument("--restarts", type=int, default=0, help=argparse.SUPPRESS)
+    parser.add_argument("--ready-fd", type=int, help=argparse.SUPPRESS)
     parser.set_defaults(main=main)
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Route until SIGTERM or SIGINT; open a new listener when the certificate was replaced.
+    """Route, or see to it that another process does."""
+    return _supervise() if arguments.supervised else _route(arguments)
+
+
+def _supervise() -> int:
+    """The same command line, but for the option that means this process."""
+    from contextpolicy.bus.router_supervisor import RouterSupervisor
+
+    words = [word for word in sys.argv[1:] if word != "--supervised"]
+    ready = os.eventfd(0, os.EFD_NONBLOCK)  # which the router inherits, and writes to as soon as it routes
+
+    def start(restarts: int) -> int:
+        command = [sys.executable, "-m", "contextpolicy", *words, f"--restarts={restarts}", f"--ready-fd={ready}"]
+        return os.posix_spawn(command[0], command, os.environ)
+
+    def routed() -> bool:
+        with suppress(BlockingIOError):
+            return os.eventfd_read(ready) > 0
+        return False
+
+    supervisor = RouterSupervisor(start, routed)
+    stop_on_signals(supervisor.stop)
+    return supervisor.run()
+
+
+def _route(arguments: argparse.Namespace) -> int:
+    """Route until SIGTERM or SIGINT; open a new listener when the certificate was replaced by one that works.
 
     Zenoh reads a listener's files only once. Clients reconnect within a second or so; agents then ask for the plans in
     force.
@@ -75,17 +121,38 @@ def main(arguments: argparse.Namespace) -> int:
         print(NO_CERTIFICATE, file=sys.stderr)
         return 2
     if arguments.metrics_port:
-        _serve_metrics(arguments.metrics_port)
+        _serve_metrics(arguments)
     stop = stop_on_signals()
     while not stop.is_set():
         files = _files(arguments.credentials)
         with _open(arguments) as session:
             _count_clients(session)
             print(f"routing at {','.join(arguments.listen)}", flush=True)
-            while not stop.wait(LOOK if arguments.credentials else None) and _files(arguments.credentials) == files:
-                pass
+            if arguments.ready_fd is not None:
+                os.eventfd_write(arguments.ready_fd, 1)
+            _await_renewal(arguments.credentials, files, stop)
             _count_clients(None)
     return 0
+
+
+def _await_renewal(directory: Path | None, files: dict[str, bytes], stop: threading.Event) -> None:
+    """Return when the files were replaced by others that work, or at `stop`; others that don't are reported once."""
+    from datetime import UTC, datetime
+
+    from contextpolicy.bus.replacement import flaw
+
+    seen = files
+    while not stop.wait(LOOK if directory else None):
+        try:
+            found = _files(directory)
+        except OSError:  # they are being replaced at this moment
+            continue
+        if found not in (files, seen):
+            problem = flaw(found, files, datetime.now(UTC))
+            if not problem:
+                return
+            print(f"router: {directory}/{problem}; it goes on with the former files", file=sys.stderr, flush=True)
+        seen = found
 
 
 def _open(arguments: argparse.Namespace) -> zenoh.Session:
@@ -93,8 +160,10 @@ def _open(arguments: argparse.Namespace) -> zenoh.Session:
 
     if arguments.fleet:
         return open_fleet_router(arguments.listen, arguments.credentials)
-    samples = arguments.samples.split(",")
-    return open_router(arguments.listen, arguments.credentials, samples, uplink=arguments.uplink)
+    largest: int = arguments.max_message_bytes
+    return open_router(
+        arguments.listen, arguments.credentials, arguments.samples, uplink=arguments.uplink, largest=largest
+    )
 
 
 def _has_certificate(directory: Path | None) -> bool:
@@ -105,18 +174,48 @@ def _has_certificate(directory: Path | None) -> bool:
 
 def endpoints(text: str) -> list[str]:
     """Read endpoints; the host `*` becomes every address of this machine."""
-    # A kernel can be booted without IPv6; then there is no [::] to listen on.
-    everywhere = "[::]" if socket.has_dualstack_ipv6() else "0.0.0.0"  # noqa: S104 - a router is there to be reached
-    return [endpoint.replace("/*:", f"/{everywhere}:") for endpoint in text.split(",")]
+    host = f"[{EVERYWHERE}]" if ":" in EVERYWHERE else EVERYWHERE
+    return [endpoint.replace("/*:", f"/{host}:") for endpoint in text.split(",")]
 
 
-def _serve_metrics(port: int) -> None:
-    import prometheus_client
+def sample_keys(text: str) -> list[str]:
+    """Read key expressions for samples; those that cover keys of operators and agents are refused."""
+    import zenoh
 
-    from contextpolicy.telemetry.build_info import tell_build
+    from contextpolicy.bus.roles import OWN
 
-    tell_build("router")
-    prometheus_client.start_http_server(port)
+    keys = text.split(",")
+    for key in keys:
+        try:
+            covers = zenoh.KeyExpr(key).intersects(zenoh.KeyExpr(f"{OWN}/**"))
+        except zenoh.ZError:
+            raise argparse.ArgumentTypeError(
+                f"invalid value {key!r}: expected a key expression such as robot/**"
+            ) from None
+        if covers:
+            raise argparse.ArgumentTypeError(
+                f"invalid value {key!r}: expected keys that do not cover {OWN}/**, such as robot/**"
+            )
+    return keys
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise ValueError(text)
+    return number
+
+
+def _serve_metrics(arguments: argparse.Namespace) -> None:
+    from contextpolicy.telemetry.build_info import publish_build
+    from contextpolicy.telemetry.certificate_metrics import publish_expiry
+    from contextpolicy.telemetry.metrics_server import serve_metrics
+    from contextpolicy.telemetry.router_metrics import RESTARTS
+
+    publish_build("fleet-router" if arguments.fleet else "router")
+    publish_expiry("router", arguments.credentials)
+    RESTARTS.inc(arguments.restarts)
+    serve_metrics(arguments.metrics_port)
 
 
 def _count_clients(session: zenoh.Session | None) -> None:

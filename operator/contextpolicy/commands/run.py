@@ -25,7 +25,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "Settings come from the environment: ZENOH_CONNECT, ZENOH_CREDENTIALS, PLAN_SIGNING, WATCH_NAMESPACES, "
         "TENANTS, HEALTH_PORT, METRICS_PORT, LIVE_PORT (the live page, on the loopback), LEASE (namespace/name, for "
         "which replicas run), LEASE_SECONDS, LEASE_POD (name/UID of the pod with which it goes), "
-        "IDENTITY, LOG_FORMAT, LOG_LEVEL.",
+        "ORIGINALS_KEY (namespace/name of the Secret with the key that signs originals), "
+        "AGENTS (everywhere: report a node with tasks that has no node agent), IDENTITY, LOG_FORMAT, LOG_LEVEL.",
     )
     parser.set_defaults(main=main)
 
@@ -39,34 +40,36 @@ def main(_: argparse.Namespace) -> int:
 
 def run(settings: Settings) -> int:
     """Run the operator until SIGTERM or SIGINT; the exit code."""
-    import kopf
-    import prometheus_client
     from prometheus_client import REGISTRY
 
+    from contextpolicy.actuators.resize.stored_originals import signatures_with
     from contextpolicy.app import probes
-    from contextpolicy.app.supervisor import Supervisor, reach, restart_process
+    from contextpolicy.app.supervisor import NewProcess, Supervisor, reach
+    from contextpolicy.cluster.originals_key import obtain_key
     from contextpolicy.live.page_server import PageServer
-    from contextpolicy.telemetry import metrics
-    from contextpolicy.telemetry.build_info import tell_build
+    from contextpolicy.telemetry import logs, metrics
+    from contextpolicy.telemetry.build_info import publish_build
+    from contextpolicy.telemetry.certificate_metrics import publish_expiry
+    from contextpolicy.telemetry.liveness import READY, LoopDelays
+    from contextpolicy.telemetry.metrics_server import serve_metrics
     from contextpolicy.telemetry.scrape import Scrape
 
-    formats = {"text": kopf.LogFormat.FULL, "json": kopf.LogFormat.JSON}
-    kopf.configure(
-        debug=settings.log_level == "debug",
-        quiet=settings.log_level in ("warning", "error"),
-        log_format=formats[settings.log_format],
-    )
+    logs.configure(settings.log_format, settings.log_level)
     logging.getLogger("kopf.objects").setLevel(logging.WARNING)
     stop = stop_on_signals()
-    tell_build("operator")
-    prometheus_client.start_http_server(settings.metrics_port)
+    publish_build("operator")
+    publish_expiry("operator", settings.credentials)
+    serve_metrics(settings.metrics_port)
     pages: dict[str, Callable[[], list[str]]] = {"/healthz": list, "/readyz": lambda: ["no API server answers yet"]}
+    READY.set_function(lambda: not pages["/readyz"]())
     probes.serve(settings.health_port, pages)
-    api = reach(stop, lambda method, code: metrics.API_REQUESTS.labels(method, code).inc())
+    api = reach(stop, metrics.RequestCount())
     if api is None:
         return 0
-    supervisor = Supervisor(api, settings, restart_process)
+    key = obtain_key(api, *settings.originals_key, wait=stop.wait) if settings.originals_key else None
+    supervisor = Supervisor(api, settings, NewProcess(), signatures_with(key))
     pages |= {"/healthz": supervisor.hung, "/readyz": supervisor.unready}
+    REGISTRY.register(LoopDelays(supervisor.delays))
     REGISTRY.register(Scrape(supervisor.operator.queries.scrape))
     live = PageServer(settings.live_port, supervisor.operator.queries)
     live.start()

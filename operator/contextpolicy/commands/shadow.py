@@ -13,8 +13,9 @@ from contextpolicy.commands.cluster_access import (
     reference_of,
 )
 from contextpolicy.commands.robot_arguments import seconds
-from contextpolicy.commands.status import table
 from contextpolicy.commands.structured_output import add_output, structured
+from contextpolicy.commands.terminal import columns, waiting
+from contextpolicy.explain.text_table import text_table, wrapped
 
 if TYPE_CHECKING:
     import argparse
@@ -30,11 +31,11 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Declare the command."""
     parser = subparsers.add_parser(
         "shadow",
-        help="show what a shadow decides otherwise than its policy",
+        help="show where a shadow's plans differ from its policy's",
         description="Compare the plans of a shadow (spec.shadow) with those of the policy that it is a shadow of, over "
-        "the last minutes that the operator has recorded, and show what the tasks' modules tell of misses. With "
+        "the last minutes that the operator has recorded, and show the misses that the tasks' modules report. With "
         "--profiles both are replayed on what was recorded, and the misses under each are predicted; inputs that no "
-        "policy reads are taken to come as steadily as when the profile was measured.",
+        "policy reads are assumed to arrive as steadily as when the profile was measured.",
     )
     parser.add_argument("policy", metavar="SHADOW", help="[NAMESPACE/]NAME of the shadow")
     parser.add_argument("--last", type=seconds, metavar="S", default=300.0, help="how far back (default: 300)")
@@ -46,14 +47,15 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(arguments: argparse.Namespace) -> int:
     """Ask, compare and print."""
-    namespace, name = reference_of(arguments.policy, arguments.namespace)
-    with api_server() as api, operator(api) as ask:
+    namespace, name = reference_of(arguments)
+    with api_server(arguments) as api, operator(api, arguments, namespace) as ask:
         shadow = policy_object(api, namespace, name)
         own = policy_object(api, namespace, of(shadow))
         found = _compared(ask, own, shadow, arguments.last)
-        predicted = [_misses(ask, body, arguments) for body in (own, shadow)] if arguments.profiles else [{}, {}]
-    told = document(own, shadow, found, predicted)
-    print(structured(told, arguments.output) if arguments.output != "text" else "\n".join(lines(told)))
+        with waiting("predicting"):
+            predicted = [_misses(ask, body, arguments) for body in (own, shadow)] if arguments.profiles else [{}, {}]
+    comparison = document(own, shadow, found, predicted)
+    print(structured(comparison, arguments.output) if arguments.output != "table" else "\n".join(lines(comparison)))
     return 0
 
 
@@ -62,7 +64,7 @@ def of(shadow: Mapping[str, Any]) -> str:
     name = (shadow["spec"].get("shadow") or {}).get("of")
     if name is None:
         metadata = shadow["metadata"]
-        raise ClusterAccessError(f"{metadata['namespace']}/{metadata['name']} is no shadow: it has no spec.shadow")
+        raise ClusterAccessError(f"{metadata['namespace']}/{metadata['name']} is not a shadow: it has no spec.shadow")
     return str(name)
 
 
@@ -75,12 +77,14 @@ def _compared(
     references = [f"{body['metadata']['namespace']}/{body['metadata']['name']}" for body in (own, shadow)]
     for reference in references:
         if reference not in boards:
-            raise ClusterAccessError(f"the operator runs no policy {reference}")
+            raise ClusterAccessError(f"the operator runs no policy {reference}: `status` says why")
     now = boards[references[1]]["now"]
     plans = [ask("plans", policy=reference, since=0) for reference in references]
     found = difference(plans[0], plans[1], now - last, now)
     if found is None:
-        raise ClusterAccessError(f"{' and '.join(references)} have not been side by side yet: one has no plan")
+        raise ClusterAccessError(
+            f"{' and '.join(references)} have not been side by side yet: one has no plan, `status` says why"
+        )
     return found
 
 
@@ -99,8 +103,8 @@ def _misses(ask: Callable[..., Any], body: Mapping[str, Any], arguments: argpars
     inputs = with_steady_inputs(timeline.parse(recorded["timeline"]), profiles)
     robot = robot_of(recorded["plans"][-1], policy.reserve)
     run = simulate(policy, inputs, robot=robot, initiatives=plugins.load(policy))
-    told = forecast(policy, inputs, run.plans, profiles, until=run.until)
-    return {task: own[ALL].misses for task, own in told.tasks.items() if ALL in own}
+    predicted = forecast(policy, inputs, run.plans, profiles, until=run.until)
+    return {task: own[ALL].misses for task, own in predicted.tasks.items() if ALL in own}
 
 
 def document(
@@ -138,19 +142,21 @@ def document(
     }
 
 
-def lines(told: Mapping[str, Any]) -> Iterator[str]:
+def lines(comparison: Mapping[str, Any]) -> Iterator[str]:
     """The document for people."""
-    how = "promoted in place of" if told["promoted"] else "beside"
-    differs = f"{told['seconds']:.0f} s: other shares {told['differs']:.0%} of the time"
-    yield f"{told['shadow']} {how} {told['of']}, {differs}"
-    if told["takenBack"]:
-        yield f"  its last promotion was taken back: {told['takenBack']}"
-    head = ("TASK", "MEAN SHARE", "SUSPENDED", "MISSES, MEASURED", "MISSES, PREDICTED")
-    yield from table(head, [_row(name, task) for name, task in told["tasks"].items()])
-    shown = told["stretches"][-SHOWN:]
-    yield from table(("SECONDS AGO", "CONTEXTS", "SHARES"), [_stretch(one) for one in shown])
-    if len(told["stretches"]) > len(shown):
-        yield f"  and {len(told['stretches']) - len(shown)} earlier ones"
+    how = "promoted in place of" if comparison["promoted"] else "beside"
+    differs = f"{comparison['seconds']:.0f} s: other shares {comparison['differs']:.0%} of the time"
+    yield from wrapped(f"{comparison['shadow']} {how} {comparison['of']}, {differs}", columns(), others="  ")
+    if comparison["takenBack"]:
+        yield from wrapped(f"its last promotion was taken back: {comparison['takenBack']}", columns(), "  ", "    ")
+    task_head = ("TASK", "MEAN SHARE", "SUSPENDED", "MISSES, MEASURED", "MISSES, PREDICTED")
+    rows = [_row(name, task) for name, task in comparison["tasks"].items()]
+    yield from text_table(task_head, rows, columns(), indent="  ")
+    shown = comparison["stretches"][-SHOWN:]
+    stretch_head = ("SECONDS AGO", "CONTEXTS", "SHARES")
+    yield from text_table(stretch_head, [_stretch(one) for one in shown], columns(), indent="  ")
+    if len(comparison["stretches"]) > len(shown):
+        yield f"  and {len(comparison['stretches']) - len(shown)} earlier ones"
 
 
 def _row(name: str, task: Mapping[str, Any]) -> tuple[str, ...]:
@@ -158,9 +164,13 @@ def _row(name: str, task: Mapping[str, Any]) -> tuple[str, ...]:
     return name, _arrow(*map(_cpu, task["share"])), *parts
 
 
-def _stretch(told: Mapping[str, Any]) -> tuple[str, ...]:
-    shares = (f"{task} {_arrow(*map(_cpu, both))}" for task, both in told["shares"].items())
-    return f"{told['from']:.1f} to {told['to']:.1f}", _arrow(*map(_names, told["contexts"])), ", ".join(shares)
+def _stretch(comparison: Mapping[str, Any]) -> tuple[str, ...]:
+    shares = (f"{task} {_arrow(*map(_cpu, both))}" for task, both in comparison["shares"].items())
+    return (
+        f"{comparison['from']:.1f} to {comparison['to']:.1f}",
+        _arrow(*map(_names, comparison["contexts"])),
+        ", ".join(shares),
+    )
 
 
 def _arrow(one: str, other: str) -> str:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.commands import recording_arguments, robot_arguments
 from contextpolicy.commands.robot_arguments import robot_of, seconds
+from contextpolicy.commands.structured_output import add_output, structured
+from contextpolicy.commands.terminal import columns, progress, waiting
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from contextpolicy.policy.spec import Policy
     from contextpolicy.simulation.forecast import Forecast
     from contextpolicy.simulation.robot import Robot
@@ -21,21 +20,20 @@ if TYPE_CHECKING:
     from contextpolicy.streams.timeline import Timeline
 
 DESCRIPTION = """\
-Run a policy against a timeline in virtual time, with the very planning code that runs on the robot, and print each plan
-with its cause. Inputs whose key a stream selects become its samples, whatever the stream's encoding; data sets (inputs
-without a value) are skipped. TIMELINE can be a recording of a robot as well: topics of ROS 2 are found by streams on
-rmw_zenoh's keys (in domain 0) and on those of zenoh-bridge-ros2dds. What the plans do not show (inputs that nobody
-reads, streams that get none, samples and expressions that failed, needs that are not met) is noted on standard error,
-and in JSON.
+Run a policy against a timeline in virtual time, with the same planning code as on the robot, and print each plan with
+its cause. Inputs whose key a stream selects become its samples, whatever the stream's encoding; data sets (inputs
+without a value) are skipped. TIMELINE can also be a recording: streams find its ROS 2 topics by rmw_zenoh's keys
+(in domain 0) and by those of zenoh-bridge-ros2dds. What plans do not show (inputs that no stream reads, streams without
+input, samples and expressions that fail, needs that are not met) is noted on standard error, and in JSON.
 
-Virtual time begins when the recording did; with a timeline at 2000-01-01 00:00 UTC, so that a context forced until some
-day is in force. Where a stream's timestamps are a real clock's (2000 to 2100), it begins so that the first of them is
-of its own moment."""
+Virtual time starts when the recording started; with a timeline, at 2000-01-01 00:00 UTC, so that a forced context
+has not expired. If a stream has a real clock's timestamps (2000 to 2100), it starts so that the first is current."""
 
 DETAILS = """\
 output (--output): a table; or the fields
 
-  json   policy, timeline, cores (of all nodes), until (s), notes (sentences), plans: a list, as on the decision bus:
+  json   schemaVersion, policy, timeline, cores (of all nodes), until (s), notes (sentences), plans: a list, as on the
+         decision bus (or the same as yaml):
          policy, mode, scheduler, control; sequence, time (s from the timeline's begin), cause, contexts (that hold);
          shortfalls (task, message: what is not feasible); tasks by name: score, weight, share (cores), suspended,
          because; nodes by name: capacity (cores), scheduler, dividedBy (Weight; Priority while all are at rest;
@@ -57,14 +55,12 @@ expectations (--assert FILE): a YAML or JSON list; exit code 1 and a line for ea
   - {from: 0, to: 30, misses: {slam: {max: 0.01}}}   # with --profiles: at most 1 % of its inputs are late or dropped
 
 prediction (--profiles FILE, as robotkit.profiles writes it): work arrives with the timeline's inputs (a data set's by
-the rate that the timeline tells), waits in queues that drop their oldest, and is served as CFS does, 30 ms after each
-plan. By task and context it tells inputs; those done, late, dropped, and suspended; misses (late, dropped, or overdue
-at the end, as a part of those due) and the worst of them, since nobody knows when the kernel's periods begin: the
-prediction is over four equally likely phases; response time p50 and p99; how many an input found waiting; and the cores
-that stay idle. What one task publishes for another is not predicted, and a task that adapts to its share costs no less.
-
-exit codes: 0 it ran and is as expected, 1 an expectation does not hold, 2 it could not run (wrong usage, a file that
-cannot be read or is refused, a picture that cannot be drawn)"""
+the rate in the timeline), waits in queues that drop their oldest, and is served as CFS does, 30 ms after each
+plan. By task and context it prints the inputs; those done, late, dropped, and suspended; misses (late, dropped, or
+overdue at the end, as a part of those due) and the worst of them, since nobody knows when the kernel's periods begin:
+the prediction is over four equally likely phases; response time p50 and p99; how many an input found waiting; and the
+cores that stay idle. What one task publishes for another is not predicted, and a task that adapts to its share costs no
+less."""
 
 
 def add(subparsers: Any) -> None:
@@ -74,16 +70,18 @@ def add(subparsers: Any) -> None:
         help="run a policy against a timeline in virtual time",
         description=DESCRIPTION,
         epilog=DETAILS,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("policy", metavar="POLICY", type=_file, help="a file with one ContextPolicy, - for stdin")
     parser.add_argument(
-        "timeline", metavar="TIMELINE", type=_file, help="a timeline, an MCAP file or a rosbag2 folder; - for stdin"
+        "timeline",
+        metavar="TIMELINE",
+        type=_file,
+        help="a timeline, an MCAP file or a rosbag2 folder or .db3; - for stdin",
     )
     robot_arguments.add(parser)
     recording_arguments.add(parser)
     parser.add_argument("--until", type=seconds, metavar="S", help="stop after S seconds (default: the whole timeline)")
-    parser.add_argument("--output", choices=("table", "json", "csv"), default="table", help="default: table")
+    add_output(parser, "csv")
     parser.add_argument(
         "--plot", metavar="FILE", type=_picture, help="draw weights, contexts and shares (.svg or .png)"
     )
@@ -107,13 +105,13 @@ def main(arguments: argparse.Namespace) -> int:
     _refuse_unpredicted(arguments, expected)
     run = run_policy(policy, inputs, robot=robot, until=arguments.until)
     predicted = predict(arguments.profiles, policy, inputs, run) if arguments.profiles else None
-    told = [*notes(policy, robot, run), *(predicted.notes if predicted else ())]
+    listed = [*inputs.notes, *notes(policy, robot, run), *(predicted.notes if predicted else ())]
     if expected is None or arguments.output != "table":
-        about: dict[str, Any] = {"cores": sum(robot.nodes.values()) / 1000, "notes": told}
+        about: dict[str, Any] = {"cores": sum(robot.nodes.values()) / 1000, "notes": listed}
         _print(arguments.output, policy, inputs, run, predicted, about=about)
     if arguments.plot:
         _draw(arguments.plot, policy, inputs, run)
-    for note in told:
+    for note in listed:
         print(f"note: {note}", file=sys.stderr)
     return 0 if expected is None else _compare(arguments, run, predicted, expected)
 
@@ -124,7 +122,8 @@ def predict(path: str, policy: Policy, inputs: Timeline, run: Simulation) -> For
     from contextpolicy.simulation.profiles import load_profiles
 
     profiles = load_profiles(path)
-    return forecast(policy, inputs, run.plans, profiles, until=run.until)
+    with waiting("predicting"):
+        return forecast(policy, inputs, run.plans, profiles, until=run.until)
 
 
 def read_files(arguments: argparse.Namespace) -> tuple[Policy, Timeline]:
@@ -142,22 +141,8 @@ def run_policy(policy: Policy, inputs: Timeline, *, robot: Robot, until: float |
     from contextpolicy.policies import plugins
     from contextpolicy.simulation.run import simulate
 
-    with progress(inputs.duration if until is None else until, "simulating") as tell:
-        return simulate(policy, inputs, robot=robot, until=until, initiatives=plugins.load(policy), on_progress=tell)
-
-
-@contextmanager
-def progress(until: float, doing: str) -> Iterator[Callable[[float], None] | None]:
-    """A function that moves a progress bar on standard error, towards `until`; None if that is no terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(doing, total=until)
-        yield lambda at: bar.update(task, completed=at)
+    with progress(inputs.duration if until is None else until, "simulating") as advance:
+        return simulate(policy, inputs, robot=robot, until=until, initiatives=plugins.load(policy), on_progress=advance)
 
 
 def _file(text: str) -> str:
@@ -190,7 +175,9 @@ def _refuse_unpredicted(arguments: argparse.Namespace, expected: Any) -> None:
 def _picture(text: str) -> Path:
     path = Path(text)
     if path.suffix not in (".svg", ".png"):
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: a file name that ends in .svg or .png")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected a file name that ends in .svg or .png")
+    if not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected a file in a folder that exists")
     return path
 
 
@@ -206,16 +193,17 @@ def _print(  # noqa: PLR0913 - all that a run gives
     from contextpolicy.simulation import forecast_report, report
 
     match output:
-        case "json":
+        case "json" | "yaml":
             if predicted is not None:
                 about["forecast"] = forecast_report.as_fields(predicted)
-            print(report.as_json(policy, run.plans, timeline=inputs.name, until=run.until, **about))
+            content = report.as_fields(policy, run.plans, timeline=inputs.name, until=run.until, **about)
+            print(structured(content, output))
         case "csv":
             print(report.as_csv(run.plans))
         case _:
-            print(report.table(run.plans))
+            print(report.table(run.plans, columns()))
             if predicted is not None:
-                print(f"\n{forecast_report.as_table(predicted)}")
+                print(f"\n{forecast_report.as_table(predicted, columns())}")
 
 
 def _draw(path: Path, policy: Policy, inputs: Timeline, run: Simulation) -> None:

@@ -21,7 +21,7 @@ def add(subparsers: Any) -> None:
         help="write a first policy from a robot's module.yaml files",
         description="Print a valid policy with a task for each module: its needs, its streams, an activity for each "
         "input that a policy can read, and a context that helps it when it misses its deadlines. It is in DryRun; "
-        "edit it. Exit codes: 0 printed, 1 a module.yaml that makes no sense, 2 a file that cannot be read.",
+        "edit it.",
     )
     parser.add_argument("modules", nargs="+", metavar="MODULE", help="a module.yaml, or the folder that holds it")
     parser.add_argument("--name", type=_name, default="robot", help="of the policy (default: robot)")
@@ -71,5 +71,5 @@ def _load(path: Path, *, taken: list[str]) -> ModuleFile:
 
 def _name(text: str) -> str:
     if not _NAME.fullmatch(text):
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: lower-case letters, digits and dashes")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected lower-case letters, digits and dashes")
     return text

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.cluster.serving import Service
 from contextpolicy.commands.cluster_access import (
+    ClusterAccessError,
     add_namespace,
     api_server,
-    current_namespace,
+    namespace_of,
+    policies,
     policy_object,
     reference_of,
 )
 from contextpolicy.commands.structured_output import add_output, structured
+from contextpolicy.commands.terminal import columns, waiting
+from contextpolicy.explain.text_table import text_table, wrapped
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -24,41 +30,43 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "status",
         help="show what policies decide and whether it is in force",
         description="Show each policy's contexts, shares and conditions, with what to do about a condition that is "
-        "False. Exit codes: 0 all are Ready, 1 one is not, 2 the cluster can't be read.",
+        "False. Where no operator serves a namespace, its policies' last state is shown as such, and is not Ready.",
     )
     parser.add_argument("policy", metavar="POLICY", nargs="?", help="[NAMESPACE/]NAME (default: all of the namespace)")
-    add_namespace(parser)
-    parser.add_argument("-A", "--all-namespaces", action="store_true", help="all policies of the cluster")
+    add_namespace(parser, or_all=True)
     add_output(parser)
     parser.set_defaults(main=main)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Read and print."""
-    with api_server() as api:
-        if arguments.policy:
-            policies = [policy_object(api, *reference_of(arguments.policy, arguments.namespace))]
-        else:
-            where = None if arguments.all_namespaces else arguments.namespace or current_namespace()
-            policies = api.policies(where)
-    summaries = [summary(policy) for policy in policies]
-    if arguments.output == "text":
-        print("\n\n".join("\n".join(lines(one)) for one in summaries) or "no policies")
+    if arguments.policy and arguments.all_namespaces:
+        raise ClusterAccessError(f"invalid value {arguments.policy!r}: expected no name beside --all-namespaces")
+    where = None if arguments.all_namespaces else namespace_of(arguments)
+    with api_server(arguments) as api, waiting("asking the API server"):
+        found = [policy_object(api, *reference_of(arguments))] if arguments.policy else policies(api, where)
+        services = {space: api.service(space) for space in sorted({one["metadata"]["namespace"] for one in found})}
+    summaries = [summary(policy, services[policy["metadata"]["namespace"]]) for policy in found]
+    if arguments.output == "table":
+        nothing = f"no policies in {f'namespace {where}' if where else 'any namespace'}"
+        print("\n\n".join("\n".join(lines(one)) for one in summaries) or nothing)
     else:
-        print(structured(summaries[0] if arguments.policy else summaries, arguments.output))
+        print(structured(summaries[0] if arguments.policy else {"items": summaries}, arguments.output))
     return 0 if all(one["ready"] for one in summaries) else 1
 
 
-def summary(policy: Mapping[str, Any]) -> dict[str, Any]:
-    """What people want to know of a policy, from its object."""
+def summary(policy: Mapping[str, Any], service: Service) -> dict[str, Any]:
+    """What people want to know of a policy, from its object: its last state, if no operator serves its namespace."""
     spec, status = policy["spec"], policy.get("status") or {}
     conditions = status.get("conditions") or []
     return {
         "policy": f"{policy['metadata']['namespace']}/{policy['metadata']['name']}",
         "mode": spec.get("mode", "Enforce"),
-        "ready": any(one["type"] == "Ready" and one["status"] == "True" for one in conditions),
+        "served": service.served,
+        "secondsUnserved": service.silent,
+        "ready": service.served is not False and _is_ready(conditions),
         "contexts": status.get("activeContexts") or [],
-        "forced": (spec.get("force") or {}).get("context"),
+        **_forced(spec.get("force") or {}),
         "shadowOf": (spec.get("shadow") or {}).get("of"),
         "difference": (status.get("shadow") or {}).get("difference"),
         "promotedShadow": status.get("promotedShadow"),
@@ -69,36 +77,54 @@ def summary(policy: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def _is_ready(conditions: Iterable[Mapping[str, Any]]) -> bool:
+    return any(one["type"] == "Ready" and one["status"] == "True" for one in conditions)
+
+
+def _forced(force: Mapping[str, str]) -> dict[str, str | None]:
+    """The field stays when its time is over."""
+    lasts = bool(force) and datetime.fromisoformat(force["until"]) > datetime.now(UTC)
+    return {"forced": force["context"] if lasts else None, "forcedUntil": force["until"] if lasts else None}
+
+
 def lines(summary: Mapping[str, Any]) -> Iterator[str]:
     """The summary for people."""
-    ready = "Ready" if summary["ready"] else "NOT Ready"
+    ready = "Ready" if _is_ready(summary["conditions"]) else "NOT Ready"
     mode = "" if summary["mode"] == "Enforce" else f", {summary['mode']}"
-    forced = f" (forced: {summary['forced']})" if summary["forced"] else ""
-    yield f"{summary['policy']}: {ready}{mode}, context: {', '.join(summary['contexts']) or '-'}{forced}"
+    forced = f" (forced: {summary['forced']} until {summary['forcedUntil']})" if summary["forced"] else ""
+    contexts = ", ".join(summary["contexts"]) or "-"
+    state = f"{ready}{mode}, context: {contexts}{forced}"
+    said = Service(summary["served"], summary["secondsUnserved"]).sentence(summary["policy"].partition("/")[0])
+    if summary["served"] is False:
+        yield from _line(f"{summary['policy']}: {said}; what follows is its last state", "")
+        yield from _line(state)
+    else:
+        yield from _line(f"{summary['policy']}: {state}", "")
+        yield from _line(said) if said else ()
     if summary["shadowOf"]:
-        yield f"  shadow of {summary['shadowOf']}, would change: {summary['difference'] or 'nothing now'}"
+        yield from _line(f"shadow of {summary['shadowOf']}, would change: {summary['difference'] or 'nothing now'}")
     if summary["promotedShadow"]:
-        yield f"  carried out as its shadow {summary['promotedShadow']} says"
+        yield from _line(f"carried out as its shadow {summary['promotedShadow']} says")
     if summary["plan"]:
-        yield f"  plan {summary['plan']['sequence']} since {summary['plan']['time']}: {summary['plan']['cause']}"
-    yield from table(
+        plan = summary["plan"]
+        yield from _line(f"plan {plan['sequence']} since {plan['time']}: {plan['cause']}")
+    yield from text_table(
         ("TASK", "WEIGHT", "SHARE", "PODS", ""),
         [
             (t["name"], f"{t['weight']:g}", t["share"], str(t["pods"]), "suspended" if t.get("suspended") else "")
             for t in summary["tasks"]
         ],
+        columns(),
+        indent="  ",
     )
     for stream in summary["streams"]:
         if not stream["healthy"] or stream.get("message"):
-            yield f"  stream {stream['name']}: {stream.get('message') or 'silent'}"
+            yield from _line(f"stream {stream['name']}: {stream.get('message') or 'silent'}")
     for condition in summary["conditions"]:
         if condition["status"] != "True" and condition["type"] != "Ready":
-            yield f"  {condition['type']} is {condition['status']} ({condition['reason']}): {condition['message']}"
+            said = f"{condition['type']} is {condition['status']} ({condition['reason']})"
+            yield from _line(f"{said}: {condition['message']}")
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Columns as wide as their content; nothing without rows."""
-    if rows:
-        widths = [max(len(row[i]) for row in (head, *rows)) for i in range(len(head))]
-        for row in (head, *rows):
-            yield "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+def _line(text: str, indent: str = "  ") -> list[str]:
+    return wrapped(text, columns(), indent, f"{indent}  ")

@@ -6,31 +6,35 @@ import argparse
 import json
 import math
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.commands import recording_arguments, robot_arguments
-from contextpolicy.commands.simulate import progress
+from contextpolicy.commands.structured_output import add_output, structured
+from contextpolicy.commands.terminal import columns, progress, waiting
 from contextpolicy.errors import Finding, SettingsError
+from contextpolicy.explain.text_table import wrapped
 from contextpolicy.policy.quantities import parse_duration
 from contextpolicy.policy.suggestions import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from contextpolicy.policy.spec import Policy
     from contextpolicy.simulation.forecast import Forecast
     from contextpolicy.simulation.knobs import Values
+    from contextpolicy.simulation.profiles import Profiles
     from contextpolicy.simulation.search import Goal, SearchResult
     from contextpolicy.simulation.trial import Trial
 
 DESCRIPTION = """\
-Search weights, bounds and delays with which the tasks meet their deadlines on the given timelines, and print them as a
-patch, with the predicted misses before and after. Only numbers are turned: priorities, idle scores, min and max, the
-weights and scales of contexts, their delays, and holds. What is suspended when, all conditions and the order stay.
+Search for weights, bounds and delays with which the tasks meet their deadlines on the given timelines, and print them
+as a patch, with the predicted misses before and after. Only numbers change: priorities, idle scores, min and max, the
+weights and scales of contexts, and with --delays their delays and holds. Conditions, their order, and what is suspended
+when stay the same. If all tasks already meet their goals there is no patch (with --delays, fewer plans justify one).
 
-What comes out is a prediction (see `contextpolicy simulate --help`): try it with mode DryRun, then measure."""
+The result is a prediction (see `contextpolicy simulate --help`): try it with mode DryRun, then measure."""
 
 DETAILS = """\
 output (--output): text is a YAML file with the prediction in comments, ready for
@@ -38,13 +42,13 @@ output (--output): text is a YAML file with the prediction in comments, ready fo
   contextpolicy suggest POLICY TIMELINE ... --profiles FILE > patch.yaml
   kubectl patch contextpolicy NAME --type json --patch-file patch.yaml
 
-json has the fields before, after (cost, and the statistics by task and context for each timeline), tries and patch.
+json has the fields before, after (cost, and the statistics by task and context for each timeline), tries, caveats and
+patch. A task without a profile is predicted to use no CPU, and the caveats name it: the others will lack what it uses.
+Of floors (min) the least that suffices is taken, in steps of 10m.
 
 A task's deadline is that of --deadline, or the policy's needs.deadline, or the one in its profile; a task without a
 deadline must only drop nothing. The cost is the mean of the tasks' misses, weighted by priority; misses above --misses
-count a hundredfold, and inputs that are suspended only with the patch count as missed. A plan a second costs 0.01.
-
-exit codes: 0 every task meets its goal with the patch (or without one), 1 not every one does, 2 it could not run"""
+count a hundredfold, and inputs that are suspended only with the patch count as missed. A plan a second costs 0.01."""
 MISSES = 0.01
 TRIES = 100
 
@@ -56,7 +60,6 @@ def add(subparsers: Any) -> None:
         help="search weights, bounds and delays that meet the deadlines",
         description=DESCRIPTION,
         epilog=DETAILS,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("policy", metavar="POLICY", help="a file with one ContextPolicy")
     parser.add_argument("timelines", metavar="TIMELINE", nargs="+", help="timelines or recordings")
@@ -73,61 +76,99 @@ def add(subparsers: Any) -> None:
     parser.add_argument(
         "--tries", type=_count, default=TRIES, metavar="N", help="policies to simulate at most (default: 100)"
     )
+    parser.add_argument("--delays", action="store_true", help="also change enterAfter, exitAfter and holds")
     robot_arguments.add(parser)
     recording_arguments.add(parser)
-    parser.add_argument("--output", choices=("text", "json"), default="text", help="default: text")
+    add_output(parser)
     parser.set_defaults(main=main)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Search, and print the patch with the prediction."""
-    from contextpolicy.simulation.knobs import knobs, patch
-    from contextpolicy.simulation.search import cost, search
-    from contextpolicy.simulation.trial import demand
+    from contextpolicy.simulation.knobs import patch
 
     trial = _trial(arguments)
-    before = trial.predict({}) or []
+    with waiting("predicting"):
+        before = trial.predict({}) or []
     goals = _goals(arguments, trial)
+    if arguments.delays or any(_above(one, goals) for one in before):
+        found = _searched(arguments, trial, before, goals)
+    else:
+        found = _as_it_is(before, goals)
+    after = (trial.predict(found.values) if found.values else None) or before
+    missed = sorted({task for one in after for task in _above(one, goals)})
+    caveats = [f"{task} misses more than {arguments.misses:g} of its inputs all the same" for task in missed]
+    caveats += [note for timeline in trial.timelines for note in timeline.notes]
+    caveats += dict.fromkeys(note for one in before for note in one.notes)
+    names = [timeline.name for timeline in trial.timelines]
+    forecasts = list(zip(names, before, after, strict=True))
+    answer = Suggestion(found, forecasts, patch(trial.resource, found.values), caveats)
+    print(
+        answer.as_text(columns()) if arguments.output == "table" else structured(answer.as_fields(), arguments.output)
+    )
+    for caveat in caveats:
+        print(f"note: {caveat}", file=sys.stderr)
+    return 1 if missed else 0
+
+
+def _searched(
+    arguments: argparse.Namespace, trial: Trial, before: Sequence[Forecast], goals: Mapping[str, Goal]
+) -> SearchResult:
+    from contextpolicy.simulation.knobs import knobs
+    from contextpolicy.simulation.search import cost, lowest_floors, search
+    from contextpolicy.simulation.trial import demand
 
     def judge(values: Values) -> float:
         predicted = trial.predict(values) if values else before
         return math.inf if predicted is None else cost(predicted, before, goals)
 
-    with progress(arguments.tries, "searching") as tell:
-        listed = knobs(trial.resource, demand(before, trial.timelines))
-        found = search(listed, _counted(judge, tell), arguments.tries)
-    after = trial.predict(found.values) or before
-    names = [timeline.name for timeline in trial.timelines]
-    answer = Suggestion(found, list(zip(names, before, after, strict=True)), patch(trial.resource, found.values))
-    print(answer.as_json() if arguments.output == "json" else answer.as_text())
-    missed = sorted({task for one in after for task in _above(one, goals)})
-    for task in missed:
-        print(f"note: {task} misses more than {arguments.misses:g} of its inputs all the same", file=sys.stderr)
-    return 1 if missed else 0
+    def meets(values: Values) -> bool:
+        predicted = trial.predict(values)
+        return predicted is not None and not any(_above(one, goals) for one in predicted)
+
+    listed = knobs(trial.resource, demand(before, trial.timelines), delays=arguments.delays)
+    with progress(arguments.tries, "searching") as advance:
+        found = search(listed, _counted(judge, advance), arguments.tries)
+    if not meets(found.values):
+        return found
+    with waiting("lowering min"):
+        lowered = lowest_floors(listed, found.values, meets)
+    return replace(found, values=lowered, after=judge(lowered))
+
+
+def _as_it_is(before: Sequence[Forecast], goals: Mapping[str, Goal]) -> SearchResult:
+    from contextpolicy.simulation.search import SearchResult, cost
+
+    spent = cost(before, before, goals)
+    return SearchResult({}, spent, spent, 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """What was found, the name and both predictions of each timeline, and the patch."""
+    """What was found, the name and both predictions of each timeline, the patch, and what to doubt about it."""
 
     found: SearchResult
     forecasts: list[tuple[str, Forecast, Forecast]]
     patch: list[dict[str, Any]]
+    caveats: list[str]
 
-    def as_text(self) -> str:
-        """A YAML file: the patch, with the prediction in comments."""
+    def as_text(self, width: int | None) -> str:
+        """A YAML file: the patch, with the prediction in comments; see `text_table` for `width`."""
         from contextpolicy.simulation.forecast_report import as_table
 
+        room = None if width is None else width - len("# ")
         lines = [
-            f"predicted, {self.found.tries} policies tried: cost {self.found.before:.4g} -> {self.found.after:.4g}"
+            f"predicted, {self.found.tries} policies tried: cost {self.found.before:.4g} -> {self.found.after:.4g}",
+            *(f"caveat: {caveat}" for caveat in self.caveats),
+            *([] if self.patch or self.caveats else ["every task meets its goal as it is"]),
         ]
         for name, before, after in self.forecasts:
-            lines += ["", f"{name}, as it is:", *as_table(before).splitlines()]
-            lines += ["", f"{name}, with the patch:", *as_table(after).splitlines()] if self.patch else []
-        comments = "\n".join(f"# {line}".rstrip() for line in lines)
+            lines += ["", f"{name}, as it is:", *as_table(before, room).splitlines()]
+            lines += ["", f"{name}, with the patch:", *as_table(after, room).splitlines()] if self.patch else []
+        comments = "\n".join(f"# {part}".rstrip() for line in lines for part in (wrapped(line, room, "", "  ") or [""]))
         return f"{comments}\n" + ("\n".join(f"- {json.dumps(change)}" for change in self.patch) or "[]")
 
-    def as_json(self) -> str:
+    def as_fields(self) -> dict[str, Any]:
         """The same as fields."""
         from contextpolicy.simulation.forecast_report import as_fields
 
@@ -135,7 +176,7 @@ class Suggestion:
             name: {"cost": cost, "timelines": {title: as_fields(pair[index]) for title, *pair in self.forecasts}}
             for index, (name, cost) in enumerate((("before", self.found.before), ("after", self.found.after)))
         }
-        return json.dumps({**parts, "tries": self.found.tries, "patch": self.patch}, indent=2)
+        return {**parts, "tries": self.found.tries, "caveats": self.caveats, "patch": self.patch}
 
 
 def _trial(arguments: argparse.Namespace) -> Trial:
@@ -157,6 +198,7 @@ def _trial(arguments: argparse.Namespace) -> Trial:
     _refuse_unknown(policy, {"--deadline": deadlines, "--priority": dict(arguments.priority or ())})
     profiles, robot = load_profiles(arguments.profiles), robot_arguments.robot_of(arguments, policy)
     resource = load_resource(arguments.policy)
+    _refuse_unprofiled(arguments.profiles, policy, profiles)
     return Trial(resource, policy, timelines, profiles, robot, plugins.load(policy), deadlines)
 
 
@@ -169,25 +211,32 @@ def _goals(arguments: argparse.Namespace, trial: Trial) -> dict[str, Goal]:
     return {name: Goal(own[name], arguments.misses) for name in trial.profiles.tasks if name in own}
 
 
-def _above(predicted: Forecast, goals: Mapping[str, Goal]) -> Iterator[str]:
+def _above(predicted: Forecast, goals: Mapping[str, Goal]) -> list[str]:
+    """The tasks that miss more than their goal allows."""
     from contextpolicy.simulation.forecast import ALL
 
-    for task, goal in goals.items():
-        stats = predicted.tasks.get(task, {}).get(ALL)
-        if stats is not None and stats.misses > goal.misses:
-            yield task
+    missing = {task: stats[ALL].misses for task, stats in predicted.tasks.items() if ALL in stats}
+    return [task for task, goal in goals.items() if missing.get(task, 0.0) > goal.misses]
 
 
-def _counted(judge: Callable[[Values], float], tell: Callable[[float], None] | None) -> Callable[[Values], float]:
-    """The same judge, that tells how often it was asked."""
+def _counted(judge: Callable[[Values], float], advance: Callable[[float], None] | None) -> Callable[[Values], float]:
+    """The same judge, which reports how often it was asked."""
     tries = count(1)
 
     def counting(values: Values) -> float:
-        if tell is not None:
-            tell(next(tries))
+        if advance is not None:
+            advance(next(tries))
         return judge(values)
 
     return counting
+
+
+def _refuse_unprofiled(file: str, policy: Policy, profiles: Profiles) -> None:
+    """Without any profile every task seems to meet its goal."""
+    names = [task.name for task in policy.leaves]
+    if not profiles.tasks.keys() & set(names):
+        allowed = f"profiles of the policy's tasks, at least one of {', '.join(names)}"
+        raise SettingsError("arguments", (Finding("--profiles", file, allowed),))
 
 
 def _refuse_unknown(policy: Policy, given: Mapping[str, Mapping[str, float]]) -> None:
@@ -207,7 +256,7 @@ def _task_time(text: str) -> tuple[str, float]:
     try:
         return name, parse_duration(value)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text} is not allowed: TASK=TIME, such as slam=100ms") from None
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected TASK=TIME, such as slam=100ms") from None
 
 
 def _task_number(text: str) -> tuple[str, float]:
@@ -229,5 +278,5 @@ def _number(text: str, shown: str, allowed: str, *, most: float, least: float = 
     except ValueError:
         value = math.nan
     if not least <= value <= most:
-        raise argparse.ArgumentTypeError(f"{shown} is not allowed: {allowed}")
+        raise argparse.ArgumentTypeError(f"invalid value {shown!r}: expected {allowed}")
     return value

@@ -11,9 +11,12 @@ from contextlib import suppress
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.commands.cluster_access import api_server, operator
-from contextpolicy.commands.credentials import add_credentials
+from contextpolicy.commands.bus_arguments import add_credentials, connect
+from contextpolicy.commands.cluster_access import add_cluster, all_boards, api_server
 from contextpolicy.commands.explain import PATIENCE, NoAnswerError, visit
+from contextpolicy.commands.operator_pods import namespace_of_board
+from contextpolicy.commands.structured_output import SCHEMA, structured
+from contextpolicy.commands.terminal import columns
 
 if TYPE_CHECKING:
     import argparse
@@ -23,9 +26,10 @@ if TYPE_CHECKING:
 
     from contextpolicy.bus.view import BusView
 
-PLANS, STEPS, BOARDS = (f"contextpolicy/*/*/{topic}" for topic in ("plan", "applied", "board"))
 LONGEST_QUEUE = 1000
 """Messages that wait for a slow terminal; beyond that the oldest are dropped."""
+WIDE = 200
+"""Columns of what is written to a file."""
 TICK = 1.0
 """Seconds between redraws when nothing arrives, because the ages on the screen grow."""
 
@@ -36,19 +40,29 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "top",
         help="watch what the policies decide",
         description="Show the plans on the decision bus as they are made: contexts, cause, and each task's weight and "
-        "share, with how far its containers are: planned, accepted by the API, in force on the node; the limits in "
-        "force, what is used and throttled (as the node agents measure it), the streams' ages, and reaction times.",
+        "share, with the stage of its containers: planned, accepted by the API, in force on the node; the limits in "
+        "force, CPU used and throttled (as the node agents measure it), the streams' ages, and reaction times.",
     )
     parser.add_argument(
         "--connect",
+        type=connect,
         metavar="ENDPOINTS",
         default=os.environ.get("ZENOH_CONNECT") or None,
         help="the router, tcp/HOST:7447 (default: ZENOH_CONNECT, else through the cluster, with kubectl)",
     )
     add_credentials(parser)
     parser.add_argument("--once", action="store_true", help="show the plans in force and end")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("-n", "--namespace", metavar="NS", help="policies of this namespace only")
+    where.add_argument("-A", "--all-namespaces", action="store_true", help="policies of every namespace (default)")
+    add_cluster(parser)
     parser.add_argument(
-        "--output", choices=("table", "json"), default="table", help="default: table; json is one line per message"
+        "-o",
+        "--output",
+        metavar="FORMAT",
+        choices=("table", "json", "yaml"),
+        default="table",
+        help="table (default), json or yaml; json is one line per message, yaml one document",
     )
     parser.set_defaults(main=main)
 
@@ -60,20 +74,34 @@ def main(arguments: argparse.Namespace) -> int:
     view = BusView()
     try:
         if arguments.connect is None:
-            with api_server() as api, operator(api) as ask:
-                _through_the_cluster(arguments, lambda: ask("boards"), view)
+            with api_server(arguments) as api, all_boards(api, arguments, arguments.namespace) as boards:
+                _through_the_cluster(arguments, lambda: _of(arguments, boards()), view)
             return 0
         with visit(arguments.connect, arguments.credentials) as session:
             if arguments.once:
                 _show_once(arguments, session, view)
             else:
                 _follow(arguments, session, view)
-    except KeyboardInterrupt:
-        pass  # how a person ends it
-    except BrokenPipeError:
-        # The pipe's reader is gone, and Python's flush at exit would fail again: give it somewhere to write.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except KeyboardInterrupt:  # how a person ends it, but for what ends by itself
+        if arguments.once:
+            raise
     return 0
+
+
+def _of(arguments: argparse.Namespace, boards: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The boards of the namespace that is asked for."""
+    return [one for one in boards if arguments.namespace in (None, namespace_of_board(one))]
+
+
+def _keys(arguments: argparse.Namespace, *topics: str) -> list[str]:
+    return [f"contextpolicy/{arguments.namespace or '*'}/*/{topic}" for topic in topics]
+
+
+def _line(content: Mapping[str, Any], output: str) -> str:
+    """One message: a line of JSON, or a YAML document."""
+    return (
+        f"---\n{structured(content, output)}" if output == "yaml" else json.dumps({"schemaVersion": SCHEMA, **content})
+    )
 
 
 def _through_the_cluster(
@@ -85,18 +113,18 @@ def _through_the_cluster(
         time.sleep(TICK)
         _take_all(view, boards())
         _print(arguments, view)
-    elif arguments.output == "json":
-        told: dict[str, Any] = {}
+    elif arguments.output != "table":
+        shown: dict[str, Any] = {}
         while True:
             _take_all(view, boards())
             for name, policy in sorted(view.policies.items()):
                 line = policy.as_json()
-                if told.get(name) != line:
-                    told[name] = line
-                    print(json.dumps(line), flush=True)
+                if shown.get(name) != line:
+                    shown[name] = line
+                    print(_line(line, arguments.output), flush=True)
             time.sleep(TICK)
     else:
-        _redraw(view, lambda: _take_all(view, boards()), lambda: time.sleep(TICK))
+        _show(arguments, view, lambda: _take_all(view, boards()), lambda: time.sleep(TICK))
 
 
 def _take_all(view: BusView, boards: Iterable[Mapping[str, Any]]) -> None:
@@ -108,38 +136,41 @@ def _take_all(view: BusView, boards: Iterable[Mapping[str, Any]]) -> None:
 
 
 def _show_once(arguments: argparse.Namespace, session: zenoh.Session, view: BusView) -> None:
-    for key, payload in _answers(session, PLANS):
+    for key, payload in _answers(session, *_keys(arguments, "plan")):
         view.take(key, payload)
     if not view.policies:
         raise NoAnswerError(f"nobody at {arguments.connect} makes plans: is the operator running, is there a policy?")
-    _ask_boards(session, view)
+    _ask_boards(session, view, *_keys(arguments, "board"))
     _print(arguments, view)
 
 
 def _print(arguments: argparse.Namespace, view: BusView) -> None:
-    if arguments.output == "json":
+    if arguments.output != "table":
         for _, policy in sorted(view.policies.items()):
-            print(json.dumps(policy.as_json()))
+            print(_line(policy.as_json(), arguments.output))
         return
     from rich.console import Console
 
-    from contextpolicy.bus.view import live
+    from contextpolicy.bus.view_tables import live
 
-    Console().print(live(view, time.time()))
+    console = Console(width=columns() or WIDE)
+    console.print(live(view, time.time(), console.width))
 
 
 def _follow(arguments: argparse.Namespace, session: zenoh.Session, view: BusView) -> None:
     """Subscribe first, then query: no plan is missed in between, and the view puts them in order."""
     mailbox: deque[tuple[str, bytes | None]] = deque(maxlen=LONGEST_QUEUE)
     arrived = Event()
-    listeners = [session.declare_subscriber(key, _post(mailbox, arrived)) for key in (PLANS, STEPS)]
-    mailbox.extend(_answers(session, PLANS))
+    listeners = [
+        session.declare_subscriber(key, _post(mailbox, arrived)) for key in _keys(arguments, "plan", "applied")
+    ]
+    mailbox.extend(_answers(session, *_keys(arguments, "plan")))
     arrived.set()
     try:
-        if arguments.output == "json":
-            _print_lines(view, mailbox, arrived)
+        if arguments.output != "table":
+            _print_lines(arguments, view, mailbox, arrived)
         else:
-            _draw(session, view, mailbox, arrived)
+            _draw(arguments, session, view, (mailbox, arrived))
     finally:
         for listener in listeners:
             listener.undeclare()
@@ -156,8 +187,10 @@ def _post(mailbox: deque[tuple[str, bytes | None]], arrived: Event) -> Callable[
     return post
 
 
-def _ask_boards(session: zenoh.Session, view: BusView) -> None:
-    for _, payload in _answers(session, BOARDS):
+def _ask_boards(session: zenoh.Session, view: BusView, key: str) -> None:
+    """Of an operator that does not answer there is no board: an old one would pass for what is the case."""
+    view.boards.clear()
+    for _, payload in _answers(session, key):
         with suppress(ValueError, RecursionError):  # on an open bus anybody may answer
             view.take_board(json.loads(payload))
 
@@ -175,34 +208,62 @@ def _changes(view: BusView, mailbox: deque[tuple[str, bytes | None]]) -> Iterato
             yield change
 
 
-def _print_lines(view: BusView, mailbox: deque[tuple[str, bytes | None]], arrived: Event) -> None:
+def _print_lines(
+    arguments: argparse.Namespace, view: BusView, mailbox: deque[tuple[str, bytes | None]], arrived: Event
+) -> None:
     while True:
         arrived.wait()
         # Cleared before the mailbox is read: a message that comes meanwhile sets it again.
         arrived.clear()
         for change in _changes(view, mailbox):
-            print(json.dumps(change), flush=True)
+            print(_line(change, arguments.output), flush=True)
 
 
-def _draw(session: zenoh.Session, view: BusView, mailbox: deque[tuple[str, bytes | None]], arrived: Event) -> None:
+def _draw(
+    arguments: argparse.Namespace,
+    session: zenoh.Session,
+    view: BusView,
+    post: tuple[deque[tuple[str, bytes | None]], Event],
+) -> None:
     """A burst of messages is drawn once, in its last state."""
+    mailbox, arrived = post
 
     def take() -> None:
         arrived.clear()
         for _ in _changes(view, mailbox):
             pass
-        _ask_boards(session, view)
+        _ask_boards(session, view, *_keys(arguments, "board"))
 
-    _redraw(view, take, lambda: arrived.wait(TICK))
+    _show(arguments, view, take, lambda: arrived.wait(TICK))
+
+
+def _show(arguments: argparse.Namespace, view: BusView, take: Callable[[], None], wait: Callable[[], object]) -> None:
+    if sys.stdout.isatty():
+        _redraw(view, take, wait)
+    else:
+        _append(arguments, view, take, wait)
 
 
 def _redraw(view: BusView, take: Callable[[], None], wait: Callable[[], object]) -> None:
     from rich.live import Live
 
-    from contextpolicy.bus.view import live
+    from contextpolicy.bus.view_tables import live
 
     with Live(auto_refresh=False) as screen:
         while True:
             take()
-            screen.update(live(view, time.time()), refresh=True)
+            screen.update(live(view, time.time(), screen.console.width), refresh=True)
             wait()
+
+
+def _append(arguments: argparse.Namespace, view: BusView, take: Callable[[], None], wait: Callable[[], object]) -> None:
+    """Where nothing can be drawn over: the tables again after each change."""
+    last = None
+    while True:
+        take()
+        shown = {name: policy.as_json() for name, policy in view.policies.items()}, set(view.boards)
+        if shown != last:
+            last = shown
+            _print(arguments, view)
+            sys.stdout.flush()
+        wait()

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from contextpolicy.commands.structured_output import add_output, structured
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
     from contextpolicy.policy.validation.check import CheckReport
+    from contextpolicy.policy.validation.problem import Problem
 
 SUFFIXES = (".yaml", ".yml", ".json")
 
@@ -21,13 +24,12 @@ def add(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "validate",
         help="check policy files without a cluster",
-        description="Tell everything that the API server or the operator would refuse, all files and findings at once. "
-        "Objects of other kinds are skipped with a note. Exit codes: 0 valid (warnings included), 1 refused, 2 a file "
-        "that cannot be read.",
+        description="Report everything that the API server or the operator would refuse, for all files at once. Other "
+        "objects are skipped with a note, except that liveness probes of pods that a policy may suspend are checked.",
     )
     parser.add_argument("files", nargs="+", metavar="POLICY", help="a YAML file, a directory of them, or - for stdin")
     add_types_argument(parser)
-    parser.add_argument("--output", choices=("text", "json"), default="text", help="default: text, one line a problem")
+    add_output(parser)
     parser.set_defaults(main=main)
 
 
@@ -44,30 +46,47 @@ def add_types_argument(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Check and print; the exit code is for CI."""
-    from contextpolicy.errors import DefinitionError
     from contextpolicy.policy.definition_files import of_folder
     from contextpolicy.policy.validation.check import check
 
-    try:
-        texts = list(_texts(arguments.files))
-        types = None if arguments.types is None else of_folder(arguments.types)
-    except (OSError, UnicodeDecodeError, DefinitionError) as error:
-        print(f"contextpolicy validate: {error}", file=sys.stderr)
-        return 2
+    types = None if arguments.types is None else of_folder(arguments.types)
+    texts, unreadable = _texts(arguments.files)
     report = check(texts, types)
-    (_print_json if arguments.output == "json" else _print_text)(report)
-    return 0 if _is_valid(report) else 1
+    report.problems[:0] = unreadable
+    if arguments.output == "table":
+        _print_text(report)
+    else:
+        print(structured(_document(report), arguments.output))
+    return 2 if unreadable else 0 if _is_valid(report) else 1
 
 
-def _texts(names: list[str]) -> Iterator[tuple[str, str]]:
+def _texts(names: list[str]) -> tuple[list[tuple[str, str]], list[Problem]]:
+    """Name and text of each file, and a problem for each that can't be read: the others are checked all the same."""
+    from contextpolicy.policy.validation.documents import WHOLE_FILE, text_of
+    from contextpolicy.policy.validation.problem import Problem
+
+    texts, unreadable = [], []
+    for path in _paths(names):
+        name = "<stdin>" if path is None else str(path)
+        try:
+            with nullcontext(sys.stdin) if path is None else path.open(encoding="utf-8") as file:
+                texts.append((name, text_of(file)))
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            unreadable.append(Problem(name, WHOLE_FILE, f"cannot read file: {reason}"))
+    return texts, unreadable
+
+
+def _paths(names: list[str]) -> Iterator[Path | None]:
+    """Each file, those of directories too; None is standard input."""
     for name in names:
-        if name == "-":
-            yield "<stdin>", sys.stdin.read()
-            continue
         path = Path(name)
-        inside = sorted(p for p in path.rglob("*") if p.suffix in SUFFIXES and p.is_file())
-        for file in inside if path.is_dir() else [path]:
-            yield str(file), file.read_text(encoding="utf-8")
+        if name == "-":
+            yield None
+        elif path.is_dir():
+            yield from sorted(p for p in path.rglob("*") if p.suffix in SUFFIXES and p.is_file())
+        else:
+            yield path
 
 
 def _is_valid(report: CheckReport) -> bool:
@@ -93,11 +112,12 @@ def _count(number: int, one: str, many: str = "") -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
-def _print_json(report: CheckReport) -> None:
-    document = {
+def _document(report: CheckReport) -> dict[str, Any]:
+    """`found` counts the policies there are, `policies` are those of them that are valid."""
+    return {
         "valid": _is_valid(report),
+        "found": report.seen,
         "policies": [{"file": source.file, "policy": policy.reference} for source, policy in report.policies],
         "problems": [problem.as_json() for problem in report.problems],
         "skipped": report.skipped,
     }
-    print(json.dumps(document, indent=2))

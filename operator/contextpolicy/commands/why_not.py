@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.commands import explain
 from contextpolicy.commands.cluster_access import ClusterAccessError
+from contextpolicy.commands.structured_output import add_output, structured
+from contextpolicy.commands.terminal import columns
+from contextpolicy.explain.text_table import wrapped
 from contextpolicy.policy.suggestions import did_you_mean
 
 if TYPE_CHECKING:
@@ -17,13 +20,14 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     """Declare the command."""
     parser = subparsers.add_parser(
         "why-not",
-        help="tell why a context does not hold",
-        description="Of each context that does not hold, or of one, tell the part of its condition that decides and "
-        "what it waits for: the part of `explain` about what is not the case. Exit code 1 if the named context holds.",
+        help="explain why a context does not hold",
+        description="For each context that does not hold, or for one, show the decisive part of its condition and "
+        "what it waits for, as `explain` does among other things.",
     )
     parser.add_argument("policy", metavar="POLICY", help="[NAMESPACE/]NAME; with --timeline a policy file")
     parser.add_argument("context", metavar="CONTEXT", nargs="?", help="one context (default: all that do not hold)")
     explain.add_source(parser)
+    add_output(parser)
     parser.set_defaults(main=main)
 
 
@@ -32,13 +36,18 @@ def main(arguments: argparse.Namespace) -> int:
     explanation = explain.explanation_of(arguments)
     known = list(explanation["contexts"])
     if arguments.context and arguments.context not in known:
-        allowed = ("one of " + ", ".join(known) if known else "the policy has none") + did_you_mean(
+        allowed = ("expected one of " + ", ".join(known) if known else "the policy has none") + did_you_mean(
             arguments.context, known
         )
-        raise ClusterAccessError(f"context {arguments.context} is not allowed: {allowed}")
-    told = dict(_told(explanation))
+        raise ClusterAccessError(f"unknown context {arguments.context!r}: {allowed}")
+    sentences = dict(_sentences(explanation))
     chosen = [arguments.context] if arguments.context else [name for name in known if not holds(explanation, name)]
-    print(*(told[name] for name in chosen) if chosen else ["all contexts hold"], sep="\n")
+    if arguments.output == "table":
+        for sentence in [sentences[name] for name in chosen] or ["all contexts hold"]:
+            print(*wrapped(sentence, columns(), "", "  "), sep="\n")
+    else:
+        contexts = {name: {**explanation["contexts"][name], "sentence": sentences[name]} for name in chosen}
+        print(structured({"policy": explanation["policy"], "contexts": contexts}, arguments.output))
     return 1 if arguments.context and holds(explanation, arguments.context) else 0
 
 
@@ -47,7 +56,7 @@ def holds(explanation: Mapping[str, Any], name: str) -> bool:
     return bool(explanation["contexts"][name]["active"])
 
 
-def _told(explanation: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _sentences(explanation: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     from contextpolicy.explain.sentences import context_sentences
 
     return zip(explanation["contexts"], context_sentences(explanation), strict=True)

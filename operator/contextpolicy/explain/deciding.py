@@ -11,8 +11,9 @@ from contextpolicy.policy.cel_syntax import Construct, Node
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from contextpolicy.planning.conditions.expressions import Guarded
+    from contextpolicy.planning.conditions.expressions import Guarded, Waiting
     from contextpolicy.planning.conditions.stream import StreamState
+    from contextpolicy.planning.planner import Planner
 
 _JOINED = {"&&", "||"}
 _COMPARED = {"<", "<=", "==", "!=", ">=", ">", "in"}
@@ -27,13 +28,25 @@ def deciding_parts(condition: Guarded, streams: Mapping[str, StreamState], now: 
     `expression`, its `value`, its `operands` with their values, and if it has no value, `waitsFor` or `error`.
     """
     trace = _Trace(condition, streams, now)
-    return [trace.told(part) for part in trace.deciding()]
+    return [trace.described(part) for part in trace.deciding()]
 
 
 def absence(stream: StreamState, now: float) -> dict[str, Any]:
     """For how many seconds the stream has had no value, and whether it ever had one."""
     since = now if stream.absent_since is None else stream.absent_since
     return {"stream": stream.spec.name, "for": round(now - since, 6), "heard": stream.value is not None}
+
+
+def waits(planner: Planner) -> Iterator[tuple[str, Waiting]]:
+    """What can't be decided now: the task or context, and what it waits for."""
+    for initiative, task in planner.owned_initiatives():
+        for own in (initiative.deciding, initiative.score):
+            if own and own.waiting:
+                yield f"task {task}", own.waiting
+    for context in planner.contexts:
+        deciding = context.deciding
+        if deciding and deciding.waiting:
+            yield f"context {context.spec.name}", deciding.waiting
 
 
 class _Trace:
@@ -46,15 +59,15 @@ class _Trace:
     def deciding(self) -> Iterator[Node]:
         return self._of(self._condition.expression.tree)
 
-    def told(self, node: Node) -> dict[str, Any]:
+    def described(self, node: Node) -> dict[str, Any]:
         """A part that decides, with its operands."""
-        told: dict[str, Any] = {"expression": self._text(node), "operands": self._operands(node)}
+        found: dict[str, Any] = {"expression": self._text(node), "operands": self._operands(node)}
         try:
-            return told | {"value": _as_written(self._value(node))}
+            return found | {"value": _as_written(self._value(node))}
         except UndecidedError as error:
-            return told | {"value": None, "waitsFor": self._waiting(error)}
+            return found | {"value": None, "waitsFor": self._waiting(error)}
         except ExpressionError as error:
-            return told | {"value": None, "error": str(error).removeprefix(f"{told['expression']}: ")}
+            return found | {"value": None, "error": str(error).removeprefix(f"{found['expression']}: ")}
 
     def _of(self, node: Node) -> Iterator[Node]:
         if node.kind is Construct.BINARY and node.text in _JOINED:

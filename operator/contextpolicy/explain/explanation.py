@@ -7,14 +7,15 @@ not the policy's if the node can't do realtime.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import ShareError
 from contextpolicy.explain.deciding import absence, deciding_parts
+from contextpolicy.explain.excerpt import excerpt
 from contextpolicy.planning.allocation.division import terms
-from contextpolicy.planning.allocation.seating import seat_tasks
+from contextpolicy.planning.allocation.influence import influence
 from contextpolicy.planning.allocation.shares import divide, floors_exceed
+from contextpolicy.policy.quantities import format_cpu
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,21 +30,20 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Context, Effect, Task
 
 
-LONGEST_LIST = 16
-
-
-def explain(planner: Planner, now: float) -> dict[str, Any]:
+def explain(planner: Planner, now: float, ahead: float = 0.0) -> dict[str, Any]:
     """The plan in force and its reasons, JSON-serialisable; before the first plan `plan` is None and tasks are empty.
 
-    Scores, weights and contexts are those of `now`, even if they moved no share since the plan was made.
+    Scores, weights and contexts are those of `now`, even if they moved no share since the plan was made. `now` is
+    planning time, which is `ahead` seconds of the wall clock; times in the document are the wall clock's.
     """
     plan, policy = planner.last, planner.policy
     return {
         "policy": policy.reference,
         "mode": policy.mode,
         "scheduler": policy.enforcement.scheduler,
-        "time": now,
-        "plan": _plan(planner, now),
+        "control": policy.enforcement.control,
+        "time": now - ahead,
+        "plan": _plan(planner, now, ahead),
         "minDwell": policy.enforcement.min_dwell,
         "heldBack": planner.held_back,
         "streams": {name: _stream(stream, now) for name, stream in planner.streams.items()},
@@ -55,14 +55,14 @@ def explain(planner: Planner, now: float) -> dict[str, Any]:
     }
 
 
-def _plan(planner: Planner, now: float) -> dict[str, Any] | None:
+def _plan(planner: Planner, now: float, ahead: float) -> dict[str, Any] | None:
     plan, decided = planner.last, planner.decided
     if plan is None or decided is None:
         return None
     # The last plan may only have new weights; the one that decided the shares in force has their time and cause.
     return {
         "sequence": decided.sequence,
-        "time": decided.time,
+        "time": decided.time - ahead,
         "age": round(now - decided.time, 6),
         "cause": decided.cause,
         "contexts": list(plan.contexts),
@@ -73,8 +73,8 @@ def _plan(planner: Planner, now: float) -> dict[str, Any] | None:
 def _stream(stream: StreamState, now: float) -> dict[str, Any]:
     return {
         "key": stream.spec.key,
-        "value": _plain(stream.value),
-        "features": _plain(stream.features(now)),
+        "value": excerpt(stream.value),
+        "features": excerpt(stream.features(now)),
         "age": None if stream.seen_at is None else round(now - stream.seen_at, 6),
         "counts": stream.fresh,
         "silent": stream.silent,
@@ -83,38 +83,27 @@ def _stream(stream: StreamState, now: float) -> dict[str, Any]:
     }
 
 
-def _plain(value: Any) -> Any:
-    """A value as JSON, with long lists cut: a laser scan has thousands of numbers."""
-    match value:
-        case dict():
-            return {str(name): _plain(inner) for name, inner in value.items()}
-        case list():
-            more = [f"and {len(value) - LONGEST_LIST} more"] if len(value) > LONGEST_LIST else []
-            return [*map(_plain, value[:LONGEST_LIST]), *more]
-        case bytes():
-            return f"{len(value)} bytes"
-        case float() if not math.isfinite(value):
-            return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
-    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
-
-
 def _context(planner: Planner, context: ContextState, now: float) -> dict[str, Any]:
-    """`decidedBy`: the parts that decide its condition; `turnsIn`: seconds until it turns if the condition stays so."""
+    """`decidedBy`: the parts that decide `when`, or `until` while it holds.
+
+    `turnsIn`: seconds until it turns if that stays so.
+    """
     turns_at = context.turns_at
     return {
         "active": context.active,
         "holds": context.holds,
         "when": context.spec.when,
+        "until": context.spec.until,
         "streams": [stream.spec.name for stream in context.streams],
         "insisted": sorted(context.insisted),
-        "decidedBy": _decided_by(planner, context.when, now),
+        "decidedBy": _decided_by(planner, context.deciding, now),
         "turnsIn": None if turns_at is None else round(turns_at - now, 6),
     }
 
 
 def _decided_by(planner: Planner, condition: Guarded | None, now: float) -> list[dict[str, Any]]:
     parts = deciding_parts(condition, planner.streams, now) if condition else []
-    return [part | {"value": _plain(part["value"]), "operands": _plain(part["operands"])} for part in parts]
+    return [part | {"value": excerpt(part["value"]), "operands": excerpt(part["operands"])} for part in parts]
 
 
 def _task(planner: Planner, plan: Plan, task: Task, now: float) -> dict[str, Any]:
@@ -152,6 +141,7 @@ def _activity(planner: Planner, initiative: Initiative, now: float) -> dict[str,
         "score": spec.score,
         "scoreFrom": spec.score_from,
         "matches": initiative.matches,
+        "decaysFrom": initiative.decays_from(now),
         "scoreDecidedBy": _decided_by(planner, initiative.score, now),
         "absent": absence(carrier, now) if carrier and not carrier.fresh else None,
     }
@@ -161,21 +151,27 @@ def _initiative(planner: Planner, initiative: Initiative, now: float) -> dict[st
     own = initiative if initiative.spec.initiative is None else None
     return {
         "when": initiative.spec.when,
+        "until": initiative.spec.until,
         "initiative": initiative.spec.initiative,
         "streams": [stream.spec.name for stream in initiative.streams],
         "hold": initiative.spec.hold,
         "value": initiative.value,
-        "decidedBy": _decided_by(planner, own.when, now) if own else [],
+        "decidedBy": _decided_by(planner, own.deciding, now) if own else [],
     }
 
 
 def _effects(active: Sequence[Context], task: Task) -> list[dict[str, Any]]:
-    """What the contexts in force do to a task; of several the last decides, but none suspends a protected one."""
+    """What the contexts in force do to a task, and which of that counts; none suspends a protected task."""
     effects = {context.name: context.effects[task.name] for context in active if task.name in context.effects}
     ruled_out = {name for name, effect in effects.items() if task.protected and effect.suspends}
-    last = next((name for name in reversed(effects) if name not in ruled_out), None)
+    together = influence(task, active)
+    if together.suspended_by is not None:
+        counts = {together.suspended_by.name}
+    else:
+        counts = {context.name for context in together.weighting}
+        counts |= {name for name, effect in effects.items() if effect.suspend is False or effect.bounds}
     return [
-        {"context": name, "change": change(effect), "decides": name == last, "ruledOut": name in ruled_out}
+        {"context": name, "change": change(effect), "decides": name in counts, "ruledOut": name in ruled_out}
         for name, effect in effects.items()
     ]
 
@@ -184,14 +180,21 @@ def change(effect: Effect) -> str:
     """A context's effect in a few words."""
     if effect.suspend:
         return "suspends it"
+    parts = ["lets it run"] if effect.suspend is False else []
     if effect.weight is not None:
-        return f"sets its weight to {effect.weight:g}"
-    return f"scales its weight by {effect.scale:g}"
+        parts.append(f"sets its weight to {effect.weight:g}")
+    if effect.scale is not None:
+        parts.append(f"scales its weight by {effect.scale:g}")
+    if effect.min is not None:
+        parts.append(f"gives it at least {format_cpu(effect.min)}")
+    if effect.max is not None:
+        parts.append(f"caps it at {format_cpu(effect.max)}")
+    return " and ".join(parts)
 
 
 def _needs(planner: Planner, plan: Plan, task: Task) -> list[dict[str, Any]]:
     """Each capability constraint with what the worst-served container gets."""
-    nodes = {node.name: node for node in seat_tasks(planner.policy, planner.placement).nodes if node.name in plan.nodes}
+    nodes = {node.name: node for node in planner.seating().nodes if node.name in plan.nodes}
     shares = [
         (nodes[container.node], plan.nodes[container.node].containers[container.id])
         for container in planner.placement.containers
@@ -211,7 +214,7 @@ def _needs(planner: Planner, plan: Plan, task: Task) -> list[dict[str, Any]]:
 
 
 def _nodes(planner: Planner, plan: Plan) -> dict[str, Any]:
-    divided = terms(planner.policy, planner.weights, planner.placement, planner.at_rest)
+    divided = terms(planner.seating(), planner.weights, planner.at_rest)
     return {node: _node(divided[node], made) for node, made in plan.nodes.items() if node in divided}
 
 

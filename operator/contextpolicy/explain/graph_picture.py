@@ -46,7 +46,7 @@ def svg(graph: Graph) -> str:
     try:
         import pygraphviz  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise DrawingError("drawing needs Graphviz: pip install 'contextpolicy[plot]'") from error
+        raise DrawingError("drawing needs Graphviz: pip install '.[plot]' in a checkout") from error
     picture = pygraphviz.AGraph(directed=True, strict=False, rankdir="LR", nodesep=0.25, ranksep=0.6, pad=0.2)
     picture.graph_attr.update(_FONT, label=_legend(), labelloc="b", fontsize=10.5)
     picture.node_attr.update(_FONT, fontsize=12, shape="box", margin="0.15,0.07", height=0.3)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.policy.spec import Scheduler
+from contextpolicy.planning.allocation.enforcement import PROTECTED_WEIGHT
+from contextpolicy.policy.spec import Control, Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +17,7 @@ LONGEST_VALUE = 120
 def sentences(explanation: Mapping[str, Any], task: str) -> list[str]:
     """Why `task` has its share; KeyError for a task that the explanation does not have."""
     if explanation["plan"] is None:
-        return [f"There is no plan yet: {_waiting(explanation)}."]
+        return ["There is no plan yet: no event has required one."]
     own = explanation["tasks"][task]
     return [
         *_headline(explanation, task, own),
@@ -42,6 +43,8 @@ def _context(name: str, context: Mapping[str, Any]) -> str:
     if context["when"] is None:
         return f"Context {name} does not hold: it has no condition, and is neither forced nor needed as the fallback."
     parts = _parts(context["decidedBy"])
+    if context["turnsIn"] is None and context["holds"] and context["until"]:
+        return f"Context {name} holds until `{context['until']}`: {_parts(context['decidedBy'], context['until'])}."
     if context["turnsIn"] is None:
         return f"Context {name} {'holds' if context['holds'] else 'does not hold'}: {parts}."
     if context["holds"]:
@@ -57,10 +60,10 @@ def _idle_contexts(explanation: Mapping[str, Any], own: Mapping[str, Any]) -> It
             yield _context(name, context)
 
 
-def _parts(parts: Sequence[Mapping[str, Any]], told: str | None = None) -> str:
-    """The parts of an expression that decide; `told` is an expression that the sentence has quoted already."""
+def _parts(parts: Sequence[Mapping[str, Any]], quoted: str | None = None) -> str:
+    """The parts of an expression that decide; `quoted` is an expression that the sentence has quoted already."""
     return " and ".join(
-        _part(part, "it" if part["expression"] == told else f"`{part['expression']}`") for part in parts
+        _part(part, "it" if part["expression"] == quoted else f"`{part['expression']}`") for part in parts
     )
 
 
@@ -81,22 +84,26 @@ def _absent(absence: Mapping[str, Any]) -> str:
     return f"stream {absence['stream']}, {state} {absence['for']:.3g} s"
 
 
-def _waiting(explanation: Mapping[str, Any]) -> str:
-    open_streams = [
-        n for n, s in explanation["streams"].items() if s["staleAfter"] and not s["counts"] and not s["silent"]
-    ]
-    if open_streams:
-        return f"it waits until each stream is heard or silent; neither so far: {', '.join(open_streams)}"
-    return "nothing has happened that asks for one"
-
-
 def _headline(explanation: Mapping[str, Any], task: str, own: Mapping[str, Any]) -> Iterator[str]:
     plan = explanation["plan"]
     nodes = {name: node for name, node in explanation["nodes"].items() if task in node["tasks"]}
     shares = " and ".join(f"{_cpu(node['tasks'][task]['share'])} on node {n}" for n, node in nodes.items())
-    suspended = ", the least there is: it is suspended" if own["suspended"] and nodes else ""
+    suspended = ", the minimum: it is suspended" if own["suspended"] and nodes else ""
     yield f"{task} gets {shares}{suspended}." if nodes else f"{_shareless(explanation, task, own)}."
     yield f"Plan {plan['sequence']} is in force for {plan['age']:.3g} s, caused by {plan['cause']}."
+    fair = [node["tasks"][task] for node in nodes.values() if node["scheduler"] == Scheduler.CFS]
+    if fair and not own["suspended"]:
+        yield from _enforced(explanation["control"], own, min(row["share"] for row in fair))
+
+
+def _enforced(control: str, own: Mapping[str, Any], share: int) -> Iterator[str]:
+    """What a share is to a task that runs, where it is no cap."""
+    if control == Control.SUSPEND:
+        yield "That is informative only: control Suspend leaves a running task its original limit, up to its max."
+    if control == Control.WEIGHT:
+        yield "That is its weight where CPU is contested (control Weight); it may also use what others leave idle."
+        if own["protected"] and share < PROTECTED_WEIGHT:
+            yield f"It is protected, so its weight is {_cpu(PROTECTED_WEIGHT)}: a small weight waits long for its turn."
 
 
 def _shareless(explanation: Mapping[str, Any], task: str, own: Mapping[str, Any]) -> str:
@@ -110,7 +117,7 @@ def _score(own: Mapping[str, Any]) -> Iterator[str]:
     fresh = [activity for activity in own["activity"] if activity["value"] > 0]
     for activity in fresh:
         strongest = " (the strongest)" if len(fresh) > 1 and activity["value"] == own["score"] else ""
-        yield f"Activity {_named(activity)} is in force with score {activity['value']:g}{strongest}."
+        yield f"Activity {_named(activity)} {_state(activity)}{strongest}{_until(activity)}."
     if fresh and own["score"] > max(activity["value"] for activity in fresh):
         yield f"Its idle score, {own['idle']:g}, is higher."
     if fresh:
@@ -133,6 +140,16 @@ def _because(activity: Mapping[str, Any]) -> str:
     return f": {_parts(activity['decidedBy'], activity['when'])}"
 
 
+def _state(activity: Mapping[str, Any]) -> str:
+    if activity["decaysFrom"] is None:
+        return f"is in force with score {activity['value']:g}"
+    return f"is over: of its score {activity['decaysFrom']:g} it still has {activity['value']:g}, which decays"
+
+
+def _until(activity: Mapping[str, Any]) -> str:
+    return f" until `{activity['until']}`" if activity["until"] and activity["decaysFrom"] is None else ""
+
+
 def _named(activity: Mapping[str, Any]) -> str:
     if activity["initiative"]:
         return f"of initiative {activity['initiative']}"
@@ -146,14 +163,14 @@ def _preconditions(own: Mapping[str, Any]) -> Iterator[str]:
         why = "" if requirement["met"] else f": {_parts(requirement['decidedBy'], requirement['when'])}"
         yield f"Its pre-condition `{requirement['when']}` {state}{why}."
     for required, able in own["requiredTasks"].items():
-        yield f"It requires task {required}, which {'can run' if able else 'can not run, so it waits with weight 0'}."
+        yield f"It requires task {required}, which {'can run' if able else 'cannot run, so it waits with weight 0'}."
 
 
 def _weight(own: Mapping[str, Any]) -> Iterator[str]:
     product = own["priority"] * own["score"]
     yield f"Priority {own['priority']:g} times score {own['score']:g} is {product:g}."
     for effect in own["effects"]:
-        overruled = "" if effect["decides"] else ", but a later context decides"
+        overruled = "" if effect["decides"] else ", but another context decides"
         ruled_out = ", which has no effect: it is protected" if effect["ruledOut"] else overruled
         yield f"Context {effect['context']} {effect['change']}{ruled_out}."
     if own["weight"] != product:
@@ -180,7 +197,7 @@ def _division(explanation: Mapping[str, Any], task: str) -> Iterator[str]:
         if node["dividedBy"] == "Priority":
             yield f"Nothing on node {name} is active: the tasks that can run divide it by priority."
         if node["dividedBy"] == "Nothing":
-            yield f"No task on node {name} can run: each has the least."
+            yield f"No task on node {name} can run: each gets the minimum."
         if row["weight"] > 0:
             equation = "Eq. 1" if node["scheduler"] == Scheduler.CFS else "Eq. 2"
             part = f"{_cpu(node['capacity'])} * {row['weight']:.4g} / {node['weights']:.4g}"
@@ -225,7 +242,7 @@ def _need(need: Mapping[str, Any]) -> str:
             limit = "has no limit" if given is None else f"has a limit of {_mebibytes(given)}"
             return f"{_mebibytes(wanted)} of memory, it {limit}"
         case _:
-            return f"results within {wanted:g} s, it may stand still for {given:.3g} s"
+            return f"results within {wanted:g} s, it may stall for {given:.3g} s"
 
 
 def _mebibytes(count: int) -> str:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.explain.explanation import change
 from contextpolicy.planning.allocation.weights import Obstacles, Weigher
+from contextpolicy.policy.activities import Enforce
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.quantities import format_cpu
-from contextpolicy.policy.spec import Enforce, SatisfiedBy
+from contextpolicy.policy.spec import SatisfiedBy
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -87,6 +88,8 @@ def build(policy: Policy, *, context: str | None = None) -> Graph:
         _add_task(graph, task, suspended=task.name in suspended)
     for own in chosen:
         _add_context(graph, own)
+    shown = {node.id for node in graph.nodes}
+    graph.edges = [edge for edge in graph.edges if edge.source in shown]  # of a context that was not chosen
     return graph
 
 
@@ -117,13 +120,17 @@ def _task_lines(task: Task) -> tuple[str, ...]:
 def _input_edges(task: Task) -> Iterator[Edge]:
     node = f"task-{task.name}"
     for activity in task.activity:
-        streams = Expression(activity.when).variables | ({activity.stream} if activity.stream else set())
-        label = activity.initiative or ("" if activity.when == "true" else _line(activity.when))
-        yield from (Edge(f"stream-{stream}", node, Relation.ACTIVITY, label) for stream in sorted(streams))
+        streams = _read(activity.when, activity.until) | ({activity.stream} if activity.stream else set())
+        until = f" until {_line(activity.until)}" if activity.until else ""
+        label = activity.initiative or ("" if activity.when == "true" else _line(activity.when)) + until
+        contexts = _contexts_read(activity.when, activity.until)
+        sources = [f"stream-{stream}" for stream in sorted(streams)] + contexts
+        yield from (Edge(source, node, Relation.ACTIVITY, label) for source in sources)
     yield from (Edge(f"task-{name}", node, Relation.CONDITION) for name in task.required_tasks)
     for requirement in task.preconditions:
-        for stream in sorted(Expression(requirement.when).variables):
-            yield Edge(f"stream-{stream}", node, Relation.CONDITION, _line(requirement.when))
+        read = [f"stream-{stream}" for stream in sorted(_read(requirement.when))]
+        for source in read + _contexts_read(requirement.when):
+            yield Edge(source, node, Relation.CONDITION, _line(requirement.when))
 
 
 def _merged(edges: list[Edge]) -> list[Edge]:
@@ -147,15 +154,27 @@ def _needs(task: Task) -> tuple[str, ...]:
 
 def _add_context(graph: Graph, context: Context) -> None:
     node = f"context-{context.name}"
-    when = _line(context.when or "by fallback or force")
-    graph.nodes.append(GraphNode(node, Kind.CONTEXT, (context.name, when)))
-    if context.when:
-        streams = sorted(Expression(context.when).variables)
-        graph.edges += [Edge(f"stream-{stream}", node, Relation.READS) for stream in streams]
+    lines = [context.name, _line(context.when or "by fallback or force")]
+    lines += [f"until {_line(context.until)}"] if context.until else []
+    graph.nodes.append(GraphNode(node, Kind.CONTEXT, tuple(lines)))
+    read = [f"stream-{stream}" for stream in sorted(_read(context.when, context.until))]
+    read += _contexts_read(context.when, context.until)
+    graph.edges += [Edge(source, node, Relation.READS) for source in read]
     graph.edges += [
         Edge(node, f"task-{task}", Relation.CHANGES, change(effect).replace(" its weight", "").replace(" it", ""))
         for task, effect in context.effects.items()
     ]
+
+
+def _read(*sources: str | None) -> frozenset[str]:
+    """The streams that the expressions read."""
+    return frozenset[str]().union(*(Expression(source).variables for source in sources if source))
+
+
+def _contexts_read(*sources: str | None) -> list[str]:
+    """The nodes of the contexts that the expressions read."""
+    read = frozenset[str]().union(*(Expression(source).contexts for source in sources if source))
+    return [f"context-{name}" for name in sorted(read)]
 
 
 def _line(text: str) -> str:

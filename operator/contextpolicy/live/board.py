@@ -4,14 +4,18 @@
 field       meaning
 ==========  ==========================================================================================================
 policy      `namespace/name`
-now         Unix seconds, by the operator's clock
+uid         the object's: a policy that is made again under the same name is another one
+now         Unix seconds
 conditions  as in the status
 plan        the message of the decision bus (see `planning.plan_json`) for the plan in force; null before the first
 streams     by name: `key`, `age` (s; null before the first sample), `silent`, `staleAfter`, `samples` (how many came)
 contexts    by name: `active`, and `why`, a sentence
 why         by task: sentences
+colors      by task that has a share of its own: `#rrggbb` (see `explain.task_colors`)
 containers  each claimed one: `task`, `node`, `pod`, `container`, `cores` (planned), `limit` (in force; null unknown),
             `use` (cores) and `throttled` (part of its periods), null where no agent measures them
+health      by task, what its module says once a second, where the policy reads it: `misses` (part of its inputs),
+            `queue` (inputs that wait) and `latency` (s); null where the message lacks it. Stale health is left out
 reactions   `count`, `median`, `worst` and `last` of the latest reactions to samples, in seconds; null without any
 ==========  ==========================================================================================================
 """
@@ -19,11 +23,13 @@ reactions   `count`, `median`, `worst` and `last` of the latest reactions to sam
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.explain.explanation import explain
 from contextpolicy.explain.sentences import context_sentences, sentences
+from contextpolicy.explain.task_colors import task_colors
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -32,12 +38,21 @@ if TYPE_CHECKING:
     from contextpolicy.planning.planner import Planner
 
 
+HEALTH_OLD = 5.0
+"""Seconds after which a module's report is no longer shown: modules report once a second."""
+
+
 @dataclass(frozen=True, slots=True)
 class Alive:
-    """One policy at one instant: `plan` is its message for the bus, `usage` what agents measured, by container ID."""
+    """One policy at one instant: `plan` is its message for the bus, `usage` what agents measured, by container ID.
+
+    `now` is planning time, which is `ahead` seconds of the wall clock.
+    """
 
     policy: str
+    uid: str
     now: float
+    ahead: float
     conditions: Sequence[Mapping[str, Any]]
     planner: Planner | None
     plan: Mapping[str, Any] | None
@@ -47,16 +62,19 @@ class Alive:
 
 def board(alive: Alive) -> dict[str, Any]:
     """The document."""
-    explanation = explain(alive.planner, alive.now) if alive.planner else None
+    explanation = explain(alive.planner, alive.now, alive.ahead) if alive.planner else None
     return {
         "policy": alive.policy,
-        "now": alive.now,
+        "uid": alive.uid,
+        "now": alive.now - alive.ahead,
         "conditions": [dict(condition) for condition in alive.conditions],
         "plan": alive.plan,
         "streams": _streams(alive.planner, explanation) if alive.planner and explanation else {},
         "contexts": _contexts(explanation) if explanation else {},
         "why": {task: sentences(explanation, task) for task in explanation["tasks"]} if explanation else {},
+        "colors": task_colors(leaf.name for leaf in alive.planner.policy.leaves) if alive.planner else {},
         "containers": list(_containers(alive)),
+        "health": _health(explanation) if explanation else {},
         "reactions": _reactions(alive.reactions),
     }
 
@@ -70,8 +88,25 @@ def _streams(planner: Planner, explanation: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _contexts(explanation: Mapping[str, Any]) -> dict[str, Any]:
-    told = zip(explanation["contexts"].items(), context_sentences(explanation), strict=True)
-    return {name: {"active": context["active"], "why": why} for (name, context), why in told}
+    sentences_by_context = zip(explanation["contexts"].items(), context_sentences(explanation), strict=True)
+    return {name: {"active": context["active"], "why": why} for (name, context), why in sentences_by_context}
+
+
+def _health(explanation: Mapping[str, Any]) -> dict[str, Any]:
+    """A module publishes to a key that ends in its task's name and `health` (see `robotkit.health`)."""
+    found = {}
+    for stream in explanation["streams"].values():
+        key: str = stream["key"]
+        *_, task, kind = ["", *key.split("/")]
+        said = stream["value"]
+        heard = stream["age"] is not None and stream["age"] < HEALTH_OLD and not stream["silent"]
+        if heard and kind == "health" and task in explanation["tasks"] and isinstance(said, dict):
+            found[task] = {name: _number(said.get(name)) for name in ("misses", "queue", "latency")}
+    return found
+
+
+def _number(value: object) -> float | None:
+    return value if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value) else None
 
 
 def _containers(alive: Alive) -> Iterator[dict[str, Any]]:

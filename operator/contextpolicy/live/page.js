@@ -1,254 +1,256 @@
-"use strict";
-// The live page: asks the operator twice a second, keeps the plans of the last minutes, and draws them as steps.
+// The live page: asks the operator twice a second, keeps what it heard of the last minutes, and shows one moment of it.
+import { drawFigures, valueAt } from "./figures.js";
+import { drawConditions, drawStreams, drawTasks, reactions, write } from "./tables.js";
 
-const COLORS = ["#2a6f97", "#e07a3f", "#5b8e55", "#8d5b8c", "#c2a83e", "#4f9da6", "#b5495b", "#6c757d"];
-const BANDS = ["#f6c453", "#9fd3c7", "#d5b6e8", "#f2a6a6", "#b8d8f0", "#d9d9a5"];
 const KEPT = 300; // seconds, as long as the operator's own recorder
+const MOST = 5000; // plans, in case one moment stays open for hours
 const PERIOD = 500; // ms between two questions
-const LEFT = 44; // pixels beside the figures, for their axes
+const PATIENCE = 5000; // ms for an answer
+const FRESH = 3; // seconds after the question for which its answer counts as current
+const TAPPED = 4000; // ms for which a tip stays after a tap
+const ELSEWHERE = "this operator is starting or stands by"; // then it knows of no policy
+const SEEN = 2.5; // seconds for which a board that was seen stands for what was then
 
 const at = (id) => document.getElementById(id);
-const view = { policy: "", boards: [], plans: [], moment: null, task: "", away: false };
+const view = { state: "", policy: "", task: "", moment: null, end: null, boards: [], board: null, plans: [], seen: [], colors: bare({}),
+  heard: null, kept: null, problem: "", broken: "" };
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
 async function ask(path) {
-  const answer = await fetch(path);
-  if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
-  return answer.json();
+  const answer = await fetch(path, { signal: AbortSignal.timeout(PATIENCE) }).catch(() => {
+    throw new Error(`nothing answers at ${location.host}: does the operator run, and the port-forward to it?`);
+  });
+  if (!answer.ok) throw new Error(`${path.split("?")[0]}: ${answer.status} ${(await answer.text()).trim()}`);
+  return JSON.parse(await answer.text(), (_, value) => bare(value));
 }
 
-const chosen = () => view.boards.find((board) => board.policy === view.policy);
+// Names are people's: without a prototype, "constructor" is in an object only if the operator says so.
+function bare(value) {
+  return value && typeof value === "object" && !Array.isArray(value) ? Object.setPrototypeOf(value, null) : value;
+}
+
 const span = () => Number(at("window").value);
+const end = () => view.end ?? (calm.matches ? Math.ceil(view.board.now / 5) * 5 : view.board.now);
+const tick = () => [performance.now(), Date.now()]; // the first may stand still while a machine sleeps, the second may be set
+const since = ([steady, wall]) => Math.max(performance.now() - steady, Date.now() - wall) / 1000;
+const here = () => view.boards.some((board) => board.policy === view.policy);
+const clock = (time) => new Date(time * 1000).toTimeString().slice(0, 8);
 
 async function refresh() {
+  const asked = tick(); // what the operator answers is no older than that, however long the answer was under way
   try {
-    view.boards = await ask("api/boards");
-    if (!chosen()) choose(view.boards.length ? view.boards[0].policy : "");
-    if (view.policy) await refreshPlans();
-    view.away = false;
+    const boards = await ask("api/boards");
+    if (!view.policy && boards.length) view.policy = boards[0].policy;
+    await take(boards, asked);
+    view.heard = asked;
+    view.problem = "";
   } catch (error) {
-    view.away = true; // the operator restarts, or the port-forward ended: what was heard stays on the screen
+    view.problem = error.message; // the operator restarts, or the port-forward ended: what was heard stays, in grey
   }
   draw();
 }
 
-async function refreshPlans() {
-  const asked = view.policy;
-  const last = view.plans.length ? view.plans[view.plans.length - 1].published : 0;
-  const news = await ask(`api/plans?policy=${encodeURIComponent(asked)}&since=${last}`);
-  if (asked !== view.policy) return;
-  view.plans.push(...news);
-  const oldest = chosen().now - KEPT;
-  while (view.plans.length > 1 && view.plans[1].published < oldest) view.plans.shift();
+async function take(boards, asked) {
+  const { policy } = view, board = boards.find((one) => one.policy === policy);
+  if (board) {
+    const last = view.plans.at(-1), end = board.plan ? null : last?.until; // a paused policy's last plan has ended once
+    const news = await ask(`api/plans?policy=${encodeURIComponent(policy)}&since=${end ?? last?.published ?? 0}`);
+    if (policy !== view.policy) return;
+    keep(board, news, asked);
+  }
+  view.boards = boards;
+}
+
+const same = (a, b) => a.run === b.run && a.sequence === b.sequence && a.edition === b.edition;
+
+function keep(board, news, asked) {
+  const { moment } = view;
+  if (view.board && board.uid !== view.board.uid) { // made again under its name: the past is another policy's
+    Object.assign(view, { plans: [], seen: [], moment: null, end: null });
+  } else if (view.board && board.now < view.board.now - 1) Object.assign(view, { plans: [], seen: [] }); // its clock was set
+  else for (const one of news) { // two questions may be under way, and a plan that is known may have ended
+    const known = view.plans.find((plan) => same(plan, one));
+    if (known) known.until = one.until;
+    else view.plans.push(one);
+  }
+  const last = view.plans.at(-1); // the operator was started while the policy was paused: it knows of no plan that ended
+  if (last && !board.plan) last.until ??= board.now;
+  if (!view.seen.length || board.now - view.seen.at(-1).now >= 1) view.seen.push(board);
+  const oldest = Math.min(board.now, view.end ?? Infinity) - KEPT;
+  while (view.plans.length > 1 && (view.plans[1].published < oldest || view.plans.length > MOST)) view.plans.shift();
+  while (view.seen[0].now < board.now - KEPT) view.seen.shift();
+  Object.assign(view.colors, board.colors);
+  Object.assign(view, { board, kept: asked });
+  if (view.moment !== null && view.end === null) look(view.moment);
+  if (view.moment !== moment) address();
 }
 
 function choose(policy) {
-  Object.assign(view, { policy, plans: [], moment: null, task: "" });
-  at("slider").value = 1000;
+  Object.assign(view, { policy, board: null, kept: null, plans: [], seen: [], moment: null, end: null, task: "" });
 }
 
-// What was in force at a moment: the last plan before it.
-const planAt = (moment) => view.plans.filter((plan) => plan.published <= moment).pop() || null;
-
-function element(name, attributes, text) {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  if (text !== undefined) made.textContent = text;
-  return made;
+// Show one moment, with the figures standing still; null is now.
+function look(moment) {
+  view.moment = moment;
+  if (moment === null || !view.board) return Object.assign(view, { end: null });
+  if (moment > view.board.now) return look(null); // it has not come yet
+  view.end ??= end();
+  if (moment < view.end - span() || moment > view.end) view.end = Math.min(view.board.now, moment + span() / 2);
 }
 
-function node(name, text, className) {
-  const made = document.createElement(name);
-  made.textContent = text;
-  if (className) made.className = className;
-  return made;
-}
-
-// A figure's frame: where a time and a value are, and a cleared <svg> to draw on.
-function figure(id, height, end, top) {
-  const svg = at(id), width = svg.clientWidth || 600, begin = end - span();
-  svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  svg.setAttribute("height", height);
-  svg.replaceChildren();
-  const x = (time) => LEFT + (Math.max(begin, Math.min(end, time)) - begin) / (end - begin) * (width - LEFT - 6);
-  const y = (value) => height - 16 - (value / top) * (height - 24);
-  return { svg, width, height, begin, end, x, y };
-}
-
-function axes(f, ticks, label) {
-  for (const tick of ticks) {
-    f.svg.append(element("line", { class: "grid", x1: LEFT, x2: f.width - 6, y1: f.y(tick), y2: f.y(tick) }));
-    f.svg.append(element("text", { x: LEFT - 5, y: f.y(tick) + 4, "text-anchor": "end" }, label(tick)));
-  }
-  timeAxis(f);
-}
-
-function timeAxis(f) {
-  const step = span() / 4;
-  for (let i = 0; i <= 4; i += 1) {
-    const anchor = i === 0 ? "start" : i === 4 ? "end" : "middle";
-    f.svg.append(element("text", { x: f.x(f.begin + i * step), y: f.height - 3, "text-anchor": anchor },
-      i === 4 ? "now" : `-${Math.round(span() - i * step)} s`));
-  }
-}
-
-function cursor(f) {
-  if (view.moment === null) return;
-  f.svg.append(element("line", { class: "cursor", x1: f.x(view.moment), x2: f.x(view.moment), y1: 2, y2: f.height - 14 }));
-}
-
-// Steps of one value per plan: [from, to, value].
-function steps(end, value) {
-  return view.plans.map((plan, i) =>
-    [plan.published, i + 1 < view.plans.length ? view.plans[i + 1].published : end, value(plan)]);
-}
-
-const tasksOf = () => [...new Set(view.plans.flatMap((plan) => Object.keys(plan.tasks)))];
-const colorOf = (task) => COLORS[tasksOf().indexOf(task) % COLORS.length];
-
-function drawContexts(end) {
-  const names = Object.keys(chosen().contexts), lane = 20;
-  const f = figure("contexts", Math.max(1, names.length) * lane + 18, end, 1);
-  names.forEach((name, i) => {
-    for (const [from, to, holds] of steps(end, (plan) => plan.contexts.includes(name))) {
-      if (!holds || to < f.begin) continue;
-      f.svg.append(element("rect", { "data-context": name, x: f.x(from), y: i * lane + 3, height: lane - 6,
-        width: Math.max(1, f.x(to) - f.x(from)), fill: BANDS[i % BANDS.length] }));
-    }
-    f.svg.append(element("text", { x: LEFT + 4, y: i * lane + 14 }, name));
-  });
-  timeAxis(f);
-  cursor(f);
-}
-
-function drawWeights(end) {
-  const f = figure("weights", 150, end, 1);
-  axes(f, [0, 0.5, 1], (tick) => `${tick * 100} %`);
-  const sum = (plan) => leaves(plan).reduce((total, task) => total + plan.tasks[task].weight, 0);
-  for (const task of tasksOf()) {
-    let path = "";
-    for (const [from, to, value] of steps(end, (plan) => weight(plan, task, sum(plan)))) {
-      if (value === null || to < f.begin) continue;
-      path += `${path ? "L" : "M"}${f.x(from)} ${f.y(value)}L${f.x(to)} ${f.y(value)}`;
-    }
-    if (path) f.svg.append(element("path", { "data-task": task, d: path, fill: "none", stroke: colorOf(task), "stroke-width": 2 }));
-  }
-  cursor(f);
-}
-
-// Tasks that have a share of their own: those with subtasks only pass their weight on.
-const leaves = (plan) => {
-  const own = new Set(Object.values(plan.nodes).flatMap((node) => Object.keys(node.tasks)));
-  return Object.keys(plan.tasks).filter((task) => own.has(task));
+const planAt = (moment) => {
+  const plan = view.plans.findLast((one) => one.published <= moment);
+  return plan && moment < (plan.until ?? Infinity) ? plan : null;
 };
-const weight = (plan, task, sum) => (leaves(plan).includes(task) && sum ? plan.tasks[task].weight / sum : null);
-
-function drawShares(end) {
-  const capacity = (plan) => Object.values(plan.nodes).reduce((total, node) => total + node.capacity, 0);
-  const top = Math.max(0.001, ...view.plans.map(capacity));
-  const f = figure("shares", 190, end, top);
-  axes(f, [0, top / 2, top], (tick) => tick.toFixed(top < 1 ? 2 : 1));
-  const base = view.plans.map(() => 0);
-  for (const task of tasksOf()) {
-    steps(end, (plan) => (leaves(plan).includes(task) ? plan.tasks[task].share : 0)).forEach(([from, to, share], i) => {
-      const foot = base[i];
-      base[i] += share;
-      if (!share || to < f.begin) return;
-      f.svg.append(element("rect", { "data-task": task, x: f.x(from), y: f.y(foot + share), fill: colorOf(task),
-        width: Math.max(0.5, f.x(to) - f.x(from)), height: Math.max(0.5, f.y(foot) - f.y(foot + share)) }));
-    });
-  }
-  cursor(f);
-}
-
-const cores = (value) => (value === null || value === undefined ? "-" : `${Math.round(value * 1000)}m`);
-const seconds = (value) => (value < 1 ? `${Math.round(value * 1000)} ms` : `${value.toFixed(1)} s`);
-const sum = (values) => values.every((value) => value === null) ? null : values.reduce((a, b) => a + (b || 0), 0);
-
-function drawTasks(plan, now) {
-  const rows = Object.entries(plan ? plan.tasks : {}).map(([name, task]) => {
-    const own = now ? chosen().containers.filter((container) => container.task === name) : [];
-    const shown = [name, String(Math.round(task.weight * 100) / 100), cores(task.share) + (task.suspended ? " (suspended)" : ""),
-      own.length ? cores(sum(own.map((one) => one.limit))) : "-", own.length ? cores(sum(own.map((one) => one.use))) : "-",
-      own.some((one) => one.throttled !== null) ? `${Math.round(Math.max(...own.map((one) => one.throttled || 0)) * 100)} %` : "-",
-      task.because];
-    const row = node("tr", "", name === view.task ? "chosen" : "");
-    row.append(...shown.map((text) => node("td", text)));
-    row.addEventListener("click", () => { view.task = name === view.task ? "" : name; draw(); });
-    return row;
-  });
-  at("tasks").tBodies[0].replaceChildren(...rows);
-  const why = !view.task ? [] : now ? chosen().why[view.task] || [] : [plan.tasks[view.task].because];
-  at("why").replaceChildren(...why.map((sentence) => node("li", sentence)));
-}
-
-function drawStreams(board) {
-  const rows = Object.entries(board.streams).map(([name, stream]) => {
-    const state = stream.silent ? "silent" : stream.age === null ? "not heard yet" : "heard";
-    const row = node("tr", "", stream.silent ? "bad" : "");
-    row.append(...[name, stream.age === null ? "-" : seconds(stream.age), String(stream.samples), state, stream.key]
-      .map((text) => node("td", text)));
-    return row;
-  });
-  at("streams").tBodies[0].replaceChildren(...rows);
-}
-
-function drawHeader(board, plan, now) {
-  const state = at("state");
-  state.textContent = view.away ? "no answer" : now ? "live" : "back in time";
-  state.className = view.away ? "away" : now ? "" : "past";
-  const options = view.boards.map((one) => one.policy);
-  const select = at("policy");
-  if ([...select.options].map((option) => option.value).join() !== options.join()) {
-    select.replaceChildren(...options.map((name) => new Option(name, name)));
-  }
-  select.value = view.policy;
-  const contexts = plan && plan.contexts.length ? plan.contexts.join(", ") : "no context";
-  at("headline").textContent = plan ? `${contexts} — ${plan.cause}` : "no plan yet";
-  at("cause").textContent = plan ? `plan ${plan.sequence}${plan.mode === "Enforce" ? "" : `, ${plan.mode}`}` : "";
-  at("conditions").replaceChildren(...board.conditions.map((one) => {
-    const item = node("li", one.type, one.status === "True" ? "" : "bad");
-    item.title = one.message || one.reason;
-    return item;
-  }));
-  at("moment").textContent = now ? "now" : `-${(board.now - view.moment).toFixed(1)} s`;
-}
+const boardAt = (moment) => view.seen.findLast((board) => board.now <= moment && moment - board.now < SEEN) || null;
 
 function draw() {
-  const board = chosen();
-  if (!board) {
-    at("headline").textContent = view.away ? "The operator does not answer." : "There is no policy.";
-    at("state").textContent = view.away ? "no answer" : "live";
-    at("state").className = view.away ? "away" : "";
-    return;
+  try {
+    drawMoment();
+    view.broken = "";
+  } catch (error) {
+    view.broken = `This page cannot show it: ${error}`;
   }
-  const now = view.moment === null, plan = now ? board.plan : planAt(view.moment);
-  drawHeader(board, plan, now);
-  drawContexts(board.now);
-  drawWeights(board.now);
-  drawShares(board.now);
-  at("legend").replaceChildren(...tasksOf().map((task) => {
-    const item = node("li", task), mark = document.createElement("i");
-    mark.style.background = colorOf(task);
-    item.prepend(mark);
-    return item;
-  }));
-  drawTasks(plan, now);
-  drawStreams(board);
-  const r = board.reactions;
-  at("reactions").textContent = r ? `median ${seconds(r.median)}, worst ${seconds(r.worst)}, last ${seconds(r.last)} of the latest ${r.count}` : "none yet";
+  drawState();
 }
 
-at("policy").addEventListener("change", (event) => { choose(event.target.value); refresh(); });
-at("window").addEventListener("change", () => { view.moment = null; at("slider").value = 1000; draw(); });
-at("slider").addEventListener("input", (event) => {
-  const part = Number(event.target.value) / 1000, board = chosen();
-  view.moment = part >= 1 || !board ? null : board.now - (1 - part) * span();
-  draw();
-});
-at("live").addEventListener("click", () => { view.moment = null; at("slider").value = 1000; draw(); });
-window.addEventListener("resize", draw);
+// How much of what is on the screen is current.
+function state() {
+  if (view.broken) return "error";
+  if (view.problem || view.heard !== null && since(view.heard) > FRESH) return "no answer";
+  if (view.heard === null) return "connecting";
+  if (!view.policy) return "no policy";
+  return !here() ? "not found" : view.moment !== null ? "back in time" : "live";
+}
 
-(async function follow() {
-  await refresh();
-  setTimeout(follow, document.hidden ? 4 * PERIOD : PERIOD);
+// Works whatever else fails, and without an answer.
+function drawState() {
+  view.state = state();
+  write(at("state"), view.state);
+  document.body.className = view.state.replaceAll(" ", "-");
+  const last = view.heard === null ? "" : `last update ${Math.round(since(view.kept ?? view.heard))} s ago`;
+  const gone = view.state === "not found" ? `no ${view.policy} here: deleted, or ${ELSEWHERE}` : "";
+  write(at("source"), [gone, last, `from ${location.host}`].filter(Boolean).join(", "));
+  write(at("problem"), view.broken || view.problem);
+}
+
+function drawMoment() {
+  drawChoice();
+  const past = view.moment !== null, latest = view.board;
+  document.querySelector("main").className = latest ? "" : "empty"; // nothing of the policy before, under another name
+  if (!latest) {
+    return write(at("headline"), view.policy ? `No data from ${view.policy} yet` : `No policy here: none exists, or ${ELSEWHERE}.`);
+  }
+  const plan = past ? planAt(view.moment) : latest.plan, board = past ? boardAt(view.moment) : latest;
+  const current = state() === "live";
+  drawHeadline(plan, past, current);
+  write(at("unseen"), board ? "" : "Streams, conditions, limits, use and reactions are not known of this moment: " +
+    "the operator records plans only, and this page was not open.");
+  drawFigures({ ...view, end: end(), begin: end() - span(), until: Math.min(end(), latest.now), clock,
+    contexts: Object.keys(latest.contexts), relative: current && !calm.matches, span: span() });
+  drawConditions(board ? board.conditions : []);
+  drawTasks(plan, board, view.task, pick);
+  const task = view.task && plan && plan.tasks[view.task];
+  const why = !view.task ? [] : !task ? [`${view.task} has no share in this plan.`]
+    : past ? [task.because] : latest.why[view.task] || [task.because];
+  at("why").replaceChildren(...why.map((sentence) => Object.assign(document.createElement("li"), { textContent: sentence })));
+  if (!at("tip").hidden) drawTip(view.pointer); // the figures go on below a pointer that rests
+  drawStreams(board ? board.streams : {});
+  write(at("reactions"), board ? reactions(board.reactions) : "not known");
+}
+
+function drawChoice() {
+  const names = view.boards.map((board) => board.policy), select = at("policy");
+  if (view.policy && !names.includes(view.policy)) names.push(view.policy);
+  if ([...select.options].map((option) => option.value).join() !== names.join()) {
+    select.replaceChildren(...names.map((name) => new Option(name, name)));
+  }
+  select.value = view.policy;
+}
+
+function drawHeadline(plan, past, current) {
+  const contexts = plan && plan.contexts.length ? plan.contexts.join(", ") : "no context";
+  write(at("headline"), plan ? `${contexts} — ${plan.cause}` : past
+    ? "no plan was in force at this moment, or none was recorded" : "no plan is in force");
+  write(at("cause"), plan ? `plan ${plan.sequence}${plan.mode === "Enforce" ? "" : `, ${plan.mode}`}` : "");
+  const moment = past ? `${clock(view.moment)}, ${(view.board.now + since(view.kept) - view.moment).toFixed(1)} s ago`
+    : current ? "now" : clock(view.board.now);
+  write(at("moment"), moment);
+  at("slider").value = past ? 1000 * (view.moment - end() + span()) / span() : 1000;
+  at("slider").setAttribute("aria-valuetext", moment);
+}
+
+function pick(task) {
+  view.task = task === view.task ? "" : task;
+  link();
+}
+
+// What is shown, as a link: policy, task, moment and window.
+function address() {
+  const shown = { policy: view.policy, window: at("window").value, task: view.task, time: view.moment?.toFixed(2) };
+  const parts = new URLSearchParams(Object.entries(shown).filter(([, value]) => value));
+  history.replaceState(null, "", `#${parts}`);
+}
+
+function link() {
+  address();
+  draw();
+}
+
+function follow() {
+  const parts = new URLSearchParams(location.hash.slice(1)), time = Number(parts.get("time"));
+  if (parts.get("policy") && parts.get("policy") !== view.policy) choose(parts.get("policy"));
+  if ([...at("window").options].some((option) => option.value === parts.get("window"))) at("window").value = parts.get("window");
+  view.task = parts.get("task") || "";
+  look(time > 0 ? time : null);
+}
+
+function show(moment) {
+  look(moment);
+  link();
+}
+
+at("policy").addEventListener("change", (event) => { choose(event.target.value); link(); refresh(); });
+at("window").addEventListener("change", () => show(view.moment));
+at("live").addEventListener("click", () => show(null));
+at("slider").addEventListener("input", (event) => {
+  const part = Number(event.target.value) / 1000;
+  if (view.board) show(part >= 1 ? null : end() - (1 - part) * span());
+});
+for (const id of ["contexts", "weights", "shares"]) {
+  at(id).addEventListener("click", (event) => { if (view.board) show(valueAt(point(event)).time); drawTip(view.pointer); });
+  at(id).addEventListener("pointermove", (event) => drawTip(point(event)));
+  at(id).addEventListener("pointerleave", hideTip);
+}
+addEventListener("pointerdown", hideTip);
+
+// Where the pointer is; a finger does not stay there.
+function point({ currentTarget: { id }, clientX, clientY, pointerType }) {
+  clearTimeout(view.tapped);
+  if (pointerType !== "mouse") view.tapped = setTimeout(hideTip, TAPPED);
+  return view.pointer = { id, clientX, clientY };
+}
+
+function hideTip() {
+  at("tip").hidden = true;
+}
+
+function drawTip(event) {
+  if (!view.board) return;
+  const { time, text } = valueAt(event), tip = at("tip"), frame = at("figures").getBoundingClientRect();
+  tip.textContent = `${clock(time)} ${text}`;
+  tip.hidden = false;
+  tip.style.left = `${Math.max(0, Math.min(event.clientX - frame.left + 12, frame.width - tip.offsetWidth))}px`;
+  tip.style.top = `${event.clientY - frame.top - tip.offsetHeight - 8}px`;
+}
+
+const header = document.querySelector("header"); // it covers what is scrolled to the top
+new ResizeObserver(() => { document.documentElement.style.scrollPaddingTop = `${header.offsetHeight + 8}px`; }).observe(header);
+addEventListener("resize", draw);
+addEventListener("hashchange", () => { follow(); refresh(); });
+document.addEventListener("visibilitychange", () => { if (!document.hidden) refresh(); });
+setInterval(() => (state() === view.state ? drawState() : draw()), PERIOD);
+follow();
+(function poll() {
+  refresh().finally(() => setTimeout(poll, document.hidden ? 4 * PERIOD : PERIOD));
 })();

@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
+import gzip
 import json
-import logging
-import sys
+import math
+import socket
 import threading
+from functools import cache
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from contextpolicy.bus.http_server import HttpHandler, HttpServer
+from contextpolicy.bus.listening import loopback
 
-log = logging.getLogger(__name__)
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
 
 HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
-"""Names under which a browser may ask. A page of somebody else could let its own name point to this loopback and read
+"""Names under which a browser may ask. A foreign page could resolve its own name to this loopback and read
 what is here with the viewer's browser (DNS rebinding): then the name in the request is that page's."""
 AT_ONCE = 4
-"""Requests answered at the same time: people who watch must not slow down what they watch."""
+"""Questions to the operator answered at the same time: people who watch must not slow down what they watch."""
+QUEUE = 1.0
+"""Seconds that one more waits for a place: a page that is sent away shows what it has as old."""
 ASSETS = {
     "/": ("page.html", "text/html; charset=utf-8"),
     "/page.css": ("page.css", "text/css; charset=utf-8"),
-    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
+    **{f"/{name}.js": (f"{name}.js", "text/javascript; charset=utf-8") for name in ("page", "figures", "tables")},
 }
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
@@ -44,69 +49,66 @@ class Watched(Protocol):
         """All policies (see `live.board`)."""
 
     def plans(self, policy: str, since: float) -> list[dict[str, Any]]:
-        """The policy's recorded plans after `since` (Unix seconds), oldest first."""
+        """The policy's plans that were recorded or ended after `since` (Unix seconds), oldest first."""
 
     def explanation(self, policy: str) -> dict[str, Any] | None:
-        """Why each task has its share (see `explain.explanation`); None when there is no such policy."""
+        """Why each task has its share (see `explain.explanation`); None when the policy does not exist."""
 
     def recording(self, policy: str, last: float) -> dict[str, Any] | None:
-        """The last seconds of the policy (see `recorder.recording`); None when there is no such policy."""
+        """The last seconds of the policy (see `recorder.recording`); None when the policy does not exist."""
 
 
-class PageServer(ThreadingHTTPServer):
-    """Answers GET, until closed; binds the loopback."""
-
-    daemon_threads = True
+class PageServer(HttpServer):
+    """Answers GET and HEAD, until closed; binds the loopback."""
 
     def __init__(self, port: int, watched: Watched) -> None:
-        super().__init__(("127.0.0.1", port), _Handler)
+        own = loopback()
+        self.address_family = socket.AF_INET6 if ":" in own else socket.AF_INET
+        super().__init__((own, port), _Handler, "live")
         self.watched = watched
         self.places = threading.BoundedSemaphore(AT_ONCE)
 
-    def start(self) -> None:
-        """Serve on a thread of its own."""
-        threading.Thread(target=self.serve_forever, name="live", daemon=True).start()
 
-    def close(self) -> None:
-        """Stop serving."""
-        self.shutdown()
-        self.server_close()
-
-    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002 - the base class's signature
-        """A browser that hangs up is nothing to log."""
-        log.debug("live page: a request failed: %r", sys.exception())
-
-
-class _Handler(BaseHTTPRequestHandler):
+class _Handler(HttpHandler):
     server: PageServer
     protocol_version = "HTTP/1.1"
-    timeout = 10
+    default_request_version = "HTTP/1.0"  # of what is no request: with 0.9 the answer would have no status
 
     def do_GET(self) -> None:
         """Answer one question."""
         if _host(self.headers.get("Host", "")) not in HOSTS:
-            self._send(HTTPStatus.FORBIDDEN, "text/plain", b"reached by a name that is not this machine's\n")
+            self._send(HTTPStatus.FORBIDDEN, "text/plain", b"the Host header names another machine\n")
             return
-        if not self.server.places.acquire(blocking=False):
-            self._send(HTTPStatus.SERVICE_UNAVAILABLE, "text/plain", b"too many watch at once\n")
-            return
-        try:
-            self._answer()
-        finally:
-            self.server.places.release()
-
-    def _answer(self) -> None:
         url = urlsplit(self.path)
         if url.path in ASSETS:
             name, kind = ASSETS[url.path]
-            self._send(HTTPStatus.OK, kind, files("contextpolicy.live").joinpath(name).read_bytes())
-            return
-        question = _QUESTIONS.get(url.path)
-        if question is None:
+            if "gzip" in self.headers.get("Accept-Encoding", ""):
+                self._send(HTTPStatus.OK, kind, packed(name), {"Content-Encoding": "gzip"})
+            else:
+                self._send(HTTPStatus.OK, kind, _asset(name))
+        elif url.path not in _QUESTIONS:
             self._send(HTTPStatus.NOT_FOUND, "text/plain", b"nothing here\n")
-            return
+        elif not self.server.places.acquire(timeout=QUEUE):
+            self._send(HTTPStatus.SERVICE_UNAVAILABLE, "text/plain", b"too many viewers at once\n")
+        else:
+            try:
+                self._answer(_QUESTIONS[url.path], url.query)
+            finally:
+                self.server.places.release()
+
+    def do_HEAD(self) -> None:
+        """The same without the body."""
+        self.do_GET()
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:  # noqa: ARG002
+        """What is no question gets a line of text like every other refusal, not Python's page."""
+        unknown = code == HTTPStatus.NOT_IMPLEMENTED
+        said = "expected GET or HEAD" if unknown else message or HTTPStatus(code).phrase
+        self._send(HTTPStatus(code), "text/plain", f"{said}\n".encode(), {"Connection": "close"})
+
+    def _answer(self, question: Callable[[Watched, dict[str, str]], Any], query: str) -> None:
         try:
-            answer = question(self.server.watched, {name: values[-1] for name, values in parse_qs(url.query).items()})
+            answer = question(self.server.watched, {name: values[-1] for name, values in parse_qs(query).items()})
         except ValueError as error:
             self._send(HTTPStatus.BAD_REQUEST, "text/plain", f"{error}\n".encode())
         except TimeoutError:
@@ -115,19 +117,23 @@ class _Handler(BaseHTTPRequestHandler):
             status = HTTPStatus.NOT_FOUND if answer is None else HTTPStatus.OK
             self._send(status, "application/json", json.dumps(answer).encode())
 
-    def _send(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+    def _send(self, status: HTTPStatus, kind: str, body: bytes, more: Mapping[str, str] = MappingProxyType({})) -> None:
         self.send_response(status)
-        for name, value in {**HEADERS, "Content-Type": kind, "Content-Length": str(len(body))}.items():
+        for name, value in {**HEADERS, **more, "Content-Type": kind, "Content-Length": str(len(body))}.items():
             self.send_header(name, value)
         self.end_headers()
-        self.wfile.write(body)
+        if self.command != "HEAD":
+            self.wfile.write(body)
 
-    def version_string(self) -> str:
-        """Not Python's version."""
-        return "contextpolicy"
 
-    def log_message(self, *_: object) -> None:
-        """A page asks twice a second."""
+def _asset(name: str) -> bytes:
+    return files("contextpolicy.live").joinpath(name).read_bytes()
+
+
+@cache
+def packed(name: str) -> bytes:
+    """An asset as browsers get it: a third of its size, over a robot's radio."""
+    return gzip.compress(_asset(name), mtime=0)
 
 
 def _host(header: str) -> str:
@@ -139,15 +145,18 @@ def _host(header: str) -> str:
 
 def _number(asked: dict[str, str], name: str, default: float) -> float:
     try:
-        return float(asked.get(name, default))
+        number = float(asked.get(name, default))
     except ValueError:
-        raise ValueError(f"{name} {asked[name]} is not allowed: a number of seconds") from None
+        number = math.nan
+    if not 0 <= number < math.inf:
+        raise ValueError(f"{name}: invalid value {asked[name]!r}: expected a number of seconds, at least 0")
+    return number
 
 
 def _policy(asked: dict[str, str]) -> str:
     policy = asked.get("policy", "")
     if policy.count("/") != 1:
-        raise ValueError(f"policy {policy!r} is not allowed: NAMESPACE/NAME")
+        raise ValueError(f"policy: invalid value {policy!r}: expected NAMESPACE/NAME")
     return policy
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from contextpolicy.planning.allocation.placement import Placement
 from contextpolicy.planning.conditions.sample import Sample
+from contextpolicy.policy.fields import LARGEST
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,5 +28,17 @@ class Score:
     value: float
     arrived: float | None = None
 
+    @property
+    def is_number(self) -> bool:
+        """Whether the value is a finite number: foreign code may emit NaN, infinity, or no number at all."""
+        return isinstance(self.value, int | float) and abs(self.value) <= LARGEST
 
-Input = Sample | Placement | Gone | Score
+
+@dataclass(frozen=True, slots=True)
+class ClockSet:
+    """The wall clock was set: planning time is now `ahead` seconds of it."""
+
+    ahead: float
+
+
+Input = Sample | Placement | Gone | Score | ClockSet

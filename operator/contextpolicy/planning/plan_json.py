@@ -1,6 +1,6 @@
 """A plan as JSON: the one definition for the decision bus, `simulate --output json` and recordings.
 
-CPU is in cores, with three decimals at most, whatever the scheduler: nobody needs to know it to read a share.
+CPU is in cores, with three decimals at most, whichever the scheduler, so shares read the same.
 
 ==========  ==========================================================================================================
 field       meaning

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias
 
+from contextpolicy.planning.allocation.bounds import BoundedSeating
 from contextpolicy.planning.allocation.decision import Decider, Situation
 from contextpolicy.planning.allocation.placement import Placement
 from contextpolicy.planning.allocation.plan import Plan
-from contextpolicy.planning.allocation.seating import Seating, seat_tasks
 from contextpolicy.planning.conditions.timers import SAME_INSTANT
 
 if TYPE_CHECKING:
@@ -16,9 +16,11 @@ if TYPE_CHECKING:
 
     from contextpolicy.planning.allocation.decision import Decision
     from contextpolicy.planning.allocation.plan import TaskPlan
+    from contextpolicy.planning.allocation.seating import Seating
     from contextpolicy.planning.allocation.weights import Weight
     from contextpolicy.planning.conditions.scores import Scores
     from contextpolicy.planning.conditions.timers import Timers
+    from contextpolicy.planning.restart import Remembered
     from contextpolicy.policy.spec import Context, Policy
 
 Substance: TypeAlias = tuple[object, ...]
@@ -40,9 +42,11 @@ class PlanMaker:
         """Whether anything happened since the last plan that may lead to another."""
         self.weights: Mapping[str, Weight] = {}
         self.placement = Placement()
+        self.kept: Mapping[str, Remembered] = {}
+        """The tasks that keep their state of before a restart."""
         self._policy, self._timers = policy, timers
         self._decider = Decider(policy)
-        self._layout = Seating()
+        self._seating = BoundedSeating(policy)
         self._causes: dict[object, str] = {}
         self._urgent = False
         self._in_force: Substance | None = None
@@ -63,9 +67,14 @@ class PlanMaker:
     def place(self, placement: Placement) -> None:
         """Containers came or went: that can't wait for minDwell, as shares must sum to N again."""
         if placement != self.placement:
-            self.placement, self._layout = placement, seat_tasks(self._policy, placement)
+            self.placement = placement
+            self._seating.place(placement)
             self.note(Placement, "containers changed")
             self._urgent = True
+
+    def seating(self, contexts: Sequence[Context]) -> Seating:
+        """Where the tasks run, within the bounds of these active contexts."""
+        return self._seating.seating(contexts)
 
     def at_rest(self) -> Mapping[str, Weight]:
         """What the tasks would weigh now if all were active."""
@@ -92,7 +101,7 @@ class PlanMaker:
         self.changed = self._urgent = False
         if changes:
             self.decided, self._in_force = plan, substance
-        elif not plan.tells(self.last):
+        elif not plan.is_news_after(self.last):
             return None
         self.last = plan
         return plan
@@ -108,7 +117,8 @@ class PlanMaker:
 
     def _decide(self, scores: Scores, contexts: Sequence[Context]) -> Decision:
         nodes = self.decided.nodes if self.decided else {}
-        return self._decider.decide(Situation(scores.of, scores.unmet, contexts, self._layout, nodes))
+        layout = self._seating.seating(contexts) if self._seating.varies else self._seating.own
+        return self._decider.decide(Situation(scores.of, scores.unmet, contexts, layout, nodes, self.kept))
 
 
 class _Dwell:

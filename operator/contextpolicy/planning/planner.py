@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
+from collections import Counter
 from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.planning.allocation.placement import Placement
 from contextpolicy.planning.conditions.context import ContextState
+from contextpolicy.planning.conditions.evaluation import Evaluation
 from contextpolicy.planning.conditions.initiative import Initiative
 from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.conditions.scope import Scope
@@ -15,16 +16,19 @@ from contextpolicy.planning.conditions.scores import Scores
 from contextpolicy.planning.conditions.stream import StreamState
 from contextpolicy.planning.conditions.timers import SAME_INSTANT, Timers
 from contextpolicy.planning.inheritance import Inheritance
-from contextpolicy.planning.inputs import Gone, Input, Score
+from contextpolicy.planning.inputs import ClockSet, Gone, Input, Score
+from contextpolicy.planning.overrides import Overrides
 from contextpolicy.planning.plan_maker import PlanMaker
-from contextpolicy.policy.fields import LARGEST
+from contextpolicy.planning.restart import Restart, RestartState
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Mapping
 
     from contextpolicy.planning.allocation.plan import Plan
+    from contextpolicy.planning.allocation.seating import Seating
     from contextpolicy.planning.allocation.weights import Weight
-    from contextpolicy.planning.conditions.expressions import Waiting
+    from contextpolicy.planning.conditions import expressions
+    from contextpolicy.planning.restart import Remembered
     from contextpolicy.policy.spec import Policy
 
 
@@ -43,7 +47,8 @@ class Planner:
     that of the last only shows how scores, weights and contexts went on. Unchanged plans are not returned.
     """
 
-    def __init__(self, policy: Policy, listener: HealthListener | None = None) -> None:
+    def __init__(self, policy: Policy, listener: HealthListener, remembered: Mapping[str, Remembered]) -> None:
+        """`remembered` is what the tasks had before a restart of the operator."""
         self.policy = policy
         self._listener = listener
         self.timers = Timers()
@@ -53,16 +58,18 @@ class Planner:
         """How often each context began or ceased to hold."""
         self.started = False
         self._maker = PlanMaker(policy, self.timers)
-        scope = Scope()
+        self._scope = scope = Scope()
         self.streams = {s.name: StreamState(s, scope, self.timers, self) for s in policy.streams}
         self._scores = Scores(policy, lambda spec: Initiative(spec, self.streams, scope, self.timers, self))
         self.initiatives, self.requirements = self._scores.initiatives, self._scores.requirements
         self.contexts = [ContextState(c, self.streams, scope, self.timers, self) for c in policy.contexts]
-        self._readers = self._index()
-        self._release = _Release(self)
+        self._evaluation = Evaluation(self._scores, self.contexts)
+        self._overrides = Overrides(policy, self.streams.values(), self.contexts, self.timers)
+        self._firing = False
+        self.restart = Restart(policy, remembered, self.timers, self)
 
-    def start(self, now: float, before: Planner | None = None) -> list[Plan]:
-        """Start the watchdogs, and decide what needs no sample.
+    def start(self, now: float, before: Planner | None = None, ahead: float = 0.0) -> list[Plan]:
+        """Start the watchdogs, and decide what needs no sample. `ahead`: see `ClockSet`.
 
         `before` is the planner of the policy's previous version: what the edit did not change keeps its state, unless
         that version never started.
@@ -72,16 +79,17 @@ class Planner:
         for stream in self.streams.values():
             stream.start(now)
             former.pass_on_stream(stream, now)
-        self._fall_back(now)
-        for initiative, task in self.owned_initiatives():
-            if former.pass_on_initiative(initiative, task, now):
-                self._scores.update(initiative)
-            else:
-                initiative.start(now)
-        for context in self.contexts:
-            if not former.pass_on_context(context, now):
-                context.start(now)
-        self._force(now)
+        self._overrides.fall_back(now)
+        self._overrides.force(now, ahead)
+        # What was active before the edit has not turned: readers hear of a context when it starts or is passed on.
+        self._evaluation.waiting.clear()
+        self.transitions.clear()
+        for reader in self._evaluation.readers:
+            if not former.pass_on(reader, self._scores, now):
+                reader.start(now)
+        state = RestartState(self.streams, self.contexts, self.owned_initiatives(), self._overrides.forced())
+        self.restart.start(before.restart if before else None, state, now)
+        self._maker.kept = self.restart.kept
         self._maker.begin(self)
         return self._conclude(now)
 
@@ -91,8 +99,10 @@ class Planner:
         What is due at this very instant acts after it, so that an event that comes just in time counts.
         """
         plans: list[Plan] = []
-        self._let_act(now - SAME_INSTANT, plans)
         due_now = self.timers.next_due(now) is not None
+        if due_now:  # hardly ever, when a sample comes
+            self._let_act(now - SAME_INSTANT, plans)
+            due_now = self.timers.next_due(now) is not None
         arrived = None
         match event:
             case Sample():
@@ -103,11 +113,14 @@ class Planner:
             case Gone():
                 if event.stream in self.streams:
                     self.streams[event.stream].lose(now)
+            case ClockSet():
+                self._overrides.force(now, event.ahead)
             case Score():
                 arrived = event.arrived
                 self._set_score(event, now)
         if due_now:
-            self.timers.fire(now)
+            self._evaluation.follow(now)
+            self._fire(now)
         return plans + self._conclude(now, arrived)
 
     def advance(self, now: float) -> list[Plan]:
@@ -120,36 +133,50 @@ class Planner:
         """When `advance` is to be called next, if nothing else happens; None when that is not before `by`."""
         return self.timers.next_due(by)
 
-    def on_value(self, stream: StreamState, now: float) -> None:
-        """A stream has a new value: ask its readers only."""
-        for reader in self._readers[stream.spec.name]:
-            reader.on_value(now)
+    def on_sample(self, stream: StreamState, now: float) -> None:
+        """A sample came: ask the stream's readers only."""
+        if self._firing:
+            self._evaluation.wait(stream.spec.name, sampled=True)
+            return
+        for reader in self._evaluation.of_stream[stream.spec.name]:
+            reader.on_value(now, sampled=True)
+
+    def on_slide(self, stream: StreamState) -> None:
+        """A window slid: what its readers see may have changed, but nothing happened."""
+        self._evaluation.wait(stream.spec.name)
 
     def on_silence(self, stream: StreamState, now: float) -> None:
         """A stream fell silent."""
-        for reader in self._readers[stream.spec.name]:
-            reader.on_value(now)
-        self._fall_back(now)
+        self._evaluation.wait(stream.spec.name)
+        self._overrides.fall_back(now, stream=stream.spec.name)
+        self.restart.know(stream.spec.name)
         self._maker.note(stream, f"{stream.spec.name}: silent")
-        self._report_health()
+        self._listener.on_health()
 
     def on_recovery(self, stream: StreamState, now: float) -> None:
         """A silent stream is heard again."""
-        self._fall_back(now)
+        self._overrides.fall_back(now, stream=stream.spec.name, sampled=True)
         self._maker.note(stream, f"{stream.spec.name}: heard again")
-        self._report_health()
+        self._listener.on_health()
 
-    def on_first_value(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature
+    def on_first_value(self, stream: StreamState) -> None:
         """A stream without a value has one: nothing waits for it any more."""
-        self._report_health()
+        if self.restart.awaited:
+            self.restart.know(stream.spec.name)
+        self._listener.on_health()
 
     def on_unheard(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature
         """A stream without a watchdog had no sample for an hour, or is heard again."""
-        self._report_health()
+        self._listener.on_health()
 
     def on_clock(self, stream: StreamState) -> None:  # noqa: ARG002 - the listener's signature
         """A stream's timestamps no longer count, or count again."""
-        self._report_health()
+        self._listener.on_health()
+
+    def on_known(self, stream: str) -> None:
+        """Tasks that kept their state of before a restart are decided again."""
+        self._maker.kept = self.restart.kept
+        self._maker.note(self.restart, f"{stream}: known again after the restart")
 
     def on_drop(self, stream: str, reason: str, detail: str = "") -> None:  # noqa: ARG002 - the listener's signature
         """Count a sample that was not used."""
@@ -161,27 +188,38 @@ class Planner:
         known = source in self.errors
         self.errors[source] = reason
         if not known:
-            self._report_health()
+            self._listener.on_health()
 
     def on_expression_recovery(self, source: str) -> None:
         """Drop the error from the status."""
         if self.errors.pop(source, None) is not None:
-            self._report_health()
+            self._listener.on_health()
+
+    def on_elapsed(self, reader: expressions.Reader) -> None:
+        """A delay or an age that a reader waited for is over."""
+        self._evaluation.elapse(reader)
 
     def on_score(self, initiative: Initiative, now: float) -> None:  # noqa: ARG002 - the listener's signature
-        """An activity or a pre-condition changed."""
-        self._scores.update(initiative)
-        self._maker.note(initiative, f"{initiative.source}: {initiative.spec.when} is {initiative.value:g}")
+        """An activity or a pre-condition changed: a cause only where its task changes with it."""
+        if self._scores.update(initiative):
+            self._maker.note(self._scores.part(initiative), self._scores.cause(initiative))
 
     def on_context(self, context: ContextState, now: float) -> None:  # noqa: ARG002 - the listener's signature
         """A context began or ceased to hold."""
         self.transitions[context.spec.name] += 1
-        source = ", ".join([stream.spec.name for stream in context.streams]) or "policy"
-        self._maker.note(context, f"{source}: context {context.spec.name} {'entered' if context.active else 'exited'}")
+        if context.spec.name in self._scope.active:
+            self._scope.show_context(context.spec.name, active=context.active, by_sample=context.by_sample)
+            self._evaluation.on_context(context.spec.name)
+        turned = "entered" if context.active else "exited"
+        self._maker.note(context, f"{context.moved_by}: context {context.spec.name} {turned}")
 
     def at_rest(self) -> Mapping[str, Weight]:
         """What the tasks would weigh now if all were active."""
         return self._maker.at_rest()
+
+    def seating(self) -> Seating:
+        """Where the tasks run, within the bounds of the contexts that are active now."""
+        return self._maker.seating([context.spec for context in self.active_contexts()])
 
     @property
     def placement(self) -> Placement:
@@ -220,37 +258,21 @@ class Planner:
         """What the planner of the policy's next version may take over."""
         return Inheritance(self.streams, self.contexts, self.owned_initiatives())
 
-    def waits(self) -> Iterator[tuple[str, Waiting]]:
-        """What can't be decided now: the task or context, and what it waits for."""
-        for initiative, task in self.owned_initiatives():
-            for own in (initiative.when, initiative.score):
-                if own and own.waiting:
-                    yield f"task {task}", own.waiting
-        for context in self.contexts:
-            if context.when and context.when.waiting:
-                yield f"context {context.spec.name}", context.when.waiting
-
     def active_contexts(self) -> list[ContextState]:
         """The contexts that have effects now, in list order."""
         return [context for context in self.contexts if context.active]
 
-    def _report_health(self) -> None:
-        if self._listener is not None:
-            self._listener.on_health()
-
     def _let_act(self, now: float, plans: list[Plan]) -> None:
         """Let every timer due by now act, collecting the plans."""
         while (due := self.timers.next_due(now)) is not None:
-            self.timers.fire(due)
+            self._fire(due)
             plans += self._conclude(due)
 
-    def _index(self) -> dict[str, list[Initiative | ContextState]]:
-        readers: dict[str, list[Initiative | ContextState]] = defaultdict(list)
-        all_readers: list[Initiative | ContextState] = [*self._scores, *self.contexts]
-        for reader in all_readers:
-            for stream in reader.streams:
-                readers[stream.spec.name].append(reader)
-        return readers
+    def _fire(self, now: float) -> None:
+        """Let all that is due act; conditions are evaluated when all of it has."""
+        self._firing = True
+        self.timers.fire(now)
+        self._firing = False
 
     def _observe(self, sample: Sample, now: float) -> None:
         stream = self.streams.get(sample.stream)
@@ -260,44 +282,18 @@ class Planner:
             stream.observe(sample, now)
 
     def _set_score(self, score: Score, now: float) -> None:
-        # Plugged-in functions are foreign code: they may emit NaN, infinity, or no number at all.
-        if isinstance(score.value, int | float) and abs(score.value) <= LARGEST:
+        if score.is_number:
             self.initiatives[score.task][score.activity].set(float(score.value), now)
         else:
             self.on_drop(score.task, "score not finite")
 
-    def _fall_back(self, now: float) -> None:
-        silent = any(stream.silent for stream in self.streams.values())
-        for context in self.contexts:
-            if context.spec.name == self.policy.fallback:
-                (context.insist if silent else context.relent)("fallback", now)
-
-    def _force(self, now: float) -> None:
-        force = self.policy.force
-        for context in self.contexts:
-            if force is not None and context.spec.name == force.context and now < force.until:
-                context.insist("forced", now)
-                self.timers.set(self._release, force.until)
-
     def _conclude(self, now: float, arrived: float | None = None) -> list[Plan]:
-        """The new plan, if something changed.
-
-        The first plan waits until each stream with a watchdog is heard or silent: until then a restarted operator
-        leaves the limits as they are.
-        """
+        """The new plan, if something changed."""
+        if self._evaluation.waiting:
+            self._evaluation.follow(now)
         maker = self._maker
-        if not maker.changed or (maker.last is None and any(stream.unknown for stream in self.streams.values())):
+        if not maker.changed:
             return []
-        plan = maker.make(self._scores, [context.spec for context in self.active_contexts()], now, arrived)
+        contexts = [context.spec for context in self.contexts if context.active]
+        plan = maker.make(self._scores, contexts, now, arrived)
         return [] if plan is None else [plan]
-
-
-class _Release:
-    """The end of a context that was forced by hand."""
-
-    def __init__(self, planner: Planner) -> None:
-        self._planner = planner
-
-    def on_due(self, now: float) -> None:
-        for context in self._planner.contexts:
-            context.relent("forced", now)

@@ -1,4 +1,4 @@
-"""Where everything runs: tells each policy's runner which containers are its own, and what its nodes have."""
+"""Where everything runs: gives each policy's runner its containers and its nodes' capacity."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 from contextpolicy.cluster.agent_reports import unwritten, with_agents, writing
 from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pod_directory import PodDirectory
+from contextpolicy.cluster.room import demand
 
 if TYPE_CHECKING:
     from contextpolicy.actuators.resize.originals import Originals
     from contextpolicy.bus.robot_bus import RobotBus
     from contextpolicy.cluster.claims import Claim
+    from contextpolicy.cluster.nodes import NodeView
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.policies.policy_runner import PolicyRunner
     from contextpolicy.policies.registry import PolicyRegistry
@@ -38,10 +40,12 @@ class Binder:
         self.pods = PodDirectory()
         self._loop, self._registry, self._bus, self._publisher = loop, registry, bus, publisher
         self._originals, self._tenants = originals, tenants
-        self._nodes: dict[str, tuple[str, int]] = {}
-        """Name and allocatable CPU by UID: one that is registered anew may be listed before the old one is gone."""
+        self.nodes: dict[str, NodeView] = {}
+        """By UID: a recreated policy may be listed before the old one is gone."""
         self._moved: set[str] = set()
         """Namespaces whose pods came, went or moved since the last placement."""
+        self._elsewhere: dict[str, int] = {}
+        """What pods of namespaces without policies request, on the nodes where that decides about any policy."""
 
     def take_pod(self, pod: PodView) -> None:
         """A pod is new or has changed."""
@@ -56,28 +60,32 @@ class Binder:
             self._move(pod.namespace)
         return pod
 
-    def take_node(self, uid: str, name: str, cpu: int) -> None:
-        """A node has this much allocatable CPU, in millicores."""
-        if self._nodes.get(uid) != (name, cpu):
-            self._nodes[uid] = name, cpu
+    def take_node(self, uid: str, node: NodeView) -> None:
+        """A node is new or has changed."""
+        if self.nodes.get(uid) != node:
+            self.nodes[uid] = node
+            self._bus.take_node(node.name)
             self.place()
 
     def lose_node(self, uid: str) -> None:
         """A node was deleted: nothing there is claimed any more."""
-        if self._nodes.pop(uid, None) is not None:
+        lost = self.nodes.pop(uid, None)
+        if lost is not None:
+            if lost.name not in {node.name for node in self.nodes.values()}:
+                self._bus.lose_node(lost.name)
             self.place()
 
     def place(self) -> None:
-        """Tell all runners what they may claim."""
+        """Give all runners what they may claim."""
         claims = self._claims()
         self._moved = set()
         for runner, own in claims:
             self._give(runner, own)
 
     def _place_moved(self) -> None:
-        """Tell the runners that pods of the moved namespaces concern."""
+        """Update the runners that pods of the moved namespaces concern."""
         moved, self._moved = self._moved, set()
-        if moved & self._registry.namespaces():
+        if moved & self._registry.namespaces() or self._is_room_changed():
             for runner, own in self._claims():
                 if runner.policy.namespace in moved or own != runner.claim:
                     self._give(runner, own)
@@ -85,13 +93,31 @@ class Binder:
     def _claims(self) -> list[tuple[PolicyRunner, Claim]]:
         runners = self._registry.runners()
         policies = [runner.policy for runner in runners]
-        pods = chain.from_iterable(self.pods.of(namespace) for namespace in {own.namespace for own in policies})
-        nodes, agents = dict(self._nodes.values()), writing(self._bus.reports)
-        claims = claim(policies, pods, nodes, self._originals.cpu, self._tenants, agents=agents)
+        namespaces = {policy.namespace for policy in policies}
+        pods = chain.from_iterable(self.pods.of(namespace) for namespace in namespaces)
+        nodes, agents = {node.name: node.cpu for node in self.nodes.values()}, writing(self._bus.reports)
+        elsewhere = self.pods.requested(but=namespaces)
+        claims = claim(
+            policies,
+            pods,
+            nodes,
+            self._originals.cpu,
+            self._tenants,
+            agents=agents,
+            elsewhere=elsewhere,
+            doubt=self._originals.doubt,
+        )
+        self._elsewhere = {node: elsewhere.get(node, 0) for own in claims.values() for node in own.room}
         return [
             (runner, self._with_agents(policy, claims[policy.reference]))
             for runner, policy in zip(runners, policies, strict=True)
         ]
+
+    def _is_room_changed(self) -> bool:
+        if not self._elsewhere:
+            return False
+        now = self.pods.requested(but={runner.policy.namespace for runner in self._registry.runners()})
+        return any(now.get(node, 0) != before for node, before in self._elsewhere.items())
 
     def _with_agents(self, policy: Policy, found: Claim) -> Claim:
         own = with_agents(policy, found, self._bus.reports)
@@ -102,7 +128,7 @@ class Binder:
 
     def _give(self, runner: PolicyRunner, own: Claim) -> None:
         policy = runner.policy
-        self._publisher.tell_claim(policy.reference, runner.claim, own)
+        self._publisher.emit_claim(policy.reference, runner.claim, own)
         runner.place(own, self.pods.of(policy.namespace))
 
     def _move(self, namespace: str) -> None:
@@ -116,7 +142,8 @@ class Binder:
         """The parts of a pod that claims depend on: a mere status update must not cost a new placement."""
         original = self._originals.cpu
         bounds = tuple(
-            (c.name, pod.floor(c, original(pod.uid, c.name)), c.spec.limit is None, c.memory_limit, c.container_id)
+            (c.name, before, pod.floor(c, before), c.memory_limit, c.container_id)
             for c in pod.containers
+            for before in [original(pod.uid, c.name) or c.spec]
         )
-        return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds
+        return pod.node, pod.labels, pod.qos, pod.ended, pod.mirror, bounds, demand(pod, original)

@@ -72,5 +72,5 @@ def _findings(policy: Policy, files: _ConfigMaps) -> Iterator[Finding]:
     yield from mistakes_in(files.complete(policy))
     for index, stream in enumerate(policy.streams):
         if stream.types is not None and stream.types in files.unread:
-            told = f"a ConfigMap of namespace {policy.namespace} that the chart's rosTypes names"
-            yield Finding(f"spec.streams[{index}].types", stream.types, f"{told}; {files.unread[stream.types]}")
+            expected = f"a ConfigMap of namespace {policy.namespace} that the chart's rosTypes names"
+            yield Finding(f"spec.streams[{index}].types", stream.types, f"{expected}; {files.unread[stream.types]}")

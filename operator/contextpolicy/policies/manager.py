@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.bus.questions import Questions
 from contextpolicy.policies.policy_runner import PolicyRunner
 from contextpolicy.policies.promotion import Promotion
 from contextpolicy.policies.registry import LeavingPolicy, PolicyEntry, conditions_of, reference_of
 from contextpolicy.policies.services import Services
+from contextpolicy.streams.backlog import PER_STREAM, TOTAL, Backlog
+from contextpolicy.streams.subscription import Waiting
 from contextpolicy.telemetry import metrics
+from contextpolicy.telemetry.status import remembered
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -17,8 +21,9 @@ if TYPE_CHECKING:
     import zenoh
 
     from contextpolicy.actuators.actuator import Actuators
+    from contextpolicy.actuators.resize.vetting import Vetted
     from contextpolicy.bus.robot_bus import RobotBus
-    from contextpolicy.bus.signatures import Signer
+    from contextpolicy.bus.signatures import PlanSigner
     from contextpolicy.cluster.fencing import Fence
     from contextpolicy.planning.observable import Instantiate
     from contextpolicy.policies.binder import Binder
@@ -30,6 +35,7 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy
     from contextpolicy.recorder.flight_recorder import FlightRecorder
     from contextpolicy.streams.loop import Loop
+    from contextpolicy.streams.wall_clock import WallClock
 
 
 class PolicyManager:
@@ -48,11 +54,14 @@ class PolicyManager:
         shadows: Shadows,
         recorder: FlightRecorder,
         fence: Fence,
-        signer: Signer | None,
+        signer: PlanSigner,
+        clock: WallClock,
     ) -> None:
         self._loop, self._registry, self._bus = loop, registry, bus
         self._actuators, self._publisher, self._binder = actuators, publisher, binder
         self._queries, self._recorder, self._fence, self._signer = queries, recorder, fence, signer
+        self._clock = clock
+        self._backlog, self._questions = Backlog[Waiting](PER_STREAM, TOTAL), Questions(loop)
         self._promotion = Promotion(loop, registry, shadows, publisher, self)
 
     def on_promotion(self) -> None:
@@ -64,14 +73,15 @@ class PolicyManager:
         self.settle()
         self._publisher.report_all()
 
-    def adopt(self, body: Mapping[str, Any], loaded: Loaded) -> bool:
+    def adopt(self, body: Mapping[str, Any], loaded: Loaded, vetted: Vetted) -> bool:
         """Swap in a valid version; an invalid one leaves the last good one in force and says why.
 
         Returns whether all that it names could be read.
         """
         reference = reference_of(body)
-        self._registry.leaving.pop(reference, None)
-        self._recall(body)
+        if self._registry.leaving.pop(reference, None) is not None:
+            metrics.forget(reference)  # of the object that was deleted; this one counts from 0
+        self._actuators.recall(reference, vetted.stored)
         entry = self._registry.present.setdefault(reference, PolicyEntry(body))
         known = loaded.rejected == entry.loaded.rejected
         entry.body, entry.loaded = body, loaded
@@ -82,21 +92,24 @@ class PolicyManager:
             entry.good, entry.generation = loaded, body["metadata"].get("generation", 0)
             self.settle(entry)
         elif not known:
-            self._publisher.tell(reference, "Invalid", "; ".join(loaded.rejected))
+            self._publisher.emit(reference, "Invalid", "; ".join(loaded.rejected))
+        self._tell_doubts(reference, vetted)
         self._publisher.report(reference)
         return not loaded.unread
 
-    def drop(self, body: Mapping[str, Any], done: Future[None]) -> None:
+    def drop(self, body: Mapping[str, Any], vetted: Vetted, done: Future[None]) -> None:
         """The policy is being deleted: end it, and finish `done` when its containers are as they were."""
         reference = reference_of(body)
-        self._recall(body)
+        self._actuators.recall(reference, vetted.stored)
         if reference not in self._registry.leaving:
             self._registry.leaving[reference] = LeavingPolicy(body, conditions_of(body))
             entry = self._registry.present.pop(reference, None)
             if entry is not None and entry.runner is not None:
                 entry.runner.end()
             self._forget(reference)
+            metrics.end(reference)
             self.settle()
+            self._tell_doubts(reference, vetted)
         self._actuators.release(reference, lambda: self._released(reference, done))
         self._binder.place()
 
@@ -143,12 +156,14 @@ class PolicyManager:
         # The order matters: the old runner must be off the bus before the new one declares the same keys, and a dry run
         # first puts back what the enforced version had resized.
         before, shadow = entry.runner, entry.stand_in.runner if entry.stand_in is not None else None
-        entry.runner = PolicyRunner(policy, self._services(session), self._actuators.of(policy.mode), initiatives)
+        actuator = self._actuators.of(policy.mode)
+        known = remembered(entry.body.get("status") or {}, policy) if before is None else {}
+        entry.runner = PolicyRunner(policy, self._services(session), actuator, initiatives, known)
         self._bus.forget(policy.reference)
         if before is not None:
             before.stop()
         self._actuators.put_back_others(policy.reference, policy.mode)
-        # A promoted shadow has followed the streams already: nothing begins anew.
+        # A promoted shadow has followed the streams already: no state starts over.
         entry.runner.start(before, shadow.planner if shadow is not None else None)
         self._binder.place()
 
@@ -156,16 +171,20 @@ class PolicyManager:
         return Services(
             session=session,
             scheduler=self._loop,
+            clock=self._clock,
             signer=self._signer,
             fence=self._fence,
             agents=self._bus,
             boards=self._queries,
             recorder=self._recorder,
             listener=self._publisher,
+            backlog=self._backlog,
+            questions=self._questions,
         )
 
-    def _recall(self, body: Mapping[str, Any]) -> None:
-        self._actuators.recall(reference_of(body), (body.get("status") or {}).get("originals"))
+    def _tell_doubts(self, reference: str, vetted: Vetted) -> None:
+        if vetted.doubts:
+            self._publisher.emit(reference, "OriginalsUnproven", "; ".join(doubt.text for doubt in vetted.doubts))
 
     def _forget(self, reference: str) -> None:
         """Nothing runs of the policy any more."""
@@ -175,8 +194,8 @@ class PolicyManager:
 
     def _released(self, reference: str, done: Future[None]) -> None:
         self._registry.leaving.pop(reference, None)
-        self._publisher.forget(reference)
         if reference not in self._registry.present:
+            self._publisher.forget(reference)
             metrics.forget(reference)
         # The caller may have given up waiting.
         if done.set_running_or_notify_cancel():

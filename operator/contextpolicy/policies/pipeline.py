@@ -6,7 +6,8 @@
                                      +-> updates of the plan in force -> pace -> bus, metrics, status
                                      +-> changes of contexts -> head start -> events
 
-Everything runs on the loop's thread. Nothing polls: without samples and due timers there is no work.
+Everything runs on the loop's thread. Nothing polls: without samples and due timers there is no work. An output that
+fails keeps nothing from the others, and gets what it failed at again.
 """
 
 from __future__ import annotations
@@ -20,10 +21,11 @@ from reactivex.disposable import CompositeDisposable
 from contextpolicy.actuators.following import follow_agents
 from contextpolicy.bus.head_start import head_start
 from contextpolicy.streams.pacing import pace
+from contextpolicy.streams.persisting import persist
 from contextpolicy.streams.sharing import share_on_loop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from reactivex import Observable
     from reactivex.abc import DisposableBase, SchedulerBase
@@ -55,7 +57,7 @@ class Outputs(Protocol):
     def followed(self) -> frozenset[str]:
         """The nodes where the actuator follows an agent."""
 
-    def not_set(self) -> frozenset[str]:
+    def not_set(self) -> Mapping[str, str]:
         """The containers that agents could not set."""
 
     def is_decision(self, plan: Plan) -> bool:
@@ -69,6 +71,9 @@ class Outputs(Protocol):
 
     def order(self, nodes: NodePlans) -> None:
         """Have the actuator carry out the plans of these nodes."""
+
+    def publish_moves(self, nodes: NodePlans) -> None:
+        """Publish the plan in force again if containers came or went without a new one."""
 
     def report(self, plan: Plan) -> None:
         """Publish the plan if that was not done, and report it."""
@@ -85,6 +90,7 @@ class Inputs(NamedTuple):
 
     samples: Observable[Input]
     placements: Observable[Input]
+    clock: Observable[Input]
     moves: Observable[NodePlans]
 
 
@@ -104,9 +110,9 @@ def connect(
         return planner.decided or plan
 
     def newest_nodes(plan: Plan) -> NodePlans:
-        return newest(plan).nodes
+        return (planner.decided or plan).nodes
 
-    plans = merge(inputs.samples, inputs.placements).pipe(
+    plans = merge(inputs.samples, inputs.placements, inputs.clock).pipe(
         plan, ops.skip_while(lambda _: not outputs.is_placed), share_on_loop
     )
     decisions = plans.pipe(
@@ -125,11 +131,12 @@ def connect(
     updates = messages.pipe(paced, ops.filter(outputs.is_update))
     contexts = plans.pipe(ops.distinct_until_changed(_contexts), head_start(scheduler, outputs.instructs_agents))
     return CompositeDisposable(
-        decisions.subscribe(outputs.instruct_agents),
-        orders.subscribe(outputs.order),
-        carried_out.subscribe(outputs.report),
-        updates.subscribe(outputs.show),
-        contexts.subscribe(outputs.report_contexts),
+        persist(decisions, outputs.instruct_agents, scheduler),
+        persist(orders, outputs.order, scheduler),
+        persist(inputs.moves, outputs.publish_moves, scheduler),
+        persist(carried_out, outputs.report, scheduler),
+        persist(updates, outputs.show, scheduler),
+        persist(contexts, outputs.report_contexts, scheduler),
     )
 
 

@@ -9,7 +9,7 @@ from contextpolicy.bus.decision_bus import Bus, message
 from contextpolicy.cluster.agent_reports import not_set
 from contextpolicy.cluster.claims import Claim
 from contextpolicy.planning.allocation.placement import Placement
-from contextpolicy.policy.spec import Mode, Scheduler
+from contextpolicy.policy.spec import Scheduler
 from contextpolicy.recorder.flight_recorder import PlanRecord
 
 if TYPE_CHECKING:
@@ -43,8 +43,8 @@ class PlanPublisher:
     def open(self, answers: Answers) -> None:
         """Go on the bus. An earlier, enforced version may have left a plan in force with the agents."""
         own = self._services
-        self._bus = Bus(own.session, self._policy, own.scheduler, answers, signer=own.signer, fence=own.fence)
-        if self._policy.mode is not Mode.ENFORCE:
+        self._bus = Bus(own.session, self._policy, own.questions, answers, signer=own.signer, fence=own.fence)
+        if not self._policy.mode.acts:
             self._bus.withdraw()
 
     def close(self) -> None:
@@ -62,14 +62,16 @@ class PlanPublisher:
         self.claim, self._pods = claim, pods
 
     def publish(self, plan: Plan) -> None:
-        """Publish a new plan."""
-        self.sequence, self._edition = plan.sequence, 0
-        self._publish(plan.time if plan.arrived is None else self._on_our_clock(plan.arrived))
+        """Publish a new plan, unless it is published already."""
+        if plan.sequence <= self.sequence:
+            return
+        self._edition = 0
+        self._publish(self._wall(plan.time) if plan.arrived is None else self._on_our_clock(plan.arrived))
 
     def publish_again(self, trigger: float | None = None) -> None:
-        """Publish the plan in force with all that has changed since; `trigger` is when, by default now."""
+        """Publish the plan in force with all that changed since; `trigger` is when (planning time), by default now."""
         self._edition += 1
-        self._publish(self._now() if trigger is None else trigger)
+        self._publish(self._now() if trigger is None else self._wall(trigger))
 
     def publish_moves(self) -> None:
         """Publish the plan in force again if containers restarted or moved, so that agents find their cgroups."""
@@ -95,18 +97,17 @@ class PlanPublisher:
         if plan is None:
             return None
         content = message(self._policy, self.run, plan, self.claim.placement.containers, self._pods)
-        return {**content, "edition": self._edition}
+        return {**content, "time": self._wall(plan.time), "edition": self._edition}
 
     def _publish(self, trigger: float) -> None:
         content = self.message()
         if self._bus is None or content is None:
             return
-        self._whereabouts = _whereabouts(content)
         payload = self._bus.publish({**content, "trigger": trigger})
+        self._whereabouts, self.sequence = _whereabouts(content), content["sequence"]
         if payload is not None:
-            recorder = self._services.recorder
-            recorder.take_plan(recorder.begin(self._policy.reference), PlanRecord(time.monotonic(), payload))
-        if self._policy.mode is Mode.ENFORCE:
+            self._services.recorder.take_plan(self._policy.reference, PlanRecord(time.monotonic(), payload))
+        if self._policy.mode.acts:
             stamp = content["run"], content["sequence"], content["edition"]
             standstill = (
                 self._policy.enforcement.period if self._policy.enforcement.scheduler is Scheduler.REALTIME else 0.0
@@ -117,8 +118,10 @@ class PlanPublisher:
         return self._now() - (time.monotonic() - monotonic)
 
     def _now(self) -> float:
-        scheduler = self._services.scheduler
-        return scheduler.to_seconds(scheduler.now)
+        return self._services.clock.now()
+
+    def _wall(self, planning_time: float) -> float:
+        return planning_time - self._services.clock.ahead
 
 
 def _whereabouts(content: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -46,11 +46,11 @@ class PlanReporter:
 
     def report_contexts(self, plan: Plan) -> None:
         """Report which contexts began or ceased to hold, and why."""
-        before, self._contexts = self._contexts, plan.contexts
         for context in self._policy.contexts:
             active = context.name in plan.contexts
-            if (context.name in before) is not active:
+            if (context.name in self._contexts) is not active:
                 self._listener.on_context(self._reference, context.name, plan.cause, active=active)
+        self._contexts = plan.contexts
 
     def drop(self, stream: str, reason: str) -> None:
         """Report a sample that was not used; the status has only the first of a kind at once."""

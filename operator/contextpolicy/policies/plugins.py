@@ -31,7 +31,7 @@ def load(policy: Policy) -> dict[str, Instantiate]:
     for name, task in wanted.items():
         problem = _load(name, installed, loaded)
         if problem:
-            findings.append(Finding(f"spec.tasks[{task}].activity.initiative", name, problem))
+            findings.append(Finding(f"spec.tasks[{task}].activity.initiative", name, problem, is_sentence=True))
     if findings:
         raise PolicyError(f"ContextPolicy {policy.reference}", tuple(findings))
     return loaded
@@ -43,6 +43,6 @@ def _load(name: str, installed: Mapping[str, EntryPoint], loaded: dict[str, Inst
         return f"installed: {', '.join(sorted(installed)) or 'none'}"
     try:
         loaded[name] = installed[name].load()
-    except Exception as error:  # noqa: BLE001 - nobody knows what importing foreign code raises
+    except Exception as error:  # noqa: BLE001 - importing foreign code may raise anything
         return f"a function that can be imported; {type(error).__name__}: {error}"
     return ""

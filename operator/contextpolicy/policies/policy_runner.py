@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
+import reactivex
 from reactivex import Subject
 
 from contextpolicy.actuators.order import order_of
@@ -19,11 +20,12 @@ from contextpolicy.policies.pipeline import Inputs, connect
 from contextpolicy.policies.plan_publisher import PlanPublisher
 from contextpolicy.policies.plan_reporter import PlanReporter
 from contextpolicy.policy.spec import Scheduler
-from contextpolicy.streams import subscription
+from contextpolicy.streams import subscription, wall_clock
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
+    from reactivex import Observable
     from reactivex.abc import DisposableBase
 
     from contextpolicy.actuators.actuator import Actuator
@@ -33,21 +35,29 @@ if TYPE_CHECKING:
     from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.planning.inputs import Input
     from contextpolicy.planning.observable import Instantiate
+    from contextpolicy.planning.restart import Remembered
     from contextpolicy.policies.services import Services
     from contextpolicy.policy.spec import Policy
+    from contextpolicy.recorder.flight_recorder import FlightRecorder, Records
 
 
 class PolicyRunner:
     """Samples in; orders to the actuator and messages on the bus out.
 
-    Without an `actuator` nothing is decided either. `initiatives` are the plugged-in functions that the policy names.
+    In a mode that decides nothing it hears nothing either. `initiatives` are the plugged-in functions that the policy
+    names, `remembered` is what the tasks had before a restart of the operator.
     """
 
     def __init__(
-        self, policy: Policy, services: Services, actuator: Actuator | None, initiatives: Mapping[str, Instantiate]
+        self,
+        policy: Policy,
+        services: Services,
+        actuator: Actuator,
+        initiatives: Mapping[str, Instantiate],
+        remembered: Mapping[str, Remembered],
     ) -> None:
         self.policy = policy
-        self.planner = Planner(policy, self)
+        self.planner = Planner(policy, self, remembered)
         self.publisher = PlanPublisher(self.planner, services)
         self._reporter = PlanReporter(self.planner, services.listener)
         self._services, self._actuator, self._initiatives = services, actuator, initiatives
@@ -57,6 +67,8 @@ class PolicyRunner:
         self._placed = False
         self._ordered = 0.0
         """When the plan that is carried out was ordered, in monotonic seconds."""
+        self.requests: Mapping[str, int] = {}
+        """What the last order makes of shares as requests, in millicores by container, where requests are weights."""
 
     def start(self, before: PolicyRunner | None = None, former: Planner | None = None) -> None:
         """Subscribe and start planning; `before` is the already stopped runner of the policy's previous version.
@@ -68,12 +80,15 @@ class PolicyRunner:
             self.publisher.run = max(self.publisher.run, before.publisher.run + 1)
         self._reporter.begin(before._reporter if before else None)  # noqa: SLF001 - the same class
         self.publisher.open(self)
-        if self._actuator is None:
+        if not self.policy.mode.decides:
+            self._services.recorder.end_plan(self.policy.reference, time.monotonic())
             return
         former = former or (before.planner if before else None)
         scheduler = self._services.scheduler
-        plan = plan_with(self.planner, scheduler, self._initiatives, former)
-        inputs = Inputs(self._samples(), self._placements, self._moves)
+        plan = plan_with(self.planner, scheduler, self._initiatives, former, wall_clock.ahead(scheduler))
+        force = self.policy.force
+        clock = wall_clock.settings(scheduler, force.until) if force is not None else reactivex.never()
+        inputs = Inputs(self._samples(), self._placements, clock, self._moves)
         self._pipeline = connect(inputs, self.planner, plan, self, scheduler)
 
     def stop(self) -> None:
@@ -96,7 +111,6 @@ class PolicyRunner:
         # If the placement led to a new plan, that one is ordered and published.
         if self.planner.last is before:
             self._moves.on_next(before.nodes if before else {})
-            self.publisher.publish_moves()
         self.on_health()
 
     @property
@@ -117,8 +131,8 @@ class PolicyRunner:
 
     def explain(self) -> dict[str, Any]:
         """Why each task has its share."""
-        scheduler = self._services.scheduler
-        return explanation_of(self.planner, scheduler.to_seconds(scheduler.now))
+        own = self._services
+        return explanation_of(self.planner, own.scheduler.to_seconds(own.scheduler.now), own.clock.ahead)
 
     def board(self) -> dict[str, Any]:
         """The policy as the live page shows it."""
@@ -150,9 +164,10 @@ class PolicyRunner:
             node for node, plan in last.nodes.items() if node in agents and plan.scheduler is Scheduler.CFS
         )
 
-    def not_set(self) -> frozenset[str]:
-        """The containers that agents could not set: their resizes follow nobody."""
-        return self.publisher.not_set()
+    def not_set(self) -> dict[str, str]:
+        """The containers that agents could not set, with their tasks: their resizes wait for no agent."""
+        failed = self.publisher.not_set()
+        return {one.id: one.task for one in self.claim.placement.containers if one.id in failed} if failed else {}
 
     def is_decision(self, plan: Plan) -> bool:
         """Whether the plan is the one with which the shares in force began."""
@@ -172,15 +187,26 @@ class PolicyRunner:
         self._ordered = time.monotonic()
         realtime = {node for node, plan in nodes.items() if plan.scheduler is Scheduler.REALTIME}
         others = {node: plan for node, plan in nodes.items() if node not in realtime}
-        if self._actuator is not None:
-            claim = self.publisher.claim
-            containers, agents = claim.placement.containers, claim.agents
-            self._actuator.apply(order_of(self.policy, containers, others, realtime=realtime, agents=agents))
+        claim = self.publisher.claim
+        order = order_of(
+            self.policy,
+            claim.placement.containers,
+            others,
+            realtime=realtime,
+            agents=claim.agents,
+            attended=claim.attended,
+            room=claim.room,
+        )
+        self.requests = order.requests
+        self._actuator.apply(order)
+
+    def publish_moves(self, nodes: NodePlans) -> None:  # noqa: ARG002 - the message has them all
+        """Publish the plan in force again if containers came or went without a new one."""
+        self.publisher.publish_moves()
 
     def report(self, plan: Plan) -> None:
         """Publish the plan if agents have not caused that already, and report it."""
-        if plan.sequence > self.publisher.sequence:
-            self.publisher.publish(plan)
+        self.publisher.publish(plan)
         self._services.listener.on_plan(self.policy.reference, plan, self._ordered)
         self._reporter.report(plan)
 
@@ -193,13 +219,21 @@ class PolicyRunner:
         """Report which contexts began or ceased to hold."""
         self._reporter.report_contexts(plan)
 
-    def _samples(self) -> Any:
-        """The streams' samples; the recorder has each before it is decoded."""
-        recorder, reference = self._services.recorder, self.policy.reference
-        take, records = recorder.take_sample, recorder.begin(reference)
+    def _samples(self) -> Observable[Input]:
+        own, policy = self._services, self.policy
+        records = own.recorder.begin(policy.reference, [stream.name for stream in policy.streams])
+        log = _SampleLog(own.recorder, records, self._reporter)
+        return subscription.inputs(own.session, policy.streams, own.scheduler, log, backlog=own.backlog)
 
-        def tap(*sample: Any) -> None:
-            take(records, sample)
 
-        services = self._services
-        return subscription.inputs(services.session, self.policy.streams, services.scheduler, self._reporter.drop, tap)
+class _SampleLog:
+    """The recorder has each sample before it is decoded; those that are not used are reported."""
+
+    def __init__(self, recorder: FlightRecorder, records: Records, reporter: PlanReporter) -> None:
+        self._recorder, self._records, self._reporter = recorder, records, reporter
+
+    def on_arrival(self, arrived: float, stream: str, payload: bytes, attachment: bytes, key: str) -> None:
+        self._recorder.take_sample(self._records, (arrived, stream, payload, attachment, key))
+
+    def on_drop(self, stream: str, reason: str) -> None:
+        self._reporter.drop(stream, reason)

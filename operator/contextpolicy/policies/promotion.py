@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.bus.health_watch import HealthWatch
@@ -11,7 +10,7 @@ from contextpolicy.policies.registry import reference_of
 from contextpolicy.policies.shadows import ShadowTrial, shadow_of, wants
 from contextpolicy.policy.spec import Mode
 from contextpolicy.shadow.probation import Probation
-from contextpolicy.telemetry.status import timestamp
+from contextpolicy.telemetry.api_text import timestamp
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -79,11 +78,28 @@ class Promotion:
         own, other = entry.good, entry.stand_in
         if own is None or own.policy is None or reference_of(entry.body) in self._awaited:
             return None
-        if own.policy.shadow is not None and own.policy.mode is Mode.ENFORCE:
+        if own.policy.shadow is not None and own.policy.mode.acts:
             return replace(own, policy=replace(own.policy, mode=Mode.DRY_RUN))
         if other is not None and other.good is not None and other.good.policy is not None:
             return replace(other.good, policy=in_place_of(own.policy, other.good.policy))
         return own
+
+    def on_task_health(self, policy: str, task: str, health: TaskHealth) -> None:
+        """A task has reported under this shadow, or under the policy that it is compared with."""
+        entry, trial = self._registry.present.get(policy), self._shadows.trials.get(policy)
+        if entry is None or trial is None or entry.runner is None or not trial.original.mode.acts:
+            return
+        own, plan = entry.runner.policy, entry.runner.planner.last
+        if plan is None or own.shadow is None or task not in {leaf.name for leaf in own.leaves}:
+            return
+        now = self._loop.to_seconds(self._loop.now)
+        if health.suspended:
+            trial.probation.rest(task)
+        elif not trial.promoted:
+            if trial.probation.learn(task, health.misses, plan.contexts, now):
+                self._publisher.report(policy)
+        elif trial.probation.judge(own.shadow, task, health.misses, plan.contexts, now):
+            self._take_back(policy, entry, trial, task)
 
     def _give_up(self, reference: str) -> None:
         if self._awaited.pop(reference, None) is not None:
@@ -99,40 +115,24 @@ class Promotion:
             known = before.get(reference)
             same = known is not None and known.original == original.good.policy
             probation = known.probation if known and same else Probation(None if known else _recalled(entry))
-            on_health = partial(self._on_health, reference)
-            watch = HealthWatch(session, shadow.health, self._loop, on_health)
+            probation.keep(_tasks(entry))
+            watch = HealthWatch(session, shadow.health, self._loop, reference, self)
             promoted = original.stand_in is entry
             self._shadows.trials[reference] = ShadowTrial(original.good.policy, probation, watch, promoted=promoted)
             if promoted and not (known and known.promoted):
                 probation.restart()
                 entry.taken_back = None
-                self._publisher.note(reference, "Promoted", f"{original.good.policy.name} is carried out as it says")
+                self._publisher.note(reference, "Promoted", f"{original.good.policy.name} now runs with this spec")
         for trial in before.values():
             trial.watch.close()
 
-    def _on_health(self, reference: str, task: str, health: TaskHealth) -> None:
-        entry, trial = self._registry.present.get(reference), self._shadows.trials.get(reference)
-        if entry is None or trial is None or entry.runner is None or trial.original.mode is not Mode.ENFORCE:
-            return
-        policy, plan = entry.runner.policy, entry.runner.planner.last
-        if plan is None or policy.shadow is None or task not in {leaf.name for leaf in policy.leaves}:
-            return
-        now = self._loop.to_seconds(self._loop.now)
-        if health.suspended:
-            trial.probation.rest(task)
-        elif not trial.promoted:
-            if trial.probation.learn(task, health.misses, plan.contexts, now):
-                self._publisher.report(reference)
-        elif trial.probation.judge(policy.shadow, task, health.misses, plan.contexts, now):
-            self._take_back(reference, entry, trial, task)
-
     def _take_back(self, reference: str, entry: PolicyEntry, trial: ShadowTrial, task: str) -> None:
         before, since = trial.probation.before(task) or 0.0, trial.probation.since(task) or 0.0
-        told = f"{task} has missed {since:.1%} of its inputs since the promotion, at most {before:.1%} before"
-        now = self._loop.to_seconds(self._loop.now)
-        entry.taken_back = {"generation": entry.generation, "time": timestamp(now), "message": told}
+        message = f"{task} has missed {since:.1%} of its inputs since the promotion, at most {before:.1%} before"
+        when = timestamp(self._publisher.clock.now())
+        entry.taken_back = {"generation": entry.generation, "time": when, "message": message}
         for concerned in (reference, trial.original.reference):
-            self._publisher.tell(concerned, "TakenBack", f"{reference}: {told}")
+            self._publisher.emit(concerned, "TakenBack", f"{reference}: {message}")
         self._listener.on_promotion()
 
 
@@ -145,7 +145,12 @@ def in_place_of(own: Policy, shadow: Policy) -> Policy:
 
 def _is_promoted(entry: PolicyEntry, original: PolicyEntry) -> bool:
     own = original.good.policy if original.good is not None else None
-    return own is not None and own.mode is Mode.ENFORCE and wants(entry)
+    return own is not None and own.mode.acts and wants(entry)
+
+
+def _tasks(entry: PolicyEntry) -> set[str]:
+    policy = entry.good.policy if entry.good is not None else None
+    return {leaf.name for leaf in policy.leaves} if policy is not None else set()
 
 
 def _recalled(entry: PolicyEntry) -> dict[str, float]:

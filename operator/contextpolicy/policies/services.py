@@ -11,11 +11,15 @@ if TYPE_CHECKING:
     import zenoh
     from reactivex.abc import SchedulerBase
 
-    from contextpolicy.bus.signatures import Signer
+    from contextpolicy.bus.questions import Questions
+    from contextpolicy.bus.signatures import PlanSigner
     from contextpolicy.cluster.agent_reports import Stamp
     from contextpolicy.cluster.fencing import Fence
     from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.recorder.flight_recorder import FlightRecorder
+    from contextpolicy.streams.backlog import Backlog
+    from contextpolicy.streams.subscription import Waiting
+    from contextpolicy.streams.wall_clock import WallClock
 
 
 class RunnerListener(Protocol):
@@ -50,13 +54,16 @@ class Boards(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Services:
-    """Agents act on plans only if there is a `signer`."""
+    """Agents act on plans only if the `signer` signs them; `clock` is what times on the bus are given by."""
 
     session: zenoh.Session
     scheduler: SchedulerBase
-    signer: Signer | None
+    clock: WallClock
+    signer: PlanSigner
     fence: Fence
     agents: Agents
     boards: Boards
     recorder: FlightRecorder
     listener: RunnerListener
+    backlog: Backlog[Waiting]
+    questions: Questions

@@ -1,4 +1,4 @@
-"""Which policies are shadows of which, and what is known of their trials. State without effects."""
+"""Which policies are shadows of which, and the results of their trials. State without effects."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from contextpolicy.policies.registry import reference_of
-from contextpolicy.policy.spec import Mode
 from contextpolicy.telemetry.status import ShadowFacts
 
 if TYPE_CHECKING:
@@ -37,7 +36,7 @@ class Shadows:
         self._registry = registry
 
     def original(self, entry: PolicyEntry) -> PolicyEntry | None:
-        """The policy of which this one is a shadow, if it runs."""
+        """The policy that this one shadows, if it runs."""
         shadow = shadow_of(entry)
         other = None if shadow is None else self._registry.present.get(f"{entry.namespace}/{shadow.of}")
         return other if other is not None and other.good is not None and shadow_of(other) is None else None
@@ -65,14 +64,14 @@ class Shadows:
 
 
 def shadow_of(entry: PolicyEntry) -> Shadow | None:
-    """What makes the policy a shadow, if it is one."""
+    """The policy's `shadow` field, if it is a shadow."""
     return entry.good.policy.shadow if entry.good is not None and entry.good.policy is not None else None
 
 
 def wants(entry: PolicyEntry) -> bool:
     """Whether people have promoted it, and the operator has not taken that back."""
     policy = entry.good.policy if entry.good is not None else None
-    return policy is not None and policy.mode is Mode.ENFORCE and not is_back(entry)
+    return policy is not None and policy.mode.acts and not is_back(entry)
 
 
 def is_back(entry: PolicyEntry) -> bool:

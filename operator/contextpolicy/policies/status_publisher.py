@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.planning.allocation.enforcement import left_alone
 from contextpolicy.policies.registry import LeavingPolicy
 from contextpolicy.telemetry import metrics
 from contextpolicy.telemetry.events import event
@@ -16,11 +17,13 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from contextpolicy.bus.robot_bus import RobotBus
+    from contextpolicy.cluster.agent_reports import Confirmation
     from contextpolicy.cluster.claims import Claim
     from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.policies.registry import PolicyEntry, PolicyRegistry
     from contextpolicy.policies.shadows import Shadows
     from contextpolicy.streams.loop import Loop
+    from contextpolicy.streams.wall_clock import WallClock
     from contextpolicy.telemetry.reporter import ReportApi
 
 log = logging.getLogger(__name__)
@@ -42,9 +45,12 @@ class StatusPublisher:
         *,
         bus: RobotBus,
         shadows: Shadows,
+        clock: WallClock,
     ) -> None:
         self.resizes = ResizeWatch(self)
         self._loop, self._registry, self._bus, self._shadows = loop, registry, bus, shadows
+        self.clock = clock
+        """What times in a status or an Event are given by."""
         self._reporter = Reporter(api, loop, worker)
 
     def close(self) -> None:
@@ -56,11 +62,11 @@ class StatusPublisher:
         self._reporter.status(reference, lambda: self._status(reference))
 
     def report_all(self) -> None:
-        """Likewise for all policies: something has changed that each of them tells."""
+        """Likewise for all policies: something has changed that each of them reports."""
         for reference in self._registry.present:
             self.report(reference)
 
-    def tell(self, reference: str, reason: str, message: str) -> None:
+    def emit(self, reference: str, reason: str, message: str) -> None:
         """Log a problem, or that it is over, and post an Event about it."""
         entry = self._registry.find(reference)
         log.warning("%s: %s: %s", reference, reason, message)
@@ -82,7 +88,16 @@ class StatusPublisher:
 
     def on_plan(self, policy: str, plan: Plan, ordered: float) -> None:
         """Measure the reactions to a new plan."""
-        self.resizes.planned(policy, plan, ordered)
+        runner = self._registry.runner(policy)
+        if runner is not None:
+            control, containers = runner.policy.enforcement.control, runner.claim.placement.containers
+            self.resizes.planned(policy, plan, ordered, left_alone(control, containers, plan), runner.requests)
+
+    def on_confirmation(self, node: str, said: Confirmation) -> None:
+        """A node's agent has carried out a plan of a policy's present run: reactions to it end."""
+        runner, (run, sequence, _) = self._registry.runner(said.policy), said.stamp
+        if runner is not None and run == runner.publisher.run and node in runner.claim.agents:
+            self.resizes.on_confirmed(said.policy, node, sequence, runner.publisher.not_set())
 
     def on_context(self, policy: str, context: str, cause: str, *, active: bool) -> None:
         """Post an Event about a context that began or ceased to hold; the log has it with the plan already."""
@@ -99,7 +114,7 @@ class StatusPublisher:
         """Report a problem with resizes, or that it is over."""
         if policy in self._registry.leaving and reason == FAILED:
             reason, message = "RestoreFailed", f"{message}; {GIVE_UP}"
-        self.tell(policy, reason, message)
+        self.emit(policy, reason, message)
         if self._registry.find(policy) is not None:
             self.report(policy)
 
@@ -109,7 +124,7 @@ class StatusPublisher:
         if runner is not None:
             runner.publisher.publish_applied(stage, container, cores, at)
 
-    def tell_claim(self, reference: str, before: Claim, now: Claim) -> None:
+    def emit_claim(self, reference: str, before: Claim, now: Claim) -> None:
         """One Event for each kind of problem that a new claim has and the one before had not."""
         for reason, had, have in (
             ("Conflicted", before.conflicts, now.conflicts),
@@ -118,15 +133,15 @@ class StatusPublisher:
             ("RealtimeUnavailable", before.realtime, now.realtime),
         ):
             if have and have != had:
-                self.tell(reference, reason, "; ".join(have))
+                self.emit(reference, reason, "; ".join(have))
 
     def forget(self, reference: str) -> None:
-        """Say nothing more about a policy, unless it is reported anew."""
+        """Stop reporting a policy, until it is reported again."""
         self._reporter.forget(reference)
         self.resizes.forget(reference)
 
     def _status(self, reference: str) -> dict[str, Any]:
-        now = self._loop.to_seconds(self._loop.now)
+        now = self.clock.now()
         entry = self._registry.leaving.get(reference) or self._registry.present[reference]
         generation = entry.body["metadata"].get("generation", 0)
         if isinstance(entry, LeavingPolicy):
@@ -139,6 +154,7 @@ class StatusPublisher:
                 generation=generation,
                 run=running.publisher.run,
                 claim=running.claim,
+                ahead=self.clock.ahead,
                 connected=self._bus.connected,
                 rejected=entry.loaded.rejected,
                 unmet_actuation=problems,
@@ -154,8 +170,10 @@ class StatusPublisher:
     ) -> None:
         now = self._loop.to_seconds(self._loop.now)
         if entry.events.spend(now, routine=routine):
-            told = entry.events.admit_to(message)
-            self._reporter.event(event(entry.body, reason=reason, message=told, now=now, warning=warning))
+            admitted = entry.events.admit_to(message)
+            self._reporter.event(
+                event(entry.body, reason=reason, message=admitted, now=self.clock.now(), warning=warning)
+            )
         else:
             metadata = entry.body["metadata"]
             metrics.EVENTS_LEFT_OUT.labels(metadata["namespace"], metadata["name"]).inc()

@@ -32,6 +32,16 @@ def _compile(rewritten: str) -> cel.Program:
         raise ValueError("nests operands too deeply") from error
 
 
+def _check_characters(source: str) -> None:
+    """What can't be seen would be shown to people in logs and terminals, where it may move the cursor or hide text."""
+    for at, character in enumerate(source):
+        if not (character.isprintable() or character in "\n\t"):
+            raise ValueError(
+                f"has the invisible character U+{ord(character):04X} at character {at + 1}; "
+                f"in a text, write \\u{ord(character):04x}"
+            )
+
+
 class Bindings(Protocol):
     """The variables that an expression is evaluated on."""
 
@@ -50,23 +60,25 @@ class Expression:
     """A compiled CEL expression with the variables that it reads and the undefined functions that it calls.
 
     `reads` are the paths that it reads from samples, `asked` the streams that it tests for a value, and `ages` the ages
-    at which its value may change without a sample.
+    at which its value may change without a sample. `contexts` are the contexts that it reads.
     """
 
     __slots__ = (
         *("_exact", "_fast", "_max_size"),
-        *("ages", "asked", "presence", "reads", "source", "tree", "unknown_functions", "variables"),
+        *("ages", "asked", "contexts", "presence", "reads", "source", "tree", "unknown_functions", "variables"),
     )
 
     def __init__(self, source: str) -> None:
         """Compile; ValueError says what is wrong with the source."""
         if len(source) > MAX_LENGTH:
-            raise ValueError(f"has {len(source)} characters, allowed: {MAX_LENGTH}")
+            raise ValueError(f"has {len(source)} characters, expected at most {MAX_LENGTH}")
+        _check_characters(source)
         self.source = source
         named = {name for name in cel.compile(source).functions() if name[0].isalpha()}
         self.tree = cel_syntax.parse(source)
         reading, written = cel_cost.read(self.tree), rewrite(self.tree)
         self.reads, self.presence, self.variables = reading.reads, reading.presence, reading.streams
+        self.contexts = reading.contexts
         self.ages, self.asked, self._max_size = written.ages, written.asked, reading.max_size
         if self._max_size is not None and "__add(" in written.fast:
             self._max_size //= EXACT_COST
@@ -97,14 +109,14 @@ class Expression:
         """A condition's value; ExpressionError when it is not a boolean."""
         value = self.evaluate(scope)
         if not isinstance(value, bool):
-            raise ExpressionError(f"{self.source}: is {value!r}, allowed: true or false")
+            raise ExpressionError(f"{self.source}: is {value!r}, expected true or false")
         return value
 
     def number(self, scope: Bindings) -> float:
         """A finite number; ExpressionError for anything else, infinities and NaN too."""
         value = self.evaluate(scope)
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ExpressionError(f"{self.source}: is {value!r}, allowed: a finite number")
+            raise ExpressionError(f"{self.source}: is {value!r}, expected a finite number")
         return float(value)
 
     def _failure(self, reason: str) -> ExpressionError:
@@ -123,7 +135,7 @@ class Expression:
         """Any number, infinities and NaN too, as sensors send them; ExpressionError for anything else."""
         value = self.evaluate(scope)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ExpressionError(f"{self.source}: is {value!r}, allowed: a number")
+            raise ExpressionError(f"{self.source}: is {value!r}, expected a number")
         return float(value)
 
     def _check_size(self, scope: Bindings, allowed: int) -> None:

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from contextpolicy.policy import cel_patterns
 from contextpolicy.policy.cel_functions import FUNCTIONS, MACROS, Macro
 from contextpolicy.policy.cel_kinds import CallCost, ValueKind
 from contextpolicy.policy.cel_syntax import Construct, Node
+from contextpolicy.policy.context_reads import check_name, read_context
 
 BUDGET = 1 << 16
 """Steps of one evaluation, about 20 ms."""
@@ -19,8 +21,6 @@ LEAST_SIZE = 8
 """An expression that can't read a sample of this many values within the budget is refused."""
 MAX_SUMS = 16
 """Plus signs: each copies the texts and lists on its left."""
-MAX_PATTERN = 64
-"""Characters of a regular expression, which is compiled anew at each evaluation."""
 
 _WALKING_OPERATORS = frozenset({"==", "!=", "in", "+"})
 
@@ -34,6 +34,8 @@ class Reading:
     reads: frozenset[Path]
     presence: frozenset[str]
     """The streams that it asks about, as `heard` does."""
+    contexts: frozenset[str]
+    """The contexts that it reads."""
     max_size: int | None
     """The most values its samples may have together; None where it costs the same whatever it reads."""
 
@@ -49,8 +51,8 @@ def read(tree: Node) -> Reading:
     cost = walk.cost(tree)
     if walk.sums > MAX_SUMS:
         raise ValueError(f"adds more than {MAX_SUMS} times")
-    most = _max_size(cost, walk.macros, 1 + walk.literals)
-    return Reading(frozenset(walk.reads), frozenset(walk.presence), most)
+    most = _max_size(cost, walk)
+    return Reading(frozenset(walk.reads), frozenset(walk.presence), frozenset(walk.contexts), most)
 
 
 def size(value: object) -> int:
@@ -62,13 +64,19 @@ def size(value: object) -> int:
     return 1 + len(value) // 32 if isinstance(value, str | bytes) else 1
 
 
-def _max_size(cost: _Cost, macros: int, literals: int) -> int | None:
-    if not macros:
-        return None
-    most = int((BUDGET / macros) ** (1 / max(1, cost.work))) - literals
-    if most < LEAST_SIZE:
-        raise ValueError("nests comprehensions so deeply that it may run away")
-    return most
+def _max_size(cost: _Cost, walk: _Walk) -> int | None:
+    """None where what is read is bounded by the size of a message alone."""
+    if walk.compiling > BUDGET:
+        raise ValueError("matches patterns that take too long to compile, as with many \\w")
+    bounds = []
+    if walk.matches:
+        bounds.append(BUDGET // (walk.matches * cel_patterns.MATCH))
+    if walk.macros:
+        each = walk.macros * max(1, walk.compiling_each)
+        bounds.append(int((BUDGET / each) ** (1 / max(1, cost.work))) - 1 - walk.literals)
+    if min(bounds, default=LEAST_SIZE) < LEAST_SIZE:
+        raise ValueError("nests comprehensions so deeply, or matches patterns so large in them, that it may run away")
+    return min(bounds, default=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,14 +107,23 @@ class _Walk:
     sums: int = 0
     literals: int = 0
     """Elements written in the source, beyond the first of each list."""
+    matches: int = 0
+    compiling: int = 0
+    compiling_each: int = 0
+    """Patterns, the steps that compiling them takes once, and for each element of a list."""
     reads: set[Path] = field(default_factory=set)
     presence: set[str] = field(default_factory=set)
+    contexts: set[str] = field(default_factory=set)
     bound: list[str] = field(default_factory=list)
 
     def cost(self, node: Node) -> _Cost:
-        path = node.path()
-        if path is not None:
-            return self._variable(path)
+        context, path = read_context(node), node.path()
+        if context is not None:
+            self.contexts.add(context)
+            return _Cost()
+        return self._operation(node) if path is None else self._variable(path)
+
+    def _operation(self, node: Node) -> _Cost:
         match node.kind:
             case Construct.CALL | Construct.METHOD:
                 return self._call(node)
@@ -129,6 +146,7 @@ class _Walk:
     def _variable(self, path: Path) -> _Cost:
         if path[0] in self.bound:
             return _Cost(size=1)
+        check_name(path[0])
         self.reads.add(path)
         return _Cost(size=1, reads=True)
 
@@ -149,14 +167,23 @@ class _Walk:
         self.literals += max(0, len(node.parts) - 1)
         cost = self._all(node).walked()
         if function and (ValueKind.PATTERN,) in function.takes:
-            _check_pattern(node.parts[-1] if len(node.parts) == len(function.takes) else node)
+            self._pattern(node.parts[-1] if len(node.parts) == len(function.takes) else node)
         return cost.scalar() if function and function.cost is CallCost.WALK else cost
+
+    def _pattern(self, pattern: Node) -> None:
+        if pattern.kind is not Construct.TEXT:
+            raise ValueError("matches a pattern that is not a text in quotes")
+        steps = cel_patterns.steps(pattern.text)
+        self.matches += 1
+        self.compiling += steps
+        self.compiling_each += steps if self.bound else 0
 
     def _macro(self, node: Node) -> _Cost:
         self.macros += 1
         if len(node.parts) < 3:
             raise ValueError(f"gives {node.text} less than a name and an expression")
         over, variable, *bodies = node.parts
+        check_name(variable.text)
         of = self.cost(over)
         self.bound.append(variable.text)
         body = _Cost()
@@ -178,10 +205,3 @@ def asked_stream(call: Node) -> str:
     if call.kind is not Construct.CALL or len(call.parts) != 1 or call.parts[0].kind is not Construct.NAME:
         raise ValueError(f"asks {call.text}() of something else than one stream, such as {call.text}(imu)")
     return call.parts[0].text
-
-
-def _check_pattern(pattern: Node) -> None:
-    if pattern.kind is not Construct.TEXT:
-        raise ValueError("matches a pattern that is no text in quotes")
-    if len(pattern.text) > MAX_PATTERN or "{" in pattern.text:
-        raise ValueError(f"matches a pattern of more than {MAX_PATTERN} characters or with counted repetitions")

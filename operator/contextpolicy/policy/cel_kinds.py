@@ -69,8 +69,10 @@ class Function:
     meaning: str
     """What it returns, as the manual says after the example."""
     example: str
+    constant: str = ""
+    """A call on a text that has a value, for one that has none; empty where each text has one."""
     run: Callable[..., Any] | None = None
-    """What computes it; None for what the library computes, or `cel_rewriting` puts in other terms."""
+    """What computes it, in the library's place; None for what the library or `cel_rewriting` does."""
 
     def kinds(self, count: int) -> tuple[tuple[ValueKind, ...], ...] | None:
         """The kinds that each of `count` arguments may be of; None where it takes more or fewer."""

@@ -1,8 +1,9 @@
-"""What is wrong with a CEL source that does not compile, in words for somebody who does not know CEL."""
+"""What is wrong with a CEL source that does not compile, in words for readers who do not know CEL."""
 
 from __future__ import annotations
 
 import re
+import sys
 from typing import TYPE_CHECKING
 
 from contextpolicy.policy import cel_syntax
@@ -25,6 +26,8 @@ _OTHER_LANGUAGES = (
     (re.compile(r"\bNone\b|\bnil\b"), "nothing is written null"),
     (re.compile(r"\*\*|\^"), "there is no power: multiply"),
 )
+_WHOLE = re.compile(r"(?<![\w.])\d{19,}(?![\w.])")
+LARGEST_WHOLE = 2**63 - 1
 _PLACE = re.compile(r"<input>:\d+:(?P<column>\d+): ")
 
 
@@ -43,6 +46,9 @@ def explain(source: str, error: ValueError) -> str:
         return "it " + str(error).splitlines()[0]
     if hints:
         return "in CEL " + ", ".join(dict.fromkeys(hints))
+    large = [literal for literal in _WHOLE.findall(bare) if LARGEST_WHOLE < int(literal) <= sys.float_info.max]
+    if large:
+        return f"a whole number is at most {LARGEST_WHOLE}: write {large[0]}.0, a double"
     try:
         cel_syntax.parse(source)
     except ValueError as own:

@@ -1,7 +1,7 @@
 """Numbers as expressions see them: real numbers, however a sensor or a policy spelled them.
 
 CEL keeps whole numbers and doubles apart and converts neither. Here each number has one form that depends on its value
-alone, so no expression can tell `1` from `1.0`: a double, except whole numbers from 2^53 up to 64 bits (stamps in
+alone, so no expression distinguishes `1` from `1.0`: a double, except whole numbers from 2^53 up to 64 bits (stamps in
 nanoseconds, identifiers), which doubles can't hold. The library compares them correctly: two whole numbers exactly, and
 next to a double it rounds the whole number to one, which leaves it at 2^53 or more, above every smaller double.
 """
@@ -136,16 +136,16 @@ def _are_numbers(left: Any, right: Any) -> bool:
 
 def _check(left: Any, right: Any, operator: str) -> None:
     if not _are_numbers(left, right):
-        raise TypeError(f"{left!r} {operator} {right!r}, allowed: numbers")
+        raise TypeError(f"{left!r} {operator} {right!r}; expected numbers")
 
 
 def _whole(number: Number) -> int:
     if isinstance(number, float) and not number.is_integer():
-        raise TypeError(f"{number!r} is an operand of %, allowed: whole numbers")
+        raise TypeError(f"{number!r} is an operand of %; expected whole numbers")
     return int(number)
 
 
 def _joined(left: Any, right: Any, operator: str, join: Callable[[], Any]) -> Any:
     if isinstance(left, bool | int | float) or isinstance(right, bool | int | float):
-        raise TypeError(f"{left!r} {operator} {right!r}, allowed: two numbers, two texts or two lists")
+        raise TypeError(f"{left!r} {operator} {right!r}; expected two numbers, two texts or two lists")
     return join()

@@ -4,6 +4,7 @@
 - Arithmetic stays the library's own on doubles, which is what nearly all samples have. Where an operand may be a whole
   number that is no double, our own functions are called instead, five times slower. The `exact` text does so
   everywhere, for samples with such numbers.
+- `size` is ours, which counts a text's code points where the library counts bytes.
 - `has(imu.gyro)` is false for a stream without a value, and `heard` and `age` ask what the scope knows about it.
 """
 
@@ -14,9 +15,10 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.policy import cel_functions, cel_numbers
 from contextpolicy.policy.cel_cost import asked_stream
-from contextpolicy.policy.cel_functions import FUNCTIONS, MACROS
+from contextpolicy.policy.cel_functions import FUNCTIONS, INSTEAD, MACROS
 from contextpolicy.policy.cel_kinds import ValueKind
 from contextpolicy.policy.cel_syntax import Construct, Node, number
+from contextpolicy.policy.context_reads import check_name, read_context, variable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -81,6 +83,9 @@ class _Writer:
 
     def text(self, node: Node) -> str:
         """The node as CEL, in brackets unless it is a single operand."""
+        context = read_context(node)
+        if context is not None:
+            return variable(context)
         write = self._writers.get(node.kind)
         return node.text if write is None else write(node)
 
@@ -119,7 +124,7 @@ class _Writer:
         of, bound = self.text(receiver), self._bound
         if node.text in MACROS:
             self._bound |= {arguments[0].text}
-        call = f"{of}.{node.text}({self._row(arguments)})"
+        call = f"{of}.{INSTEAD.get(node.text, node.text)}({self._row(arguments)})"
         self._bound = bound
         return call
 
@@ -129,8 +134,10 @@ class _Writer:
             return HEARD + asked_stream(node)
         if node.text == cel_functions.AGE.name:
             raise ValueError("uses age() for something else than a comparison with a number, such as age(imu) > 2")
-        call = f"{node.text}({self._row(node.parts)})"
+        call = f"{INSTEAD.get(node.text, node.text)}({self._row(node.parts)})"
         stream = _root(node.parts[0]) if node.text == cel_functions.HAS.name and node.parts else None
+        if stream is not None:
+            check_name(stream)
         if stream is None or stream in self._bound:
             return call
         self.asked.add(stream)

@@ -6,10 +6,13 @@ expression or nests too deeply to walk.
 
 from __future__ import annotations
 
+import math
 import re
+import sys
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
+LARGEST = sys.float_info.max
 MAX_BRACKETS = 32
 MAX_DEPTH = 64
 """Operands within operands; long sums and chains of selections nest, too. The library takes 96."""
@@ -75,6 +78,14 @@ class Node:
     span: tuple[int, int] = field(default=(0, 0), compare=False)
     """Start and end in the source, without enclosing brackets."""
     depth: int = field(default=0, compare=False)
+    _hash: int = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_hash", hash((self.kind, self.text, self.parts)))
+
+    def __hash__(self) -> int:
+        """Found once, not by a walk of all below it each time that it is looked up."""
+        return self._hash
 
     def path(self) -> tuple[str, ...] | None:
         """`("imu", "gyro")` for imu.gyro; None for anything but selections from a name."""
@@ -103,10 +114,12 @@ def parse(source: str) -> Node:
 
 
 def number(literal: str) -> int | float:
-    """The value of a number literal; ValueError for anything else."""
+    """The value of a number literal; ValueError for anything else, and for a number that is larger than any double."""
     digits = literal.rstrip("uU").lower()
     if digits.startswith("0x"):
         return int(digits, 16)
+    if math.isinf(float(digits)):
+        raise ValueError(f"has the number {literal}, expected one of at most {LARGEST:.2g}")
     return int(digits) if digits.isdigit() else float(digits)
 
 
@@ -191,6 +204,8 @@ class _Parser:
         if token.text in _COLLECTIONS:
             return self._node(_COLLECTIONS[token.text], token.text, *self._arguments(token.text), start=token.start)
         if token.kind in _LITERALS:
+            if token.kind == "number":
+                number(token.text)  # the library would take 1e400 for infinity
             return self._node(_LITERALS[token.kind], self._take().text, start=token.start)
         return self._named(self._name())
 

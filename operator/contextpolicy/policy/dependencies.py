@@ -5,8 +5,9 @@ from __future__ import annotations
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING
 
+from contextpolicy.policy.activities import Enforce
 from contextpolicy.policy.cel import Expression
-from contextpolicy.policy.spec import Enforce, SatisfiedBy
+from contextpolicy.policy.spec import SatisfiedBy
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

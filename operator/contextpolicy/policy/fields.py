@@ -29,6 +29,8 @@ ROS_TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_]*/msg/[A-Z][A-Za-z0-9]*")
 FIELD_PATH = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*")
 LARGEST = 1e308
 """Close to the largest float; whole numbers can be larger and would overflow."""
+LARGEST_WEIGHT = 1_000_000
+"""The greatest priority, score, weight or scale, as in the definition."""
 
 KEY_ALLOWED = "a Zenoh key expression of at most 256 characters, such as robot/imu or robot/*/imu"
 
@@ -51,7 +53,7 @@ class Fields:
         return self._raw.get(name) is not None
 
     def refuse(self, name: str, value: object, allowed: str) -> None:
-        """Note that a field's value is not allowed."""
+        """Note that a field has an invalid value."""
         self._findings.append(Finding(self.at(name), value, allowed))
 
     def at(self, name: str) -> str:
@@ -105,15 +107,25 @@ class Fields:
             return default
         return kind(value)
 
-    def number(self, name: str) -> float | None:
-        """A finite number >= 0."""
+    def number(self, name: str, *, most: float = LARGEST) -> float | None:
+        """A number from 0 to `most`."""
         value = self.raw(name)
         if value is None:
             return None
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= LARGEST:
-            self.refuse(name, value, "a number of 0 or more")
+        if not isinstance(value, int | float) or isinstance(value, bool) or not 0 <= value <= most:
+            self.refuse(name, value, f"a number from 0 to {most:.15g}")
             return None
         return float(value)
+
+    def whole(self, name: str, *, most: int) -> int | None:
+        """A whole number from 1 to `most`."""
+        value = self.raw(name)
+        if value is None:
+            return None
+        if type(value) is not int or not 1 <= value <= most:
+            self.refuse(name, value, f"a whole number from 1 to {most}")
+            return None
+        return value
 
     def cpu(self, name: str) -> int | None:
         """A CPU quantity in thousandths of a core."""
@@ -201,7 +213,7 @@ class Fields:
         """Refuse the fields that nobody read: a misspelt name must not be ignored."""
         for name in [name for name in self._raw if name not in self._known]:
             self.refuse(
-                str(name), self._raw[name], f"known fields: {', '.join(sorted(self._known))}{self._meant(name)}"
+                str(name), self._raw[name], f"one of the fields {', '.join(sorted(self._known))}{self._meant(name)}"
             )
 
     def has_read(self, field: str) -> bool:

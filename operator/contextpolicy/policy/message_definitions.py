@@ -96,7 +96,7 @@ def _types(name: str, text: str) -> Types:
 def _from_msg(name: str, text: str) -> Types:
     match = _MSG_NAME.fullmatch(name)
     if match is None:
-        raise DefinitionError("is no type's name; a .msg is named like my_msgs.msg.Mood.msg")
+        raise DefinitionError("is not a type name; a .msg is named like my_msgs.msg.Mood.msg")
     try:
         return dict(get_types_from_msg(f"{text}\n", "/msg/".join(match.groups())))
     except TypesysError as error:
@@ -124,23 +124,23 @@ def _where(message: str, text: str, header: int) -> str:
 
 def _check(type_name: str, fields: list[Any]) -> None:
     if not _TYPE.fullmatch(type_name):
-        raise DefinitionError(f"defines {type_name!r:.80}, which is no type's name")
+        raise DefinitionError(f"defines {type_name!r:.80}, which is not a type name")
     items = 0
     for field, description in fields:
         if not _FIELD.fullmatch(field):
-            raise DefinitionError(f"has the field {field!r:.80}, which is no name")
+            raise DefinitionError(f"has the field {field!r:.80}, which is not a valid name")
         kind, size = _element(description)
         if not isinstance(size, int) or not size >= 0:
             raise DefinitionError(f"{field} has the size {size!r:.80}")
         items += size if description[0] is Nodetype.ARRAY else 1
         if kind[0] is Nodetype.BASE and kind[1][0] not in _PLAIN:
             raise DefinitionError(
-                f"{field} is of type {kind[1][0]}; allowed: {', '.join(sorted(_PLAIN))}, and messages"
+                f"{field} is of type {kind[1][0]}; expected one of {', '.join(sorted(_PLAIN))}, and messages"
             )
         if kind[0] is Nodetype.NAME and not _TYPE.fullmatch(kind[1]):
-            raise DefinitionError(f"{field} is of type {kind[1]!r:.80}, which is no type's name")
+            raise DefinitionError(f"{field} is of type {kind[1]!r:.80}, which is not a type name")
     if items > MAX_ITEMS:
-        raise DefinitionError(f"{type_name} has {items} fields and items of arrays, allowed: {MAX_ITEMS}")
+        raise DefinitionError(f"{type_name} has {items} fields and items of arrays, expected at most {MAX_ITEMS}")
 
 
 def _element(description: Any) -> tuple[Any, int]:

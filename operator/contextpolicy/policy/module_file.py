@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from contextpolicy.errors import Finding, FindingsError
 from contextpolicy.policy.fields import TASK_NAME, TASK_NAME_ALLOWED, Fields
+from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.policy.spec import Encoding
 
 
@@ -24,7 +25,7 @@ class ModuleStream:
 
 @dataclass(frozen=True, slots=True)
 class ModuleFile:
-    """One module; its needs are kept as they are written, for the policy."""
+    """One module; its needs are kept as a policy writes them."""
 
     name: str
     description: str
@@ -40,8 +41,8 @@ def parse_module(body: object, *, subject: str) -> ModuleFile:
     module = ModuleFile(
         name=fields.text("name", pattern=TASK_NAME, allowed=TASK_NAME_ALLOWED),
         description=fields.text("description", ""),
-        inputs=tuple(_stream(entry, "depth") for entry in fields.mapping("inputs", limit=64).values()),
-        outputs=tuple(_stream(entry, "frame") for entry in fields.mapping("outputs", limit=64).values()),
+        inputs=tuple(_stream(entry, *_INPUT) for entry in fields.mapping("inputs", limit=64).values()),
+        outputs=tuple(_stream(entry, *_OUTPUT) for entry in fields.mapping("outputs", limit=64).values()),
         needs=_needs(fields.nested("needs")),
     )
     fields.string_map("environment")
@@ -51,14 +52,20 @@ def parse_module(body: object, *, subject: str) -> ModuleFile:
     return module
 
 
-def _stream(fields: Fields, further: str) -> ModuleStream:
+_INPUT = ("depth", "ros", "types")
+_OUTPUT = ("frame", "kind", "child_frame", "ros", "types")
+"""Fields that only the module itself reads."""
+
+
+def _stream(fields: Fields, *further: str) -> ModuleStream:
     encoding = fields.text("encoding", "json", allowed="an encoding such as json")
     stream = ModuleStream(
         key=fields.key_expression("key"),
         encoding=Encoding(encoding) if encoding in list(Encoding) else None,
         type=fields.optional_text("type"),
     )
-    fields.raw(further)
+    for name in further:
+        fields.raw(name)
     fields.close()
     return stream
 
@@ -66,5 +73,7 @@ def _stream(fields: Fields, further: str) -> ModuleStream:
 def _needs(fields: Fields) -> dict[str, object]:
     values = {"cores": fields.cpu("cores"), "memory": fields.memory("memory"), "deadline": fields.duration("deadline")}
     needs = {name: fields.raw(name) for name, value in values.items() if value is not None}
+    if values["cores"] is not None:
+        needs["cores"] = format_cpu(int(values["cores"]))  # the API refuses a bare fraction
     fields.close()
     return needs

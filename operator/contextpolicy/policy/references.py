@@ -10,13 +10,16 @@ from contextpolicy.errors import Finding
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.cel_functions import OWN, RESERVED
 from contextpolicy.policy.cel_kinds import CallCost
+from contextpolicy.policy.context_reads import Dependencies
 from contextpolicy.policy.dependencies import LEVELS, TaskTree
+from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.policy.suggestions import did_you_mean
+from contextpolicy.policy.written import expressions, reads_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
-    from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.spec import Effect, Policy, Task
 
 
 def check(policy: Policy) -> list[Finding]:
@@ -31,7 +34,7 @@ def _names(policy: Policy) -> Iterator[Finding]:
                 yield Finding(f"spec.{kind}", name, f"each name once; this one appears {count} times")
     for index, stream in enumerate(policy.streams):
         if stream.name in RESERVED:
-            yield Finding(f"spec.streams[{index}].name", stream.name, "a name that is no word of CEL")
+            yield Finding(f"spec.streams[{index}].name", stream.name, "a name that is not a reserved word of CEL")
 
 
 def _streams(policy: Policy) -> Iterator[Finding]:
@@ -47,9 +50,11 @@ def _streams(policy: Policy) -> Iterator[Finding]:
 
 def _expressions(policy: Policy) -> Iterator[Finding]:
     names = {stream.name for stream in policy.streams}
-    for field, source in _sources(policy):
+    contexts = [context.name for context in policy.contexts]
+    for field, source, _ in expressions(policy):
         for unknown in sorted(Expression(source).variables - names):
             yield Finding(field, unknown, f"a stream of this policy: {_list(names)}{did_you_mean(unknown, names)}")
+        yield from _read_contexts(field, source, contexts)
     for index, stream in enumerate(policy.streams):
         for field, own_source in (
             ("filter", stream.filter),
@@ -62,21 +67,20 @@ def _expressions(policy: Policy) -> Iterator[Finding]:
                 yield Finding(f"spec.streams[{index}].{field}", unknown, f"its own stream only: {stream.name}")
             if expression.presence:
                 asking = " and ".join(f"{one.name}()" for one in OWN if one.cost is CallCost.ASK)
-                yield Finding(f"spec.streams[{index}].{field}", own_source, f"what a sample says, without {asking}")
+                yield Finding(
+                    f"spec.streams[{index}].{field}", own_source, f"a condition on the sample alone, without {asking}"
+                )
+            if expression.contexts:
+                yield Finding(
+                    f"spec.streams[{index}].{field}", own_source, "a condition on the sample alone, without contexts"
+                )
 
 
-def _sources(policy: Policy) -> Iterator[tuple[str, str]]:
-    for index, task in enumerate(policy.tasks):
-        for number, activity in enumerate(task.activity):
-            yield f"spec.tasks[{index}].activity[{number}].when", activity.when
-            if activity.score_from is not None:
-                yield f"spec.tasks[{index}].activity[{number}].scoreFrom", activity.score_from
-        for number, requirement in enumerate(task.requires):
-            if requirement.task is None:
-                yield f"spec.tasks[{index}].requires[{number}].when", requirement.when
-    for index, context in enumerate(policy.contexts):
-        if context.when is not None:
-            yield f"spec.contexts[{index}].when", context.when
+def _read_contexts(field: str, source: str, names: Sequence[str]) -> Iterator[Finding]:
+    for unknown in sorted(Expression(source).contexts - {*names}):
+        cut = next((name for name in names if name.startswith(f"{unknown}-")), None)
+        meant = f"; contexts.{cut} is a subtraction: write contexts['{cut}']" if cut else did_you_mean(unknown, names)
+        yield Finding(field, unknown, f"a context of this policy: {_list(names)}{meant}")
 
 
 def _graph(policy: Policy) -> Iterator[Finding]:
@@ -106,13 +110,59 @@ def _cycles(tree: TaskTree, names: list[str]) -> Iterator[Finding]:
 
 def _contexts(policy: Policy) -> Iterator[Finding]:
     names = [context.name for context in policy.contexts]
+    yield from _context_cycle(policy)
     if policy.fallback is not None:
         yield from _known("spec.fallback", policy.fallback, names)
+    for index, stream in enumerate(policy.streams):
+        if stream.fallback is not None:
+            yield from _known(f"spec.streams[{index}].fallback", stream.fallback, names)
     if policy.force is not None:
         yield from _known("spec.force.context", policy.force.context, names)
     for index, context in enumerate(policy.contexts):
         for task in context.effects:
             yield from _known(f"spec.contexts[{index}].tasks", task, [t.name for t in policy.tasks])
+    yield from _bounds(policy)
+
+
+def _bounds(policy: Policy) -> Iterator[Finding]:
+    """The bounds of contexts that are not within the task's own."""
+    tasks = {task.name: task for task in policy.tasks}
+    for index, context in enumerate(policy.contexts):
+        for name, effect in context.effects.items():
+            task = tasks.get(name)
+            if task is None or not effect.bounds:
+                continue
+            field = f"spec.contexts[{index}].tasks.{name}"
+            if task.subtasks:
+                yield Finding(field, name, "min and max only for a task in a container: a group has subtasks")
+            elif effect.suspends:
+                yield Finding(
+                    field, name, "min and max only where the context does not suspend the task: see suspendedCpu"
+                )
+            else:
+                yield from _outside(field, task, effect)
+
+
+def _outside(field: str, task: Task, effect: Effect) -> Iterator[Finding]:
+    most = "" if task.max is None else f" and at most its max, {format_cpu(task.max)}"
+    least = task.min
+    for name, bound in (("min", effect.min), ("max", effect.max)):
+        if bound is None:
+            continue
+        if bound < least or (task.max is not None and bound > task.max):
+            what = "the context's min" if least == effect.min else "the task's min"
+            yield Finding(f"{field}.{name}", format_cpu(bound), f"at least {what}, {format_cpu(least)}{most}")
+        elif name == "max" and bound < task.suspended_cpu:
+            yield Finding(f"{field}.max", format_cpu(bound), f"at least suspendedCpu, {format_cpu(task.suspended_cpu)}")
+        least = max(least, bound)
+
+
+def _context_cycle(policy: Policy) -> Iterator[Finding]:
+    cycle = Dependencies(reads_of(policy.contexts)).cycle()
+    if cycle is not None:
+        steps = ", ".join(f"{one} reads {other}" for one, other in pairwise(cycle))
+        place = [context.name for context in policy.contexts].index(cycle[0])
+        yield Finding(f"spec.contexts[{place}]", " -> ".join(cycle), f"no cycle of contexts: {steps}")
 
 
 def _known(field: str, name: str, names: Iterable[str]) -> Iterator[Finding]:
@@ -121,6 +171,6 @@ def _known(field: str, name: str, names: Iterable[str]) -> Iterator[Finding]:
 
 
 def _list(names: Iterable[str]) -> str:
-    # A name that was refused when it was read is empty by now; its own finding tells what it was.
+    # A name that was refused when it was read is empty by now; its own finding has it.
     usable = sorted(filter(None, names))
     return "one of " + ", ".join(usable) if usable else "none are declared"

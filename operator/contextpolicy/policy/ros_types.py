@@ -39,7 +39,7 @@ def is_known(type_name: str, store: Typestore | None = None) -> bool:
 
 
 def type_findings(policy: Policy) -> list[Finding]:
-    """The streams whose ROS type can't be decoded; parsing can't tell, as it knows no message definitions.
+    """The streams whose ROS type can't be decoded; parsing cannot see it, as it knows no message definitions.
 
     Also generates their converters, which takes a tenth of a second, so that no sample waits for that.
     """
@@ -53,7 +53,7 @@ def _finding(path: str, stream: Stream) -> Finding | None:
     try:
         store = store_of(stream)
     except DefinitionError as error:
-        return Finding(f"{path}.types", stream.types, f"message definitions without mistakes; {error}")
+        return Finding(f"{path}.types", stream.types, f"valid message definitions; {error}")
     if not is_known(stream.type, store):
         if stream.types and stream.definitions is None:
             return None  # it may be in the ConfigMap, which has not been read

@@ -11,6 +11,7 @@ import re
 from typing import TYPE_CHECKING
 
 from contextpolicy.policy.cel_functions import RESERVED
+from contextpolicy.policy.custom_resource import API_VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -27,13 +28,14 @@ def skeleton(modules: Sequence[ModuleFile], *, name: str, namespace: str) -> str
     contexts = [line for module in modules for line in _starves(module, names)]
     lines = [
         f"# What runs on the robot: {', '.join(module.name for module in modules)}. Edit it.",
-        "apiVersion: contextpolicy.dev/v1alpha1",
+        f"apiVersion: {API_VERSION}",
         "kind: ContextPolicy",
         "metadata:",
         f"  name: {name}",
         f"  namespace: {namespace}",
         "spec:",
         "  mode: DryRun                         # says what it would do; Enforce when you agree",
+        "  # enforcement: {control: Suspend}    # the first step: contexts only suspend (default: Weight)",
         "  streams:",
         *_streams(modules, names),
         "  tasks:",

@@ -7,22 +7,36 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
+from contextpolicy.policy.activities import Needs
 from contextpolicy.policy.bandwidth import PERIOD
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from contextpolicy.policy.activities import Activity, Requirement
     from contextpolicy.policy.selectors import Selector
 
 
 class Mode(StrEnum):
     """What happens with a plan: carried out, only reported, or not made at all."""
 
-    ENFORCE = "Enforce"
-    DRY_RUN = "DryRun"
-    PAUSED = "Paused"
+    decides: bool
+    """Whether plans are made."""
+    acts: bool
+    """Whether plans are carried out: a policy claims its containers then, and each has only one."""
+
+    def __new__(cls, name: str, decides: bool, acts: bool) -> Self:  # noqa: FBT001 - a row of the table
+        """A mode by its name in `spec.mode`."""
+        mode = str.__new__(cls, name)
+        mode._value_ = name
+        mode.decides, mode.acts = decides, acts
+        return mode
+
+    ENFORCE = ("Enforce", True, True)
+    DRY_RUN = ("DryRun", True, False)
+    PAUSED = ("Paused", False, False)
 
 
 class Scheduler(StrEnum):
@@ -71,7 +85,7 @@ class Encoding(StrEnum):
 
 
 class Clock(StrEnum):
-    """Which time of a sample counts: its own stamp, its arrival, or the stamp as long as it comes from our clock."""
+    """Whether a sample's stamp may drop it: always, never, or as long as it comes from our clock."""
 
     AUTO = "Auto"
     SOURCE = "Source"
@@ -105,11 +119,8 @@ class SatisfiedBy(StrEnum):
     ANY = "Any"
 
 
-class Enforce(StrEnum):
-    """What happens to a task whose needs can't be met: it is kept and reported, or suspended (paper III)."""
-
-    REPORT = "Report"
-    SUSPEND = "Suspend"
+MAX_SAMPLES = 10_000
+"""A window keeps at most this many samples, the newest ones: 10 s of a 1 kHz sensor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,9 +150,13 @@ class Stream:
     definitions: tuple[tuple[str, str], ...] | None = None
     stale_after: float | None = None
     liveliness: str | None = None
+    fallback: str | None = None
+    """The context that holds while the stream is silent, instead of the policy's fallback."""
     timestamp: str | None = None
     clock: Clock = Clock.AUTO
     filter: str | None = None
+    sources: int = 0
+    """How many sources to keep apart by what the key's wildcards match; 0: only the latest sample of all counts."""
     debounce: float = 0.0
     sample_every: float = 0.0
     produced_by: str | None = None
@@ -151,52 +166,13 @@ class Stream:
 
 
 @dataclass(frozen=True, slots=True)
-class Activity:
-    """An event-driven initiative: a score while its event is fresh (paper III, IV-D).
-
-    With `hold` a matching sample counts that long; without it, until a sample does not match or the stream is silent.
-    `decay` then lets the score fall to zero linearly. `initiative` names a plugged-in instantiation function instead.
-    """
-
-    when: str = "true"
-    stream: str | None = None
-    score: float = 1.0
-    score_from: str | None = None
-    hold: float = 0.0
-    decay: float = 0.0
-    initiative: str | None = None
-    arguments: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class Requirement:
-    """A pre-condition: without it the task's weight is 0. A matching sample counts for `hold`.
-
-    With `task` it is an edge of the task graph instead: that task must be able to run.
-    """
-
-    when: str = "true"
-    hold: float = 0.0
-    task: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Needs:
-    """Capability constraints: what the task must get to be of any use (paper III)."""
-
-    cores: int | None = None
-    memory: int | None = None
-    deadline: float | None = None
-    enforce: Enforce = Enforce.REPORT
-
-
-@dataclass(frozen=True, slots=True)
 class Task:
     """A robot function; `idle` is its score while no activity is fresh, None where it has no activity at all.
 
     Contexts can weight a `protected` one, but nothing can suspend it or put it below its `min`. With
     `restart_on_resize` it accepts that a new share restarts a container whose `resizePolicy` is RestartContainer.
-    `suspended_cpu` is what each of its containers keeps while it is suspended.
+    `suspended_cpu` is what each of its containers keeps while it is suspended. The policy is not ready while a
+    `required` one has no pod.
     """
 
     name: str
@@ -207,13 +183,14 @@ class Task:
     min: int = 10
     max: int | None = None
     suspended_cpu: int = 10
-    needs: Needs = Needs()
+    needs: Needs = field(default_factory=Needs)
     activity: tuple[Activity, ...] = ()
     requires: tuple[Requirement, ...] = ()
     subtasks: tuple[str, ...] = ()
     satisfied_by: SatisfiedBy = SatisfiedBy.ALL
     protected: bool = False
     restart_on_resize: bool = False
+    required: bool = False
 
     @property
     def preconditions(self) -> tuple[Requirement, ...]:
@@ -228,24 +205,39 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """What a context does to one task: exactly one of the three."""
+    """What a context does to one task: at most one of `weight`, `scale` and `suspend`, and bounds.
+
+    `suspend: False` takes back the suspension by a context earlier in the list; it may stand beside another. `min` and
+    `max` narrow the task's own bounds.
+    """
 
     weight: float | None = None
     scale: float | None = None
-    suspend: bool = False
+    suspend: bool | None = None
+    min: int | None = None
+    max: int | None = None
+
+    @property
+    def bounds(self) -> bool:
+        """Whether it changes the task's bounds."""
+        return self.min is not None or self.max is not None
 
     @property
     def suspends(self) -> bool:
         """Whether it takes all weight from the task, whichever field says so."""
-        return self.suspend or self.weight == 0 or self.scale == 0
+        return self.suspend is True or self.weight == 0 or self.scale == 0
 
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """A named condition over streams that changes weights while it holds."""
+    """A named condition over streams that changes weights while it holds.
+
+    It begins by `when` and ends by `until`, or once `when` is false where there is no `until`.
+    """
 
     name: str
     when: str | None = None
+    until: str | None = None
     enter_after: float = 0.0
     exit_after: float = 0.0
     effects: Mapping[str, Effect] = field(default_factory=dict)
@@ -264,7 +256,7 @@ class Shadow:
     """The policy `of` which this one is a shadow, and how many more misses it may cost once it is promoted.
 
     `tolerance` is a part of a task's inputs, `patience` seconds of missing all of them. `health` is the key expression
-    on which modules tell their misses; a task's name stands where it has its `*`.
+    on which modules publish their misses; a task's name stands where it has its `*`.
     """
 
     of: str
@@ -277,7 +269,7 @@ class Shadow:
 class Enforcement:
     """How the kernel is made to honour shares; `period` and `min_dwell` are in seconds."""
 
-    control: Control = Control.LIMIT
+    control: Control = Control.WEIGHT
     scheduler: Scheduler = Scheduler.CFS
     transition: Transition = Transition.PROMPT
     min_dwell: float = 0.0

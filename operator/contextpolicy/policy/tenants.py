@@ -60,7 +60,8 @@ class Tenants:
         keys = ", ".join(f"{prefix}/**" for prefix in prefixes) or "no stream"
         for field_, key in _keys(policy):
             if not any(f"{key}/".startswith(f"{prefix}/") for prefix in prefixes):
-                yield Finding(field_, key, f"the administrator lets namespace {policy.namespace} read {keys}")
+                expected = f"a key that the administrator lets namespace {policy.namespace} read: {keys}"
+                yield Finding(field_, key, expected)
 
     def _get(self, namespace: str) -> Tenant:
         return self.listed.get(namespace) or self.listed.get(OTHERS) or Tenant()

@@ -1,7 +1,7 @@
 """Keeps the newest samples and plans of each policy, as the bytes that went over the bus.
 
 Bytes, because their size is known: decoded, a laser scan takes ten times as much. Taking one costs the hot path an
-append; decoding is left to whoever wants the recording.
+append; decoding is left to the reader of the recording.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
 SECONDS = 300.0
 """How far back a recording reaches, if it fits."""
 BUDGET = 32 << 20
 """Bytes for all policies together, an equal part for each; the chart's memory limit has room for it."""
 OVERHEAD = 200
-"""Bytes that a record costs besides its payload: objects, references, the place in the queue."""
+"""Bytes that a record costs besides its payload, attachment and key: objects, references, the place in the queue."""
 PLANS_PART = 4
 """Plans have one part in this many of a policy's bytes: a storm of samples must not push out what was decided."""
 
@@ -38,10 +38,14 @@ RawSample: TypeAlias = tuple[float, str, bytes, bytes, str]
 
 
 class PlanRecord(NamedTuple):
-    """One message of the decision bus, when it was published (monotonic seconds)."""
+    """One message of the decision bus, when it was published (monotonic seconds), and until when it was in force.
+
+    None: until the next one, or still.
+    """
 
     published: float
     payload: bytes
+    until: float | None = None
 
 
 @dataclass(slots=True)
@@ -52,6 +56,8 @@ class Records:
     plans: deque[PlanRecord] = field(default_factory=deque)
     before: dict[str, RawSample] = field(default_factory=dict)
     """The last sample of each stream that is older than `samples`: without it a replay would begin blind."""
+    streams: Collection[str] = ()
+    """Those that the policy reads."""
     sample_bytes: int = 0
     plan_bytes: int = 0
     limit: int = 0
@@ -65,13 +71,15 @@ class Records:
 class FlightRecorder:
     """Everything on the loop's thread. `budget` is in bytes, `seconds` how far back records reach."""
 
-    def __init__(self, budget: int = BUDGET, seconds: float = SECONDS) -> None:
+    def __init__(self, budget: int, seconds: float) -> None:
         self._budget, self._seconds = budget, seconds
         self._policies: dict[str, Records] = {}
 
-    def begin(self, policy: str) -> Records:
-        """Record this policy from now on, or go on with it after an edit."""
+    def begin(self, policy: str, streams: Collection[str]) -> Records:
+        """Record this policy, which reads these streams, from now on, or go on with it after an edit."""
         records = self._policies.setdefault(policy, Records())
+        records.streams = frozenset(streams)
+        records.before = {stream: record for stream, record in records.before.items() if stream in records.streams}
         self._share_out()
         return records
 
@@ -85,7 +93,7 @@ class FlightRecorder:
 
         On the hot path: so a plain tuple, read by position, and a limit that is known beforehand.
         """
-        size, samples = len(record[2]) + OVERHEAD, records.samples
+        size, samples = len(record[2]) + len(record[3]) + len(record[4]) + OVERHEAD, records.samples
         if size > records.limit:
             return
         samples.append(record)
@@ -96,11 +104,13 @@ class FlightRecorder:
     def _let_go(self, records: Records, now: float) -> None:
         while records.sample_bytes > records.limit or now - records.samples[0][0] > self._seconds:
             oldest = records.samples.popleft()
-            records.sample_bytes -= len(oldest[2]) + OVERHEAD
-            records.before[oldest[1]] = oldest
+            records.sample_bytes -= len(oldest[2]) + len(oldest[3]) + len(oldest[4]) + OVERHEAD
+            if oldest[1] in records.streams:
+                records.before[oldest[1]] = oldest
 
-    def take_plan(self, records: Records, record: PlanRecord) -> None:
-        """Keep a plan, likewise; the newest is always kept."""
+    def take_plan(self, policy: str, record: PlanRecord) -> None:
+        """Keep a plan of a policy that is recorded, likewise; the newest is always kept."""
+        records = self._policies[policy]
         records.plans.append(record)
         records.plan_bytes += len(record.payload) + OVERHEAD
         limit = records.limit // (PLANS_PART - 1)
@@ -109,14 +119,20 @@ class FlightRecorder:
         ):
             records.plan_bytes -= len(records.plans.popleft().payload) + OVERHEAD
 
+    def end_plan(self, policy: str, moment: float) -> None:
+        """No plan is in force from now on (a pause), until the next one."""
+        records = self._policies.get(policy)
+        if records is not None and records.plans and records.plans[-1].until is None:
+            records.plans[-1] = records.plans[-1]._replace(until=moment)
+
     def plans_since(self, policy: str, moment: float) -> Iterator[PlanRecord]:
-        """The plans published after `moment`, oldest first."""
+        """The plans published or ended after `moment`, oldest first."""
         records = self._policies.get(policy)
         if records is not None:
-            yield from (plan for plan in list(records.plans) if plan.published > moment)
+            yield from (plan for plan in list(records.plans) if max(plan.published, plan.until or 0.0) > moment)
 
     def of(self, policy: str) -> Records | None:
-        """What is recorded of the policy; None when there is no such policy."""
+        """What is recorded of the policy; None when the policy does not exist."""
         return self._policies.get(policy)
 
     def _share_out(self) -> None:

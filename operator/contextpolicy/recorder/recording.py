@@ -54,7 +54,7 @@ def bare(body: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _first(records: Records, now: float) -> float:
-    """The oldest moment of which everything is still there."""
+    """The oldest moment since when everything is still there."""
     moments = [queue[0][0] for queue in (records.samples, records.plans) if queue]
     return min(moments, default=now)
 
@@ -113,13 +113,15 @@ def _json(value: Any, lost: Counter[str]) -> Any:
         case bytes():
             return list(value)
         case float() if not math.isfinite(value):
-            lost["numbers that JSON has not (NaN, infinity), now null"] += 1
+            lost["numbers that JSON can't represent (NaN, infinity), now null"] += 1
             return None
     return value
 
 
 def _description(policy: Policy, lost: Mapping[str, int]) -> str:
-    told = f"Recorded on the robot by the policy {policy.reference}."
+    description = f"Recorded on the robot by the policy {policy.reference}."
     if lost:
-        told += " Not as it was: " + ", ".join(f"{count} {what}" for what, count in sorted(lost.items())) + "."
-    return told
+        description += (
+            " Changed in the recording: " + ", ".join(f"{count} {what}" for what, count in sorted(lost.items())) + "."
+        )
+    return description

@@ -38,7 +38,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class ShadowDifference:
-    """From `start` to `end` in Unix seconds; `part` of that time the shares differ."""
+    """From `start` to `end` in Unix seconds; `part` of that time, without pauses, the shares differ."""
 
     start: float
     end: float
@@ -57,7 +57,9 @@ def difference(
     if start >= now:
         return None
     pairs = list(_pairs(policy, shadow, start, now))
-    seconds = now - start
+    seconds = sum(end - begin for _, _, begin, end in pairs)
+    if not seconds:
+        return None
     names = sorted({name for one, other, _, _ in pairs for name in (*one["tasks"], *other["tasks"])})
     stretches = list(_stretches(pairs))
     part = sum(own.end - own.start for own in stretches) / seconds
@@ -67,14 +69,19 @@ def difference(
 def _pairs(
     policy: Sequence[Message], shadow: Sequence[Message], start: float, now: float
 ) -> Iterator[tuple[Message, Message, float, float]]:
-    """The plans that were in force together, from when to when."""
-    moments = {plan["published"] for plan in (*policy, *shadow) if start < plan["published"] < now}
-    for begin, end in pairwise([start, *sorted(moments), now]):
-        yield _at(policy, begin), _at(shadow, begin), begin, end
+    """The plans that were in force together, from when to when; in a pause there is none."""
+    changes = {
+        plan[field] for plan in (*policy, *shadow) for field in ("published", "until") if plan[field] is not None
+    }
+    for begin, end in pairwise([start, *sorted(moment for moment in changes if start < moment < now), now]):
+        one, other = _at(policy, begin), _at(shadow, begin)
+        if one is not None and other is not None:
+            yield one, other, begin, end
 
 
-def _at(plans: Sequence[Message], moment: float) -> Message:
-    return next(plan for plan in reversed(plans) if plan["published"] <= moment)
+def _at(plans: Sequence[Message], moment: float) -> Message | None:
+    plan = next(plan for plan in reversed(plans) if plan["published"] <= moment)
+    return plan if plan["until"] is None or moment < plan["until"] else None
 
 
 def _stretches(pairs: Sequence[tuple[Message, Message, float, float]]) -> Iterator[Stretch]:
@@ -87,7 +94,7 @@ def _stretches(pairs: Sequence[tuple[Message, Message, float, float]]) -> Iterat
             for name in sorted({*one["tasks"], *other["tasks"]})
             if _share(one, name) != _share(other, name)
         }
-        if last is not None and (last.contexts, last.shares) == (contexts, shares):
+        if last is not None and (last.end, last.contexts, last.shares) == (begin, contexts, shares):
             last = Stretch(last.start, end, contexts, shares)
             continue
         if last is not None and last.shares:

@@ -3,7 +3,7 @@
 Each task has a one-sided cumulative sum (CUSUM, Page 1954): what it misses beyond the misses before and the tolerance,
 added up over time and never below 0. A sudden starvation is found within seconds, a small rise within minutes, and a
 task that recovers in between starts from 0 again. The misses before are kept by the contexts that held: a robot that
-drives misses more than one that stands, whoever divides its CPU.
+drives misses more than one that stands, under any policy.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
 
     from contextpolicy.policy.spec import Shadow
 
@@ -54,8 +54,14 @@ class Probation:
 
     @property
     def tasks(self) -> list[str]:
-        """The tasks of which misses are known."""
+        """The tasks whose misses are known."""
         return sorted(self._recalled.keys() | self._before.keys() | self._since.keys())
+
+    def keep(self, tasks: Collection[str]) -> None:
+        """Forget all tasks but these: the shadow was edited."""
+        for known in (self._recalled, self._before, self._since, self._excess, self._heard):
+            for task in known.keys() - set(tasks):
+                del known[task]
 
     def restart(self) -> None:
         """The shadow is promoted, again perhaps: judge what comes from now on."""
@@ -63,7 +69,7 @@ class Probation:
         self._excess.clear()
 
     def rest(self, task: str) -> None:
-        """The task is suspended: it misses nothing until it reports anew."""
+        """The task is suspended: it misses nothing until it reports again."""
         self._heard.pop(task, None)
 
     def learn(self, task: str, misses: float, contexts: tuple[str, ...], now: float) -> bool:

@@ -77,8 +77,8 @@ def _messages(plan: Plan, expected: Expectation) -> Iterator[str]:
     if expected.suspended is not None and suspended != expected.suspended:
         yield f"suspended: expected {_names(expected.suspended)}, but {_names(suspended)}"
     if expected.feasible is not None and expected.feasible is bool(plan.shortfalls):
-        told = "; ".join(f"{s.task} {s.message}".strip() for s in plan.shortfalls) or "nothing falls short"
-        yield f"feasible: expected {str(expected.feasible).lower()}, but {told}"
+        short = "; ".join(f"{s.task} {s.message}".strip() for s in plan.shortfalls) or "nothing falls short"
+        yield f"feasible: expected {str(expected.feasible).lower()}, but {short}"
     shares = {name: float(task.share) for name, task in plan.tasks.items()}
     yield from _outside("share", shares, expected.shares or {}, lambda value: f"{_exact(value)}m")
     weights = {name: task.weight for name, task in plan.tasks.items()}

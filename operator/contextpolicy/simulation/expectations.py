@@ -69,7 +69,7 @@ def parse(text: str, policy: Policy, *, subject: str) -> list[Expectation]:
     try:
         documents = list(read(text))
     except DocumentError as error:
-        finding = Finding(f"line {error.position.line}", None, str(error))
+        finding = Finding(f"line {error.position.line}", None, str(error), is_sentence=True)
         raise ExpectationError(subject, (finding,)) from error
     findings = list(_surplus(documents))
     body = documents[0].body if documents else None
@@ -206,4 +206,4 @@ def _is_time(raw: object) -> bool:
 def _number(raw: object) -> float:
     if _is_time(raw):
         return float(str(raw))
-    raise ValueError(f"{raw!r} is no number")
+    raise ValueError(f"{raw!r} is not a number")

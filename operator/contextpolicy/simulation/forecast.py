@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 REACTION = 0.03
 """Seconds from a plan to the cgroup: the median that `make bench-reaction` measures for a resize, rounded."""
 PHASES = 4
-"""Runs that a prediction is made of. Nobody knows when the kernel's periods begin, seen from a sensor: a fresh quota in
+"""Runs per prediction. It is unknown when the kernel's periods begin, seen from a sensor: a fresh quota in
 the middle of an input can halve its time. So the periods begin at as many equally likely moments."""
 ALL, NONE = "", "-"
-"""The names under which the whole run and the time without any context are told."""
+"""The names under which the whole run and the time without any context are reported."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stats:
-    """What becomes of a task's inputs; times in seconds, None where there is nothing to tell. Counts are rounded means.
+    """What becomes of a task's inputs; times in seconds, None where undefined. Counts are rounded means.
 
     `missed` are done, but later than the deadline; `misses` are missed and dropped inputs, and those that wait past
     their deadline at the end, as a part of all that were due. Suspended inputs are not due.
@@ -231,17 +231,18 @@ def _change(policy: Policy, plan: Plan, node: str, workers: Iterable[str]) -> Ch
     allowances = {}
     for task in workers:
         share = own.containers.get(task, own.shares.get(task, 0)) / 1000 if own else 0.0
-        allowances[task] = _allowance(policy, task, share, suspended=plan.tasks[task].suspended)
+        cap = own.caps.get(task) if own else None
+        allowances[task] = _allowance(policy, task, share, suspended=plan.tasks[task].suspended, cap=cap)
     return Change(plan.time + REACTION if plan.time > 0 else 0.0, allowances)
 
 
-def _allowance(policy: Policy, task: str, share: float, *, suspended: bool) -> Allowance:
+def _allowance(policy: Policy, task: str, share: float, *, suspended: bool, cap: int | None) -> Allowance:
     """Where nothing weighs, tasks are equals; Realtime's budgets are quotas too."""
     own = policy.enforcement
     if own.scheduler is Scheduler.REALTIME:
         return Allowance(1.0, share, suspended)
     spec = next(one for one in policy.tasks if one.name == task)
-    weight, quota = amounts(own.control, spec, round(share * 1000), suspended=suspended)
+    weight, quota = amounts(own.control, spec, round(share * 1000), suspended=suspended, cap=cap)
     return Allowance(
         1.0 if weight is None else max(weight, 1) / 1000, None if quota is None else quota / 1000, suspended
     )
@@ -256,7 +257,7 @@ def _arrivals(
             entries = [entry for entry in timeline.entries if selects(cost.key, entry.key)]
             times = sorted(at for entry in entries for at in _times(entry) if at < until)
             if not times:
-                notes.append(f"the timeline has no input for {task} on {cost.key}, or says no rate: not predicted")
+                notes.append(f"the timeline has no input for {task} on {cost.key}, or gives no rate: not predicted")
             for number, at in enumerate(times):
                 yield Work(at + cost.transit, task, index, cost.work(number), cost.transit)
 
@@ -278,7 +279,7 @@ def _deadlines(policy: Policy, profiles: Profiles, given: Mapping[str, float]) -
 def _unknown(policy: Policy, profiles: Profiles) -> Iterator[str]:
     for task in policy.leaves:
         if task.name not in profiles.tasks:
-            yield f"there is no profile of {task.name}: it is predicted to use nothing"
+            yield f"there is no profile for {task.name}: it is predicted to use no CPU"
     for name in profiles.tasks:
         if name not in {task.name for task in policy.leaves}:
             yield f"the policy has no task {name}: its profile is not used"

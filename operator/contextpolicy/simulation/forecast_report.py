@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.explain.text_table import text_table, wrapped
 from contextpolicy.simulation.forecast import ALL
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from contextpolicy.simulation.forecast import Forecast, Stats
 
@@ -16,13 +17,11 @@ HEADER = ("TASK", "CONTEXT", "INPUTS", "DONE", "LATE", "DROPPED", "SUSPENDED", "
 WHOLE = "all"
 
 
-def as_table(forecast: Forecast) -> str:
-    """A row for each task and context, then the idle cores."""
-    rows = [HEADER, *_rows(forecast)]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(HEADER))]
-    lines = [_line(row, widths) for row in rows]
+def as_table(forecast: Forecast, width: int | None = None) -> str:
+    """A row for each task and context, then the idle cores; see `text_table` for `width`."""
+    lines = text_table(HEADER, list(_rows(forecast)), width, right=range(2, len(HEADER)))
     idle = ", ".join(f"{name or WHOLE} {cores:.2f}" for name, cores in forecast.idle.items())
-    return "\n".join([*lines, f"idle cores: {idle or 'unknown'}"])
+    return "\n".join([*lines, *wrapped(f"idle cores: {idle or 'unknown'}", width, "", "  ")])
 
 
 def as_fields(forecast: Forecast) -> dict[str, Any]:
@@ -49,9 +48,3 @@ def _cells(stats: Stats) -> tuple[str, ...]:
     counts = (stats.inputs, stats.done, stats.missed, stats.dropped, stats.suspended)
     times = ("-" if time is None else f"{time * 1000:.0f} ms" for time in (stats.p50, stats.p99))
     return (*map(str, counts), f"{stats.misses:.1%}", f"{stats.worst:.1%}", *times, f"{stats.queue:.1f}")
-
-
-def _line(row: Sequence[str], widths: Sequence[int]) -> str:
-    left = [cell.ljust(width) for cell, width in zip(row[:2], widths[:2], strict=True)]
-    right = [cell.rjust(width) for cell, width in zip(row[2:], widths[2:], strict=True)]
-    return "  ".join([*left, *right])

@@ -33,15 +33,18 @@ class Knob:
 
     path: Path
     values: tuple[Any, ...]
+    is_floor: bool = False
+    """Whether it is a `min`, where the least that suffices is best: what it reserves, the others lack."""
 
     def __str__(self) -> str:
         return "/" + "/".join(map(str, self.path))
 
 
-def knobs(resource: Mapping[str, Any], demand: Mapping[str, float]) -> list[Knob]:
+def knobs(resource: Mapping[str, Any], demand: Mapping[str, float], *, delays: bool = False) -> list[Knob]:
     """Every knob of a resource; `demand` is the mean need of each task in cores, as far as it is known.
 
-    Bounds come first, since they follow from what a task needs; then weights, then delays.
+    Bounds come first, since they follow from what a task needs; then weights, then `delays` and holds where asked for:
+    they are there against flicker that a timeline may not show.
     """
     spec = resource["spec"]
     tasks = [(("spec", "tasks", index), task) for index, task in enumerate(spec["tasks"]) if not task.get("subtasks")]
@@ -50,8 +53,8 @@ def knobs(resource: Mapping[str, Any], demand: Mapping[str, float]) -> list[Knob
         *(knob for path, task in tasks for knob in _bounds(path, task, demand)),
         *(knob for path, context in contexts for knob in _changes(path, context)),
         *(knob for path, task in tasks for knob in _scaled(path, {"priority": 1, **task}, ("priority", "idle"))),
-        *(knob for path, context in contexts for knob in _delays(path, context)),
-        *(knob for path, task in tasks for knob in _holds(path, task)),
+        *(knob for path, context in contexts if delays for knob in _delays(path, context)),
+        *(knob for path, task in tasks if delays for knob in _holds(path, task)),
     ]
 
 
@@ -127,7 +130,8 @@ def _bound(path: Path, value: object, demand: float) -> Knob:
     own = None if value is None else _read(parse_cpu, value, None)
     wanted = [max(QUANTUM, -(-round(demand * factor * 1000) // QUANTUM) * QUANTUM) for factor in FLOORS]
     around = [] if own is None else [max(QUANTUM, own // 2 // QUANTUM * QUANTUM), own * 2]
-    return Knob(path, tuple(f"{cores}m" for cores in dict.fromkeys([*wanted, *around]) if cores != own))
+    values = tuple(f"{cores}m" for cores in dict.fromkeys([*wanted, *around]) if cores != own)
+    return Knob(path, values, is_floor=path[-1] == "min")
 
 
 def _read(parse: Callable[[object], Any], value: object, otherwise: Any) -> Any:

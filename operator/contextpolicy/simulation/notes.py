@@ -1,8 +1,10 @@
-"""What the plans do not show: inputs nobody reads, streams nobody feeds, samples and expressions that failed."""
+"""What the plans do not show: unread inputs, unfed streams, samples and expressions that failed."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from contextpolicy.explain.deciding import waits
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -13,6 +15,8 @@ if TYPE_CHECKING:
     from contextpolicy.simulation.run import Simulation
 
 MOST_SHORTFALLS = 20
+MOST_REASONS = 3
+"""Why samples of one stream could not be decoded."""
 
 
 def notes(policy: Policy, robot: Robot, run: Simulation) -> list[str]:
@@ -21,7 +25,8 @@ def notes(policy: Policy, robot: Robot, run: Simulation) -> list[str]:
         *(f"no stream reads {key}" for key in sorted(run.skipped.unread)),
         *(f"{key} is a data set, without values" for key in sorted(run.skipped.without_value)),
         *_unfed(policy, run),
-        *(f"{reason}, {_times(count)}" for reason, count in run.skipped.undecodable.items()),
+        *_mistyped(policy, run),
+        *_undecodable(run),
         *_drops(run.planner),
         *_failures(run.planner),
         *_waits(run),
@@ -34,6 +39,24 @@ def _unfed(policy: Policy, run: Simulation) -> Iterator[str]:
     for stream in policy.streams:
         if stream.name not in run.skipped.fed:
             yield f"the timeline never feeds stream {stream.name} ({stream.key})"
+
+
+def _mistyped(policy: Policy, run: Simulation) -> Iterator[str]:
+    types = {stream.name: stream.type for stream in policy.streams}
+    for stream, recorded in sorted(run.skipped.mistyped):
+        yield f"the recording is {recorded} and stream {stream} is {types[stream]}: none of it is read"
+
+
+def _undecodable(run: Simulation) -> Iterator[str]:
+    """The most frequent reasons of each stream; those that differ in a number only could be hundreds."""
+    by_stream: dict[str, list[tuple[str, int]]] = {}
+    for reason, count in run.skipped.undecodable.most_common():
+        by_stream.setdefault(reason.partition(":")[0], []).append((reason, count))
+    for stream, reasons in by_stream.items():
+        yield from (f"{reason}, {_times(count)}" for reason, count in reasons[:MOST_REASONS])
+        rest = [count for _, count in reasons[MOST_REASONS:]]
+        if rest:
+            yield f"{stream}: {sum(rest)} more samples can't be decoded, for {len(rest)} more reasons"
 
 
 def _drops(planner: NotingPlanner) -> Iterator[str]:
@@ -52,7 +75,7 @@ def _failures(planner: NotingPlanner) -> Iterator[str]:
 
 
 def _waits(run: Simulation) -> Iterator[str]:
-    for owner, waiting in run.planner.waits():
+    for owner, waiting in waits(run.planner):
         since = round(waiting.since - run.epoch, 6)
         yield f"{owner} waits for stream {waiting.stream} at the end, since {since:g} s: {waiting.reason}"
 
@@ -69,13 +92,9 @@ def _shortfalls(run: Simulation) -> Iterator[str]:
 
 
 def _no_plan(run: Simulation) -> Iterator[str]:
-    waiting = [name for name, stream in run.planner.streams.items() if stream.unknown]
-    if waiting:
-        yield f"there is no plan: it waits until each stream is heard or silent: {', '.join(waiting)}"
-    else:
-        shortfalls = run.planner.last.shortfalls if run.planner.last else ()
-        reasons = [f"{shortfall.task} {shortfall.message}".strip() for shortfall in shortfalls]
-        yield f"there is no plan: {'; '.join(reasons) or 'the policy has no container on these nodes'}"
+    shortfalls = run.planner.last.shortfalls if run.planner.last else ()
+    reasons = [f"{shortfall.task} {shortfall.message}".strip() for shortfall in shortfalls]
+    yield f"there is no plan: {'; '.join(reasons) or 'the policy has no container on these nodes'}"
 
 
 def _times(count: int) -> str:

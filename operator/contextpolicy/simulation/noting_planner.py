@@ -32,7 +32,10 @@ class NotingPlanner(Planner):
 
     def __init__(self, policy: Policy) -> None:
         self.failures: dict[str, Failure] = {}
-        super().__init__(policy)
+        super().__init__(policy, self, {})
+
+    def on_health(self) -> None:
+        """Nothing: a simulation is looked at when it has ended."""
 
     def on_expression_error(self, source: str, reason: str) -> None:
         """Note the first failure with the values that the expression reads, and count them all."""

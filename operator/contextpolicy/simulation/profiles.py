@@ -27,9 +27,9 @@ _GOLDEN = 0.6180339887498949
 """Steps of the golden ratio fill the unit interval more evenly than chance, and are the same each time."""
 _UNQUEUED = 0.05
 """Part of the inputs that is taken to have met an empty queue: what they waited for is the task's thread to wake up."""
-_TELLS = ("task", "module", "machine", "seconds", "failures")
+_TELLS = ("task", "module", "machine", "seconds", "failures", "adaptive")
 _COUNTS = ("done", "missed", "dropped", "broken", "shared")
-"""What robotkit also tells of a task and of an input, and the model does not need."""
+"""What robotkit also reports of a task and of an input, and the model does not need."""
 
 
 class ProfileError(FindingsError):
@@ -142,14 +142,14 @@ def _input(fields: Fields, seconds: float) -> tuple[Cost | None, float]:
 
 
 def _quantile(times: Fields, part: float) -> float:
-    """Of a distribution; 0 where it is not told."""
+    """Of a distribution; 0 where it is not given."""
     quantiles = times.raw("quantiles")
     known = isinstance(quantiles, list) and quantiles and all(map(_is_seconds, quantiles))
     return float(quantiles[round(part * (len(quantiles) - 1))]) if known else 0.0
 
 
 def with_steady_inputs(timeline: Timeline, profiles: Profiles) -> Timeline:
-    """The timeline, with the inputs that nobody recorded: they come as steadily as when they were measured.
+    """The timeline, with the inputs that were not recorded: they come as steadily as when they were measured.
 
     A robot's recorder has what policies read, and no policy reads the pictures of a camera.
     """

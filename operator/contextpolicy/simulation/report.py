@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.explain.text_table import text_table
 from contextpolicy.planning.plan_json import plan_json
 
 if TYPE_CHECKING:
@@ -18,20 +18,19 @@ if TYPE_CHECKING:
 CSV_COLUMNS = ("time", "sequence", "cause", "contexts", "task", "score", "weight", "share", "suspended")
 
 
-def table(plans: Sequence[Plan]) -> str:
-    """Time, contexts, share and weight of each task, and the cause; a row for each change in these columns."""
+def table(plans: Sequence[Plan], width: int | None = None) -> str:
+    """Time, contexts, share and weight of each task, and the cause; a row for each change in these columns.
+
+    See `text_table` for `width`.
+    """
     tasks = list(plans[0].tasks) if plans else []
     header = ["TIME", "CONTEXTS", *(f"{name.upper()} (WEIGHT)" for name in tasks), "CAUSE"]
-    rows = [header]
+    rows: list[list[str]] = []
     for before, plan in zip([None, *plans], plans, strict=False):
         row = _row(plan, tasks)
         if before is None or before.sequence != plan.sequence or row[1:-1] != rows[-1][1:-1]:
             rows.append(row)
-    widths = [max(len(row[column]) for row in rows) for column in range(len(header) - 1)]
-    return "\n".join(
-        "  ".join([row[0].rjust(widths[0]), *(c.ljust(w) for c, w in zip(row[1:-1], widths[1:], strict=True)), row[-1]])
-        for row in rows
-    )
+    return "\n".join(text_table(header, rows, width, right={0})) or "  ".join(header)
 
 
 def _row(plan: Plan, tasks: Sequence[str]) -> list[str]:
@@ -44,11 +43,9 @@ def _share(plan: Plan, task: str) -> str:
     return f"{plan.tasks[task].share}m " if any(task in node.shares for node in plan.nodes.values()) else ""
 
 
-def as_json(policy: Policy, plans: Sequence[Plan], **about: Any) -> str:
-    """One document: the fields of `about`, then the plans as on the decision bus (`plan_json`)."""
-    return json.dumps(
-        {"policy": policy.reference, **about, "plans": [plan_json(policy, plan) for plan in plans]}, indent=2
-    )
+def as_fields(policy: Policy, plans: Sequence[Plan], **about: Any) -> dict[str, Any]:
+    """The fields of `about`, then the plans as on the decision bus (`plan_json`)."""
+    return {"policy": policy.reference, **about, "plans": [plan_json(policy, plan) for plan in plans]}
 
 
 def as_csv(plans: Sequence[Plan]) -> str:

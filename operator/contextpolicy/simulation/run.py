@@ -12,7 +12,6 @@ from reactivex.scheduler import HistoricalScheduler
 from contextpolicy.planning.observable import plan_with
 from contextpolicy.simulation.epoch import epoch_of
 from contextpolicy.simulation.noting_planner import NotingPlanner
-from contextpolicy.simulation.robot import CORES, NODE, Robot
 from contextpolicy.simulation.samples import Skipped, samples
 
 if TYPE_CHECKING:
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.inputs import Input
     from contextpolicy.planning.observable import Instantiate
     from contextpolicy.policy.spec import Policy
+    from contextpolicy.simulation.robot import Robot
     from contextpolicy.streams.timeline import Timeline
 
 
@@ -46,19 +46,17 @@ def simulate(  # noqa: PLR0913 - what a run may be given, by keyword
     policy: Policy,
     timeline: Timeline,
     *,
-    cores: float | None = None,
-    robot: Robot | None = None,
+    robot: Robot,
     until: float | None = None,
     initiatives: Mapping[str, Instantiate] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> Simulation:
     """Run the timeline to its end, or up to and including `until` seconds.
 
-    Without a `robot`, one node with `cores`. `on_progress` gets the virtual time every `PROGRESS` samples.
+    `on_progress` gets the virtual time every `PROGRESS` samples.
     """
     epoch = epoch_of(policy, timeline)
     run = Simulation(NotingPlanner(policy), timeline.duration if until is None else until, epoch)
-    robot = robot or Robot({NODE: CORES if cores is None else round(cores * 1000)})
     clock = _Clock(epoch)
     inputs: Subject[Input] = Subject()
     inputs.pipe(plan_with(run.planner, clock, initiatives)).subscribe(run.plans.append)

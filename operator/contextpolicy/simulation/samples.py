@@ -34,6 +34,9 @@ class Skipped:
     """How often, by the decoder's message."""
     fed: set[str] = field(default_factory=set)
     """The streams that got anything at all."""
+    mistyped: set[tuple[str, str]] = field(default_factory=set)
+    """Streams of recorded messages of another type, each with the type that the recording has: nothing is decoded, as
+    it might succeed, with values that mean nothing."""
 
 
 def samples(
@@ -51,10 +54,13 @@ def samples(
         selecting = readers.get(source)
         if selecting is None:
             streams = [stream for stream in policy.streams if selects(stream.key, timed.key)]
-            selecting = readers[source] = [_Reader(stream, timed.encoding) for stream in streams]
+            selecting = readers[source] = [
+                _Reader(stream, timed.encoding) for stream in streams if _has_type(stream, timed, skipped)
+            ]
+            skipped.unread.update(() if streams else (timed.key,))
         if not selecting:
-            skipped.unread.add(timed.key)
-        elif timed.value is None and timed.payload is None:
+            continue
+        if timed.dataset is not None:
             skipped.without_value.add(timed.key)
         else:
             made = _made(timed, epoch_ns + round(timed.at * 1e9))
@@ -64,6 +70,8 @@ def samples(
                 if isinstance(taken, str):
                     skipped.undecodable[taken] += 1
                     drops[reader.stream.name, "undecodable"] += 1
+                elif reader.stream.sources:
+                    yield timed.at, taken._replace(key=timed.key)
                 else:
                     yield timed.at, taken
 
@@ -106,6 +114,15 @@ class _Reader:
             return self._decoder.decode(payload)
         except DecodeError as error:
             return str(error)
+
+
+def _has_type(stream: Stream, timed: TimedInput, skipped: Skipped) -> bool:
+    """Whether a stream decodes what was recorded as what it was."""
+    if stream.encoding is not Encoding.CDR or not timed.type or stream.type in (None, timed.type):
+        return True
+    skipped.fed.add(stream.name)
+    skipped.mistyped.add((stream.name, timed.type))
+    return False
 
 
 def _is_plain(value: object) -> bool:

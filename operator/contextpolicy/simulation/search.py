@@ -1,7 +1,7 @@
 """Better weights, bounds and delays for a policy, by trying them in the simulation. Pure: the judge is an argument.
 
 One knob is turned at a time, and left where it helps; rounds go on until none helps any more. In the end each change is
-taken back if that costs nothing, so that the patch holds only what matters.
+taken back if that costs nothing, so that the patch holds only what matters, and floors are lowered while they suffice.
 """
 
 from __future__ import annotations
@@ -9,7 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from contextpolicy.policy.quantities import parse_cpu
 from contextpolicy.simulation.forecast import ALL
+from contextpolicy.simulation.knobs import QUANTUM
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -44,7 +46,7 @@ class SearchResult:
 def cost(forecasts: Sequence[Forecast], before: Sequence[Forecast], goals: Mapping[str, Goal]) -> float:
     """What a policy costs over all timelines: misses above the goal count a hundredfold.
 
-    Inputs that are suspended, and were not `before`, count as missed: nobody gets better by doing less.
+    Inputs that are suspended, and were not `before`, count as missed: doing less must not count as an improvement.
     """
     total = sum(goal.priority for goal in goals.values()) or 1.0
     each = [
@@ -81,6 +83,20 @@ def search(listed: Sequence[Knob], judge: Callable[[Values], float], tries: int)
         if reached <= after + WORTH:
             best, after = fewer, reached
     return SearchResult(best, before, after, counting.tries)
+
+
+def lowest_floors(listed: Sequence[Knob], found: Values, suffices: Callable[[Values], bool]) -> Values:
+    """The values with each floor among them as low as `suffices` allows, by halving."""
+    best = dict(found)
+    for knob in listed:
+        if knob.is_floor and knob.path in best:
+            low, high = 0, parse_cpu(best[knob.path]) // QUANTUM
+            while high - low > 1:
+                middle = (low + high) // 2
+                enough = suffices({**best, knob.path: f"{middle * QUANTUM}m"})
+                low, high = (low, middle) if enough else (middle, high)
+            best[knob.path] = f"{high * QUANTUM}m"
+    return best
 
 
 def _best_turn(knob: Knob, values: Values, counting: _Counting) -> tuple[Values, float]:

@@ -1,4 +1,4 @@
-"""A node as a server of work, in virtual time: how long inputs wait and take. Five sentences tell the model.
+"""A node as a server of work, in virtual time: how long inputs wait and take. The model in five sentences.
 
 Work arrives and waits in its task's queue; a full queue drops its oldest. A task works on one input at a time. At each
 instant, the tasks that have work divide the node's cores by their weight, none faster than its threads allow. A task
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
 EPSILON = 1e-8
-"""Seconds of CPU below which work is done and a quota is used up: a float tells them apart for 10^7 s."""
+"""Seconds of CPU below which work is done and a quota is used up: a float resolves them for 10^7 s."""
 SAME_PERIOD = 1e-6
 """Part of a period by which a boundary may be missed through rounding."""
 LEAST = 0.001

@@ -34,7 +34,7 @@ class Trial:
     robot: Robot
     initiatives: Mapping[str, Instantiate]
     deadlines: Mapping[str, float]
-    """Seconds, of tasks for which somebody gave another deadline than policy and profile."""
+    """Seconds, of tasks whose deadline was overridden on the command line."""
 
     def predict(self, values: Values) -> list[Forecast] | None:
         """A forecast for each timeline; None for a policy that would be refused."""

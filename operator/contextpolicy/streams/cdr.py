@@ -26,7 +26,7 @@ def reader(type_name: str, store: Typestore, *, max_values: int) -> Callable[[by
     here, so that the first sample does not wait for it.
     """
     if not is_known(type_name, store):
-        raise DecodeError(f"{type_name} is no known ROS 2 message type")
+        raise DecodeError(f"{type_name} is not a known ROS 2 message type")
     store.get_msgdef(type_name)
     convert = _message(store, type_name, max_values)
 

@@ -17,6 +17,7 @@ from contextpolicy.errors import DecodeError
 from contextpolicy.planning.conditions.sample import Sample, as_fields
 from contextpolicy.policy.spec import Clock, Encoding, Stream
 from contextpolicy.streams.attachment import source_timestamp
+from contextpolicy.streams.value_counts import cbor_exceeds, msgpack_exceeds, refused_tag
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,6 +28,8 @@ MAX_DEPTH = 32
 """Levels of nested lists and maps."""
 MAX_VALUES = 10_000
 """Numbers, texts and keys of one payload, counted over all levels."""
+MAX_BITS = 14_284
+"""Of an integer: 4300 digits, which is as far as JSON goes here (`sys.int_info`)."""
 
 _PLAIN = frozenset({type(None), bool, int, float, str, bytes})
 _UNITS = ((1e11, 1), (1e14, 10**3), (1e17, 10**6))
@@ -102,7 +105,7 @@ def _read_json(payload: bytes) -> object:
 
 
 def is_small(payload: bytes) -> bool:
-    """Whether a JSON payload is certainly within all bounds, without a walk; False if only a walk can tell.
+    """Whether a JSON payload is certainly within all bounds, without a walk; False if a walk has to decide.
 
     Each level needs a bracket and each further entry a comma, so counting bytes gives an upper bound. An entry of a map
     is two values, its key and its value; a third instead of half leaves room for the first entry of each level.
@@ -112,12 +115,18 @@ def is_small(payload: bytes) -> bool:
 
 
 def _refuse_constant(name: str) -> object:
-    raise DecodeError(f"holds {name}, which is no JSON number")
+    raise DecodeError(f"holds {name}, which is not a JSON number")
+
+
+def _finite(number: str) -> float:
+    if math.isinf(float(number)):
+        raise DecodeError(f"holds {_short(number)}, which is larger than any double")
+    return float(number)
 
 
 _FAST_JSON = msgspec.json.Decoder()
-"""Takes a quarter of the time. What it accepts has the very same value; it refuses more, such as `1e400`."""
-_JSON = json.JSONDecoder(parse_constant=_refuse_constant)
+"""Takes a quarter of the time. What it accepts has the very same value; it refuses more, such as `"\\ud800"`."""
+_JSON = json.JSONDecoder(parse_constant=_refuse_constant, parse_float=_finite)
 """Decides about what the other refuses, in its own words."""
 
 
@@ -125,20 +134,39 @@ def _cbor_reader() -> Callable[[bytes], object]:
     import cbor2  # noqa: PLC0415
 
     def read(payload: bytes) -> object:
+        _refuse_many(payload, cbor_exceeds)
         try:
-            decoded = cbor2.loads(payload, max_depth=MAX_DEPTH + 1)
+            decoded = cbor2.loads(payload, max_depth=MAX_DEPTH + 1, semantic_decoders=_NO_REFERENCES)
         except cbor2.CBORError as error:
-            raise DecodeError(f"is broken: {error}") from error
+            raise _of_cbor(error) from error
         _check(decoded)
         return decoded
 
     return read
 
 
+def _refusal(tag: int) -> Callable[[object, object], object]:
+    def refuse(_content: object, _immutable: object) -> object:
+        raise DecodeError(refused_tag(tag))
+
+    return refuse
+
+
+_NO_REFERENCES = {tag: _refusal(tag) for tag in (25, 28, 29, 256)}
+"""Tags that refer to what was said before. A text of 900 kB and a thousand references to it fit into a payload, and
+take 900 MB as soon as something copies the value."""
+
+
+def _of_cbor(error: Exception) -> DecodeError:
+    """Our own refusal, which cbor2 wraps, or what cbor2 says."""
+    return error.__cause__ if isinstance(error.__cause__, DecodeError) else DecodeError(f"is broken: {error}")
+
+
 def _msgpack_reader() -> Callable[[bytes], object]:
     import ormsgpack  # noqa: PLC0415
 
     def read(payload: bytes) -> object:
+        _refuse_many(payload, msgpack_exceeds)
         decoded = ormsgpack.unpackb(payload)
         _check(decoded)
         return decoded
@@ -161,13 +189,18 @@ def _cdr_reader(stream: Stream) -> Callable[[bytes], object]:
     return read
 
 
+def _refuse_many(payload: bytes, exceeds: Callable[[bytes, int], bool]) -> None:
+    """Refuse what holds too many values before it takes memory; each takes at least a byte."""
+    if len(payload) > MAX_VALUES and exceeds(payload, 2 * MAX_VALUES):
+        raise DecodeError(f"holds more than {MAX_VALUES} values")
+
+
 def _check(decoded: object) -> None:
     """Refuse what is too deep, too large or not plain; goes level by level, so that depth needs no stack."""
     level, depth, values = [decoded], 0, 1
     while level:
         below: list[object] = []
         for value in level:
-            # Counted before they are gathered: CBOR can refer to one list a thousand times.
             values += _size(value)
             if values > MAX_VALUES:
                 raise DecodeError(f"holds more than {MAX_VALUES} values")
@@ -190,6 +223,8 @@ def _size(value: object) -> int:
         return len(value)
     if type(value) not in _PLAIN:
         raise DecodeError(f"holds a {type(value).__name__}, allowed: numbers, texts, lists and maps")
+    if type(value) is int and value.bit_length() > MAX_BITS:
+        raise DecodeError(f"holds an integer of {value.bit_length()} bits, allowed: {MAX_BITS}")
     return 0
 
 

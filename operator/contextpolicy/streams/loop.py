@@ -99,7 +99,7 @@ class Loop(PeriodicScheduler):
 
     def _take_arrived(self) -> None:
         arriving = self._arriving
-        while not arriving.empty():  # nobody else takes from it
+        while not arriving.empty():  # no other consumer
             self._sort_in(arriving.get_nowait())
 
     def _sort_in(self, entry: tuple[float, int, _Action] | None) -> None:

@@ -1,6 +1,7 @@
 """Recordings of robots: MCAP files of any origin, and rosbag2 folders (MCAP or SQLite), read message by message.
 
-Payloads are given as they were recorded, byte for byte; streams decode them as they would on the robot.
+Payloads are given as they were recorded, byte for byte; streams decode them as they would on the robot. A damaged
+recording is refused, or, with a `DamageLog`, read without what is damaged; `Recording` is in recorded_message.
 """
 
 from __future__ import annotations
@@ -8,10 +9,10 @@ from __future__ import annotations
 import bisect
 import struct
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING
 
-from contextpolicy.errors import ContextPolicyError
 from contextpolicy.policy.key_expressions import selects
+from contextpolicy.streams.recorded_message import NO_DAMAGE, Damage, Recorded, Recording, RecordingError, Topic
 from contextpolicy.streams.timeline import RECORDED, Timeline, TimelineEntry
 
 if TYPE_CHECKING:
@@ -19,47 +20,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from contextpolicy.policy.spec import Policy
+    from contextpolicy.streams.recorded_message import Damages
 
 CLOCK_TOPIC = "/clock"
-"""Where simulators tell their time (rosgraph_msgs/msg/Clock)."""
-DERIVED = "derivedFrom"
-"""A channel with this in its metadata shows another one to viewers, and is no input."""
+"""Where simulators publish their time (rosgraph_msgs/msg/Clock)."""
 HASH = "TypeHashNotSupported"
 """The last chunk of rmw_zenoh's keys for a type whose hash is not known."""
 _CLOCK = {1: struct.Struct("<iI"), 0: struct.Struct(">iI")}
 """By the second byte of the CDR header: little and big endian."""
-
-
-class RecordingError(ContextPolicyError):
-    """A recording that can't be read."""
-
-
-class Topic(NamedTuple):
-    """One topic of a recording. `encoding` is MCAP's word: cdr, json, cbor and so on; `type` is empty if unknown."""
-
-    name: str
-    encoding: str
-    type: str
-    messages: int
-
-
-class Recorded(NamedTuple):
-    """One message; `at` is in ns since 1970, or of simulated time."""
-
-    at: int
-    topic: str
-    payload: bytes
-
-
-class Recording(Protocol):
-    """An open recording; `begin` and `end` are the times of its first and last message, in ns."""
-
-    topics: dict[str, Topic]
-    begin: int
-    end: int
-
-    def messages(self, topics: Iterable[str], begin: int, end: int) -> Iterator[Recorded]:
-        """The messages of these topics from `begin` to `end`, both included, in the order of their times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,92 +44,50 @@ class Excerpt:
         return not self.topics or any(selects(wanted, topic.strip("/")) for wanted in self.topics)
 
 
+class DamageLog:
+    """What was damaged in a recording that was read nevertheless, each part once."""
+
+    def __init__(self) -> None:
+        self.damages: list[Damage] = []
+
+    def add(self, damage: Damage) -> None:
+        """Go on reading behind a damaged part."""
+        if (damage.path, damage.what) not in {(known.path, known.what) for known in self.damages}:
+            self.damages.append(damage)
+
+    @property
+    def notes(self) -> list[str]:
+        """A sentence for each."""
+        return [f"{one.path} {one.what}; left out, {one.read or 'nothing was read'}" for one in self.damages]
+
+
 def is_recording(path: Path) -> bool:
-    """Whether a path is an MCAP file or a rosbag2 folder, by its name."""
-    return path.suffix == ".mcap" or (path / "metadata.yaml").is_file()
+    """Whether a path is an MCAP file, a file or a folder of rosbag2, by its name."""
+    return path.suffix in (".mcap", ".db3") or path.is_dir()
 
 
-def open_recording(path: Path, excerpt: Excerpt) -> Recording:
-    """Open a recording, in simulated time if asked for; RecordingError says why it can't be read."""
-    recording = McapFile(path) if path.suffix == ".mcap" else RosBag(path)
+def open_recording(path: Path, excerpt: Excerpt, damages: Damages = NO_DAMAGE) -> Recording:
+    """Open a recording, in simulated time if asked for; RecordingError says why it can't be read.
+
+    What is damaged is noted in a `DamageLog` and left out; else it is an error, now or while messages are read.
+    """
+    from contextpolicy.streams.bag_recording import open_bag  # noqa: PLC0415 - slow to load
+
+    def open_mcap(file: Path) -> Recording:
+        try:
+            from contextpolicy.streams.mcap_recording import McapRecording  # noqa: PLC0415 - an extra
+        except ImportError as error:
+            raise RecordingError(f"{file}: MCAP needs the package mcap: pip install '.[mcap]' in a checkout") from error
+        return McapRecording(file, damages)
+
+    recording = open_mcap(path) if path.suffix == ".mcap" else open_bag(path, open_mcap, damages)
+    if not recording.topics:
+        raise RecordingError(f"{path} has no message")
     return SimulatedTime(recording) if excerpt.use_sim_time else recording
 
 
-class McapFile:
-    """An MCAP file, whoever wrote it."""
-
-    def __init__(self, path: Path) -> None:
-        try:
-            from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
-            from mcap.reader import make_reader  # noqa: PLC0415
-        except ImportError as error:
-            raise RecordingError(f"{path}: MCAP needs the package mcap: pip install 'contextpolicy[mcap]'") from error
-        self._path = path
-        try:
-            with path.open("rb") as file:
-                summary = make_reader(file).get_summary()
-        except (OSError, McapError, struct.error) as error:
-            raise RecordingError(f"{path}: cannot be read: {error or type(error).__name__}") from error
-        if summary is None or summary.statistics is None or not summary.statistics.message_count:
-            raise RecordingError(f"{path}: has no summary, or no message: `mcap recover` mends a file that was cut off")
-        self.begin, self.end = summary.statistics.message_start_time, summary.statistics.message_end_time
-        self.topics: dict[str, Topic] = {}
-        for channel in summary.channels.values():
-            schema = summary.schemas.get(channel.schema_id)
-            count = summary.statistics.channel_message_counts.get(channel.id, 0)
-            if DERIVED not in channel.metadata and count:
-                before = self.topics[channel.topic].messages if channel.topic in self.topics else 0
-                name = ros_type(schema.name if schema else "")
-                self.topics[channel.topic] = Topic(channel.topic, channel.message_encoding, name, before + count)
-
-    def messages(self, topics: Iterable[str], begin: int, end: int) -> Iterator[Recorded]:
-        """In the order of their times: the file's index sorts them."""
-        from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
-        from mcap.reader import make_reader  # noqa: PLC0415
-
-        wanted = [topic for topic in topics if topic in self.topics]
-        if not wanted:
-            return
-        try:
-            with self._path.open("rb") as file:
-                for _, channel, message in make_reader(file).iter_messages(wanted, starting_at=begin, ending_at=end):
-                    if DERIVED not in channel.metadata:
-                        yield Recorded(message.log_time, channel.topic, message.data)
-        except (McapError, struct.error) as error:
-            raise RecordingError(f"{self._path}: cannot be read: {error or type(error).__name__}") from error
-
-
-class RosBag:
-    """A folder that `ros2 bag record` wrote."""
-
-    def __init__(self, path: Path) -> None:
-        from rosbags.rosbag2 import Reader, ReaderError  # noqa: PLC0415 - slow to load
-
-        self._path = path
-        try:
-            with Reader(path) as reader:
-                self.begin, self.end = reader.start_time, reader.end_time - 1
-                topics = [Topic(one.topic, "cdr", ros_type(one.msgtype), one.msgcount) for one in reader.connections]
-                count = reader.message_count
-        except (OSError, ReaderError) as error:
-            raise RecordingError(f"{path}: cannot be read: {error}") from error
-        if not count:
-            raise RecordingError(f"{path}: has no message")
-        self.topics = {topic.name: topic for topic in topics}
-
-    def messages(self, topics: Iterable[str], begin: int, end: int) -> Iterator[Recorded]:
-        """In the order of their times."""
-        from rosbags.rosbag2 import Reader  # noqa: PLC0415 - slow to load
-
-        wanted = set(topics)
-        with Reader(self._path) as reader:
-            connections = [connection for connection in reader.connections if connection.topic in wanted]
-            for connection, at, payload in reader.messages(connections, begin, end + 1) if connections else ():
-                yield Recorded(at, connection.topic, bytes(payload))
-
-
 class SimulatedTime:
-    """A recording by the clock of its simulator: each message has the time that `/clock` told last."""
+    """A recording by the clock of its simulator: each message has the last time published on `/clock`."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
@@ -189,12 +115,6 @@ def _clock_time(payload: bytes) -> int:
     return int(seconds) * 10**9 + int(nanoseconds)
 
 
-def ros_type(name: str) -> str:
-    """`sensor_msgs/Imu` as `sensor_msgs/msg/Imu`; other names as they are."""
-    package, slash, kind = name.partition("/")
-    return f"{package}/msg/{kind}" if slash and "/" not in kind else name
-
-
 def rmw_key(topic: Topic, last: str = HASH) -> str:
     """The key on which rmw_zenoh publishes a topic in domain 0."""
     package, _, kind = topic.type.partition("/msg/")
@@ -202,8 +122,10 @@ def rmw_key(topic: Topic, last: str = HASH) -> str:
 
 
 def timeline_key(topic: Topic) -> str:
-    """rmw_zenoh's key for a topic of ROS 2, the topic itself for anything else."""
-    return rmw_key(topic) if topic.encoding == "cdr" and "::msg::dds_::" not in topic.name else bridge_key(topic)
+    """rmw_zenoh's key for a topic of ROS 2, with its type's hash if known; for anything else the topic itself."""
+    if topic.encoding != "cdr" or "::msg::dds_::" in topic.name:
+        return bridge_key(topic)
+    return rmw_key(topic, topic.hash or HASH)
 
 
 def bridge_key(topic: Topic) -> str:
@@ -226,20 +148,29 @@ def keys_for(policy: Policy) -> Callable[[Topic], str]:
 
 
 def timeline_of(
-    recording: Recording, excerpt: Excerpt, key: Callable[[Topic], str], *, name: str, wanted: Sequence[str]
+    recording: Recording,
+    excerpt: Excerpt,
+    key: Callable[[Topic], str],
+    *,
+    name: str,
+    wanted: Sequence[str],
 ) -> Timeline:
     """The messages that the key expressions `wanted` select, as a timeline; of other topics, that they exist."""
     begin, end = bounds(recording, excerpt)
     keys = {topic.name: key(topic) for topic in recording.topics.values() if excerpt.wants(topic.name)}
     read = [topic for topic, named in keys.items() if any(selects(expression, named) for expression in wanted)]
     blank = TimelineEntry(0.0, 0.0, "", RECORDED, None, None, None, None)
-    entries = [replace(blank, key=named) for topic, named in keys.items() if topic not in read]
+    blanks = {topic: replace(blank, key=named, type=_ros_type(recording, topic)) for topic, named in keys.items()}
+    entries = [blanks[topic] for topic in keys if topic not in read]
     for message in recording.messages(read, begin, end):
         at = (message.at - begin) / 1e9
-        entries.append(
-            TimelineEntry(at, at, keys[message.topic], RECORDED, None, None, None, None, payload=message.payload)
-        )
+        entries.append(replace(blanks[message.topic], start=at, end=at, payload=message.payload))
     return Timeline(name, max((end - begin) / 1e9, 1e-9), tuple(entries), begin=begin / 1e9)
+
+
+def _ros_type(recording: Recording, topic: str) -> str:
+    known = recording.topics[topic]
+    return known.type if known.encoding == "cdr" else ""
 
 
 def bounds(recording: Recording, excerpt: Excerpt) -> tuple[int, int]:
@@ -247,7 +178,7 @@ def bounds(recording: Recording, excerpt: Excerpt) -> tuple[int, int]:
     begin = recording.begin + round(excerpt.start_offset * 1e9)
     if begin > recording.end:
         length = (recording.end - recording.begin) / 1e9
-        raise RecordingError(f"start offset {excerpt.start_offset:g} is not allowed: the recording has {length:g} s")
+        raise RecordingError(f"start offset: invalid value {excerpt.start_offset:g}: expected at most {length:g} s")
     if excerpt.playback_duration is None:
         return begin, recording.end
     return begin, min(recording.end, begin + round(excerpt.playback_duration * 1e9))

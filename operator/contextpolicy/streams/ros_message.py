@@ -44,6 +44,11 @@ class RosMessage:
             header.stamp = time
         return bytes(self._store.serialize_cdr(self._message, self._type))
 
+    def definition(self) -> tuple[str, str, str]:
+        """The type's name, its .msg text with all that it contains, and its hash (RIHS01_...)."""
+        text, _ = self._store.generate_msgdef(self._type, ros_version=2)
+        return self._type, text, self._store.hash_rihs01(self._type)
+
     def _build(self, type_name: str, value: object, path: str) -> Any:
         fields = dict(self._store.fielddefs[type_name][1])
         given = value if isinstance(value, dict) else {}

@@ -42,6 +42,7 @@ class TimedInput:
     dataset: str | None
     message: RosMessage | None = None
     payload: bytes | None = None
+    type: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,8 @@ class TimelineEntry:
     """Seconds of the data set that are left out at its begin."""
     payload: bytes | None = None
     """A recorded message, as it came over the bus."""
+    type: str = ""
+    """The ROS type that the recording has of it; empty if unknown."""
 
     def at_rate(self, rate: float) -> TimelineEntry:
         """See `Timeline.at_rate`; `offset` counts in the data set's own time, which stays."""
@@ -80,7 +83,9 @@ class TimelineEntry:
         count = math.ceil((self.end - self.start) * self.rate - 1e-9) if self.rate else 1
         for index in range(count):
             at = self.start + index / self.rate if self.rate else self.start
-            yield TimedInput(at, self.key, self.encoding, self.value, self.dataset, self.message, self.payload)
+            yield TimedInput(
+                at, self.key, self.encoding, self.value, self.dataset, self.message, self.payload, self.type
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +108,8 @@ class Timeline:
     phases: tuple[StoryPhase, ...] = ()
     begin: float | None = None
     """When a recording began, in Unix seconds or of simulated time; a timeline can begin at any time."""
+    notes: tuple[str, ...] = ()
+    """What of a recording could not be read, a sentence each."""
 
     def inputs(self) -> Iterator[TimedInput]:
         """All inputs in time order; those of one instant in the order of the file."""
@@ -160,7 +167,8 @@ def _uncollected() -> Iterator[None]:
 
 def _load(path: Path | str, definitions: Definitions) -> Timeline:
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        text = Path(path).read_text(encoding="utf-8")
+        document = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
     except OSError as error:
         finding = Finding("file", str(path), f"a readable file ({error.strerror})")
     except RecursionError:
@@ -211,7 +219,7 @@ def _message(raw: Mapping[str, Any], definitions: Definitions, path: str, findin
     try:
         store = type_store(release, definitions)
     except DefinitionError as error:
-        findings.append(Finding(f"{path}.type", raw["type"], f"message definitions without mistakes; {error}"))
+        findings.append(Finding(f"{path}.type", raw["type"], f"valid message definitions; {error}"))
         return None
     if not is_known(raw["type"], store):
         findings.append(Finding(f"{path}.type", raw["type"], f"a message of ROS 2 {release}, or of --types DIR"))
@@ -223,3 +231,9 @@ def _message(raw: Mapping[str, Any], definitions: Definitions, path: str, findin
 
 def _refuse_constant(name: str) -> object:
     raise ValueError(f"{name} is not a JSON number")
+
+
+def _finite(number: str) -> float:
+    if math.isinf(float(number)):
+        raise ValueError(f"{number} is larger than any double")
+    return float(number)

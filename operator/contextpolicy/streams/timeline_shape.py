@@ -118,7 +118,7 @@ def _field_findings(
 ) -> Iterator[Finding]:
     for name, (_, allowed) in required.items():
         if name not in raw:
-            yield Finding(f"{path}{name}", None, f"required: {allowed}")
+            yield Finding(f"{path}{name}", None, allowed)
     for name, value in raw.items():
         check = required.get(name) or options.get(name)
         if check is None:

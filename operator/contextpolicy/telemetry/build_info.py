@@ -1,7 +1,8 @@
-"""Which version of which program answers, as a metric."""
+"""Which version of which program answers, and since when, as metrics."""
 
 from __future__ import annotations
 
+import time
 from importlib.metadata import version
 
 from prometheus_client import Gauge
@@ -9,8 +10,14 @@ from prometheus_client import Gauge
 BUILD = Gauge(
     "contextpolicy_build_info", "Always 1; the labels say which program of which version.", ["component", "version"]
 )
+STARTED = Gauge(
+    "contextpolicy_start_timestamp_seconds",
+    "When the program started, in Unix seconds by the clock of that moment.",
+    ["component"],
+)
 
 
-def tell_build(component: str) -> None:
-    """Export the installed version; `component` is operator, agent or router."""
+def publish_build(component: str) -> None:
+    """Export the installed version, and that it starts now; `component` is operator, agent, router or fleet-router."""
     BUILD.labels(component, version("contextpolicy")).set(1)
+    STARTED.labels(component).set(time.time())

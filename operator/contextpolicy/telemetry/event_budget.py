@@ -30,7 +30,7 @@ class EventBudget:
         return True
 
     def admit_to(self, message: str) -> str:
-        """The message, with how many Events were left out before it; the count starts anew."""
-        told = f"{message} ({self.left_out} earlier events were left out)" if self.left_out else message
+        """The message, with how many Events were left out before it; the count restarts."""
+        full = f"{message} ({self.left_out} earlier events were left out)" if self.left_out else message
         self.left_out = 0
-        return told
+        return full

@@ -5,12 +5,12 @@ from __future__ import annotations
 import hashlib
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.telemetry.status import timestamp
+from contextpolicy.policy.custom_resource import API_VERSION
+from contextpolicy.telemetry.api_text import MAX_MESSAGE, timestamp
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-MAX_MESSAGE = 1024
 MAX_NAME = 240
 """Characters of the policy's name in the event's: both may have 253, and the digest needs 13."""
 
@@ -22,7 +22,7 @@ def event(policy: Mapping[str, Any], *, reason: str, message: str, now: float, w
     return {
         "metadata": {"name": f"{metadata['name'][:MAX_NAME]}.{digest}", "namespace": metadata["namespace"]},
         "involvedObject": {
-            "apiVersion": policy.get("apiVersion", "contextpolicy.dev/v1alpha1"),
+            "apiVersion": policy.get("apiVersion", API_VERSION),
             "kind": policy.get("kind", "ContextPolicy"),
             "name": metadata["name"],
             "namespace": metadata["namespace"],

@@ -14,6 +14,12 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+TEXT = "[%(asctime)s] %(levelname)s %(name)s: %(message)s"
+"""A line of the log of operator and agent. kopf's own format cuts the logger's name after 20 characters."""
+
+FIELDS = "fields"
+"""The attribute of a record with what LOG_FORMAT=json adds to its object."""
+
 
 def log_plan(policy: Policy, plan: Plan) -> None:
     """One line for each plan that is carried out; with LOG_FORMAT=json its parts are fields."""
@@ -25,27 +31,36 @@ def log_plan(policy: Policy, plan: Plan) -> None:
         plan.cause,
         " ".join(f"{name}={share}" for name, share in shares.items()),
         extra={
-            "policy": policy.reference,
-            "sequence": plan.sequence,
-            "cause": plan.cause,
-            "contexts": list(plan.contexts),
-            "shares": shares,
+            FIELDS: {
+                "policy": policy.reference,
+                "sequence": plan.sequence,
+                "cause": plan.cause,
+                "contexts": list(plan.contexts),
+                "shares": shares,
+            }
         },
     )
 
 
 def configure(log_format: str, level: str) -> None:
-    """Log to stderr from now on, where kopf does not set it up; `log_format` is text or json."""
+    """Log to stderr from now on; `log_format` is text or json, with one line or one object for each record."""
     handler = logging.StreamHandler()
-    formatter = _Json() if log_format == "json" else logging.Formatter("[%(asctime)s] %(levelname)s %(message)s")
-    handler.setFormatter(formatter)
+    handler.setFormatter(_Json() if log_format == "json" else _Text(TEXT))
     logging.basicConfig(level=level.upper(), handlers=[handler])
+
+
+class _Text(logging.Formatter):
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - the base class's name
+        """One line without control characters, whatever a policy or a sample says: it can't pass for another record."""
+        line = super().formatMessage(record)
+        return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(line.split()))
 
 
 class _Json(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """One object per line."""
-        line = {"timestamp": self.formatTime(record), "severity": record.levelname, "message": record.getMessage()}
+        line = {"timestamp": self.formatTime(record), "severity": record.levelname, "logger": record.name}
+        line |= {"message": record.getMessage(), **getattr(record, FIELDS, {})}
         if record.exc_info:
             line["exception"] = self.formatException(record.exc_info)
         return json.dumps(line)

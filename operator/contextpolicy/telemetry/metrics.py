@@ -13,11 +13,16 @@ from prometheus_client import Counter, Gauge, Histogram
 from contextpolicy.policy.spec import Mode
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from prometheus_client.metrics import MetricWrapperBase
+
     from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.policy.spec import Policy
 
 POLICY = ("namespace", "name")
-_LATENCY = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
+_LATENCY = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 3, 5, 10)
+"""3 is an old kubelet's 2 s and one more: read from between 2 and 5, a quantile would be far too large."""
 
 SAMPLE_TO_PLAN = Histogram(
     "contextpolicy_sample_to_plan_seconds",
@@ -39,7 +44,7 @@ PATCH_TO_IN_FORCE = Histogram(
 )
 REACTION = Histogram(
     "contextpolicy_reaction_seconds",
-    "Time from a sample's arrival until the kubelet reports a limit that it caused in force.",
+    "Time from a sample's arrival until what it caused is in force, as the node's agent or the kubelet confirms.",
     POLICY,
     buckets=_LATENCY,
 )
@@ -47,12 +52,16 @@ PLANS = Counter("contextpolicy_plans_total", "Plans made.", POLICY)
 DROPS = Counter("contextpolicy_samples_dropped_total", "Samples not used.", [*POLICY, "stream", "reason"])
 HELD_BACK = Counter("contextpolicy_plans_held_back_total", "Plans that minDwell held back.", POLICY)
 CONTEXT_ACTIVE = Gauge("contextpolicy_context_active", "1 while the context has effects.", [*POLICY, "context"])
-TASK_SHARE = Gauge("contextpolicy_task_share_cores", "What the plan gives the task.", [*POLICY, "task"])
-TASK_WEIGHT = Gauge("contextpolicy_task_weight", "The task's weight.", [*POLICY, "task"])
+TASK_SHARE = Gauge(
+    "contextpolicy_task_share_cores", "What the plan gives the task; none for one made of subtasks.", [*POLICY, "task"]
+)
+TASK_WEIGHT = Gauge(
+    "contextpolicy_task_weight", "The task's weight; none for one made of subtasks, which have it.", [*POLICY, "task"]
+)
 RESIZES = Counter("contextpolicy_resizes_total", "Patches of pods/resize by result.", [*POLICY, "result"])
 CONFLICTS = Counter(
     "contextpolicy_conflicts_total",
-    "Times that somebody else changed the CPU of a container of the policy.",
+    "Times that another writer changed the CPU of a container of the policy.",
     POLICY,
 )
 API_REQUESTS = Counter(
@@ -75,7 +84,17 @@ _KNOWN_BEFOREHAND = (
     EVENTS_LEFT_OUT,
 )
 """Those that need no label but the policy's."""
-_OF_A_POLICY = (*_KNOWN_BEFOREHAND, DROPS, CONTEXT_ACTIVE, TASK_SHARE, TASK_WEIGHT, RESIZES)
+_OF_A_PLAN = (CONTEXT_ACTIVE, TASK_SHARE, TASK_WEIGHT)
+"""Those that say what the plan in force is."""
+_OF_A_POLICY = (*_KNOWN_BEFOREHAND, *_OF_A_PLAN, DROPS, RESIZES)
+
+
+class RequestCount:
+    """Counts the API server's answers."""
+
+    def on_answer(self, method: str, code: str) -> None:
+        """See `AnswerListener`."""
+        API_REQUESTS.labels(method, code).inc()
 
 
 def labels(policy: str) -> tuple[str, str]:
@@ -91,20 +110,31 @@ def begin(policy: str) -> None:
 
 
 def measure(policy: Policy, plan: Plan) -> None:
-    """What the plan gives each task, and which contexts hold."""
+    """What the plan gives each task that it divides a node among, and which contexts hold.
+
+    A task made of subtasks is left out, so that the weights of a policy add up to what the plan divides by.
+    """
     own = labels(policy.reference)
     for context in policy.contexts:
         CONTEXT_ACTIVE.labels(*own, context.name).set(context.name in plan.contexts)
-    for name, task in plan.tasks.items():
-        TASK_SHARE.labels(*own, name).set(task.share / 1000)
-        TASK_WEIGHT.labels(*own, name).set(task.weight)
+    divided = {name for node in plan.nodes.values() for name in node.shares}
+    for name in (leaf.name for leaf in policy.leaves):
+        if name in divided:
+            TASK_SHARE.labels(*own, name).set(plan.tasks[name].share / 1000)
+            TASK_WEIGHT.labels(*own, name).set(plan.tasks[name].weight)
+        else:
+            TASK_SHARE.remove(*own, name)
+            TASK_WEIGHT.remove(*own, name)
+
+
+def end(policy: str) -> None:
+    """Nothing of the policy is in force any more; what it has counted goes on, until it is gone."""
+    _remove(policy, _OF_A_PLAN)
 
 
 def forget(policy: str) -> None:
     """The policy is gone, and all that was measured of it."""
-    namespace, name = labels(policy)
-    for metric in _OF_A_POLICY:
-        metric.remove_by_labels({"namespace": namespace, "name": name})
+    _remove(policy, _OF_A_POLICY)
 
 
 def replace(before: Policy, after: Policy) -> None:
@@ -115,6 +145,12 @@ def replace(before: Policy, after: Policy) -> None:
     kept = after if after.mode is not Mode.PAUSED else None
     for context in {one.name for one in before.contexts} - {one.name for one in (kept.contexts if kept else ())}:
         CONTEXT_ACTIVE.remove_by_labels({**own, "context": context})
-    for task in {one.name for one in before.tasks} - {one.name for one in (kept.tasks if kept else ())}:
+    for task in {one.name for one in before.leaves} - {one.name for one in (kept.leaves if kept else ())}:
         TASK_SHARE.remove_by_labels({**own, "task": task})
         TASK_WEIGHT.remove_by_labels({**own, "task": task})
+
+
+def _remove(policy: str, measured: Iterable[MetricWrapperBase]) -> None:
+    namespace, name = labels(policy)
+    for metric in measured:
+        metric.remove_by_labels({"namespace": namespace, "name": name})

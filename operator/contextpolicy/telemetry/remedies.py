@@ -11,7 +11,7 @@ from contextpolicy.cluster.writers import FIELD_MANAGER
 if TYPE_CHECKING:
     from contextpolicy.errors import ActuationError
 
-_AGAIN = f"it is asked for again after {REFUSED.longest:.0f} s at the latest"
+_AGAIN = f"it is retried after {REFUSED.longest:.0f} s at the latest"
 _BOUNDED = (
     "the pod has resources of its own (spec.resources), which bound its containers': set the task's max to its CPU "
     "limit and enforcement.control to Limit, or take them out of its template"
@@ -28,19 +28,19 @@ _REFUSALS = (
     (r"denied (the )?request", f"let that admission policy or webhook pass the operator's resizes; {_AGAIN}"),
 )
 _NO_ROOM = (
-    "its CPU request doesn't fit beside the node's other pods: raise the policy's reserve, lower their requests or the "
+    "its CPU request does not fit on the node: raise the policy's reserve, lower their requests or the "
     "task's max, or, unless control is Weight, give the pod unequal memory request and limit, so that only its CPU "
     "limit moves; the kubelet carries it out when there is room"
 )
 _STATIC_CPUS = (
-    "a static CPU manager resizes no Guaranteed pod: give it unequal memory request and limit, so that it is "
+    "a static CPU manager can't resize Guaranteed pods: give it unequal memory request and limit, so that it is "
     "Burstable, or leave it out of the policy"
 )
 _PENDING = (
     (r"^Deferred", _NO_ROOM),
     (r"^Infeasible.*CPU Manager", _STATIC_CPUS),
     (r"^Infeasible", "this node can't resize the pod like that: lower the task's max, or run the pod elsewhere"),
-    (r"^Error", "the kubelet tries again by itself; its log says more"),
+    (r"^Error", "the kubelet retries by itself; its log has the reason"),
 )
 _WRITERS = (
     (
@@ -68,5 +68,5 @@ def for_pending(pending: str) -> str:
 
 
 def for_writer(manager: str) -> str:
-    """What to do about somebody else who resizes a container."""
+    """What to do about another writer that resizes a container."""
     return next((remedy for pattern, remedy in _WRITERS if re.search(pattern, manager)), _ONE_DECIDES)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from math import inf
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.actuators.resize.conflict import YIELDED, Conflict
@@ -13,7 +15,7 @@ from contextpolicy.telemetry import metrics, remedies
 from contextpolicy.telemetry.reactions import Reactions
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterator, Mapping
 
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.errors import ActuationError
@@ -26,6 +28,9 @@ FAILED = "ResizeFailed"
 """Reason of the event which says that the API server refused a resize, or did not answer."""
 RECOVERED = "ResizeRecovered"
 """Reason of the event which says that a problem is over."""
+CHANGED = "another writer changed status.originals; it is written again as it was: restrict contextpolicies/status"
+CHANGED_PAUSE = 300.0
+"""Seconds between two Events about that."""
 
 
 class ResizeListener(Protocol):
@@ -51,10 +56,20 @@ class ResizeWatch:
         self._failed: dict[str, dict[str, str]] = {}
         self._held: dict[str, dict[str, str]] = {}
         self._conflicts: dict[str, dict[str, str]] = {}
+        self._changed: dict[str, float] = {}
+        """When it was last reported that another writer changed a policy's originals."""
 
-    def planned(self, policy: str, plan: Plan, ordered: float) -> None:
-        """A new plan was ordered, at this time."""
-        self._reactions.plan(policy, plan, ordered)
+    def planned(
+        self,
+        policy: str,
+        plan: Plan,
+        ordered: float,
+        left_alone: Collection[str] = (),
+        requests: Mapping[str, int] = MappingProxyType({}),
+    ) -> None:
+        """A new plan was ordered, at this time; containers that are `left_alone` keep what they have."""
+        self._reactions.plan(policy, plan, ordered, left_alone, requests)
+        self._take_confirmed(policy)
         if plan.arrived is not None:
             metrics.SAMPLE_TO_PLAN.labels(*metrics.labels(policy)).observe(ordered - plan.arrived)
 
@@ -76,6 +91,15 @@ class ResizeWatch:
         reaction = self._reactions.reach(policy, container, "status", Cpu(None, limit))
         if reaction is not None:
             self._on_reaction(policy, reaction, now)
+
+    def on_confirmed(self, policy: str, node: str, sequence: int, failed: Collection[str]) -> None:
+        """A node's agent has written what the plan says, but for the containers that `failed`."""
+        self._reactions.confirm(policy, node, sequence, time.monotonic(), failed)
+        self._take_confirmed(policy)
+
+    def _take_confirmed(self, policy: str) -> None:
+        for reaction, at in self._reactions.confirmed(policy):
+            self._on_reaction(policy, reaction, at)
 
     def _on_reaction(self, policy: str, reaction: Reaction, now: float) -> None:
         labels = metrics.labels(policy)
@@ -100,7 +124,9 @@ class ResizeWatch:
             self._listener.on_problem(policy, FAILED, message)
 
     def on_conflict(self, policy: str, container: str, conflict: Conflict | None) -> None:
-        """Somebody else resized a container, or (None) has not done so for a while."""
+        """Another writer resized a container, or (None) has not done so for a while."""
+        if not self._listener.knows(policy):
+            return
         conflicts = self._conflicts.setdefault(policy, {})
         if conflict is None:
             if conflicts.pop(container, None):
@@ -108,12 +134,19 @@ class ResizeWatch:
             return
         self._reactions.drop(policy, container)
         metrics.CONFLICTS.labels(*metrics.labels(policy)).inc()
-        by, changes = conflict.by or "somebody", ", ".join(_changes(conflict))
+        by, changes = conflict.by or "another writer", ", ".join(_changes(conflict))
         message = f"{container}: {by} changed its {changes}; {_answer(conflict)}"
         message = _advised(message, remedies.for_writer(conflict.by))
         if conflicts.get(container) != message:
             conflicts[container] = message
             self._listener.on_problem(policy, "ResizedByOther", message)
+
+    def on_changed_by_other(self, policy: str) -> None:
+        """Another writer changed the originals in the policy's status; reported once in a while, however often."""
+        now = time.monotonic()
+        if self._listener.knows(policy) and now - self._changed.get(policy, -inf) >= CHANGED_PAUSE:
+            self._changed[policy] = now
+            self._listener.on_problem(policy, "OriginalsChanged", CHANGED)
 
     def observe(self, pod: PodView, policies: Collection[str]) -> None:
         """Note whether the kubelet holds back a resize of the pod; `policies` are those that have resized it."""
@@ -148,13 +181,14 @@ class ResizeWatch:
         return {subject: message for known in every for subject, message in known.get(policy, {}).items()}
 
     def recent(self, policy: str) -> list[float]:
-        """The latest reactions to samples, from arrival until the limit was in force, in seconds, oldest first."""
+        """The latest reactions to samples, from arrival until what they caused was in force; seconds, oldest first."""
         return list(self._recent.get(policy, ()))
 
     def forget(self, policy: str) -> None:
         """The policy is gone."""
         self._reactions.forget(policy)
         self._recent.pop(policy, None)
+        self._changed.pop(policy, None)
         for known in (self._failed, self._held, self._conflicts):
             known.pop(policy, None)
 

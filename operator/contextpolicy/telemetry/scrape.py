@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from contextpolicy.cluster.agent_reports import writing
 from contextpolicy.cluster.container_names import container_id
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     from contextpolicy.cluster.agent_reports import AgentReport
     from contextpolicy.cluster.claims import Claim
+    from contextpolicy.cluster.nodes import NodeView
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.planning.planner import Planner
 
@@ -30,7 +32,10 @@ _STREAM = (*_POLICY, "stream")
 
 @dataclass(frozen=True, slots=True)
 class ScrapedPolicy:
-    """One policy: `running` are its planner and its claim, None while no version of it was ever valid."""
+    """One policy: `running` are its planner and its claim, None where nothing of it runs.
+
+    That is while no version of it was ever valid, and while it is being deleted.
+    """
 
     reference: str
     conditions: Sequence[Mapping[str, Any]]
@@ -39,13 +44,20 @@ class ScrapedPolicy:
 
 @dataclass(frozen=True, slots=True)
 class Scraped:
-    """The whole operator at one instant; `now` is the loop's time."""
+    """The whole operator at one instant; `now` is the loop's time.
+
+    `gone` are the nodes whose agent was there and is gone. `agents_everywhere` says that every node with tasks is to
+    have one.
+    """
 
     now: float
     connected: bool
     policies: Sequence[ScrapedPolicy]
     pods: Sequence[PodView]
     agents: Mapping[str, AgentReport]
+    nodes: Sequence[NodeView]
+    gone: Collection[str] = ()
+    agents_everywhere: bool = False
 
 
 class Scrape(Collector):
@@ -56,7 +68,7 @@ class Scrape(Collector):
 
     def describe(self) -> Iterator[Family]:
         """All families, empty: a registry asks for their names before there is an operator."""
-        return families(Scraped(0.0, connected=False, policies=(), pods=(), agents={}))
+        return families(Scraped(0.0, connected=False, policies=(), pods=(), agents={}, nodes=()))
 
     def collect(self) -> Iterator[Family]:
         """All families as of now."""
@@ -71,7 +83,7 @@ def families(scraped: Scraped) -> Iterator[Family]:
     Ages are by the loop's clock and no timestamps: where a robot without a battery sets its clock late, every stream
     would seem to be years old.
     """
-    policies, now = scraped.policies, scraped.now
+    policies = scraped.policies
     yield _gauge(
         "contextpolicy_bus_connected",
         "1 while the operator has a session with a router.",
@@ -84,6 +96,27 @@ def families(scraped: Scraped) -> Iterator[Family]:
         (*_POLICY, "type"),
         [((*_split(p), c["type"]), c["status"] == "True") for p in policies for c in p.conditions],
     )
+    yield from _stream_families(policies, scraped.now)
+    yield _counter(
+        "contextpolicy_context_transitions",
+        "How often the context began or ceased to hold.",
+        (*_POLICY, "context"),
+        [
+            ((*_split(policy), context.spec.name), planner.transitions[context.spec.name])
+            for policy, planner, _ in _running(policies)
+            for context in planner.contexts
+        ],
+    )
+    yield _gauge(
+        "contextpolicy_container_limit_cores",
+        "CPU limit of the container that the kubelet reports in force.",
+        (*_POLICY, "task", "pod", "container"),
+        list(_limits(policies, scraped.pods)),
+    )
+    yield from _node_families(scraped)
+
+
+def _stream_families(policies: Iterable[ScrapedPolicy], now: float) -> Iterator[Family]:
     yield _gauge(
         "contextpolicy_stream_age_seconds",
         "Time since the stream's last sample; absent before its first.",
@@ -102,27 +135,20 @@ def families(scraped: Scraped) -> Iterator[Family]:
         _STREAM,
         [(key, stream.seen) for key, stream in _streams(policies)],
     )
-    yield _counter(
-        "contextpolicy_context_transitions",
-        "How often the context began or ceased to hold.",
-        (*_POLICY, "context"),
-        [
-            ((*_split(policy), context.spec.name), planner.transitions[context.spec.name])
-            for policy, planner, _ in _running(policies)
-            for context in planner.contexts
-        ],
-    )
-    yield _gauge(
-        "contextpolicy_container_limit_cores",
-        "CPU limit of the container that the kubelet reports in force.",
-        (*_POLICY, "task", "pod", "container"),
-        list(_limits(policies, scraped.pods)),
-    )
+
+
+def _node_families(scraped: Scraped) -> Iterator[Family]:
     yield _gauge(
         "contextpolicy_node_agent_ready",
-        "1 while plans count on the node's agent, 0 while it does not answer, confirm, or lacks what it needs.",
+        "1 while plans count on the node's agent; 0 while it is gone, does not answer or confirm, or lacks something.",
         ("node",),
-        [((node,), not report.limits) for node, report in sorted(scraped.agents.items())],
+        [((node,), node in writing(scraped.agents)) for node in sorted(scraped.agents.keys() | _agentless(scraped))],
+    )
+    yield _gauge(
+        "contextpolicy_kubelet_delay_seconds",
+        "Time that kubelets of the policy's pods may take to resize: 2 before Kubernetes 1.36, else 0; 0 with agents.",
+        _POLICY,
+        list(_delays(scraped)),
     )
 
 
@@ -146,6 +172,20 @@ def _limits(policies: Iterable[ScrapedPolicy], pods: Sequence[PodView]) -> Itera
                 task = tasks.get(container_id(pod, container.name))
                 if task is not None and container.actual and container.actual.limit is not None:
                     yield (*_split(policy), task, pod.name, container.name), container.actual.limit / 1000
+
+
+def _agentless(scraped: Scraped) -> set[str]:
+    """The nodes without the agent that they should have; one that is switched off is not missed."""
+    wanted = set(scraped.gone)
+    if scraped.agents_everywhere:
+        wanted.update(node for _, _, claim in _running(scraped.policies) for node in claim.placement.allocatable)
+    return wanted & {node.name for node in scraped.nodes if node.ready} - scraped.agents.keys()
+
+
+def _delays(scraped: Scraped) -> Iterator[Row]:
+    delays = {node.name: node.delay for node in scraped.nodes if node.name not in writing(scraped.agents)}
+    for policy, _, claim in _running(scraped.policies):
+        yield _split(policy), max((delays.get(node, 0.0) for node in claim.placement.allocatable), default=0.0)
 
 
 def _split(policy: ScrapedPolicy) -> list[str]:

@@ -2,36 +2,35 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.actuators.order import request_factors
-from contextpolicy.planning.conditions.stream import UNHEARD
+from contextpolicy.planning.restart import Remembered
+from contextpolicy.policy.custom_resource import FINALIZER
 from contextpolicy.policy.quantities import format_cpu
 from contextpolicy.policy.spec import Mode, Scheduler
+from contextpolicy.telemetry.api_text import MAX_MESSAGE, timestamp
+from contextpolicy.telemetry.stream_status import silences, stream_status
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from contextpolicy.cluster.claims import Claim
     from contextpolicy.planning.allocation.plan import Plan, TaskPlan
-    from contextpolicy.planning.conditions.stream import StreamState
     from contextpolicy.planning.planner import Planner
+    from contextpolicy.policy.spec import Policy
 
-MAX_MESSAGE = 1024
 NO_ROUTER = "no Zenoh router answers: no sample is heard, the last plan stays in force"
-NEEDED = ("Accepted", "Connected", "Applied")
-"""The conditions that `Ready` consists of. A sleeping microphone or a floor that does not fit are told, but they are no
+NEEDED = ("Accepted", "Connected", "Bound", "Applied")
+"""The conditions that `Ready` consists of. A sleeping microphone or a floor that does not fit are reported, but are no
 failure of the policy."""
 GIVE_UP = (
     "the policy is deleted once its containers are as they were; to give up, remove its finalizer "
-    "contextpolicy.dev/restore, and they keep what they have"
+    f"{FINALIZER}, and they keep what they have"
 )
 MAX_NODES = 64
 """How many nodes the status lists: the definition's limit, so that the object stays small."""
-_UNITS = (("years", 365.25 * 86400), ("days", 86400.0), ("h", 3600.0), ("s", 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +61,15 @@ class ShadowFacts:
 
 @dataclass(frozen=True, slots=True)
 class StatusFacts:
-    """Everything the status is made from besides the planner's own state."""
+    """Everything the status is made from besides the planner's own state.
+
+    The planner's time is `ahead` seconds of the wall clock, which can be set: a status has times of the latter.
+    """
 
     generation: int
     run: int
     claim: Claim
+    ahead: float = 0.0
     connected: bool = True
     rejected: Sequence[str] = ()
     unmet_actuation: Mapping[str, str] = field(default_factory=dict)
@@ -86,11 +89,11 @@ def status(planner: Planner, facts: StatusFacts, previous: Sequence[Mapping[str,
         "boundTasks": f"{len(bound)}/{len(policy.leaves)}",
         "promotedShadow": facts.promoted_shadow,
         "shadow": _shadow(planner, facts.shadow) if facts.shadow else None,
-        "plan": _plan(planner, facts.run),
+        "plan": _plan(planner, facts),
         "nodes": _nodes(planner, facts.claim)[:MAX_NODES],
         "moreNodes": max(0, len(plan.nodes if plan else ()) - MAX_NODES) or None,
         "tasks": [_task(planner, facts, task.name) for task in policy.tasks],
-        "streams": _streams(planner),
+        "streams": stream_status(planner, facts.ahead),
         "conditions": conditions(_findings(planner, facts), facts.generation, previous, now),
     }
 
@@ -106,9 +109,9 @@ def waiting(
 def releasing(
     problems: Iterable[str], generation: int, previous: Sequence[Mapping[str, Any]], now: float
 ) -> dict[str, Any]:
-    """The status of a policy that is being deleted, while its containers are put back."""
-    told = [f"{problem}; {GIVE_UP}" for problem in problems]
-    finding = ConditionFinding("Applied", "Restored", "NotRestored", told)
+    """The status of a policy that is being deleted, while its containers are restored."""
+    unrestored = [f"{problem}; {GIVE_UP}" for problem in problems]
+    finding = ConditionFinding("Applied", "Restored", "NotRestored", unrestored)
     return {"observedGeneration": generation, "conditions": conditions([finding], generation, previous, now)}
 
 
@@ -137,15 +140,10 @@ def _condition(
     }
 
 
-def timestamp(moment: float) -> str:
-    """RFC 3339 with whole seconds, as metav1.Time wants it."""
-    return datetime.fromtimestamp(moment, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
 def _findings(planner: Planner, facts: StatusFacts) -> list[ConditionFinding]:
     policy = planner.policy
     refused = [*facts.rejected, *facts.claim.conflicts]
-    silent = [_silence(planner, name) for name, stream in planner.streams.items() if _is_silent(stream)]
+    silent = silences(planner, facts.ahead)
     expressions = [f"{source}: {reason}" for source, reason in sorted(planner.errors.items())]
     shortfalls = (
         [f"{s.task}: {s.message}" if s.task else s.message for s in planner.last.shortfalls] if planner.last else []
@@ -159,19 +157,31 @@ def _findings(planner: Planner, facts: StatusFacts) -> list[ConditionFinding]:
             "StreamsHealthy", "Heard", "Silent" if silent else "ExpressionFailed", [*silent, *expressions]
         ),
         ConditionFinding("Feasible", "Met", "Unmet", shortfalls),
+        ConditionFinding("Bound", "Found", "Missing", _unbound(policy, facts.claim)),
         _application(policy.mode, facts.shadow, unapplied),
         *(realtime if policy.enforcement.scheduler is Scheduler.REALTIME else ()),
     ]
 
 
+def _unbound(policy: Policy, claim: Claim) -> list[str]:
+    """What keeps the policy from being complete: containers misnamed, required tasks without pods, or no pod at all."""
+    absent = claim.placement.absent - claim.misnamed.keys()
+    missing = [task for task in policy.leaves if task.name in absent]
+    none = bool(missing) and len(missing) == len(policy.leaves)
+    return [
+        *claim.misnamed.values(),
+        *(f"task {task.name}: no running pod has {task.selector}" for task in missing if task.required or none),
+    ]
+
+
 def _application(mode: Mode, shadow: ShadowFacts | None, unapplied: Sequence[str]) -> ConditionFinding:
-    """A shadow's containers are the other policy's: what keeps them from their shares is told there."""
-    good = "InForce" if mode is Mode.ENFORCE else mode.value
+    """A shadow's containers are the other policy's: what keeps them from their shares is reported there."""
+    good = "InForce" if mode.acts else mode.value
     if shadow is None:
-        return ConditionFinding("Applied", good, "NotApplied", unapplied if mode is Mode.ENFORCE else ())
+        return ConditionFinding("Applied", good, "NotApplied", unapplied if mode.acts else ())
     if shadow.is_back and shadow.taken_back is not None:
-        told = f"the promotion was taken back at {shadow.taken_back['time']}: {shadow.taken_back['message']}"
-        return ConditionFinding("Applied", good, "TakenBack", [f"{told}; edit the spec to try again"])
+        reverted = f"the promotion was taken back at {shadow.taken_back['time']}: {shadow.taken_back['message']}"
+        return ConditionFinding("Applied", good, "TakenBack", [f"{reverted}; edit the spec to try again"])
     rival = [f"{shadow.rival} is promoted already: only one shadow of a policy can be"] if shadow.rival else []
     return ConditionFinding("Applied", "Promoted" if shadow.promoted else good, "NotApplied", rival)
 
@@ -203,32 +213,21 @@ def _given(task: TaskPlan | None) -> str:
     return "nothing" if task is None else format_cpu(task.share)
 
 
-def _silence(planner: Planner, name: str) -> str:
-    spec = planner.streams[name].spec
-    heard = planner.streams[name].seen_at
-    since = "no sample yet" if heard is None else f"last sample at {timestamp(heard)}"
-    how = "is silent" if planner.streams[name].silent else f"had no sample for {UNHEARD / 3600:g} h"
-    return f"stream {name} ({spec.key}) {how}: {since}"
-
-
-def _is_silent(stream: StreamState) -> bool:
-    return stream.silent or stream.unheard
-
-
 def _connection(*, connected: bool) -> ConditionFinding:
     return ConditionFinding("Connected", "Open", "NoRouter", () if connected else (NO_ROUTER,))
 
 
-def _plan(planner: Planner, run: int) -> dict[str, Any] | None:
+def _plan(planner: Planner, facts: StatusFacts) -> dict[str, Any] | None:
     plan = planner.decided
     if plan is None:
         return None
-    return {"run": run, "sequence": plan.sequence, "time": timestamp(plan.time), "cause": plan.cause[:MAX_MESSAGE]}
+    made = timestamp(plan.time - facts.ahead)
+    return {"run": facts.run, "sequence": plan.sequence, "time": made, "cause": plan.cause[:MAX_MESSAGE]}
 
 
 def _nodes(planner: Planner, claim: Claim) -> list[dict[str, Any]]:
     nodes = planner.last.nodes if planner.last else {}
-    factors = request_factors(planner.policy, claim.placement.containers, nodes, claim.agents)
+    factors = request_factors(planner.policy, claim.placement.containers, nodes, claim.agents, claim.room)
     return [
         {
             "name": name,
@@ -246,7 +245,8 @@ def _task(planner: Planner, facts: StatusFacts, name: str) -> dict[str, Any]:
     plan = planner.last.tasks.get(name) if planner.last else None
     pods = sum(container.task == name for container in facts.claim.placement.containers)
     shortfalls = [s.message for s in planner.last.shortfalls if s.task == name] if planner.last else []
-    problems = [*shortfalls, *([facts.claim.obstacles[name]] if name in facts.claim.obstacles else [])]
+    found = (facts.claim.misnamed, facts.claim.obstacles)
+    problems = [*shortfalls, *(known[name] for known in found if name in known)]
     warnings = [facts.claim.warnings[name]] if name in facts.claim.warnings else []
     because = [plan.because] if plan else []
     return {
@@ -259,25 +259,15 @@ def _task(planner: Planner, facts: StatusFacts, name: str) -> dict[str, Any]:
     }
 
 
-def _streams(planner: Planner) -> list[dict[str, Any]]:
-    """Each stream's health, what waits for it, and how many of its samples were dropped."""
-    waits: dict[str, dict[str, str]] = defaultdict(dict)
-    for who, waiting_for in planner.waits():
-        told = f"{who} has been waiting since {timestamp(waiting_for.since)}: {waiting_for.reason}"
-        waits[waiting_for.stream].setdefault(who, told)
-    return [_stream(planner, name, waits[name].values()) for name in planner.streams]
+def remembered(status: Mapping[str, Any], policy: Policy) -> dict[str, Remembered]:
+    """What the tasks had, by the status that an earlier operator wrote; nothing if it had no plan.
 
-
-def _stream(planner: Planner, name: str, waits: Iterable[str]) -> dict[str, Any]:
-    stream = planner.streams[name]
-    dropped = [f"{reason}: {count}" for (of, reason), count in sorted(planner.drops.items()) if of == name]
-    told = [_silence(planner, name)] if _is_silent(stream) else []
-    told += [] if stream.clock.behind is None else [_other_clock(stream.clock.behind)]
-    message = "; ".join([*told, *waits, *dropped])
-    return {"name": name, "healthy": not _is_silent(stream), "message": message[:MAX_MESSAGE]}
-
-
-def _other_clock(behind: float) -> str:
-    unit, size = next((unit, size) for unit, size in _UNITS if abs(behind) >= size)
-    off = f"{abs(behind) / (size or 1):.0f} {unit} {'behind' if behind > 0 else 'ahead of'} ours"
-    return f"its timestamps are of another clock, {off} (simulated time, a replay?): the time of arrival counts"
+    A task without a pod had nothing: it was suspended for want of one, which says nothing of a pod that has come since.
+    """
+    if not status.get("plan"):
+        return {}
+    leaves = {task.name for task in policy.leaves}
+    tasks: list[Mapping[str, Any]] = status.get("tasks") or []
+    known = [task for task in tasks if {"name", "weight", "suspended"} <= task.keys()]
+    had = [task for task in known if task.get("pods") or task["name"] not in leaves]
+    return {task["name"]: Remembered(float(task["weight"]), bool(task["suspended"])) for task in had}

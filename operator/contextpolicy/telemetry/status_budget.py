@@ -1,6 +1,6 @@
 """How often a policy's status may be written, by what is new in it. Pure.
 
-A write costs flash: 0.1 MiB on SQLite (kine), half of what a limit that moves costs. What somebody should look into is
+A write costs flash: 0.1 MiB on SQLite (kine), half of what a limit that moves costs. What a person should look into is
 written at once, what moves with every sample now and then: nobody reads it more often from the API.
 """
 

@@ -1,4 +1,4 @@
-"""Containers that somebody else resizes too: what they changed, and when to change it back. Pure.
+"""Containers that another client resizes too: what it changed, and when to revert it. Pure.
 
 The last good plan stays in force, so the first foreign change is reverted at once. A writer who insists is answered
 after growing pauses, so that two controllers that correct each other never spin. After STRIKES of them we yield: the
@@ -23,7 +23,7 @@ REMEMBERED = 90.0
 
 
 STRIKES = 10
-"""How many foreign changes of one conflict are reverted: half a minute of somebody who writes all the time, ten minutes
+"""How many foreign changes of one conflict are reverted: half a minute of a client that keeps writing, ten minutes
 of an autoscaler that acts once a minute."""
 YIELDED = 600.0
 """Seconds for which any further change is left in place."""
@@ -47,7 +47,7 @@ class Ownership:
     """A container that a policy decides about: `cpu` is what the policy gave it, `found` a foreign change in place.
 
     `strikes` counts those of this conflict, `times` those in a row without a quiet while, from 0; `seen` is the last
-    change, `until` when to revert it. `told`: the conflict was reported.
+    change, `until` when to revert it. `reported`: a conflict was reported.
     """
 
     policy: str
@@ -57,14 +57,14 @@ class Ownership:
     times: int = 0
     seen: float = -inf
     until: float = -inf
-    told: bool = False
+    reported: bool = False
 
     def give(self, policy: str, cpu: Cpu) -> None:
         """The policy's resources are in the API (again): the foreign change, if any, is over."""
         self.policy, self.cpu, self.found = policy, cpu, None
 
     def compare(self, spec: Cpu, now: float) -> bool:
-        """Note what somebody else set; returns whether this is a new strike.
+        """Note what another client set; returns whether this is a new strike.
 
         Further foreign changes before we revert the first belong to the same strike.
         """

@@ -36,11 +36,21 @@ class Observer(Protocol):
         """A write to a pod (`subject`), or to the policy's status, failed; None: it works again."""
 
     def on_conflict(self, policy: str, container: str, conflict: Conflict | None) -> None:
-        """Somebody else resized a container of the policy, or has not done so for a while (None)."""
+        """Another client resized a container of the policy, or has not done so for a while (None)."""
+
+    def on_changed_by_other(self, policy: str) -> None:
+        """Another client changed the originals in the policy's status; they are written again."""
+
+
+class PatchListener(Protocol):
+    """What goes on when a patch has ended; called on the loop's thread."""
+
+    def on_patch_end(self, pod: TrackedPod) -> None:
+        """The answer about the pod's patch has come, and the pod's state reflects it."""
 
 
 class Dispatcher:
-    """Calls `on_end(pod)` on the loop's thread after each answer, once the pod's state reflects it.
+    """Sends patches and asks what became of them.
 
     An answer about a pod that is gone meanwhile, or whose namespace another operator serves now, is ignored.
     """
@@ -53,10 +63,10 @@ class Dispatcher:
         background: Background,
         observer: Observer,
         *,
-        on_end: Callable[[TrackedPod], None],
+        listener: PatchListener,
     ) -> None:
         self._originals, self._pods, self._api, self._background = originals, pods, api, background
-        self._observer, self._on_end = observer, on_end
+        self._observer, self._listener = observer, listener
 
     def send(self, pod: TrackedPod, patch: Patch) -> None:
         """Send a patch of an idle pod."""
@@ -96,7 +106,7 @@ class Dispatcher:
         else:
             pod.state.refuse()
             self._refuse(pod, patch, error)
-        self._on_end(pod)
+        self._listener.on_patch_end(pod)
 
     def _on_found(
         self, pod: TrackedPod, patch: Patch, found: Found | ActuationError, cause: ActuationError | None
@@ -112,7 +122,7 @@ class Dispatcher:
         else:
             pod.state.fail_to_ask(found, now)
             self._tell(patch, pod, found)
-        self._on_end(pod)
+        self._listener.on_patch_end(pod)
 
     def _take_effect(self, pod: TrackedPod, patch: Patch, received: float) -> None:
         pod.refusals.pop((patch.policy, patch.restore), None)

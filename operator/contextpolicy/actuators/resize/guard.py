@@ -1,4 +1,4 @@
-"""Detect that somebody else has resized a container of a policy. Pure."""
+"""Detect that another client has resized a container of a policy. Pure."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.actuators.resize.conflict import Conflict, Ownership
 from contextpolicy.cluster.pods import Cpu
-from contextpolicy.cluster.writers import FIELD_MANAGER
+from contextpolicy.cluster.writers import OURS
 
 if TYPE_CHECKING:
     from contextpolicy.actuators.resize.originals import Original
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from contextpolicy.cluster.pods import ContainerView
 
 
-def look(policy: str, target: Target, original: Original | None, now: float) -> Conflict | None:
+def look(policy: str, target: Target, now: float) -> Conflict | None:
     """Compare what a container has with what its policy last gave it; returns a foreign change when it is new."""
     pod, container = target.pod, target.container
     spec = target.spec
@@ -23,15 +23,15 @@ def look(policy: str, target: Target, original: Original | None, now: float) -> 
         return None
     ownership = pod.owned.get(container.name)
     if ownership is None:
-        had = _last_given(container, original)
-        # We never resized it, so there is nothing yet that somebody else could have changed.
+        had = _last_given(container, target.original)
+        # We never resized it, so no other client can have changed it yet.
         if had is None and spec != target.cpu:
             return None
         ownership = pod.owned[container.name] = Ownership(policy, had or spec)
     if spec in (target.cpu, ownership.cpu):
         ownership.give(policy, spec)
     elif ownership.compare(spec, now):
-        ownership.told = True
+        ownership.reported = True
         by = container.writers.limit if spec.limit != ownership.cpu.limit else container.writers.request
         return Conflict(by, ownership.cpu, spec, ownership.yielded)
     return None
@@ -41,7 +41,7 @@ def _last_given(container: ContainerView, original: Original | None) -> Cpu | No
     """What an earlier run of the operator last gave it; for a field that others have written since, the original."""
     if original is None:
         return None
-    ours, spec = ("", FIELD_MANAGER), container.spec
+    ours, spec = ("", *OURS), container.spec
     return Cpu(
         spec.request if container.writers.request in ours else original.cpu.request,
         spec.limit if container.writers.limit in ours else original.cpu.limit,

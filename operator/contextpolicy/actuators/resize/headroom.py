@@ -42,7 +42,7 @@ def prompt(capacity: int, holdings: Iterable[Holding]) -> tuple[set[str], set[st
     """The containers whose wanted limit may be set now, and those that must go back to what they had before.
 
     A decrease counts as done as soon as it is requested. Only when one is stuck do the increases that it should have
-    paid for wait, or get reverted: so the sum exceeds the capacity for no longer than one resize.
+    paid for wait, or get reverted: so the sum exceeds the capacity for one resize at most.
     """
     holdings = list(holdings)
     rising = [holding for holding in holdings if holding.wanted > holding.before]

@@ -47,7 +47,7 @@ class NudgeState:
 def nudge(container: ContainerView, wanted: Cpu) -> Cpu:
     """The wanted resources, off by a thousandth of a core towards those in force: so the limits never sum to more.
 
-    Asking for the same again would not do: the API server tells the kubelet only of changes.
+    Requesting the same values again has no effect: the kubelet only sees changes.
     """
     actual = container.actual or wanted
     return Cpu(_towards(container.allocated, wanted.request), _towards(actual.limit, wanted.limit))

@@ -6,20 +6,25 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.actuators.resize import pod_patch
-from contextpolicy.actuators.resize.originals import read
 from contextpolicy.actuators.resize.pod_patch import Patch, send
-from contextpolicy.cluster.api import FINALIZER
+from contextpolicy.actuators.resize.stored_originals import raw_of, read
+from contextpolicy.actuators.resize.vetting import Vetting
 from contextpolicy.cluster.container_names import container_id
+from contextpolicy.cluster.occupancy import LeaseReader
 from contextpolicy.cluster.pods import view
 from contextpolicy.errors import ActuationError
+from contextpolicy.policy.custom_resource import FINALIZER
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
+    from contextpolicy.actuators.resize.stored_originals import EntrySignatures
+    from contextpolicy.actuators.resize.vetting import Vetted
+    from contextpolicy.cluster.occupancy import Occupancy
     from contextpolicy.cluster.pods import Cpu, PodView
 
 
-class RestoreApi(pod_patch.ResizeApi, Protocol):
+class RestoreApi(pod_patch.ResizeApi, LeaseReader, Protocol):
     """The calls to the API server that a restoration needs."""
 
     def pods(self, namespace: str | None) -> list[dict[str, Any]]:
@@ -27,6 +32,9 @@ class RestoreApi(pod_patch.ResizeApi, Protocol):
 
     def policies(self, namespace: str | None) -> list[dict[str, Any]]:
         """The ContextPolicy objects of a namespace, or of all (None)."""
+
+    def read(self, path: str) -> dict[str, Any]:
+        """GET an object."""
 
     def set_finalizers(self, namespace: str, name: str, finalizers: Sequence[str], version: str) -> None:
         """Replace a policy's finalizers; Conflict when it has changed since `version`."""
@@ -36,7 +44,7 @@ class RestoreApi(pod_patch.ResizeApi, Protocol):
 class Restored:
     """The outcome for one container that `policy` resized; `error` says why it could not be restored.
 
-    Where the containers themselves are unknown, `container` names their pod or namespace.
+    Where the containers themselves are unknown, `container` names their pod.
     """
 
     container: str
@@ -55,12 +63,30 @@ class Released:
 
 
 @dataclass(frozen=True, slots=True)
+class LeftAlone:
+    """A namespace with policies that another operator, `holder`, serves: what it has there is not touched."""
+
+    namespace: str
+    holder: str
+
+
+@dataclass(frozen=True, slots=True)
+class Unread:
+    """A namespace (None: all of them) where it could not be found out what is to be restored."""
+
+    namespace: str | None
+    error: ActuationError
+
+
+@dataclass(frozen=True, slots=True)
 class _Part:
     """What one policy resized in one pod."""
 
     policy: str
     pod: PodView
     originals: Mapping[str, Cpu]
+    unknown: Mapping[str, str]
+    """Why the originals of some of its containers are unknown; the status then keeps its entry for the pod."""
 
     @property
     def rise(self) -> int:
@@ -69,26 +95,53 @@ class _Part:
         return sum((cpu.limit or 0) - moved.get(name, 0) for name, cpu in self.originals.items())
 
 
-def restore(api: RestoreApi, namespace: str | None, *, dry_run: bool) -> Iterator[Restored]:
+def restore(
+    api: RestoreApi, namespace: str | None, occupancy: Occupancy, signatures: EntrySignatures, *, dry_run: bool
+) -> Iterator[Restored | LeftAlone | Unread]:
     """Restore every container whose original is in a policy's status, those that free the most CPU first.
 
-    Pods that have ended or are being deleted are left alone, as the operator does.
+    What the operator has not signed is not believed, as after its restart; a container of which nobody knows what it
+    had is an error.
+
+    Pods that have ended or are being deleted are left alone, as the operator does, and so are namespaces that another
+    operator serves: it would resize the containers again, and what they had before would be lost.
     """
     try:
-        policies, pods = api.policies(namespace), [view(pod) for pod in api.pods(namespace)]
+        policies, left = _ours(_policies(api, namespace), occupancy)
+        pods = [view(pod) for pod in api.pods(namespace)]
     except ActuationError as error:
-        yield Restored(namespace or "all namespaces", error=_text(error))
+        yield Unread(namespace, error)
         return
+    yield from left
     alive = {pod.uid: pod for pod in pods if not pod.ended}
-    for part in sorted((part for policy in policies for part in _parts(policy, alive)), key=lambda part: part.rise):
-        yield from _restore_part(api, part, dry_run=dry_run)
-    yield from (unread for policy in policies for unread in _unreadable(policy))
+    vetting = Vetting(signatures, api)
+    for pod in alive.values():
+        vetting.observe(pod)
+    vetted = [(policy, vetting.vet(policy, None)) for policy in policies]
+    parts = [part for policy, found in vetted for part in _parts(policy, found, alive)]
+    gone: set[str] = set()
+    for part in sorted(parts, key=lambda part: part.rise):
+        # Another release may have taken the namespace meanwhile: a restore may take minutes.
+        holder = _holder(occupancy, part.pod.namespace)
+        if isinstance(holder, ActuationError):
+            yield Restored(f"{part.pod.namespace}/{part.pod.name}", part.policy, error=_text(holder))
+        elif not holder:
+            yield from _restore_part(api, part, dry_run=dry_run)
+        elif part.pod.namespace not in gone:
+            gone.add(part.pod.namespace)
+            yield LeftAlone(part.pod.namespace, holder)
+    yield from (unread for policy, found in vetted for unread in _unreadable(policy, found))
 
 
-def release(api: RestoreApi, namespace: str | None, held: Collection[str], *, dry_run: bool) -> Iterator[Released]:
-    """Remove the finalizer of every policy except those in `held`, which have containers that are not restored yet."""
+def release(
+    api: RestoreApi, namespace: str | None, occupancy: Occupancy, held: Collection[str], *, dry_run: bool
+) -> Iterator[Released]:
+    """Remove the finalizer of every policy of a namespace that no other operator serves.
+
+    Those in `held` keep it: they have containers that are not restored yet.
+    """
     try:
-        policies = api.policies(namespace)
+        policies, _ = _ours(_policies(api, namespace), occupancy)
     except ActuationError as error:
         yield Released(namespace or "all namespaces", _text(error))
         return
@@ -103,18 +156,50 @@ def release(api: RestoreApi, namespace: str | None, held: Collection[str], *, dr
             yield Released(reference, "" if dry_run else _take_off(api, metadata))
 
 
-def _parts(policy: Mapping[str, Any], pods: Mapping[str, PodView]) -> Iterator[_Part]:
-    reference = _reference(policy)
-    for uid, (_, originals) in read(reference, _stored(policy)):
-        pod = pods.get(uid)
+def _policies(api: RestoreApi, namespace: str | None) -> list[dict[str, Any]]:
+    """None if their definition is gone: what they had stored went with it."""
+    try:
+        return api.policies(namespace)
+    except ActuationError as error:
+        if error.reason == "NotFound":
+            return []
+        raise
+
+
+def _ours(
+    policies: Sequence[Mapping[str, Any]], occupancy: Occupancy
+) -> tuple[list[Mapping[str, Any]], list[LeftAlone]]:
+    """The policies in namespaces that no other operator serves, and the other namespaces."""
+    namespaces = sorted({policy["metadata"]["namespace"] for policy in policies})
+    occupancy.settle(namespaces)
+    holders = {namespace: occupancy.served_by(namespace) for namespace in namespaces}
+    left = [LeftAlone(namespace, holder) for namespace, holder in holders.items() if holder]
+    return [policy for policy in policies if not holders[policy["metadata"]["namespace"]]], left
+
+
+def _holder(occupancy: Occupancy, namespace: str) -> str | ActuationError:
+    try:
+        return occupancy.served_by(namespace)
+    except ActuationError as error:
+        return error
+
+
+def _parts(policy: Mapping[str, Any], vetted: Vetted, pods: Mapping[str, PodView]) -> Iterator[_Part]:
+    """What is to be restored; nothing in pods that the status names without need."""
+    reference, true = _reference(policy), vetted.stored.pods
+    readable = dict(read(reference, raw_of(policy)))
+    unknown = {(doubt.uid, doubt.name): doubt.text for doubt in vetted.doubts if not doubt.settled}
+    for uid in sorted(readable.keys() | true.keys()):
+        pod, containers = pods.get(uid), true[uid].containers if uid in true else {}
         if pod is not None and pod.namespace == policy["metadata"]["namespace"]:
-            kept = {name: cpu for name, cpu in originals.items() if name in pod.by_name}
-            yield _Part(reference, pod, kept)
+            kept = {name: cpu for name, cpu in containers.items() if name in pod.by_name}
+            kept |= {name: pod.by_name[name].spec for of, name in unknown if of == uid}
+            yield _Part(reference, pod, kept, {name: unknown[uid, name] for name in kept if (uid, name) in unknown})
 
 
-def _unreadable(policy: Mapping[str, Any]) -> Iterator[Restored]:
-    reference, stored = _reference(policy), _stored(policy)
-    for uid in stored.keys() - dict(read(reference, stored)).keys():
+def _unreadable(policy: Mapping[str, Any], vetted: Vetted) -> Iterator[Restored]:
+    reference, stored = _reference(policy), raw_of(policy)
+    for uid in stored.keys() - dict(read(reference, stored)).keys() - vetted.stored.pods.keys():
         yield Restored(f"pod {uid}", reference, error=f"status.originals.{uid} of {reference} can't be read")
 
 
@@ -125,10 +210,10 @@ def _restore_part(api: RestoreApi, part: _Part, *, dry_run: bool) -> Iterator[Re
     error = None
     if not dry_run:
         error = send(api, pod, Patch(part.policy, changed, restore=True)).error if changed else None
-        error = error or _forget(api, part)
+        error = error or (None if part.unknown else _forget(api, part))
     message = "" if error is None else _text(error)
     for name, cpu in sorted(part.originals.items()):
-        yield Restored(container_id(pod, name), part.policy, specs.get(name), cpu, message)
+        yield Restored(container_id(pod, name), part.policy, specs.get(name), cpu, part.unknown.get(name, message))
 
 
 def _forget(api: RestoreApi, part: _Part) -> ActuationError | None:
@@ -154,10 +239,6 @@ def _reference(policy: Mapping[str, Any]) -> str:
     return f"{policy['metadata']['namespace']}/{policy['metadata']['name']}"
 
 
-def _stored(policy: Mapping[str, Any]) -> Mapping[str, Any]:
-    return (policy.get("status") or {}).get("originals") or {}
-
-
 def _text(error: ActuationError) -> str:
-    """Empty when the object is gone: then there is nothing to restore."""
+    """Empty when the object is gone: then nothing is left to restore."""
     return "" if error.reason == "NotFound" else f"{error.reason}: {error}"

@@ -1,26 +1,24 @@
 """What containers had before any policy: kept in the policies' status, which only the operator may write. Pure.
 
-Level-triggered: `note` and `drop` change what a status should hold, `changes` is the difference to what it holds. A
-container is resized only after its original is stored, so a restarted operator always knows how to put it back.
+Level-triggered: `note` and `drop` change what a status should hold, `inspect` takes what the watch shows that it holds,
+and `changes` is the difference. A container is resized only after its original is stored, so a restarted operator
+always knows how to put it back.
 """
 
 from __future__ import annotations
 
-import logging
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.cluster.pods import Cpu, millicores
-from contextpolicy.policy.quantities import format_cpu
+from contextpolicy.actuators.resize.originals_record import OriginalsRecord
+from contextpolicy.actuators.resize.stored_originals import StoredPod, write
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
-log = logging.getLogger(__name__)
-
-FIELD = "originals"
-"""Field of the status: pod UID -> the pod's name and its containers' CPU resources."""
+    from contextpolicy.actuators.resize.stored_originals import EntrySignatures, StoredOriginals
+    from contextpolicy.cluster.pods import Cpu
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,32 +35,80 @@ _NONE: Mapping[str, Original] = {}
 class Originals:
     """The originals of all policies. One policy keeps each; it moves when another policy takes the container over."""
 
-    def __init__(self) -> None:
+    def __init__(self, signatures: EntrySignatures) -> None:
+        self._signatures = signatures
         self._known: dict[str, dict[str, Original]] = defaultdict(dict)
         self._pod_names: dict[str, str] = {}
-        self._records: dict[str, _Record] = {}
+        self._attended: set[str] = set()
+        """UIDs of the pods that an agent writes or has written."""
+        self._inherited: dict[str, set[str]] = {}
+        self._records: dict[str, OriginalsRecord] = {}
+        self._unproven: dict[str, dict[str, str]] = {}
+        """By policy and pod UID, why nobody knows whether the entry is true: it stays, and the pod is left alone."""
 
-    def recall(self, policy: str, stored: object, exists: Callable[[str], bool]) -> None:
+    def knows(self, policy: str) -> bool:
+        """Whether the policy's status was loaded; the only method that may be called on any thread."""
+        return policy in self._records
+
+    def recall(self, policy: str, stored: StoredOriginals, exists: Callable[[str], bool]) -> None:
         """Load what a policy's status holds, once, when the policy first appears; pods that are gone are left out.
 
         Two policies may hold the same container if the operator was killed during a takeover. Both then hold the same
-        value, so either may keep it.
+        value, so either may keep it. What no status holds does not take a container from the policy that has it.
         """
         if policy in self._records:
             return
         record = self._record(policy)
-        record.stored = dict(read(policy, stored))
-        record.doubtful = {uid: set() for uid in stored if uid not in record.stored} if isinstance(stored, dict) else {}
-        record.dirty = bool(stored)
-        for uid, (pod_name, containers) in record.stored.items():
-            for name, cpu in containers.items() if exists(uid) else ():
-                self._keep(policy, uid, pod_name, name, cpu)
+        record.hold(stored.raw, stored.version)
+        record.unproven = {uid: stored.raw[uid] for uid in stored.unproven}
+        record.dirty = bool(stored.raw)
+        self._unproven[policy] = {uid: why for uid, why in stored.unproven.items() if exists(uid)}
+        for uid, entry in stored.pods.items():
+            for name, cpu in entry.containers.items() if exists(uid) else ():
+                if record.mentions(uid, name) or self.at(uid, name) is None:
+                    self._keep(policy, uid, entry.pod, name, cpu)
+            if entry.agent and uid in self._known:
+                self._attended.add(uid)
+                self._inherited.setdefault(policy, set()).add(uid)
+
+    def unproven(self, policy: str) -> Mapping[str, str]:
+        """UIDs of the pods whose entry in the policy's status nobody can prove, with the reason for people."""
+        return self._unproven.get(policy, {})
+
+    def doubt(self, uid: str) -> str | None:
+        """Why the pod must be left alone: some status has an entry for it that nobody can prove."""
+        return next((pods[uid] for pods in self._unproven.values() if uid in pods), None)
+
+    def inspect(self, policy: str, raw: Mapping[str, Any], version: int) -> bool:
+        """Compare with what the watch shows of the policy's status; whether another client has changed it.
+
+        What was changed is written again with the next `changes`.
+        """
+        record = self._records.get(policy)
+        return record is not None and record.inspect(raw, version)
 
     def forget(self, policy: str) -> None:
         """The policy is gone, and its status with it."""
         for uid, name in list(self.of(policy)):
             self.drop(uid, name)
         self._records.pop(policy, None)
+        self._inherited.pop(policy, None)
+        self._unproven.pop(policy, None)
+
+    def attend(self, uid: str) -> None:
+        """An agent writes the pod, or did: its files may differ from the API then, also for the next operator."""
+        if uid not in self._attended:
+            self._attended.add(uid)
+            for original in self.in_pod(uid).values():
+                self._records[original.policy].dirty = True
+
+    def inherited(self, policy: str) -> frozenset[str]:
+        """UIDs of the policy's pods that an agent had written when an earlier operator ended, until `settle`."""
+        return frozenset(self._inherited.get(policy, ()))
+
+    def settle(self, policy: str, uids: Iterable[str]) -> None:
+        """What an agent had written in these pods before is taken care of."""
+        self._inherited.get(policy, set()).difference_update(uids)
 
     def at(self, uid: str, name: str) -> Original | None:
         """A container's original."""
@@ -97,50 +143,64 @@ class Originals:
         if not self._known[uid]:
             del self._known[uid]
             self._pod_names.pop(uid, None)
+            self._leave(uid)
 
     def drop_pod(self, uid: str) -> None:
         """The pod is gone."""
         for name in list(self.in_pod(uid)):
             self.drop(uid, name)
+        self._leave(uid)
+        for policy, pods in self._unproven.items():
+            if pods.pop(uid, None) is not None:
+                self._records[policy].dirty = True
+
+    def _leave(self, uid: str) -> None:
+        """Nothing of the pod is kept any more: what an agent had written in it does not matter."""
+        self._attended.discard(uid)
+        for uids in self._inherited.values():
+            uids.discard(uid)
 
     def is_stored(self, policy: str, uid: str, name: str) -> bool:
         """Whether the status holds the original, so that the operator would know it after a restart."""
         known = self._known.get(uid, _NONE).get(name)
-        return known is not None and known.policy == policy and self._records[policy].holds(uid, name, known.cpu)
+        held = self._records[policy].certain.get((uid, name)) if known and known.policy == policy else None
+        return known is not None and held == known.cpu
 
     def changes(self, policy: str) -> dict[str, Any]:
         """The merge patch that `status.originals` needs; empty when it needs none, or while one is under way."""
         record = self._records.get(policy)
         if record is None or record.sent is not None or not record.dirty:
             return {}
-        found = record.changes(self._wanted(record))
+        found = record.changes(self._wanted(policy, record))
         record.dirty = bool(found)
         return found
 
     def send(self, policy: str) -> None:
         """The patch from `changes` has been sent."""
         record = self._records[policy]
-        record.sent, record.dirty = self._wanted(record), False
+        record.sent, record.dirty = self._wanted(policy, record), False
 
-    def succeed(self, policy: str) -> None:
-        """What was sent is stored; policies that handed some of it over may now remove it."""
+    def succeed(self, policy: str, version: int) -> bool:
+        """What was sent is stored in this version; policies that handed some of it over may now remove it.
+
+        Returns whether another client has changed it since.
+        """
         record = self._records.get(policy)
-        if record is not None and record.sent is not None:
-            record.stored, record.doubtful, record.sent = record.sent, {}, None
-            for other in self._records.values():
-                other.dirty |= bool(other.handed_over)
+        if record is None or record.sent is None:
+            return False
+        changed = record.succeed(version)
+        for other in self._records.values():
+            other.dirty |= bool(other.handed_over)
+        return changed
 
     def fail(self, policy: str) -> None:
-        """The write failed: the status may hold what was sent, or what it held before, so both are in doubt."""
+        """The write failed: the status may hold what was sent, or what it held before."""
         record = self._records.get(policy)
-        if record is not None and record.sent is not None:
-            for kept in (record.sent, record.stored):
-                for uid, (_, containers) in kept.items():
-                    record.doubtful.setdefault(uid, set()).update(containers)
-            record.sent, record.dirty = None, True
+        if record is not None:
+            record.fail()
 
-    def _record(self, policy: str) -> _Record:
-        return self._records.setdefault(policy, _Record())
+    def _record(self, policy: str) -> OriginalsRecord:
+        return self._records.setdefault(policy, OriginalsRecord())
 
     def _keep(self, policy: str, uid: str, pod_name: str, name: str, cpu: Cpu) -> None:
         before = self._known[uid].get(name)
@@ -156,68 +216,20 @@ class Originals:
         record.handed_over.discard((uid, name))
         record.dirty = True
 
-    def _wanted(self, record: _Record) -> _Stored:
+    def _wanted(self, policy: str, record: OriginalsRecord) -> dict[str, Any]:
         """What a policy's status should hold now, plus what it handed over, until the new policy's status holds that.
 
         So at every instant at least one status has the original.
         """
         record.handed_over = {(uid, name) for uid, name in record.handed_over if self._is_on_the_way(uid, name)}
-        wanted: _Stored = {}
+        wanted: dict[str, StoredPod] = {}
         for uid, name in sorted(record.wanted | record.handed_over):
-            wanted.setdefault(uid, (self._pod_names[uid], {}))[1][name] = self._known[uid][name].cpu
-        return wanted
+            blank = StoredPod(self._pod_names[uid], {}, uid in self._attended)
+            wanted.setdefault(uid, blank).containers[name] = self._known[uid][name].cpu
+        sign = self._signatures.of
+        kept = {uid: record.unproven[uid] for uid in self.unproven(policy)}
+        return kept | {uid: write(entry._replace(signature=sign(policy, uid, entry))) for uid, entry in wanted.items()}
 
     def _is_on_the_way(self, uid: str, name: str) -> bool:
         known = self.at(uid, name)
         return known is not None and not self.is_stored(known.policy, uid, name)
-
-
-_Stored = dict[str, tuple[str, dict[str, Cpu]]]
-"""Pod UID -> the pod's name and its containers' originals."""
-
-
-@dataclass(slots=True)
-class _Record:
-    """One policy's part: what its status should hold, what it holds, and what is being written.
-
-    `handed_over` are containers that other policies took over. `doubtful` are pods, with their containers, that the
-    status may or may not hold: they are written anew, or removed.
-    """
-
-    wanted: set[tuple[str, str]] = field(default_factory=set)
-    handed_over: set[tuple[str, str]] = field(default_factory=set)
-    stored: _Stored = field(default_factory=dict)
-    sent: _Stored | None = None
-    doubtful: dict[str, set[str]] = field(default_factory=dict)
-    dirty: bool = False
-
-    def holds(self, uid: str, name: str, cpu: Cpu) -> bool:
-        return uid not in self.doubtful and uid in self.stored and self.stored[uid][1].get(name) == cpu
-
-    def changes(self, wanted: _Stored) -> dict[str, Any]:
-        found: dict[str, Any] = dict.fromkeys((self.stored.keys() | self.doubtful.keys()) - wanted.keys())
-        for uid, (pod_name, containers) in wanted.items():
-            if uid in self.doubtful or self.stored.get(uid) != (pod_name, containers):
-                before = self.stored.get(uid, ("", {}))[1].keys() | self.doubtful.get(uid, set())
-                gone: dict[str, Any] = dict.fromkeys(before - containers.keys())
-                found[uid] = {"pod": pod_name, "containers": gone | {n: write(cpu) for n, cpu in containers.items()}}
-        return found
-
-
-def read(policy: str, stored: object) -> Iterator[tuple[str, tuple[str, dict[str, Cpu]]]]:
-    """The entries of a status: pod UID, pod name and originals; an invalid entry is logged and left out."""
-    for uid, entry in stored.items() if isinstance(stored, dict) else ():
-        try:
-            containers = {
-                name: Cpu(millicores(cpu.get("request")), millicores(cpu.get("limit")))
-                for name, cpu in entry["containers"].items()
-            }
-            yield uid, (str(entry["pod"]), containers)
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            log.warning("%s: status.%s.%s can't be read: %r", policy, FIELD, uid, error)
-
-
-def write(cpu: Cpu) -> dict[str, str]:
-    """CPU resources as Kubernetes quantities."""
-    amounts = {"request": cpu.request, "limit": cpu.limit}
-    return {kind: format_cpu(amount) for kind, amount in amounts.items() if amount is not None}

@@ -37,7 +37,7 @@ class PodIndex:
         return pod
 
     def renew(self, namespace: str) -> None:
-        """Forget all that happened to the pods of a namespace; answers that are on their way concern nobody then."""
+        """Forget all that happened to the pods of a namespace; answers still in flight are then ignored."""
         for uid, pod in self._pods.items():
             if pod.view.namespace == namespace:
                 self._pods[uid] = TrackedPod(PodState(pod.view))
@@ -57,10 +57,6 @@ class PodIndex:
     def known(self, uids: Iterable[str]) -> list[TrackedPod]:
         """Those of the pods that are tracked, ordered by UID."""
         return [self._pods[uid] for uid in sorted(uids) if uid in self._pods]
-
-    def at(self, uid: str) -> TrackedPod | None:
-        """The tracked pod with this UID."""
-        return self._pods.get(uid)
 
     def find(self, identity: str) -> tuple[TrackedPod | None, ContainerView | None]:
         """A container by its identity `namespace/pod/container`, with its pod; None for what is unknown."""

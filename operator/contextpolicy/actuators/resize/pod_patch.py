@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.actuators.resize.patches import resize_patch
 from contextpolicy.cluster.pods import view
+from contextpolicy.cluster.writers import FIELD_MANAGER, RESTORE_MANAGER
 from contextpolicy.errors import ActuationError, unexpected
 
 if TYPE_CHECKING:
@@ -22,14 +23,14 @@ log = logging.getLogger(__name__)
 class ResizeApi(Protocol):
     """What the resizer needs of the API server."""
 
-    def resize(self, namespace: str, pod: str, patch: Mapping[str, object]) -> int:
-        """PATCH pods/resize; returns the resourceVersion of the changed pod."""
+    def resize(self, namespace: str, pod: str, patch: Mapping[str, object], manager: str) -> int:
+        """PATCH pods/resize as this field manager; returns the resourceVersion of the changed pod."""
 
     def pod(self, namespace: str, name: str) -> dict[str, Any]:
         """GET a pod."""
 
-    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, object]) -> None:
-        """Merge into `status.originals` of a policy; None removes an entry."""
+    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, object]) -> int:
+        """Merge into `status.originals` of a policy; None removes an entry. Returns the policy's resourceVersion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +56,9 @@ class Answer:
 
 def send(api: ResizeApi, pod: PodView, patch: Patch) -> Answer:
     """Send a patch. Any exception becomes an answer: if the worker raised, the pod would wait for ever."""
+    manager = RESTORE_MANAGER if patch.restore else FIELD_MANAGER
     try:
-        version = api.resize(pod.namespace, pod.name, resize_patch(pod, patch.resources))
+        version = api.resize(pod.namespace, pod.name, resize_patch(pod, patch.resources), manager)
     except ActuationError as error:
         return Answer(error=error)
     except Exception as error:
@@ -83,5 +85,5 @@ def ask(api: ResizeApi, pod: PodView) -> Found | ActuationError:
         log.exception("pod %s/%s can't be read", pod.namespace, pod.name)
         return unexpected(error)
     if found.uid != pod.uid:
-        return ActuationError("NotFound", f"pod {pod.name} is another one now", retriable=False)
+        return ActuationError("NotFound", f"pod {pod.name} was replaced by another one", retriable=False)
     return Found(found, time.monotonic())

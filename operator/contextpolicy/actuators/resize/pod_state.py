@@ -61,7 +61,7 @@ TRANSITIONS: Mapping[Phase, Mapping[Event, Phase]] = {
         Event.REFUSED: Phase.IDLE,
         Event.POSTPONED: Phase.RETRYING,
         Event.LOST: Phase.UNSURE,
-        # A 404 may mean the pod or its subresource `resize`; only reading the pod tells which.
+        # A 404 may mean the pod or its subresource `resize`; only reading the pod shows which.
         Event.MISSING: Phase.ASKING,
     },
     Phase.RETRYING: {Event.DUE: Phase.IDLE},
@@ -189,7 +189,7 @@ class PodState:
 
     @property
     def settles_at(self) -> float:
-        """Until when to wait for the kubelet to finish our last resize; nobody waits for one that it has deferred."""
+        """Until when to wait for the kubelet to finish our last resize; one that it has deferred is not waited for."""
         return self._accepted_at + SETTLING if self._peaks and not self.view.pending else -inf
 
     def spec(self, name: str) -> Cpu | None:

@@ -7,11 +7,36 @@ from typing import TYPE_CHECKING
 from contextpolicy.cluster.container_names import container_id
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Iterable, Mapping
 
     from contextpolicy.actuators.resize.originals import Original
     from contextpolicy.actuators.resize.pod_state import PodState
+    from contextpolicy.actuators.resize.tracked_pod import TrackedPod
     from contextpolicy.cluster.pods import Cpu
+
+RESTORE_PATIENCE = 2.0
+"""Seconds for which restored limits wait to rise until others have fallen. Bounded, because a refusal or a dead kubelet
+must not block a restore."""
+
+
+class RestoreOrder:
+    """The nodes on which one policy's restored limits wait for others to fall, and since when."""
+
+    def __init__(self, policy: str) -> None:
+        self._policy = policy
+        self._falling: dict[str, float] = {}
+
+    def bound(
+        self, pods: Iterable[TrackedPod], back: Mapping[str, Mapping[str, Cpu]], now: float
+    ) -> Mapping[str, float]:
+        """The nodes on which no restored limit may rise yet, and until when; `back` is to be put back, by pod UID."""
+        if not any(back.values()):
+            self._falling = {}
+            return {}
+        before = self._falling
+        nodes = {pod.view.node for pod in pods if is_falling(pod.state, self._policy, back.get(pod.uid, {}))}
+        self._falling = {node: before.get(node, now) for node in nodes}
+        return {node: since + RESTORE_PATIENCE for node, since in self._falling.items()}
 
 
 def to_put_back(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -10,10 +11,11 @@ from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize import guard
 from contextpolicy.actuators.resize.pod_patch import Patch
 from contextpolicy.actuators.resize.pod_state import Phase
-from contextpolicy.actuators.resize.put_back import is_falling, to_put_back, without_rises
+from contextpolicy.actuators.resize.put_back import RestoreOrder, to_put_back, without_rises
 from contextpolicy.actuators.resize.takeover import REWRITE_AFTER, can_rewrite
 from contextpolicy.actuators.resize.targets import Target, steps, target_cpu
 from contextpolicy.cluster.container_names import container_id
+from contextpolicy.errors import ActuationError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -23,10 +25,6 @@ if TYPE_CHECKING:
     from contextpolicy.actuators.resize.pod_index import PodIndex
     from contextpolicy.actuators.resize.tracked_pod import TrackedPod
     from contextpolicy.cluster.pods import Cpu
-
-RESTORE_PATIENCE = 2.0
-"""Seconds for which restored limits wait to rise until others have fallen. Bounded, because a refusal or a dead kubelet
-must not block a restore."""
 
 
 class Reconciler:
@@ -41,7 +39,7 @@ class Reconciler:
         """What each container had when the current plan came, by identity."""
         self._releasing = False
         self._handed_over: frozenset[str] = frozenset()
-        """The nodes whose agents came or went with the newest order."""
+        """The nodes whose agents came or went, or began or ceased to write, with the newest order."""
         self.again = inf
         """Loop time in seconds at which to call `reconcile` again, if nothing happens before."""
         self._policy = order.policy
@@ -49,9 +47,9 @@ class Reconciler:
         self._pods, self._originals, self._dispatcher, self._observer = pods, originals, dispatcher, observer
         self._touched: set[str] = set()
         """UIDs of the pods that the policy resizes or still has to restore; it looks at no others."""
-        self._falling: dict[str, float] = {}
-        self._wanted: dict[str, list[Target]] = {}
-        """The targets of the last pass, by pod UID."""
+        self._restores = RestoreOrder(order.policy)
+        self._wanted: dict[str, dict[str, Target]] = {}
+        """The targets of the last pass, by pod UID and container name."""
         self._pressing: set[str] = set()
         """UIDs of the pods whose every change counts: they can't be lowered, or are restored."""
 
@@ -59,7 +57,7 @@ class Reconciler:
         """Take what the policy wants from now on."""
         if order.shares != self.order.shares:
             self._before.clear()
-        self._handed_over |= self.order.agents ^ order.agents
+        self._handed_over |= (self.order.agents ^ order.agents) | (self.order.attended ^ order.attended)
         self.order, self._releasing = order, False
 
     def release(self) -> None:
@@ -68,12 +66,17 @@ class Reconciler:
         self._releasing = True
         for pod in self._pods.known(self._touched):
             pod.refusals.pop((self._policy, True), None)
+        unproven = self._originals.unproven(self._policy)
+        for pod in self._pods.known(unproven):
+            error = ActuationError("Unproven", unproven[pod.uid], retriable=False)
+            self._observer.on_problem(self._policy, pod.view.name, error)
 
     def concerns(self, pod: TrackedPod) -> bool:
         """Whether a change of the pod may matter to the policy."""
         view = pod.view
         return view.namespace == self._namespace and (
             view.uid in self._touched
+            or view.uid in self._originals.unproven(self._policy)
             or any(container_id(view, container.name) in self.order.claimed for container in view.containers)
         )
 
@@ -85,39 +88,43 @@ class Reconciler:
         uid, state = pod.uid, pod.state
         if self._releasing or uid in self._pressing or state.phase not in (Phase.IDLE, Phase.IN_FLIGHT):
             return True
-        return state.ready and any(state.spec(w.container.name) != w.cpu for w in self._wanted.get(uid, ()))
+        return state.ready and any(state.spec(name) != w.cpu for name, w in self._wanted.get(uid, {}).items())
 
     def reconcile(self, now: float) -> None:
         """Send what may be sent now."""
         self._take_over(now)
         targets = list(self._targets(now))
+        self._wanted = defaultdict(dict)
         for target in targets:
-            target.pod.end_rewrite(target.container, target.cpu, now)
-        self._touched.update(
-            [target.pod.uid for target in targets], [uid for uid, _ in self._originals.of(self._policy)]
-        )
+            self._wanted[target.pod.uid][target.container.name] = target
+            if target.pod.rewrites:
+                target.pod.end_rewrite(target.container, target.cpu, now)
+        kept = self._originals.of(self._policy)
+        lost = {uid for uid, name in kept if name not in self._wanted.get(uid, {})}
+        self._touched.update(self._wanted, lost)
         pods = self._pods.known(self._touched)
-        due = [self._wake(pod, now) for pod in pods]
         for pod in pods:
-            self._let_go(pod)
-        due += [self._guard(target, now) for target in targets]
-        forward = self._steps(targets, now)
-        back = {pod.uid: self._to_put_back(pod) for pod in pods}
-        bound = self._bound(pods, back, now)
-        due += [end for end in bound.values() if end > now]
+            if pod.state.due <= now:
+                self._wake(pod)
+            if pod.owned.keys() - self._wanted.get(pod.uid, {}).keys():
+                self._let_go(pod)
+        due = [pod.state.due for pod in pods]
+        for target in targets:
+            due += self._guard(target, now)
+        forward = self._steps(targets, pods, now)
+        back = {pod.uid: self._to_put_back(pod) for pod in pods if pod.uid in lost}
+        bound = self._restores.bound(pods, back, now)
+        due += bound.values()
         # Decreases first: workers take patches in this order, so the room for the increases is free sooner.
-        for pod in sorted(pods, key=lambda pod: _turn(pod, forward.get(pod.uid, {}))):
-            due += self._send(pod, forward.get(pod.uid, {}), back[pod.uid], bound, now)
+        for pod in sorted(pods, key=partial(_turn, forward)):
+            due += self._send(pod, forward.get(pod.uid, {}), back.get(pod.uid, {}), bound, now)
         self._touched = {pod.uid for pod in pods if self._has_to_do_with(pod)}
         self._pressing = {target.pod.uid for target in targets if target.stuck} | {uid for uid in back if back[uid]}
-        self._wanted = defaultdict(list)
-        for target in targets:
-            self._wanted[target.pod.uid].append(target)
-        self.again = min(due, default=inf)
+        self.again = min([moment for moment in due if moment > now], default=inf)
 
     def is_released(self) -> bool:
         """Whether nothing is left to restore or in doubt; pods that have ended don't count."""
-        kept = {uid for uid, _ in self._originals.of(self._policy)}
+        kept = {uid for uid, _ in self._originals.of(self._policy)} | self._originals.unproven(self._policy).keys()
         return all(
             pod.view.ended or not (pod.uid in kept or pod.state.originator == self._policy)
             for pod in self._pods.known(self._touched | kept)
@@ -126,13 +133,19 @@ class Reconciler:
     def _take_over(self, now: float) -> None:
         """Have the containers of agents that went written once more; an agent that came writes itself."""
         handed_over, self._handed_over = self._handed_over, frozenset()
-        for identity in self.order.shares if handed_over else ():
+        inherited = self._originals.inherited(self._policy)
+        settled: set[str] = set()
+        for identity in self.order.shares if handed_over or inherited else ():
             node = self.order.nodes.get(identity, "")
-            pod, container = self._pods.find(identity) if node in handed_over else (None, None)
-            if pod is not None and container is not None:
-                pod.rewrites.pop(container.name, None)
-                if node not in self.order.agents and can_rewrite(container):
-                    pod.rewrites[container.name] = now + REWRITE_AFTER
+            pod, container = self._pods.find(identity)
+            if pod is None or container is None or not (node in handed_over or pod.uid in inherited):
+                continue
+            settled.add(pod.uid)
+            self._originals.attend(pod.uid)
+            pod.rewrites.pop(container.name, None)
+            if node not in self.order.agents and can_rewrite(container):
+                pod.rewrites[container.name] = now + REWRITE_AFTER
+        self._originals.settle(self._policy, settled)
 
     def _targets(self, now: float) -> Iterator[Target]:
         """The containers with a share. A plan ordered late may name containers that the policy has lost since."""
@@ -147,16 +160,13 @@ class Reconciler:
                 spec = pod.state.spec(container.name)
                 before = self._before.setdefault(identity, spec or container.spec)
                 stuck = pod.is_stuck(self._policy, now)
-                yield Target(identity, pod, container, wanted, spec, before, stuck)
+                yield Target(identity, pod, container, wanted, spec, before, original, stuck)
 
-    def _wake(self, pod: TrackedPod, now: float) -> float:
-        """Let a pod continue after its pause; returns when the pause ends, or infinity."""
-        if pod.state.due > now:
-            return pod.state.due
+    def _wake(self, pod: TrackedPod) -> None:
+        """Let a pod continue after its pause."""
         pod.state.wake()
         if pod.state.phase is Phase.ASKING:
             self._dispatcher.ask(pod)
-        return inf
 
     def _let_go(self, pod: TrackedPod) -> None:
         """Give up ownership of containers that the policy no longer claims."""
@@ -165,33 +175,32 @@ class Reconciler:
             if ownership.policy == self._policy and (pod.view.ended or identity not in self.order.claimed):
                 del pod.owned[name]
                 pod.rewrites.pop(name, None)
-                if ownership.told:
+                if ownership.reported:
                     self._observer.on_conflict(self._policy, identity, None)
 
-    def _guard(self, target: Target, now: float) -> float:
-        """Report when others resize the policy's container, and when that is over; returns when to look next."""
+    def _guard(self, target: Target, now: float) -> tuple[float, ...]:
+        """Report when others resize the policy's container, and when that is over; returns when to look again."""
         pod, name = target.pod, target.container.name
-        conflict = guard.look(self._policy, target, self._originals.at(pod.uid, name), now)
+        conflict = guard.look(self._policy, target, now)
         if conflict is not None:
             self._observer.on_conflict(self._policy, target.id, conflict)
         ownership = pod.owned.get(name)
         moments = pod.nudge_state.until, pod.rewrites.get(name, inf)
-        due = min([moment for moment in moments if moment > now], default=inf)
-        if ownership is None or not ownership.told:
-            return due
+        if ownership is None or not ownership.reported:
+            return moments
         if now >= ownership.forgotten_at:
-            ownership.told = False
+            ownership.reported = False
             self._observer.on_conflict(self._policy, target.id, None)
-            return due
-        return min([due, *[end for end in (ownership.rests_until, ownership.forgotten_at) if end > now]])
+            return moments
+        return *moments, ownership.rests_until, ownership.forgotten_at
 
-    def _steps(self, targets: Collection[Target], now: float) -> dict[str, dict[str, Cpu]]:
+    def _steps(self, targets: Collection[Target], pods: Iterable[TrackedPod], now: float) -> dict[str, dict[str, Cpu]]:
         """The resources that may be set now, by pod UID and container name.
 
         Before the first resize, the originals of all containers with a share are stored: that costs one write for all,
         and none when a later plan resizes the next container.
         """
-        found = steps(self.order, targets, self._leaving(), now)
+        found = steps(self.order, targets, self._leaving(pods), now)
         stored = {
             uid: {name: cpu for name, cpu in resources.items() if self._originals.is_stored(self._policy, uid, name)}
             for uid, resources in found.items()
@@ -208,14 +217,17 @@ class Reconciler:
         before = ownership.cpu if ownership is not None else target.pod.state.spec(name)
         if before is not None:
             self._originals.note(self._policy, view.uid, view.name, name, before)
+        if view.node in self.order.agents | self.order.attended:
+            self._originals.attend(view.uid)
 
-    def _leaving(self) -> Mapping[str, int]:
+    def _leaving(self, pods: Iterable[TrackedPod]) -> Mapping[str, int]:
         """By node, the limits that pods being deleted have from the policy: they hold until their containers end."""
         leaving: dict[str, int] = defaultdict(int)
-        for uid, name in self._originals.of(self._policy):
-            pod = self._pods.at(uid)
-            if pod is not None and pod.view.ended and pod.view.running:
-                leaving[pod.view.node] += pod.state.highest(name)
+        for pod in pods:
+            if pod.view.ended and pod.view.running:
+                kept = self._originals.in_pod(pod.uid).items()
+                own = [name for name, original in kept if original.policy == self._policy]
+                leaving[pod.view.node] += sum(map(pod.state.highest, own))
         return leaving
 
     def _to_put_back(self, pod: TrackedPod) -> dict[str, Cpu]:
@@ -223,24 +235,12 @@ class Reconciler:
         uid, state = pod.uid, pod.state
         back = to_put_back(state, self._originals.in_pod(uid), self._policy, self.order.claimed)
         if back and state.ready and not pod.view.ended:
-            # In a ready pod, a spec of None means that there is no such container.
+            # In a ready pod, a spec of None means that the container does not exist.
             for name in [name for name, cpu in back.items() if state.spec(name) in (cpu, None)]:
                 del back[name]
                 state.expect_back(name, self._policy)
                 self._originals.drop(uid, name)
         return back
-
-    def _bound(
-        self, pods: Iterable[TrackedPod], back: Mapping[str, Mapping[str, Cpu]], now: float
-    ) -> Mapping[str, float]:
-        """The nodes on which no restored limit may rise yet, and until when."""
-        if not any(back.values()):
-            self._falling = {}
-            return {}
-        before = self._falling
-        nodes = {pod.view.node for pod in pods if is_falling(pod.state, self._policy, back[pod.uid])}
-        self._falling = {node: before.get(node, now) for node in nodes}
-        return {node: since + RESTORE_PATIENCE for node, since in self._falling.items()}
 
     def _send(
         self,
@@ -249,25 +249,23 @@ class Reconciler:
         back: Mapping[str, Cpu],
         bound: Mapping[str, float],
         now: float,
-    ) -> tuple[float, ...]:
+    ) -> list[float]:
         """Send one pod what may be sent now; returns when there may be more to send, as far as time decides that."""
-        due: tuple[float, ...] = ()
+        due = []
         if not pod.view.ended:
             ready = without_rises(pod.state, back) if bound.get(pod.view.node, -inf) > now else back
             # At most one of the two is sent: the first leaves the pod busy, and its end brings us back here.
-            due = (
-                self._request(pod, forward, now, restore=False),
-                self._request(pod, ready, now, restore=True),
-            )
+            for wanted, restore in ((forward, False), (ready, True)):
+                if wanted:
+                    due.append(self._request(pod, wanted, now, restore=restore))
+                else:
+                    pod.refusals.pop((self._policy, restore), None)
         if not (forward or back or pod.state.patch):
             self._dispatcher.recovered(self._policy, pod)
         return due
 
     def _request(self, pod: TrackedPod, wanted: Mapping[str, Cpu], now: float, *, restore: bool) -> float:
         """Send a patch for one pod unless it has to wait; returns until when, or infinity."""
-        if not wanted:
-            pod.refusals.pop((self._policy, restore), None)
-            return inf
         if not pod.state.ready:
             return inf  # the end of the patch under way triggers the next pass
         moment = max(pod.state.settles_at, pod.refused_until(self._policy, wanted, restore=restore))
@@ -287,10 +285,11 @@ class Reconciler:
         )
 
 
-def _turn(pod: TrackedPod, step: Mapping[str, Cpu]) -> tuple[bool, int]:
+def _turn(steps_of: Mapping[str, Mapping[str, Cpu]], pod: TrackedPod) -> tuple[bool, int]:
     """Where a pod's step stands in line: what raises the sum of its limits last, and of its like the most first.
 
     With dozens of pods the workers take several resizes' time for the line, and the plan is about what gains the most.
     """
-    change = sum([(cpu.limit or 0) - pod.state.least_known(name) for name, cpu in step.items()])
+    step = steps_of.get(pod.uid, {}).items()
+    change = sum([(cpu.limit or 0) - pod.state.least_known(name) for name, cpu in step])
     return change > 0, -abs(change)

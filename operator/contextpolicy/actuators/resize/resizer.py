@@ -7,7 +7,7 @@ on the loop's thread; patches run on workers and report back to it.
 from __future__ import annotations
 
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from reactivex.disposable import Disposable, SerialDisposable
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from contextpolicy.actuators.resize.dispatcher import Observer
     from contextpolicy.actuators.resize.pod_patch import ResizeApi
+    from contextpolicy.actuators.resize.stored_originals import EntrySignatures, StoredOriginals
     from contextpolicy.actuators.resize.tracked_pod import TrackedPod
     from contextpolicy.cluster.pods import Cpu, PodView
 
@@ -48,8 +49,15 @@ NO_TIMER = Disposable()
 class PodResizer:
     """All pods that policies claim, and those that must be restored."""
 
-    def __init__(self, api: ResizeApi, scheduler: SchedulerBase, workers: Executor, observer: Observer) -> None:
-        self.originals = Originals()
+    def __init__(
+        self,
+        api: ResizeApi,
+        scheduler: SchedulerBase,
+        workers: Executor,
+        observer: Observer,
+        signatures: EntrySignatures,
+    ) -> None:
+        self.originals = Originals(signatures)
         self._scheduler, self._observer = scheduler, observer
         self._pods = PodIndex()
         self._reconcilers: dict[str, Reconciler] = {}
@@ -57,19 +65,24 @@ class PodResizer:
         """What to call once a policy is released."""
         background = Background(scheduler, workers)
         self._now = background.now
-        self._dispatcher = Dispatcher(self.originals, self._pods, api, background, observer, on_end=self._on_end)
-        self._record = StatusRecord(self.originals, api, background, observer, self._on_written)
+        self._dispatcher = Dispatcher(self.originals, self._pods, api, background, observer, listener=self)
+        self._record = StatusRecord(self.originals, api, background, observer, self)
         self._dirty: set[str] = set()
         self._later: set[str] = set()
         self._timer = SerialDisposable()
 
-    def recall(self, policy: str, stored: object) -> None:
+    def recall(self, policy: str, stored: StoredOriginals) -> None:
         """Load the originals from a policy's status, when the policy first appears.
 
-        Entries for pods outside the policy's own namespace are ignored, whoever wrote them.
+        Entries for pods outside the policy's own namespace are ignored.
         """
         namespace = policy.partition("/")[0]
         self.originals.recall(policy, stored, lambda uid: self._pods.belongs_to(uid, namespace))
+
+    def inspect(self, policy: str, raw: Mapping[str, Any], version: int) -> None:
+        """Compare the originals in a policy's status, as the watch shows it, with what they should be."""
+        if self._record.inspect(policy, raw, version):
+            self._mark_dirty([policy])
 
     def apply(self, order: Order) -> None:
         """Replace what the policy wants, and start to make it real."""
@@ -110,6 +123,17 @@ class PodResizer:
             self._mark(pod)
             self.originals.drop_pod(uid)
 
+    def on_patch_end(self, pod: TrackedPod) -> None:
+        """A patch has ended; the API server may have no such pod any more."""
+        if pod.state.phase is Phase.GONE:
+            self.forget(pod.uid)
+        else:
+            self._mark_if_awaited(pod)
+
+    def on_record_end(self, policy: str) -> None:
+        """The policy's status has its originals, or the write failed: see what can be sent now."""
+        self._mark_dirty([policy])
+
     def _reconciler(self, policy: str) -> Reconciler:
         reconciler = self._reconcilers.get(policy)
         if reconciler is None:
@@ -146,6 +170,8 @@ class PodResizer:
         marked, self._dirty = self._dirty.union(policies), set()
         self._later -= marked
         now = self._now()
+        for policy in marked - self._reconcilers.keys():
+            self._write_later(policy, self._record.write(policy, now))
         for policy in sorted(marked & self._reconcilers.keys()):
             reconciler = self._reconcilers[policy]
             reconciler.reconcile(now)
@@ -156,6 +182,12 @@ class PodResizer:
             else:
                 reconciler.again = min(reconciler.again, self._record.write(policy, now))
         self._arm(now)
+
+    def _write_later(self, policy: str, due: float) -> None:
+        """Call again when the status of a policy that wants nothing yet may be written."""
+        if due < inf:
+            wait = max(0.0, due - self._now()) + ROUNDING
+            self._scheduler.schedule_relative(wait, lambda *_: self._reconcile([policy]))
 
     def _arm(self, now: float) -> None:
         """One timer for all policies, for the earliest time at which any of them may have something to do."""
@@ -169,16 +201,6 @@ class PodResizer:
     def _on_timer(self) -> None:
         now = self._now()
         self._reconcile([policy for policy, reconciler in self._reconcilers.items() if reconciler.again <= now])
-
-    def _on_end(self, pod: TrackedPod) -> None:
-        """A patch has ended; the API server may have no such pod any more."""
-        if pod.state.phase is Phase.GONE:
-            self.forget(pod.uid)
-        else:
-            self._mark_if_awaited(pod)
-
-    def _on_written(self, policy: str) -> None:
-        self._mark_dirty([policy])
 
     def _tell_in_force(self, pod: TrackedPod, before: Mapping[str, Cpu | None]) -> None:
         news = [c for c in pod.view.containers if c.actual is not None and c.actual != before.get(c.name)]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.actuators.resize.pauses import FAILED, REFUSED
 from contextpolicy.errors import ActuationError, unexpected
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Mapping
 
     from contextpolicy.actuators.resize.background import Background
     from contextpolicy.actuators.resize.dispatcher import Observer
@@ -32,8 +32,15 @@ class _Retry:
     due: float = -inf
 
 
+class RecordListener(Protocol):
+    """What goes on when a status was written; called on the loop's thread."""
+
+    def on_record_end(self, policy: str) -> None:
+        """A write to the policy's status has ended, well or not."""
+
+
 class StatusRecord:
-    """At most one write per policy is under way; calls `on_end(policy)` on the loop's thread after each."""
+    """At most one write per policy is under way."""
 
     def __init__(
         self,
@@ -41,10 +48,10 @@ class StatusRecord:
         api: ResizeApi,
         background: Background,
         observer: Observer,
-        on_end: Callable[[str], None],
+        listener: RecordListener,
     ) -> None:
         self._originals, self._api, self._background = originals, api, background
-        self._observer, self._on_end = observer, on_end
+        self._observer, self._listener = observer, listener
         self._retries: dict[str, _Retry] = {}
 
     def write(self, policy: str, now: float) -> float:
@@ -59,35 +66,46 @@ class StatusRecord:
         self._background.run(lambda: self._write(policy, changes), lambda error: self._ended(policy, error))
         return inf
 
+    def inspect(self, policy: str, raw: Mapping[str, Any], version: int) -> bool:
+        """Compare with what the watch shows of a policy's status; whether it has to be written."""
+        changed = self._originals.inspect(policy, raw, version)
+        if changed:
+            self._observer.on_changed_by_other(policy)
+        return changed
+
     def forget(self, policy: str) -> None:
         """The policy is gone, and its status with it."""
         self._originals.forget(policy)
         self._retries.pop(policy, None)
 
-    def _write(self, policy: str, changes: dict[str, object]) -> ActuationError | None:
+    def _write(self, policy: str, changes: dict[str, object]) -> int | ActuationError:
         """On a worker's thread."""
         namespace, _, name = policy.partition("/")
         try:
-            self._api.write_originals(namespace, name, changes)
+            return self._api.write_originals(namespace, name, changes)
         except ActuationError as error:
             return error
         except Exception as error:
             log.exception("the originals of %s could not be written", policy)
             return unexpected(error)
-        return None
 
-    def _ended(self, policy: str, error: ActuationError | None) -> None:
+    def _ended(self, policy: str, answer: int | ActuationError) -> None:
         retry = self._retries.get(policy)
         if retry is None:  # the policy was deleted while its status was written
             return
+        error = answer if isinstance(answer, ActuationError) else None
         if error is not None or retry.times:
             self._observer.on_problem(policy, SUBJECT, error)
-        if error is None:
-            self._originals.succeed(policy)
-            self._retries[policy] = _Retry()
+        if isinstance(answer, ActuationError):
+            self._failed(policy, retry, answer)
         else:
-            self._originals.fail(policy)
-            retry.times += 1
-            pause = (FAILED if error.retriable else REFUSED).after(retry.times)
-            retry.due = self._background.now() + max(pause, error.retry_after)
-        self._on_end(policy)
+            self._retries[policy] = _Retry()
+            if self._originals.succeed(policy, answer):
+                self._observer.on_changed_by_other(policy)
+        self._listener.on_record_end(policy)
+
+    def _failed(self, policy: str, retry: _Retry, error: ActuationError) -> None:
+        self._originals.fail(policy)
+        retry.times += 1
+        pause = (FAILED if error.retriable else REFUSED).after(retry.times)
+        retry.due = self._background.now() + max(pause, error.retry_after)

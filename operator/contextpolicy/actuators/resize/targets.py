@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class Target:
     """What the plan gives one container, and what it had `before` the plan; `stuck`: it can't be lowered for now.
 
-    `spec` is what the API has now, None when that is unknown.
+    `spec` is what the API has now, None when that is unknown; `original` is what the container had before any policy.
     """
 
     id: str
@@ -33,6 +33,7 @@ class Target:
     cpu: Cpu
     spec: Cpu | None
     before: Cpu
+    original: Original | None
     stuck: bool = False
 
     @property
@@ -67,6 +68,11 @@ def _request(order: Order, identity: str, before: Cpu, limit: int | None) -> int
     wanted = order.requests.get(identity)
     if wanted is None:
         return before.request
+    return request_below(wanted, limit)
+
+
+def request_below(wanted: int, limit: int | None) -> int:
+    """The CPU request that a weight becomes: below the limit, so that the pod stays Burstable."""
     return max(LEAST_REQUEST, wanted if limit is None else min(wanted, limit - 1))
 
 

@@ -8,8 +8,8 @@ from contextpolicy.planning.allocation.division import divide_nodes
 from contextpolicy.planning.allocation.feasibility import shortfalls
 from contextpolicy.planning.allocation.plan import Shortfall, TaskPlan
 from contextpolicy.planning.allocation.weights import Obstacles, Weigher
+from contextpolicy.policy.activities import Enforce
 from contextpolicy.policy.dependencies import TaskTree
-from contextpolicy.policy.spec import Enforce
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.allocation.seating import Seating
     from contextpolicy.planning.allocation.shares import Demand
     from contextpolicy.planning.allocation.weights import Weight
+    from contextpolicy.planning.restart import Remembered
     from contextpolicy.policy.spec import Context, Policy
 
 
@@ -27,13 +28,17 @@ AT_REST = "nothing is active, so priorities divide the node"
 
 
 class Situation(NamedTuple):
-    """What a decision is made from: scores, unmet pre-conditions, active contexts, and where the containers run."""
+    """What a decision is made from: scores, unmet pre-conditions, active contexts, and where the containers run.
+
+    `kept` are the tasks that keep their state of before a restart.
+    """
 
     scores: Mapping[str, float]
     waiting: Mapping[str, str]
     contexts: Sequence[Context]
     layout: Seating
     last: Mapping[str, NodePlan]
+    kept: Mapping[str, Remembered] = {}
 
 
 class Decision(NamedTuple):
@@ -55,6 +60,7 @@ class Decider:
         self._layout: Seating | None = None
         self._claims: Mapping[str, Sequence[Demand]] = {}
         self._known: dict[str, tuple[Weight, TaskPlan]] = {}
+        self._kept: Mapping[str, Remembered] = {}
         self._leaves = policy.leaves
         self._may_yield = {task.name for task in self._leaves if task.needs.enforce is Enforce.SUSPEND}
         self._places = {task.name: place for place, task in enumerate(policy.tasks)}
@@ -66,7 +72,11 @@ class Decider:
 
     def at_rest(self) -> Mapping[str, Weight]:
         """What the tasks of the last decision would weigh if all were active."""
-        return self._weigher.weigh_at_rest()
+        weights = self._weigher.weigh_at_rest()
+        priorities = {name: self._policy.tasks[self._places[name]].priority for name in self._kept}
+        return weights | {
+            name: _at_rest_as_before(weights[name], priorities[name], state) for name, state in self._kept.items()
+        }
 
     def decide(self, situation: Situation) -> Decision:
         """Decide; tasks with `enforce: Suspend` yield, the lightest first, until none of them has an unmet need.
@@ -74,6 +84,7 @@ class Decider:
         Then those that fit after all come back, the last to yield first: a heavier task that yielded later may have
         made room. So who runs depends on this situation only, not on earlier decisions.
         """
+        self._kept = situation.kept
         yielding: dict[str, str] = {}
         decision = self._attempt(situation, yielding)
         while lightest := self._lightest_unmet(decision):
@@ -90,6 +101,8 @@ class Decider:
     def _attempt(self, situation: Situation, yielding: Mapping[str, str]) -> Decision:
         obstacles = Obstacles(situation.waiting, situation.layout.absent, yielding)
         weights = self._weigher.weigh(situation.scores, obstacles, situation.contexts)
+        if situation.kept:
+            weights |= {name: _as_before(weights[name], state) for name, state in situation.kept.items()}
         if situation.layout is not self._layout:
             self._layout, self._claims = situation.layout, {}
         division = divide_nodes(situation.layout, weights, situation.last, self.at_rest, self._claims)
@@ -100,7 +113,8 @@ class Decider:
         unmet = shortfalls(self._policy, weights, suspended, situation.layout, division.nodes)
         yielded = (Shortfall(name, f"is suspended: it {need}") for name, need in yielding.items())
         tasks = self._task_plans(weights, division.shares, suspended)
-        tasks |= {name: tasks[name]._replace(because=AT_REST) for name in division.resting}
+        if division.resting:
+            tasks |= {name: tasks[name]._replace(because=AT_REST) for name in division.resting}
         return Decision(weights, tasks, division, (*division.shortfalls, *yielded, *unmet), suspended)
 
     def _task_plans(
@@ -138,6 +152,19 @@ class Decider:
         if found:
             found.update(g.name for g in self._groups if weights[g.name].value == 0 and found.issuperset(g.subtasks))
         return found
+
+
+def _as_before(weight: Weight, state: Remembered) -> Weight:
+    value = 0.0 if state.suspended else state.weight
+    because = "keeps its state from before the restart until the streams it depends on are heard"
+    return weight._replace(value=value, because=because, able=not state.suspended)
+
+
+def _at_rest_as_before(weight: Weight, priority: float, state: Remembered) -> Weight:
+    """What keeps it from running now is not known yet: only what it had counts."""
+    if state.suspended:
+        return weight._replace(value=0.0, able=False)
+    return weight if weight.value > 0 else weight._replace(value=priority, able=True)
 
 
 def _with(node: NodePlan, suspended: AbstractSet[str]) -> NodePlan:

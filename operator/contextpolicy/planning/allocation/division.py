@@ -6,17 +6,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from contextpolicy.errors import ShareError
 from contextpolicy.planning.allocation.plan import Basis, NodePlan, Shortfall
-from contextpolicy.planning.allocation.seating import seat_tasks
 from contextpolicy.planning.allocation.shares import Demand, divide, floors_exceed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from collections.abc import Set as AbstractSet
 
-    from contextpolicy.planning.allocation.placement import Placement
     from contextpolicy.planning.allocation.seating import Seat, SeatedNode, Seating
     from contextpolicy.planning.allocation.weights import Weight
-    from contextpolicy.policy.spec import Policy
 
     AtRest = Callable[[], Mapping[str, Weight]]
 
@@ -82,9 +79,9 @@ def divide_nodes(
     return Division(nodes, shares, tuple(shortfalls), resting, claims)
 
 
-def terms(policy: Policy, weights: Mapping[str, Weight], placement: Placement, at_rest: AtRest) -> dict[str, Terms]:
+def terms(layout: Seating, weights: Mapping[str, Weight], at_rest: AtRest) -> dict[str, Terms]:
     """Each node's terms, for explanations."""
-    return {node.name: _terms(node, weights, at_rest) for node in seat_tasks(policy, placement).nodes}
+    return {node.name: _terms(node, weights, at_rest) for node in layout.nodes}
 
 
 def _terms(node: SeatedNode, weights: Mapping[str, Weight], at_rest: AtRest, known: Sequence[Demand] = ()) -> Terms:
@@ -110,21 +107,18 @@ def _divide(node: SeatedNode, own: Terms) -> NodePlan:
         else:
             parts = _parts(seat, units[seat.task])
             containers |= {container: part * node.quantum for container, part in parts.items()}
-    return NodePlan(node.capacity, shares, containers, node.scheduler, own.basis)
+    return NodePlan(node.capacity, shares, containers, node.scheduler, own.basis, caps=node.caps)
 
 
 def _parts(seat: Seat, units: int) -> dict[str, int]:
     """One task's units over its containers on the node: equal parts above each one's own floor."""
-    claims = [
-        Demand(container.id, 1.0, floor, max(floor, units))
-        for container, floor in zip(seat.containers, seat.floors, strict=True)
-    ]
-    return divide(units, claims)
+    held = zip(seat.containers, seat.floors, strict=True)
+    return divide(units, [Demand(container.id, 1.0, floor, units) for container, floor in held])
 
 
 def _floor_shortfalls(own: Terms) -> list[Shortfall]:
     if not floors_exceed(own.capacity // own.quantum, own.claims):
         return []
     total = sum(claim.floor for claim in own.claims) * own.quantum
-    scaled = "all are scaled down, also those of protected tasks" if own.unprotected else "all are scaled down"
+    scaled = "all are scaled down, including those of protected tasks" if own.unprotected else "all are scaled down"
     return [Shortfall("", f"the floors sum to {total}m, allowed: {own.capacity}m; {scaled}")]

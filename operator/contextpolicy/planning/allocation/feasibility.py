@@ -48,5 +48,5 @@ def _unmet(task: Task, share: int, container: Container, node: SeatedNode) -> It
         yield Shortfall(task.name, f"needs {needs.memory} bytes of memory, its limit is {container.memory}")
     if needs.deadline is not None and gap > needs.deadline:
         yield Shortfall(
-            task.name, f"needs results within {needs.deadline:g} s, with {share}m it may stand still for {gap:.3g} s"
+            task.name, f"needs results within {needs.deadline:g} s, with {share}m it may stall for {gap:.3g} s"
         )

@@ -19,6 +19,7 @@ class Container:
 
     `request` is its CPU request in thousandths of a core, below which the API lets no limit go; `memory` is its memory
     limit in bytes and `limit` the CPU limit that it had before any policy, None if it has none.
+    `weighted`: its pod is Burstable, so it has a weight of its own; a Guaranteed pod's request must equal its limit.
     """
 
     id: str
@@ -27,6 +28,7 @@ class Container:
     request: int = 0
     memory: int | None = None
     limit: int | None = None
+    weighted: bool = True
 
     @property
     def floor(self) -> int:

@@ -39,7 +39,8 @@ class NodePlan(NamedTuple):
     """One node's division of N, its `capacity`, into shares by task and by container, in thousandths of a core.
 
     Under Realtime all are multiples of the node's number of processors, each of which gives the same part of its
-    period: N is at most 95 % of them. `suspended` are its suspended tasks.
+    period: N is at most 95 % of them. `suspended` are its suspended tasks, `caps` the `max` of those tasks whose own an
+    active context changes.
     """
 
     capacity: int
@@ -48,6 +49,7 @@ class NodePlan(NamedTuple):
     scheduler: Scheduler = Scheduler.CFS
     basis: Basis = Basis.WEIGHT
     suspended: AbstractSet[str] = frozenset()
+    caps: Mapping[str, int] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,6 @@ class Plan:
         """Each container's share in thousandths of a core, over all nodes."""
         return {identity: share for node in self.nodes.values() for identity, share in node.containers.items()}
 
-    def tells(self, last: Plan | None) -> bool:
+    def is_news_after(self, last: Plan | None) -> bool:
         """Whether it shows anything that `last` did not."""
         return last is None or (self.contexts, self.tasks) != (last.contexts, last.tasks)

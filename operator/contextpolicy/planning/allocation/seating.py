@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from contextpolicy.planning.allocation.placement import QUANTUM
 from contextpolicy.planning.allocation.shares import Demand
+from contextpolicy.policy.activities import Needs
 from contextpolicy.policy.bandwidth import PERIOD, throttle_gap
-from contextpolicy.policy.spec import Control, Needs, Scheduler
+from contextpolicy.policy.spec import Control, Scheduler
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -63,6 +64,8 @@ class SeatedNode:
     period: float = PERIOD
     protects: bool = False
     """Whether any of its tasks is protected."""
+    caps: Mapping[str, int] = field(default_factory=dict)
+    """The `max` of each task whose own an active context changes, in thousandths of a core."""
 
     def throttle_gap(self, share: int) -> float:
         """Seconds for which one busy thread may be throttled with this share."""

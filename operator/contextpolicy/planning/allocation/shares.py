@@ -73,7 +73,7 @@ def _whole(weights: Sequence[float]) -> list[int]:
 class _Division:
     """One division under way, in columns with a place for each claim.
 
-    It is made anew with nearly every plan, so it sums lists: for 20 claims that is quicker than generators.
+    It is rebuilt with nearly every plan, so it sums lists: for 20 claims that is quicker than generators.
     """
 
     def __init__(

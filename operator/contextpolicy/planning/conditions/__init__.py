@@ -1,4 +1,4 @@
 """What holds now: samples become stream states, and these the values of activities and contexts.
 
-Reading order: sample, stream, features, scope, expressions, initiative, scores, context.
+Reading order: sample, stream, features, scope, expressions, initiative, scores, context, evaluation.
 """

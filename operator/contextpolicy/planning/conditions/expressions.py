@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from contextpolicy.errors import ExpressionError, UndecidedError
@@ -18,9 +21,13 @@ if TYPE_CHECKING:
 
 Value = TypeVar("Value")
 
+_NUMERAL = re.compile(r"(?<![\w.])[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?")
+MAX_NUMERALS = 16
+"""Numerals of an expression that are tried in place of NaN: each costs evaluations."""
+
 
 class ExpressionListener(Protocol):
-    """Hears which expressions fail and recover."""
+    """Hears which expressions fail and recover, and who is to evaluate again as time has passed."""
 
     def on_expression_error(self, source: str, reason: str) -> None:
         """The expression failed on this sample."""
@@ -28,11 +35,14 @@ class ExpressionListener(Protocol):
     def on_expression_recovery(self, source: str) -> None:
         """The expression evaluates again after a failure."""
 
+    def on_elapsed(self, reader: Reader) -> None:
+        """A time that the reader waited for is over."""
+
 
 class Reader(Protocol):
     """Something that evaluates expressions."""
 
-    def on_value(self, now: float) -> None:
+    def on_value(self, now: float, *, sampled: bool = False) -> None:
         """Evaluate again: what they read may have changed."""
 
 
@@ -48,7 +58,7 @@ class Waiting:
 class Guarded:
     """An expression that reports failures to its listener instead of raising them: bad samples happen.
 
-    A stream without a value is no failure: CEL decides without it where it can, and where it can't, `waiting` says so.
+    A stream without a value is not a failure: CEL decides without it where it can, else `waiting` says so.
     It is evaluated again only once something that it reads has changed; a failure is tried again with each sample.
     """
 
@@ -60,7 +70,7 @@ class Guarded:
         self._scope, self._listener = scope, listener
         self._known: Any = None
         self._failing = False
-        scope.watch(self, expression.variables)
+        scope.watch(self, expression)
 
     def truth(self, now: float) -> bool:
         """False when the condition has no value."""
@@ -102,7 +112,7 @@ class Guarded:
         return value
 
     def _truth_despite_nan(self, scope: Scope) -> bool:
-        """Whether the condition holds whatever number stands for each NaN; tried with -inf and +inf.
+        """Whether the condition holds whatever number stands for each NaN: a comparison with NaN can't be decided.
 
         The CEL library can't compare NaN, so one missing beam of a laser scanner would fail every condition on it.
         """
@@ -114,7 +124,7 @@ class Guarded:
         except ExpressionError:
             if not scope.holds_nan(streams):
                 raise
-        return all(scope.at_extremes(streams, self.expression.truth))
+        return scope.holds_for_each(_stand_ins(self.expression.source), streams, self.expression.truth)
 
     def _reason(self, error: ExpressionError) -> str:
         return str(error).removeprefix(f"{self.expression.source}: ")
@@ -123,8 +133,11 @@ class Guarded:
 class Ageing:
     """Wakes a reader when a stream reaches an age that its expressions compare with, so that nothing polls."""
 
-    def __init__(self, ages: Collection[Age], scope: Scope, timers: Timers, reader: Reader) -> None:
-        self._ages, self._scope, self._timers, self._reader = ages, scope, timers, reader
+    def __init__(
+        self, ages: Collection[Age], scope: Scope, timers: Timers, reader: Reader, listener: ExpressionListener
+    ) -> None:
+        self._ages, self._scope, self._timers = ages, scope, timers
+        self._reader, self._listener = reader, listener
 
     def arm(self, now: float) -> None:
         """Wait for the next such moment after `now`."""
@@ -134,9 +147,18 @@ class Ageing:
         else:
             self._timers.set(self, due)
 
-    def on_due(self, now: float) -> None:
+    def on_due(self, now: float) -> None:  # noqa: ARG002 - the timer's signature
         """The age is reached."""
-        self._reader.on_value(now)
+        self._listener.on_elapsed(self._reader)
+
+
+@lru_cache(maxsize=1024)
+def _stand_ins(source: str) -> tuple[float, ...]:
+    """Numbers between which a threshold of the source lies: both infinities, its numerals, and halfway between them."""
+    numerals = [float(text) for text in _NUMERAL.findall(source)[:MAX_NUMERALS]]
+    finite = sorted({0.0}.union(*({-number, number} for number in numerals if math.isfinite(number))))
+    between = [low + (high - low) / 2 for low, high in pairwise(finite)]
+    return math.inf, *sorted((*finite, *between), reverse=True), -math.inf
 
 
 @lru_cache(maxsize=1024)

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from contextpolicy.planning.conditions.timers import SAME_INSTANT
-from contextpolicy.policy.spec import FeatureOp
+from contextpolicy.policy.spec import MAX_SAMPLES, FeatureOp
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from contextpolicy.planning.conditions.scope import Scope
     from contextpolicy.policy.spec import Feature
-
-MAX_SAMPLES = 10_000
-"""A window keeps at most this many samples, the newest ones: 10 s of a 1 kHz sensor."""
 
 
 class Window:
@@ -51,7 +48,7 @@ class Window:
         return self._times[0] + self.feature.over if self._times else None
 
     def value(self, now: float) -> float | None:
-        """The feature at `now`; None when there is no number for a mean, min or max."""
+        """The feature at `now`; None when there is not a number for a mean, min or max."""
         while self._times and self._times[0] + self.feature.over <= now + SAME_INSTANT:
             self._drop()
         match self.feature.op:
@@ -68,6 +65,52 @@ class Window:
     def _drop(self) -> None:
         self._times.popleft()
         self._numbers.pop()
+
+
+class Features:
+    """The features of one stream, as they were when they were last measured."""
+
+    def __init__(self, features: Sequence[Feature], scope: Scope) -> None:
+        self._windows = [Window(feature, scope) for feature in features]
+        self._measured: dict[str, float] = {}
+
+    def read(self, scope: Scope) -> list[float]:
+        """The numbers that the sample in `scope` contributes; ExpressionError when a window's `of` gives none.
+
+        Read all before adding any: a sample that fails must not end up in some of the windows.
+        """
+        return [window.read(scope) for window in self._windows]
+
+    def add(self, numbers: Iterable[float], now: float) -> None:
+        """Add what was read of the newest sample."""
+        for window, number in zip(self._windows, numbers, strict=True):
+            window.add(number, now)
+
+    def values(self, now: float) -> dict[str, float | None]:
+        """Each feature as expressions see it at `now`."""
+        return {window.feature.name: window.value(now) for window in self._windows}
+
+    def measure(self, now: float) -> bool:
+        """Bring them to `now`; returns whether that changed any."""
+        before = self._measured
+        self._measured = {name: value for name, value in self.values(now).items() if value is not None}
+        return self._measured != before
+
+    def next_change(self) -> float | None:
+        """When the next sample leaves a window; None when all are empty."""
+        return min([due for window in self._windows if (due := window.next_change()) is not None], default=None)
+
+    def beside(self, value: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+        """A sample's fields with the features, and the names of the features that have no value.
+
+        A sample's own field must not stand in for a feature of the same name that has no value.
+        """
+        names = [window.feature.name for window in self._windows]
+        lacking = [name for name in names if name not in self._measured]
+        fields = {**value, **self._measured}
+        for name in lacking:
+            fields.pop(name, None)
+        return fields, lacking
 
 
 def _add(first: float, second: float) -> float:

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.errors import ExpressionError
-from contextpolicy.policy import cel_cost, cel_numbers
+from contextpolicy.policy import cel_cost, cel_numbers, context_reads
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.cel_functions import RUN
 from contextpolicy.policy.cel_rewriting import HEARD, PASSED, REACHED, SINCE
 from contextpolicy.policy.lean_cel import cel
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     from contextpolicy.policy.cel_rewriting import Age
 
-Value = TypeVar("Value")
+
+MAX_TRIALS = 256
+"""Evaluations of one condition with numbers in place of several NaNs, some 2 ms; less where it does not hold."""
 
 
 class Watcher(Protocol):
@@ -53,12 +55,12 @@ class Scope:
     """The variables that expressions see: what they read of the latest sample of each stream.
 
     Only that is handed to CEL: converting a whole ROS message costs more than all evaluations on it. A stream without
-    a value is no variable: CEL's own rules then decide, so `a.x || b.y` holds when one side does.
+    a value is not a variable: CEL's own rules then decide, so `a.x || b.y` holds when one side does.
     """
 
     __slots__ = (
         *("_aged", "_asked", "_lacking", "_normal", "_parts", "_reads", "_since", "_values", "_watchers"),
-        *("context", "instant", "whole"),
+        *("active", "context", "instant", "turned_by_sample", "whole"),
     )
 
     def __init__(self) -> None:
@@ -72,8 +74,13 @@ class Scope:
         self._watchers: dict[str, list[Watcher]] = defaultdict(list)
         self._lacking: dict[str, Collection[str]] = {}
         self._since: dict[str, float] = {}
+        """When each stream whose age is asked for got its value; minus infinity before the first."""
         self._asked: set[str] = set()
         self._aged: set[str] = set()
+        self.active: dict[str, bool] = {}
+        """The contexts that expressions read, each with whether it is active."""
+        self.turned_by_sample: set[str] = set()
+        """Those of them that a sample made begin or cease to be active the last time that they did."""
         self.context = self._context()
 
     def compile(self, source: str) -> Expression:
@@ -81,16 +88,29 @@ class Scope:
         expression = Expression(source)
         for path in expression.reads:
             _grow(self._reads, path)
-        self._aged |= {age.stream for age in expression.ages}
+        for stream in {age.stream for age in expression.ages} - self._aged:
+            self._aged.add(stream)
+            self._since.setdefault(stream, -math.inf)
+            self.context.add_variable(SINCE + stream, self._since[stream])
         for stream in expression.asked - self._asked:
             self._asked.add(stream)
             self.context.add_variable(HEARD + stream, stream in self._values)
+        for name in expression.contexts - self.active.keys():
+            self.show_context(name, active=False)
         return expression
 
-    def watch(self, watcher: Watcher, streams: Iterable[str]) -> None:
-        """Tell an expression when what it sees of one of these streams changes."""
-        for stream in streams:
-            self._watchers[stream].append(watcher)
+    def watch(self, watcher: Watcher, expression: Expression) -> None:
+        """Notify an expression when what it sees of a stream or a context changes."""
+        for name in (*expression.variables, *map(context_reads.variable, expression.contexts)):
+            self._watchers[name].append(watcher)
+
+    def show_context(self, name: str, *, active: bool, by_sample: bool = False) -> None:
+        """Show expressions whether a context is active, and readers whether a sample made it so."""
+        self.active[name] = active
+        (self.turned_by_sample.add if by_sample else self.turned_by_sample.discard)(name)
+        variable = context_reads.variable(name)
+        self.context.add_variable(variable, active)
+        self._tell(variable)
 
     def bind(self, stream: str, value: dict[str, Any], now: float = 0.0, lacking: Collection[str] = ()) -> None:
         """Make `value` the stream's latest sample as of `now`; ExpressionError when CEL can't represent it.
@@ -162,46 +182,62 @@ class Scope:
         variables = dict(self._values)
         variables |= {HEARD + stream: stream in self._values for stream in self._asked}
         variables |= {SINCE + stream: since for stream, since in self._since.items()}
+        variables |= {context_reads.variable(name): active for name, active in self.active.items()}
         return cel.Context(variables, RUN | cel_numbers.FUNCTIONS | asking)
 
     def holds_nan(self, streams: Iterable[str]) -> bool:
         """Whether expressions see a NaN in any of these streams."""
-        return any(_holds_nan(self._values.get(stream)) for stream in streams)
+        return any(_nans(self._values.get(stream)) for stream in streams)
 
-    def at_extremes(self, streams: Iterable[str], read: Callable[[Scope], Value]) -> list[Value]:
-        """What `read` returns with -inf, then with +inf, in place of each NaN; puts the NaNs back afterwards."""
+    def holds_for_each(self, numbers: Sequence[float], streams: Iterable[str], holds: Callable[[Scope], bool]) -> bool:
+        """Whether it holds whichever of the numbers each NaN is; puts the NaNs back afterwards."""
         values = {stream: self._values[stream] for stream in streams if stream in self._values}
+        unknown = sum(_nans(value) for value in values.values())
         try:
-            return [read(self._with(values, number)) for number in (-math.inf, math.inf)]
+            return all(holds(self._with(values, trial)) for trial in trials(numbers, unknown))
         finally:
             for stream, value in values.items():
                 self.context.add_variable(stream, value)
 
-    def _with(self, values: Mapping[str, object], number: float) -> Scope:
+    def _with(self, values: Mapping[str, object], trial: Iterator[float]) -> Scope:
         for stream, value in values.items():
-            self.context.add_variable(stream, _without_nan(value, number))
+            self.context.add_variable(stream, _without_nan(value, trial))
         return self
 
 
-def _holds_nan(value: object) -> bool:
+def trials(numbers: Sequence[float], unknown: int) -> Iterator[Iterator[float]]:
+    """Numbers to try for so many unknown ones: one for all of them, then different ones.
+
+    Two unknown numbers get each pair, as long as that is at most `MAX_TRIALS`. Of more each two get many pairs: to try
+    all combinations would take too long.
+    """
+    count = len(numbers)
+    apart = 0 if unknown < 2 else count - 1
+    for step in range(0, apart + 1, max(1, count * count // MAX_TRIALS)):
+        for first in range(count):
+            yield (numbers[(first + place * step) % count] for place in range(unknown))
+
+
+def _nans(value: object) -> int:
+    """How many NaNs it holds."""
     match value:
         case float():
             return math.isnan(value)
         case dict():
-            return any(map(_holds_nan, value.values()))
+            return sum(map(_nans, value.values()))
         case list():
-            return any(map(_holds_nan, value))
-    return False
+            return sum(map(_nans, value))
+    return 0
 
 
-def _without_nan(value: Any, number: float) -> Any:
+def _without_nan(value: Any, numbers: Iterator[float]) -> Any:
     match value:
         case float():
-            return number if math.isnan(value) else value
+            return next(numbers) if math.isnan(value) else value
         case dict():
-            return {name: _without_nan(inner, number) for name, inner in value.items()}
+            return {name: _without_nan(inner, numbers) for name, inner in value.items()}
         case list():
-            return [_without_nan(inner, number) for inner in value]
+            return [_without_nan(inner, numbers) for inner in value]
     return value
 
 

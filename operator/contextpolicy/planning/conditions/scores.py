@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from contextpolicy.policy.spec import Activity
+from contextpolicy.policy.activities import Activity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -45,14 +45,35 @@ class Scores:
         """All initiatives, each with its task."""
         return self._owners.items()
 
-    def update(self, initiative: Initiative) -> None:
-        """Its value changed."""
-        self._update(self._owners[initiative])
+    def owner(self, initiative: Initiative) -> str:
+        """Its task."""
+        return self._owners[initiative]
+
+    def update(self, initiative: Initiative) -> bool:
+        """Its value changed; returns whether that changes its task: another activity, or `idle`, may count for more."""
+        task = self._owners[initiative]
+        before = self.of[task], self.unmet.get(task)
+        self._update(task)
+        return (self.of[task], self.unmet.get(task)) != before
+
+    def part(self, initiative: Initiative) -> tuple[str, bool]:
+        """What it makes: its task's score, or whether that has to wait. Of each only the last change is a cause."""
+        task = self._owners[initiative]
+        return task, initiative in self.requirements[task]
+
+    def cause(self, initiative: Initiative) -> str:
+        """Why its task changed, for people to read."""
+        task = self._owners[initiative]
+        if initiative.is_over:
+            return f"{initiative.source}: the hold of {initiative.line} is over"
+        cause = f"{initiative.source}: {initiative.line} is {initiative.value:g}"
+        outweighed = initiative in self.initiatives[task] and 0 < initiative.value < self.of[task]
+        return f"{cause}, below the {self.of[task]:g} that {task} scores anyway" if outweighed else cause
 
     def _update(self, task: str) -> None:
         self.of[task] = max([self._idle[task], *(activity.value for activity in self.initiatives[task])])
         self.unmet.pop(task, None)
         for requirement in self.requirements[task]:
             if requirement.value == 0:
-                self.unmet[task] = requirement.spec.when
+                self.unmet[task] = requirement.line
                 return

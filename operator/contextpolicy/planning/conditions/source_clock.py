@@ -2,7 +2,7 @@
 
 A simulated robot or a replayed recording stamps its samples with another clock, hours or years off but by a constant
 offset. One late sample proves nothing, and a backlog that the network releases catches up as it drains. So the offset
-must stay constant over several samples and some time; from then on samples are timed by their arrival.
+must stay constant over several samples and some time; from then on no sample is too old.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class SourceClock:
         return None
 
     def forget_order(self) -> None:
-        """The stream fell silent: whoever speaks next begins a new order."""
+        """The stream fell silent: the next source begins a new order."""
         self._newest = None
 
     def _compare(self, offset: float, now: float) -> None:

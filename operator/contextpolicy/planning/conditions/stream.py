@@ -6,10 +6,12 @@ import math
 from typing import TYPE_CHECKING, Protocol
 
 from contextpolicy.errors import ExpressionError
-from contextpolicy.planning.conditions.features import Window
+from contextpolicy.planning.conditions.absence import Absence
+from contextpolicy.planning.conditions.features import Features
+from contextpolicy.planning.conditions.gate import Gate
 from contextpolicy.planning.conditions.scope import Scope
 from contextpolicy.planning.conditions.source_clock import IGNORED, SourceClock
-from contextpolicy.planning.conditions.timers import SAME_INSTANT
+from contextpolicy.planning.conditions.sources import SOURCE, SOURCES, Sources
 
 if TYPE_CHECKING:
     from typing import Any
@@ -19,16 +21,14 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Stream
 
 
-UNHEARD = 3600.0
-"""Seconds without a sample after which the status says so, even of a stream without `staleAfter`. Nothing else follows
-from it: an emergency button may be silent for months."""
-
-
 class StreamListener(Protocol):
-    """What a stream tells the planner."""
+    """What a stream reports to the planner."""
 
-    def on_value(self, stream: StreamState, now: float) -> None:
-        """The stream's variable has a new value."""
+    def on_sample(self, stream: StreamState, now: float) -> None:
+        """A sample counts: the stream's variable has a new value."""
+
+    def on_slide(self, stream: StreamState) -> None:
+        """A window slid: features have new values without a sample."""
 
     def on_silence(self, stream: StreamState, now: float) -> None:
         """The stream has no value any more."""
@@ -40,7 +40,7 @@ class StreamListener(Protocol):
         """A stream without a value has one now."""
 
     def on_unheard(self, stream: StreamState) -> None:
-        """A stream without `staleAfter` had no sample for UNHEARD, or is heard again."""
+        """A stream without `staleAfter` had no sample for an hour, or is heard again."""
 
     def on_clock(self, stream: StreamState) -> None:
         """The stream's timestamps turned out to come from another clock, or from ours again."""
@@ -50,7 +50,7 @@ class StreamListener(Protocol):
 
 
 class StreamState:
-    """A stream's gate (order, age, debounce, sampling limit, filter), features and watchdog."""
+    """A stream's gate (order, age, debounce, sampling limit, filter), features, sources and watchdog."""
 
     def __init__(self, spec: Stream, scope: Scope, timers: Timers, listener: StreamListener) -> None:
         self.spec = spec
@@ -62,15 +62,20 @@ class StreamState:
         self.clock = SourceClock(spec.clock, spec.stale_after)
         self.fresh = False
         self.silent = False
-        self.unheard = False
         self._shared, self._own = scope, Scope()
         self._timers, self._listener = timers, listener
         self._filter = self._own.compile(spec.filter) if spec.filter else None
-        self._windows = [Window(feature, self._own) for feature in spec.features]
-        self._gate = _Gate(self, timers)
-        self._sliding, self._absence = _Sliding(self), _Absence(self)
-        self._features: dict[str, float] = {}
+        self._features = Features(spec.features, self._own) if spec.features else None
+        self._gate = Gate(spec, self, timers)
+        self._sliding, self._absence = _Sliding(self), Absence(self, timers)
+        self._sources = Sources(spec) if spec.sources else None
+        self._leaving = _Leaving(self)
         self._valued_at = -math.inf
+
+    @property
+    def unheard(self) -> bool:
+        """Whether it has no `staleAfter`, and had no sample for an hour."""
+        return self._absence.unheard
 
     def start(self, now: float) -> None:
         """Begin to wait for the first sample."""
@@ -78,23 +83,23 @@ class StreamState:
         if self.spec.stale_after is not None:
             self._timers.set(self, now + self.spec.stale_after)
         else:
-            self._timers.set(self._absence, now + UNHEARD)
-
-    @property
-    def unknown(self) -> bool:
-        """Whether it is still undecided if the stream is heard or silent."""
-        return self.spec.stale_after is not None and self.seen_at is None and not self.silent
+            self._absence.start(now)
 
     def adopt(self, old: StreamState, now: float) -> None:
         """Continue the same stream of the policy's previous version: window, gate, watchdog, clock and value."""
         self.seen_at, self.clock, self.absent_since = old.seen_at, old.clock, old.absent_since
         self.seen = old.seen
         self.fresh, self.silent, self.value = old.fresh, old.silent, old.value
-        self.unheard = old.unheard
-        self._windows, self._own, self._filter = old._windows, old._own, old._filter
-        self._features, self._valued_at = old._features, old._valued_at
+        self._features, self._own, self._filter = old._features, old._own, old._filter
+        self._valued_at = old._valued_at
+        self._sources = old._sources
         self._gate.adopt(old._gate)
-        for former, own in ((old, self), (old._sliding, self._sliding), (old._absence, self._absence)):
+        self._absence.adopt(old._absence)
+        for former, own in (
+            (old, self),
+            (old._sliding, self._sliding),
+            (old._leaving, self._leaving),
+        ):
             self._timers.adopt(old._timers, former, own)
         if self.value is not None:
             self._resume(self.value, now)
@@ -102,6 +107,8 @@ class StreamState:
     def observe(self, sample: Sample, now: float) -> None:
         """Take a sample as it arrives."""
         self.seen += 1
+        if self._sources:
+            sample = self._from_source(self._sources, sample)
         reason = self._untimely(sample, now)
         if reason is not None:
             self._listener.on_drop(self.spec.name, reason)
@@ -110,38 +117,46 @@ class StreamState:
         if self.silent:
             self.silent = False
             self._listener.on_recovery(self, now)
-        if self.unheard:
-            self.unheard = False
-            self._timers.set(self._absence, now + UNHEARD)
-            self._listener.on_unheard(self)
+        if self._absence.unheard:
+            self._absence.end(now)
         if self.spec.stale_after is not None:
             self._timers.set(self, now + self.spec.stale_after)
+        if self._sources:
+            self._sources.hear(sample.value[SOURCE], now)
         self._gate.admit(sample.value, now)
 
     def deliver(self, value: dict[str, Any], now: float) -> None:
         """Make a sample that passed the gate the stream's value, unless the filter drops it."""
         try:
-            if self._filter or self._windows:
+            if self._filter or self._features:
                 self._own.bind(self.spec.name, value)
             if self._filter and not self._filter.truth(self._own):
                 self._listener.on_drop(self.spec.name, "filtered")
                 return
-            # Read all before adding any: a sample that fails must not end up in some of the windows.
-            numbers = [window.read(self._own) for window in self._windows]
-            for window, number in zip(self._windows, numbers, strict=True):
-                window.add(number, now)
+            self._make_room(value.get(SOURCE), now)
+            refused = self._sources and self._sources.refusal(value)
+            if refused:
+                self._listener.on_drop(self.spec.name, refused)
+                return
+            if self._features:
+                self._features.add(self._features.read(self._own), now)
             self._bind(value, now)
         except ExpressionError as error:
             self._listener.on_drop(self.spec.name, "expression", str(error))
             return
-        self._listener.on_value(self, now)
+        self._listener.on_sample(self, now)
 
     def slide(self, now: float) -> None:
         """The oldest sample left a window: readers evaluate again if that changed a feature."""
-        before = self._features
-        if self.value is not None and self.fresh and self._measure(now) != before:
+        if self._features and self.value is not None and self.fresh and self._measure(self._features, now):
             self._share(self.value, self._valued_at)
-            self._listener.on_value(self, now)
+            self._listener.on_slide(self)
+
+    def let_leave(self, now: float) -> None:
+        """A source may be silent for `staleAfter`: it is none of the sources any more."""
+        if self._sources and self.value is not None and self.fresh:
+            self._make_room(None, now)
+            self._wait_for_sources(self._sources)
 
     def lose(self, now: float) -> None:
         """The stream's liveliness token is gone: do not wait for `staleAfter`."""
@@ -157,42 +172,70 @@ class StreamState:
         self.clock.forget_order()
         self._gate.empty()
         self._timers.clear(self._sliding)
+        if self._sources:
+            self._sources.clear()
         if not was_silent:
             self._listener.on_silence(self, now)
 
-    def check_absence(self, now: float) -> None:
-        """An hour may be over without a sample; samples do not move this timer, so it looks when the last one came."""
-        due = (now if self.seen_at is None else self.seen_at + UNHEARD) - SAME_INSTANT
-        if now < due:
-            self._timers.set(self._absence, due)
-        else:
-            self.unheard = True
-            self._listener.on_unheard(self)
+    def on_unheard(self) -> None:
+        """The stream had no sample for an hour, or is heard again."""
+        self._listener.on_unheard(self)
+
+    def fields(self, sample: Sample) -> dict[str, Any]:
+        """A sample's fields, with the name of its source where the stream keeps its sources apart."""
+        return {**sample.value, SOURCE: self._sources.name(sample.key)} if self._sources else sample.value
 
     def features(self, now: float) -> dict[str, float | None]:
         """The features as expressions see them at `now`."""
-        return {window.feature.name: window.value(now) for window in self._windows}
+        return self._features.values(now) if self._features else {}
 
     def _bind(self, value: dict[str, Any], now: float) -> None:
-        if self._windows:
-            self._measure(now)
-        self._share(value, now)
+        if self._features:
+            self._measure(self._features, now)
+        if self._sources:
+            self._bind_source(self._sources, value, now)
+        else:
+            self._share(value, now)
         self.value, self._valued_at = value, now
         if not self.fresh:
             self.fresh, self.absent_since = True, None
             self._listener.on_first_value(self)
 
+    def _bind_source(self, sources: Sources, value: dict[str, Any], now: float) -> None:
+        """Show the sample among those of the other sources; one that CEL can't represent must not spoil theirs."""
+        before = sources.keep(value, self.clock, now)
+        try:
+            self._share(value, now)
+        except ExpressionError:
+            sources.put_back(value[SOURCE], before)
+            raise
+        self._wait_for_sources(sources)
+
     def _share(self, value: dict[str, Any], at: float) -> None:
         """Show expressions the sample of `at` with the features; ExpressionError if CEL can't represent it."""
-        if not self._windows:
+        if self._sources:
+            value = {**value, SOURCES: self._sources.samples()}
+        if not self._features:
             self._shared.bind(self.spec.name, value, at)
             return
-        lacking = [f.name for f in self.spec.features if f.name not in self._features]
-        fields = {**value, **self._features}
-        # A sample's own field must not stand in for a feature of the same name that has no value.
-        for name in lacking:
-            fields.pop(name, None)
+        fields, lacking = self._features.beside(value)
         self._shared.bind(self.spec.name, fields, at, lacking)
+
+    def _make_room(self, speaking: str | None, now: float) -> None:
+        """Let sources that are silent for `staleAfter` leave, before a sample of another at this instant counts."""
+        if self._sources and self._sources.leave(now, speaking=speaking) and self.value is not None and self.fresh:
+            self._share(self.value, self._valued_at)
+            self._listener.on_slide(self)
+
+    def _from_source(self, sources: Sources, sample: Sample) -> Sample:
+        """The sample with the name of its source, whose clock judges it."""
+        self.clock = sources.clock(sources.name(sample.key))
+        return sample._replace(value=self.fields(sample))
+
+    def _wait_for_sources(self, sources: Sources) -> None:
+        due = sources.next_change()
+        if due is not None:
+            self._timers.set(self._leaving, due)
 
     def _resume(self, value: dict[str, Any], now: float) -> None:
         """Show the old sample to new expressions: they may read fields of it that CEL can't represent."""
@@ -204,14 +247,12 @@ class StreamState:
         if not self.fresh:
             self._shared.unbind(self.spec.name)
 
-    def _measure(self, now: float) -> dict[str, float]:
-        """Update the features to `now`, and set a timer for when the next sample leaves a window."""
-        values = self.features(now)
-        self._features = {name: value for name, value in values.items() if value is not None}
-        moments = [due for window in self._windows if (due := window.next_change()) is not None]
-        if moments:
-            self._timers.set(self._sliding, min(moments))
-        return self._features
+    def _measure(self, features: Features, now: float) -> bool:
+        """Bring the features to `now`, with a timer for when the next sample leaves a window; whether any changed."""
+        changed, due = features.measure(now), features.next_change()
+        if due is not None:
+            self._timers.set(self._sliding, due)
+        return changed
 
     def _untimely(self, sample: Sample, now: float) -> str | None:
         """Why a sample's own timestamp rules it out; None when it does not."""
@@ -225,46 +266,6 @@ class StreamState:
         return reason
 
 
-class _Gate:
-    """Debounce and the sampling limit: both hold the newest sample back and pass it when its time has come."""
-
-    def __init__(self, stream: StreamState, timers: Timers) -> None:
-        self._stream, self._timers = stream, timers
-        self._held: dict[str, Any] | None = None
-        self._open_at = -math.inf
-
-    def admit(self, value: dict[str, Any], now: float) -> None:
-        spec = self._stream.spec
-        if spec.debounce:
-            self._held = value
-            self._timers.set(self, max(now + spec.debounce, self._open_at))
-        elif now < self._open_at - SAME_INSTANT:
-            self._held = value
-            self._timers.set(self, self._open_at)
-        else:
-            self._pass(value, now)
-
-    def empty(self) -> None:
-        """Forget the sample held back."""
-        self._held = None
-        self._timers.clear(self)
-
-    def adopt(self, old: _Gate) -> None:
-        """Hold back what the same gate of the policy's last version held."""
-        self._held, self._open_at = old._held, old._open_at
-        self._timers.adopt(old._timers, old, self)
-
-    def on_due(self, now: float) -> None:
-        if self._held is not None:
-            self._pass(self._held, now)
-
-    def _pass(self, value: dict[str, Any], now: float) -> None:
-        if self._held is not None:
-            self.empty()
-        self._open_at = now + self._stream.spec.sample_every
-        self._stream.deliver(value, now)
-
-
 class _Sliding:
     """The moment at which the oldest sample leaves a stream's windows."""
 
@@ -275,11 +276,11 @@ class _Sliding:
         self._stream.slide(now)
 
 
-class _Absence:
-    """The moment at which a stream without `staleAfter` may have had no sample for an hour."""
+class _Leaving:
+    """The moment at which one of a stream's sources may be silent for `staleAfter`."""
 
     def __init__(self, stream: StreamState) -> None:
         self._stream = stream
 
     def on_due(self, now: float) -> None:
-        self._stream.check_absence(now)
+        self._stream.let_leave(now)

@@ -6,11 +6,21 @@ import re
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
-from contextpolicy.policy.bandwidth import throttle_gap
 from contextpolicy.policy.cel import Expression
-from contextpolicy.policy.dependencies import TaskTree
-from contextpolicy.policy.quantities import format_cpu
-from contextpolicy.policy.spec import Scheduler
+from contextpolicy.policy.spec import Enforcement, FeatureOp, Scheduler
+from contextpolicy.policy.validation.beginnings import beginnings
+from contextpolicy.policy.validation.effects import effects
+from contextpolicy.policy.validation.frozen import frozen
+from contextpolicy.policy.validation.latches import latches
+from contextpolicy.policy.validation.plain_values import plain_values
+from contextpolicy.policy.validation.priorities import priorities
+from contextpolicy.policy.validation.silence import fallbacks
+from contextpolicy.policy.validation.sleepers import sleepers
+from contextpolicy.policy.validation.source_fields import source_fields
+from contextpolicy.policy.validation.standing import standing
+from contextpolicy.policy.validation.thresholds import thresholds
+from contextpolicy.policy.validation.truths import truths
+from contextpolicy.policy.written import expressions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,30 +28,64 @@ if TYPE_CHECKING:
     from contextpolicy.policy.spec import Policy, Task
 
 
+MQTT_WILDCARD = "+"
+
+
 def advice(policy: Policy) -> Iterator[Finding]:
     """Every warning about a valid policy; a finding's `allowed` holds the reason."""
     yield from _streams(policy)
+    yield from _wildcard("spec.shadow.health", policy.shadow.health if policy.shadow else "")
     for index, task in enumerate(policy.tasks):
         yield from _task(policy, f"spec.tasks[{index}]", task)
     yield from _contexts(policy)
+    yield from _realtime(policy)
+    yield from priorities(policy)
+    yield from effects(policy)
+    yield from latches(policy)
+    yield from sleepers(policy)
+    yield from standing(policy)
+    yield from thresholds(policy)
+    yield from truths(policy)
+    yield from beginnings(policy)
+    yield from frozen(policy)
+    yield from source_fields(policy)
+    yield from plain_values(policy)
+
+
+def _realtime(policy: Policy) -> Iterator[Finding]:
+    """Settings of scheduler Realtime beside the other one."""
+    own, usual = policy.enforcement, Enforcement()
+    if own.scheduler is Scheduler.REALTIME:
+        return
+    for name, value, default in (
+        ("realtimePolicy", own.realtime_policy, usual.realtime_policy),
+        ("realtimeFallback", own.realtime_fallback, usual.realtime_fallback),
+    ):
+        if value is not default:
+            yield Finding(f"spec.enforcement.{name}", value, f"{name} has no effect without scheduler: Realtime")
 
 
 def _streams(policy: Policy) -> Iterator[Finding]:
-    sources = list(_sources(policy))
+    sources = [written.source for written in expressions(policy)]
     read = {name for source in sources for name in Expression(source).variables}
     read |= {activity.stream for task in policy.tasks for activity in task.activity if activity.stream}
-    # Nobody can tell what a plug-in reads: with one, no stream or feature is reported as unread.
+    # Nobody can know what a plug-in reads: with one, no stream or feature is reported as unread.
     plugged_in = any(activity.initiative for task in policy.tasks for activity in task.activity)
     for index, stream in enumerate(policy.streams):
         # A stream may matter by its silence alone, which puts the fallback in force.
-        watched = policy.fallback is not None and (stream.stale_after or stream.liveliness)
+        watched = (stream.fallback or policy.fallback) and (stream.stale_after or stream.liveliness)
         if stream.name not in read and not plugged_in and not watched:
             yield Finding(f"spec.streams[{index}]", stream.name, f"nothing reads stream {stream.name}")
         if stream.types and stream.definitions is None:
-            told = f"ConfigMap {stream.types} is in none of the files, its messages are unchecked (--types DIR)"
-            yield Finding(f"spec.streams[{index}].types", stream.types, told)
+            message = f"ConfigMap {stream.types} is in none of the files, its messages are unchecked (--types DIR)"
+            yield Finding(f"spec.streams[{index}].types", stream.types, message)
+        yield from _wildcard(f"spec.streams[{index}].key", stream.key)
+        yield from _wildcard(f"spec.streams[{index}].liveliness", stream.liveliness or "")
         for number, feature in enumerate(stream.features):
-            pattern = re.compile(rf"\b{stream.name}\.{feature.name}\b")
+            if feature.of is not None and feature.op in (FeatureOp.RATE, FeatureOp.COUNT):
+                message = f"of does not change {feature.op}, which counts samples: the stream's filter says which ones"
+                yield Finding(f"spec.streams[{index}].features[{number}].of", feature.of, message)
+            pattern = re.compile(rf"\b{stream.name}(\.{feature.name}\b|\[['\"]{feature.name}['\"]\])")
             if not plugged_in and not any(pattern.search(source) for source in sources):
                 field = f"spec.streams[{index}].features[{number}]"
                 yield Finding(
@@ -49,61 +93,39 @@ def _streams(policy: Policy) -> Iterator[Finding]:
                 )
 
 
-def _sources(policy: Policy) -> Iterator[str]:
-    for task in policy.tasks:
-        yield from (requirement.when for requirement in task.preconditions)
-        for activity in task.activity:
-            yield from filter(None, (activity.when, activity.score_from))
-    yield from (context.when for context in policy.contexts if context.when)
+def _wildcard(field: str, key: str) -> Iterator[Finding]:
+    if MQTT_WILDCARD in key.split("/"):
+        message = f"{MQTT_WILDCARD} is MQTT's wildcard for one level: Zenoh's is *, and + is a name like any other"
+        yield Finding(field, key, message)
 
 
 def _task(policy: Policy, field: str, task: Task) -> Iterator[Finding]:
-    if task.priority == 0 and not any(context.effects.get(task.name) for context in policy.contexts):
-        yield Finding(f"{field}.priority", 0, "a task of priority 0 that no context changes is always suspended")
-    for number, activity in enumerate(task.activity):
-        if activity.score == 0 and not activity.score_from and not activity.initiative:
-            yield Finding(f"{field}.activity[{number}].score", 0, "an activity with score 0 never counts")
     if task.restart_on_resize and not policy.enforcement.min_dwell:
-        told = "every plan that changes its share may restart it: minDwell bounds how often"
-        yield Finding(f"{field}.restartOnResize", task.restart_on_resize, told)
-    if task.protected:
-        yield from _suspending(policy, task)
-    if task.max is None:
-        return
-    if task.needs.cores is not None and task.needs.cores > task.max:
-        told = f"needs {format_cpu(task.needs.cores)} cores, but max allows {format_cpu(task.max)}: never feasible"
-        yield Finding(f"{field}.needs.cores", task.needs.cores, told)
-    gap = throttle_gap(task.max, policy.enforcement.period) if policy.enforcement.scheduler is Scheduler.CFS else 0.0
-    if task.needs.deadline is not None and gap > task.needs.deadline:
-        told = f"with max {format_cpu(task.max)} it may stand still for {gap:.3g} s, longer than its deadline"
-        yield Finding(f"{field}.needs.deadline", task.needs.deadline, told)
-
-
-def _suspending(policy: Policy, task: Task) -> Iterator[Finding]:
-    """Contexts that try to suspend a protected task, directly or through a task that it is a part of."""
-    above = TaskTree(policy).ancestors(task.name)
-    for index, context in enumerate(policy.contexts):
-        for name in (task.name, *above):
-            effect = context.effects.get(name)
-            if effect is not None and effect.suspends:
-                part = "" if name == task.name else f", of which {task.name} is a part"
-                told = (
-                    f"context {context.name} suspends {name}{part}: it has no effect on {task.name}, which is protected"
-                )
-                yield Finding(f"spec.contexts[{index}].tasks.{name}", task.name, told)
+        message = "every plan that changes its share may restart it: minDwell bounds how often"
+        yield Finding(f"{field}.restartOnResize", task.restart_on_resize, message)
 
 
 def _contexts(policy: Policy) -> Iterator[Finding]:
-    if policy.fallback and not any(stream.stale_after or stream.liveliness for stream in policy.streams):
-        yield Finding("spec.fallback", policy.fallback, "never holds: no stream has staleAfter or liveliness")
+    begun = fallbacks(policy)
+    if policy.fallback and policy.fallback not in begun:
+        message = "never holds: no stream without a fallback of its own has staleAfter or liveliness"
+        yield Finding("spec.fallback", policy.fallback, message)
+    read = frozenset[str]().union(*(Expression(written.source).contexts for written in expressions(policy)))
     for index, context in enumerate(policy.contexts):
         field = f"spec.contexts[{index}]"
         forced = policy.force is not None and policy.force.context == context.name
-        if (context.when or "false").strip() == "false" and not forced and policy.fallback != context.name:
-            told = "can't hold: it has no condition, and is neither the fallback nor forced"
-            yield Finding(field, context.name, f"context {context.name} {told}")
-        if not context.effects:
+        never = (context.when or "false").strip() == "false"
+        if never and not forced and context.name not in {*begun, policy.fallback}:
+            what = "its condition is false" if context.when else "it has no condition"
+            message = f"can't hold: {what}, and it is neither the fallback nor forced"
+            yield Finding(field, context.name, f"context {context.name} {message}")
+        for name, delay in (("enterAfter", context.enter_after), ("exitAfter", context.exit_after)):
+            if delay and context.when is None:
+                message = f"has no effect without when: silence and force begin and end {context.name} at once"
+                yield Finding(f"{field}.{name}", delay, f"{name} {message}")
+        if not context.effects and context.name not in read:
             yield Finding(field, context.name, f"context {context.name} changes no task")
-        if context.when and not (context.enter_after or context.exit_after or policy.enforcement.min_dwell):
-            told = "may change with every sample: enterAfter, exitAfter or minDwell bound how often pods are resized"
-            yield Finding(field, context.name, f"context {context.name} {told}")
+        steadied = context.until or context.enter_after or context.exit_after or policy.enforcement.min_dwell
+        if context.when and Expression(context.when).variables and not steadied:
+            message = "may change with every sample: until, enterAfter, exitAfter or minDwell make resizes rarer"
+            yield Finding(field, context.name, f"context {context.name} {message}")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from contextpolicy.policy.cel_functions import FUNCTIONS, HAS, MACROS, Macro
 from contextpolicy.policy.cel_kinds import CallForm, Function, ValueKind
 from contextpolicy.policy.cel_syntax import Construct, Node, parse
+from contextpolicy.policy.context_reads import CONTEXTS
 from contextpolicy.policy.lean_cel import cel
 from contextpolicy.policy.validation.shapes import (
     ANY,
@@ -21,6 +22,7 @@ from contextpolicy.policy.validation.shapes import (
     MAP,
     NULL,
     NUMBER,
+    PLAIN,
     TEXT,
     TIME,
     Shape,
@@ -47,7 +49,7 @@ def mistakes(source: str, wanted: Shape, shapes: Mapping[str, Shape]) -> list[st
     checker = _Checker(source, shapes, frozenset(_asked(tree)))
     found = checker.shape(tree)
     if not checker.found and ANY.kind not in (found.kind, wanted.kind) and found.kind != wanted.kind:
-        checker.found.append(f"{wanted.kind}; this is {found.kind}")
+        checker.found.append(f"expected {wanted.kind}; this is {found.kind}{checker.meant(tree)}")
     return list(dict.fromkeys(checker.found))
 
 
@@ -66,6 +68,7 @@ class _Checker:
         self.found: list[str] = []
         self._source, self._asked = source, asked
         self._known = dict(shapes)
+        self._streams = {name for name in shapes if name != CONTEXTS}
         self._rules: dict[Construct, Callable[[Node], Shape]] = {
             Construct.SELECT: self._select,
             Construct.INDEX: self._index,
@@ -104,8 +107,35 @@ class _Checker:
         if ANY in (shape, *wanted) or shape.kind in (one.kind for one in wanted):
             return shape
         allowed = " or ".join(one.kind for one in wanted)
-        self.found.append(f"{self._text(node)} is {shape.kind}, allowed there: {allowed}")
+        self.found.append(f"{self._text(node)} is {shape.kind}, expected {allowed}{self.meant(node)}")
         return ANY
+
+    def meant(self, node: Node) -> str:
+        """How to read a plain value, for somebody who takes its stream for it; else empty."""
+        if node.kind is not Construct.NAME or node.text not in self._streams:
+            return ""
+        return f"; a sample that is a plain value, such as 5, is read as {node.text}.value"
+
+    def _walked(self, node: Node) -> Shape:
+        """What a loop, `in` or `size` walks over; a sample that is a plain value has nothing to walk over."""
+        shape = self._want(node, LIST, MAP)
+        if shape.kind == MAP.kind and shape.owner == PLAIN:
+            self.found.append(f"{self._text(node)} is a map of one field{self.meant(node)}")
+            return ANY
+        return shape
+
+    def _names(self, node: Node, shape: Shape) -> Shape:
+        """What is in a list or a map: a sample's fields have names."""
+        if shape.kind == LIST.kind and shape.item:
+            return shape.item
+        return TEXT if self._has_names(node, shape) else ANY
+
+    def _in(self, node: Node) -> None:
+        one, (part, over) = self.shape(node.parts[0]), node.parts
+        item = self._names(over, self._walked(over))
+        if one.kind != item.kind and not {one.kind, item.kind} & {ANY.kind, NULL.kind}:
+            meant = self.meant(part) or self.meant(over)
+            self.found.append(f"{self._text(part)} is {one.kind}, and all in {self._text(over)} is {item.kind}{meant}")
 
     def _select(self, node: Node) -> Shape:
         return self._field(node, self.shape(node.parts[0]), node.text)
@@ -126,53 +156,99 @@ class _Checker:
         self.shape(index)
         if owner.kind == MAP.kind and _PLAIN_TEXT.fullmatch(index.text):
             return self._field(node, owner, index.text[1:-1])
+        if index.kind is Construct.NUMBER and self._has_names(node.parts[0], owner):
+            what = self._text(node.parts[0])
+            self.found.append(f"{what} is a map, whose fields have names, not numbers{self.meant(node.parts[0])}")
+            return ANY
         return owner.item or ANY
+
+    def _has_names(self, node: Node, shape: Shape) -> bool:
+        """Whether it is a map of a sample, whose keys are texts."""
+        is_stream = node.kind is Construct.NAME and node.text in self._streams
+        return shape.kind == MAP.kind and (shape.fields is not None or is_stream)
 
     def _call(self, node: Node) -> Shape:
         function = FUNCTIONS.get(node.text)
         wanted = function.kinds(len(node.parts)) if function and _is_form(function, node) else None
         if function is None or wanted is None:
             return self._miscalled(node, function)
+        if node.kind is Construct.CALL and all(part.kind is Construct.TEXT for part in node.parts):
+            self._check_constant(node, function)
+        known = len(self.found)
         for part, kinds in zip(node.parts, wanted, strict=True):
-            self._want(part, *map(of_kind, kinds))
+            shape = self._want(part, *map(of_kind, kinds))
+            if shape.kind == MAP.kind and ValueKind.LIST in kinds:
+                self._check_map(part, shape, function)
             if ValueKind.PATTERN in kinds and part.kind is Construct.TEXT:
                 self._check_pattern(part)
+        if node.kind is Construct.METHOD and len(self.found) > known:
+            self.found[-1] += f" ({function.name}: {function.meaning})"
         return of_kind(function.returns)
+
+    def _check_map(self, part: Node, shape: Shape, function: Function) -> None:
+        """A map in place of a vector, whose fields all have to be numbers, or in place of a list."""
+        fields = (shape.fields or {}).items()
+        other = [name for name, field in fields if field.kind not in {NUMBER.kind, ANY.kind}]
+        if other and function.returns is ValueKind.DOUBLE:
+            self.found.append(f"{self._text(part)} is a map whose field {other[0]} is not a number{self.meant(part)}")
+        elif shape.owner == PLAIN:
+            self._walked(part)
 
     def _miscalled(self, node: Node, function: Function | None) -> Shape:
         for part in node.parts:
             self.shape(part)
-        if function:
-            self.found.append(f"a call such as {function.example}; this is {self._text(node)}")
+        if (
+            function
+            and function.form is CallForm.METHOD
+            and ValueKind.TIME in function.takes[0]
+            and len(node.parts) == 2
+        ):
+            zone = self._text(node.parts[1])
+            self.found.append(f"{self._text(node)}: {function.name}() takes no time zone, such as {zone}; it is in UTC")
+        elif function:
+            wrong = f"expected a call such as {function.example}, not {self._text(node)} ({function.meaning})"
+            self.found.append(wrong)
         return ANY
 
     def _method(self, node: Node) -> Shape:
         receiver, *arguments = node.parts
         if node.text in MACROS and len(arguments) > 1:
-            return self._macro(node.text, self._want(receiver, LIST, MAP), arguments)
+            return self._macro(node, self._walked(receiver), arguments)
         return self._call(node)
 
-    def _macro(self, name: str, over: Shape, arguments: list[Node]) -> Shape:
-        variable, body = arguments[0].text, arguments[-1]
+    def _macro(self, node: Node, over: Shape, arguments: list[Node]) -> Shape:
+        name, variable, body, known = node.text, arguments[0].text, arguments[-1], len(self.found)
         # The macro's variable hides a stream of the same name, but only inside the macro.
         before = self._known.get(variable)
-        self._known[variable] = over.item if over.kind == LIST.kind and over.item else ANY
+        self._known[variable] = self._names(node.parts[0], over)
         for condition in arguments[1:-1]:
             self._want(condition, BOOL)
         result = self.shape(body) if name == Macro.MAP else self._want(body, BOOL)
         self._known.pop(variable)
         if before is not None:
             self._known[variable] = before
+        if len(self.found) > known and over.kind == MAP.kind:
+            self.found[-1] += f": {variable} is the name of a field{self.meant(node.parts[0])}"
         if name == Macro.MAP:
             return list_of(result)
         return (over if over.kind == LIST.kind else LIST) if name == Macro.FILTER else BOOL
+
+    def _check_constant(self, node: Node, function: Function) -> None:
+        """Try a call with constants only, such as a duration: it fails each time, or never."""
+        if function.run is not None or function.returns is ValueKind.BOOL:
+            return
+        try:
+            cel.compile(self._text(node)).execute(cel.Context())
+        except (ValueError, RuntimeError, TypeError, ArithmeticError):
+            wrong = f"{self._text(node)} has no value: {function.returns} is written as in {function.constant}"
+            self.found.append(wrong)
 
     def _check_pattern(self, pattern: Node) -> None:
         # Tried by the CEL library itself: its regular expressions are not Python's.
         try:
             cel.compile(f'"".matches({pattern.text})').execute(cel.Context())
         except (ValueError, RuntimeError):
-            self.found.append(f"{pattern.text} is no regular expression")
+            self.found.append(f"{pattern.text} is not a valid regular expression")
 
     def _list(self, node: Node) -> Shape:
         shapes = [self.shape(part) for part in node.parts]
@@ -194,8 +270,7 @@ class _Checker:
             case "==" | "!=":
                 self._alike(node, ())
             case "in":
-                self.shape(node.parts[0])
-                self._want(node.parts[1], LIST, MAP)
+                self._in(node)
             case "+":
                 return self._alike(node, (*_ADDED, *_CALENDAR))
             case _:
@@ -210,7 +285,8 @@ class _Checker:
         calendar = {shape.kind for shape in _CALENDAR}
         if one.kind != other.kind and not {one.kind, other.kind} & free and not {one.kind, other.kind} <= calendar:
             verb = "never equal" if node.text in ("==", "!=") else f"{node.text} takes two of a kind"
-            self.found.append(f"{self._text(node)} has {one.kind} and {other.kind}: {verb}")
+            meant = "".join(map(self.meant, node.parts))
+            self.found.append(f"{self._text(node)} has {one.kind} and {other.kind}: {verb}{meant}")
             return ANY
         known = other if one.kind in free else one
         return ANY if known.kind in calendar else known

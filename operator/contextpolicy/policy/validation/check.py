@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from contextpolicy.errors import Finding, PolicyError
+from contextpolicy.policy.custom_resource import API_VERSION
 from contextpolicy.policy.definition_files import config_maps, with_definitions
 from contextpolicy.policy.parsing import parse
 from contextpolicy.policy.suggestions import did_you_mean
@@ -14,7 +15,8 @@ from contextpolicy.policy.validation.advice import advice
 from contextpolicy.policy.validation.documents import Document, DocumentError, Position, read
 from contextpolicy.policy.validation.mistakes import mistakes_in
 from contextpolicy.policy.validation.overlaps import Overlap, overlaps
-from contextpolicy.policy.validation.problem import Problem, Severity, short
+from contextpolicy.policy.validation.problem import MAX_SHOWN, Problem, Severity
+from contextpolicy.policy.validation.workloads import probe_findings, workloads
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -22,7 +24,6 @@ if TYPE_CHECKING:
     from contextpolicy.policy.definition_files import Definitions
     from contextpolicy.policy.spec import Policy
 
-API_VERSION = "contextpolicy.dev/v1alpha1"
 KIND = "ContextPolicy"
 
 
@@ -85,6 +86,10 @@ def check(files: Iterable[tuple[str, str]], types: Definitions | None = None) ->
             _check_document(file, known, report)
     report.problems += _repeated(report)
     report.problems += [_claimed(report, overlap) for overlap in overlaps(_latest(report))]
+    pods = [one for _, known in documents if isinstance(known, Document) for one in workloads(known.body)]
+    report.problems += [
+        _warning(source, finding) for source, policy in report.policies for finding in probe_findings(policy, pods)
+    ]
     return report
 
 
@@ -108,9 +113,7 @@ def _means_policy(body: object) -> bool:
 
 
 def _wrong_kind(body: dict[str, Any]) -> str:
-    kind = body.get("kind")
-    what = "is missing" if kind is None else f"{short(kind)} is not allowed"
-    return f"{what}: {KIND}"
+    return Finding("kind", body.get("kind"), KIND).problem(MAX_SHOWN)
 
 
 def _objects(file: str, document: Document) -> Iterator[Source]:
@@ -135,6 +138,7 @@ def _check_object(source: Source, report: CheckReport) -> None:
     except PolicyError as error:
         findings += error.findings
     findings += _of_the_definition(source.body, {finding.field for finding in findings})
+    report.problems += _yes_and_no_keys(source)
     report.problems += sorted(
         (_refusal(source, finding) for finding in findings),
         key=lambda problem: (problem.position.line, problem.position.column),
@@ -145,12 +149,12 @@ def _check_object(source: Source, report: CheckReport) -> None:
         report.policies.append((source, policy))
 
 
-def _of_the_definition(body: dict[str, Any], told: set[str]) -> list[Finding]:
-    """What else the API server refuses, except in the fields that the parser has reported (`told`) in better words."""
+def _of_the_definition(body: dict[str, Any], reported: set[str]) -> list[Finding]:
+    """What else the API server refuses, except in the fields that the parser has `reported` in better words."""
     schema = crd_schema.schema()
     stored = crd_schema.as_stored(body, schema)
-    found = [finding for finding in crd_schema.findings(stored) if finding.field not in told]
-    return [*found, *crd_rules.findings(stored, schema, told | {finding.field for finding in found})]
+    found = [finding for finding in crd_schema.findings(stored) if finding.field not in reported]
+    return [*found, *crd_rules.findings(stored, schema, reported | {finding.field for finding in found})]
 
 
 def _parse(body: dict[str, Any], report: CheckReport) -> Policy:
@@ -205,12 +209,15 @@ def _claimed(report: CheckReport, overlap: Overlap) -> Problem:
 
 
 def _refusal(source: Source, finding: Finding) -> Problem:
-    metadata = source.body.get("metadata")
-    name = str(metadata.get("name", "")) if isinstance(metadata, dict) else ""
-    what = "is missing" if finding.value is None else f"{short(finding.value)} is not allowed"
+    name = _name(source)
     place = source.position(finding.field, finding.value)
-    message = f"{what}: {finding.allowed}{_yes_or_no(source, finding)}"
+    message = f"{finding.problem(MAX_SHOWN)}{_yes_or_no(source, finding)}"
     return Problem(source.file, place, message, name, finding.field, finding.value, finding.allowed)
+
+
+def _name(source: Source) -> str:
+    metadata = source.body.get("metadata")
+    return str(metadata.get("name", "")) if isinstance(metadata, dict) else ""
 
 
 def _yes_or_no(source: Source, finding: Finding) -> str:
@@ -219,9 +226,19 @@ def _yes_or_no(source: Source, finding: Finding) -> str:
     return f"; YAML reads {word} as {str(finding.value).lower()}: put it in quotes" if word else ""
 
 
+def _yes_and_no_keys(source: Source) -> Iterator[Problem]:
+    """Keys that became true or false: a warning, since a label or a field of an example may have any name."""
+    for path, word in source.document.yes_and_no_keys.items():
+        if path.startswith(source.prefix):
+            field = path.removeprefix(source.prefix)
+            read = field.rpartition(".")[2]
+            keys, them = ("keys", "them") if " and " in word else ("key", "it")
+            told = f"YAML reads the {keys} {word} as {read}: put {them} in quotes"
+            yield _warning(source, Finding(field, word, told))
+
+
 def _warning(source: Source, finding: Finding) -> Problem:
-    name = source.body["metadata"]["name"]
-    place = source.position(finding.field)
+    place, name = source.position(finding.field), _name(source)
     return Problem(source.file, place, finding.allowed, name, finding.field, finding.value, severity=Severity.WARNING)
 
 

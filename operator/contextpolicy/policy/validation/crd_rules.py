@@ -24,22 +24,22 @@ class Rule(NamedTuple):
     message: str
 
 
-def findings(stored: Mapping[str, Any], schema: Mapping[str, Any], told: Collection[str]) -> Iterator[Finding]:
-    """Every rule that does not hold, except those that read a field in `told`, the paths already reported.
+def findings(stored: Mapping[str, Any], schema: Mapping[str, Any], reported: Collection[str]) -> Iterator[Finding]:
+    """Every rule that does not hold, except those that read a field in `reported`, the paths already reported.
 
     A rule that can't be evaluated counts as violated, unless something in its object was reported and may be the cause.
     """
     for rule in rules(stored, schema):
-        about = [f"{rule.path}.{name}" for name in _reads(rule.source)]
-        if rule.path in told or any(_is_within(field, read) for field in told for read in about):
+        about = [_inner(rule.path, name) for name in _reads(rule.source)]
+        if rule.path in reported or any(_is_within(field, read) for field in reported for read in about):
             continue
         try:
             holds = _holds(rule.source, rule.value)
         except (ValueError, TypeError, RuntimeError, ArithmeticError, LookupError):
-            holds = any(_is_within(field, rule.path) for field in told)
+            holds = any(_is_within(field, rule.path) for field in reported)
         if not holds:
             value = rule.value.get(rule.name) if rule.name else rule.value
-            yield Finding(f"{rule.path}.{rule.name}" if rule.name else rule.path, value, rule.message)
+            yield Finding(_inner(rule.path, rule.name), value, rule.message, is_sentence=True)
 
 
 def rules(value: Any, node: Mapping[str, Any], path: str = "") -> Iterator[Rule]:
@@ -53,7 +53,12 @@ def rules(value: Any, node: Mapping[str, Any], path: str = "") -> Iterator[Rule]
             yield Rule(path, value, rule["rule"], rule.get("fieldPath", "").removeprefix("."), rule["message"])
         known, other = node.get("properties", {}), node.get("additionalProperties", {})
         for name, inner in value.items():
-            yield from rules(inner, known.get(name, other), f"{path}.{name}" if path else name)
+            yield from rules(inner, known.get(name, other), _inner(path, name))
+
+
+def _inner(path: str, name: str) -> str:
+    """The path of a field of an object; of the object itself where there is no name."""
+    return ".".join(filter(None, (path, name)))
 
 
 @cache
@@ -80,4 +85,4 @@ def _holds(source: str, value: Any) -> bool:
 
 
 def _is_within(field: str, path: str) -> bool:
-    return field == path or field.startswith((f"{path}.", f"{path}["))
+    return not path or field == path or field.startswith((f"{path}.", f"{path}["))

@@ -14,12 +14,13 @@ import yaml
 from jsonschema import Draft202012Validator, FormatChecker, ValidationError, validators
 
 from contextpolicy.errors import Finding
+from contextpolicy.policy.custom_resource import DEFINITION
 from contextpolicy.policy.validation.crd_words import allowed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-DEFINITION = "contextpolicies.contextpolicy.dev.yaml"
+DEFINITION_FILE = f"{DEFINITION}.yaml"
 """Copied from crds/ by `make crds`: an installed package has no repository around it."""
 
 _LABEL = "[a-z0-9]([a-z0-9-]*[a-z0-9])?"
@@ -39,7 +40,7 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\d[Tt ]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d
 @cache
 def schema() -> dict[str, Any]:
     """The openAPIV3Schema with rules for metadata added, and any status accepted: the operator writes it."""
-    text = resources.files(__package__).joinpath(DEFINITION).read_text(encoding="utf-8")
+    text = resources.files(__package__).joinpath(DEFINITION_FILE).read_text(encoding="utf-8")
     (version,) = yaml.safe_load(text)["spec"]["versions"]
     root: dict[str, Any] = version["schema"]["openAPIV3Schema"]
     root["properties"] |= {"metadata": _METADATA, "status": {}}

@@ -49,7 +49,7 @@ def allowed(error: ValidationError, field: str) -> str:  # noqa: PLR0911 - one s
     node: Mapping[str, Any] = error.schema
     match error.validator:
         case "properties":
-            return "known fields: " + ", ".join(sorted(node["properties"]))
+            return "one of the fields " + ", ".join(sorted(node["properties"]))
         case "minLength":
             return "a text that is not empty"
         case "maxLength":

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 import yaml
 
@@ -31,6 +31,10 @@ class Position:
     column: int
 
 
+WHOLE_FILE = Position(0, 0)
+"""Where a problem is that concerns no line of a file, such as one that is not there."""
+
+
 class DocumentError(ContextPolicyError):
     """A file that is not YAML, or YAML that Kubernetes could not store."""
 
@@ -48,6 +52,8 @@ class Document:
     duplicates: tuple[str, ...] = ()
     yes_and_no: dict[str, str] = field(default_factory=dict)
     """Words such as y, no and on, which YAML reads as booleans and people mean as text, by path."""
+    yes_and_no_keys: dict[str, str] = field(default_factory=dict)
+    """The same for keys, which become the texts true and false."""
 
     def position(self, path: str) -> Position:
         """The field's position; for a missing field, that of the nearest object around it."""
@@ -56,10 +62,15 @@ class Document:
         return self.positions[path]
 
 
+def text_of(file: TextIO) -> str:
+    """Its text, as far as `read` has to see it to refuse a file that is too long: some never end."""
+    return file.read(MAX_BYTES + 1)
+
+
 def read(text: str) -> Iterator[Document]:
     """Every document in the text; DocumentError at the first place that cannot be read."""
     if len(text) > MAX_BYTES:
-        raise DocumentError(f"has {len(text)} characters, allowed: {MAX_BYTES}", Position(1, 1))
+        raise DocumentError(f"is too long: expected at most {MAX_BYTES} characters", Position(1, 1))
     try:
         loader = _Loader(text)
         while loader.check_node():
@@ -68,9 +79,11 @@ def read(text: str) -> Iterator[Document]:
                 yield _Builder(loader).document(node)
     except yaml.MarkedYAMLError as error:
         message = ": ".join(part for part in (error.context, error.problem) if part)
-        raise DocumentError(f"is no YAML: {message}", _position(error.problem_mark or error.context_mark)) from error
+        raise DocumentError(
+            f"is not valid YAML: {message}", _position(error.problem_mark or error.context_mark)
+        ) from error
     except yaml.YAMLError as error:
-        raise DocumentError(f"is no YAML: {str(error).splitlines()[0]}", Position(1, 1)) from error
+        raise DocumentError(f"is not valid YAML: {str(error).splitlines()[0]}", Position(1, 1)) from error
 
 
 class _Loader(yaml.SafeLoader):
@@ -114,11 +127,12 @@ class _Builder:
         self._positions: dict[str, Position] = {}
         self._duplicates: list[str] = []
         self._yes_and_no: dict[str, str] = {}
+        self._yes_and_no_keys: dict[str, str] = {}
         self._values = 0
 
     def document(self, node: yaml.Node) -> Document:
         body = self._value(node, "", ())
-        return Document(body, self._positions, tuple(self._duplicates), self._yes_and_no)
+        return Document(body, self._positions, tuple(self._duplicates), self._yes_and_no, self._yes_and_no_keys)
 
     def _value(self, node: yaml.Node, path: str, inside: tuple[int, ...]) -> Any:
         # Counted per visit, not per node: a few nested aliases expand to billions of values.
@@ -142,7 +156,7 @@ class _Builder:
         try:
             return self._loader.construct_object(node)
         except ValueError as error:
-            raise DocumentError(f"has a scalar that is no value: {error}", position) from error
+            raise DocumentError(f"has a scalar that is not a valid value: {error}", position) from error
 
     def _mapping(self, node: yaml.MappingNode, path: str, inside: tuple[int, ...]) -> dict[str, Any]:
         result: dict[str, Any] = {}
@@ -153,11 +167,14 @@ class _Builder:
                 continue
             key = _key(key_node)
             if not key:
-                raise DocumentError("has a key that is no text", _position(key_node.start_mark))
+                raise DocumentError("has a key that is not a text", _position(key_node.start_mark))
             inner = f"{path}.{key}" if path else key
             if key in result:
                 self._duplicates.append(inner)
             self._positions[inner] = _position(key_node.start_mark)
+            if key_node.tag == _BOOL and key_node.value.lower() not in ("true", "false"):
+                before = self._yes_and_no_keys.get(inner)
+                self._yes_and_no_keys[inner] = f"{before} and {key_node.value}" if before else key_node.value
             result[key] = self._value(value_node, inner, inside)
         # A mapping's own keys win over merged ones, wherever `<<` is written.
         return merged | result

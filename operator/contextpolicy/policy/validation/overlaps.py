@@ -5,8 +5,6 @@ from __future__ import annotations
 from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple
 
-from contextpolicy.policy.spec import Mode
-
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
@@ -31,11 +29,11 @@ class Overlap(NamedTuple):
 
 
 def overlaps(policies: Iterable[Policy]) -> Iterator[Overlap]:
-    """Every pair of tasks that may claim the same container. Only policies in mode Enforce claim any."""
+    """Every pair of tasks that may claim the same container. Only policies in a mode that acts claim any."""
     claims = [
         TaskClaim(policy, place, task)
         for policy in policies
-        if policy.mode is Mode.ENFORCE
+        if policy.mode.acts
         for place, task in enumerate(policy.tasks)
     ]
     for one, other in combinations(claims, 2):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import ContextPolicyError
 from contextpolicy.policy.validation.check import check
-from contextpolicy.policy.validation.documents import read
+from contextpolicy.policy.validation.documents import read, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,15 +26,17 @@ def load_policy(path: str, types: Definitions | None = None) -> Policy:
     Raises PolicyFileError.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        with Path(path).open(encoding="utf-8") as file:
+            text = text_of(file)
     except (OSError, UnicodeDecodeError) as error:
-        raise PolicyFileError(f"{path}: is not a readable file: {error}") from error
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise PolicyFileError(f"{path}: cannot read file: {reason}") from error
     report = check([(path, text)], types)
     if report.errors:
         raise PolicyFileError("\n".join(str(problem) for problem in report.errors))
     if len(report.policies) != 1:
         names = ", ".join(policy.reference for _, policy in report.policies) or "none"
-        raise PolicyFileError(f"{path}: holds {len(report.policies)} policies ({names}), allowed: one")
+        raise PolicyFileError(f"{path}: holds {len(report.policies)} policies ({names}), expected one")
     return report.policies[0][1]
 
 

@@ -6,8 +6,14 @@ from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.policy.validation.documents import WHOLE_FILE
+
 if TYPE_CHECKING:
     from contextpolicy.policy.validation.documents import Position
+
+
+MAX_SHOWN = 80
+"""Characters of a value that a line of output quotes at most."""
 
 
 class Severity(StrEnum):
@@ -33,7 +39,8 @@ class Problem:
     def __str__(self) -> str:
         """As compilers print it, so that editors can jump there."""
         field = f"{self.field}: " if self.field else ""
-        return f"{self.file}:{self.position.line}:{self.position.column}: {self.severity}: {field}{self.message}"
+        place = self.file if self.position == WHOLE_FILE else f"{self.file}:{self.position.line}:{self.position.column}"
+        return f"{place}: {self.severity}: {field}{self.message}"
 
     def as_json(self) -> dict[str, Any]:
         """JSON-serialisable, with `line` and `column` instead of `position`."""
@@ -44,9 +51,9 @@ class Problem:
 
 
 def short(value: object) -> str:
-    """The value's repr, cut to 80 characters."""
+    """The value's repr, cut to MAX_SHOWN characters."""
     text = repr(value)
-    return text if len(text) <= 80 else text[:77] + "..."
+    return text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 3] + "..."
 
 
 def _is_plain(value: object) -> bool:

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 
+PLAIN = "its example, a plain value,"
+"""What declares the one field of a sample that is a number, a text or a list."""
 MAX_FIELDS = 12
 """Fields that an error message lists."""
 MAX_DEPTH = 32

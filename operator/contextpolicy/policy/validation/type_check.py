@@ -6,10 +6,25 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import DefinitionError, Finding
+from contextpolicy.policy.cel import Expression
+from contextpolicy.policy.context_reads import CONTEXTS
 from contextpolicy.policy.ros_types import is_known, store_of
 from contextpolicy.policy.spec import Encoding
 from contextpolicy.policy.validation.cel_types import mistakes
-from contextpolicy.policy.validation.shapes import ANY, BOOL, MAP, NUMBER, Shape, known_fields, of_example, of_message
+from contextpolicy.policy.validation.shapes import (
+    ANY,
+    BOOL,
+    MAP,
+    NUMBER,
+    PLAIN,
+    TEXT,
+    Shape,
+    known_fields,
+    list_of,
+    of_example,
+    of_message,
+)
+from contextpolicy.policy.written import expressions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,15 +34,17 @@ if TYPE_CHECKING:
 
 def expression_findings(policy: Policy) -> Iterator[Finding]:
     """Conditions that are not boolean, scores that are not numbers, unknown fields, operands that do not fit."""
-    samples = {stream.name: _shape(stream) for stream in policy.streams}
+    samples = {stream.name: _from_source(_shape(stream), stream) for stream in policy.streams}
     shapes = {stream.name: _with_features(samples[stream.name], stream) for stream in policy.streams}
-    for field, source, wanted in _shared(policy):
-        yield from (Finding(field, source, told) for told in mistakes(source, wanted, shapes))
+    shapes[CONTEXTS] = _contexts(policy)
+    for field, source, is_number in expressions(policy):
+        wanted = NUMBER if is_number else BOOL
+        yield from (Finding(field, source, wrong, is_sentence=True) for wrong in mistakes(source, wanted, shapes))
     for index, stream in enumerate(policy.streams):
         own = {stream.name: samples[stream.name]}
         for field, source, wanted in _own(stream):
             path = f"spec.streams[{index}].{field}"
-            yield from (Finding(path, source, told) for told in mistakes(source, wanted, own))
+            yield from (Finding(path, source, wrong, is_sentence=True) for wrong in mistakes(source, wanted, own))
         if stream.timestamp:
             yield from _timestamp(f"spec.streams[{index}].timestamp", stream.timestamp, samples[stream.name])
 
@@ -42,19 +59,10 @@ def _timestamp(field: str, path: str, shape: Shape) -> Iterator[Finding]:
         shape = shape.fields[name]
 
 
-def _shared(policy: Policy) -> Iterator[tuple[str, str, Shape]]:
-    """Fields, sources and required shapes of the expressions that may read every stream."""
-    for index, task in enumerate(policy.tasks):
-        for number, activity in enumerate(task.activity):
-            yield f"spec.tasks[{index}].activity[{number}].when", activity.when, BOOL
-            if activity.score_from is not None:
-                yield f"spec.tasks[{index}].activity[{number}].scoreFrom", activity.score_from, NUMBER
-        for number, requirement in enumerate(task.requires):
-            if requirement.when is not None:
-                yield f"spec.tasks[{index}].requires[{number}].when", requirement.when, BOOL
-    for index, context in enumerate(policy.contexts):
-        if context.when is not None:
-            yield f"spec.contexts[{index}].when", context.when, BOOL
+def _contexts(policy: Policy) -> Shape:
+    """All that are declared or read: `references` reports the others."""
+    read = (name for written in expressions(policy) for name in Expression(written.source).contexts)
+    return Shape(MAP.kind, dict.fromkeys([*(context.name for context in policy.contexts), *read], BOOL))
 
 
 def _own(stream: Stream) -> Iterator[tuple[str, str, Shape]]:
@@ -70,9 +78,10 @@ def _shape(stream: Stream) -> Shape:
     if stream.encoding is Encoding.CDR:
         return _message_shape(stream, stream.type or "")
     if stream.example is None:
-        return ANY
-    sample = stream.example if isinstance(stream.example, dict) else {"value": stream.example}
-    return of_example(sample, "its example")
+        return MAP  # a plain value, too, is read as a map of one field
+    if isinstance(stream.example, dict):
+        return of_example(stream.example, "its example")
+    return of_example({"value": stream.example}, PLAIN)
 
 
 def _message_shape(stream: Stream, type_name: str) -> Shape:
@@ -87,4 +96,11 @@ def _message_shape(stream: Stream, type_name: str) -> Shape:
 def _with_features(sample: Shape, stream: Stream) -> Shape:
     if sample.fields is None or sample.kind != MAP.kind:
         return sample
-    return replace(sample, fields={**sample.fields, **{feature.name: NUMBER for feature in stream.features}})
+    sources = {"sources": list_of(sample)} if stream.sources else {}
+    return replace(sample, fields={**sample.fields, **{feature.name: NUMBER for feature in stream.features}, **sources})
+
+
+def _from_source(sample: Shape, stream: Stream) -> Shape:
+    if not stream.sources or sample.fields is None or sample.kind != MAP.kind:
+        return sample
+    return replace(sample, fields={**sample.fields, "source": TEXT})

@@ -1,0 +1,179 @@
+"""After a restart: which of the originals in a status can be believed, and what is true where they can't.
+
+While the operator runs it knows them and rewrites what others change. Who changes or empties a status while no operator
+runs can't sign: then the pod's owner is asked. The API server records in each pod who wrote its CPU, which shows what
+an operator has resized and not put back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Protocol
+
+from contextpolicy.actuators.resize.stored_originals import StoredPod, quantities, raw_of, read, stored_in
+from contextpolicy.cluster.claims import matches
+from contextpolicy.cluster.container_names import container_id
+from contextpolicy.cluster.pod_templates import Templates
+from contextpolicy.cluster.pods import Cpu
+from contextpolicy.cluster.writers import FIELD_MANAGER
+from contextpolicy.errors import ActuationError
+from contextpolicy.policy.custom_resource import API, PLURAL
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from contextpolicy.actuators.resize.stored_originals import EntrySignatures, StoredOriginals
+    from contextpolicy.cluster.pods import ContainerView, PodView
+    from contextpolicy.policy.spec import Policy
+
+
+WAY_OUT = "replace the pod"
+WAY_OUT_OF_SIGNED = f"let the release that signed it serve the namespace, or {WAY_OUT}"
+
+
+class VettingApi(Protocol):
+    """What it needs of the API server."""
+
+    def read(self, path: str) -> dict[str, Any]:
+        """GET an object or a list."""
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """A container whose original in the status can't be believed, with the reason for people.
+
+    `settled` says whether its owner's template says what it had; if not, the container keeps what it has. Where the
+    status has an entry then, that stays as it is: it may be true, and signed by another release.
+    """
+
+    uid: str
+    name: str
+    text: str
+    settled: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Vetted:
+    """A status's originals, and what was found wrong with them."""
+
+    stored: StoredOriginals
+    doubts: tuple[Doubt, ...] = ()
+
+
+class Vetting:
+    """Called on any thread but the loop's, which it would block: it may read from the API server."""
+
+    def __init__(self, signatures: EntrySignatures, api: VettingApi) -> None:
+        self._signatures, self._api = signatures, api
+        self._resized: dict[str, PodView] = {}
+        """By UID, the pods in which the API has CPU that an operator has set and not put back."""
+
+    def observe(self, pod: PodView) -> None:
+        """A pod is new or has changed."""
+        if any(_resized(container) for container in pod.containers) and not pod.ended:
+            self._resized[pod.uid] = pod
+        else:
+            self._resized.pop(pod.uid, None)
+
+    def forget(self, uid: str) -> None:
+        """A pod is gone."""
+        self._resized.pop(uid, None)
+
+    def vet(self, body: Mapping[str, Any], policy: Policy | None) -> Vetted:
+        """The originals of a ContextPolicy object; `policy` is its spec, None if that is invalid."""
+        metadata = body["metadata"]
+        namespace, reference = metadata["namespace"], f"{metadata['namespace']}/{metadata['name']}"
+        every = dict(read(reference, raw_of(body)))
+        true = {uid: entry for uid, entry in every.items() if self._signatures.prove(reference, uid, entry)}
+        pods = [pod for pod in list(self._resized.values()) if pod.namespace == namespace]
+        suspects = {
+            (pod.name, name, pod.uid): pod
+            for pod, name in (*self._unproven(pods, raw_of(body), true), *self._lost(reference, policy, pods, true))
+        }
+        doubts: list[Doubt] = []
+        unproven: dict[str, str] = {}
+        unsigned = every.keys() - true.keys()
+        templates = Templates(self._api)
+        for (_, name, _), pod in sorted(suspects.items(), key=lambda suspect: suspect[0]):
+            container = pod.by_name[name]
+            said = every[pod.uid].containers.get(name) if pod.uid in every else None
+            template = templates.cpu(pod).get(name)
+            found = _found(container, template)
+            if template is None or found not in (said, container.spec if said is None else said):
+                text = _text(pod, container, every.get(pod.uid), found, settled=template is not None)
+                doubts.append(Doubt(pod.uid, name, text, template is not None))
+                if template is None and pod.uid in unsigned:
+                    unproven.setdefault(pod.uid, text)
+            entry = true.setdefault(pod.uid, StoredPod(pod.name, {}, agent=pod.uid in every and every[pod.uid].agent))
+            entry.containers[name] = found
+        known = {uid: entry for uid, entry in true.items() if uid not in unproven}
+        reported = tuple(doubt for doubt in doubts if not (doubt.settled and doubt.uid in unproven))
+        return Vetted(replace(stored_in(body), pods=known, unproven=unproven), reported)
+
+    def _unproven(
+        self, pods: list[PodView], raw: Mapping[str, Any], true: Mapping[str, StoredPod]
+    ) -> Iterator[tuple[PodView, str]]:
+        """The resized containers of pods about which the status says something that we did not sign."""
+        for pod in pods:
+            if pod.uid in raw and pod.uid not in true:
+                yield from ((pod, container.name) for container in pod.containers if _resized(container))
+
+    def _lost(
+        self, reference: str, policy: Policy | None, pods: list[PodView], true: Mapping[str, StoredPod]
+    ) -> list[tuple[PodView, str]]:
+        """The resized containers that the policy selects, and about which no policy's status says anything."""
+        if policy is None or not policy.mode.acts or policy.shadow is not None:
+            return []
+        lost = [
+            (pod, container.name)
+            for _, pod, container in matches(policy, pods)
+            if _resized(container) and not (pod.uid in true and container.name in true[pod.uid].containers)
+        ]
+        others = self._others(reference, policy.namespace) if lost else set()
+        return [(pod, name) for pod, name in lost if (pod.uid, name) not in others]
+
+    def _others(self, reference: str, namespace: str) -> set[tuple[str, str]]:
+        """By pod UID and name, the containers whose originals are in other policies' statuses."""
+        try:
+            items = self._api.read(f"{API}/namespaces/{namespace}/{PLURAL}")["items"]
+        except ActuationError:
+            return set()
+        found = set()
+        for body in items:
+            other = f"{namespace}/{body['metadata']['name']}"
+            for uid, entry in read(other, raw_of(body)) if other != reference else ():
+                if self._signatures.prove(other, uid, entry):
+                    found |= {(uid, name) for name in entry.containers}
+        return found
+
+
+def _resized(container: ContainerView) -> bool:
+    return FIELD_MANAGER in (container.writers.request, container.writers.limit)
+
+
+def _found(container: ContainerView, template: Cpu | None) -> Cpu:
+    """What the container had: what we did not write is as it was, the rest is what its template says, if anything."""
+    spec, by = container.spec, container.writers
+    request = template.request if template and by.request == FIELD_MANAGER else None
+    limit = template.limit if template and by.limit == FIELD_MANAGER else None
+    return Cpu(spec.request if request is None else request, spec.limit if limit is None else limit)
+
+
+def _text(pod: PodView, container: ContainerView, entry: StoredPod | None, found: Cpu, *, settled: bool) -> str:
+    said = entry.containers.get(container.name) if entry else None
+    stored = f"says {_amounts(said)}, {_signed_by(entry)}" if said else "no longer has an entry"
+    if settled and pod.owner is not None:
+        rest = f"{pod.owner.kind} {pod.owner.name} says {_amounts(found)}, which counts"
+    else:
+        rest = f"no owner of the pod states its original, so it keeps {_amounts(found)}"
+        if entry:
+            rest += f", and the entry stays; {WAY_OUT_OF_SIGNED if entry.signature else WAY_OUT}"
+    return f"{container_id(pod, container.name)}: status.originals {stored}; {rest}"
+
+
+def _signed_by(entry: StoredPod | None) -> str:
+    return "signed with another key than this release's" if entry and entry.signature else "not signed by the operator"
+
+
+def _amounts(cpu: Cpu) -> str:
+    return ", ".join(f"{kind} {amount}" for kind, amount in quantities(cpu).items()) or "no CPU"

@@ -1,0 +1,82 @@
+"""`contextpolicy certificates`: makes and renews a release's certificates, as the chart's Job and CronJob."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from contextpolicy.commands.cluster_access import add_cluster, api_server
+
+if TYPE_CHECKING:
+    import argparse
+    from datetime import datetime
+
+    from contextpolicy.bus.renewal import Release
+    from contextpolicy.cluster.api import ApiServer
+
+
+def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "certificates",
+        help="make and renew the certificates of a release (what the chart's Job does)",
+        description="Write the certificates that are missing, expire soon, or lack a name of the router into the "
+        "Secrets of a release: an authority, a certificate for the router and each role, and the key that signs plans. "
+        "The chart creates the Secrets empty. Valid certificates are left alone.",
+    )
+    parser.add_argument(
+        "--release", metavar="NS/NAME", required=True, help="its namespace, and the prefix of its Secrets"
+    )
+    parser.add_argument("--no-bus", action="store_true", help="write none for the bus: you bring your own")
+    parser.add_argument("--no-signing", action="store_true", help="write no key that signs plans: you bring your own")
+    parser.add_argument(
+        "--router-name", metavar="NAME", action="append", default=[], help="a host or address of the router; repeatable"
+    )
+    parser.add_argument(
+        "--share", metavar="NS", action="append", default=[], help="a robot's namespace; repeatable (default: none)"
+    )
+    add_cluster(parser)
+    parser.set_defaults(main=main)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Renew what is due, and print it."""
+    from datetime import UTC, datetime
+
+    from contextpolicy.bus.renewal import Release
+
+    namespace, _, prefix = arguments.release.partition("/")
+    release = Release(
+        namespace,
+        prefix,
+        names=arguments.router_name,
+        shared=arguments.share,
+        bus=not arguments.no_bus,
+        signing=not arguments.no_signing,
+    )
+    with api_server(arguments) as api:
+        renew(api, release, datetime.now(UTC), built())
+    return 0
+
+
+def renew(api: ApiServer, release: Release, now: datetime, built: datetime) -> None:
+    """Each Secret is written only as it was read: of two who renew at once one fails, and tries again."""
+    from contextpolicy.bus.renewal import due, moment
+
+    found = {place: api.secret(place.namespace, place.name) for place in release.places()}
+    files = {place: secret.files for place, secret in found.items()}
+    time = moment(release, files, now, built)
+    if time != now:
+        print(f"the clock can't be right, it says {now:%F}: nothing is renewed, and {time:%F} counts")
+    changes = due(release, files, time)
+    for place, content in changes.items():
+        api.write_secret(place.namespace, place.name, content, found[place].version)
+        print(f"{place.namespace}/{place.name}: written")
+    print(f"{len(found) - len(changes)} of {len(found)} Secrets are good as they are")
+
+
+def built() -> datetime:
+    """When this program was built: no clock that is right says less."""
+    from datetime import UTC, datetime
+
+    return datetime.fromtimestamp(Path(__file__).stat().st_mtime, UTC)

@@ -1,0 +1,50 @@
+"""Which operator's pods a command asks: of several releases, that which serves the policy's namespace. Pure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+
+class OperatorPod(NamedTuple):
+    """Where a replica's live page is; `release` is the namespace and name by which it holds Leases."""
+
+    namespace: str
+    name: str
+    port: int
+    release: str
+
+
+def running(items: Iterable[Mapping[str, Any]]) -> list[OperatorPod]:
+    """Those that answer; an operator's own Lease is in its namespace, and a pod that says otherwise is none."""
+    pods = [_read(item) for item in items if item["status"].get("phase") == "Running"]
+    return [pod for pod in pods if pod.release.partition("/")[0] in ("", pod.namespace)]
+
+
+def releases(pods: Iterable[OperatorPod]) -> list[str]:
+    """Theirs, each once."""
+    return sorted({pod.release for pod in pods})
+
+
+def of_release(pods: Sequence[OperatorPod], release: str) -> list[OperatorPod]:
+    """The replicas of one release."""
+    return [pod for pod in pods if pod.release == release]
+
+
+def has_boards(boards: Iterable[Mapping[str, Any]], namespace: str | None) -> bool:
+    """Whether an operator with these boards decides at all, or for this namespace: a standby knows of no policy."""
+    return any(namespace in (None, namespace_of_board(board)) for board in boards)
+
+
+def namespace_of_board(board: Mapping[str, Any]) -> str:
+    """Of the policy that it shows."""
+    return str(board["policy"]).partition("/")[0]
+
+
+def _read(pod: Mapping[str, Any]) -> OperatorPod:
+    variables = {one["name"]: one.get("value") for one in pod["spec"]["containers"][0].get("env", ())}
+    metadata = pod["metadata"]
+    port = int(variables.get("LIVE_PORT") or 8082)
+    return OperatorPod(metadata["namespace"], metadata["name"], port, variables.get("LEASE") or "")

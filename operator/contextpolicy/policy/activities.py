@@ -1,0 +1,67 @@
+"""When a task matters, and what it needs to run, as frozen values (paper III, IV-D).
+
+Durations are seconds, CPU is thousandths of a core, memory is bytes, scores are floats >= 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+class Enforce(StrEnum):
+    """What happens to a task whose needs can't be met: it is kept and reported, or suspended (paper III)."""
+
+    REPORT = "Report"
+    SUSPEND = "Suspend"
+
+
+@dataclass(frozen=True, slots=True)
+class Activity:
+    """An event-driven initiative: a score while its event is fresh (paper III, IV-D).
+
+    With `hold` a matching sample counts that long; without it, until a sample does not match or the stream is silent.
+    With `until` it counts, at most for `hold` if there is one, until that condition holds. `decay` then lets the score
+    fall to zero linearly. `initiative` names a plugged-in instantiation function instead.
+    """
+
+    when: str = "true"
+    until: str | None = None
+    stream: str | None = None
+    score: float = 1.0
+    score_from: str | None = None
+    hold: float = 0.0
+    decay: float = 0.0
+    initiative: str | None = None
+    arguments: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def counts(self) -> bool:
+        """Whether it may ever score more than 0."""
+        return self.score > 0 or self.score_from is not None or self.initiative is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """A pre-condition: without it the task's weight is 0. A matching sample counts for `hold`.
+
+    With `task` it is an edge of the task graph instead: that task must be able to run.
+    """
+
+    when: str = "true"
+    hold: float = 0.0
+    task: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """Capability constraints: what the task must get to be of any use (paper III)."""
+
+    cores: int | None = None
+    memory: int | None = None
+    deadline: float | None = None
+    enforce: Enforce = Enforce.REPORT

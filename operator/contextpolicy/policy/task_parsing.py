@@ -1,0 +1,114 @@
+"""A task of a ContextPolicy, with its needs, activities and requirements, as read from `spec.tasks`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from contextpolicy.policy import activities
+from contextpolicy.policy import spec as policy
+from contextpolicy.policy.fields import LARGEST_WEIGHT, TASK_NAME, TASK_NAME_ALLOWED
+from contextpolicy.policy.selectors import read_selector
+
+if TYPE_CHECKING:
+    from contextpolicy.policy.fields import Fields
+
+
+def parse_task(fields: Fields) -> policy.Task:
+    """Read an entry of `spec.tasks`; the fields hold what is wrong with it."""
+    name = fields.text("name", pattern=TASK_NAME, allowed=TASK_NAME_ALLOWED)
+    activity = tuple(_activity(item) for item in fields.nested_list("activity", limit=16))
+    priority, minimum = fields.number("priority", most=LARGEST_WEIGHT), fields.cpu("min")
+    result = policy.Task(
+        name=name,
+        selector=read_selector(fields.nested("selector")) if "selector" in fields else fields.raw("selector"),
+        container=fields.text("container", name),
+        priority=1.0 if priority is None else priority,
+        idle=fields.number("idle", most=LARGEST_WEIGHT),
+        min=max(10, minimum or 0),
+        max=fields.cpu("max"),
+        suspended_cpu=max(10, fields.cpu("suspendedCpu") or 0),
+        needs=_needs(fields.nested("needs")),
+        activity=activity,
+        requires=tuple(_requirement(item) for item in fields.nested_list("requires", limit=16)),
+        subtasks=fields.texts("subtasks", limit=16),
+        satisfied_by=fields.choice("satisfiedBy", policy.SatisfiedBy.ALL),
+        protected=fields.flag("protected"),
+        restart_on_resize=fields.flag("restartOnResize"),
+        required=fields.flag("required"),
+    )
+    _check_kind(fields, result)
+    _check_bounds(fields, result, minimum or 10)
+    _check_protection(fields, result)
+    fields.close()
+    return result
+
+
+def _check_kind(fields: Fields, task: policy.Task) -> None:
+    """A task runs in a container, or is a group of others."""
+    if (task.selector is None) == (not task.subtasks):
+        allowed = "a selector for a task in a container, subtasks for one without"
+        fields.refuse("selector", fields.raw("selector"), allowed)
+    if task.subtasks:
+        for group_less in ("min", "max", "suspendedCpu", "needs", "container", "restartOnResize", "required"):
+            if group_less in fields:
+                fields.refuse(group_less, fields.raw(group_less), "only on a task in a container: a group has subtasks")
+
+
+def _check_bounds(fields: Fields, task: policy.Task, minimum: int) -> None:
+    """`minimum` is `min` as it is written."""
+    if task.max is not None and not task.min <= task.max:
+        fields.refuse("max", fields.raw("max"), f"at least min ({minimum}m) and at least 10m")
+    elif task.max is not None and task.max < task.suspended_cpu:
+        fields.refuse("suspendedCpu", fields.raw("suspendedCpu"), "at most max")
+
+
+def _check_protection(fields: Fields, task: policy.Task) -> None:
+    if task.protected and task.subtasks:
+        allowed = "true on a task in a container: protect the subtasks that need it"
+        fields.refuse("protected", fields.raw("protected"), allowed)
+    if task.protected and task.needs.enforce is activities.Enforce.SUSPEND:
+        fields.refuse("needs.enforce", task.needs.enforce, "Report: a protected task is never suspended")
+
+
+def _needs(fields: Fields) -> activities.Needs:
+    result = activities.Needs(
+        fields.cpu("cores"),
+        fields.memory("memory"),
+        fields.duration("deadline"),
+        fields.choice("enforce", activities.Enforce.REPORT),
+    )
+    fields.close()
+    return result
+
+
+def _activity(fields: Fields) -> activities.Activity:
+    score = fields.number("score", most=LARGEST_WEIGHT)
+    result = activities.Activity(
+        when=fields.cel("when", "true") or "true",
+        until=fields.cel("until"),
+        stream=fields.optional_text("stream"),
+        score=1.0 if score is None else score,
+        score_from=fields.cel("scoreFrom"),
+        hold=fields.duration("hold") or 0.0,
+        decay=fields.duration("decay") or 0.0,
+        initiative=fields.optional_text("initiative"),
+        arguments=fields.string_map("with"),
+    )
+    if "scoreFrom" in fields and "score" in fields:
+        fields.refuse("score", score, "score or scoreFrom, not both")
+    if result.until is not None and result.initiative is not None:
+        fields.refuse("until", result.until, "until without initiative: the function decides when its score ends")
+    fields.close()
+    return result
+
+
+def _requirement(fields: Fields) -> activities.Requirement:
+    if ("when" in fields) == ("task" in fields):
+        fields.refuse("when", fields.raw("when"), "either when, a CEL condition, or task, the name of another task")
+    result = activities.Requirement(
+        fields.cel("when", "true") or "true", fields.duration("hold") or 0.0, fields.optional_text("task")
+    )
+    if result.task is not None and "hold" in fields:
+        fields.refuse("hold", fields.raw("hold"), "hold only beside when: a task is able to run or not")
+    fields.close()
+    return result
