@@ -23,7 +23,7 @@ class Order(Enum):
 
 
 def parse_order(payload: bytes, arm: Arm, current: Posture) -> Order | Posture:
-    """Read an order; a goal is the posture that it leads to. MessageError tells what is wrong and what is allowed."""
+    """Read an order; a goal is the posture that it leads to. MessageError names the field and what was expected."""
     try:
         document = json_text.loads(payload)
     except ValueError as error:

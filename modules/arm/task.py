@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from robotkit import Decision, Received
 
 PORT = "/dev/ttyACM0"
-TELL_EVERY = 5
+REPORT_EVERY = 5
 """Steps from one state to the next while the arm moves."""
 IDLE_S = 1.0
 """Seconds between checks that an idle arm is still connected."""
@@ -93,7 +93,7 @@ class MeArm(Task):
         while not ended.wait(STEP_S):
             moving = self._step(controller)
             step += 1
-            if moving and step % TELL_EVERY == 0:
+            if moving and step % REPORT_EVERY == 0:
                 yield Result("state", self._state())
             if not moving:
                 yield Result("state", self._state() | {"errors": controller.errors()})

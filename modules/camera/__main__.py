@@ -15,7 +15,7 @@ def build() -> Camera:
     cv2.setNumThreads(1)  # its share is what the policy gives, not all cores
     name, view = os.environ.get("CAMERA_SOURCE", ""), os.environ.get("CAMERA_VIEW", "stereo")
     if view not in VIEWS:
-        raise ConfigurationError(f"CAMERA_VIEW: {view!r} is not allowed: {', '.join(VIEWS)}")
+        raise ConfigurationError(f"CAMERA_VIEW: invalid value {view!r}: expected {', '.join(VIEWS)}")
     if not name:
         raise ConfigurationError("CAMERA_SOURCE is empty: a folder of a EuRoC sequence, or devices such as /dev/video0")
     if name.startswith("/dev/"):
@@ -32,7 +32,7 @@ def _rate() -> float | None:
     except ValueError:
         rate = 0.0
     if rate is not None and not 0 < rate <= 1000:
-        raise ConfigurationError(f"CAMERA_RATE: {text!r} is not allowed: frames a second, above 0 and up to 1000")
+        raise ConfigurationError(f"CAMERA_RATE: invalid value {text!r}: expected frames per second, above 0 to 1000")
     return rate
 
 

@@ -57,7 +57,9 @@ class Devices:
 
     def __init__(self, paths: Sequence[str], capture: type[cv2.VideoCapture] = cv2.VideoCapture) -> None:
         if len(paths) not in (1, 2):
-            raise ConfigurationError(f"CAMERA_SOURCE: {','.join(paths)} is not allowed: one device, or left and right")
+            raise ConfigurationError(
+                f"CAMERA_SOURCE: invalid value {','.join(paths)!r}: expected one device, or left and right"
+            )
         self._paths = paths
         self._capture = capture
 

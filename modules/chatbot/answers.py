@@ -49,7 +49,7 @@ def answer(question: str, memory: Memory, now: float) -> str:
 def _where(_: re.Match[str], memory: Memory, now: float) -> str:
     place = memory.place
     if place is None:
-        return "I do not know where I am: nobody has told me a position yet."
+        return "I do not know where I am: I have received no position yet."
     x, y, z = place.position
     spot = f"at x {x:.1f}, y {y:.1f}, z {z:.1f} metres from where I started, {math.hypot(x, y, z):.1f} metres away"
     if not place.known:
@@ -62,7 +62,7 @@ def _where(_: re.Match[str], memory: Memory, now: float) -> str:
 def _what(_: re.Match[str], memory: Memory, now: float) -> str:
     del now
     if not memory.tasks:
-        return "I do not know: no policy has told me a plan yet."
+        return "I do not know: I have received no plan yet."
     busy = sorted(
         (item for item in memory.tasks.items() if not item[1].suspended), key=lambda item: item[1].share, reverse=True
     )
@@ -76,7 +76,7 @@ def _what(_: re.Match[str], memory: Memory, now: float) -> str:
 def _why(match: re.Match[str], memory: Memory, now: float) -> str:
     names = _tasks_of(match["activity"], memory)
     if not names:
-        known = f"I know {_listed(sorted(memory.tasks))}." if memory.tasks else "No policy has told me a plan yet."
+        known = f"I know {_listed(sorted(memory.tasks))}." if memory.tasks else "I have received no plan yet."
         return f'I have no task for "{match["activity"]}". {known}'
     name, task = max(((name, memory.tasks[name]) for name in names), key=_last_paused)
     if task.pause is None:

@@ -101,7 +101,7 @@ class Host:
         return round(sum(parts) / len(parts), 3) if parts else None
 
     def _throttled(self, firmware: float | None) -> bool | None:
-        """Whether the firmware, a cooling device or a throttle counter says so; None when nobody could."""
+        """Whether the firmware, a cooling device or a throttle counter says so; None when none is available."""
         signs = [] if firmware is None else [bool(int(firmware) & SLOWED)]
         for device in self._root.glob("sys/class/thermal/cooling_device*"):
             state = _number(device / "cur_state")
@@ -135,7 +135,7 @@ class Host:
         return round(int(sizes["MemAvailable"]) / total, 4) if total and "MemAvailable" in sizes else None
 
     def _battery(self) -> Battery | None:
-        """The first battery; capacity where the driver tells it, else energy or charge."""
+        """The first battery; capacity where the driver reports it, else energy or charge."""
         for supply in sorted(self._root.glob("sys/class/power_supply/*")):
             if _text(supply / "type") != "Battery":
                 continue

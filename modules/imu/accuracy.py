@@ -29,7 +29,7 @@ def main(folders: list[str]) -> int:
             mav0 = euroc.find(Path(folder))
             poses = euroc.truth(mav0)
             if not poses:
-                raise euroc.DatasetError(f"{mav0 / euroc.TRUTH}: there is no ground truth")
+                raise euroc.DatasetError(f"{mav0 / euroc.TRUTH}: no ground truth")
             confusion.counts += compare(euroc.imu(mav0), poses).counts
     except ConfigurationError as error:
         sys.stderr.write(f"{error}\n")

@@ -3,8 +3,8 @@
 A window of the last samples is still when neither rates nor accelerations vary more than a standing robot's do
 (angular-rate-energy and acceleration-variance detectors, I. Skog et al., "Zero-velocity detection: an algorithm
 evaluation", IEEE TBME 2010), and when the mean rate is that of standing, which is the gyroscope's bias. Turning is the
-mean rate about the vertical, which is where gravity points. An IMU can't feel a constant speed: what tells a rolling
-robot from a standing one is that real wheels shake it.
+mean rate about the vertical, which is where gravity points. An IMU can't feel a constant speed: what sets a rolling
+robot apart from a standing one is that real wheels shake it.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class MotionDetector:
     def _is_calm(self, mean: Floats, spread: Floats) -> bool:
         if np.linalg.norm(spread[:3]) > self._limits.gyro or np.linalg.norm(spread[3:]) > self._limits.accel:
             return False
-        if self._bias is None:  # the first calm window tells the bias: a robot stands when it is switched on
+        if self._bias is None:  # the first calm window gives the bias: a robot stands when it is switched on
             return bool(np.linalg.norm(mean[:3]) < self._limits.bias)
         return bool(np.linalg.norm(mean[:3] - self._bias) < self._limits.rate)
 

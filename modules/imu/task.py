@@ -27,7 +27,7 @@ class Imu(Task):
         self._mav0 = None if sequence is None else euroc.find(sequence)
         self._playback = Playback()
         self._detector = MotionDetector()
-        self._told: int | None = None
+        self._reported: int | None = None
 
     def process(self, received: Received) -> list[Result]:
         """Take a sample; returns a result at most every 20 ms."""
@@ -43,15 +43,15 @@ class Imu(Task):
 
     def _results(self, sample: ImuSample) -> list[Result]:
         motion = self._detector.feed(sample)
-        if self._told is not None and 0 <= sample.stamp - self._told < EVERY_NS:
+        if self._reported is not None and 0 <= sample.stamp - self._reported < EVERY_NS:
             return []
-        self._told = sample.stamp
-        told: dict[str, object] = {"gyro": sample.gyro, "accel": sample.accel}
+        self._reported = sample.stamp
+        content: dict[str, object] = {"gyro": sample.gyro, "accel": sample.accel}
         if motion is not None:
-            told |= {
+            content |= {
                 "motion": motion.state,
                 "moving": motion.state is not State.STILL,
                 "turning": motion.state is State.TURNING,
                 "rate": round(motion.rate, 4),
             }
-        return [Result("motion", told, sample.stamp)]
+        return [Result("motion", content, sample.stamp)]

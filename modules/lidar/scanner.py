@@ -49,7 +49,7 @@ class Scanner:
         return self._turns.lost
 
     def start(self) -> Info:
-        """Start the motor and the scan, and tell what the device is; DeviceError if it is not well."""
+        """Start the motor and the scan, and identify the device; DeviceError if it reports a fault."""
         self._line.set_wire("dtr", on=False)  # the A1's motor runs while DTR is low
         self._quiet(rplidar.STOP)
         health = self._health()

@@ -1,4 +1,4 @@
-"""Tells what stands around the robot, turn by turn."""
+"""Publishes what is around the robot, turn by turn."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from modules.lidar.rplidar import Node
 
 PORT = "/dev/ttyUSB1"
+NEAREST, FARTHEST = 0.15, 12.0
+"""Metres that the device measures (RPLIDAR A1, data sheet)."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -48,6 +50,8 @@ class Lidar(Task):
         return {
             "start_angle": 0.0,
             "end_angle": math.tau * (BINS - 1) / BINS,
+            "range_min": NEAREST,
+            "range_max": FARTHEST,
             "ranges": [round(distance, 3) for distance in found],
             "nearest": round(min(filter(None, found), default=0.0), 3),
             "samples": len(turn),

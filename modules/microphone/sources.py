@@ -34,7 +34,7 @@ class Source(Protocol):
 
 
 class Recorded:
-    """A WAV file at its own pace; the last piece is left out when it is no whole chunk."""
+    """A WAV file at its own pace; the last piece is left out when it is not a whole chunk."""
 
     def __init__(self, path: Path) -> None:
         self._path = path / "audio.wav" if path.is_dir() else path
@@ -51,8 +51,10 @@ class Recorded:
             with wave.open(str(self._path)) as audio:
                 form = (audio.getframerate(), audio.getsampwidth() * 8, audio.getnchannels())
                 if form != (RATE, 16, 1):
-                    told = f"{form[0]} Hz, {form[1]} bit, {form[2]} channels"
-                    raise DatasetError(f"{self._path}: {told} is not allowed: {RATE} Hz, 16 bit, 1 channel")
+                    found = f"{form[0]} Hz, {form[1]} bit, {form[2]} channels"
+                    raise DatasetError(
+                        f"{self._path}: unsupported format {found}: expected {RATE} Hz, 16 bit, 1 channel"
+                    )
                 number = 0
                 while len(chunk := audio.readframes(CHUNK)) == CHUNK * BYTES_PER_SAMPLE:
                     number += 1

@@ -20,7 +20,7 @@ FARTHEST_RANGE = 100.0
 
 
 def parse_order(payload: bytes, now: float) -> Drive | Route | str:
-    """Read an order; STOP stands for itself. MessageError tells what is wrong and what is allowed."""
+    """Read an order; STOP stands for itself. MessageError names the field and what was expected."""
     document = _json(payload)
     match document:
         case {"stop": True}:

@@ -20,6 +20,11 @@ FRAME_LIMIT = 172
 BUMPS_AND_DROPS, CLIFF_LEFT, CLIFF_FRONT_LEFT, CLIFF_FRONT_RIGHT, CLIFF_RIGHT = 7, 9, 10, 11, 12
 CHARGING_STATE, VOLTAGE, CURRENT, TEMPERATURE, CHARGE, CAPACITY = 21, 22, 23, 24, 25, 26
 OI_MODE, LEFT_ENCODER, RIGHT_ENCODER = 35, 43, 44
+DISTANCE, ANGLE = 19, 20
+"""mm and degrees since they were last sent."""
+SONG_NUMBER, SONG_PLAYING, STREAM_PACKETS = 36, 37, 38
+REQUESTED_VELOCITY, REQUESTED_RADIUS, REQUESTED_RIGHT, REQUESTED_LEFT = 39, 40, 41, 42
+"""What DRIVE, and DRIVE_DIRECT, asked for last: mm/s and mm."""
 
 BUMP_RIGHT, BUMP_LEFT, DROP_RIGHT, DROP_LEFT = 1, 2, 4, 8
 """Bits of BUMPS_AND_DROPS."""
@@ -113,7 +118,7 @@ class Frame:
         return self._struct.size
 
     def holds(self, data: bytes | bytearray) -> bool:
-        """Tell whether these bytes, as many as a frame has, are one."""
+        """Return whether these bytes, as many as a frame has, are one."""
         return sum(data) % 256 == 0 and all(data[position] == packet for position, packet in self._ids)
 
     def decode(self, data: bytes | bytearray) -> Values:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SCAN_PATIENCE = 0.6
 """Three turns of the lidar; a robot that has seen nothing for longer is blind."""
 DRIVE_PATIENCE = 0.5
-"""How long a `drive` order holds: whoever steers by hand must keep repeating it."""
+"""How long a `drive` order holds: manual control must keep repeating it."""
 ARMING_S = 0.3
 """What the robot may take to enter Safe mode."""
 

@@ -2,7 +2,7 @@
 
 It has four modes, takes actuator commands in Safe and Full mode only, leaves Safe mode for Passive with its wheels
 stopped when a wheel drops or a cliff is ahead, waits for the rest of an incomplete command, streams every 15 ms and has
-no watchdog: wheels go on turning at the last speed, whoever has died.
+no watchdog: wheels go on turning at the last speed, whatever has died.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from modules.navigation import packets
 from modules.navigation.odometry import METRES_PER_COUNT, WHEEL_BASE, Pose, moved
 from modules.navigation.open_interface import CLOCKWISE, COUNTER_CLOCKWISE, STRAIGHT, Command, CommandParser, Opcode
+from modules.navigation.simulated_memory import Journey, Jukebox
 from robotkit.simulated import main
 
 if TYPE_CHECKING:
@@ -73,7 +74,10 @@ class Create2:
         self.cliff = False
         self._parser = CommandParser()
         self._frame: packets.Frame | None = None
+        self._streamed: tuple[int, ...] = ()
         self._streaming = False
+        self._journey, self._jukebox = Journey(), Jukebox()
+        self._requested: packets.Values = {}
 
     def receive(self, data: bytes) -> bytes:
         """Carry out the commands that are complete."""
@@ -83,10 +87,12 @@ class Create2:
         """Drive, look at the safety sensors, send a frame."""
         left, right = self.wheels
         self.body.roll(left * seconds, right * seconds)
+        self._journey.roll(left * seconds, right * seconds)
+        self._jukebox.advance(seconds)
         self._guard_safe_mode()
         if self.mode == packets.OFF or not self._streaming or self._frame is None:
             return b""
-        return self._frame.encode(self.values())
+        return self._sent(self._streamed, self._frame.encode(self.values()))
 
     def values(self) -> packets.Values:
         """All sensors as they are now."""
@@ -103,6 +109,10 @@ class Create2:
             packets.OI_MODE: self.mode,
             packets.LEFT_ENCODER: left,
             packets.RIGHT_ENCODER: right,
+            packets.STREAM_PACKETS: len(self._streamed),
+            **self._journey.values(),
+            **self._jukebox.values(),
+            **self._requested,
         }
 
     def _obey(self, command: Command) -> bytes:
@@ -126,22 +136,34 @@ class Create2:
                 self._enter(packets.SAFE_MODE)
             case Opcode.FULL:
                 self._enter(packets.FULL_MODE)
-            case Opcode.DRIVE:
-                self._drive(*arguments)
-            case Opcode.DRIVE_DIRECT:
-                self._set_wheels(arguments[1], arguments[0])
-            case Opcode.DRIVE_PWM:
-                self._set_wheels(arguments[1] * 500 / 255, arguments[0] * 500 / 255)
+            case Opcode.SONG:
+                self._jukebox.write(arguments[0], arguments[1:])
             case Opcode.STREAM:
                 self._start_stream(arguments)
             case Opcode.PAUSE_RESUME_STREAM:
                 self._streaming = arguments[0] == 1
+            case _ if self.mode in {packets.SAFE_MODE, packets.FULL_MODE}:
+                self._actuate(opcode, arguments)
+
+    def _actuate(self, opcode: Opcode, arguments: tuple[int, ...]) -> None:
+        """Commands that Safe and Full mode obey."""
+        match opcode:
+            case Opcode.DRIVE:
+                self._requested |= {packets.REQUESTED_VELOCITY: arguments[0], packets.REQUESTED_RADIUS: arguments[1]}
+                self._drive(*arguments)
+            case Opcode.DRIVE_DIRECT:
+                self._requested |= {packets.REQUESTED_RIGHT: arguments[0], packets.REQUESTED_LEFT: arguments[1]}
+                self._set_wheels(arguments[1], arguments[0])
+            case Opcode.DRIVE_PWM:
+                self._set_wheels(arguments[1] * 500 / 255, arguments[0] * 500 / 255)
+            case Opcode.PLAY:
+                self._jukebox.play(*arguments)
 
     def _enter(self, mode: int) -> None:
         if mode in {packets.OFF, packets.PASSIVE}:
             self.wheels = (0.0, 0.0)
         if mode == packets.OFF:
-            self._streaming = False
+            self._streaming, self._requested = False, {}
         self.mode = mode
 
     def _guard_safe_mode(self) -> None:
@@ -149,8 +171,7 @@ class Create2:
             self._enter(packets.PASSIVE)
 
     def _set_wheels(self, left: float, right: float) -> None:
-        if self.mode in {packets.SAFE_MODE, packets.FULL_MODE}:
-            self.wheels = (_stepped(left), _stepped(right))
+        self.wheels = (_stepped(left), _stepped(right))
 
     def _drive(self, velocity: int, radius: int) -> None:
         half = WHEEL_BASE * 500
@@ -163,16 +184,21 @@ class Create2:
 
     def _start_stream(self, arguments: tuple[int, ...]) -> None:
         try:
-            self._frame = packets.Frame(arguments)
+            self._frame, self._streamed = packets.Frame(arguments), arguments
         except ValueError:
-            self._frame = None
+            self._frame, self._streamed = None, ()
         self._streaming = True
 
     def _answer(self, arguments: tuple[int, ...]) -> bytes:
         try:
-            return packets.Reading(arguments).encode(self.values())
+            return self._sent(arguments, packets.Reading(arguments).encode(self.values()))
         except ValueError:
             return b""
+
+    def _sent(self, sent: tuple[int, ...], data: bytes) -> bytes:
+        """Note that these packets and groups are sent."""
+        self._journey.reset(tuple(member for packet in sent for member in packets.members(packet)))
+        return data
 
 
 def _stepped(speed: float) -> float:

@@ -137,7 +137,7 @@ class Navigation(Task):
             try:
                 robot.release()
             except DeviceError:
-                _LOG.warning("%s: the robot could not be told to stand; the guard sees to it", self._port)
+                _LOG.warning("%s: could not stop the robot; the guard process will", self._port)
 
     def _where(self) -> dict[str, object]:
         pose, moving = self._odometry.pose, self._moving

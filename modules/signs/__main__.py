@@ -22,7 +22,7 @@ def build() -> Signs:
     networks = find(os.environ.get("SIGNS_MODELS", ""))
     wanted = os.environ.get("SIGNS_READER", READERS[0])
     if wanted not in READERS:
-        raise ConfigurationError(f"SIGNS_READER: {wanted!r} is not allowed: {' or '.join(READERS)}")
+        raise ConfigurationError(f"SIGNS_READER: invalid value {wanted!r}: expected {' or '.join(READERS)}")
     reader = Paddle(*networks.recognition()) if wanted == "paddle" else Digits()
     return Signs(Watcher(Detector(networks.detection(), _region()), reader))
 
@@ -32,7 +32,7 @@ def _region() -> Region:
     try:
         return Region.parse(text)
     except ValueError as error:
-        raise ConfigurationError(f"SIGNS_REGION: {text!r} is not allowed: {error}") from error
+        raise ConfigurationError(f"SIGNS_REGION: invalid value {text!r}: {error}") from error
 
 
 main(Path(__file__).with_name("module.yaml"), build)

@@ -2,7 +2,7 @@
 
 FILE ...           SVHN's digitStruct.mat (format 1) or *_32x32.mat (format 2)
 --rendered FOLDER  draws signs in fonts that no network was trained on, writes them in both formats, and reads them
---drives N         drives along signs and back N times: is each told once each time it passes?
+--drives N         drives along signs and back N times: is each reported once each time it passes?
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from modules.signs import svhn
 from modules.signs.boxes import around, square
 from modules.signs.detector import Detector
 from modules.signs.digits import LABELS, Digits
-from modules.signs.drives import Told, drive
+from modules.signs.drives import Passages, drive
 from modules.signs.networks import find
 from modules.signs.paddle import HEIGHT, Paddle
 from modules.signs.reading import upright
@@ -76,19 +76,19 @@ class Judge:
             score.found += bool(readings)
             score.right += best is not None and best.text == truth
             score.boxed += boxed == truth
-            for said, told in aligned(truth, boxed):
-                score.confusion.add(said, told if told in LABELS else NOTHING)
+            for said, predicted in aligned(truth, boxed):
+                score.confusion.add(said, predicted if predicted in LABELS else NOTHING)
         return score
 
     def digits(self, pictures: Image, labels: Sequence[str]) -> Score:
         """Format 2: which digit is in the middle."""
         score = Score()
         for picture, truth in zip(pictures, labels, strict=True):
-            told = middle(self._reader.read(picture.astype(np.uint8, copy=False)))
+            predicted = middle(self._reader.read(picture.astype(np.uint8, copy=False)))
             score.count += 1
-            score.found += told != NOTHING
-            score.right += told == truth
-            score.confusion.add(truth, told)
+            score.found += predicted != NOTHING
+            score.right += predicted == truth
+            score.confusion.add(truth, predicted)
         return score
 
     def _read(self, picture: Image, corners: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> Reading:
@@ -102,11 +102,11 @@ def middle(reading: Reading) -> str:
     return NOTHING if nearest is None else nearest.label
 
 
-def aligned(truth: str, told: str) -> list[tuple[str, str]]:
+def aligned(truth: str, predicted: str) -> list[tuple[str, str]]:
     """Each character of both with its partner in the other, or with none."""
     pairs: list[tuple[str, str]] = []
-    for _, begin, end, first, last in SequenceMatcher(None, truth, told, autojunk=False).get_opcodes():
-        pairs += zip_longest(truth[begin:end], told[first:last], fillvalue=NOTHING)
+    for _, begin, end, first, last in SequenceMatcher(None, truth, predicted, autojunk=False).get_opcodes():
+        pairs += zip_longest(truth[begin:end], predicted[first:last], fillvalue=NOTHING)
     return pairs
 
 
@@ -184,8 +184,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             judges = {name: Judge(detector, reader) for name, reader in readers.items()}
             sys.stdout.write(f"{judge(paths, judges, options.limit)}\n")
         for name, reader in readers.items() if options.drives else ():
-            told = sum((drive(Watcher(detector, reader), seed) for seed in range(options.drives)), Told())
-            sys.stdout.write(f"drives, {name}: {told.report()}\n")
+            driven = sum((drive(Watcher(detector, reader), seed) for seed in range(options.drives)), Passages())
+            sys.stdout.write(f"drives, {name}: {driven.report()}\n")
     except ConfigurationError as error:
         sys.stderr.write(f"{error}\n")
         return 2

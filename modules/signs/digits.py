@@ -1,4 +1,4 @@
-"""The paper's own way: a small network that tells the ten digits apart as SVHN labels them, one column at a time.
+"""The paper's own way: a small network that classifies the ten digits as SVHN labels them, one column at a time.
 
 Trained by `training.py`. A text of any width becomes 11 probabilities (0 to 9, and none) for every 4 pixels of it.
 """

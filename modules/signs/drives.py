@@ -1,4 +1,4 @@
-"""A robot drives along a wall with signs and back, as its side camera sees it, to count how often each is told."""
+"""A robot drives along a wall with signs and back, as its side camera sees it, to count how often each is reported."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SIGNS = 3
 
 
 @dataclass
-class Told:
+class Passages:
     """Passages of signs, and what became of them."""
 
     passages: int = 0
@@ -36,30 +36,30 @@ class Told:
     again: int = 0
     pictures: int = 0
 
-    def __add__(self, other: Told) -> Told:
-        return Told(*(mine + its for mine, its in zip(astuple(self), astuple(other), strict=True)))
+    def __add__(self, other: Passages) -> Passages:
+        return Passages(*(mine + its for mine, its in zip(astuple(self), astuple(other), strict=True)))
 
     def report(self) -> str:
         """One line."""
         missed = self.passages - self.once
         return (
-            f"{self.passages} passages in {self.pictures} pictures: told {self.once}, missed {missed}, "
-            f"told again {self.again}, read wrongly {self.wrong}"
+            f"{self.passages} passages in {self.pictures} pictures: reported {self.once}, missed {missed}, "
+            f"reported again {self.again}, read wrongly {self.wrong}"
         )
 
 
-def drive(watcher: Watcher, seed: int) -> Told:
+def drive(watcher: Watcher, seed: int) -> Passages:
     """Drive along three signs and back, so that each passes by twice."""
     rng = np.random.default_rng(seed)
     signs = [(any_number(rng), str(rng.choice(TEST_FONTS)), seed * 100 + index) for index in range(_SIGNS)]
-    score = Told()
+    score = Passages()
     for way in (positions(), reversed(list(positions()))):
-        heard = []
+        reported = []
         for position in way:
             score.pictures += 1
             stamp = round(score.pictures / RATE * 1e9)
-            heard += [sign.text for sign in watcher.watch(_picture(signs, position), stamp)]
-        _count(score, Counter(text for text, _, _ in signs), Counter(heard))
+            reported += [sign.text for sign in watcher.watch(_picture(signs, position), stamp)]
+        _count(score, Counter(text for text, _, _ in signs), Counter(reported))
     return score
 
 
@@ -69,10 +69,10 @@ def positions() -> Iterator[float]:
     yield from np.arange(first, last, SPEED / RATE).tolist()
 
 
-def _count(score: Told, truth: Counter[str], heard: Counter[str]) -> None:
+def _count(score: Passages, truth: Counter[str], reported: Counter[str]) -> None:
     score.passages += truth.total()
-    score.once += (truth & heard).total()
-    for text, count in (heard - truth).items():
+    score.once += (truth & reported).total()
+    for text, count in (reported - truth).items():
         if text in truth:
             score.again += count
         else:

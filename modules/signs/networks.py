@@ -44,7 +44,7 @@ class Networks:
         try:
             return cv2.dnn.readNetFromONNX(str(path))
         except cv2.error as error:
-            raise ConfigurationError(f"{path} is no network that OpenCV can read: {error.err}") from error
+            raise ConfigurationError(f"{path} is not a network that OpenCV can read: {error.err}") from error
 
 
 def find(folder: str) -> Networks:

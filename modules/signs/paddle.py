@@ -22,13 +22,13 @@ _MULTIPLE = 32
 
 
 class Paddle:
-    """Reads lines of text; of the 18,000 characters that it knows, only those of `signs` are told."""
+    """Reads lines of text; of the 18,000 characters that it knows, only those of `SIGNS` are reported."""
 
-    def __init__(self, network: cv2.dnn.Net, characters: Sequence[str], signs: str = SIGNS) -> None:
+    def __init__(self, network: cv2.dnn.Net, characters: Sequence[str]) -> None:
         known = ["", *characters]
         self._network = network
-        self._columns = [_BLANK, *(known.index(sign) for sign in signs)]
-        self._labels = ["", *signs]
+        self._columns = [_BLANK, *(known.index(sign) for sign in SIGNS)]
+        self._labels = ["", *SIGNS]
 
     def read(self, text: Image) -> Reading:
         """All characters that numbers are made of; where another one is likelier, their confidence is low."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float32]
 
 WIDEST = 12
-"""Times its height: a wider text is no number."""
+"""Times its height: a wider text is not a number."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,10 +86,10 @@ def digits(path: Path) -> tuple[Image, list[str]]:
     if len(labels) != pictures.shape[3]:
         raise SvhnError(f"{path}: {pictures.shape[3]} pictures and {len(labels)} labels")
     try:
-        told = [_label(float(label)) for label in labels]
+        parsed = [_label(float(label)) for label in labels]
     except (ValueError, TypeError) as error:
         raise SvhnError(f"{path}: y: {error}") from error
-    return np.ascontiguousarray(pictures.transpose(3, 0, 1, 2)[..., ::-1]), told
+    return np.ascontiguousarray(pictures.transpose(3, 0, 1, 2)[..., ::-1]), parsed
 
 
 def write_numbers(folder: Path, pictures: Sequence[tuple[Image, Sequence[Box]]]) -> Path:
@@ -147,14 +147,14 @@ def _values(file: Any, field: Any) -> list[float]:
 
 def _label(value: float) -> str:
     if value != int(value) or not 1 <= value <= _TEN:
-        raise ValueError(f"label {value:g} is not allowed: 1 to 10, 10 is the digit 0")
+        raise ValueError(f"label: invalid value {value:g}: expected 1 to 10, where 10 is the digit 0")
     return str(int(value) % _TEN)
 
 
 def _text(codes: Any) -> str:
     name = "".join(chr(code) for code in np.asarray(codes).ravel())
     if "/" in name or not name.isprintable():
-        raise ValueError(f"{name!r} is no file of this folder")
+        raise ValueError(f"{name!r} is not a file of this folder")
     return name
 
 

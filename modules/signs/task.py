@@ -11,28 +11,27 @@ from robotkit.readings import decoded, picture
 if TYPE_CHECKING:
     from modules.signs.tracker import Sign
     from modules.signs.watcher import Watcher
-    from robotkit import Decision, Received
+    from robotkit import Received
     from robotkit.readings import Image
 
 SMALLEST, LARGEST = 320, 736
-"""Longer side, in pixels, of what the detector looks at: with a tenth of a core, and with a whole one."""
+"""Longer side, in pixels, of what the detector looks at: at a fifth of full quality or less, and at full quality."""
 
 
 class Signs(Task):
-    """Reads signs; with a smaller share it looks at smaller pictures, so that it keeps up and sees less far."""
+    """Reads signs; at a lower quality it looks at smaller pictures, so that it keeps up and sees less far."""
 
     def __init__(self, watcher: Watcher) -> None:
         self._watcher = watcher
 
-    def adapt(self, decision: Decision) -> None:
-        """Match the work, which grows with the square of the side, to the share."""
-        share = 1.0 if decision.share is None else decision.share
-        self._watcher.detector.side = round(min(max(LARGEST * math.sqrt(max(share, 0)), SMALLEST), LARGEST))
+    def set_quality(self, quality: float) -> None:
+        """Match the work, which grows with the square of the side, to the time that there is."""
+        self._watcher.detector.side = round(max(LARGEST * math.sqrt(quality), SMALLEST))
 
     def process(self, received: Received) -> list[Result]:
         """Give each sign once, with the stamp of the picture in which it was read best."""
         seen, stamp = _seen(received)
-        return [Result("sign", _told(sign), sign.stamp) for sign in self._watcher.watch(seen, stamp)]
+        return [Result("sign", _content(sign), sign.stamp) for sign in self._watcher.watch(seen, stamp)]
 
 
 def _seen(received: Received) -> tuple[Image, int]:
@@ -42,7 +41,7 @@ def _seen(received: Received) -> tuple[Image, int]:
     return picture(received)
 
 
-def _told(sign: Sign) -> dict[str, object]:
+def _content(sign: Sign) -> dict[str, object]:
     return {
         "text": sign.text,
         "confidence": round(sign.confidence, 3),

@@ -1,4 +1,4 @@
-"""Follows signs from picture to picture: each is told once, as it was read best, and again when it left and came back.
+"""Follows signs from picture to picture: each is reported once, as read best, and again when it left and came back.
 
 Pure: the stamps of pictures are the time.
 """
@@ -37,7 +37,7 @@ _LARGER = 1.33
 
 @dataclass(frozen=True)
 class Sign:
-    """What is told: the text as it was read best, where and when that was, and in how many pictures it was seen."""
+    """What is reported: the text as it was read best, where and when that was, and in how many pictures it was seen."""
 
     text: str
     confidence: float
@@ -64,7 +64,7 @@ class Track:
     seen: int
     pictures: int = 0
     missed: int = 0
-    told: str | None = None
+    reported: str | None = None
     attempts: int = 0
     height: float = 0
     votes: dict[str, _Vote] = field(default_factory=dict)
@@ -76,7 +76,7 @@ class Track:
         return max(rank, key=rank.__getitem__, default="")
 
     def sign(self) -> Sign:
-        """What there is to tell of it."""
+        """The sign as it is reported."""
         vote = self.votes[self.text]
         return Sign(self.text, vote.confidence, vote.corners, vote.stamp, self.pictures)
 
@@ -86,8 +86,8 @@ class Track:
         return vote is not None and vote.count >= AGREEING and vote.confidence >= SURE
 
     def is_settled(self, corners: Array) -> bool:
-        """Whether reading the text there would tell nothing new."""
-        if self.told is not None:
+        """Whether reading the text there would add nothing new."""
+        if self.reported is not None:
             return True
         return not self.votes and self.attempts >= _ATTEMPTS and _height(corners) < self.height * _LARGER
 
@@ -151,7 +151,7 @@ class Tracker:
 
     def _of(self, number: str, confidence: float, near: Track | None) -> Track | None:
         """The track that a text belongs to: the one near it unless it is another sign, or one that has jumped."""
-        if near is not None and (near.told in {None, number} or not number or confidence < SURE):
+        if near is not None and (near.reported in {None, number} or not number or confidence < SURE):
             return near
         jumped = (
             track for track in self._tracks if track.missed and track is not near and number and track.text == number
@@ -164,16 +164,16 @@ class Tracker:
         return track
 
     def _read_now(self) -> list[Sign]:
-        new = [track for track in self._tracks if track.told is None and track.is_sure()]
+        new = [track for track in self._tracks if track.reported is None and track.is_sure()]
         for track in new:
-            track.told = track.text
+            track.reported = track.text
         return [track.sign() for track in new]
 
     def _gone(self, stamp: int) -> list[Sign]:
         gone = [track for track in self._tracks if track.missed >= _MISSES and stamp - track.seen > LOST_NS]
         self._tracks = [track for track in self._tracks if all(track is not other for other in gone)]
-        untold = (track.sign() for track in gone if track.told is None and track.votes)
-        return [sign for sign in untold if sign.confidence >= FAIR]
+        unreported = (track.sign() for track in gone if track.reported is None and track.votes)
+        return [sign for sign in unreported if sign.confidence >= FAIR]
 
 
 def _place(track: Track, corners: Array, stamp: int) -> None:

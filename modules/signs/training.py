@@ -37,7 +37,7 @@ _LEARNING_RATE = 2e-3
 
 
 def initial(seed: int) -> Parameters:
-    """Random weights (He et al. 2015), for four convolutions and a layer that tells the labels apart."""
+    """Random weights (He et al. 2015), for four convolutions and a layer that classifies the labels."""
     rng = np.random.default_rng(seed)
     shapes = [(after, before, *kernel) for (before, after), kernel in zip(pairwise(_CHANNELS), _KERNELS, strict=True)]
     shapes.append((len(LABELS) + 1, _CHANNELS[-1], 1, 1))

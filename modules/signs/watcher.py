@@ -34,7 +34,7 @@ class Watcher:
         self._last: tuple[int, Array] | None = None
 
     def watch(self, picture: Image, stamp: int) -> list[Sign]:
-        """The signs that are told now: read surely, or gone."""
+        """The signs to report now: read with confidence, or gone."""
         if self._is_the_same(picture, stamp) and self._tracker.is_settled:
             self._tracker.linger(stamp)
             return []

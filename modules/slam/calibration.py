@@ -51,7 +51,7 @@ LENSES = {"radial-tangential": False, "equidistant": True}
 
 
 class CalibrationError(ConfigurationError):
-    """A calibration that is missing, or is no pair of pinhole cameras in a format and with a lens that is known."""
+    """A calibration that is missing, or is not a pair of pinhole cameras in a format and with a lens that is known."""
 
 
 def load_rig(folder: Path) -> Rig:
@@ -96,7 +96,7 @@ def _camera(document: dict[str, Any]) -> Camera:
 def _numbers(document: dict[str, Any], field: str, count: int) -> Floats:
     values = np.array(document[field], dtype=np.float64)
     if values.shape != (count,) or not np.isfinite(values).all():
-        raise ValueError(f"{field} {document[field]} is not allowed: {count} numbers")
+        raise ValueError(f"{field}: invalid value {document[field]}: expected {count} numbers")
     return values
 
 
@@ -122,6 +122,12 @@ class Rectifier:
     def right(self, image: Image) -> Image:
         """Rectify a right image."""
         return _remap(image, self._right_maps)
+
+    def in_space(self, pixels: Floats, disparities: Floats) -> Floats:
+        """Places in the left camera's frame, N x 3 metres, of rectified pixels with these disparities."""
+        rays = np.column_stack([(pixels - self.matrix[:2, 2]) / self.matrix[0, 0], np.ones(len(pixels))])
+        points: Floats = rays * (self.matrix[0, 0] * self.baseline / disparities)[:, None]
+        return points
 
 
 def _rectification(left: Camera, right: Camera, right_from_left: Floats) -> tuple[Floats, ...]:

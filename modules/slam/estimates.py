@@ -8,36 +8,50 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import cv2
+import numpy as np
 
-from modules.slam.calibration import Rectifier, load_rig
+from modules.slam.baseline import Baseline
+from modules.slam.calibration import Rectifier
 from modules.slam.geometry import quaternion
+from modules.slam.sequences import recording
 from modules.slam.slam import State, StereoSlam
 from modules.slam.task import effort, track
 from modules.slam.trajectory import Trajectory, trajectory
-from robotkit import MessageError, euroc, json_text
-from robotkit.stereo import encode
+from robotkit import MessageError, json_text
+from robotkit.readings import decoded
 
 if TYPE_CHECKING:
     import threading
-    from collections.abc import Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
     import zenoh
+
+    from modules.slam.geometry import Floats
+    from modules.slam.sequences import Recording
+    from robotkit.stereo import StereoFrame
 
 POSE_KEY = "robot/slam/pose"
 
 
 @dataclass
 class Estimate:
-    """Poses, and how many frames have none that counts: lost, adrift, broken (not to be read) and dropped ones."""
+    """Poses, and how many frames have none: lost, adrift, broken (not to be read) and dropped ones."""
 
     poses: list[tuple[int, list[float]]] = field(default_factory=list)
     lost: int = 0
+    degraded: int = 0
+    """Poses that count, though the module doubts them."""
     adrift: int = 0
     broken: int = 0
     dropped: int = 0
     cpu: list[float] = field(default_factory=list)
     """Seconds of CPU for each frame."""
+
+    @property
+    def frames(self) -> int:
+        """How many frames there were, but for dropped ones."""
+        return len(self.poses) + self.lost + self.adrift + self.broken
 
     @property
     def trajectory(self) -> Trajectory:
@@ -62,9 +76,10 @@ class Estimate:
             self.add(state, stamp, values)
 
     def add(self, state: State, stamp: int, values: list[float]) -> None:
-        """Take a pose (position, quaternion x, y, z, w) if the module trusts it, else count it."""
-        if state is State.TRACKING:
+        """Take a pose (position, quaternion x, y, z, w) if the module knows it, else count it."""
+        if state in (State.TRACKING, State.DEGRADED):
             self.poses.append((stamp, values))
+        self.degraded += state is State.DEGRADED
         self.lost += state is State.LOST
         self.adrift += state is State.ADRIFT
 
@@ -79,25 +94,42 @@ def listen(session: zenoh.Session, key: str, ended: threading.Event, seconds: fl
 
 
 def run(folder: Path, *, share: float | None = None, loops: bool = True) -> Estimate:
-    """Run over a EuRoC sequence with its own calibration, no frame dropped; without loops it is only odometry."""
+    """Run over a sequence with its own calibration, no frame dropped; without loops it is only odometry."""
+    sequence = recording(folder)
+    slam = StereoSlam(Rectifier(sequence.rig), effort(share))
+
+    def locate(frame: StereoFrame) -> tuple[State, Floats]:
+        pose = track(slam, frame)
+        if loops and not pose.is_keyframe:
+            slam.close_loop()
+        return pose.state, pose.world_from_body
+
+    return _over(sequence, locate)
+
+
+def run_baseline(folder: Path) -> Estimate:
+    """Run the baseline over a sequence."""
+    sequence = recording(folder)
+    baseline = Baseline(Rectifier(sequence.rig))
+
+    def locate(frame: StereoFrame) -> tuple[State, Floats]:
+        body = baseline.track(decoded(frame.left, gray=True), decoded(frame.right, gray=True))
+        return (State.LOST, np.eye(4)) if body is None else (State.TRACKING, body)
+
+    return _over(sequence, locate)
+
+
+def _over(sequence: Recording, locate: Callable[[StereoFrame], tuple[State, Floats]]) -> Estimate:
+    """Locate every frame, on one core, and measure what that takes."""
     cv2.setNumThreads(1)
-    mav0 = euroc.find(folder)
-    slam = StereoSlam(Rectifier(load_rig(mav0)), effort(share))
     estimate = Estimate()
-    for payload in _frames(mav0):
+    for frame in sequence.frames:
         before = time.process_time()
         try:
-            pose, stamp = track(slam, payload)
+            state, body = locate(frame)
         except MessageError:
             estimate.broken += 1
             continue
-        if loops and not pose.is_keyframe:
-            slam.close_loop()
         estimate.cpu.append(time.process_time() - before)
-        body = pose.world_from_body
-        estimate.add(pose.state, stamp, [*body[:3, 3].tolist(), *quaternion(body[:3, :3])])
+        estimate.add(state, frame.stamp, [*body[:3, 3].tolist(), *quaternion(body[:3, :3])])
     return estimate
-
-
-def _frames(mav0: Path) -> Iterator[bytes]:
-    return (encode(frame) for frame in euroc.stereo(mav0))

@@ -1,7 +1,7 @@
 """`python -m modules.slam.evaluation TRUTH [POSES]`: how exact poses are, in figures that evo would print.
 
-TRUTH is a EuRoC sequence's folder or a TUM file. The poses are those of a TUM file, of the module that runs on the
-robot's bus (--live), or of SLAM over the sequence's pictures, run here (--run).
+TRUTH is the folder of a sequence in the layout of EuRoC or KITTI, or a TUM file. The poses are those of a TUM file, of
+the module that runs on the robot's bus (--live), or of SLAM over the sequence's pictures, run here (--run).
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from modules.slam import estimates
 from modules.slam.estimates import Estimate
 from modules.slam.trajectory import TrajectoryError, associate, load, save
-from modules.slam.trajectory_error import absolute_errors, end_drift, relative_errors, statistics
+from modules.slam.trajectory_error import absolute_errors, end_drift, path_length, relative_errors, statistics
 from robotkit import ConfigurationError
 from robotkit.session import credentials, endpoints, open_session
 from robotkit.termination import stop_on_signals
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the figures; exit code 2 when there is nothing to compare."""
+    """Print the figures; exit code 2 when the trajectories can't be compared."""
     options = _parser().parse_args(arguments)
     try:
         truth = load(options.truth)
@@ -47,21 +47,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def evaluate(poses: Trajectory, truth: Trajectory, delta: float = 1, unit: Unit = "frames") -> dict[str, object]:
-    """ATE in metres, RPE in metres and degrees per delta, the end's drift in metres, and what was compared."""
+def evaluate(poses: Trajectory, truth: Trajectory, delta: float = 1, unit: Unit = "frames") -> dict[str, Any]:
+    """ATE in metres, RPE in metres and degrees per delta, the end's drift in metres and as a part of the path."""
     estimated, true = associate(poses, truth)
     if len(estimated) < 3:
         raise TrajectoryError(f"{len(estimated)} of {len(poses)} poses are within 0.01 s of the ground truth, 3 needed")
     shifts, turns = relative_errors(estimated, true, delta, unit)
     if not len(shifts):
         raise TrajectoryError(f"no two poses are {delta:g} {unit} apart: choose a smaller --delta")
+    path, drift = path_length(true), end_drift(estimated, true)
     return {
         "poses": len(poses),
         "compared": len(estimated),
-        "path": float(np.linalg.norm(np.diff(true.positions, axis=0), axis=1).sum()),
+        "path": path,
         "ate": statistics(absolute_errors(estimated, true)),
         "rpe": {"delta": delta, "unit": unit, "metres": statistics(shifts), "degrees": statistics(turns)},
-        "end_drift": end_drift(estimated, true),
+        "end_drift": drift,
+        "drift": drift / path if path else float("nan"),
     }
 
 
@@ -80,6 +82,7 @@ def _costs(estimate: Estimate) -> dict[str, object]:
     if not estimate.cpu:
         return {}
     return {
+        "degraded": estimate.degraded,
         "lost": estimate.lost,
         "adrift": estimate.adrift,
         "broken": estimate.broken,
@@ -109,7 +112,7 @@ def _parser() -> argparse.ArgumentParser:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("truth", type=Path, help="folder of a EuRoC sequence, or TUM file")
+    parser.add_argument("truth", type=Path, help="folder of a EuRoC or KITTI sequence, or TUM file")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("poses", type=Path, nargs="?", help="TUM file")
     source.add_argument("--live", action="store_true", help="listen on the bus until SIGINT or for --seconds")

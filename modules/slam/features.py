@@ -1,17 +1,21 @@
-"""What is seen: ORB features of a picture, their places in space by a second picture, and matches between features."""
+"""What is seen: ORB features of a picture, matches between features, and disparities by a second picture."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import cv2
 import numpy as np
 
+from modules.slam.geometry import floats
+
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
-    from modules.slam.calibration import Rectifier
     from modules.slam.geometry import Floats, Image
 
     Descriptors: TypeAlias = NDArray[np.uint8]
@@ -20,7 +24,25 @@ if TYPE_CHECKING:
 
 MAX_HAMMING = 60
 MAX_ROW_ERROR = 2.0
-MIN_DISPARITY = 1.0
+MIN_DISPARITY = 1.5
+"""Five standard deviations of the noise: below, a landmark may be anywhere."""
+COARSE_BEYOND, COARSE_RANGE, COARSE_BLOCK = 8, 80, 9
+"""Pixels of pictures of half the size: disparities that are searched, some behind infinity, as what matches best
+there has no depth or the calibration is wrong; and the blocks that are compared."""
+MOST_CORRECTION = 2.0
+"""Pixels by which a coarse disparity may be wrong."""
+CANDIDATES, CELL = 3, 32
+"""Corners that are looked for, as a multiple of those kept; and the side in pixels of the cells that share them."""
+SHARPENING = (11, 0)
+"""Pixels, and levels of a pyramid, that flow takes to find a corner's place to parts of a pixel."""
+STEPS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 10, 0.03)
+"""When flow has converged: after so many steps, or one shorter than this, in pixels."""
+MOST_DIFFERENCE = 20.0
+"""Mean difference in brightness (of 255) of what is the same: flow stays at its guess where it finds nothing alike."""
+BRIGHT, MOST_GAIN = 200, 12
+"""The brightness (of 255) that a dark picture's brightest parts are raised to, and by how much at most."""
+GRAINY = 3.0
+"""The gain from which the picture is smoothed, as noise has been raised as well."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +56,61 @@ class Features:
         return len(self.pixels)
 
 
+class View(Protocol):
+    """What can be located: a picture, or a keyframe, of which only the features may be left."""
+
+    @property
+    def image(self) -> Image | None:
+        """The picture itself."""
+
+    @property
+    def features(self) -> Features:
+        """Its corners."""
+
+
+class Picture:
+    """A rectified picture; its features are looked for only when they are needed, as that takes the most time."""
+
+    def __init__(self, image: Image, count: int) -> None:
+        self.image = lit(image)
+        self._count = count
+
+    @cached_property
+    def features(self) -> Features:
+        """At most as many corners as asked for."""
+        return detect(self.image, self._count)
+
+
+def lit(image: Image) -> Image:
+    """A dark picture as if there were more light: corners are found by their contrast."""
+    gain = min(BRIGHT / max(float(np.percentile(image[::4, ::4], 99)), 1), MOST_GAIN)
+    if gain <= 1:
+        return image
+    brighter = cv2.convertScaleAbs(image, alpha=gain)
+    return (cv2.GaussianBlur(brighter, (5, 5), 0) if gain > GRAINY else brighter).astype(np.uint8, copy=False)
+
+
 def detect(image: Image, count: int) -> Features:
-    """Find at most `count` corners."""
-    keypoints, descriptors = cv2.ORB.create(nfeatures=count, fastThreshold=12).detectAndCompute(image, None)
+    """Find at most `count` corners, all over the picture: the strongest of each cell first, then the second ones."""
+    orb = cv2.ORB.create(nfeatures=CANDIDATES * count, fastThreshold=12, edgeThreshold=19)
+    found = orb.detect(image, None)
+    chosen: Sequence[int] = _spread(found)[:count].tolist() if found else []
+    keypoints, descriptors = orb.compute(image, [found[index] for index in chosen])
     if descriptors is None:
         return Features(np.empty((0, 2)), np.empty((0, 32), np.uint8))
     return Features(np.array([point.pt for point in keypoints]), descriptors.astype(np.uint8))
+
+
+def _spread(keypoints: Sequence[cv2.KeyPoint]) -> Indices:
+    """Indices in the order of their rank in their cell, and of their strength among those of the same rank."""
+    strengths = np.array([point.response for point in keypoints])
+    columns, rows = (np.array([point.pt for point in keypoints]) // CELL).astype(np.intp).T
+    cells = rows * (columns.max() + 1) + columns
+    order = np.lexsort((-strengths, cells))
+    counts = np.unique(cells, return_counts=True)[1]
+    ranks = np.empty(len(cells), np.intp)
+    ranks[order] = np.arange(len(cells)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.lexsort((-strengths, ranks))
 
 
 def match(first: Descriptors, second: Descriptors, allowed: Mask | None = None) -> tuple[Indices, Indices]:
@@ -60,37 +131,46 @@ def _nearest(first: Descriptors, second: Descriptors, mask: NDArray[np.uint8] | 
     return distances.ravel().astype(np.intp), indices.ravel().astype(np.intp)
 
 
-def measure(rectifier: Rectifier, left: Image, right: Image, features: Features) -> Floats:
-    """Places of the left picture's features in the camera's frame, N x 3 metres; NaN where the depth is unknown."""
-    others = detect(right, len(features))
-    same_row = np.abs(features.pixels[:, None, 1] - others.pixels[None, :, 1]) < MAX_ROW_ERROR
-    to_the_left = features.pixels[:, None, 0] - others.pixels[None, :, 0] > MIN_DISPARITY
-    kept, partners = match(features.descriptors, others.descriptors, same_row & to_the_left)
-    points = np.full((len(features), 3), np.nan)
-    points[kept] = _in_space(
-        rectifier, features.pixels[kept], _disparities(left, right, features.pixels[kept], others.pixels[partners])
-    )
-    return points
+def measure(left: Picture, right: Picture) -> Floats:
+    """Disparities of the left picture's features, NaN where unknown; what matches best behind infinity is unknown."""
+    pixels = left.features.pixels
+    disparities = np.full(len(pixels), np.nan)
+    if len(pixels):
+        coarse = _coarse(left.image, right.image, pixels)
+        known = np.flatnonzero(coarse > 0)
+        guesses = pixels[known] - np.column_stack([coarse[known], np.zeros(len(known))])
+        fine = sharpened(left, right, pixels[known], guesses)
+        disparities[known] = np.where(np.abs(fine - coarse[known]) < MOST_CORRECTION, fine, np.nan)
+    return disparities
 
 
-def _disparities(left: Image, right: Image, pixels: Floats, guesses: Floats) -> Floats:
-    """Sharpen matches to parts of a pixel, as ORB is only as exact as its pyramid level; NaN where that fails."""
-    if not len(pixels):
-        return np.empty(0)
-    start = pixels.astype(np.float32)
-    found, status, _ = cv2.calcOpticalFlowPyrLK(
-        left, right, start, guesses.astype(np.float32), winSize=(11, 11), maxLevel=0,
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-    )  # fmt: skip
-    shift = (start - found).astype(np.float64)
-    sharp = (status.ravel() == 1) & (np.abs(shift[:, 1]) < MAX_ROW_ERROR) & (shift[:, 0] > MIN_DISPARITY)
+def _coarse(left: Image, right: Image, pixels: Floats) -> Floats:
+    """Disparities by block matching in pictures of half the size; negative where nothing matches."""
+    matcher = cv2.StereoBM.create(COARSE_RANGE, COARSE_BLOCK)
+    matcher.setMinDisparity(-COARSE_BEYOND)
+    halves = (cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for picture in (left, right))
+    wide = (cv2.copyMakeBorder(half, 0, 0, COARSE_RANGE, COARSE_BEYOND, cv2.BORDER_REPLICATE) for half in halves)
+    found = matcher.compute(*wide)[:, COARSE_RANGE:-COARSE_BEYOND]
+    columns, rows = np.minimum(pixels.T / 2, np.array(found.shape[::-1])[:, None] - 1).astype(np.intp)
+    disparities: Floats = found[rows, columns] / 8.0  # sixteenths of a pixel, of twice the size
+    return disparities
+
+
+def sharpened(left: Picture, right: Picture, pixels: Floats, guesses: Floats) -> Floats:
+    """Disparities to parts of a pixel, as ORB is only as exact as its pyramid level; NaN where that fails."""
+    found, sure = flow(left.image, right.image, pixels, guesses, SHARPENING)
+    shift = pixels - found
+    sharp = sure & (np.abs(shift[:, 1]) < MAX_ROW_ERROR) & (shift[:, 0] > MIN_DISPARITY)
     disparities: Floats = np.where(sharp, shift[:, 0], np.nan)
     return disparities
 
 
-def _in_space(rectifier: Rectifier, pixels: Floats, disparities: Floats) -> Floats:
-    (focal, _, centre_x), (_, _, centre_y), _ = rectifier.matrix
-    depths = focal * rectifier.baseline / disparities
-    rays = np.column_stack([(pixels - (centre_x, centre_y)) / focal, np.ones(len(pixels))])
-    points: Floats = rays * depths[:, None]
-    return points
+def flow(first: Image, second: Image, pixels: Floats, guesses: Floats, reach: tuple[int, int]) -> tuple[Floats, Mask]:
+    """Where pixels of the first are in the second (Lucas-Kanade), and which were found; `reach`: window, levels."""
+    if not len(pixels):
+        return np.empty((0, 2)), np.empty(0, np.bool_)
+    found, status, difference = cv2.calcOpticalFlowPyrLK(
+        first, second, pixels.astype(np.float32), guesses.astype(np.float32),
+        winSize=(reach[0], reach[0]), maxLevel=reach[1], criteria=STEPS, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )  # fmt: skip
+    return floats(found), (status.ravel() == 1) & (difference.ravel() < MOST_DIFFERENCE)

@@ -69,3 +69,8 @@ def rotations(quaternions: Floats) -> Floats:
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
     return np.moveaxis(np.array(rows), -1, 0)
+
+
+def twist(step: Floats) -> Floats:
+    """The small movement of a shift (3) and a turn (3, radians)."""
+    return transform(floats(cv2.Rodrigues(step[3:])[0]), step[:3])

@@ -20,7 +20,7 @@ MODELS = {"radtan": "radial-tangential", "equidistant": "equidistant"}
 
 
 def as_sensors(chain: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Both cameras as documents in EuRoC's format; KeyError, TypeError or ValueError for what is no camchain."""
+    """Both cameras as documents in EuRoC's format; KeyError, TypeError or ValueError for anything but a camchain."""
     left, right = chain["cam0"], chain["cam1"]
     known = "T_cam_imu" in left
     body_from_left = floats(np.linalg.inv(_matrix(left["T_cam_imu"]))) if known else BODY_FROM_CAMERA
@@ -31,7 +31,7 @@ def as_sensors(chain: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
 def _sensor(camera: dict[str, Any], body_from_camera: Floats) -> dict[str, Any]:
     model = camera["distortion_model"]
     if model not in MODELS:
-        raise ValueError(f"distortion_model {model!r} is not allowed: {', '.join(MODELS)}")
+        raise ValueError(f"distortion_model: invalid value {model!r}: expected {', '.join(MODELS)}")
     return {
         "camera_model": camera["camera_model"],
         "intrinsics": camera["intrinsics"],

@@ -1,4 +1,4 @@
-"""Closing loops: a keyframe that shows a place from long ago tells how far the path has drifted since."""
+"""Closing loops: a keyframe that shows a place from long ago reveals how far the path has drifted since."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import logging
 from collections import deque
 from typing import TYPE_CHECKING
 
-from modules.slam.pose_graph import Edge, Kind
+from modules.slam.pose_graph import Kind
 
 if TYPE_CHECKING:
     from modules.slam.keyframes import Keyframe
@@ -45,11 +45,11 @@ class LoopCloser:
     def _close(self, keyframe: Keyframe) -> bool:
         recent = set(self._map.graph.near(keyframe.number, RECENT))
         known = [number for number in self._map.keyframes if number not in recent]
-        fix = self._relocaliser.find(keyframe.features, known)
+        fix = self._relocaliser.find(keyframe, known)
         if fix is None:
             return False
         number = fix.keyframe.number
-        loop = Edge(number, keyframe.number, fix.keyframe_from_camera, fix.inliers, Kind.LOOP)
+        loop = fix.edge_to(keyframe.number, Kind.LOOP)
         closed = self._map.close(loop)
         self.closed += closed
         _LOG.info("keyframes %d and %d: a loop %s", number, keyframe.number, "closed" if closed else "that cannot be")

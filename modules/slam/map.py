@@ -6,26 +6,29 @@ from typing import TYPE_CHECKING
 
 from modules.slam.geometry import angle, inverse, moved
 from modules.slam.keyframes import make
-from modules.slam.pose_graph import Edge, PoseGraph
+from modules.slam.pose_graph import PoseGraph
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from modules.slam.features import Features
+    from modules.slam.features import View
     from modules.slam.geometry import Floats
     from modules.slam.keyframes import Keyframe
+    from modules.slam.pose_graph import Edge
     from modules.slam.tracking import Fix
 
 NEIGHBOURS = 12
 """Keyframes around one, by edges, that may see the same."""
 METRES_PER_RADIAN = 3.0
 """How far a camera may move for its view to change as much as by a turn of one radian."""
+WITH_PICTURE = 10
+"""The newest keyframes, which keep their picture: landmarks of older ones are found by features."""
 MOST_STRAIN = 100.0
 """What a true loop may add to the graph's strain; one that joins two places that only look alike adds thousands."""
 
 
 class Map:
-    """Everything that is remembered; at most `capacity` keyframes, of which the oldest is forgotten first."""
+    """Everything that is remembered; at most `capacity` keyframes, the oldest is dropped first."""
 
     def __init__(self, capacity: int) -> None:
         self.keyframes: dict[int, Keyframe] = {}
@@ -44,24 +47,29 @@ class Map:
         return self.keyframes[self._next - 1]
 
     def beside(self, keyframe: Keyframe, world_from_camera: Floats, count: int) -> list[Keyframe]:
-        """Keyframes connected with this one that look most like what a camera sees there; it is not among them."""
-        near = [self.keyframes[number] for number in self.graph.near(keyframe.number, NEIGHBOURS)[1:]]
+        """Keyframes connected with this one that look more like what a camera sees there than it does; best first."""
+        near = [self.keyframes[number] for number in self.graph.near(keyframe.number, NEIGHBOURS)]
 
         def difference(other: Keyframe) -> float:
             change = inverse(other.world_from_camera) @ world_from_camera
             return moved(change) + METRES_PER_RADIAN * angle(change)
 
-        return sorted(near, key=difference)[:count]
+        alike = sorted(near, key=difference)
+        return alike[: min(count, alike.index(keyframe))]
 
-    def add(self, world_from_camera: Floats, features: Features, points: Floats, fixes: Sequence[Fix]) -> Keyframe:
+    def add(self, world_from_camera: Floats, view: View, points: Floats, fixes: Sequence[Fix]) -> Keyframe:
         """Remember a picture, connected with the keyframes that located it; without any it begins a new segment."""
         segment = fixes[0].keyframe.segment if fixes else self._segments
         self._segments += not fixes
-        added = make(self._next, segment, world_from_camera, features, points)
+        added = make(self._next, segment, world_from_camera, view, points)
         self.keyframes[added.number] = added
         self._next += 1
+        if (older := self.keyframes.get(added.number - WITH_PICTURE)) is not None:
+            older.image = None
+        if fixes:
+            added.covariance = fixes[0].covariance_in_map
         for fix in fixes:
-            self.graph.add(Edge(fix.keyframe.number, added.number, fix.keyframe_from_camera, fix.inliers))
+            self.graph.add(fix.edge_to(added.number))
         return added
 
     def forget(self) -> int | None:
@@ -85,6 +93,7 @@ class Map:
             return False
         for number, pose in after.items():
             self.keyframes[number].world_from_camera = pose
+        self._reassess()
         return True
 
     def _join(self, loop: Edge) -> None:
@@ -100,6 +109,12 @@ class Map:
             if kept.segment == max(first, second):
                 kept.segment = min(first, second)
                 kept.world_from_camera = correction @ kept.world_from_camera
+
+    def _reassess(self) -> None:
+        """Covariances after a loop: keyframes near it are as sure as where it leads to."""
+        known = {number: self.keyframes[number].covariance for number in self._anchors()}
+        for number, covariance in self.graph.uncertainties(known).items():
+            self.keyframes[number].covariance = covariance
 
     def _anchors(self) -> list[int]:
         """The first keyframe of each segment."""

@@ -3,7 +3,7 @@
 A word is a choice of bits of an ORB descriptor; each descriptor gives one word per vocabulary. Descriptors of the same
 corner differ in a few bits, so with several vocabularies most share some word (locality-sensitive hashing). Such words
 need no training, unlike clusters of descriptors (Galvez-Lopez and Tardos 2012), and are as good for any building.
-Rare words tell more than frequent ones: they are weighted by the inverse document frequency.
+Rare words are more informative than frequent ones: they are weighted by the inverse document frequency.
 """
 
 from __future__ import annotations

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
+from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING
 
 import gtsam
 import numpy as np
 
 from modules.slam.geometry import angle, inverse, moved
+from modules.slam.uncertainty import carried, chained
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -36,6 +38,13 @@ class Edge:
     first_from_second: Floats
     inliers: int
     kind: Kind = Kind.SEEN
+    measured: Floats | None = None
+    """The covariance of the second's pose, in its own axes, where it was measured."""
+
+    @property
+    def covariance(self) -> Floats:
+        """How uncertain the second's pose is, seen from the first: of its shift, then turn."""
+        return np.diag(np.roll(self.sigmas, 3) ** 2) if self.measured is None else self.measured
 
     @property
     def sigmas(self) -> Floats:
@@ -107,6 +116,25 @@ class PoseGraph:
         found = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
         return {number: found.atPose3(number).matrix() for number in poses}
 
+    def uncertainties(self, known: Mapping[int, Floats]) -> dict[int, Floats]:
+        """Covariances of all keyframes that edges lead to from those whose covariance is known, along the surest way.
+
+        It is at most as good as what all ways together would say.
+        """
+        found = dict(known)
+        waiting = [(_spread(covariance), number) for number, covariance in known.items()]
+        heapify(waiting)
+        while waiting:
+            spread, number = heappop(waiting)
+            if spread > _spread(found[number]):
+                continue
+            for edge in (_from(number, edge) for edge in self._edges.get(number, [])):
+                there = chained(found[number], edge.covariance, edge.first_from_second)
+                if edge.second not in found or _spread(there) < _spread(found[edge.second]):
+                    found[edge.second] = there
+                    heappush(waiting, (_spread(there), edge.second))
+        return found
+
     def strain(self, poses: Mapping[int, Floats]) -> float:
         """How much the poses contradict the edges: the sum of squared misfits, each in standard deviations."""
         return sum(edge.misfit(poses) for edge in self._all())
@@ -123,7 +151,13 @@ def _from(number: int, edge: Edge) -> Edge:
     """The same edge, seen from this end."""
     if edge.first == number:
         return edge
-    return Edge(number, edge.first, inverse(edge.first_from_second), edge.inliers, edge.kind)
+    covariance = carried(edge.covariance, edge.first_from_second)
+    return Edge(number, edge.first, inverse(edge.first_from_second), edge.inliers, edge.kind, covariance)
+
+
+def _spread(covariance: Floats) -> float:
+    """How uncertain the place is, in m2."""
+    return float(np.trace(covariance[:3, :3]))
 
 
 def _through(first: Edge, second: Edge) -> Edge:
@@ -131,4 +165,7 @@ def _through(first: Edge, second: Edge) -> Edge:
     inliers = round(1 / (1 / max(first.inliers, 1) + 1 / max(second.inliers, 1)))
     kind = max(first.kind, second.kind, key=lambda kind: kind.value)
     way = inverse(first.first_from_second) @ second.first_from_second
-    return Edge(first.second, second.second, way, inliers, kind)
+    covariance = chained(
+        carried(first.covariance, first.first_from_second), second.covariance, second.first_from_second
+    )
+    return Edge(first.second, second.second, way, inliers, kind, covariance)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from modules.slam.features import Features
+    from modules.slam.features import View
     from modules.slam.map import Map
     from modules.slam.places import Places
     from modules.slam.tracking import Fix, Tracker
@@ -26,10 +26,10 @@ class Relocaliser:
         self._places = places
         self._tracker = tracker
 
-    def find(self, features: Features, among: Iterable[int]) -> Fix | None:
-        """Where the picture was taken, if it shows what one of these keyframes shows."""
-        for number in self._places.alike(features.descriptors, among, CANDIDATES):
-            fix = self._tracker.search(features, self._map.keyframes[number])
+    def find(self, view: View, among: Iterable[int]) -> Fix | None:
+        """Where a view is from, if it shows what one of these keyframes shows."""
+        for number in self._places.alike(view.features.descriptors, among, CANDIDATES):
+            fix = self._tracker.search(view, self._map.keyframes[number])
             if fix is not None and fix.inliers >= MIN_INLIERS:
                 return fix
         return None

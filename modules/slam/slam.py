@@ -3,7 +3,7 @@
 A picture is located by the landmarks around (tracking). If it shows enough new, it becomes a keyframe, and its corners
 become landmarks with the depth that the second picture gives. When there is time, keyframes are compared with older
 ones; a place that is recognised closes a loop, and the map is straightened. A camera that is lost looks for a place
-that it knows; if it finds none, it starts anew beside the old map, until a loop joins both.
+that it knows; if it finds none, it starts over beside the old map, until a loop joins both.
 """
 
 from __future__ import annotations
@@ -14,28 +14,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from modules.slam.features import detect, measure
+from modules.slam.features import MIN_DISPARITY, Picture, measure
 from modules.slam.geometry import inverse
 from modules.slam.keyframes import has_moved
 from modules.slam.loop_closing import LoopCloser
 from modules.slam.map import Map
 from modules.slam.places import Places
+from modules.slam.refinement import Offset
 from modules.slam.relocalisation import Relocaliser
 from modules.slam.tracking import Tracker
+from modules.slam.trust import doubt, stereo_doubt
+from modules.slam.uncertainty import carried, turned
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from modules.slam.calibration import Rectifier
-    from modules.slam.features import Features
     from modules.slam.geometry import Floats, Image
     from modules.slam.keyframes import Keyframe
     from modules.slam.tracking import Fix
 
 CAPACITY = 1000
 """Keyframes that are remembered; each takes about 70 kB."""
+OFFSET_WALK = 0.03
+"""Pixels (standard deviation) below which the offset of disparities is never taken for known."""
 PATIENCE = 10
-"""Pictures without a known place after which a lost camera starts anew."""
+"""Pictures without a known place after which a lost camera starts over."""
 BESIDE = 2
 """Keyframes beside the reference that are tried when its view is left."""
 MIN_POINTS = 50
@@ -48,8 +52,10 @@ class State(Enum):
     TRACKING = "tracking"
     LOST = "lost"
     """The pose is the last that was known."""
+    DEGRADED = "degraded"
+    """The pose was found, but something speaks against it."""
     ADRIFT = "adrift"
-    """The camera was lost and started anew from its last pose; a loop will tell where that is."""
+    """The camera was lost and started over from its last pose; a loop will show where that is."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +63,7 @@ class Effort:
     """How much work a picture gets: corners to look for, and the part of a keyframe's view that must be left."""
 
     features: int = 800
-    overlap: float = 0.5
+    overlap: float = 0.75
 
 
 @dataclass(frozen=True)
@@ -68,6 +74,9 @@ class Pose:
     inliers: int
     state: State
     is_keyframe: bool
+    covariance: Floats | None = None
+    """Of x, y, z and the turns about these axes, as ROS has it (m2, rad2); None when lost."""
+    doubt: str | None = None
 
 
 class StereoSlam:
@@ -79,7 +88,7 @@ class StereoSlam:
         """Width and height of the raw pictures."""
         self.map = Map(CAPACITY)
         self._rectifier = rectifier
-        self._tracker = Tracker(rectifier.matrix, rectifier.size)
+        self._tracker = Tracker(rectifier)
         self._places = Places()
         self._relocaliser = Relocaliser(self.map, self._places, self._tracker)
         self.loops = LoopCloser(self.map, self._relocaliser)
@@ -90,13 +99,11 @@ class StereoSlam:
 
     def track(self, left: Image, right: Callable[[], Image]) -> Pose:
         """Take a pair of raw pictures; the right one is asked for only when it is needed, for a new keyframe."""
-        image = self._rectifier.left(left)
-        features = detect(image, self.effort.features)
-        fixes = self._locate(features)
-        needed = self._is_needed(fixes)
-        points = measure(self._rectifier, image, self._rectifier.right(right()), features) if needed else None
+        picture = Picture(self._rectifier.left(left), self.effort.features)
+        fixes = self._locate(picture)
+        beside = Picture(self._rectifier.right(right()), self.effort.features) if self._is_needed(fixes) else None
         self._follow(fixes)
-        kept = points is not None and self._keep(features, points, fixes)
+        kept = beside is not None and self._keep(picture, beside, fixes)
         return self._pose(fixes, is_keyframe=kept)
 
     def close_loop(self) -> bool:
@@ -109,23 +116,23 @@ class StereoSlam:
         known = self._reference
         return self._reference_from_camera if known is None else known.world_from_camera @ self._reference_from_camera
 
-    def _locate(self, features: Features) -> list[Fix]:
+    def _locate(self, picture: Picture) -> list[Fix]:
         """Seen from the reference; from others beside it too, if its view is left; best first. Else anywhere."""
         if self._reference is None:
             return []
-        fixes = [] if self._lost else self._fixes(features, self._reference)
+        fixes = [] if self._lost else self._fixes(picture, self._reference)
         if not fixes:
-            found = self._relocaliser.find(features, self.map.keyframes)
+            found = self._relocaliser.find(picture, self.map.keyframes)
             fixes = [] if found is None else [found]
         return sorted(fixes, key=lambda fix: -fix.inliers)
 
-    def _fixes(self, features: Features, reference: Keyframe) -> list[Fix]:
+    def _fixes(self, picture: Picture, reference: Keyframe) -> list[Fix]:
         expected = self.world_from_camera @ self._motion
-        fix = self._tracker.track(features, reference, expected)
+        fix = self._tracker.track(picture, reference, expected)
         if fix is not None and not self._is_left(fix):
             return [fix]
         beside = self.map.beside(reference, expected if fix is None else fix.world_from_camera, BESIDE)
-        others = [self._tracker.track(features, other, expected) for other in beside]
+        others = [self._tracker.track(picture, other, expected) for other in beside]
         return [one for one in (fix, *others) if one is not None]
 
     def _is_left(self, fix: Fix) -> bool:
@@ -133,7 +140,7 @@ class StereoSlam:
         return fix.inliers < self.effort.overlap * min(len(fix.keyframe), self.effort.features)
 
     def _is_needed(self, fixes: list[Fix]) -> bool:
-        """Whether the picture should become a keyframe: to begin with, to start anew, or because it shows much new."""
+        """Whether the picture should become a keyframe: to begin with, to start over, or because it shows much new."""
         if not fixes:
             return self._reference is None or self._lost >= PATIENCE
         return self._is_left(fixes[0]) and has_moved(fixes[0].world_from_camera, self.map.newest)
@@ -149,12 +156,18 @@ class StereoSlam:
         self._lost = 0
         self._reference, self._reference_from_camera = best.keyframe, best.keyframe_from_camera
 
-    def _keep(self, features: Features, points: Floats, fixes: list[Fix]) -> bool:
-        """Make a picture with enough depth a keyframe; without a fix it starts anew from the last pose."""
+    def _keep(self, picture: Picture, beside: Picture, fixes: list[Fix]) -> bool:
+        """Make a picture with enough depth a keyframe; without a fix it starts over from the last pose."""
+        why = self._confirm(picture, beside, fixes)
+        offset = self._tracker.offset.pixels
+        disparities = measure(picture, beside) - offset
+        disparities[disparities < MIN_DISPARITY] = np.nan
+        points = self._rectifier.in_space(picture.features.pixels, disparities)
         if np.isfinite(points[:, 2]).sum() < MIN_POINTS:
             return False
-        keyframe = self.map.add(self.world_from_camera, features, points, fixes)
-        self._places.add(keyframe.number, features.descriptors)
+        keyframe = self.map.add(self.world_from_camera, picture, points, fixes)
+        keyframe.doubt, keyframe.offset = why, offset
+        self._places.add(keyframe.number, picture.features.descriptors)
         self.loops.remember(keyframe)
         self._reference, self._reference_from_camera = keyframe, np.eye(4)
         self._lost = 0
@@ -163,10 +176,27 @@ class StereoSlam:
             self._places.forget(forgotten)
         return True
 
+    def _confirm(self, picture: Picture, beside: Picture, fixes: list[Fix]) -> str | None:
+        """Let the second picture correct the best fix, or say why both cameras contradict each other."""
+        if not fixes:
+            return None
+        confirmed = self._tracker.confirm(fixes[0], picture, beside)
+        why = stereo_doubt(fixes[0], confirmed)
+        if why is None:
+            fixes[0] = confirmed
+            self._reference_from_camera = confirmed.keyframe_from_camera
+            self._tracker.offset = Offset(confirmed.offset.pixels, max(confirmed.offset.spread, OFFSET_WALK))
+        return why
+
     def _pose(self, fixes: list[Fix], *, is_keyframe: bool) -> Pose:
-        world_from_body = self.world_from_camera @ inverse(self._rectifier.body_from_camera)
-        if self._reference is None or self._lost:
+        body_from_camera = self._rectifier.body_from_camera
+        world_from_body = self.world_from_camera @ inverse(body_from_camera)
+        reference = self._reference
+        if reference is None or self._lost:
             return Pose(world_from_body, 0, State.LOST, is_keyframe=False)
-        inliers = fixes[0].inliers if fixes else len(self._reference)  # a new start is where it is by definition
-        state = State.ADRIFT if self._reference.segment else State.TRACKING
-        return Pose(world_from_body, inliers, state, is_keyframe)
+        inliers = fixes[0].inliers if fixes else len(reference)  # a new start is where it is by definition
+        covariance = fixes[0].covariance_in_map if fixes else reference.covariance
+        why = doubt(fixes[0]) if fixes else None
+        state = State.ADRIFT if reference.segment else State.DEGRADED if why else State.TRACKING
+        in_world = turned(carried(covariance, body_from_camera), world_from_body)
+        return Pose(world_from_body, inliers, state, is_keyframe, in_world, why)

@@ -14,39 +14,43 @@ from robotkit.stereo import decode
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from modules.slam.geometry import Image
+    from modules.slam.geometry import Floats, Image
     from modules.slam.slam import Pose, StereoSlam
-    from robotkit import Decision, Received
+    from robotkit import Received
+    from robotkit.stereo import StereoFrame
 
-FEWEST_FEATURES, MOST_FEATURES = 300, 800
-LEAST_OVERLAP, MOST_OVERLAP = 0.35, 0.5
+FEWEST_FEATURES, MOST_FEATURES = 450, 800
+LEAST_OVERLAP, MOST_OVERLAP = 0.2, 0.75
 
 
 class Slam(Task):
-    """Follows the robot and maps its surroundings; with a smaller share it does less for a picture, and keeps up."""
+    """Follows the robot and maps its surroundings; at a lower quality it does less for a picture, and keeps up."""
 
     def __init__(self, slam: StereoSlam, now: Callable[[], int] = time.time_ns) -> None:
         self._slam = slam
         self._now = now
         self._finished = 0
 
-    def adapt(self, decision: Decision) -> None:
-        """Match the work to the share."""
-        self._slam.effort = effort(decision.share)
+    def set_quality(self, quality: float) -> None:
+        """Match the work to the time that there is."""
+        self._slam.effort = effort(quality)
 
     def process(self, received: Received) -> dict[str, object]:
         """Give the pose of the body in the frame of the first picture, with the picture's stamp."""
         in_time = received.received >= self._finished
-        pose, stamp = track(self._slam, received.payload)
+        frame = decode(received.payload)
+        pose = track(self._slam, frame)
         if in_time and not pose.is_keyframe:  # else other pictures wait, or a keyframe has taken the time already
             self._slam.close_loop()
         self._finished = self._now()
         return {
-            "frame": stamp,
+            "frame": frame.stamp,
             "position": pose.world_from_body[:3, 3].tolist(),
             "orientation": quaternion(pose.world_from_body[:3, :3]),
             "inliers": pose.inliers,
             "state": pose.state.value,
+            "doubt": pose.doubt,
+            "covariance": None if pose.covariance is None else _rounded(pose.covariance),
             "keyframes": len(self._slam.map.keyframes),
             "landmarks": self._slam.map.landmarks,
             "loops": self._slam.loops.closed,
@@ -57,16 +61,19 @@ def effort(share: float | None) -> Effort:
     """The work that a share in cores pays for: with one core all features and frequent keyframes."""
     part = 1.0 if share is None else min(share, 1.0)
     return Effort(
-        features=round(max(part * MOST_FEATURES, FEWEST_FEATURES)),
+        features=round(FEWEST_FEATURES + part * (MOST_FEATURES - FEWEST_FEATURES)),
         overlap=LEAST_OVERLAP + part * (MOST_OVERLAP - LEAST_OVERLAP),
     )
 
 
-def track(slam: StereoSlam, payload: bytes) -> tuple[Pose, int]:
-    """Locate a stereo frame; returns the frame's stamp too. MessageError if it can't be read."""
-    frame = decode(payload)
-    pose = slam.track(_picture(frame.left, slam.size), lambda: _picture(frame.right, slam.size))
-    return pose, frame.stamp
+def track(slam: StereoSlam, frame: StereoFrame) -> Pose:
+    """Locate a stereo frame; MessageError if its pictures can't be read."""
+    return slam.track(_picture(frame.left, slam.size), lambda: _picture(frame.right, slam.size))
+
+
+def _rounded(covariance: Floats) -> list[float]:
+    """Row by row, as ROS has it; the fourth digit of an uncertainty means nothing."""
+    return [float(f"{value:.3g}") for value in covariance.ravel()]
 
 
 def _picture(encoded: bytes, size: tuple[int, int]) -> Image:

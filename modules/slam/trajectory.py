@@ -1,4 +1,4 @@
-"""Trajectories in TUM's format, `seconds x y z qx qy qz qw` a line, and those of EuRoC sequences.
+"""Trajectories in TUM's format, `seconds x y z qx qy qz qw` a line, and those of recorded sequences.
 
 Stamps are kept in ns as integers: a float of seconds since 1970 is not exact enough to name a picture.
 """
@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from modules.slam.geometry import rotations
-from robotkit import ConfigurationError, euroc
+from modules.slam.sequences import truth
+from robotkit import ConfigurationError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -29,7 +30,7 @@ MAX_DIFFERENCE_NS = 10_000_000
 
 
 class TrajectoryError(ConfigurationError):
-    """A file that is no trajectory, or two trajectories that can't be compared."""
+    """A file that is not a trajectory, or two trajectories that can't be compared."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ def trajectory(rows: Iterable[tuple[int, Sequence[float]]]) -> Trajectory:
 
 
 def load(path: Path) -> Trajectory:
-    """Read a TUM file, or the ground truth of a EuRoC sequence's folder."""
+    """Read a TUM file, or the ground truth of a sequence's folder (EuRoC, KITTI)."""
     return _truth_of(path) if path.is_dir() else _tum(path)
 
 
@@ -107,10 +108,7 @@ def _nearest(shorter: Trajectory, longer: Trajectory) -> tuple[Trajectory, Traje
 
 
 def _truth_of(folder: Path) -> Trajectory:
-    mav0 = euroc.find(folder)
-    poses = euroc.truth(mav0)
-    if not poses:
-        raise TrajectoryError(f"{mav0 / euroc.TRUTH}: there is no ground truth")
+    poses = truth(folder)
     return trajectory((pose.stamp, (*pose.position, *pose.orientation[1:], pose.orientation[0])) for pose in poses)
 
 
@@ -138,4 +136,4 @@ def _row(line: str, place: str) -> tuple[int, list[float]]:
             return int(stamp * 1_000_000_000), numbers
     except (InvalidOperation, ValueError, OverflowError):
         pass
-    raise TrajectoryError(f"{place}: {line[:100]!r} is not allowed: seconds, x y z, and a quaternion x y z w")
+    raise TrajectoryError(f"{place}: invalid value {line[:100]!r}: expected seconds, x y z, and a quaternion x y z w")

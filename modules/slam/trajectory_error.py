@@ -77,3 +77,8 @@ def _stretches(path: Trajectory, metres: float) -> tuple[list[int], list[int]]:
             chosen.append(index)
             since = 0.0
     return chosen[:-1], chosen[1:]
+
+
+def path_length(path: Trajectory) -> float:
+    """Metres along the positions."""
+    return float(np.linalg.norm(np.diff(path.positions, axis=0), axis=1).sum())

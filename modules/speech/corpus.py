@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from modules.speech.confusable import confusable, dictionary, holds_command
-from modules.speech.spotter import KEYWORDS
+from modules.speech.keywords import KEYWORDS
 from modules.speech.synthesis import ESPEAK, FESTIVAL_VOICES, speak
 
 if TYPE_CHECKING:

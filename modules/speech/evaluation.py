@@ -1,19 +1,18 @@
 """`python -m modules.speech.evaluation`: how many commands are heard, and how many are invented.
 
---words FOLDER       Speech Commands' layout: how often each command is heard in its clips, and what in others
---connected FILE...  speech without commands, or noise: false alarms a minute
---half tuning|rest   only the half of the speakers that the thresholds may be chosen on, or only the others; a connected
-                     recording's speaker is its name up to the first hyphen, as in LibriSpeech
---tune               what each threshold would hear and invent, and which one keeps to the goal
---weights FILE       the networks that training.py wrote there, with the thresholds of the shipped ones
---synthetic          the generated test set (other texts, sizes and rooms than those of the training)
+--words FOLDER...      folders of clips, in folders named after words: how often commands are heard, and what in others
+--connected FOLDER...  speech without commands, or noise; files, too: false alarms a minute
+--part held-out        only the speakers and sources on which nothing may be chosen; or --part tuning, those for
+                       thresholds; or --part training, the others (parts.py has the rule)
+--tune                 which threshold hears nine of ten clips of each command, and what it and its neighbours invent
+--weights FILE         the networks that training.py wrote there, with the thresholds of the shipped ones
+--synthetic            the generated test set (other texts, sizes and rooms than those of the training)
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-import zlib
 from collections import Counter
 from dataclasses import dataclass, field
 from itertools import chain
@@ -22,12 +21,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from modules.speech.listener import THRESHOLDS, Listener, Teller
+from modules.speech.keywords import KEYWORDS
+from modules.speech.listener import THRESHOLDS, Announcer, Listener
+from modules.speech.network import WEIGHTS, Committee, WeightsError
+from modules.speech.parts import PARTS, belongs
 from modules.speech.spectrum import RATE
-from modules.speech.speech_commands import RecordingError, between_silences, check, chunks, clips, load, noises
-from modules.speech.spotter import KEYWORDS
+from modules.speech.speech_commands import (
+    NOISE,
+    RecordingError,
+    between_silences,
+    check,
+    chunks,
+    clips,
+    load,
+    recordings,
+)
 from modules.speech.tuning import Evidence
-from modules.speech.verifier import WEIGHTS, Verifier, WeightsError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -36,61 +45,73 @@ if TYPE_CHECKING:
     from modules.speech.speech_commands import Clip
 
 TEST_SEED = 1000
-HALVES = ("tuning", "rest")
 
 
 @dataclass
 class Score:
-    """Clips of commands that were heard, of how many; and what was heard in sound without them."""
+    """Clips of commands that were heard, of how many; what was taken for another; what was heard in other sound."""
 
     said: Counter[str] = field(default_factory=Counter)
     heard: Counter[str] = field(default_factory=Counter)
+    confused: Counter[str] = field(default_factory=Counter)
     invented: Counter[str] = field(default_factory=Counter)
     seconds: float = 0
 
-    def count(self, truth: str | None, told: Sequence[str], seconds: float) -> None:
-        """Count what was told of a recording whose word is known, or that holds none."""
+    def count(self, truth: str | None, announced: Sequence[str], seconds: float) -> None:
+        """Count what was announced for a recording whose word is known, or that holds none."""
+        wrong = Counter(f"{truth or 'sound'} as {keyword}" for keyword in announced if keyword != truth)
         if truth in KEYWORDS:
             self.said[truth] += 1
-            self.heard[truth] += truth in told
+            self.heard[truth] += truth in announced
+            self.confused += wrong
         else:
             self.seconds += seconds
-        self.invented.update(f"{truth or 'sound'} as {keyword}" for keyword in told if keyword != truth)
+            self.invented += wrong
+
+    def add(self, other: Score) -> None:
+        """Count what another score counted, too."""
+        self.said += other.said
+        self.heard.update(other.heard)
+        self.confused += other.confused
+        self.invented += other.invented
+        self.seconds += other.seconds
 
     def report(self) -> str:
-        """A line each: recall by command, false alarms."""
+        """A line each: recall by command, confusions, false alarms."""
         lines = [
             f"{keyword}: {self.heard[keyword]} of {said} ({self.heard[keyword] / said:.0%})"
             for keyword, said in sorted(self.said.items())
         ]
-        count, minutes = self.invented.total(), self.seconds / 60
-        rate = f", {count / minutes:.2f} a minute" if minutes else ""
-        lines.append(f"invented: {count} in {minutes:.1f} minutes{rate}")
-        return "\n".join([*lines, *(f"  {what}: {count}" for what, count in self.invented.most_common())])
+        if self.said:
+            lines += [f"taken for another command: {self.confused.total()}", *_counted(self.confused)]
+        if self.seconds:
+            count, minutes = self.invented.total(), self.seconds / 60
+            rate = f"{count} in {minutes:.1f} minutes, {count / minutes:.2f} a minute"
+            lines += [f"invented: {rate}", *_counted(self.invented)]
+        return "\n".join(lines)
+
+
+def _counted(found: Counter[str]) -> list[str]:
+    return [f"  {what}: {count}" for what, count in found.most_common()]
 
 
 class _Ear:
     """Listens to recordings, each by itself, and keeps the score, and the evidence for all that might be a command."""
 
-    def __init__(self, verifier: Verifier) -> None:
+    def __init__(self, committee: Committee) -> None:
         self.score = Score()
         self.evidence = Evidence()
-        self._listener = Listener(verifier)
-        self._teller = Teller(THRESHOLDS)
+        self._listener = Listener(committee)
+        self._announcer = Announcer(THRESHOLDS)
 
     def hear(self, truth: str | None, samples: Samples) -> None:
         gate = self._listener.gate
         gate.restart()
         utterances = [utterance for chunk in chunks(samples) for utterance in gate.feed(chunk)]
         candidates = [self._listener.candidates(utterance) for utterance in utterances]
-        told = [heard.keyword for found in candidates for heard in self._teller.tell(found)]
-        self.score.count(truth, told, len(samples) / RATE)
+        announced = [heard.keyword for found in candidates for heard in self._announcer.announce(found)]
+        self.score.count(truth, announced, len(samples) / RATE)
         self.evidence.count(truth, [heard for found in candidates for heard in found], len(samples) / RATE)
-
-
-def in_half(speaker: str, half: str | None) -> bool:
-    """Whether a speaker belongs to a half; without one all do."""
-    return half is None or zlib.crc32(speaker.encode()) % len(HALVES) == HALVES.index(half)
 
 
 def words(spoken: Iterable[Clip]) -> Iterator[tuple[str | None, Samples]]:
@@ -113,10 +134,10 @@ def synthetic(scale: float) -> Iterator[tuple[str | None, Samples]]:
         yield spoken.keyword, in_a_room(np.pad(spoken.samples(), RATE // 2), rng)
 
 
-def judge(recordings: Iterable[tuple[str | None, Samples]], verifier: Verifier) -> _Ear:
+def judge(sounds: Iterable[tuple[str | None, Samples]], committee: Committee) -> _Ear:
     """Listen to all of them."""
-    ear = _Ear(verifier)
-    for truth, samples in recordings:
+    ear = _Ear(committee)
+    for truth, samples in sounds:
         ear.hear(truth, samples)
     return ear
 
@@ -133,38 +154,56 @@ def main() -> int:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--words", type=Path)
+    parser.add_argument("--words", type=Path, nargs="+", default=[])
     parser.add_argument("--split", help="training, validation or testing; all by default")
     parser.add_argument("--connected", type=Path, nargs="+", default=[])
-    parser.add_argument("--half", choices=HALVES, help="of the speakers; all by default")
+    parser.add_argument("--part", choices=PARTS, help="of the speakers and sources; all by default")
     parser.add_argument("--tune", action="store_true")
     parser.add_argument("--weights", type=Path, default=WEIGHTS)
     parser.add_argument("--synthetic", action="store_true")
     parser.add_argument("--scale", type=float, default=0.1, help="how much to synthesise")
     options = parser.parse_args()
     try:
-        verifier = Verifier.load(options.weights)
+        committee = Committee.load(options.weights)
         sets = list(_sets(options))
-        for name, recordings in () if options.tune else sets:
-            _print(f"{name}\n{judge(recordings, verifier).score.report()}")
         if options.tune:
-            _print(judge(chain.from_iterable(recordings for _, recordings in sets), verifier).evidence.report())
+            _print(judge(chain.from_iterable(sounds for _, sounds in sets), committee).evidence.report())
+        else:
+            _measure(sets, committee)
     except (RecordingError, WeightsError) as error:
         sys.stderr.write(f"{error}\n")
         return 2
     return 0
 
 
+def _measure(sets: Sequence[tuple[str, Iterable[tuple[str | None, Samples]]]], committee: Committee) -> None:
+    """Print the score of each set, and of all together."""
+    total = Score()
+    for name, sounds in sets:
+        score = judge(sounds, committee).score
+        _print(f"{name}\n{score.report()}")
+        total.add(score)
+    if len(sets) > 1:
+        _print(f"all together\n{total.report()}")
+
+
 def _sets(options: argparse.Namespace) -> Iterator[tuple[str, Iterable[tuple[str | None, Samples]]]]:
-    spoken = clips(options.words, options.split) if options.words else []
-    long = options.connected + (noises(options.words) if options.words else [])
-    spoken = [clip for clip in spoken if in_half(clip.speaker, options.half)]
-    long = [path for path in long if in_half(path.stem.partition("-")[0], options.half)]
-    check([*(clip.path for clip in spoken), *long])
-    if spoken:
-        yield f"words of {options.words}", words(spoken)
-    if long:
-        yield "connected speech and noise", connected(long)
+    wanted = options.part
+    spoken = {
+        folder: [clip for clip in clips(folder, options.split) if belongs(clip.path, folder, wanted)]
+        for folder in options.words
+    }
+    sources = options.connected + [folder / NOISE for folder in options.words if (folder / NOISE).is_dir()]
+    long = {source: [path for path in recordings(source) if belongs(path, source, wanted)] for source in sources}
+    check(chain((clip.path for found in spoken.values() for clip in found), *long.values()))
+    if not (any(spoken.values()) or any(long.values()) or options.synthetic):
+        raise RecordingError(f"nothing to measure: no recordings of the part {wanted or 'all'}")
+    for folder, found in spoken.items():
+        if found:
+            yield f"words of {folder}", words(found)
+    for source, paths in long.items():
+        if paths:
+            yield f"connected speech or noise of {source}", connected(paths)
     if options.synthetic:
         yield "synthesised speech", synthetic(options.scale)
 

@@ -2,7 +2,7 @@
 
 The output hardly depends on the speaker, so a network trained on synthesised speech works for real people too.
 The model is phonetically tied: each of 42 phones has one codebook of 128 Gaussians in each of three feature streams,
-and each of its three states weighs them anew.
+and each of its three states weighs them again.
 """
 
 from __future__ import annotations

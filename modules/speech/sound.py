@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from modules.speech.forms import RateWatch, converter
 from modules.speech.gate import BYTES_PER_SAMPLE
 from modules.speech.spectrum import RATE
 from robotkit import readings
@@ -22,16 +23,28 @@ class SoundStream:
         self._gate = gate
         self._taken = 0
         self._end: int | None = None
+        self._form, self._converter = "", converter("")
+        self._rate = RateWatch()
 
     def feed(self, received: Received) -> list[Utterance]:
         """Take a chunk, whose stamp is that of its end: a microphone delivers it when it is full."""
-        samples = readings.sound(received)
+        samples = self._as_needed(received)
         count = len(samples) // BYTES_PER_SAMPLE
         if self._end is not None and received.stamp - count * 1_000_000_000 // RATE - self._end > MAX_GAP_NS:
             self._gate.restart()
         self._end = received.stamp
         self._taken += count
         return self._gate.feed(samples)
+
+    def _as_needed(self, received: Received) -> bytes:
+        """Samples of 16 kHz, mono; MessageError when they are not and nothing says what they are."""
+        samples = readings.sound(received)
+        if received.encoding != self._form:
+            self._converter, self._form = converter(received.encoding), received.encoding
+        if self._converter is not None:
+            return self._converter.convert(samples)
+        self._rate.check(received.stamp, len(samples) // BYTES_PER_SAMPLE)
+        return samples
 
     def time_of(self, moment: float) -> float:
         """When a moment after the last gap was, in s since 1970; the gate counts it in seconds of sound."""

@@ -20,29 +20,35 @@ RATE = 16_000
 HOP = 160
 FRAMES_PER_SECOND = RATE // HOP
 CEPSTRA = 13
+BANDS = 25
 
 _WINDOW = 410  # 25.6 ms
 _SPECTRUM = 512
-_FILTERS = 25
 _LOWEST_HZ, _HIGHEST_HZ = 130.0, 6800.0
 _PREEMPHASIS = 0.97
 _LIFTER = 22
 _FLOOR = 1e-4
 
 
-def mel_cepstra(samples: Samples) -> Cepstra:
-    """Cepstra of shape (frames, 13), a frame each 10 ms; their mean is 0 over the whole stretch, so microphones cancel.
+def log_bands(samples: Samples) -> NDArray[np.float64]:
+    """How loud each band of the mel scale is, as a logarithm: (frames, 25), a frame each 10 ms.
 
     Samples are 16 bit values at 16 kHz. What is shorter than one window has no frame.
     """
     frames = (len(samples) - _WINDOW) // HOP + 1
     if frames < 1:
-        return np.empty((0, CEPSTRA))
+        return np.empty((0, BANDS))
     emphasized = np.append(samples[:1], samples[1:] - _PREEMPHASIS * samples[:-1])
     pieces = np.lib.stride_tricks.sliding_window_view(emphasized, _WINDOW)[::HOP]
     power = np.abs(np.fft.rfft(pieces * np.hamming(_WINDOW), _SPECTRUM)) ** 2
-    cepstra = np.log(power @ _MEL_BANK + _FLOOR) @ _COSINES
-    centred: Cepstra = cepstra - cepstra.mean(axis=0)
+    bands: NDArray[np.float64] = np.log(power @ _MEL_BANK + _FLOOR)
+    return bands
+
+
+def mel_cepstra(samples: Samples) -> Cepstra:
+    """Cepstra of shape (frames, 13); their mean is 0 over the whole stretch, so microphones cancel."""
+    cepstra = log_bands(samples) @ _COSINES
+    centred: Cepstra = cepstra - cepstra.mean(axis=0) if len(cepstra) else cepstra
     return centred
 
 
@@ -58,7 +64,7 @@ def with_slopes(cepstra: Cepstra) -> NDArray[np.float64]:
 def _mel_bank() -> NDArray[np.float64]:
     """Triangles of unit area on the mel scale, their corners on the spectrum's own frequencies: (257, 25)."""
     lowest, highest = (2595 * np.log10(1 + hertz / 700) for hertz in (_LOWEST_HZ, _HIGHEST_HZ))
-    mels = np.linspace(lowest, highest, _FILTERS + 2)
+    mels = np.linspace(lowest, highest, BANDS + 2)
     step = RATE / _SPECTRUM
     corners = np.round(700 * (10 ** (mels / 2595) - 1) / step) * step
     low, middle, high = corners[:-2], corners[1:-1], corners[2:]
@@ -71,7 +77,7 @@ def _mel_bank() -> NDArray[np.float64]:
 def _liftered_cosines() -> NDArray[np.float64]:
     """The orthonormal DCT-II, with the sine lifter that evens out the size of the cepstra: (25, 13)."""
     orders = np.arange(CEPSTRA)
-    cosines = np.cos(np.pi * (np.arange(_FILTERS)[:, None] + 0.5) * orders / _FILTERS) * np.sqrt(2 / _FILTERS)
+    cosines = np.cos(np.pi * (np.arange(BANDS)[:, None] + 0.5) * orders / BANDS) * np.sqrt(2 / BANDS)
     cosines[:, 0] /= np.sqrt(2)
     lifted: NDArray[np.float64] = cosines * (1 + _LIFTER / 2 * np.sin(np.pi * orders / _LIFTER))
     return lifted

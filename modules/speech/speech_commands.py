@@ -38,16 +38,11 @@ class Clip:
     path: Path
     word: str
 
-    @property
-    def speaker(self) -> str:
-        """Who speaks: eight hexadecimal digits."""
-        return self.path.stem.partition("_nohash_")[0]
-
 
 def clips(folder: Path, split: str | None = None) -> list[Clip]:
     """The clips of a split, or all, in the order of their paths."""
     if split is not None and split not in SPLITS:
-        raise RecordingError(f"split: {split!r} is not allowed: {', '.join(SPLITS)}")
+        raise RecordingError(f"split: invalid value {split!r}: expected {', '.join(SPLITS)}")
     found = [Clip(path, path.parent.name) for path in sorted(folder.glob("[!_.]*/*.wav"))]
     if not found:
         raise RecordingError(f"{folder}: no recordings in folders named after words")
@@ -57,9 +52,12 @@ def clips(folder: Path, split: str | None = None) -> list[Clip]:
     return [clip for clip in found if _split(f"{clip.word}/{clip.path.name}", lists) == split]
 
 
-def noises(folder: Path) -> list[Path]:
-    """The recordings of background noise."""
-    return sorted((folder / NOISE).glob("*.wav"))
+def recordings(source: Path) -> list[Path]:
+    """All recordings in a folder and in those below it; a file is its own only one."""
+    found = sorted(source.rglob("*.wav")) if source.is_dir() else [source]
+    if not found:
+        raise RecordingError(f"{source}: no recordings: expected .wav files")
+    return found
 
 
 def load(path: Path) -> Samples:
@@ -70,7 +68,7 @@ def load(path: Path) -> Samples:
 
 
 def check(paths: Iterable[Path]) -> None:
-    """Tell all that can't be loaded at once: listening takes hours, and one bad file would end it."""
+    """Report everything that can't be loaded at once: listening takes hours, and one bad file would end it."""
     problems = []
     for path in paths:
         try:
@@ -88,7 +86,9 @@ def _opened(path: Path) -> Iterator[wave.Wave_read]:
         with wave.open(str(path)) as file:
             form = file.getframerate(), file.getsampwidth(), file.getnchannels()
             if form != (RATE, 2, 1):
-                raise RecordingError(f"{path}: {form} is not allowed: {RATE} Hz, 2 bytes a sample, 1 channel")
+                raise RecordingError(
+                    f"{path}: unsupported format {form}: expected {RATE} Hz, 2 bytes per sample, 1 channel"
+                )
             yield file
     except (OSError, EOFError, wave.Error) as error:
         raise RecordingError(f"{path}: not a WAV file: {error}") from error
@@ -106,7 +106,11 @@ def _split(name: str, lists: dict[str, set[str]]) -> str:
     return next((split for split, names in lists.items() if name in names), "training")
 
 
-def between_silences(samples: Samples, seconds: float = 0.8) -> Samples:
+_SILENCE_S = 0.8
+"""Before and after a word."""
+
+
+def between_silences(samples: Samples, seconds: float = _SILENCE_S) -> Samples:
     """A clip as a robot would hear it: the noise of its quietest part goes on before and after the word."""
     rng = np.random.default_rng(len(samples))
     level = max(float(np.percentile(np.abs(samples), 10)), 3) if len(samples) else 3.0

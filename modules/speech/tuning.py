@@ -1,4 +1,4 @@
-"""Which evidence each command should need, so that little is invented and yet most is heard."""
+"""Which evidence each command should need: as much as leaves most of its clips heard, and what is invented with it."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from modules.speech.listener import Teller
-from modules.speech.spotter import KEYWORDS
+from modules.speech.keywords import KEYWORDS
+from modules.speech.listener import Announcer
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from modules.speech.listener import Heard
 
-GOAL = 0.15
-"""How many of each command may be invented in a minute: of all five together that is 0.75, and 1 is allowed."""
-LOWEST, HIGHEST, STEP = -4.0, 8.0, 0.1
+GOAL = 0.9
+"""The part of a command's clips that should be heard."""
+LOWEST, HIGHEST, STEP = 0.0, 8.0, 0.5
 
 
 @dataclass
@@ -30,7 +30,7 @@ class Evidence:
     seconds: float = 0
 
     def count(self, truth: str | None, candidates: Iterable[Heard], seconds: float) -> None:
-        """Count what might be told of a clip of one word, or of connected sound that holds no command."""
+        """Count what might be announced for a clip of one word, or of connected sound that holds no command."""
         if truth in KEYWORDS:
             self.said[truth].append(max((one.evidence for one in candidates if one.keyword == truth), default=-np.inf))
         elif truth is None:
@@ -39,23 +39,28 @@ class Evidence:
                 self.invented[one.keyword].append(one)
 
     def threshold(self, keyword: str) -> float:
-        """The lowest threshold that keeps to the goal."""
-        steps = np.arange(LOWEST, HIGHEST + STEP / 2, STEP).round(1)
-        return next((step for step in steps.tolist() if self.rate(keyword, step) <= GOAL), HIGHEST)
+        """The highest with which enough is heard; if there is none, the lowest that is allowed."""
+        steps = np.arange(HIGHEST, LOWEST - STEP, -STEP).tolist()
+        enough = GOAL * len(self.said[keyword])
+        return next((step for step in steps if self.heard(keyword, step) >= enough), LOWEST)
+
+    def heard(self, keyword: str, threshold: float) -> int:
+        """How many of a command's clips are heard."""
+        return sum(evidence >= threshold for evidence in self.said[keyword])
 
     def rate(self, keyword: str, threshold: float) -> float:
-        """How many of a command are told in a minute without any."""
-        return len(Teller({keyword: threshold}).tell(self.invented[keyword])) * 60 / max(self.seconds, 1)
+        """How many of a command are announced per minute without any."""
+        return len(Announcer({keyword: threshold}).announce(self.invented[keyword])) * 60 / max(self.seconds, 1)
 
     def report(self) -> str:
         """A line for each command: what is heard and invented with its threshold, and with half less or more."""
         lines = [f"{self.seconds / 60:.1f} minutes without commands"]
         for keyword in KEYWORDS:
             chosen = self.threshold(keyword)
-            parts = (self._part(keyword, max(chosen + change, LOWEST)) for change in (0, -0.5, 0.5))
+            parts = (self._part(keyword, max(chosen + change, LOWEST)) for change in (0, -STEP, STEP))
             lines.append(f"{keyword}: {'; '.join(parts)}")
         return "\n".join(lines)
 
     def _part(self, keyword: str, threshold: float) -> str:
-        heard, said = sum(evidence >= threshold for evidence in self.said[keyword]), len(self.said[keyword])
+        heard, said = self.heard(keyword, threshold), len(self.said[keyword])
         return f"at {threshold:.1f} {heard} of {said} heard, {self.rate(keyword, threshold):.2f} a minute invented"

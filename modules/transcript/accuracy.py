@@ -42,22 +42,22 @@ class Score:
     words: int = 0
     wrong: int = 0
 
-    def count(self, said: Sequence[str], told: Sequence[str]) -> None:
+    def count(self, said: Sequence[str], hypothesis: Sequence[str]) -> None:
         """Count one recording."""
         self.words += len(said)
-        self.wrong += edits(said, told)
+        self.wrong += edits(said, hypothesis)
 
     def report(self) -> str:
         """The word error rate."""
         return f"{self.wrong} of {self.words} words wrong: {self.wrong / max(self.words, 1):.0%}"
 
 
-def edits(said: Sequence[str], told: Sequence[str]) -> int:
+def edits(said: Sequence[str], hypothesis: Sequence[str]) -> int:
     """The fewest words to change, leave out or add (Levenshtein 1966)."""
-    before = list(range(len(told) + 1))
+    before = list(range(len(hypothesis) + 1))
     for row, word in enumerate(said, 1):
         after = [row]
-        for column, other in enumerate(told, 1):
+        for column, other in enumerate(hypothesis, 1):
             after.append(min(before[column] + 1, after[-1] + 1, before[column - 1] + (word != other)))
         before = after
     return before[-1]
@@ -69,8 +69,8 @@ def judge(recordings: Iterable[tuple[Samples, str]], ears: Engine) -> Score:
     for sound, text in recordings:
         gate = Gate(longest=LONGEST_S, overlap=0)
         utterances = [utterance for chunk in chunks(sound) for utterance in gate.feed(chunk)]
-        told = [word for utterance in utterances for word in ears.transcribe(utterance.samples).split()]
-        score.count(text.lower().split(), told)
+        hypothesis = [word for utterance in utterances for word in ears.transcribe(utterance.samples).split()]
+        score.count(text.lower().split(), hypothesis)
     return score
 
 

@@ -88,11 +88,11 @@ def engine(environment: Mapping[str, str]) -> Engine:
     if name == "pocketsphinx":
         return PocketSphinx()
     if name not in WITH_MODEL:
-        raise ConfigurationError(f"STT_ENGINE: {name!r} is not allowed: pocketsphinx, {', '.join(WITH_MODEL)}")
+        raise ConfigurationError(f"STT_ENGINE: invalid value {name!r}: expected pocketsphinx, {', '.join(WITH_MODEL)}")
     folder = Path(environment.get("STT_MODEL") or "")
     if not environment.get("STT_MODEL") or not folder.is_dir():
         raise ConfigurationError(
-            f"STT_MODEL: {environment.get('STT_MODEL', '')!r} is no folder: {name} needs its model, mounted read-only"
+            f"STT_MODEL: {environment.get('STT_MODEL', '')!r} is not a folder: {name} needs its model mounted"
         )
     return WITH_MODEL[name](folder)
 

@@ -27,7 +27,7 @@ class Flite:
         if program is None:
             raise ConfigurationError("flite is missing: install Debian's package flite")
         if voice not in VOICES:
-            raise ConfigurationError(f"VOICE: {voice!r} is not allowed: {', '.join(VOICES)}")
+            raise ConfigurationError(f"VOICE: invalid value {voice!r}: expected {', '.join(VOICES)}")
         self._command = [program, "-voice", voice]
 
     def speak(self, text: str) -> bytes:
@@ -43,7 +43,7 @@ class Player:
 
     def __init__(self, command: Sequence[str]) -> None:
         if command and shutil.which(command[0]) is None:
-            raise ConfigurationError(f"VOICE_PLAYER: there is no program {command[0]!r}")
+            raise ConfigurationError(f"VOICE_PLAYER: program {command[0]!r} not found")
         self._command = list(command)
 
     def play(self, wav: bytes) -> None:
@@ -56,5 +56,5 @@ def _run(command: list[str], sound: bytes) -> None:
     try:
         subprocess.run(command, input=sound, capture_output=True, timeout=_PATIENCE_S, check=True)
     except (OSError, subprocess.SubprocessError) as error:
-        told = getattr(error, "stderr", None) or b""
-        raise DeviceError(f"{command[0]} failed: {told.decode(errors='replace').strip() or error}") from error
+        output = getattr(error, "stderr", None) or b""
+        raise DeviceError(f"{command[0]} failed: {output.decode(errors='replace').strip() or error}") from error

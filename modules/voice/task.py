@@ -38,5 +38,5 @@ def _text(payload: bytes) -> str:
     except (ValueError, KeyError, TypeError) as error:
         raise MessageError(f"not an object with a text: {error!r}") from error
     if not isinstance(text, str):
-        raise MessageError(f"text: {text!r} is not allowed: a text")
+        raise MessageError(f"text: invalid value {text!r}: expected a text")
     return text.strip()

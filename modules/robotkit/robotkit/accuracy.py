@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 @dataclass
 class Confusion:
-    """A confusion matrix: how often each true label was reported as which."""
+    """A confusion matrix: how often each true label was predicted as which."""
 
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
 
-    def add(self, truth: str, told: str) -> None:
+    def add(self, truth: str, predicted: str) -> None:
         """Count one answer."""
-        self.counts[truth, told] += 1
+        self.counts[truth, predicted] += 1
 
     @property
     def labels(self) -> list[str]:
@@ -31,17 +31,17 @@ class Confusion:
         return sum(self.counts[label, label] for label in self.labels) / max(self.counts.total(), 1)
 
     def recall(self, label: str) -> float:
-        """Fraction of a label's occurrences that was reported as such; 0 when it never occurs."""
-        return self.counts[label, label] / max(sum(self.counts[label, told] for told in self.labels), 1)
+        """Fraction of a label's occurrences that was predicted as such; 0 when it never occurs."""
+        return self.counts[label, label] / max(sum(self.counts[label, predicted] for predicted in self.labels), 1)
 
     def table(self) -> str:
-        """A Markdown table: a row for each true label, a column for each reported one, and the recall."""
+        """A Markdown table: a row for each true label, a column for each predicted one, and the recall."""
         labels = self.labels
         rows = [
-            [f"**{truth}**", *(str(self.counts[truth, told]) for told in labels), f"{self.recall(truth):.1%}"]
+            [f"**{truth}**", *(str(self.counts[truth, predicted]) for predicted in labels), f"{self.recall(truth):.1%}"]
             for truth in labels
         ]
-        head = ["truth \\ told", *labels, "recall"]
+        head = ["truth \\ predicted", *labels, "recall"]
         return "\n".join(f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows])
 
 
@@ -67,9 +67,9 @@ class Matched:
         return self.found / max(self.found + self.missed, 1)
 
 
-def match_events(truth: Iterable[Event], told: Sequence[Event], *, early: float, late: float) -> Matched:
+def match_events(truth: Iterable[Event], reported: Sequence[Event], *, early: float, late: float) -> Matched:
     """Pair each true event with the first unpaired report of its label from `early` s before to `late` s after it."""
-    left = sorted(told, key=lambda event: event.at)
+    left = sorted(reported, key=lambda event: event.at)
     found = missed = 0
     for event in sorted(truth, key=lambda event: event.at):
         answer = next(

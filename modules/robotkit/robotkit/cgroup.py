@@ -1,9 +1,13 @@
-"""How often the kernel has throttled this container because its CPU quota was used up."""
+"""The CPU that a task uses, and how often the kernel has throttled its container because the CPU quota was used up."""
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 ROOT = Path("/sys/fs/cgroup")
 OWN = Path("/proc/self/cgroup")
@@ -14,6 +18,19 @@ class Throttling(NamedTuple):
 
     periods: int
     throttled: int
+
+
+class Usage(NamedTuple):
+    """Where a task's use is read: its CPU time in ns, and its throttling."""
+
+    cpu: Callable[[], int]
+    throttling: Callable[[], Throttling | None]
+
+
+def own_usage() -> Usage:
+    """Of this process and its container."""
+    cpu_stat = find_cpu_stat()
+    return Usage(time.process_time_ns, lambda: throttling(cpu_stat))
 
 
 def find_cpu_stat(root: Path = ROOT, own: Path = OWN) -> Path | None:

@@ -120,7 +120,9 @@ def _numbers(row: Row, count: int, path: Path) -> list[float]:
     except ValueError:
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
-        raise DatasetError(f"{path}: row {row.stamp}: {','.join(row.cells)[:100]!r} is not allowed: {count} numbers")
+        raise DatasetError(
+            f"{path}: row {row.stamp}: invalid value {','.join(row.cells)[:100]!r}: expected {count} numbers"
+        )
     return values
 
 
@@ -128,4 +130,4 @@ def _stamp(cell: str, path: Path, number: int) -> int:
     try:
         return int(cell)
     except ValueError:
-        raise DatasetError(f"{path}: line {number}: {cell[:40]!r} is not allowed: a time in ns") from None
+        raise DatasetError(f"{path}: line {number}: invalid value {cell[:40]!r}: expected a time in ns") from None

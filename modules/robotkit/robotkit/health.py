@@ -31,10 +31,11 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True)
 class Queue:
-    """Samples not done yet: how many, and how many of those are past their deadline."""
+    """Samples not done yet: how many, how many of those are past their deadline, and the age of the oldest in ns."""
 
     length: int = 0
     overdue: int = 0
+    age: int = 0
 
 
 class Health:
@@ -59,6 +60,7 @@ class Health:
         return {
             "misses": round(late / due, 4) if due else 0.0,
             "queue": queue.length,
+            "waiting": round(max(queue.age, 0) / 1e9, 3),
             "throttled": _throttled(then.throttling, now.throttling),
             "rate": round(done / seconds, 3),
             "latency": round((now.latency - then.latency) / done / 1e9, 6) if done else None,

@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from robotkit.stamps import stamp_of
+from robotkit.stamps import attached
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -16,13 +16,15 @@ if TYPE_CHECKING:
     import zenoh
 
     from robotkit.module import Input
+    from robotkit.stamps import Attached
 
 
 @dataclass(frozen=True, slots=True)
 class Received:
     """One sample of an input. `key` is the key it was published on, since an input's key may have wildcards.
 
-    `stamp` is when its source published it, `received` when it arrived, both in ns since 1970. `type` is its ROS type.
+    `stamp` is when its source published it, `received` when it arrived, both in ns since 1970. `type` is its ROS type,
+    as `ros` (a release) or the definitions in the folder `types` have it.
     """
 
     payload: bytes
@@ -32,13 +34,15 @@ class Received:
     encoding: str = ""
     type: str = ""
     key: str = ""
+    ros: str = "latest"
+    types: str = ""
 
 
 class _Arrived(NamedTuple):
     """A queued sample; its payload is copied only when the task takes it, so dropping one is cheap."""
 
     payload: zenoh.ZBytes
-    stamp: int
+    attached: Attached
     received: int
     key: str
 
@@ -89,9 +93,10 @@ class Inputs:
         while (taken := self._next()) is not None:
             name, arrived = taken
             payload = arrived.payload.to_bytes()
-            if _intact(arrived.payload):
+            if _intact(arrived, payload):
                 own = self._declared[name]
-                return Received(payload, arrived.stamp, arrived.received, name, own.encoding, own.type, arrived.key)
+                times = arrived.attached.stamp or arrived.received, arrived.received
+                return Received(payload, *times, name, own.encoding, own.type, arrived.key, own.ros, own.types)
             with self._changed:
                 self.dropped[name] += 1
         return None
@@ -122,7 +127,7 @@ class Inputs:
 
         def receive(sample: zenoh.Sample) -> None:
             received = time.time_ns()
-            arrived = _Arrived(sample.payload, stamp_of(sample) or received, received, str(sample.key_expr))
+            arrived = _Arrived(sample.payload, attached(sample), received, str(sample.key_expr))
             self.shared[name] += sample.payload.as_shm() is not None
             with self._changed:
                 self.dropped[name] += len(queue) == queue.maxlen
@@ -132,11 +137,13 @@ class Inputs:
         return receive
 
 
-def _intact(payload: zenoh.ZBytes) -> bool:
+def _intact(arrived: _Arrived, copied: bytes) -> bool:
     """Whether what was just copied is what was sent.
 
     Zenoh takes shared memory back from a process that stood still for a while, as a throttled one does, so that it
-    blocks nobody; the sender's next frames are written there.
+    blocks nobody; the sender's next frames are written there, even while we copy. `is_valid` calls some of them valid,
+    and for others it gives an empty payload, or where the frame was instead of the frame; so that only the sender's
+    checksum is proof. ROS messages and those of other publishers have none.
     """
-    shared = payload.as_shm()
-    return shared is None or shared.is_valid()
+    shared = arrived.payload.as_shm()
+    return (shared is None or shared.is_valid()) and arrived.attached.fits(copied)

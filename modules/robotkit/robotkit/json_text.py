@@ -19,7 +19,7 @@ def dumps(value: object) -> str:
 
 
 def loads(text: bytes | str) -> Any:
-    """Parse what somebody sent. ValueError for all that is wrong with it.
+    """Parse a received text. Raises ValueError for anything that is wrong with it.
 
     That includes what Python's parser takes or chokes on: NaN, integers longer than any of 64 bits (no float can be
     made of some), and lists nested too deep.
@@ -37,7 +37,7 @@ def _integer(digits: str) -> int:
 
 
 def _refuse(constant: str) -> Any:
-    raise ValueError(f"{constant} is no JSON")
+    raise ValueError(f"{constant} is not JSON")
 
 
 def _plain(value: Any) -> object:

@@ -13,6 +13,7 @@ import zenoh
 from robotkit.errors import ConfigurationError
 from robotkit.module import load_module
 from robotkit.plan import PLAN_KEY
+from robotkit.ros_check import check
 from robotkit.runner import Runner
 from robotkit.session import credentials, endpoints, open_session, switch
 from robotkit.termination import stop_on_signals
@@ -47,13 +48,15 @@ def main(module_yaml: Path, build: Callable[[], Task]) -> None:
 def _run(module_yaml: Path, build: Callable[[], Task], stop: threading.Event) -> None:
     environment = os.environ
     module, addresses = load_module(module_yaml, environment), endpoints(environment)
+    check(module)
     task = build()
     shared, runs = switch(environment, "SHARED_MEMORY"), switch(environment, "PUBLISH_RUNS")
-    secret = credentials(environment)
+    secret, adaptive = credentials(environment), switch(environment, "ADAPT", absent=True)
     with open_session(addresses, stop, shared_memory=shared, secret=secret) as session:
         if session is not None:
             policy_task, plan_key = environment.get("POLICY_TASK", ""), environment.get("PLAN_KEY", PLAN_KEY)
-            Runner(session, module, task).run(stop, policy_task=policy_task, plan_key=plan_key, publish_runs=runs)
+            runner = Runner(session, module, task, adaptive=adaptive, shared_memory=shared)
+            runner.run(stop, policy_task=policy_task, plan_key=plan_key, publish_runs=runs)
             _leave()  # before the session closes: the kernel closes its connection, which the router sees at once
 
 

@@ -32,36 +32,50 @@ if TYPE_CHECKING:
     Value = TypeVar("Value")
 
 NAME = re.compile(r"[a-z][a-z0-9-]{0,62}")
+KINDS = ("pose", "odometry", "scan", "picture")
+"""What an output can mean; `ros_outputs` says what each of them can become."""
+RELEASES = ("latest", "humble", "jazzy", "kilted", "lyrical")
+"""Of ROS 2; `latest` takes the newest definition of each message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Input:
     """A stream that the module reads; its queue keeps the newest `depth` samples.
 
-    `type` is the ROS 2 message type where `encoding` is `cdr`.
+    `type` is the ROS 2 message type where `encoding` is `cdr`, of the release `ros`, or defined in the folder `types`.
     """
 
     key: str
     encoding: str = "json"
     type: str = ""
     depth: int = 1
+    ros: str = "latest"
+    types: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """A stream that the module publishes; `frame` is the frame_id in a ROS message's header."""
+    """A stream that the module publishes; `frame` is the frame_id in a ROS message's header.
+
+    `kind` says what a result means, so that it can become a ROS message (`ros_outputs`); `child_frame` is what an
+    Odometry describes.
+    """
 
     key: str
     encoding: str = "json"
     type: str = ""
     frame: str = ""
+    kind: str = ""
+    child_frame: str = "base_link"
+    ros: str = "latest"
+    types: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Needs:
     """What the task needs to be of any use: cores, memory in bytes, seconds from a sample to its result."""
 
-    cores: int | None = None
+    cores: float | None = None
     memory: int | None = None
     deadline: float | None = None
 
@@ -98,8 +112,13 @@ def _overridden(document: Any, environment: Mapping[str, str], reader: _Reader) 
         for name, entry in entries.items() if isinstance(entries, dict) else ():
             variable = f"{kind}_{name}".upper().replace("-", "_")
             if isinstance(entry, dict) and environment.get(variable):
-                entry.update(reader.override(variable, environment[variable]))
+                fields = reader.override(variable, environment[variable])
+                reader.check_meaning(variable, entry, fields, output=kind == "output")
+                entry.update(fields)
     return document
+
+
+_STREAM = ("key", "encoding", "type", "ros", "types")
 
 
 class _Reader:
@@ -135,35 +154,46 @@ class _Reader:
             self._refuse(variable, text, "a key, or fields in braces")
         return {"key": text}
 
+    def check_meaning(self, variable: str, entry: dict[str, Any], fields: dict[str, Any], *, output: bool) -> None:
+        """Only results whose meaning is known can be made messages of ROS."""
+        becomes_ros = fields.get("encoding") == "cdr" and entry.get("encoding", "json") != "cdr"
+        if output and becomes_ros and not (entry | fields).get("kind"):
+            self._refuse(f"{variable}.encoding", "cdr", "an output with a kind, which this one has not")
+
     def _input(self, name: str, entry: Any) -> Input:
         path = f"inputs.{name}"
-        fields = self._known(path, self._object(path, entry), {"key", "encoding", "type", "depth"})
+        fields = self._known(path, self._object(path, entry), {*_STREAM, "depth"})
         depth = fields.get("depth", 1)
         if not isinstance(depth, int) or isinstance(depth, bool) or depth < 1:
             self._refuse(f"{path}.depth", depth, "a whole number of 1 or more")
             depth = 1
-        return Input(*self._stream(path, fields), depth)
+        return Input(**self._stream(path, fields), depth=depth)
 
     def _output(self, name: str, entry: Any) -> Output:
         path = f"outputs.{name}"
-        fields = self._known(path, self._object(path, entry), {"key", "encoding", "type", "frame"})
-        return Output(*self._stream(path, fields), str(fields.get("frame", "")))
+        fields = self._known(path, self._object(path, entry), {*_STREAM, "frame", "kind", "child_frame"})
+        kind = fields.get("kind", "")
+        if kind not in ("", *KINDS):
+            self._refuse(f"{path}.kind", kind, f"one of {', '.join(KINDS)}")
+            kind = ""
+        frames = {"frame": str(fields.get("frame", "")), "child_frame": str(fields.get("child_frame", "base_link"))}
+        return Output(**self._stream(path, fields), **frames, kind=kind)
 
-    def _stream(self, path: str, fields: dict[str, Any]) -> tuple[str, str, str]:
+    def _stream(self, path: str, fields: dict[str, Any]) -> dict[str, str]:
         key = self._key(f"{path}.key", fields.get("key"))
         encoding, kind = str(fields.get("encoding", "json")), str(fields.get("type", ""))
         if (encoding == "cdr") != bool(kind):
             self._refuse(f"{path}.type", kind, "the ROS message type, such as sensor_msgs/msg/Image, of encoding cdr")
-        return key, encoding, kind
+        release, types = fields.get("ros", "latest"), str(fields.get("types", ""))
+        if release not in RELEASES:
+            self._refuse(f"{path}.ros", release, f"one of {', '.join(RELEASES)}")
+            release = "latest"
+        return {"key": key, "encoding": encoding, "type": kind, "ros": release, "types": types}
 
     def _needs(self, raw: dict[str, Any]) -> Needs:
         fields = self._known("needs", raw, {"cores", "memory", "deadline"})
-        cores = fields.get("cores")
-        if cores is not None and (not isinstance(cores, int) or isinstance(cores, bool) or cores < 1):
-            self._refuse("needs.cores", cores, "a whole number of 1 or more")
-            cores = None
         return Needs(
-            cores=cores,
+            cores=self._quantity("needs.cores", fields.get("cores"), quantities.cores),
             memory=self._quantity("needs.memory", fields.get("memory"), quantities.memory),
             deadline=self._quantity("needs.deadline", fields.get("deadline"), quantities.duration),
         )
@@ -206,4 +236,4 @@ class _Reader:
             return ""
 
     def _refuse(self, path: str, value: object, allowed: str) -> None:
-        self.problems.append(f"{path}: {value!r} is not allowed: {allowed}")
+        self.problems.append(f"{path}: invalid value {value!r}: expected {allowed}")

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from robotkit import json_text
+from robotkit.ros_outputs import fields_of
+from robotkit.session import SHARED_FROM
 from robotkit.stamps import attachment, ros_attachment
 from robotkit.task import Result
 
@@ -46,9 +48,10 @@ def publisher(session: zenoh.Session, key: str, encoding: str) -> zenoh.Publishe
 
 
 class Outputs:
-    """Publishes results under the keys of module.yaml."""
+    """Publishes results under the keys of module.yaml; with `shared_memory` frames have checksums."""
 
-    def __init__(self, session: zenoh.Session, declared: Mapping[str, Output]) -> None:
+    def __init__(self, session: zenoh.Session, declared: Mapping[str, Output], *, shared_memory: bool) -> None:
+        self._shared_memory = shared_memory
         self._declared = declared
         self._ids = {name: uuid.uuid4().bytes for name in declared}
         self._numbers = dict.fromkeys(declared, 0)
@@ -63,23 +66,25 @@ class Outputs:
         now = time.time_ns()
         stamp = now if result.stamp is None else result.stamp
         payload = _payload(result, self._declared[result.output], stamp, timing)
-        self._publishers[result.output].put(payload, attachment=self._attachment(result.output, now))
+        self._publishers[result.output].put(payload, attachment=self._attachment(result.output, now, payload))
 
-    def _attachment(self, output: str, now: int) -> bytes:
+    def _attachment(self, output: str, now: int, payload: bytes) -> bytes:
         """Our own attachment, or for ROS messages that of rmw_zenoh, which rejects messages without it."""
         if self._declared[output].encoding != CDR:
-            return attachment(now)
+            shared = self._shared_memory and len(payload) >= SHARED_FROM
+            return attachment(now, payload if shared else None)
         self._numbers[output] += 1
         return ros_attachment(self._numbers[output], now, self._ids[output])
 
 
-def _payload(result: Result, output: Output, stamp: int, timing: Mapping[str, object] | None) -> bytes | str:
-    if isinstance(result.value, bytes):
-        return result.value
+def _payload(result: Result, output: Output, stamp: int, timing: Mapping[str, object] | None) -> bytes:
     if output.encoding == CDR:
         from robotkit.ros import encode  # noqa: PLC0415 - an extra, and megabytes
 
-        return encode(result.value, output.type, stamp=stamp, frame=output.frame)
+        fields, source = fields_of(result.value, output), {"release": output.ros, "folder": output.types}
+        return encode(fields, output.type, stamp=stamp, frame=output.frame, **source)
+    if isinstance(result.value, bytes):
+        return result.value
     if output.encoding != JSON:
         raise TypeError(f"output {result.output} has the encoding {output.encoding}: its values must be bytes")
-    return json_text.dumps({"stamp": stamp, **result.value} | ({} if timing is None else {"timing": timing}))
+    return json_text.dumps({"stamp": stamp, **result.value} | ({} if timing is None else {"timing": timing})).encode()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 PLAN_KEY = "contextpolicy/*/*/plan"
+LONGEST_END_S = 0.1
 
 _LOG = logging.getLogger(__name__)
 
@@ -68,22 +70,42 @@ def _parse(payload: bytes, task: str) -> _Plan | None:
         if document["mode"] != "Enforce" or task not in document["tasks"]:
             return _Plan(order, UNPLANNED)
         mine = document["tasks"][task]
-        decision = Decision(float(mine["share"]), float(mine["weight"]), bool(mine["suspended"]))
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        decision = Decision(_finite(mine["share"]), _finite(mine["weight"]), _truth(mine["suspended"]))
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         _LOG.warning("a plan that cannot be read was ignored: %r", error)
         return None
     return _Plan(order, decision)
 
 
+def _finite(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{value!r} is not a finite number")
+    return float(value)
+
+
+def _truth(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError(f"{value!r} is neither true nor false")
+    return value
+
+
 class PlanListener:
     """Calls `on_change` with each new decision, on a thread of its own, where callbacks may use the bus.
 
+    `guard` wraps the thread's work, so that a failure of `on_change` does not leave a module that is deaf to plans.
+
     Who makes plans is asked for the one in force whenever they appear: at our start, at theirs, and when the network is
-    back. Their liveliness token tells, which they declare after all they publish and answer.
+    back. Their liveliness token shows it: they declare it after their publishers and queryables.
     """
 
     def __init__(
-        self, session: zenoh.Session, task: str, on_change: Callable[[Decision], None], *, key: str = PLAN_KEY
+        self,
+        session: zenoh.Session,
+        task: str,
+        on_change: Callable[[Decision], None],
+        guard: Callable[[Callable[[], None]], Callable[[], None]],
+        *,
+        key: str = PLAN_KEY,
     ) -> None:
         self._session = session
         self._decisions = Decisions(task)
@@ -92,7 +114,7 @@ class PlanListener:
         self._appeared: set[str] = set()
         self._changed = threading.Condition()
         self._closed = False
-        self._thread = threading.Thread(target=self._follow, name="plan", daemon=True)
+        self._thread = threading.Thread(target=guard(self._follow), name="plan", daemon=True)
         self._thread.start()
         self._subscribers: list[zenoh.Subscriber[None]] = [
             session.declare_subscriber(key, self._hear),
@@ -100,13 +122,13 @@ class PlanListener:
         ]
 
     def close(self) -> None:
-        """Stop listening and wait for the thread."""
+        """Stop listening and wait for the thread up to LONGEST_END_S: a callback may hang."""
         for subscriber in self._subscribers:
             subscriber.undeclare()
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-        self._thread.join()
+        self._thread.join(LONGEST_END_S)
 
     def _hear(self, sample: zenoh.Sample) -> None:
         if "*" in str(sample.key_expr):

@@ -45,7 +45,7 @@ class Producer:
             self._thread.start()
 
     def pause(self) -> None:
-        """Tell the task to end and wait for it up to LONGEST_END_S, so that its device is free when it is resumed."""
+        """Signal the task to end and wait for it up to LONGEST_END_S, so that its device is free when it is resumed."""
         self._ended.set()
         if self._thread is not None:
             self._thread.join(LONGEST_END_S)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from robotkit.module import Module
 
@@ -95,13 +95,13 @@ def distribution(nanoseconds: Iterable[int]) -> dict[str, object]:
 
 
 class Profile:
-    """All records of a task since it was started."""
+    """All records of a task since it was started; `cpu` gives the CPU time that it has used, in ns."""
 
-    def __init__(self, module: Module) -> None:
+    def __init__(self, module: Module, cpu: Callable[[], int] = time.process_time_ns) -> None:
         self.inputs = {name: Record(module.needs.deadline) for name in module.inputs}
         self.produced = Record(module.needs.deadline)
         self.failures = 0
-        self._module = module
+        self._module, self._cpu = module, cpu
         self._started = time.monotonic_ns()
 
     @property
@@ -112,11 +112,11 @@ class Profile:
     def as_json(self, task: str, dropped: Mapping[str, int], shared: Mapping[str, int]) -> dict[str, object]:
         """The profile document; `background` is the CPU in cores used outside the runs: bus, queues, health."""
         elapsed = max(time.monotonic_ns() - self._started, 1)
-        total, runs = time.process_time_ns(), sum(record.cpu for record in self.records)
+        total, runs = self._cpu(), sum(record.cpu for record in self.records)
         return {
             "task": task,
             "module": self._module.name,
-            "machine": {"processor": _processor(), "cores": os.cpu_count()},
+            "machine": {"processor": processor(), "cores": os.cpu_count()},
             "deadline": self._module.needs.deadline,
             "seconds": round(elapsed / 1e9, 3),
             "background": round(max(total - runs, 0) / elapsed, 6),
@@ -129,7 +129,7 @@ class Profile:
         }
 
 
-def _processor() -> str:
+def processor() -> str:
     """The CPU model if Linux reports it, else the architecture."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()

@@ -52,12 +52,12 @@ def sound(received: Received) -> bytes:
     """16 kHz, 16 bit, mono samples, from a raw payload or from audio_common_msgs/AudioData(Stamped)."""
     samples = received.payload
     if received.encoding == "cdr":
-        from robotkit import ros  # noqa: PLC0415 - an extra
+        from robotkit.ros_types import AUDIO, AUDIO_STAMPED  # noqa: PLC0415 - an extra
 
-        message = ros.decode(received.payload, received.type)
+        message = _decoded(received)
         audio = getattr(message, "audio", message)
-        if received.type not in (ros.AUDIO, ros.AUDIO_STAMPED):
-            raise MessageError(f"{received.type} holds no sound, allowed: {ros.AUDIO}, {ros.AUDIO_STAMPED}")
+        if received.type not in (AUDIO, AUDIO_STAMPED):
+            raise MessageError(f"{received.type} holds no sound, allowed: {AUDIO}, {AUDIO_STAMPED}")
         samples = audio.data.tobytes()
     if len(samples) % 2:
         raise MessageError(f"{len(samples)} bytes are not 16 bit samples")
@@ -122,8 +122,14 @@ def _ros(received: Received, *allowed: str) -> tuple[Any, int]:
 
     if received.type not in allowed:
         raise MessageError(f"{received.type} is not read here, allowed: {', '.join(allowed)}")
-    message = ros.decode(received.payload, received.type)
+    message = _decoded(received)
     return message, ros.stamp_of(message) or received.stamp
+
+
+def _decoded(received: Received) -> Any:
+    from robotkit import ros  # noqa: PLC0415 - an extra
+
+    return ros.decode(received.payload, received.type, release=received.ros, folder=received.types)
 
 
 def _axes(vector: Any) -> tuple[float, float, float]:

@@ -3,67 +3,66 @@
 In: an input of encoding `cdr` with a `type`, as rmw_zenoh and zenoh-bridge-ros2dds send it. `decode` returns the
 message, `readings` turns the common types into what modules work with.
 
-Out: an output of encoding `cdr` with a `type`. A result maps the message's own fields; missing ones are zero, a vector
-or quaternion may be a list, and the header is filled in.
+Out: an output of encoding `cdr` with a `type`. A result maps the message's own fields, or is of a kind that
+`ros_outputs` knows; missing fields are zero, a vector or quaternion may be a list, and the header is filled in.
+
+`release` and `folder` say whose message definitions count, as an entry's `ros` and `types` in module.yaml.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.base import normalize_fieldname
 
 from robotkit.errors import MessageError
+from robotkit.ros_types import HEADER, LATEST, hash_of, type_store
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-HEADER = "std_msgs/msg/Header"
-AUDIO = "audio_common_msgs/msg/AudioData"
-AUDIO_STAMPED = "audio_common_msgs/msg/AudioDataStamped"
-_AUDIO_DEFINITIONS = {AUDIO: "uint8[] data", AUDIO_STAMPED: f"{HEADER} header\n{AUDIO} audio"}
-"""Not among the standard messages: audio_common is a separate package."""
 
-
-@cache
-def type_store() -> Typestore:
-    """All standard message definitions, and those of audio_common."""
-    store = get_typestore(Stores.LATEST)
-    for name, definition in _AUDIO_DEFINITIONS.items():
-        store.register(get_types_from_msg(definition, name))
-    return store
-
-
-def decode(payload: bytes, type_name: str) -> Any:
+def decode(payload: bytes, type_name: str, *, release: str = LATEST, folder: str = "") -> Any:
     """A message as an object with the fields of its type; MessageError when the payload is broken."""
     try:
-        return type_store().deserialize_cdr(payload, type_name)
+        return type_store(release, folder).deserialize_cdr(payload, type_name)
     except SerdeError as error:
-        raise MessageError(f"not a {type_name}: {error}") from error
+        raise MessageError(f"not a {type_name} of ROS 2 {release}: {error}") from error
     except KeyError as error:
-        raise MessageError(f"{type_name} is no standard ROS 2 message type") from error
+        raise MessageError(f"unknown message type {type_name}: ROS 2 {release} does not define it") from error
 
 
-def encode(fields: Mapping[str, object], type_name: str, *, stamp: int, frame: str = "") -> bytes:
+def encode(  # noqa: PLR0913 - what a header and a type consist of
+    fields: Mapping[str, object],
+    type_name: str,
+    *,
+    stamp: int,
+    frame: str = "",
+    release: str = LATEST,
+    folder: str = "",
+) -> bytes:
     """Serialize a message; TypeError for a field that the type does not have. `stamp` is in ns since 1970."""
     header = {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}, "frame_id": frame}
-    store = type_store()
+    store = type_store(release, folder)
     if ("header", (Nodetype.NAME, HEADER)) in store.fielddefs[type_name][1]:
         fields = {"header": header, **fields}
     return bytes(store.serialize_cdr(_message(store, type_name, fields), type_name))
 
 
-def topic_key(topic: str, type_name: str, *, domain: int = 0) -> str:
+def topic_key(topic: str, type_name: str, *, domain: int = 0, release: str = LATEST, folder: str = "") -> str:
     """The key of a topic as rmw_zenoh writes it, such as `0/imu/data/sensor_msgs::msg::dds_::Imu_/RIHS01_...`."""
     package, _, name = type_name.partition("/msg/")
-    type_hash = type_store().hash_rihs01(type_name)
+    type_hash = hash_of(type_name, release, folder)
     return f"{domain}/{topic.strip('/')}/{package}::msg::dds_::{name}_/{type_hash}"
+
+
+def is_known(type_name: str, *, release: str = LATEST, folder: str = "") -> bool:
+    """Whether there is a message of this type."""
+    return type_name in type_store(release, folder).fielddefs
 
 
 def stamp_of(message: Any) -> int | None:

@@ -7,15 +7,18 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
-from robotkit.errors import DeviceError, MessageError
+from robotkit.cgroup import own_usage
+from robotkit.errors import ConfigurationError, DeviceError, MessageError
 from robotkit.inputs import Inputs
 from robotkit.outputs import Outputs, as_results
 from robotkit.plan import PLAN_KEY, PlanListener
 from robotkit.producer import Producer
 from robotkit.profile import Profile, Run
+from robotkit.quality import Quality
 from robotkit.reporter import Reporter
+from robotkit.ros_presence import RosPresence
 from robotkit.run_log import RunLog
-from robotkit.task import Result
+from robotkit.task import Result, Task
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,7 +28,6 @@ if TYPE_CHECKING:
     from robotkit.inputs import Received
     from robotkit.module import Module
     from robotkit.plan import Decision
-    from robotkit.task import Task
 
 LONGEST_RUN_S = 0.1
 """How long shutdown waits for the run in progress."""
@@ -36,16 +38,22 @@ _LOG = logging.getLogger(__name__)
 class Runner:
     """Runs one task on one session."""
 
-    def __init__(self, session: zenoh.Session, module: Module, task: Task) -> None:
+    def __init__(
+        self, session: zenoh.Session, module: Module, task: Task, *, shared_memory: bool, adaptive: bool = True
+    ) -> None:
+        """`shared_memory` is what the session was opened with."""
         self._session = session
         self._module = module
         self._task = task
         self._stop = threading.Event()
         self._failure: BaseException | None = None
         self._runs: RunLog | None = None
+        self._presence: RosPresence | None = None
         self._inputs = Inputs(session, module.inputs)
-        self._outputs = Outputs(session, module.outputs)
+        self._outputs = Outputs(session, module.outputs, shared_memory=shared_memory)
         self._profile = Profile(module)
+        can_adapt = type(task).set_quality is not Task.set_quality
+        self._quality, self._set = Quality(module.needs.deadline, adaptive=adaptive and can_adapt), 1.0
         self._producer = Producer(task, self._outputs, self._profile, self._guarded)
 
     def run(
@@ -61,19 +69,23 @@ class Runner:
         if publish_runs:
             self._runs = RunLog(self._session, name)
         token = self._session.liveliness().declare_token(f"robot/{name}/alive")
+        self._presence = RosPresence(self._session, name, self._module)
         worker = threading.Thread(target=self._guarded(self._work), name=name, daemon=True)
-        reporter = Reporter(self._session, name, self._profile, self._inputs, self._runs)
+        reporter = Reporter(self._session, name, self._profile, self._inputs, self._quality, self._runs, own_usage())
         self._resume()
         worker.start()
-        listener = PlanListener(self._session, name, lambda decision: self._decide(decision, reporter), key=plan_key)
+        listener = PlanListener(
+            self._session, name, lambda decision: self._decide(decision, reporter), self._guarded, key=plan_key
+        )
         _LOG.info("runs as task %s", name)
         stop.wait()
         self._inputs.close()
         self._producer.pause()
         worker.join(LONGEST_RUN_S)
-        self._task.close()
+        self._guarded(lambda: self._attempt(self._task.close))()
         listener.close()
         reporter.close()
+        self._presence.close()
         token.undeclare()
         if self._failure is not None:
             raise self._failure
@@ -85,28 +97,45 @@ class Runner:
             try:
                 work()
             except BaseException as error:  # noqa: BLE001 - raised again by run()
-                self._failure = error
+                self._failure = self._failure or error
                 self._stop.set()
 
         return guarded
 
     def _decide(self, decision: Decision, reporter: Reporter) -> None:
+        """Obey before the task may do something of its own, which can fail; but resume a task that has adapted."""
         _LOG.info("%s", decision)
-        self._task.adapt(decision)
-        reporter.suspended(suspended=decision.suspended)
         if decision.suspended:
             self._inputs.pause()
+            if self._presence is not None:
+                self._presence.pause()
             self._producer.pause()
-        else:
+        self._quality.hint(decision.share, self._module.needs.cores)
+        reporter.suspended(suspended=decision.suspended)
+        self._attempt(lambda: self._task.adapt(decision))
+        if not decision.suspended:
             self._resume()
+
+    def _attempt(self, callback: Callable[[], None]) -> None:
+        try:
+            callback()
+        except (DeviceError, ConfigurationError) as error:
+            self._count(error)
+
+    def _count(self, error: Exception) -> None:
+        self._profile.failures += 1
+        _LOG.warning("%s", error)
 
     def _resume(self) -> None:
         self._inputs.resume()
+        if self._presence is not None:
+            self._presence.resume()
         self._producer.resume()
 
     def _work(self) -> None:
         while (received := self._inputs.take()) is not None:
             record = self._profile.inputs[received.input]
+            self._keep_quality()
             started, cpu = time.time_ns(), time.process_time_ns()
             try:
                 results = list(as_results(self._task.process(received), self._module.outputs))
@@ -114,14 +143,19 @@ class Runner:
                 record.broken += 1
                 _LOG.warning("a sample of %s was dropped: %s", received.input, error)
                 continue
-            except DeviceError as error:
-                self._profile.failures += 1
-                _LOG.warning("%s", error)
+            except (DeviceError, ConfigurationError) as error:
+                self._count(error)
                 continue
             used, finished = time.process_time_ns() - cpu, time.time_ns()
             run = Run(received.stamp, received.received, started, finished, used)
             missed = record.add(run)
+            self._quality.done(run)
             self._publish(results, received, run, missed=missed)
+
+    def _keep_quality(self) -> None:
+        if self._quality.value != self._set:
+            self._set = self._quality.value
+            self._task.set_quality(self._set)
 
     def _publish(self, results: list[Result], received: Received, run: Run, *, missed: bool) -> None:
         timing = {"input": received.input, **run._asdict(), "missed": missed}

@@ -14,7 +14,7 @@ from robotkit.errors import ConfigurationError
 
 if TYPE_CHECKING:
     import threading
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
 ATTEMPT_MS, LONGEST_MS = 1000, 4000
 """The first attempt to reach the router, and any later one at most; each is twice as long as the one before. A module
@@ -26,8 +26,10 @@ LEASE_MS = 1000
 QUEUE = 16
 """Messages queued for the network, per priority; with Zenoh's default of 2 a busy robot drops some."""
 POOL = 3 << 20
-"""Bytes of shared memory that a publisher makes for its frames. All of it is locked, by whoever hears it too: Zenoh's
+"""Bytes of shared memory that a publisher makes for its frames. All of it is locked, by subscribers too: Zenoh's
 default of 16 MiB is more than a container may lock (8 MiB, systemd's default), and then frames go by TCP."""
+SHARED_FROM = 3072
+"""Bytes: smaller payloads are sent with their message, as is Zenoh's default."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -44,15 +46,17 @@ def credentials(environment: Mapping[str, str]) -> Path | None:
     """Read ZENOH_CREDENTIALS: the directory of a mounted Secret that authenticates us; None on an open bus."""
     text = environment.get("ZENOH_CREDENTIALS", "")
     if text and not Path(text).is_dir():
-        raise ConfigurationError(f"ZENOH_CREDENTIALS: {text!r} is not allowed: a directory, such as a mounted Secret")
+        raise ConfigurationError(
+            f"ZENOH_CREDENTIALS: invalid value {text!r}: expected a directory, such as a mounted Secret"
+        )
     return Path(text) if text else None
 
 
-def switch(environment: Mapping[str, str], name: str) -> bool:
-    """Whether a variable is true; absent is false."""
-    value = environment.get(name, "false")
+def switch(environment: Mapping[str, str], name: str, *, absent: bool = False) -> bool:
+    """Whether a variable is true; `absent` where there is none."""
+    value = environment.get(name, str(absent).lower())
     if value not in ("true", "false"):
-        raise ConfigurationError(f"{name}: {value!r} is not allowed: true or false")
+        raise ConfigurationError(f"{name}: invalid value {value!r}: expected true or false")
     return value == "true"
 
 
@@ -73,6 +77,7 @@ def client_config(addresses: Sequence[str], *, shared_memory: bool = False, secr
         *((f"transport/link/tx/queue/size/{priority}", QUEUE) for priority in ("real_time", "data")),
         ("transport/shared_memory/enabled", shared_memory),
         ("transport/shared_memory/transport_optimization/pool_size", POOL),
+        ("transport/shared_memory/transport_optimization/message_size_threshold", SHARED_FROM),
         *(_identity(secret) if secret else ()),
     ):
         _insert(config, key, value)
@@ -99,7 +104,8 @@ def open_session(
     addresses: Sequence[str], stop: threading.Event, *, shared_memory: bool = False, secret: Path | None = None
 ) -> Iterator[zenoh.Session | None]:
     """Retry until a router answers; yields None when `stop` is set first."""
-    session = _connect(client_config(addresses, shared_memory=shared_memory, secret=secret), stop)
+    # The Secret's files may come after us.
+    session = _connect(lambda: client_config(addresses, shared_memory=shared_memory, secret=secret), stop)
     try:
         yield session
     finally:
@@ -107,17 +113,18 @@ def open_session(
             session.close()
 
 
-def _connect(config: zenoh.Config, stop: threading.Event) -> zenoh.Session | None:
+def _connect(configure: Callable[[], zenoh.Config], stop: threading.Event) -> zenoh.Session | None:
     # Zenoh could wait by itself, but nothing could interrupt that wait, not even a signal handler.
     attempt = ATTEMPT_MS
     while not stop.is_set():
+        config = configure()
+        _insert(config, "connect/timeout_ms", attempt)
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
             _LOG.warning("no router yet: %s", error)
             stop.wait(PAUSE_S)
             attempt = min(2 * attempt, LONGEST_MS)
-            _insert(config, "connect/timeout_ms", attempt)
     return None
 
 
@@ -125,4 +132,4 @@ def _insert(config: zenoh.Config, key: str, value: object) -> None:
     try:
         config.insert_json5(key, json.dumps(value))
     except zenoh.ZError as error:
-        raise ConfigurationError(f"{key}: {value!r} is not allowed: {error}") from error
+        raise ConfigurationError(f"{key}: invalid value {value!r}: {error}") from error

@@ -25,7 +25,7 @@ LONGEST_STEP_S = 0.1
 
 
 class Device(Protocol):
-    """A device as its data sheet describes it; it has no clock and is told how much time has passed."""
+    """A device as its data sheet describes it; it has no clock and is given the time that has passed."""
 
     period: float
     """Seconds between two calls of `advance`."""

@@ -46,8 +46,18 @@ class Task:
         del ended
         yield from ()
 
+    def set_quality(self, quality: float) -> None:
+        """Do as much for an input as `quality` says: 1 is all, 0.1 a tenth; called before `process`, on its thread.
+
+        It changes with how late the results are (`quality.Quality`), and never with `ADAPT=false`.
+        """
+
     def adapt(self, decision: Decision) -> None:
-        """Adapt to a new decision, before the task is suspended or resumed; called on the plan listener's thread."""
+        """Adapt to a new decision, after the task was suspended or before it is resumed, on the plan listener's thread.
+
+        `decision.share` is None when no plan binds the task. DeviceError is counted as a failure; any other exception
+        ends the module.
+        """
 
     def close(self) -> None:
-        """Make the robot safe; called last, within a second after SIGTERM."""
+        """Make the robot safe; called last, within a second after SIGTERM. Exceptions are treated as in `adapt`."""

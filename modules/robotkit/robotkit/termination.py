@@ -21,9 +21,9 @@ def stop_on_signals(then: Callable[[], None] = lambda: None) -> threading.Event:
     other end.
     """
     stop = threading.Event()
-    hears, tells = socket.socketpair()
-    tells.setblocking(False)  # noqa: FBT003 - it has no other form
-    signal.set_wakeup_fd(tells.fileno())
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)  # noqa: FBT003 - it has no other form
+    signal.set_wakeup_fd(writer.fileno())
     for number in SIGNALS:
         signal.signal(number, lambda *_: None)
 
@@ -33,5 +33,5 @@ def stop_on_signals(then: Callable[[], None] = lambda: None) -> threading.Event:
             stop.set()
             then()
 
-    threading.Thread(target=wait, args=((hears, tells),), name="signals", daemon=True).start()
+    threading.Thread(target=wait, args=((reader, writer),), name="signals", daemon=True).start()
     return stop

@@ -1,0 +1,95 @@
+"""`python -m modules.slam.comparison FOLDER...`: SLAM beside a baseline, on recorded sequences with ground truth.
+
+Each FOLDER is a stereo sequence in EuRoC's layout or KITTI's, with its own calibration. Every picture is processed, one
+after the other on one core, so what is measured is how exact the poses are and what CPU they take, not whether they
+come in time. Prints a Markdown table: ATE after rigid alignment, drift of the end as a part of the path when the first
+poses are laid on each other, how many pictures got a pose, how many of those were doubted, and CPU time a picture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from modules.slam import estimates
+from modules.slam.evaluation import evaluate
+from modules.slam.trajectory import load
+from modules.slam.trajectory_error import statistics
+from robotkit import ConfigurationError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from modules.slam.estimates import Estimate
+
+SHARES = (1.0, 0.5, 0.3)
+HEAD = ("sequence", "method", "path", "ATE", "drift", "pictures with a pose", "doubted", "CPU a picture, mean / median")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table; exit code 2 for a folder that is no sequence with ground truth."""
+    options = _parser().parse_args(arguments)
+    try:
+        rows = [row for folder in options.folders for row in rows_of(folder, options.shares)]
+    except ConfigurationError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    sys.stdout.write(json.dumps(rows, indent=2) + "\n" if options.output == "json" else as_table(rows))
+    return 0
+
+
+def rows_of(folder: Path, shares: Sequence[float]) -> Iterator[dict[str, object]]:
+    """The figures of each method on a sequence."""
+    methods: dict[str, Callable[[Path], Estimate]] = {"baseline": estimates.run_baseline}
+    methods |= {f"slam, share {share:g}": partial(estimates.run, share=share) for share in shares}
+    for name, run in methods.items():
+        yield {"sequence": folder.name, "method": name} | figures(run(folder), folder)
+
+
+def figures(estimate: Estimate, folder: Path) -> dict[str, object]:
+    """Metres, parts of 1, and milliseconds."""
+    report = evaluate(estimate.trajectory, load(folder))
+    times = statistics(np.array(estimate.cpu) * 1e3)
+    return {
+        "path": report["path"],
+        "ate": report["ate"]["rmse"],
+        "drift": report["drift"],
+        "coverage": len(estimate.poses) / estimate.frames,
+        "degraded": estimate.degraded / max(len(estimate.poses), 1),
+        "cpu_mean_ms": times["mean"],
+        "cpu_median_ms": times["median"],
+    }
+
+
+def as_table(rows: Sequence[dict[str, object]]) -> str:
+    """As Markdown."""
+    template = (
+        "| {sequence} | {method} | {path:.1f} m | {ate:.3f} m | {drift:.2%} | {coverage:.0%} | {degraded:.0%} "
+        "| {cpu_mean_ms:.1f} / {cpu_median_ms:.1f} ms |\n"
+    )
+    head = f"| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}\n"
+    return head + "".join(template.format(**row) for row in rows)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m modules.slam.comparison",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="folder of a EuRoC or KITTI sequence")
+    parser.add_argument(
+        "--shares", type=float, nargs="*", default=SHARES, help="shares, in cores, whose work SLAM does (1 0.5 0.3)"
+    )
+    parser.add_argument("--output", choices=("text", "json"), default="text", help="format of the figures")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

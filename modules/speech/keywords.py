@@ -1,0 +1,3 @@
+"""The commands."""
+
+KEYWORDS = ("forward", "backward", "left", "right", "stop")
