@@ -42,19 +42,12 @@ def read(root: Path, name: str) -> Iterator[Recorded]:
     raise DatasetError(f"data set {name} is not in {root}: make it with `python -m timelines.datasets`")
 
 
-def positions(mav0: Path, stamps: Sequence[int]) -> Floats:
-    """Where the robot truly was at these stamps, N x 3 metres; NaN before and after the ground truth."""
-    poses = euroc.truth(mav0)
-    if not poses:
-        raise DatasetError(f"{mav0 / euroc.TRUTH}: there is no ground truth")
-    return _interpolated(poses, np.array([pose.position for pose in poses]), stamps)
-
-
-def _interpolated(poses: list[euroc.TruePose], values: Floats, stamps: Sequence[int]) -> Floats:
+def _true_speeds(poses: list[euroc.TruePose], stamps: Sequence[int]) -> Floats:
+    """Metres per second at these stamps; NaN before and after the ground truth."""
     start = poses[0].stamp  # seconds from here are small enough for a float
     known = np.array([pose.stamp - start for pose in poses], dtype=np.float64)
     asked = np.array([stamp - start for stamp in stamps], dtype=np.float64)
-    return np.column_stack([np.interp(asked, known, column, left=np.nan, right=np.nan) for column in values.T])
+    return np.interp(asked, known, euroc.speeds(poses), left=np.nan, right=np.nan)
 
 
 def _stereo(mav0: Path) -> Iterator[Recorded]:
@@ -68,7 +61,7 @@ def _imu(mav0: Path) -> Iterator[Recorded]:
     """Samples, with the true speed (as wheel odometry would report it) where the sequence has ground truth."""
     samples, poses = list(euroc.imu(mav0)), euroc.truth(mav0)
     stamps = [sample.stamp for sample in samples]
-    speeds = _interpolated(poses, np.array([euroc.speeds(poses)]).T, stamps)[:, 0] if poses else None
+    speeds = _true_speeds(poses, stamps) if poses else None
     for index, sample in enumerate(samples):
         known = {} if speeds is None or np.isnan(speeds[index]) else {"speed": round(float(speeds[index]), 3)}
         yield (sample.stamp - stamps[0]) / 1e9, {"gyro": list(sample.gyro), "accel": list(sample.accel), **known}

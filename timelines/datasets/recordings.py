@@ -85,7 +85,7 @@ def make(root: Path, name: str, recording: Recording, progress: Progress) -> boo
 
 
 def is_current(folder: Path, stamp: str) -> bool:
-    """Tell whether the folder was made from the same description by the same code."""
+    """Whether the folder was made from the same description by the same code."""
     file = folder / "stamp"
     return file.is_file() and file.read_text(encoding="utf-8") == stamp
 

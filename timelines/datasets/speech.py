@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from modules.speech.spectrum import Samples
 
 NOISE = 0.004 * 32767
+SPACING = 1.8
+"""Seconds from one command to the next."""
 COMMANDS = {
     "forward": "go forward",
     "backward": "go backward",
@@ -46,11 +48,11 @@ class Script:
     seed: int = 7
 
 
-def every_command(voices: tuple[str, ...] = VOICES, *, spacing: float = 1.8) -> Script:
+def every_command(voices: tuple[str, ...] = VOICES) -> Script:
     """Let each voice say each command once, one after the other."""
     said = [(keyword, voice) for voice in voices for keyword in COMMANDS]
-    utterances = tuple(Utterance(0.5 + spacing * index, *words) for index, words in enumerate(said))
-    return Script(0.5 + spacing * len(said), utterances)
+    utterances = tuple(Utterance(0.5 + SPACING * index, *words) for index, words in enumerate(said))
+    return Script(0.5 + SPACING * len(said), utterances)
 
 
 def write(folder: Path, script: Script, progress: Callable[[float], None]) -> None:

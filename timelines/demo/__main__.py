@@ -7,21 +7,25 @@ import json
 import sys
 import threading
 import time
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.live import Live
 
-from contextpolicy.bus.session import open_visitor
+from contextpolicy.bus.view_tables import cores
 from contextpolicy.simulation.drawing import draw_shares
 from contextpolicy.streams.timeline import load
-from timelines.demo import cgroup, deploy, verdict, view
+from timelines.demo import bus, cgroup, deploy, verdict, view
 from timelines.demo.recorder import Recorder
+from timelines.demo.verdict import Conversion
 from timelines.replay.player import play
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
+    from timelines.demo.cgroup import Cgroup
     from timelines.demo.recorder import Recording
 
 TIMELINE = deploy.REPOSITORY / "timelines" / "exp2.json"
@@ -31,30 +35,37 @@ console = Console() if sys.stdout.isatty() else Console(width=120)  # a pipe has
 
 
 def main() -> int:
-    """Deploy, play, judge, clean up."""
+    """Twice, without and with the node agent: deploy, play, judge; then clean up."""
     parser = argparse.ArgumentParser(prog="python -m timelines.demo", description=__doc__)
     parser.add_argument("--keep", action="store_true", help="leave the operator, the modules and the policy running")
     options = parser.parse_args()
     try:
-        for step in deploy.up():
+        problems = _run(agent=False, keep=False) + _run(agent=True, keep=options.keep)
+        for step in () if options.keep else deploy.down():
             console.print(f"[bold]$ {step}[/]")
-        original = deploy.limits()
-        console.print(f"[bold]$ kubectl apply -f {deploy.POLICY.relative_to(deploy.REPOSITORY)}[/]")
-        deploy.apply_policy()
-        recording, started = _play()
-        problems = _report(recording, started)
-        if not options.keep:
-            problems += _clean_up(original)
     except deploy.DeployError as error:
         console.print(f"[red]{error}[/]")
         return 1
     for problem in problems:
         console.print(f"[red]{problem}[/]")
-    console.print("[red]The demo failed.[/]" if problems else "[green]The kernel enforced every plan.[/]")
+    console.print("[red]The demo failed.[/]" if problems else "[green]Kernel and API had what every plan says.[/]")
     return 1 if problems else 0
 
 
-def _play() -> tuple[Recording, float]:
+def _run(*, agent: bool, keep: bool) -> list[str]:
+    """One minute of the robot; what went wrong."""
+    console.print("[bold]With the node agent[/]" if agent else "[bold]Through the API alone[/]")
+    for step in deploy.up(agent=agent):
+        console.print(f"[bold]$ {step}[/]")
+    original = deploy.limits()
+    console.print(f"[bold]$ kubectl apply -f {deploy.POLICY.relative_to(deploy.REPOSITORY)}[/]")
+    deploy.apply_policy()
+    recording, started, conversion = _play(agent=agent)
+    problems = _report(recording, started, conversion, OUT / ("agent" if agent else "api"))
+    return problems if keep else problems + _withdraw(original)
+
+
+def _play(*, agent: bool) -> tuple[Recording, float, Conversion]:
     """Play the timeline and show what happens; returns the recording and when it started (Unix time)."""
     timeline = load(TIMELINE)
     cgroups = {task: found for task, identity in deploy.containers().items() if (found := cgroup.find(identity))}
@@ -62,15 +73,22 @@ def _play() -> tuple[Recording, float]:
         raise deploy.DeployError("the cgroups of the tasks are not on this machine: run the demo on the node")
     stop = threading.Event()
     with (
-        open_visitor([deploy.router()], patience=10) as session,
-        Recorder(session, f"{deploy.ROBOT}/{deploy.POLICY.stem}", cgroups) as recorder,
+        bus.session("sensor", closed=agent) as sensors,
+        bus.session("module", closed=agent) as viewer,  # viewers hear no samples
+        Recorder(viewer, f"{deploy.ROBOT}/{deploy.POLICY.stem}", cgroups) as recorder,
     ):
         started = time.time()
-        player = threading.Thread(target=play, args=(timeline, session), kwargs={"stop": stop}, daemon=True)
+        player = threading.Thread(target=play, args=(timeline, sensors), kwargs={"stop": stop}, daemon=True)
         player.start()
         _show(recorder.recording, player, started, timeline.duration)
         player.join(timeout=timeline.duration)
-        return recorder.recording, started
+        return recorder.recording, started, _conversion(cgroups)
+
+
+def _conversion(cgroups: Mapping[str, Cgroup]) -> Conversion:
+    """How the policy's weights arrive on this node."""
+    version = next(iter(cgroups.values())).version
+    return Conversion(version, deploy.request_factor(), deploy.requests_beside())
 
 
 def _show(recording: Recording, player: threading.Thread, started: float, duration: float) -> None:
@@ -100,16 +118,18 @@ def _show_lines(recording: Recording, player: threading.Thread, started: float) 
             console.print(line, highlight=False, soft_wrap=True)
 
 
-def _report(recording: Recording, started: float) -> list[str]:
-    OUT.mkdir(parents=True, exist_ok=True)
-    found = verdict.reactions(recording, started)
+def _report(recording: Recording, started: float, conversion: Conversion, out: Path) -> list[str]:
+    out.mkdir(parents=True, exist_ok=True)
+    found = verdict.reactions(recording, started, conversion)
     console.print(view.summary(found))
     for stage, value in verdict.medians(found).items():
         console.print(f"median {stage}: {value:.1f} ms")
-    _draw(recording, started, OUT / "shares.svg")
-    (OUT / "plans.json").write_text(json.dumps(recording.plans, indent=1))
-    console.print(f"picture: {(OUT / 'shares.svg').relative_to(deploy.REPOSITORY)}")
-    return verdict.mismatches(recording, CONTEXTS)
+    for moment, task, before, after in verdict.patches(recording, started):
+        console.print(f"{moment:6.2f} s  CPU limit of {task} patched in place: {cores(before)} to {cores(after)}")
+    _draw(recording, started, out / "shares.svg")
+    (out / "recording.json").write_text(json.dumps(asdict(recording), indent=1))
+    console.print(f"picture: {(out / 'shares.svg').relative_to(deploy.REPOSITORY)}")
+    return verdict.mismatches(recording, CONTEXTS, conversion)
 
 
 def _draw(recording: Recording, started: float, path: Path) -> None:
@@ -117,19 +137,15 @@ def _draw(recording: Recording, started: float, path: Path) -> None:
     tasks = sorted(recording.limits)
     plans = [(max(0.0, plan["trigger"] - started), plan["tasks"]) for plan in recording.plans]
     shares = {t: [(moment, planned[t]["share"]) for moment, planned in plans] for t in tasks}
-    measured = {t: [(max(0.0, moment - started), limit) for moment, limit in recording.limits[t]] for t in tasks}
     bands = [(name, start, min(end, duration)) for name, start, end in verdict.spans(recording, started)]
-    draw_shares(
-        shares, bands, path, until=duration, measured=measured, title=f"{deploy.POLICY.stem}: CPU limits over time"
-    )
+    title = f"{deploy.POLICY.stem}: the part of contested CPU that each task gets"
+    draw_shares(shares, bands, path, until=duration, title=title)
 
 
-def _clean_up(original: dict[str, str]) -> list[str]:
+def _withdraw(original: dict[str, str]) -> list[str]:
     console.print(f"[bold]$ kubectl delete -f {deploy.POLICY.relative_to(deploy.REPOSITORY)}[/]")
     deploy.delete_policy()
     restored = deploy.limits()
-    for step in deploy.down():
-        console.print(f"[bold]$ {step}[/]")
     if restored != original:
         return [f"after the policy was deleted the limits were {restored}, before it {original}"]
     console.print(f"after the policy was deleted the limits were as before: {restored}")

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from contextpolicy.agent import weight_units
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -29,6 +31,19 @@ class Cgroup:
         except OSError:
             return None
         return None if words[0] in ("max", "-1") else int(words[0]) / int(period)
+
+    def weight(self) -> int | None:
+        """The weight of the container's pod, where pods compete: shares (v1) or weight (v2); None when it is gone."""
+        name = weight_units.FILES[self.version]
+        try:
+            return int((self.quota_file.parent.parent / name).read_text())
+        except OSError:
+            return None
+
+    @property
+    def version(self) -> int:
+        """Of the cgroup hierarchy."""
+        return 1 if self.period_file else 2
 
     def usage(self) -> float:
         """Seconds of CPU used so far; 0 when the container is gone."""

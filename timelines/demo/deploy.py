@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from contextpolicy.policy.quantities import parse_cpu
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -19,29 +21,60 @@ MODULES = REPOSITORY / "charts" / "robot"
 TASKS = tuple(task["name"] for task in yaml.safe_load(POLICY.read_text(encoding="utf-8"))["spec"]["tasks"])
 VALUES = Path(__file__).with_name("values.yaml")
 TIMEOUT = "180s"
+SET_AGENT = f" --set agent.enabled=true,security.namespaces={{{ROBOT}}}"
+SET_OPEN = " --set security.enabled=false"
+POD_LOGS = "/var/log/pods"
+"""Where a kubelet keeps the logs of pods, if it does not say."""
 
 
 class DeployError(Exception):
     """A deployment step failed; the message has the command and its output."""
 
 
-def up() -> Iterator[str]:
+def up(*, agent: bool) -> Iterator[str]:
     """Install the operator and the robot's modules; yields each step before it runs."""
-    yield "helm upgrade --install contextpolicy charts/contextpolicy"
-    chart = str(REPOSITORY / "charts" / "contextpolicy")
-    values = ["--set", "image.repository=contextpolicy", "--set", "image.tag=dev"]
-    values += ["--set", f"router.service.clusterIP={free_address()}"]
-    run(
-        *("helm", "upgrade", "--install", "contextpolicy", chart, "--namespace", SYSTEM, "--create-namespace"),
-        *(*values, "--take-ownership", "--force-conflicts", "--wait", "--timeout", TIMEOUT),
-    )
+    yield "helm upgrade --install contextpolicy charts/contextpolicy" + (SET_AGENT if agent else SET_OPEN)
+    install_operator(*("agent.enabled=true",) * agent)
     run("kubectl", "delete", "-f", str(POLICY), "--ignore-not-found", f"--timeout={TIMEOUT}")
     yield "helm upgrade --install robot charts/robot"
+    install_robot(VALUES, closed=agent)
+
+
+def install_operator(*settings: str) -> None:
+    """Install the operator with its router; with the node agent, on a closed bus, if a setting says so."""
+    agent = "agent.enabled=true" in settings
+    if not agent:
+        settings += ("security.enabled=false",)
+    else:
+        run("kubectl", "create", "namespace", ROBOT, quiet=True)
+        settings += (f"security.namespaces={{{ROBOT}}}", f"agent.podLogs={_pod_logs()}")
+    chart = str(REPOSITORY / "charts" / "contextpolicy")
+    usual = ("image.repository=contextpolicy", "image.tag=dev", f"router.service.clusterIP={free_address()}")
     run(
-        *("helm", "upgrade", "--install", "robot", str(MODULES), "--namespace", ROBOT, "--create-namespace"),
-        *("--values", str(VALUES), "--set", "image.tag=dev", "--set", f"zenoh.connect={router()}"),
+        *("helm", "upgrade", "--install", "contextpolicy", chart, "--namespace", SYSTEM, "--create-namespace"),
+        *(part for setting in (*usual, *settings) for part in ("--set", setting)),
         *("--take-ownership", "--force-conflicts", "--wait", "--timeout", TIMEOUT),
     )
+
+
+def install_robot(*values: Path, closed: bool) -> None:
+    """Install the modules; on a bus that is closed, with the certificate of their role."""
+    settings = ["image.tag=dev", f"zenoh.connect={router(closed=closed)}"]
+    settings += ["zenoh.secret="] * (not closed)
+    run(
+        *("helm", "upgrade", "--install", "robot", str(MODULES), "--namespace", ROBOT, "--create-namespace"),
+        *(part for path in values for part in ("--values", str(path))),
+        *(part for setting in settings for part in ("--set", setting)),
+        *("--take-ownership", "--force-conflicts", "--wait", "--timeout", TIMEOUT),
+    )
+
+
+def _pod_logs() -> str:
+    """Where this node's kubelet keeps them: the agent sees by their names which pods are whose."""
+    [node] = json.loads(run("kubectl", "get", "nodes", "-o", "json"))["items"]
+    path = f"/api/v1/nodes/{node['metadata']['name']}/proxy/configz"
+    own = json.loads(run("kubectl", "get", "--raw", path))["kubeletconfig"]
+    return str(own.get("podLogsDir", POD_LOGS))
 
 
 def down() -> Iterator[str]:
@@ -63,10 +96,10 @@ def delete_policy() -> None:
     run("kubectl", "delete", "-f", str(POLICY), f"--timeout={TIMEOUT}")
 
 
-def router() -> str:
+def router(*, closed: bool) -> str:
     """The Zenoh endpoint of the chart's router, by its cluster address: a node need not have DNS."""
     service = json.loads(run("kubectl", "get", "service", "contextpolicy-router", "-n", SYSTEM, "-o", "json"))
-    return f"tcp/{service['spec']['clusterIP']}:{service['spec']['ports'][0]['port']}"
+    return f"{'tls' if closed else 'tcp'}/{service['spec']['clusterIP']}:{service['spec']['ports'][0]['port']}"
 
 
 def containers() -> dict[str, str]:
@@ -81,6 +114,23 @@ def limits() -> dict[str, str]:
         for pod in _pods()
         for container in pod["spec"]["containers"]
     }
+
+
+def requests_beside() -> dict[str, int]:
+    """What the other containers of each task's pod request, in thousandths of a core."""
+    return {one["name"]: _requested(pod, but=one["name"]) for pod in _pods() for one in pod["spec"]["containers"]}
+
+
+def _requested(pod: dict[str, Any], but: str) -> int:
+    sidecars = [one for one in pod["spec"].get("initContainers", ()) if one.get("restartPolicy") == "Always"]
+    others = [one for one in (*pod["spec"]["containers"], *sidecars) if one["name"] != but]
+    return sum(parse_cpu(one["resources"].get("requests", {}).get("cpu", 0)) for one in others)
+
+
+def request_factor() -> float:
+    """What turns weights into requests where no agent writes them, from the policy's status; else 1."""
+    status = json.loads(run("kubectl", "get", "-f", str(POLICY), "-o", "json")).get("status", {})
+    return float(next((node["requestFactor"] for node in status.get("nodes", ()) if "requestFactor" in node), 1))
 
 
 def free_address(last: int = 47) -> str:

@@ -1,10 +1,13 @@
-"""What the recording proves: reaction times, the limits of each context, and whether the policy was kept. Pure."""
+"""What the recording proves: reaction times, and whether kernel and API had what each plan says. Pure."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from contextpolicy.agent import weight_units
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -13,13 +16,44 @@ if TYPE_CHECKING:
 
 SETTLED = 1.0
 """Seconds: a plan in force for at least this long must be in the cgroups when the next one comes."""
+PATCHED = 4.0
+"""Seconds: one in force for this long must be in the API too, where only what lasts arrives if an agent writes."""
+RESTORED = 0.5
+"""Seconds within which the agent restores a pod's weight that the kubelet overwrote, as it does with each resize."""
+ROUNDING = 0.01
+"""Part of a weight that is lost between the policy's status, the API's millicores and the kernel's unit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """How a plan's weights arrive in pods' cgroups.
+
+    `factor` makes requests of them where no agent writes them; `beside` are the requests of a pod's other containers,
+    in thousandths of a core; `version` is that of the cgroup hierarchy.
+    """
+
+    version: int
+    factor: float = 1.0
+    beside: Mapping[str, int] | None = None
+
+    def weight(self, task: str, cores: float) -> int:
+        """The weight of the task's pod."""
+        own = int(round(cores * 1000) * self.factor)
+        return weight_units.of_pod(own + (self.beside or {}).get(task, 0), self.version)
+
+
+class Wanted(NamedTuple):
+    """What a plan wants of the kernel for a task: the pod's weight and the quota in cores; None is not moved."""
+
+    weight: int | None
+    quota: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """A plan that moved limits: milliseconds from its trigger to each stage, None for a stage it never reached.
+    """A plan that moved what the kernel has: milliseconds from its trigger to each stage, None for one never reached.
 
-    `moved` has the shares that changed, in cores.
+    `moved` has the shares of the tasks that it moved, in cores.
     """
 
     at: float
@@ -31,35 +65,42 @@ class Reaction:
     cgroup_ms: float | None
 
 
-def reactions(recording: Recording, started: float) -> list[Reaction]:
-    """All plans that changed a share, with how long each stage took."""
+def reactions(recording: Recording, started: float, conversion: Conversion) -> list[Reaction]:
+    """All plans that moved a weight or a quota, with how long each stage took."""
     found = []
-    before: dict[str, float] = {}
-    for plan, until in _spans(recording.plans):
-        shares = {name: task["share"] for name, task in plan["tasks"].items()}
-        changed = {name for name in shares if shares[name] != before.get(name)}
-        before = shares
+    before: dict[str, Wanted] = {}
+    for plan, until in _spans(recording):
+        wanted = _wanted(plan, conversion)
+        changed = {task: own for task, own in wanted.items() if own != before.get(task)}
+        before = wanted
         if changed and plan["trigger"] >= started:
             found.append(_reaction(recording, plan, until, started, changed))
     return found
 
 
-def mismatches(recording: Recording, expected_contexts: set[str]) -> list[str]:
-    """What went wrong: expected contexts that never held, plans that never reached the kernel."""
+def mismatches(recording: Recording, expected_contexts: set[str], conversion: Conversion) -> list[str]:
+    """What went wrong: expected contexts that never held, plans that never reached the kernel or the API."""
     seen = {context for plan in recording.plans for context in plan["contexts"]}
     problems = [f"context {name} never held" for name in sorted(expected_contexts - seen)]
-    for plan, until in _spans(recording.plans):
-        if until - plan["trigger"] < SETTLED:
-            continue
-        for task, planned in plan["tasks"].items():
-            enforced = at(recording.limits.get(task, []), until)
-            if enforced is None or abs(enforced - planned["share"]) > 1e-6:
-                problems.append(
-                    f"{plan['cause']}: {task} should have {planned['share']:g} cores, its cgroup has {enforced}"
-                )
+    for plan, until in _spans(recording):
+        for task, wanted in _wanted(plan, conversion).items():
+            problems += [
+                f"{plan['cause']}: {task} {problem}"
+                for problem in _differences(recording, task, wanted, until, until - plan["trigger"])
+            ]
     if len({tuple(sorted((n, t["share"]) for n, t in plan["tasks"].items())) for plan in recording.plans}) < 2:
         problems.append("the shares never changed")
     return problems
+
+
+def patches(recording: Recording, started: float) -> list[tuple[float, str, float, float]]:
+    """Each limit that was patched through the API: seconds of the timeline, task, cores before and after."""
+    return sorted(
+        (moment - started, task, before, after)
+        for task, steps in recording.patched.items()
+        for (_, before), (moment, after) in pairwise(steps)
+        if moment >= started
+    )
 
 
 def at(steps: Sequence[tuple[float, float]], moment: float) -> float | None:
@@ -70,7 +111,7 @@ def at(steps: Sequence[tuple[float, float]], moment: float) -> float | None:
 def spans(recording: Recording, started: float) -> list[tuple[str, float, float]]:
     """When each context held, in seconds of the timeline."""
     found = []
-    for plan, until in _spans(recording.plans):
+    for plan, until in _spans(recording):
         found += [(name, plan["trigger"] - started, until - started) for name in plan["contexts"]]
     return _joined(found)
 
@@ -85,35 +126,80 @@ def medians(found: Sequence[Reaction]) -> dict[str, float]:
     return {name: median(times) for name, times in stages.items() if times}
 
 
+def _wanted(plan: Mapping[str, Any], conversion: Conversion) -> dict[str, Wanted]:
+    return {
+        one["task"]: Wanted(
+            None if one["weight"] is None else conversion.weight(one["task"], one["weight"]), one["quota"]
+        )
+        for one in plan.get("targets", ())
+    }
+
+
+def _differences(recording: Recording, task: str, wanted: Wanted, until: float, lasted: float) -> Iterator[str]:
+    if lasted < SETTLED:
+        return
+    weights, quota = recording.weights.get(task, []), at(recording.limits.get(task, []), until)
+    if wanted.weight is not None and not any(_weighs(one, wanted.weight) for one in _lately(weights, until)):
+        yield f"should weigh {wanted.weight}, its pod's cgroup has {at(weights, until)}"
+    if wanted.quota is not None and not _same(quota, wanted.quota):
+        yield f"should have a quota of {wanted.quota:g} cores, its cgroup has {quota}"
+    patched = at(recording.patched.get(task, []), until)
+    if wanted.quota is not None and lasted >= PATCHED and not _same(patched, wanted.quota):
+        yield f"should have a limit of {wanted.quota:g} cores, the API has {patched}"
+
+
+def _lately(steps: Sequence[tuple[float, int]], until: float) -> list[float | None]:
+    """The values that held at some moment of the last RESTORED seconds."""
+    return [at(steps, until - RESTORED), *(value for since, value in steps if until - RESTORED < since <= until)]
+
+
+def _same(value: float | None, wanted: float) -> bool:
+    return value is not None and abs(value - wanted) < 1e-6
+
+
+def _weighs(weight: float | None, wanted: int) -> bool:
+    return weight is not None and abs(weight - wanted) <= max(2, ROUNDING * wanted)
+
+
 def _reaction(
-    recording: Recording, plan: Mapping[str, Any], until: float, started: float, changed: set[str]
+    recording: Recording, plan: Mapping[str, Any], until: float, started: float, changed: Mapping[str, Wanted]
 ) -> Reaction:
     trigger = plan["trigger"]
-    told = [s for s in recording.applied if s["stage"] == "accepted" and s["sequence"] == plan["sequence"]]
-    patches = [s["time"] for s in told if s["time"] >= plan["time"]]
-    limits = [_reached(recording, task, plan["tasks"][task]["share"], trigger, until) for task in changed]
-    in_cgroup = max((moment for moment in limits if moment is not None), default=None)
+    steps = [s for s in recording.applied if s["stage"] == "accepted" and s["sequence"] == plan["sequence"]]
+    sent = [s["time"] for s in steps if s["time"] >= plan["time"]]
+    reached = [_reached(recording, task, wanted, trigger, until) for task, wanted in changed.items()]
+    in_cgroup = max((moment for moment in reached if moment is not None), default=None)
     return Reaction(
         at=trigger - started,
         cause=plan["cause"],
         contexts=tuple(plan["contexts"]),
         moved={name: task["share"] for name, task in plan["tasks"].items() if name in changed},
         plan_ms=(plan["time"] - trigger) * 1000,
-        patch_ms=(min(patches) - trigger) * 1000 if patches else None,
-        cgroup_ms=(in_cgroup - trigger) * 1000 if in_cgroup and None not in limits else None,
+        patch_ms=(min(sent) - trigger) * 1000 if sent else None,
+        cgroup_ms=(in_cgroup - trigger) * 1000 if in_cgroup and None not in reached else None,
     )
 
 
-def _reached(recording: Recording, task: str, share: float, since: float, until: float) -> float | None:
-    steps = recording.limits.get(task, [])
-    return next((moment for moment, value in steps if since <= moment <= until and abs(value - share) < 1e-6), None)
+def _reached(recording: Recording, task: str, wanted: Wanted, since: float, until: float) -> float | None:
+    """When the kernel had the weight, or the quota where none is wanted; None if never in that time."""
+    steps: Sequence[tuple[float, float]] = recording.limits.get(task, [])
+    if wanted.weight is not None:
+        steps = recording.weights.get(task, [])
+
+    def right(value: float) -> bool:
+        return _same(value, wanted.quota or 0) if wanted.weight is None else _weighs(value, wanted.weight)
+
+    before = at(steps, since)
+    if before is not None and right(before):
+        return since  # it differs by less than the kernel's rounding
+    return next((moment for moment, value in steps if since <= moment <= until and right(value)), None)
 
 
-def _spans(plans: Sequence[dict[str, Any]]) -> Iterator[tuple[dict[str, Any], float]]:
-    """Each plan with the moment at which the next one came; later editions of a plan move no shares, so are skipped."""
-    plans = [plan for plan in plans if plan.get("edition", 0) == 0]
-    for index, plan in enumerate(plans):
-        yield plan, plans[index + 1]["trigger"] if index + 1 < len(plans) else plan["trigger"] + 3600
+def _spans(recording: Recording) -> Iterator[tuple[dict[str, Any], float]]:
+    """Each plan with when the next one came or the recording ended; later editions of a plan move nothing."""
+    plans = [plan for plan in recording.plans if plan.get("edition", 0) == 0]
+    ends = [*(plan["trigger"] for plan in plans[1:]), recording.ended]
+    yield from zip(plans, ends, strict=False)
 
 
 def _joined(found: list[tuple[str, float, float]]) -> list[tuple[str, float, float]]:

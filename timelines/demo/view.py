@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from contextpolicy.bus.view import cores, titled
+from contextpolicy.bus.view_tables import cores, titled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,11 +20,14 @@ def live(recording: Recording, elapsed: float, duration: float) -> Table:
     plan = recording.plans[-1] if recording.plans else None
     contexts = ", ".join(plan["contexts"]) if plan else ""
     title = f"{elapsed:4.1f} s of {duration:g} s   context: {contexts or '-'}"
-    table = titled(title, ("task", "weight", "limit", "quota in cgroup", "CPU use", ""), left=("task", ""))
+    table = titled(
+        title, ("task", "weight", "share", "weight in cgroup", "quota in cgroup", "CPU use", ""), left=("task", "")
+    )
     for name, task in (plan["tasks"] if plan else {}).items():
         used = recording.cores_used(name)
         table.add_row(
-            *(name, f"{task['weight']:g}", cores(task["share"]), cores(recording.limit(name)), cores(used)),
+            *(name, f"{task['weight']:g}", cores(task["share"]), str(recording.weight(name) or "-")),
+            *(cores(recording.limit(name)), cores(used)),
             "#" * round(used * 20) + ("  suspended" if task["suspended"] else ""),
         )
     return table

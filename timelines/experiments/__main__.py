@@ -85,7 +85,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--minutes", type=float, default=float("inf"), help="begin no run that would end later than that"
     )
-    parser.add_argument("--policy", type=Path, default=deploy.POLICY, metavar="FILE", help="divide by this one instead")
+    parser.add_argument(
+        "--policy", type=Path, default=installation.POLICY, metavar="FILE", help="divide by this one instead"
+    )
     parser.add_argument("--out", type=Path, default=OUT, metavar="DIR", help="raw data (build/experiments)")
     parser.add_argument("--datasets", type=Path, default=ROOT, metavar="DIR", help="recordings (%(default)s)")
     parser.add_argument("--report", type=Path, metavar="DIR", help="where the report goes (default: to the raw data)")

@@ -1,7 +1,7 @@
 """How right each task was: its results against the timeline's truth. Pure, but for the poses' ground truth on disk.
 
-Commands and signs count where the policy allowed the task to work: whoever suspends speech while the robot moves means
-not to hear what is said then. Times are the story's: at twice the pace a second of the run is two of them.
+Commands and signs count where the policy allowed the task to work: a policy that suspends speech while the robot moves
+means not to hear what is said then. Times are the story's: at twice the pace a second of the run is two of them.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from timelines.experiments.raw_data import RunData
 
 EARLY, LATE = 0.5, 2.5
-"""Seconds of the story by which a command may be told to begin before it does, and after."""
+"""Seconds of the story by which a command may be reported before it begins, and after."""
 LINGERS = 4.0
-"""Seconds for which a sign that was not read surely may still be told when it is gone."""
+"""Seconds for which a sign that was not read surely may still be reported when it is gone."""
 FEWEST_POSES = 10
 
 
@@ -42,7 +42,7 @@ class Accuracy:
 
 
 def accuracy(run: RunData, folder: Path, datasets: Path) -> dict[str, Accuracy]:
-    """Of each task that told anything that can be judged; `folder` has the run's timeline."""
+    """Of each task that published anything that can be judged; `folder` has the run's timeline."""
     story = load(folder / TIMELINE)
     judged = {task: judge(run, story, datasets) for task, judge in _JUDGES.items() if task in run.inputs}
     return {task: found for task, found in judged.items() if found is not None}
@@ -66,37 +66,39 @@ def _poses(run: RunData, story: Timeline, datasets: Path) -> Accuracy | None:
 
 
 def _signs(run: RunData, story: Timeline, _: Path) -> Accuracy | None:
-    """How many signs were told, of those that came into view."""
-    told = [(one.at, str(one.value.get("text"))) for one in run.results.get("robot/signs/number", ())]
+    """How many signs were reported, of those that came into view."""
+    reported = [(one.at, str(one.value.get("text"))) for one in run.results.get("robot/signs/number", ())]
     truth = [
         (float(sign["from"]), float(sign["to"]), str(sign["text"]))
         for _, one in _truths(story, "robot/camera/side")
         for sign in one.get("signs", ())
     ]
-    return _found(run, "signs", "signs told", told, truth, late=LINGERS)
+    return _found(run, "signs", "signs read", reported, truth, late=LINGERS)
 
 
 def _commands(run: RunData, story: Timeline, _: Path) -> Accuracy | None:
     """How many commands were heard, of those that were said."""
-    told = [(float(one.value["at"]), str(one.value["keyword"])) for one in run.results.get("robot/speech/keyword", ())]
+    reported = [
+        (float(one.value["at"]), str(one.value["keyword"])) for one in run.results.get("robot/speech/keyword", ())
+    ]
     truth = [
         (float(word["at"]), float(word["at"]) + 1.0, str(word["keyword"]))
         for _, words in _truths(story, "robot/microphone")
         for word in words
     ]
-    return _found(run, "speech", "commands heard", told, truth, late=LATE)
+    return _found(run, "speech", "commands heard", reported, truth, late=LATE)
 
 
 def _found(  # noqa: PLR0913, PLR0917 - what is compared
     run: RunData,
     task: str,
     measure: str,
-    told: Iterable[tuple[float, str]],
+    reported: Iterable[tuple[float, str]],
     truth: Iterable[tuple[float, float, str]],
     late: float,
 ) -> Accuracy | None:
-    """Each true event that the policy allowed the task to see, by label; `told` are Unix seconds."""
-    heard = [Event(run.story_time(at), label) for at, label in told]
+    """Each true event that the policy allowed the task to see, by label; `reported` are Unix seconds."""
+    heard = [Event(run.story_time(at), label) for at, label in reported]
     away = [(run.story_time(begin), run.story_time(end)) for begin, end in measures.suspensions(run, task)]
     due = [(begin, end, label) for begin, end, label in truth if not any(a < end and begin < b for a, b in away)]
     found = 0
@@ -114,11 +116,11 @@ def _motion(run: RunData, story: Timeline, _: Path) -> Accuracy | None:
         for one in run.results.get("robot/imu/motion", ())
         if "moving" in one.value
     ]
-    return Accuracy("motion told rightly", 100 * mean(right), "%", len(right)) if right else None
+    return Accuracy("motion recognised", 100 * mean(right), "%", len(right)) if right else None
 
 
 def _path(run: RunData, story: Timeline, _: Path) -> Accuracy | None:
-    """How far the wheels went, beside how far they were told to go."""
+    """How far the wheels went, beside how far they were ordered to go."""
     travelled = [float(one.value["travelled"]) for one in run.results.get("robot/navigation/odometry", ())]
     orders = [entry for entry in story.entries if entry.key == "robot/navigation/order"]
     ordered = sum(_speed(entry.value) * (entry.end - entry.start) for entry in orders) / run.pace

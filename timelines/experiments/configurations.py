@@ -29,7 +29,7 @@ BASELINE, IDEAL = "linux-default", "ideal"
 class Configuration:
     """`resources` gives each container's CPU request and limit; `policy` changes the robot's policy in place.
 
-    Without `policy` the operator is installed, since its router is the bus, but has nothing to do.
+    Without `policy` the operator is installed, since its router is the bus, but is idle.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Configuration:
     """Each task's inputs are played by themselves, one task after the other."""
 
     def variant(self, document: Document) -> Document | None:
-        """The policy to apply; None where nobody decides."""
+        """The policy to apply; None for Linux's default."""
         if self.policy is None:
             return None
         changed = copy.deepcopy(document)
@@ -151,4 +151,4 @@ ALONE = Configuration(IDEAL, "each task alone", _unlimited, alone=True)
 MAIN = (LINUX_DEFAULT, STATIC, VPA, CFS, RT)
 REST = (UNSUSPENDED, WEIGHT, CFS_AGENT, RT_SHORT)
 ALL = (LINUX_DEFAULT, STATIC, VPA, CFS, UNSUSPENDED, WEIGHT, CFS_AGENT, RT, RT_SHORT, ALONE)
-"""In the order in which a repeat runs them, so that the operator is installed anew only once."""
+"""In the order in which a repeat runs them, so that the operator is reinstalled only once."""

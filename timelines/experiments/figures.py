@@ -8,9 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
-from contextpolicy.simulation.drawing import TASK_COLORS, draw_shares
+from contextpolicy.explain.task_colors import task_colors
+from contextpolicy.simulation.drawing import INK, STYLE, draw_shares
+from timelines.demo.deploy import TASKS
 from timelines.experiments import measures
+from timelines.experiments.intervals import short
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -19,81 +23,91 @@ if TYPE_CHECKING:
     from timelines.experiments.intervals import Interval
     from timelines.experiments.raw_data import RunData
 
-WIDTH, BAR = 9.0, 0.42
-"""Inches: the picture's width, and what each bar takes of its height."""
-_BARS = {"height": 0.62, "ecolor": "#333333"}
+WIDTH, ROW = 9.0, 0.3
+"""Inches: the picture's width, and the height of a row."""
+BAR = "#9aa3ad"
+"""Configurations are not tasks, so they have none of the tasks' colours."""
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.99)
 
 
-def draw_bars(values: Mapping[str, Sequence[float]], path: Path, *, title: str) -> None:
+def draw_misses(values: Mapping[str, Sequence[float]], path: Path, *, task: str, title: str) -> None:
     """A bar for each configuration: the median of its percentages, with a whisker from least to greatest."""
-    with _figure(BAR * len(values) + 1.0, title, path) as figure:
-        panel: Any = figure.subplots()
-        medians = {name: median(own) for name, own in values.items()}
-        around = [[medians[name] - min(own), max(own) - medians[name]] for name, own in values.items()]
-        panel.barh(
-            list(values),
-            list(medians.values()),
-            xerr=list(zip(*around, strict=True)),
-            color=_colors(len(values)),
-            **_BARS,
-        )
+    with _rows(list(values), path, title) as panel:
         for row, own in enumerate(values.values()):
-            panel.annotate(
-                f"{median(own):.3g} %", (max(own), row), xytext=(5, 0), textcoords="offset points", va="center"
-            )
-        panel.invert_yaxis()
-        panel.margins(x=0.08)
-        _plain(panel, "x")
+            middle = median(own)
+            around = [[middle - min(own)], [max(own) - middle]]
+            panel.barh(row, middle, xerr=around, color=_color(task), height=0.62, ecolor=INK)
+            _label(panel, f"{middle:.3g} %", max(own), row)
         panel.set_xlabel("% of the inputs that were due")
+        panel.set_xlim(left=0)
 
 
 def draw_speedups(values: Mapping[str, Mapping[str, Interval]], path: Path) -> None:
-    """Figure 6: of each series a group of bars, a configuration each, with the interval; 1 is Linux default."""
-    names = list(dict.fromkeys(name for own in values.values() for name in own))
-    colors = dict(zip(names, _colors(len(names)), strict=True))
-    rows = [(series, name, found) for series, own in values.items() for name, found in own.items()]
-    heights = [index + 0.8 * list(values).index(series) for index, (series, _, _) in enumerate(rows)]
-    with _figure(0.27 * len(rows) + 1.2, "Speedup in total time over Linux default", path) as figure:
-        panel: Any = figure.subplots()
-        for height, (series, name, found) in zip(heights, rows, strict=True):
-            low, high = (found.middle if end is None else end for end in (found.low, found.high))
-            around = [[found.middle - low], [high - found.middle]]
-            panel.barh(height, found.middle, xerr=around, color=colors[name], height=0.8, ecolor="#333333")
-            text = f"{name}  {found.middle:.2f} x"
-            panel.annotate(text, (high, height), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8)
-            if name == next(iter(values[series])):
-                panel.annotate(
-                    series, (0, height - 0.95), va="center", fontsize=9, fontweight="bold", annotation_clip=False
-                )
-        panel.axvline(1, color="#333333", linewidth=0.8, linestyle=(0, (4, 3)))
-        panel.set_yticks([])
-        panel.set_ylim(max(heights) + 0.8, -1.5)
-        panel.margins(x=0.25)
-        _plain(panel, "x")
-        panel.set_xlabel("x")
+    """Figure 6: for each series a group of bars, a configuration each, with the interval; 1 is Linux default."""
+    names = [line for series, own in values.items() for line in (f"{series}:", *own)]
+    headings = [place for place, name in enumerate(names) if name.endswith(":")]
+    found = [line for own in values.values() for line in (None, *own.values())]
+    with _rows(names, path, "Speedup in total time over Linux default") as panel:
+        panel.axvline(1, color=INK, linewidth=0.8, zorder=0)
+        for row, interval in enumerate(found):
+            if interval is not None:
+                low, high = (interval.middle if end is None else end for end in (interval.low, interval.high))
+                around = [[interval.middle - low], [high - interval.middle]]
+                panel.barh(row, interval.middle, xerr=around, color=BAR, height=0.62, ecolor=INK)
+                _label(panel, f"{interval.middle:.2f}x", high, row)
+        for heading in headings:
+            panel.get_yticklabels()[heading].set_fontweight("bold")
+        panel.set_xlabel("times as fast as Linux default (1)")
 
 
-def draw_responses(times: Mapping[str, Sequence[float]], path: Path, *, title: str, deadline: float | None) -> None:
-    """How many of the answers came within which time, and the deadline as a line; `times` ascend, in seconds."""
-    with _figure(3.4, title, path) as figure:
-        panel: Any = figure.subplots()
-        for color, (name, own) in zip(_colors(len(times)), times.items(), strict=True):
-            parts = [100 * (index + 1) / len(own) for index in range(len(own))]
-            panel.step([1000 * time for time in own], parts, where="post", label=name, color=color, linewidth=1.6)
+def draw_responses(
+    times: Mapping[str, Sequence[float]], path: Path, *, task: str, title: str, deadline: float | None
+) -> None:
+    """A row for each configuration: QUANTILES of its response times, which ascend, in seconds; and the deadline."""
+    with _rows(list(times), path, title) as panel:
         if deadline:
-            panel.axvline(1000 * deadline, color="#333333", linewidth=0.8, linestyle=(0, (4, 3)), label="deadline")
+            panel.axvline(1000 * deadline, color=INK, linewidth=0.8, zorder=0)
+            _label(panel, f"deadline {1000 * deadline:g} ms", 1000 * deadline, -0.6)
+        for row, own in enumerate(times.values()):
+            if own:
+                least, low, middle, high, most = (1000 * own[int(part * (len(own) - 1))] for part in QUANTILES)
+                panel.plot([least, most], [row, row], color=_color(task), linewidth=1.2)
+                panel.plot([low, high], [row, row], color=_color(task), linewidth=6, solid_capstyle="butt")
+                panel.plot([middle], [row], color=INK, marker="|", markersize=14, markeredgewidth=2)
+                _label(panel, f"{short(middle)} ms", most, row)
         panel.set_xscale("log")
-        panel.set_xlabel("response time (ms)")
-        panel.set_ylabel("% of the answers")
-        panel.set_ylim(0, 102)
-        _plain(panel, "both")
-        panel.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.005, 0.5))
+        panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        panel.xaxis.set_major_formatter("{x:g}")
+        panel.xaxis.set_minor_locator(NullLocator())
+        panel.set_xlabel("response time (ms): 5 %, 25 %, median, 75 %, 99 % of the answers")
+
+
+@contextmanager
+def _rows(names: Sequence[str], path: Path, title: str) -> Iterator[Any]:
+    """A panel with a named row for each configuration, the first on top; saved at the end."""
+    with _figure(ROW * len(names) + 1.1, title, path) as figure:
+        panel: Any = figure.subplots()
+        panel.set_yticks(range(len(names)), names)
+        panel.tick_params(axis="y", length=0)
+        yield panel
+        panel.set_ylim(len(names) - 0.4, -0.8)
+        panel.margins(x=0.1)
+        _plain(panel, "x")
+
+
+def _label(panel: Any, text: str, x: float, row: float) -> None:
+    panel.annotate(text, (x, row), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8)
+
+
+def _color(task: str) -> str:
+    """The colour that the task has in every picture of the experiments."""
+    return task_colors(TASKS)[task]
 
 
 @contextmanager
 def _figure(height: float, title: str, path: Path) -> Iterator[Figure]:
     """An empty picture that is saved at the end, without a date: the same runs give the same file."""
-    with mpl.rc_context({"svg.hashsalt": "contextpolicy", "font.size": 9, "svg.fonttype": "none"}):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, height), layout="constrained")
         yield figure
         figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
@@ -102,12 +116,8 @@ def _figure(height: float, title: str, path: Path) -> Iterator[Figure]:
 
 def _plain(panel: Any, grid: str) -> None:
     panel.spines[["top", "right"]].set_visible(False)
-    panel.grid(axis=grid, color="black", alpha=0.12, linewidth=0.6)
+    panel.grid(axis=grid, color=INK, alpha=0.25, linewidth=0.6)
     panel.set_axisbelow(True)
-
-
-def _colors(count: int) -> list[str]:
-    return [TASK_COLORS[index % len(TASK_COLORS)] for index in range(count)]
 
 
 def draw_run(run: RunData, path: Path) -> None:

@@ -26,7 +26,7 @@ SLACK = {"m": 0.01}
 
 
 class Verdict(NamedTuple):
-    """A goal, what was measured, and whether it is met; None where the runs can't tell."""
+    """A goal, what was measured, and whether it is met; None where the runs don't show it."""
 
     goal: str
     measured: str
@@ -78,8 +78,10 @@ def _totals(fast: Sequence[Series], configuration: str) -> Iterator[Verdict]:
     ordered = [name for name in ("exp1", "exp2", "exp3") if name in ratios]
     if len(ordered) > 1:
         grows = all(ratios[a].middle > ratios[b].middle for a, b in pairwise(ordered))
-        told = " > ".join(f"{name} {short(ratios[name].middle)} x" for name in ordered)
-        yield Verdict("the speedup grows with length: " + " > ".join(ordered), told if grows else f"not {told}", grows)
+        reported = " > ".join(f"{name} {short(ratios[name].middle)} x" for name in ordered)
+        yield Verdict(
+            "the speedup grows with length: " + " > ".join(ordered), reported if grows else f"not {reported}", grows
+        )
 
 
 def _bound(series: Series) -> float:
@@ -136,9 +138,9 @@ def _exactness(series: Series, task: str, pairs: Sequence[tuple[Accuracy, Accura
     first = pairs[0][1]
     lost = mean((before.value - after.value) * (1 if after.more_is_better else -1) for before, after in pairs)
     slack = SLACK.get(first.unit, 100 / first.count)
-    told = [short(mean(one.value for one in column)) for column in zip(*pairs, strict=True)]
+    reported = [short(mean(one.value for one in column)) for column in zip(*pairs, strict=True)]
     goal = f"{series.title}: {task} is as exact as under Linux default ({first.measure})"
-    return Verdict(goal, f"{told[1]} {first.unit} against {told[0]} {first.unit}", lost <= slack)
+    return Verdict(goal, f"{reported[1]} {first.unit} against {reported[0]} {first.unit}", lost <= slack)
 
 
 def _others(series: Series, configuration: str) -> Iterator[Verdict]:
@@ -147,8 +149,8 @@ def _others(series: Series, configuration: str) -> Iterator[Verdict]:
         if ratios:
             fewer = of_values(series.paired(configuration, lambda its, own: misses(own) - misses(its), other.name))
             goal = f"{series.title}: better than {other.title} on misses and on total time"
-            told = f"{fewer} points of misses, {of_ratios(ratios)} x"
-            yield Verdict(goal, told, _both(_at_most(fewer, 0), _at_least(of_ratios(ratios), 1)))
+            reported = f"{fewer} points of misses, {of_ratios(ratios)} x"
+            yield Verdict(goal, reported, _both(_at_most(fewer, 0), _at_least(of_ratios(ratios), 1)))
 
 
 def _realtime(series: Series) -> Iterator[Verdict]:

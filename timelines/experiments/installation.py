@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import os
-import tempfile
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from contextpolicy.bus.session import open_visitor
-from timelines.demo import cgroup, deploy
+from timelines.demo import bus, cgroup, deploy
 from timelines.experiments.configurations import at_pace, autoscalers
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
+    from contextlib import AbstractContextManager
 
     import zenoh
 
@@ -36,13 +33,13 @@ REALTIME = Path("/sys/fs/cgroup/cpu/cpu.rt_runtime_us")
 CONTROL = ("operator", "router", "agent")
 """Containers of what decides and carries it out; the router is the bus, with and without."""
 MODULES = deploy.REPOSITORY / "modules"
-SECURE = ("agent.enabled=true", "agent.realtime=true", f"security.namespaces={{{deploy.ROBOT}}}")
-POD_LOGS = "/var/log/pods"
-"""Where a kubelet keeps the logs of pods, if it does not say."""
+POLICY = Path(__file__).with_name("policy.yaml")
+"""What all configurations with contexts start from."""
+AGENT = ("agent.enabled=true", "agent.realtime=true")
 AUTOSCALERS = "verticalpodautoscalers.autoscaling.k8s.io"
 
 
-def policy_document(pace: float = 1.0, path: Path = deploy.POLICY) -> Document:
+def policy_document(pace: float = 1.0, path: Path = POLICY) -> Document:
     """The policy that divides the whole robot when it gets its inputs at this pace."""
     document: Document = yaml.safe_load(path.read_text(encoding="utf-8"))
     return document if pace == 1 else at_pace(document, pace)
@@ -83,7 +80,7 @@ def values(configuration: Configuration, document: Document, cores: int) -> Docu
             task: {
                 "cpu": dict(cpu),
                 "memory": {"request": "64Mi", "limit": ROOM},
-                "env": {"PUBLISH_RUNS": "true", **_deep_queues(module_file(task))},
+                "env": {"PUBLISH_RUNS": "true", "ADAPT": "false", **_deep_queues(module_file(task))},
             }
             for task, cpu in configuration.resources(document, cores).items()
         }
@@ -96,39 +93,15 @@ def _deep_queues(module: Mapping[str, Any]) -> dict[str, str]:
 
 def install(configuration: Configuration) -> None:
     """Install the operator with its router, with the node agent where the configuration wants it."""
-    if configuration.agent:
-        deploy.run("kubectl", "create", "namespace", deploy.ROBOT, quiet=True)
-    chart = str(deploy.REPOSITORY / "charts" / "contextpolicy")
-    settings = ["image.repository=contextpolicy", "image.tag=dev", f"router.service.clusterIP={deploy.free_address()}"]
-    settings += (*SECURE, f"agent.podLogs={_pod_logs()}") if configuration.agent else ()
-    deploy.run(
-        *("helm", "upgrade", "--install", "contextpolicy", chart, "--namespace", deploy.SYSTEM, "--create-namespace"),
-        *(part for setting in settings for part in ("--set", setting)),
-        *("--take-ownership", "--force-conflicts", "--wait", "--timeout", deploy.TIMEOUT),
-    )
-
-
-def _pod_logs() -> str:
-    """Where this node's kubelet keeps them: the agent tells by their names which pods are whose."""
-    [node] = json.loads(deploy.run("kubectl", "get", "nodes", "-o", "json"))["items"]
-    path = f"/api/v1/nodes/{node['metadata']['name']}/proxy/configz"
-    told = json.loads(deploy.run("kubectl", "get", "--raw", path))["kubeletconfig"]
-    return str(told.get("podLogsDir", POD_LOGS))
+    deploy.install_operator(*AGENT if configuration.agent else ())
 
 
 def start_robot(configuration: Configuration, document: Document, folder: Path) -> None:
-    """Start the robot's modules anew, none of them knows what was; values are kept in `folder`."""
+    """Restart the robot's modules, without any state; values are kept in `folder`."""
     stop_robot()
     own = folder / "values.yaml"
     own.write_text(yaml.safe_dump(values(configuration, document, cores())), encoding="utf-8")
-    settings = ["image.tag=dev", f"zenoh.connect={endpoint(configuration)}"]
-    settings += ["zenoh.secret=contextpolicy-bus-module"] if configuration.agent else []
-    deploy.run(
-        *("helm", "upgrade", "--install", "robot", str(deploy.MODULES), "--namespace", deploy.ROBOT),
-        *("--create-namespace", "--values", str(deploy.VALUES), "--values", str(own)),
-        *(part for setting in settings for part in ("--set", setting)),
-        *("--take-ownership", "--force-conflicts", "--wait", "--timeout", deploy.TIMEOUT),
-    )
+    deploy.install_robot(deploy.VALUES, own, closed=configuration.agent)
     if configuration.autoscaled:
         path = folder / "autoscalers.yaml"
         path.write_text(yaml.safe_dump_all(autoscalers(document, cores())), encoding="utf-8")
@@ -150,7 +123,7 @@ def decide(configuration: Configuration, document: Document, folder: Path) -> No
 def stop_robot() -> None:
     """Remove the policy, or the autoscalers, then the modules."""
     deploy.run("kubectl", "delete", AUTOSCALERS, "--all", "-n", deploy.ROBOT, quiet=True)
-    deploy.run("kubectl", "delete", "-f", str(deploy.POLICY), f"--timeout={deploy.TIMEOUT}", quiet=True)
+    deploy.run("kubectl", "delete", "-f", str(POLICY), f"--timeout={deploy.TIMEOUT}", quiet=True)
     deploy.run(
         *("helm", "uninstall", "robot", "--namespace", deploy.ROBOT, "--ignore-not-found", "--wait"),
         *("--timeout", deploy.TIMEOUT),
@@ -158,27 +131,9 @@ def stop_robot() -> None:
     deploy.run("kubectl", "wait", "pods", "--all", "-n", deploy.ROBOT, "--for=delete", "--timeout=60s", quiet=True)
 
 
-def endpoint(configuration: Configuration) -> str:
-    """Where the router listens."""
-    plain = deploy.router()
-    return plain.replace("tcp/", "tls/", 1) if configuration.agent else plain
-
-
-@contextmanager
-def session(configuration: Configuration, role: str) -> Iterator[zenoh.Session]:
+def session(configuration: Configuration, role: str) -> AbstractContextManager[zenoh.Session]:
     """A session on the robot's bus that rather waits than loses; where the bus asks who speaks, in the given role."""
-    with tempfile.TemporaryDirectory() as folder:
-        credentials = _credentials(role, Path(folder)) if configuration.agent else None
-        with open_visitor([endpoint(configuration)], patience=20, credentials=credentials, keep=KEEP) as opened:
-            yield opened
-
-
-def _credentials(role: str, folder: Path) -> Path:
-    name = f"contextpolicy-bus-{role}"
-    secret = json.loads(deploy.run("kubectl", "get", "secret", name, "-n", deploy.SYSTEM, "-o", "json"))
-    for file, content in secret["data"].items():
-        (folder / file).write_bytes(base64.b64decode(content))
-    return folder
+    return bus.session(role, closed=configuration.agent, keep=KEEP)
 
 
 def cgroups() -> dict[str, Cgroup]:

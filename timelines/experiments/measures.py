@@ -81,7 +81,7 @@ def outcomes(run: RunData, task: str) -> tuple[Outcome, ...]:
 
 
 def _fates(run: RunData, own: Sequence[Done], suspended: Sequence[tuple[float, float]]) -> Callable[[int], Fate]:
-    """Tells the fate of an input that was not processed; `own` are those that were, by stamp."""
+    """Finds the fate of an input that was not processed; `own` are those that were, by stamp."""
     stamps = [one.stamp for one in own]
 
     def fate(stamp: int) -> Fate:

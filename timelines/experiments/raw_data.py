@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from contextpolicy.streams.recordings import Recorded
+    from contextpolicy.streams.recorded_message import Recorded
 
 
 class Done(NamedTuple):
@@ -30,7 +30,7 @@ class Done(NamedTuple):
 
 
 class Result(NamedTuple):
-    """What a task told: when it was true by its own stamp, when it was heard (Unix seconds), and the message."""
+    """What a task published: when it was true by its own stamp, when it was heard (Unix seconds), and the message."""
 
     at: float
     heard: float
@@ -121,7 +121,7 @@ def _take(run: RunData, message: Recorded) -> None:
 
 
 _OWN = ("health", "alive", "profile")
-"""What robotkit tells of a task, beside its results."""
+"""What robotkit reports of a task, beside its results."""
 
 
 def _result(message: Recorded) -> Result:

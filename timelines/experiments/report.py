@@ -28,10 +28,10 @@ INTRODUCTION = """\
 Made by `make experiments`. Medians over the repeats, with least and greatest in brackets; ratios are geometric means
 over pairs of runs of the same repeat, with the interval of 95 % confidence in brackets where there are two pairs or
 more. The raw data of each run is in `build/experiments/<timeline>-x<pace>/<configuration>/<repeat>/`: `run.json` has
-every input's stamp and the machine, `run.mcap` what each task did with it (`robot/<task>/runs`) and told, the plans,
+every input's stamp and the machine, `run.mcap` what each task did with it (`robot/<task>/runs`) and published, plans,
 and the kernel's counters ten times a second; `profiles.json` what inputs cost. `measures.json` has each run's figures.
 
-- *Pace*: at real pace inputs come as the story tells them; at six times the pace a robot has six times the work, what
+- *Pace*: at real pace inputs come at the story's pace; at six times the pace a robot has six times the work, what
   one with a sixth of this machine's speed would have.
 - *Total time*: from the first input until every input that the policy did not suspend is done (paper VI-B). Queues
   drop nothing; inputs that were suspended or lost on the bus are counted apart. No scheduler ends before the last input
@@ -40,8 +40,11 @@ and the kernel's counters ten times a second; `profiles.json` what inputs cost. 
   are done that both runs processed.
 - *Missed*: inputs done later than their deadline, or never, of those that were not suspended.
 - *Accuracy*: commands and signs count where the policy allowed the task to work.
-- Modules adapt to their share: with less CPU, slam looks for fewer features and signs looks at smaller pictures.
 """
+BY_SHARE = "they followed the share: with less CPU, slam looked for fewer features and signs looked at smaller pictures"
+BY_NEED = "they followed need: a task that was late did less for each input"
+FULL = "full throughout, so that an input costs the same under each configuration"
+"""What the quality of the modules was; runs of before it was noted followed the share."""
 
 
 def write_report(raw: Path, datasets: Path, out: Path) -> Path:
@@ -53,7 +56,7 @@ def write_report(raw: Path, datasets: Path, out: Path) -> Path:
     if not every:
         raise DeployError(f"{raw}: no finished run to report")
     (out / "figures").mkdir(parents=True, exist_ok=True)
-    parts = [INTRODUCTION, _machines(every), *_goals(every), *_speedups(every, out)]
+    parts = [f"{INTRODUCTION}{_qualities(every)}", _machines(every), *_goals(every), *_speedups(every, out)]
     for series in every:
         parts += _series(series, out)
     path = out / "report.md"
@@ -61,6 +64,12 @@ def write_report(raw: Path, datasets: Path, out: Path) -> Path:
     figures_of_runs = [_measured(series, run) for series in every for run in series.each()]
     (out / "measures.json").write_text(json.dumps(figures_of_runs, indent=1), encoding="utf-8")
     return path
+
+
+def _qualities(every: Sequence[Series]) -> str:
+    words = {None: BY_SHARE, True: BY_NEED, False: FULL}
+    found = {words[run.about.get("adaptive")] for series in every for run in series.each()}
+    return "".join(f"- Quality of the modules: {word}.\n" for word in sorted(found))
 
 
 def _machines(every: Sequence[Series]) -> str:
@@ -112,7 +121,7 @@ def _series(series: Series, out: Path) -> Iterator[str]:
     predicted = tables.predictions(series)
     if predicted:
         yield "### Predicted and measured\n"
-        yield "By `contextpolicy simulate --profiles`, with the profiles that each run's tasks told of themselves.\n"
+        yield "By `contextpolicy simulate --profiles`, with the profiles that each run's tasks reported.\n"
         yield predicted
     yield from _doubts(series)
     yield from _pictures(series, out)
@@ -136,23 +145,28 @@ def _pictures(series: Series, out: Path) -> Iterator[str]:
     firsts = [series.of(name)[0] for name in series.runs]
     misses = {own[0].title: [goals.misses(run) for run in own] for own in map(series.of, series.runs)}
     title = f"{series.title}: deadlines that {CRITICAL} misses while the robot moves"
-    yield _picture(out, f"{series.name}-misses", "Misses", lambda path: figures.draw_bars(misses, path, title=title))
+    yield _picture(
+        out,
+        f"{series.name}-misses",
+        title,
+        lambda path: figures.draw_misses(misses, path, task=CRITICAL, title=title),
+    )
     times = {run.title: measures.responses(run, CRITICAL, moving=True) for run in firsts}
-    title = f"{series.title}: response times of {CRITICAL} while the robot moves"
+    answers = f"{series.title}: response times of {CRITICAL} while the robot moves"
     deadline = series.first.deadlines.get(CRITICAL)
     yield _picture(
         out,
         f"{series.name}-responses",
-        "Response times",
-        lambda path: figures.draw_responses(times, path, title=title, deadline=deadline),
+        answers,
+        lambda path: figures.draw_responses(times, path, task=CRITICAL, title=answers, deadline=deadline),
     )
     for run in firsts:
-        name = f"{series.name}-{run.configuration}"
-        yield _picture(out, f"{name}-cpu", "CPU used", lambda path, run=run: figures.draw_run(run, path))
+        name, what = f"{series.name}-{run.configuration}", f"{series.title}, {run.title}"
+        used = f"{what}: CPU that each task used over time"
+        yield _picture(out, f"{name}-cpu", used, lambda path, run=run: figures.draw_run(run, path))
         if run.plans:
-            yield _picture(
-                out, f"{name}-decisions", "Weights and shares", lambda path, run=run: figures.draw_decisions(run, path)
-            )
+            decided = f"{what}: contexts, weights and shares over time"
+            yield _picture(out, f"{name}-decisions", decided, lambda path, run=run: figures.draw_decisions(run, path))
 
 
 def _picture(out: Path, name: str, what: str, draw: Any) -> str:

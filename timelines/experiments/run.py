@@ -12,6 +12,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.streams.timeline import load
+from robotkit.profile import processor
 from robotkit.profiles import document
 from timelines.demo import deploy
 from timelines.experiments import installation
@@ -55,9 +56,11 @@ class Healths:
             self._changed.notify_all()
 
     def wait_until_ready(self) -> None:
-        """Wait until all tasks of the robot have nothing to do; DeployError if one says nothing."""
+        """Wait until all tasks of the robot are idle; DeployError if one does not report."""
         if not self.wait_for_all(deploy.TASKS, time.time()):
-            raise deploy.DeployError(f"not all of {', '.join(deploy.TASKS)} told their health within {PATIENCE:g} s")
+            raise deploy.DeployError(
+                f"not all of {', '.join(deploy.TASKS)} reported their health within {PATIENCE:g} s"
+            )
 
     def wait_for_all(self, tasks: tuple[str, ...], since: float) -> bool:
         """Wait until each task has said, after `since` (Unix seconds), that nothing waits; False if one does not."""
@@ -66,11 +69,11 @@ class Healths:
 
 
 def idle(health: Mapping[str, Any] | None, since: float) -> bool:
-    """Whether a task had nothing to do, or may not do it, when it said so after `since`."""
+    """Whether a task was idle, or suspended, when it said so after `since`."""
     return health is not None and health["stamp"] > since * 1e9 and (health["suspended"] or not health["queue"])
 
 
-def execute(trial: Trial, timeline: Path, datasets: Path, folder: Path, policy: Path = deploy.POLICY) -> None:
+def execute(trial: Trial, timeline: Path, datasets: Path, folder: Path, policy: Path = installation.POLICY) -> None:
     """Do the run and keep its raw data; the folder counts as finished once it has a run.json."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -99,7 +102,7 @@ class TimelineSource:
 
     @property
     def recorded(self) -> list[str]:
-        """The keys whose inputs come from recordings: whoever has those needs no copy."""
+        """The keys whose inputs come from recordings: those need no copy."""
         return [entry.key for entry in self._story.entries if entry.dataset is not None]
 
     def parts(self, *, alone: bool) -> Iterator[TimelineInputs]:
@@ -136,6 +139,7 @@ def _record(
         "configuration": trial.configuration.name,
         "title": trial.configuration.title,
         "pace": trial.pace,
+        "adaptive": any(one.get("adaptive", False) for one in profiles),
         **_played(reports),
         "counted": {one["task"]: {name: own["done"] for name, own in one["inputs"].items()} for one in profiles},
         "drained": drained,
@@ -171,11 +175,9 @@ def _busy() -> float:
 
 
 def _machine() -> dict[str, Any]:
-    with open("/proc/cpuinfo", encoding="utf-8") as file:  # noqa: PTH123 - a file of the kernel
-        models = [line.partition(":")[2].strip() for line in file if line.startswith("model name")]
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     return {
-        "processor": models[0] if models else platform.machine(),
+        "processor": processor(),
         "cores": os.cpu_count(),
         "memory_gib": round(memory, 1),
         "kernel": platform.release(),

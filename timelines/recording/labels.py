@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from contextpolicy.streams.recordings import Recording, Topic
+    from contextpolicy.streams.recorded_message import Recording, Topic
 
     Read = Callable[[bytes], Any]
 
@@ -162,7 +162,7 @@ def _from_json(payload: bytes) -> Any:
     try:
         value = json_text.loads(payload)
     except ValueError as error:
-        raise DecodeError(f"a message is no JSON: {error}") from error
+        raise DecodeError(f"a message is not JSON:  {error}") from error
     return {name: part for name, part in value.items() if name != "stamp"} if isinstance(value, dict) else value
 
 

@@ -16,6 +16,7 @@ from foxglove import layouts
 
 from contextpolicy.bus.decision_bus import plan_key
 from contextpolicy.errors import ContextPolicyError
+from contextpolicy.explain.task_colors import task_colors
 from contextpolicy.policy.validation.policy_file import load_policy
 
 if TYPE_CHECKING:
@@ -79,12 +80,19 @@ def _bands(title: str, paths: Iterable[str]) -> layouts.StateTransitionsPanel:
 
 
 def _plot(title: str, paths: Iterable[tuple[str, str]]) -> layouts.PlotPanel:
-    """Values hold until the next one: steps, not slopes."""
+    """Values hold until the next one: steps, not slopes. A task has the colour that it has on the live page."""
+    named = dict(paths)
+    colors = task_colors(named)
     series = [
         layouts.PlotSeries(
-            value=value, label=label, enabled=True, timestamp_method="receiveTime", line_interpolation="step"
+            value=value,
+            label=task,
+            color=colors[task],
+            enabled=True,
+            timestamp_method="receiveTime",
+            line_interpolation="step",
         )
-        for label, value in paths
+        for task, value in named.items()
     ]
     return layouts.PlotPanel(
         title=title,

@@ -1,6 +1,6 @@
 """`python -m timelines.recording.live --connect tcp/127.0.0.1:7447`: the robot's bus for Foxglove, as a WebSocket.
 
-What a recording would have goes to whoever connects to ws://localhost:8765, as it happens: the same layout shows both.
+What a recording would have goes live to every client of ws://localhost:8765: the same layout shows both.
 """
 
 from __future__ import annotations
@@ -16,9 +16,10 @@ import foxglove
 from robotkit.errors import ConfigurationError
 from robotkit.session import credentials, endpoints, open_session
 from robotkit.termination import stop_on_signals
+from timelines.recording.channels import Channel, channel_of, counted, drawn
 from timelines.recording.foxglove import shown
-from timelines.recording.mcap_file import definition_of, schema_for
 from timelines.recording.recorder import BusRecorder
+from timelines.recording.ros_topics import RosTopics
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,27 +32,30 @@ class LiveChannels:
     """Takes what a recorder writes, on one thread."""
 
     def __init__(self, context: foxglove.Context) -> None:
-        self._context = context
-        self._channels: dict[str, foxglove.Channel] = {}
+        self._context, self._topics = context, RosTopics()
+        self._channels: dict[Channel, foxglove.Channel] = {}
 
     def heard(self, key: str, encoding: str, payload: bytes, *, received: int, stamp: int) -> None:
         """Pass a message on, and what can be drawn of it; times are in ns since 1970."""
-        self._channel(key, encoding, schema_for(key, encoding)).log(payload, log_time=received)
-        for drawn in shown(key, payload, stamp):
-            self.counted(drawn.topic, drawn.schema, drawn.value, received)
+        self._opened(channel_of(key, encoding, self._topics)).log(payload, log_time=received)
+        for one in shown(key, payload, stamp):
+            self._opened(drawn(one, key)).log(json.dumps(one.value).encode(), log_time=received)
 
     def counted(self, topic: str, schema: str, value: Mapping[str, Any], at: int) -> None:
         """Pass a measurement on."""
-        self._channel(topic, "json", schema).log(json.dumps(value).encode(), log_time=at)
+        self._opened(counted(topic, schema)).log(json.dumps(value).encode(), log_time=at)
 
-    def _channel(self, topic: str, encoding: str, schema: str) -> foxglove.Channel:
-        if topic not in self._channels:
-            form, text = definition_of(schema)
-            known = foxglove.Schema(name=schema, encoding=form, data=text.encode()) if text else None
-            self._channels[topic] = foxglove.Channel(
-                topic, schema=known, message_encoding=encoding, context=self._context
+    def _opened(self, channel: Channel) -> foxglove.Channel:
+        if channel not in self._channels:
+            known = (
+                foxglove.Schema(name=channel.schema, encoding=channel.language, data=channel.text.encode())
+                if channel.text
+                else None
             )
-        return self._channels[topic]
+            self._channels[channel] = foxglove.Channel(
+                channel.topic, schema=known, message_encoding=channel.encoding, context=self._context
+            )
+        return self._channels[channel]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

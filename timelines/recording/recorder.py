@@ -8,8 +8,9 @@ import time
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self
 
 from robotkit import json_text
-from robotkit.stamps import stamp_of
+from robotkit.stamps import attached
 from timelines.demo.cgroup import find
+from timelines.recording.ros_offers import TOKENS, offer_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from timelines.demo.cgroup import Cgroup
+    from timelines.recording.ros_topics import RosTopics
 
 EVERYTHING = "**"
 PLANS = "contextpolicy/*/*/plan"
@@ -35,7 +37,7 @@ class _Heard(NamedTuple):
 
 
 class Recorded(Protocol):
-    """What takes a recording: a file, or whoever looks on."""
+    """Where a recording goes: to a file, or to live viewers."""
 
     def heard(self, key: str, encoding: str, payload: bytes, *, received: int, stamp: int) -> None:
         """Take a message of the bus; times are in ns since 1970."""
@@ -48,7 +50,7 @@ class BusRecorder:
     """Writes into an open file. Containers are those of the plans on the bus, and those in `cgroups` by task.
 
     Of the keys in `without_payload` only the stamp and the size are written, on `published/<key>`: to compress pictures
-    takes CPU, and who plays a timeline has its recordings.
+    takes CPU, and who plays a timeline has its recordings. `topics` learns the QoS that the bus's publishers offer.
     """
 
     def __init__(
@@ -58,8 +60,10 @@ class BusRecorder:
         cgroups: Mapping[str, Cgroup] | None = None,
         *,
         without_payload: Collection[str] = (),
+        topics: RosTopics | None = None,
     ) -> None:
         self._session, self._file, self._without_payload = session, file, without_payload
+        self._topics = topics
         self._cgroups: dict[str, Cgroup] = dict(cgroups or {})
         self._heard: queue.SimpleQueue[_Heard] = queue.SimpleQueue()
         self._ended = threading.Event()
@@ -67,12 +71,20 @@ class BusRecorder:
         self._subscriber: Any = None
 
     def __enter__(self) -> Self:
+        if self._topics is not None:
+            self._learn_offers(self._topics)
         self._subscriber = self._session.declare_subscriber(EVERYTHING, self._hear)
-        for reply in self._session.get(PLANS, timeout=PATIENCE):  # published before we listened, and nobody repeats it
+        for reply in self._session.get(PLANS, timeout=PATIENCE):  # published before we listened, and not repeated
             if reply.ok is not None:
                 self._hear(reply.ok)
         self._thread.start()
         return self
+
+    def _learn_offers(self, topics: RosTopics) -> None:
+        for reply in self._session.liveliness().get(TOKENS, timeout=PATIENCE):
+            offer = offer_of(str(reply.ok.key_expr)) if reply.ok is not None else None
+            if offer is not None:
+                topics.offer(*offer)
 
     def __exit__(self, *_: object) -> None:
         self._subscriber.undeclare()
@@ -83,7 +95,7 @@ class BusRecorder:
         """Copy what the callback has: the file is the writer thread's."""
         received, payload = time.time_ns(), sample.payload.to_bytes()
         encoding = encoding_of(str(sample.encoding), str(sample.key_expr), payload)
-        self._heard.put(_Heard(str(sample.key_expr), encoding, payload, received, stamp_of(sample) or received))
+        self._heard.put(_Heard(str(sample.key_expr), encoding, payload, received, attached(sample).stamp or received))
 
     def _write(self) -> None:
         due = time.monotonic()

@@ -12,15 +12,18 @@ from typing import TYPE_CHECKING
 from contextpolicy.commands.recording_arguments import topic
 from contextpolicy.errors import ContextPolicyError
 from contextpolicy.policy.definition_files import of_folder
-from contextpolicy.streams.recordings import Excerpt, bridge_key, is_recording, timeline_key
+from contextpolicy.streams.recorded_message import NO_DAMAGE
+from contextpolicy.streams.recordings import DamageLog, Excerpt, bridge_key, is_recording, timeline_key
 from contextpolicy.streams.timeline import load
 from robotkit import ConfigurationError
 from robotkit.euroc import DatasetError
 from robotkit.session import credentials, endpoints, open_session
 from robotkit.termination import stop_on_signals
 from timelines.datasets.recordings import ROOT
+from timelines.recording.bag_folder import BagWriter
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder
+from timelines.recording.ros_topics import RosTopics
 from timelines.replay.player import Options, TimelineInputs, publish
 from timelines.replay.recorded import RecordedInputs
 
@@ -31,14 +34,17 @@ if TYPE_CHECKING:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Play until the end, SIGINT or SIGTERM; tell what was published and how late."""
+    """Play until the end, SIGINT or SIGTERM; report what was published and how late."""
     options = _parser().parse_args(arguments)
+    options.damages = DamageLog() if options.skip_damaged else NO_DAMAGE
     stop = stop_on_signals()
     try:
         report = _play(_inputs(options), options, stop)
     except (ContextPolicyError, ConfigurationError, DatasetError) as error:
         sys.stderr.write(f"{error}\n")
         return 1
+    for note in options.damages.notes:
+        sys.stderr.write(f"note: {note}\n")
     if report is not None:
         sys.stdout.write(_as_json(report) if options.output == "json" else _as_text(report))
     return 0
@@ -48,7 +54,7 @@ def _inputs(options: argparse.Namespace) -> Inputs:
     """The timeline with its data sets, or the recording."""
     if is_recording(options.timeline):
         excerpt = Excerpt(topics=options.topics, use_sim_time=options.use_sim_time)
-        return RecordedInputs(options.timeline, excerpt, _KEYS[options.ros_keys])
+        return RecordedInputs(options.timeline, excerpt, _KEYS[options.ros_keys], options.damages)
     definitions = of_folder(options.types) if options.types else ()
     return TimelineInputs(load(options.timeline, definitions), options.datasets, options.topics)
 
@@ -60,14 +66,24 @@ def _play(inputs: Inputs, options: argparse.Namespace, stop: threading.Event) ->
         chosen = Options(options.rate, options.start_offset, options.playback_duration, options.loop)
         if options.record is None:
             return publish(inputs, session, stop=stop, options=chosen)
-        with McapWriter(options.record) as file:
-            with BusRecorder(session, file):
+        topics = RosTopics(inputs.topics)
+        with _recorded(options.record, topics) as file:
+            with BusRecorder(session, file, topics=topics):
                 report = publish(inputs, session, stop=stop, options=chosen)
             file.describe({name: json.dumps(value) for name, value in report.as_json().items()})
             if options.timeline.is_file() and not is_recording(options.timeline):
                 name, content = options.timeline.name, options.timeline.read_bytes()
                 file.attach(name, "application/json", content, round(report.started * 1e9))
-            return report
+        if isinstance(file, McapWriter) and file.mixed:
+            sys.stderr.write(f"note: {options.record} {_MIXED}\n")
+        return report
+
+
+def _recorded(path: Path, topics: RosTopics) -> McapWriter | BagWriter:
+    return McapWriter(path, topics) if path.suffix == ".mcap" else BagWriter(path, topics)
+
+
+_MIXED = "holds more than ROS messages: Foxglove opens it, tools of ROS open what --record DIR writes"
 
 
 _KEYS = {"rmw_zenoh": timeline_key, "bridge": bridge_key}
@@ -85,7 +101,7 @@ def _as_text(report: Report) -> str:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m timelines.replay", description=__doc__)
-    parser.add_argument("timeline", type=Path, help="a timeline, an MCAP file or a rosbag2 folder")
+    parser.add_argument("timeline", type=Path, help="a timeline, an MCAP file, or a rosbag2 folder or .db3 file")
     parser.add_argument(
         "--connect", default=os.environ.get("ZENOH_CONNECT", ""), help="router addresses ($ZENOH_CONNECT)"
     )
@@ -102,7 +118,15 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--ros-keys", choices=_KEYS, default="rmw_zenoh", help="with a recording: keys of ROS 2 topics (%(default)s)"
     )
-    parser.add_argument("--record", type=Path, metavar="FILE.mcap", help="write down everything that happens")
+    parser.add_argument(
+        "--skip-damaged", action="store_true", help="with a recording: leave out what is damaged instead of refusing it"
+    )
+    parser.add_argument(
+        "--record",
+        type=Path,
+        metavar="FILE.mcap|DIR",
+        help="write down everything that happens, for Foxglove, or as a folder of rosbag2",
+    )
     parser.add_argument("--output", choices=("text", "json"), default="text", help="format of the report")
     return parser
 

@@ -19,10 +19,12 @@ import zenoh
 
 from contextpolicy.policy.key_expressions import selects
 from contextpolicy.streams.attachment import attach
+from contextpolicy.streams.recorded_message import Topic
 from contextpolicy.streams.ros_message import RosMessage
 from robotkit.stamps import attachment
 from timelines.datasets.readers import read
 from timelines.datasets.recordings import ROOT
+from timelines.recording.ros_topics import topic_name
 
 if TYPE_CHECKING:
     import threading
@@ -91,6 +93,10 @@ class Inputs(Protocol):
     def encodings(self) -> Mapping[str, str]:
         """Of each key: json, binary or cdr."""
 
+    @property
+    def topics(self) -> Mapping[str, Topic]:
+        """Of the keys of ROS: the topic."""
+
     def timed(self, start: float) -> Iterator[Timed]:
         """Seconds, key and payload in the order of time, from `start` seconds on."""
 
@@ -102,11 +108,17 @@ class TimelineInputs:
         self.name, self.duration, self._datasets = timeline.name, timeline.duration, datasets
         self._entries = [entry for entry in timeline.entries if wanted(entry.key, topics)]
         self.encodings = {entry.key: entry.encoding for entry in self._entries}
+        self.topics = {entry.key: _topic(entry.key, entry.message) for entry in self._entries if entry.message}
 
     def timed(self, start: float) -> Iterator[Timed]:
         """All inputs from `start` on; those of one instant in the order of the file."""
         sources = [_samples(entry, self._datasets) for entry in self._entries]
         return (timed for timed in heapq.merge(*sources, key=itemgetter(0)) if timed[0] >= start)
+
+
+def _topic(key: str, message: RosMessage) -> Topic:
+    kind, definition, type_hash = message.definition()
+    return Topic(topic_name(key), "cdr", kind, 0, type_hash, definition)
 
 
 def wanted(key: str, topics: Sequence[str]) -> bool:

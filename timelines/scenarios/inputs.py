@@ -77,7 +77,7 @@ def _recordings(scenario: Scenario) -> Iterator[Entry]:
 
 
 def _imu(scenario: Scenario) -> Iterator[Entry]:
-    """Rates, accelerations and speed, as a driver with wheel encoders tells them."""
+    """Rates, accelerations and speed, as a driver with wheel encoders reports them."""
     rng, motion = np.random.default_rng(SEED), scenario.motion
     for start, end, moving in _steps(motion, MOVING_STEP, RESTING_STEP):
         value = _moving(motion, start, end) if moving else _resting(rng)
@@ -99,7 +99,7 @@ def _resting(rng: np.random.Generator) -> Entry:
 
 
 def _level(scenario: Scenario) -> Iterator[Entry]:
-    """How loud it is: quiet, wheels, or somebody speaks."""
+    """How loud it is: quiet, wheels, or speech."""
     said = scenario.script.utterances
     edges = {at for one in said for at in (one.at, min(round(one.at + WORD_S, 6), scenario.duration))}
     edges |= {0.0, scenario.duration} | {at for span in scenario.motion.moving for at in span}
@@ -135,7 +135,7 @@ def _ranges(x: float, y: float, heading: float, ahead: float) -> list[float]:
 
 
 def _drive(scenario: Scenario) -> Iterator[Entry]:
-    """Orders of somebody who drives the robot by hand."""
+    """Orders of a person who drives the robot by hand."""
     order = {"drive": {"forward": scenario.speed, "turn": 0.0}}
     for start, end in scenario.motion.moving:
         yield _held("robot/navigation/order", start, end, ORDER_RATE, order, {"doing": "driving"})
@@ -144,9 +144,9 @@ def _drive(scenario: Scenario) -> Iterator[Entry]:
 
 def _arm(scenario: Scenario) -> Iterator[Entry]:
     for phase in scenario.phases:
-        for told in phase.arm:
-            truth = {"doing": next((told_to for name, told_to in _ENDS.items() if name in told.order), "arrived")}
-            yield _once("robot/arm/order", told.at, told.order, truth)
+        for order in phase.arm:
+            truth = {"doing": next((ended for name, ended in _ENDS.items() if name in order.order), "arrived")}
+            yield _once("robot/arm/order", order.at, order.order, truth)
 
 
 _ENDS = {"stop": "stopped", "relax": "relaxed"}

@@ -33,7 +33,7 @@ class ScenarioError(FindingsError):
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What somebody tells the arm at a moment, as the module understands it."""
+    """An order to the arm at a moment, as the module understands it."""
 
     at: float
     order: dict[str, Any]
