@@ -6,6 +6,8 @@ POLICY ?= config/policies/delivery-robot.yaml
 HEAVY := chromium skopeo
 VOICES := flite festival festvox-kallpc16k festvox-us-slt-hts espeak-ng sox
 MODULES := $(patsubst modules/%/Dockerfile,%,$(wildcard modules/*/Dockerfile))
+# Not of the operator, or all of it at random: coverage, under which a test takes 2.5 times as long, is of the others.
+UNTRACED := tests/bench tests/fuzz tests/modules tests/oracle tests/timelines
 EXP ?= exp1 exp2 exp3
 REPEATS ?= 3
 TIMELINE ?= timelines/demo.json
@@ -14,7 +16,7 @@ BOARD ?= raspberry-pi-4
 DURATION ?= 3600
 
 .DEFAULT_GOAL := help
-.PHONY: $(shell sed -n 's/^\([a-z0-9-]*\):.*## .*/\1/p' $(MAKEFILE_LIST))
+.PHONY: unit-traced unit-untraced $(shell sed -n 's/^\([a-z0-9-]*\):.*## .*/\1/p' $(MAKEFILE_LIST))
 
 help:  ## show this help
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  %-17s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -33,16 +35,26 @@ demo: images recordings  ## show the whole robot on a real node: a minute of sen
 
 test: lint unit e2e  ## run everything: lint, unit tests, end-to-end tests on a real node
 
-test-all: test heavy soak  ## the same and what takes long: promtool, a browser, hours of soak
+test-all: test audit heavy soak  ## the same and what takes long: known weaknesses, promtool, a browser, hours of soak
 
 lint: setup  ## check style and types
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy
 
-unit: setup recordings cluster  ## run the tests that need no cluster (helm comes with the node); shows the operator's least tested files
-	$(CLUSTER) exec -- $(PYTHON) -m coverage run -m pytest -q --ignore tests/e2e --ignore tests/heavy
+audit: setup  ## compare what the operator's image installs with known weaknesses; without the internet it only says so
+	$(PYTHON) -m pip install --quiet --disable-pip-version-check 'pip-audit>=2.10,<3'
+	$(PYTHON) -m tests.audit || [ $$? = 2 ]
+
+unit: setup recordings cluster  ## run the tests that need no cluster (helm comes with the node), in two halves at once; shows the operator's least tested files
+	$(MAKE) --no-print-directory --jobs 2 --output-sync=line unit-traced unit-untraced
 	set -o pipefail; $(PYTHON) -m coverage report | awk 'NR == 1 || /^TOTAL/ || /%$$/ && $$NF + 0 < 85'
+
+unit-traced:
+	$(CLUSTER) exec -- $(PYTHON) -m coverage run -m pytest -q --ignore tests/e2e --ignore tests/heavy $(UNTRACED:%=--ignore %)
+
+unit-untraced:
+	$(PYTHON) -m pytest -q $(UNTRACED)
 
 heavy: images  ## promtool, chromium, a VerticalPodAutoscaler, GitOps tools' own libraries, a release and its copy, Flux, a HelmChart
 	dpkg --status $(HEAVY) >/dev/null 2>&1 || { apt-get update -qq && apt-get install -qq --no-install-recommends $(HEAVY); }
@@ -62,7 +74,8 @@ e2e-vm: setup  ## run tests in a virtual machine with systemd and cgroup v2, as 
 arm64: setup  ## build the operator's image for arm64, start it under emulation, and compare its plans with this machine's
 	$(PYTHON) -m tests.arm64
 
-soak: images  ## contexts, pods and killed parts at random for DURATION seconds (3600), told again by SEED
+soak: images  ## the router killed 20 times; contexts, pods, killed parts and troubles at random for DURATION seconds (3600), repeated by SEED
+	KILLS=20 $(CLUSTER) exec -- $(PYTHON) -m pytest -q tests/e2e/test_faults.py -k router_killed
 	SOAK_SECONDS=$(DURATION) SOAK_SEED=$(SEED) $(CLUSTER) exec -- $(PYTHON) -m pytest -q -s \
 	  -o faulthandler_timeout=$$(($(DURATION) + 1200)) tests/e2e/test_soak.py
 
@@ -148,6 +161,10 @@ release: e2e-vm  ## build a release of the last commit into build/release (after
 
 version: setup  ## make VERSION the version everywhere, and what is unreleased its section of the changelog
 	$(PYTHON) -m charts.release.version $(VERSION)
+
+docs: setup  ## write the generated reference pages, and build the site into build/site
+	$(PYTHON) -m docs.generator
+	NO_MKDOCS_2_WARNING=1 $(PYTHON) -m mkdocs build --config-file .mkdocs.yml --strict --quiet
 
 crds: setup  ## write the CEL functions into the canonical CRD, and copy it into the chart and into the package
 	$(PYTHON) -m crds

@@ -1,4 +1,4 @@
-"""An API server that serves just enough for the operator's process, and a operator that only notes what it is told."""
+"""An API server that serves just enough for the operator's process, and an operator that only records its calls."""
 
 from __future__ import annotations
 
@@ -18,16 +18,18 @@ METHODS = (
     "connected",
     "policy_changed",
     "policy_deleted",
+    "policy_seen",
     "pod_changed",
     "pod_gone",
     "node_changed",
     "node_gone",
     "abandon",
+    "resume",
     "close",
 )
 
 
-class Told:
+class Recorder:
     """`operator` takes what the real one takes, and does nothing; `restored` is done when the test says so.
 
     `calls` are in order, objects by their names.
@@ -189,13 +191,13 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_response(200)
         self.send_header("Transfer-Encoding", "chunked")
         self.end_headers()
-        told: dict[str, Any] | None = None
+        reported: dict[str, Any] | None = None
         while lease is not None and not self.server.ended.is_set():
             with self.server.lease_news:
                 there = self.server.leases.get(lease)
-                if there is not told:
+                if there is not reported:
                     self._chunk({"type": "MODIFIED", "object": there})
-                    told = there
+                    reported = there
                 self.server.lease_news.wait(0.2)
         self.server.ended.wait(PATIENCE)
         self.wfile.write(b"0\r\n\r\n")

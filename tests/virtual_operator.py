@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import time
+from copy import deepcopy
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from reactivex.disposable import Disposable
 from reactivex.testing import TestScheduler
 
+from contextpolicy.actuators.resize.stored_originals import Signatures
 from contextpolicy.app.wiring import Operator
+from contextpolicy.bus.signatures import UnsignedPlans
 from contextpolicy.errors import ActuationError
 from contextpolicy.policies import plan_publisher, policy_runner, queries
 from contextpolicy.policy.tenants import Tenants
 from contextpolicy.streams import subscription
+from contextpolicy.streams.wall_clock import WallClock
 from contextpolicy.telemetry.reporter import STATUS_INTERVAL
 from tests.actuators.resize.fake_cluster import FakeCluster
 from tests.actuators.resize.rig import MOMENT, Workers
@@ -99,7 +103,10 @@ class VirtualOperator:
 
     def __init__(self, *pods: dict[str, Any]) -> None:
         self.cluster, self.session = ClusterWithPolicies(*pods), FakeSession()
-        self.tenants, self.fence = Tenants(), OpenFence()
+        self.tenants, self.fence, self.signatures = Tenants(), OpenFence(), Signatures(b"k" * 32)
+        self.agents_everywhere = False
+        self.step = 0.0
+        """Seconds by which the machine's clock was set ahead."""
         self.start()
 
     def keep_time(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -109,7 +116,7 @@ class VirtualOperator:
             monkeypatch.setattr(module, "time", clock)
 
     def start(self) -> None:
-        """Begin anew, as after a crash."""
+        """Begin again, as after a crash."""
         self.loop, self.patches, self.reports = VirtualLoop(), Pool(), Pool()
         self.operator = Operator(
             self.cluster,
@@ -117,20 +124,36 @@ class VirtualOperator:
             self.loop,  # type: ignore[arg-type]
             patches=self.patches,  # type: ignore[arg-type]
             reports=self.reports,  # type: ignore[arg-type]
+            signer=UnsignedPlans(),
+            signatures=self.signatures,
             tenants=self.tenants,
+            clock=WallClock(self.loop, self.wall_time),
+            agents_everywhere=self.agents_everywhere,
         )
 
+    def wall_time(self) -> float:
+        """What the machine's clock shows: the loop's time until somebody sets it."""
+        return self.loop.to_seconds(self.loop.now) + self.step
+
     def list_all(self, cpu: str = "1") -> None:
-        """What the watches tell first: nodes and pods."""
+        """What the watches report first: nodes and pods."""
         self.node(cpu)
         for uid, feed in self.cluster.feeds.items():
             feed.clear()
             self.operator.pod_changed(self.cluster.pods[uid])
         self.turn()
 
-    def node(self, cpu: str = "1", name: str = NODE, uid: str = "") -> None:
+    def node(
+        self, cpu: str = "1", name: str = NODE, uid: str = "", kubelet: str = "v1.36.0", ready: str = "True"
+    ) -> None:
         metadata = {"name": name, "uid": uid or f"uid-{name}"}
-        self.operator.node_changed({"metadata": metadata, "status": {"allocatable": {"cpu": cpu}}})
+        conditions = [{"type": "DiskPressure", "status": "False"}, {"type": "Ready", "status": ready}]
+        status = {
+            "allocatable": {"cpu": cpu},
+            "nodeInfo": {"kubeletVersion": kubelet},
+            "conditions": conditions,
+        }
+        self.operator.node_changed({"metadata": metadata, "status": status})
         self.turn()
 
     def connect(self) -> None:
@@ -138,10 +161,24 @@ class VirtualOperator:
         self.turn()
 
     def apply(self, body: dict[str, Any]) -> Future[bool]:
-        self.cluster.policies.setdefault(f"{body['metadata']['namespace']}/{body['metadata']['name']}", {})
+        """The API has the policy, with the originals that were written into its status."""
+        reference = f"{body['metadata']['namespace']}/{body['metadata']['name']}"
+        stored = self.cluster.policies.setdefault(reference, {})
+        body = {**body, "status": {"originals": deepcopy(stored), **(body.get("status") or {})}}
         done = self.operator.policy_changed(body)
         self.turn()
         return done
+
+    def govern(self, body: dict[str, Any]) -> Future[bool]:
+        """An operator that knows the cluster and the router gets a policy."""
+        self.list_all()
+        self.connect()
+        return self.apply(body)
+
+    def see(self, reference: str = "lab/robot") -> None:
+        """The watch shows a policy as it is now."""
+        self.operator.policy_seen(self.cluster.policy(reference))
+        self.turn()
 
     def delete(self, body: dict[str, Any]) -> Future[None]:
         metadata = body["metadata"]
@@ -153,6 +190,11 @@ class VirtualOperator:
     def sample(self, key: str, **value: Any) -> None:
         self.session.deliver(key, **value)
         self.turn()
+
+    def react(self, key: str, **value: Any) -> None:
+        """A sample comes, and everybody does all that follows from it."""
+        self.sample(key, **value)
+        self.settle()
 
     def turn(self, seconds: float = MOMENT) -> None:
         """Let the loop and the reporter work; patches wait."""
@@ -203,5 +245,5 @@ class VirtualOperator:
         [found] = [one for one in self.cluster.statuses[policy]["conditions"] if one["type"] == kind]
         return found["status"], found["reason"], found["message"]
 
-    def told(self) -> list[tuple[str, str]]:
+    def reported(self) -> list[tuple[str, str]]:
         return [(event["reason"], event["message"]) for event in self.cluster.events]

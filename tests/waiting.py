@@ -1,4 +1,4 @@
-"""Waiting for what another process or the kernel does, where nothing tells when it has."""
+"""Waiting for what another process or the kernel does, where nothing reports when it has."""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from contextpolicy.actuators.actuator import Actuators
+from contextpolicy.actuators.idle import Idle
 from contextpolicy.actuators.order import Order
 from contextpolicy.policy.spec import Mode
 
@@ -44,7 +45,7 @@ class Noting:
 def made():
     notes: list[tuple[Any, ...]] = []
     resizer, dry_run = Noting("resizer", notes), Noting("dry run", notes)
-    return notes, resizer, dry_run, Actuators({Mode.ENFORCE: resizer, Mode.DRY_RUN: dry_run})
+    return notes, resizer, dry_run, Actuators({Mode.ENFORCE: resizer, Mode.DRY_RUN: dry_run, Mode.PAUSED: Idle()})
 
 
 NOTHING = Order(POLICY, frozenset())
@@ -61,9 +62,9 @@ def test_a_mode_has_its_actuator_and_the_others_put_back_what_they_changed():
     assert notes == [("dry run", "apply", NOTHING)]
 
 
-def test_a_paused_policy_has_no_actuator_and_gets_everything_back():
+def test_a_paused_policy_has_an_idle_actuator_and_gets_everything_back():
     notes, _, _, actuators = made()
-    assert actuators.of(Mode.PAUSED) is None
+    assert isinstance(actuators.of(Mode.PAUSED), Idle)
     actuators.put_back_others(POLICY, Mode.PAUSED)
     assert notes == [("resizer", "apply", NOTHING), ("dry run", "apply", NOTHING)]
 

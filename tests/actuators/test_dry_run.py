@@ -7,7 +7,7 @@ from contextpolicy.actuators.order import Order
 
 
 @pytest.fixture
-def told(caplog):
+def reported(caplog):
     caplog.set_level("INFO")
     return caplog
 
@@ -16,30 +16,46 @@ def order(policy="lab/robot", **shares):
     return Order(policy, frozenset(shares), shares)
 
 
-def test_it_says_what_it_would_do(told):
+def test_it_says_what_it_would_do(reported):
     DryRun().apply(order(slam=1500, speech=2000))
-    assert told.messages == [
+    assert reported.messages == [
         "dry run: lab/robot would give slam a share of 1500m and a limit of 1500m",
         "dry run: lab/robot would give speech a share of 2 and a limit of 2",
     ]
 
 
-def test_it_says_only_what_changes(told):
+def test_it_says_only_what_changes(reported):
     dry_run = DryRun()
     dry_run.apply(order(slam=500, speech=500))
-    told.clear()
+    reported.clear()
     dry_run.apply(order(slam=500, speech=500))
     dry_run.apply(order(slam=500, speech=300))
-    assert told.messages == ["dry run: lab/robot would give speech a share of 300m and a limit of 300m"]
+    assert reported.messages == ["dry run: lab/robot would give speech a share of 300m and a limit of 300m"]
 
 
-def test_policies_are_told_apart(told):
+def test_policies_are_distinguished(reported):
     dry_run = DryRun()
     dry_run.apply(order(slam=500))
     dry_run.apply(order("lab/other", slam=500))
-    assert len(told.messages) == 2
+    assert len(reported.messages) == 2
 
 
-def test_where_nothing_is_capped_it_says_so(told):
+def test_where_nothing_is_capped_it_says_so(reported):
     DryRun().apply(Order("lab/robot", frozenset(["slam"]), {"slam": 1500}, limits={"slam": None}))
-    assert told.messages == ["dry run: lab/robot would give slam a share of 1500m and the limit it had"]
+    assert reported.messages == ["dry run: lab/robot would give slam a share of 1500m and the limit it had"]
+
+
+@pytest.mark.parametrize("leave", [DryRun.abandon, lambda dry_run, policy: dry_run.release(policy, lambda: None)])
+def test_a_policy_that_comes_back_is_new(reported, leave):
+    dry_run = DryRun()
+    for _ in range(2):
+        dry_run.apply(order(slam=500))
+        leave(dry_run, "lab/robot")
+    assert len(reported.messages) == 2
+
+
+def test_what_a_policy_no_longer_has_is_new_when_it_has_it_again(reported):
+    dry_run = DryRun()
+    for shares in ({"slam": 500}, {}, {"slam": 500}):
+        dry_run.apply(order(**shares))
+    assert len(reported.messages) == 2

@@ -29,7 +29,7 @@ class Story:
         self.ordered: list[tuple[float, dict[str, int]]] = []
         self.source: Subject[Mapping[str, NodePlan]] = Subject()
         self.ahead = frozenset(ahead)
-        self.not_set: frozenset[str] = frozenset()
+        self.not_set: Mapping[str, str] = {}
         follow = follow_agents(self.scheduler, lambda: self.ahead, lambda: self.not_set)
         self.end = self.source.pipe(follow).subscribe(self.note)
 
@@ -52,6 +52,14 @@ def test_without_an_agent_every_plan_is_ordered_at_once():
         story.plan(node_1=share)
     story.scheduler.advance_by(HOUR)
     assert story.ordered == [(0, {NODE: 100}), (0, {NODE: 900}), (0, {NODE: 100})]
+
+
+def test_a_plan_that_has_just_settled_is_ordered_with_the_next():
+    story = Story(NODE)
+    story.plan(node_1=100)
+    story.scheduler.sleep(SETTLED)
+    story.plan(node_1=100)
+    assert story.last == {NODE: 100}
 
 
 def test_with_an_agent_a_plan_is_ordered_when_it_has_settled():
@@ -82,7 +90,7 @@ def test_a_plan_that_goes_and_comes_back_is_no_change():
     assert len(story.ordered) <= 4, "the timer of the plan that went may fire once"
 
 
-def test_of_plans_that_do_not_last_only_the_last_is_ordered_however_long_they_go_on():
+def test_only_the_last_of_short_lived_plans_is_ordered():
     story = Story(NODE)
     for step in range(HOUR):
         story.plan(node_1=1 + step)
@@ -97,7 +105,7 @@ def test_nodes_do_not_wait_for_each_other():
     assert story.last == {OTHER: 200}
 
 
-def test_when_the_agent_is_gone_the_plan_is_ordered_at_once_and_no_timer_goes_on():
+def test_a_lost_agent_triggers_the_order_and_cancels_the_timer():
     story = Story(NODE)
     story.plan(node_1=100)
     story.ahead = frozenset()
@@ -117,19 +125,20 @@ class Pair(Story):
     def note(self, nodes):
         [self.node] = nodes.values() or [NodePlan(0, {}, {})]
 
-    def share(self, slam, speech):
-        self.source.on_next({NODE: NodePlan(1000, {}, dict(zip(TWO, (slam, speech), strict=True)))})
+    def share(self, slam, speech, suspended=(), caps=None):
+        shares = dict(zip(TWO, (slam, speech), strict=True))
+        self.source.on_next({NODE: NodePlan(1000, {}, shares, suspended=frozenset(suspended), caps=caps or {})})
 
     @property
     def shares(self):
         return tuple(self.node.containers.get(identity) for identity in TWO)
 
 
-def test_a_container_that_the_agent_could_not_set_is_ordered_at_once_and_the_others_follow():
+def test_a_container_the_agent_failed_to_set_is_resized_before_the_others():
     story = Pair(NODE)
     story.share(500, 500)
     story.scheduler.advance_by(SETTLED)
-    story.not_set = frozenset(TWO[:1])
+    story.not_set = {TWO[0]: "slam"}
     story.share(900, 100)
     assert story.shares == (900, 500)
     assert story.node.capacity == 1400, "what the agent has taken from the other pays for it"
@@ -139,29 +148,45 @@ def test_a_container_that_the_agent_could_not_set_is_ordered_at_once_and_the_oth
 
 def test_in_a_storm_each_plan_is_ordered_for_what_the_agent_could_not_set():
     story = Pair(NODE)
-    story.not_set = frozenset(TWO[:1])
+    story.not_set = {TWO[0]: "slam"}
     for slam in (100, 900, 200):
         story.share(slam, 1000 - slam)
         assert story.shares == (slam, None)
         story.scheduler.advance_by(SETTLED / 6)
 
 
+def test_a_container_the_agent_failed_to_set_does_not_change_the_others():
+    story = Pair(NODE)
+    story.not_set = {TWO[0]: "slam"}
+    story.share(500, 500)
+    story.scheduler.advance_by(SETTLED)
+    for turn in range(4):
+        story.share(500, 500, suspended=["slam", "speech"] if turn % 2 else ["speech"], caps={"speech": 100 + turn})
+        assert story.node.suspended == (frozenset(["slam"]) if turn % 2 else frozenset())
+        assert story.node.caps == {}
+        story.scheduler.advance_by(SETTLED / 4)
+    story.share(500, 500, suspended=["speech"], caps={"slam": 300})
+    assert (story.node.suspended, story.node.caps) == (frozenset(), {"slam": 300})
+    story.scheduler.advance_by(SETTLED)
+    assert (story.node.suspended, story.node.caps) == (frozenset(["speech"]), {"slam": 300})
+
+
 def test_what_the_agent_can_set_again_follows_it_again():
     story = Pair(NODE)
-    story.not_set = frozenset(TWO)
+    story.not_set = dict(zip(TWO, ("slam", "speech"), strict=True))
     story.share(500, 500)
     story.share(900, 100)
     assert story.shares == (900, 100)
-    story.not_set = frozenset()
+    story.not_set = {}
     story.share(200, 800)
     assert story.shares == (900, 100)
     story.scheduler.advance_by(SETTLED)
     assert story.shares == (200, 800)
 
 
-def test_a_container_that_is_gone_is_ordered_no_more():
+def test_a_container_that_is_gone_is_no_longer_ordered():
     story = Pair(NODE)
-    story.not_set = frozenset(TWO)
+    story.not_set = dict(zip(TWO, ("slam", "speech"), strict=True))
     story.share(500, 500)
     story.source.on_next({NODE: NodePlan(1000, {}, {TWO[1]: 900})})
     assert story.shares == (None, 900)

@@ -66,6 +66,11 @@ def test_weights_are_requests_that_fit_into_the_node_whatever_the_plan():
     assert not order.leaves_alone("p")
 
 
+def test_other_pods_requests_leave_less_room_than_the_node_divides():
+    assert controlled("Weight", room={"robot": 1100}).requests["s"] == int(1490 * 1100 / 5500)
+    assert controlled("Weight", room={"robot": 9000}).requests["s"] == int(1490 * 2000 / 5500)
+
+
 def test_beside_an_agent_no_request_moves():
     order = controlled("Weight", agents={"robot"})
     assert (order.requests, order.leaves_alone("p")) == ({}, True)
@@ -77,11 +82,14 @@ def test_a_node_without_room_leaves_requests_of_nothing():
     assert order.requests == {SLAM.id: 0}
 
 
-@given(st.lists(st.tuples(st.none() | st.integers(1, 400), st.integers(1, 400)), min_size=1, max_size=9))
-def test_requests_never_sum_to_more_than_the_node_has(tasks):
+@given(
+    st.lists(st.tuples(st.none() | st.integers(1, 400), st.integers(1, 400)), min_size=1, max_size=9),
+    st.integers(0, 2000),
+)
+def test_requests_never_sum_to_more_than_there_is_room_for(tasks, room):
     specs = [a_task(f"t{n}", **({} if most is None else {"max": f"{most * 10}m"})) for n, (most, _) in enumerate(tasks)]
     policy = parse(a_policy(enforcement={"control": "Weight"}, tasks=specs, contexts=[]))
     containers = [Container(f"c{n}", f"t{n}", "robot") for n in range(len(tasks))]
     shares = {f"c{n}": share * 10 for n, (_, share) in enumerate(tasks)}
-    order = order_of(policy, containers, {"robot": NodePlan(1000, {}, shares)})
-    assert sum(order.requests.values()) <= 1000
+    order = order_of(policy, containers, {"robot": NodePlan(1000, {}, shares)}, room={"robot": room})
+    assert sum(order.requests.values()) <= min(1000, room)

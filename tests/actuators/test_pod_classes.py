@@ -1,4 +1,4 @@
-"""What happens to each class of pods under each control, with and without an agent: the table in operator/README.md."""
+"""What happens to each class of pods under each control, with and without an agent: docs/reference/pods.md."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from contextpolicy.actuators.resize.targets import target_cpu
 from contextpolicy.actuators.resize.tracked_pod import TrackedPod
 from contextpolicy.bus.decision_bus import message
 from contextpolicy.cluster.agent_reports import AgentReport, with_agents, writing
-from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pods import view
 from tests.cluster.builders import NODE, a_pod, cpu
+from tests.cluster.claiming import claim
 from tests.planning.builders import Story, a_context, a_policy, a_stream, a_task
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from contextpolicy.actuators.order import Order
     from contextpolicy.cluster.pods import Cpu, PodView
 
-README = Path(__file__).parents[2] / "operator" / "README.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "pods.md"
 HEADER = "| pod | control | agent | active | suspended |"
 PODS: dict[str, Any] = {
     "Burstable": ({"slam": cpu("10m", "500m")}, "Burstable"),
@@ -50,7 +50,7 @@ class Row(NamedTuple):
 
 
 def the_table() -> list[Row]:
-    _, _, after = README.read_text(encoding="utf-8").partition(f"{HEADER}\n")
+    _, _, after = PAGE.read_text(encoding="utf-8").partition(f"{HEADER}\n")
     lines = after.partition("\n\n")[0].splitlines()[1:]
     return [Row(*(cell.strip() for cell in line.strip("|").split("|"))) for line in lines]
 

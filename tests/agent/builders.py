@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from contextpolicy.agent.agent import Agent
 from contextpolicy.agent.agent_settings import AgentSettings
 from contextpolicy.agent.cgroup_paths import CgroupPaths, Driver
-from contextpolicy.agent.control_files import CFS, REALTIME
+from contextpolicy.agent.control_files import CFS, REALTIME, Unwatched
 from contextpolicy.agent.threads import THREAD_FILES
 from contextpolicy.agent.weight_units import FILES
 from contextpolicy.policy.environment import DEFAULT_CONNECT
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 NODE = "node-1"
+LAYOUTS = [(1, Driver.CGROUPFS), (1, Driver.SYSTEMD), (2, Driver.CGROUPFS), (2, Driver.SYSTEMD)]
+UNWATCHED = Unwatched()
 POLICY = "robot/delivery"
 SLAM, SPEECH, CHAT, SANDBOX = "a" * 64, "b" * 64, "c" * 64, "f" * 64
 
@@ -118,9 +120,12 @@ class Tree:
             (group / name).write_text(text)
 
 
-def an_agent(tree: Tree, state: Path, scheduler, watch, *, grace: float = 10.0):
-    """An agent of this node, whose messages are signed one after the other unless a test says when."""
-    return Informed(agent_settings(tree.mount, state, grace=grace), scheduler, watch)
+def an_agent(tree: Tree, state: Path, scheduler, watch=UNWATCHED, *, grace: float = 10.0):
+    """An agent of this node, whose messages are signed one after the other unless a test says when.
+
+    By default it watches in vain: tests say themselves who wrote what.
+    """
+    return Informed(agent_settings(tree.mount, state, grace=grace), scheduler, lambda _: watch)
 
 
 def agent_settings(mount: Path, state: Path, *, grace: float = 10.0):
@@ -147,6 +152,19 @@ def logs_of(mount: Path) -> Path:
 class Informed(Agent):
     def hear(self, policy, payload, signed=None):
         return super().hear(policy, payload, next(TIMES) if signed is None else signed)
+
+
+class Watch:
+    """What is watched."""
+
+    def __init__(self):
+        self.paths = set()
+
+    def add(self, path):
+        self.paths.add(path)
+
+    def remove(self, path):
+        self.paths.discard(path)
 
 
 def a_target(identity: str = SLAM, cores: float = 0.5, *, task: str = "slam", **more):

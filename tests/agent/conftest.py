@@ -1,4 +1,4 @@
-"""What a killed agent leaves to the kernel."""
+"""A node's cgroups in every layout, and what a killed agent leaves to the kernel."""
 
 from __future__ import annotations
 
@@ -7,6 +7,23 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+
+from tests.agent.builders import LAYOUTS, SLAM, SPEECH, Tree
+
+
+@pytest.fixture(params=LAYOUTS, ids=str)
+def tree(request, tmp_path):
+    return Tree(tmp_path / "cgroup", *request.param)
+
+
+@pytest.fixture
+def slam(tree):
+    return tree.container(SLAM)
+
+
+@pytest.fixture
+def speech(tree):
+    return tree.container(SPEECH)
 
 
 @pytest.fixture(autouse=True)

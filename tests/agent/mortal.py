@@ -13,9 +13,8 @@ from pathlib import Path
 
 from reactivex.testing import TestScheduler
 
-from contextpolicy.agent.inotify import WriteWatch
 from contextpolicy.agent.state_directory import StateDirectory
-from tests.agent.builders import POLICY, SLAM, SPEECH, Informed, a_message, a_target, agent_settings
+from tests.agent.builders import POLICY, SLAM, SPEECH, UNWATCHED, Informed, a_message, a_target, agent_settings
 from tests.waiting import PATIENCE
 
 
@@ -24,7 +23,7 @@ def main(root: Path, state: Path, plans: int) -> int:
     say("here")
     if not StateDirectory(state).begin_life(PATIENCE):
         return 1
-    agent = Informed(agent_settings(root, state), TestScheduler(), WriteWatch(lambda *_: None))
+    agent = Informed(agent_settings(root, state), TestScheduler(), lambda _: UNWATCHED)
     agent.start()
     agent.find_source(POLICY)
     for number in itertools.count(1) if plans < 0 else range(1, plans + 1):

@@ -13,32 +13,15 @@ from hypothesis import strategies as st
 from reactivex.testing import TestScheduler
 
 from contextpolicy.agent import capabilities
-from contextpolicy.agent.inotify import WriteWatch
 from contextpolicy.cluster.agent_reports import Confirmation
 from tests.agent.builders import CHAT, JSON, POLICY, SLAM, SPEECH, TIMES, Tree, a_message, a_target, an_agent
 
 GRACE = 10.0
 
 
-@pytest.fixture(scope="module")
-def watch():
-    """Watches in vain: tests say themselves who wrote what."""
-    return WriteWatch(lambda *_: None)
-
-
 @pytest.fixture
 def tree(tmp_path):
     return Tree(tmp_path / "cgroup")
-
-
-@pytest.fixture
-def slam(tree):
-    return tree.container(SLAM)
-
-
-@pytest.fixture
-def speech(tree):
-    return tree.container(SPEECH)
 
 
 @pytest.fixture
@@ -54,11 +37,11 @@ def _able(monkeypatch):
 
 
 @pytest.fixture
-def start(tmp_path, tree, scheduler, watch):
+def start(tmp_path, tree, scheduler):
     """Start an agent, or another one after it."""
 
     def start(tree=tree):
-        agent = an_agent(tree, tmp_path / "state", scheduler, watch, grace=GRACE)
+        agent = an_agent(tree, tmp_path / "state", scheduler, grace=GRACE)
         agent.start()
         return agent
 
@@ -82,8 +65,17 @@ def test_a_plan_is_in_force_at_once(tree, agent, slam, speech):
     assert (tree.limit(slam), tree.limit(speech)) == (990, 10)
 
 
+def test_a_write_that_the_watch_reports_is_answered_on_the_loop(tree, agent, scheduler, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9, held=True)))
+    tree.set(slam, 300)
+    agent.on_write(tree.limit_file(slam), monotonic())
+    assert tree.limit(slam) == 300
+    wait(scheduler, 0.1)
+    assert tree.limit(slam) == 900
+
+
 @pytest.mark.parametrize("payload", [b"", b"\x00\xff", b"{}", b"null", b'{"policy": 5}'])
-def test_what_is_no_plan_changes_nothing_and_is_counted(tree, agent, slam, payload):
+def test_an_invalid_plan_changes_nothing_and_is_counted(tree, agent, slam, payload):
     agent.hear(POLICY, payload)
     agent.hear(POLICY, payload)
     assert tree.limit(slam) == 500
@@ -150,6 +142,22 @@ def test_a_source_that_is_back_in_time_changes_nothing(tree, agent, scheduler, s
     assert tree.limit(slam) == 900
 
 
+def test_a_source_that_is_back_but_whose_answer_is_lost_keeps_its_plan(tree, agent, scheduler, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    agent.lose_source(POLICY)
+    wait(scheduler, 1)
+    agent.find_source(POLICY)
+    wait(scheduler, 2 * GRACE)
+    assert tree.limit(slam) == 900
+
+
+def test_a_source_that_says_nothing_keeps_no_killed_agents_writes(start, tree, agent, scheduler, slam):
+    agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
+    start().find_source(POLICY)
+    wait(scheduler, 2 * GRACE)
+    assert tree.limit(slam) == 500
+
+
 def test_a_plan_that_arrives_after_its_source_is_gone_does_not_stay(tree, agent, scheduler, slam):
     agent.lose_source(POLICY)
     agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
@@ -163,9 +171,7 @@ def confirm(tree, agent, group, limit):
     agent.on_other_write(tree.limit_file(group), monotonic())
 
 
-def test_what_the_api_confirmed_is_undone_without_a_source_and_written_again_when_it_is_back(
-    tree, agent, scheduler, slam
-):
+def test_confirmed_limits_are_undone_without_an_operator_and_rewritten_when_it_returns(tree, agent, scheduler, slam):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.01)))
     confirm(tree, agent, slam, 10)
     agent.lose_source(POLICY)
@@ -198,15 +204,6 @@ def test_stopping_while_nobody_plans_undoes_everything(tree, agent, slam):
     agent.lose_source(POLICY)
     agent.stop()
     assert tree.limit(slam) == 500
-
-
-def test_a_container_that_had_no_limit_and_one_that_did(tree, agent, slam):
-    free = tree.container(SPEECH, limit=None)
-    targets = a_target(SLAM, 0.01), a_target(SPEECH, 0.01, task="speech", original=None, held=True)
-    agent.hear(POLICY, a_message(*targets))
-    assert (tree.limit(slam), tree.limit(free)) == (10, 10)
-    agent.hear(POLICY, None)
-    assert (tree.limit(slam), tree.limit(free)) == (500, None)
 
 
 def test_a_killed_agents_writes_are_undone_unless_a_plan_comes(start, tree, scheduler, slam, speech):

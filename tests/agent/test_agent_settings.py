@@ -39,6 +39,6 @@ def test_settings_come_from_the_environment(tmp_path):
         ({"NODE_NAME": "a", "LOG_LEVEL": "loud"}, "LOG_LEVEL"),
     ],
 )
-def test_a_setting_that_makes_no_sense_is_named(environment, name):
+def test_an_invalid_setting_is_named(environment, name):
     with pytest.raises(SettingsError, match=name):
         read(environment, priority=10, grace=10)

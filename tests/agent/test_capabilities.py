@@ -27,7 +27,7 @@ def test_a_node_that_has_it_all_lacks_nothing(version):
         ({"sees_processes": False}, "hostPID"),
     ],
 )
-def test_what_realtime_lacks_does_not_keep_limits_from_working(change, hint):
+def test_limits_work_without_realtime(change, hint):
     lacks = missing(replace(ALL, **change))
     assert lacks["CFS"] == []
     assert len(lacks["Realtime"]) == 1
@@ -37,7 +37,7 @@ def test_what_realtime_lacks_does_not_keep_limits_from_working(change, hint):
 @pytest.mark.parametrize(
     ("change", "hint"), [({"limits": False}, "CONFIG_CFS_BANDWIDTH"), ({"writable": False}, "root")]
 )
-def test_what_limits_lack_is_told(change, hint):
+def test_what_limits_lack_is_reported(change, hint):
     assert hint in missing(replace(ALL, **change))["CFS"][0]
 
 
@@ -87,7 +87,7 @@ def test_the_kubelets_period_is_found_in_the_first_limit(tmp_path, version):
 
 
 @pytest.mark.parametrize(("version", "file"), [(1, "cpu.cfs_quota_us"), (2, "cpu.max")])
-def test_a_kernel_without_bandwidth_control_is_told_for_everybody(version, file):
+def test_a_kernel_without_bandwidth_control_is_reported_for_everybody(version, file):
     without = replace(ALL, version=version, limits=False)
     assert unlimited(without).startswith(f"the kernel has no {file} for pods: build it with CONFIG_CFS_BANDWIDTH=y")
     assert unlimited(replace(without, limits=True)) == unlimited(NodeFacts(None)) == ""

@@ -89,5 +89,5 @@ def test_what_could_leave_the_pods_tree_is_no_uid(text):
 @pytest.mark.parametrize(
     "text", ["", ID, f"containerd://{ID}/..", "containerd://../../x", "containerd://", f"a/b://{ID}"]
 )
-def test_what_could_leave_the_pods_tree_is_no_container_id(text):
+def test_what_could_leave_the_pods_tree_is_not_a_container_id(text):
     assert not is_container_id(text)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
-from typing import TYPE_CHECKING
 
 import pytest
 
 from contextpolicy.agent.control_files import CFS, REALTIME, Children, ControlFile, ControlFiles, children
 from contextpolicy.errors import ActuationError
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from tests.agent.builders import Watch
 
 FILES = {
     "cfs v1": (CFS[1], {"cpu.cfs_quota_us": "-1\n", "cpu.cfs_period_us": "100000\n"}),
@@ -81,6 +78,12 @@ def test_a_group_that_is_not_there_is_gone(tmp_path):
     assert caught.value.reason == "Gone"
 
 
+def test_a_group_whose_controller_is_not_enabled_is_not_gone(tmp_path):
+    with pytest.raises(ActuationError, match=r"cpu.max.*controller") as caught:
+        ControlFile(tmp_path, CFS[2])
+    assert caught.value.reason == "NotEnabled"
+
+
 @pytest.mark.parametrize(
     ("code", "reason"),
     [
@@ -104,14 +107,13 @@ def test_the_kernels_refusal_has_a_reason(make, monkeypatch, code, reason):
 
 def test_files_open_once_and_close_when_nobody_needs_them(tmp_path, make):
     make("cfs v1").close()
-    opened: list[Path] = []
-    closed: list[Path] = []
-    files = ControlFiles(CFS[1], opened.append, closed.append)
+    watch = Watch()
+    files = ControlFiles(CFS[1], watch)
     assert files[tmp_path] is files[tmp_path]
     files.keep([tmp_path])
-    assert (opened, closed) == ([tmp_path / "cpu.cfs_quota_us"], [])
+    assert watch.paths == {tmp_path / "cpu.cfs_quota_us"}
     files.keep([])
-    assert closed == opened
+    assert watch.paths == set()
 
 
 def test_children_of_what_is_gone_are_none(tmp_path):

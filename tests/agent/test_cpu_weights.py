@@ -7,31 +7,12 @@ from time import monotonic
 
 import pytest
 
-from contextpolicy.agent.cgroup_paths import Driver
 from contextpolicy.agent.cpu_weights import Weights
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.weight_units import FILES, LEAST, of_container, of_pod
-from tests.agent.builders import CHAT, POLICY, SANDBOX, SLAM, SPEECH, Tree
+from tests.agent.builders import CHAT, POLICY, SANDBOX, SLAM, SPEECH, Watch
 
 OTHER = "robot/other"
-
-
-class Watch:
-    """What is watched."""
-
-    def __init__(self):
-        self.paths = set()
-
-    def add(self, path):
-        self.paths.add(path)
-
-    def remove(self, path):
-        self.paths.discard(path)
-
-
-@pytest.fixture(params=[(1, Driver.CGROUPFS), (1, Driver.SYSTEMD), (2, Driver.CGROUPFS), (2, Driver.SYSTEMD)], ids=str)
-def tree(request, tmp_path):
-    return Tree(tmp_path / "cgroup", *request.param)
 
 
 @pytest.fixture
@@ -98,7 +79,7 @@ def everything(tree):
 
 
 def write(tree, weights, group, weight):
-    """The kubelet writes and the watch tells."""
+    """The kubelet writes and the watch reports it."""
     tree.set_weight(group, weight)
     weights.on_other_write(tree.weight_file(group), monotonic())
 
@@ -242,7 +223,7 @@ def test_the_next_run_undoes_a_policy_that_it_never_hears_of(tree, weights, slam
 
 
 @pytest.mark.usefixtures("klass")
-def test_what_somebody_wrote_while_no_agent_ran_stays(tree, weights, slam, speech, restarted):
+def test_external_writes_without_an_agent_are_kept(tree, weights, slam, speech, restarted):
     weights.apply(POLICY, {slam: 990, speech: 50})
     tree.set_weight(slam, 77)
     restarted().release(POLICY)
@@ -266,9 +247,19 @@ def test_nothing_is_written_twice(tree, weights, slam, speech):
 
 
 @pytest.mark.usefixtures("klass")
-def test_a_report_about_a_group_that_is_gone_is_no_news(tree, weights, slam, speech):
+def test_a_report_about_a_group_that_is_gone_is_ignored(tree, weights, slam, speech):
     weights.apply(POLICY, {slam: 990, speech: 50})
     shutil.rmtree(slam.parent)
     weights.on_other_write(tree.weight_file(slam), monotonic())
+    weights.release(POLICY)
+    assert tree.weight(speech) == of_container(10, tree.version)
+
+
+@pytest.mark.usefixtures("klass")
+def test_a_container_without_the_cpu_controller_is_reported_and_stops_nothing(tree, weights, slam, speech):
+    tree.weight_file(slam).unlink()
+    failed = weights.apply(POLICY, {slam: 990, speech: 50})
+    assert {group: error.reason for group, error in failed.items()} == {slam: "NotEnabled"}
+    assert tree.weight(speech) == of_container(50, tree.version)
     weights.release(POLICY)
     assert tree.weight(speech) == of_container(10, tree.version)

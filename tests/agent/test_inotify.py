@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import os
 import queue
+from typing import Any
 
 import pytest
 
@@ -11,14 +14,21 @@ from contextpolicy.agent.inotify import WriteWatch
 from tests.waiting import PATIENCE
 
 
+class Heard(queue.Queue[Any]):
+    """The files that others wrote."""
+
+    def on_write(self, path, _):
+        self.put(path)
+
+
 @pytest.fixture
 def heard():
-    return queue.Queue()
+    return Heard()
 
 
 @pytest.fixture
 def watch(heard):
-    return WriteWatch(lambda path, _: heard.put(path))
+    return WriteWatch(heard)
 
 
 @pytest.fixture
@@ -74,3 +84,18 @@ def test_when_the_kernels_queue_ran_over_all_files_count_as_written(watch, file,
     watch.add(file)
     watch.add(other)
     assert watch._written(-1) == [file, other]
+
+
+class Refusing:
+    """The C library whose kernel has no watch left."""
+
+    def inotify_add_watch(self, *_):
+        ctypes.set_errno(errno.ENOSPC)
+        return -1
+
+
+def test_a_user_without_watches_learns_which_setting_to_raise(watch, file, monkeypatch):
+    monkeypatch.setattr(watch, "_libc", Refusing())
+    with pytest.raises(OSError, match=r"raise fs\.inotify\.max_user_watches") as caught:
+        watch.add(file)
+    assert caught.value.errno == errno.ENOSPC

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import pytest
 
 from contextpolicy.agent import ledger as ledger_module
 from contextpolicy.agent.ledger import Entry, Ledger
+from contextpolicy.agent.state_directory import StateDirectory
 
 FILE = Path("/sys/fs/cgroup/cpu/kubepods/pod1/a/cpu.cfs_quota_us")
 
@@ -34,24 +36,29 @@ def test_only_the_first_write_finds_theirs(disk):
     assert (entry.theirs, entry.ours, entry.earlier) == ("50000", "70000", {"1000"})
 
 
-def test_what_is_closed_is_gone_from_disk(disk):
-    ledger = Ledger(disk)
-    ledger.intend(FILE, "robot/delivery", now="50000", ours="1000")
-    ledger.save()
-    ledger.close(FILE)
-    ledger.save()
-    heir = Ledger(disk)
-    heir.load()
-    assert heir.entries == {}
-
-
 def test_the_first_life_has_no_file(disk):
     ledger = Ledger(disk)
     ledger.load()
     assert ledger.entries == {}
 
 
-@pytest.mark.parametrize("damage", ["{", "[]", "5", '{"/a": 5}', '["/a"]', '["/a", ["p"]]', '["/a", 5]', "\x00\xff"])
+DAMAGES = [
+    *("{", "[]", "5", '{"/a": 5}', '["/a"]', '["/a", ["p"]]', '["/a", 5]', "\x00\xff", "[" * 200_000),
+    *('["a", null]', '["/a\\u0000b", null]', '["/\\ud800", null]', "[5, null]"),
+    *(
+        f'["/a", ["p", {values}]]'
+        for values in (
+            '"x y", "1", false, [], null',
+            '"1", 5, false, [], null',
+            '"1", "2", false, [], "x y"',
+            '"1", "2", false, ["5 0"], null',
+            '"1", "2", false, 5, null',
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
 def test_a_damaged_line_is_left_out_and_reported(disk, damage, caplog):
     first_life(disk)
     disk.write_text(disk.read_text() + damage)
@@ -59,6 +66,26 @@ def test_a_damaged_line_is_left_out_and_reported(disk, damage, caplog):
     ledger.load()
     assert ledger.entries.keys() == {FILE}
     assert str(disk) in caplog.text
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_line_does_not_stay_when_nothing_is_left_to_undo(disk, damage):
+    disk.write_text(damage)
+    Ledger(disk).load()
+    assert not StateDirectory(disk.parent).anything_left
+
+
+def test_a_journal_that_cannot_be_rewritten_is_read(disk, monkeypatch):
+    first_life(disk)
+    disk.write_text(disk.read_text() + "{")
+    monkeypatch.setattr(Path, "write_bytes", full)
+    ledger = Ledger(disk)
+    ledger.load()
+    assert ledger.entries.keys() == {FILE}
+
+
+def full(*_):
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def first_life(disk):
@@ -97,7 +124,7 @@ def test_the_journal_ends_with_the_last_entry(disk):
     assert disk.read_bytes() == b""
 
 
-def test_a_long_journal_is_begun_anew(disk, monkeypatch):
+def test_a_long_journal_is_rewritten(disk, monkeypatch):
     monkeypatch.setattr(ledger_module, "LONGEST", 1000)
     ledger = first_life(disk)
     for time in range(100):
@@ -109,7 +136,7 @@ def test_a_long_journal_is_begun_anew(disk, monkeypatch):
     assert (heir.entries[FILE].theirs, heir.entries[FILE].ours) == ("50000", "99")
 
 
-def test_a_crash_while_beginning_anew_leaves_the_last_version(disk):
+def test_a_crash_while_rewriting_the_journal_leaves_the_last_version(disk):
     first_life(disk)
     disk.with_suffix(".new").write_text('["/half')
     heir = Ledger(disk)

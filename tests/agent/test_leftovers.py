@@ -26,7 +26,7 @@ def state(tmp_path):
 def groups(tree, state):
     """Two containers, which a killed agent limited for two policies."""
     groups = [tree.container(SLAM), tree.container(SPEECH)]
-    agent = an_agent(tree, state, VirtualTimeScheduler(), WriteWatch(lambda *_: None))
+    agent = an_agent(tree, state, VirtualTimeScheduler())
     agent.start()
     for policy, identity in (("robot/delivery", SLAM), ("robot/guide", SPEECH)):
         agent.find_source(policy)
@@ -43,7 +43,7 @@ def test_every_policy_is_undone_at_once(tree, state, groups):
 
 def test_what_the_api_agreed_to_is_undone_as_well(tree, state, groups):
     """Nobody knows whether the operator lives. If it does, it has the kubelet write the API's limits once more."""
-    heir = an_agent(tree, state, VirtualTimeScheduler(), WriteWatch(lambda *_: None))
+    heir = an_agent(tree, state, VirtualTimeScheduler())
     heir.start()
     heir.hear("robot/delivery", a_message(a_target(SLAM, 0.1, limit=0.1)))
     undo(agent_settings(tree.mount, state))

@@ -8,13 +8,13 @@ import pytest
 
 from contextpolicy.agent import threads
 from contextpolicy.agent.cgroup_paths import Driver
-from contextpolicy.agent.control_files import REALTIME, ControlFile, ControlFiles
+from contextpolicy.agent.control_files import REALTIME, ControlFile, ControlFiles, Unwatched
 from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.node_orders import Manner
 from contextpolicy.agent.realtime import Realtime
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.spec import RealtimePolicy
-from tests.agent.builders import CHAT, POLICY, SLAM, SPEECH, Tree
+from tests.agent.builders import CHAT, POLICY, SLAM, Tree
 
 OTHER = "robot/other"
 MANNER = Manner()
@@ -33,7 +33,7 @@ def ledger(tmp_path):
 
 @pytest.fixture
 def realtime(tree, ledger, scheduled):  # noqa: ARG001 - no test may change real threads
-    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version]), ledger, 10)
+    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version], Unwatched()), ledger, 10)
 
 
 @pytest.fixture
@@ -45,16 +45,6 @@ def scheduled(monkeypatch):
     )
     monkeypatch.setattr(threads, "make_ordinary", lambda group, _: groups.pop(group, None))
     return groups
-
-
-@pytest.fixture
-def slam(tree):
-    return tree.container(SLAM)
-
-
-@pytest.fixture
-def speech(tree):
-    return tree.container(SPEECH)
 
 
 def files(group):
@@ -210,7 +200,7 @@ def test_a_container_that_ended_frees_its_part(tree, realtime, slam, speech):
     assert budgets(tree, speech, tree.layout.top) == [350, 350]
 
 
-def test_a_refusal_of_the_kernel_is_reported_and_the_rest_goes_on(realtime, scheduled, monkeypatch, slam):
+def test_a_refusal_of_the_kernel_is_reported_and_the_rest_continues(realtime, scheduled, monkeypatch, slam):
     def no_room(file, text):
         if file.path.parent == slam.parent.parent.parent:
             raise ActuationError("OutOfBounds", f"no room for {text}", retriable=False)
@@ -242,7 +232,7 @@ def heir(tree, realtime, slam, speech, tmp_path):
     realtime.apply(OTHER, {speech: 300}, MANNER)
     ledger = Ledger(tmp_path / "ledger.json")
     ledger.load()
-    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version]), ledger, 10)
+    return Realtime(tree.layout, ControlFiles(REALTIME[tree.version], Unwatched()), ledger, 10)
 
 
 def test_after_a_kill_all_can_be_undone(tree, heir, scheduled, slam, speech):

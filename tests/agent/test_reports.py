@@ -11,7 +11,9 @@ from contextpolicy.agent.capabilities import NodeFacts, missing, quota_period
 from contextpolicy.agent.cgroup_paths import Driver
 from contextpolicy.cluster.agent_reports import (
     ALL,
+    MOST_BYTES,
     MOST_NAMED,
+    MOST_TEXT,
     NO_AGENT,
     UNREADABLE,
     AgentReport,
@@ -63,7 +65,7 @@ def test_what_an_agent_found_is_understood(tmp_path):
     assert (report.processors, report.quota_period, report.unlimited) == (6, 0.05, "no cpu.max")
 
 
-def test_a_node_that_can_not_limit_is_told():
+def test_a_node_that_cannot_limit_is_reported():
     useless = AgentReport("no cpu.max", "no cpu.max", "no cpu.max")
     claim = with_agents(governing_slam(), Claim(PLACEMENT), {NODE: useless, "node-2": ABLE})
     assert claim.unlimited == [f"node {NODE} can't limit CPU time: no cpu.max"]
@@ -136,10 +138,18 @@ def test_what_an_agent_could_not_set_is_found_by_node_and_container_id():
     assert not_set({node: {ALL}}, pods) == {"lab/slam/slam", "lab/speech/speech"}
 
 
-def test_a_weight_that_cannot_be_written_is_said_because_no_resize_takes_its_place():
+def test_a_failed_weight_write_is_reported():
     pods = [view(a_pod("slam")), view(a_pod("speech"))]
     failures = {pods[0].node: {pods[0].containers[0].container_id: "Forbidden"}}
     weighted = governing_slam(enforcement={"control": "Weight"})
-    told = f"lab/slam/slam: the agent of node {pods[0].node} can't write its weight: Forbidden"
-    assert unwritten(weighted, failures, pods) == [told]
+    reported = f"lab/slam/slam: the agent of node {pods[0].node} can't write its weight: Forbidden"
+    assert unwritten(weighted, failures, pods) == [reported]
     assert unwritten(governing_slam(), failures, pods) == []
+
+
+def test_a_report_that_is_too_long_is_not_read_and_its_texts_are_cut():
+    lacks = {"missing": {"CFS": ["x" * MOST_TEXT, "y"], "Realtime": []}}
+    assert read_report(json.dumps(lacks).encode()).limits == "x" * MOST_TEXT
+    flood = json.dumps({"missing": {"CFS": [], "Realtime": []}, "unlimited": "x" * MOST_BYTES}).encode()
+    assert read_report(flood) == AgentReport(UNREADABLE, UNREADABLE)
+    assert read_confirmation(write_confirmation(Confirmation("lab/robot", (1, 1, 1), {"x" * MOST_BYTES: ""}))) is None

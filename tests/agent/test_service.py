@@ -1,4 +1,4 @@
-"""What the kubelet is told about an agent whose loop hangs."""
+"""What the health endpoint answers about an agent whose loop hangs."""
 
 from __future__ import annotations
 
@@ -15,4 +15,4 @@ def test_an_agent_that_hangs_is_not_healthy():
     with pytest.raises(HTTPError) as caught:
         urlopen(f"http://127.0.0.1:{port}/healthz", timeout=10)
     with caught.value as answer:
-        assert (answer.code, answer.read()) == (503, b"the loop does not answer\n")
+        assert (answer.code, answer.read()) == (503, b"the event loop does not respond\n")

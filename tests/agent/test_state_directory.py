@@ -33,10 +33,15 @@ def test_an_agent_gives_up_after_a_while(directory):
     assert not directory().begin_life(0.01)
 
 
-def test_whoever_watches_learns_that_an_agent_lives_and_not_that_one_waits(directory):
+def test_the_lock_shows_a_running_agent_and_not_a_waiting_one(directory):
     supervisor, agent = directory(), directory()
     heard: SimpleQueue[object] = SimpleQueue()
-    watch = WriteWatch(lambda path, _: heard.put((path, supervisor.take_now())))
+
+    class Listener:
+        def on_write(self, path, _):
+            heard.put((path, supervisor.take_now()))
+
+    watch = WriteWatch(Listener())
     watch.add(supervisor.lock)
     assert agent.begin_life(PATIENCE)
     assert heard.get(timeout=PATIENCE) == (supervisor.lock, False)

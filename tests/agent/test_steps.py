@@ -45,7 +45,7 @@ def test_a_limit_that_goes_takes_the_pod_s_with_it():
     assert limit_steps(pods) == [LimitStep(POD, None), LimitStep(A, None)]
 
 
-def test_what_is_right_is_not_written():
+def test_correct_values_are_not_rewritten():
     assert limit_steps([PodLimits(POD, 500, 0, {A: (500, 500)})]) == []
 
 

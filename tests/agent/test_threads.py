@@ -81,14 +81,14 @@ def test_threads_can_queue(tmp_path, version, processes):
     assert processes.policies == {11: os.SCHED_FIFO}
 
 
-def test_processes_of_another_namespace_can_not_be_scheduled(tmp_path, version, processes):
+def test_processes_of_another_namespace_cannot_be_scheduled(tmp_path, version, processes):
     processes.start(0)
     with pytest.raises(ActuationError, match="hostPID") as caught:
         make_realtime(tmp_path, version, 10)
     assert caught.value.reason == "NoHostPids"
 
 
-def test_a_missing_capability_is_told(tmp_path, version, processes, monkeypatch):
+def test_a_missing_capability_is_reported(tmp_path, version, processes, monkeypatch):
     def refuse(*_):
         raise PermissionError(1, "Operation not permitted")
 

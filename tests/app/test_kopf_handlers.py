@@ -1,4 +1,4 @@
-"""What kopf's handlers tell the operator, and what they tell kopf."""
+"""What kopf's handlers pass to the operator, and what they return to kopf."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ import kopf
 import pytest
 
 from contextpolicy.app import kopf_handlers
-from tests.small_cluster import Told
+from tests.small_cluster import Recorder
 
 APPLY: Any = kopf_handlers.apply
+CONFIGURE: Any = kopf_handlers.configure
 RELEASE: Any = kopf_handlers.release
+SEE: Any = kopf_handlers.see
 """Kopf calls them with two dozen arguments; they take what they need."""
 
 
@@ -21,36 +23,72 @@ def run(coroutine):
     return asyncio.run(coroutine)
 
 
-def memo(told):
-    return SimpleNamespace(operator=told.operator)
+def memo(reported):
+    return SimpleNamespace(operator=reported.operator)
 
 
 @pytest.fixture
-def told():
-    return Told()
+def reported():
+    return Recorder()
 
 
-def test_a_policy_is_handed_over_as_a_plain_object(told):
-    run(APPLY(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(told)))
-    assert told.calls == [("policy_changed", "robot")]
-    assert type(told.operator.policy_changed.call_args.args[0]) is dict
+def test_a_policy_is_handed_over_as_a_plain_object(reported):
+    run(APPLY(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(reported)))
+    assert reported.calls == [("policy_changed", "robot")]
+    assert type(reported.operator.policy_changed.call_args.args[0]) is dict
 
 
-def test_a_policy_that_names_what_is_not_there_yet_comes_again(told):
-    told.readable = False
+def test_a_policy_that_names_what_is_not_there_yet_comes_again(reported):
+    reported.readable = False
     with pytest.raises(kopf.TemporaryError) as caught:
-        run(APPLY(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(told)))
+        run(APPLY(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(reported)))
     assert caught.value.delay == kopf_handlers.REREAD
 
 
-def test_a_policy_goes_when_all_is_restored(told):
-    told.restored.set_result(None)
-    run(RELEASE(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(told)))
-    assert told.calls == [("policy_deleted", "robot")]
+def test_a_policy_goes_when_all_is_restored(reported):
+    reported.restored.set_result(None)
+    run(RELEASE(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(reported)))
+    assert reported.calls == [("policy_deleted", "robot")]
 
 
-def test_a_restore_that_takes_long_is_asked_for_again(monkeypatch, told):
+def test_a_restore_that_takes_long_is_asked_for_again(monkeypatch, reported):
     monkeypatch.setattr(kopf_handlers, "RESTORE_TIMEOUT", 0.01)
     with pytest.raises(kopf.TemporaryError, match="not restored yet"):
-        run(RELEASE(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(told)))
-    assert told.restored.cancelled(), "the operator may skip an answer that nobody awaits"
+        run(RELEASE(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(reported)))
+    assert reported.restored.cancelled(), "the operator may skip an answer that nobody awaits"
+
+
+@pytest.mark.parametrize(("kind", "calls"), [(None, 1), ("ADDED", 1), ("MODIFIED", 1), ("DELETED", 0)])
+def test_every_change_of_a_policy_is_shown_its_status_too(reported, kind, calls):
+    run(SEE(type=kind, body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(reported)))
+    assert reported.calls == [("policy_seen", "robot")] * calls
+
+
+def stored(body):
+    """What kopf would write into the object to recognise the next edit."""
+    settings, patch = kopf.OperatorSettings(), kopf.Patch()
+    run(CONFIGURE(settings, memo=SimpleNamespace()))
+    storage, whole = settings.persistence.diffbase_storage, kopf.Body(body)
+    storage.store(body=whole, patch=patch, essence=storage.build(body=whole))
+    return dict(patch.metadata.annotations)
+
+
+def test_kopf_stores_little_in_a_large_policy():
+    """Kubernetes refuses more than 256 KiB of annotations: the policy was not taken up, and could never be deleted."""
+    large = {"metadata": {"annotations": {"notes": "x" * 200_000}}, "spec": {"streams": ["y" * 1_000_000]}}
+    assert sum(map(len, stored(large).values())) < 1000
+
+
+@pytest.mark.parametrize(
+    ("edited", "differs"),
+    [
+        ({"spec": {"reserve": "2"}}, True),
+        ({"metadata": {"annotations": {"notes": "new"}}}, True),
+        ({"metadata": {"annotations": {"kubectl.kubernetes.io/last-applied-configuration": "{}"}}}, False),
+        ({"metadata": {"resourceVersion": "2"}}, False),
+        ({"status": {"contexts": "moving"}}, False),
+    ],
+)
+def test_kopf_recognises_an_edit(edited, differs):
+    body = {"metadata": {"annotations": {}}, "spec": {"reserve": "1"}}
+    assert (stored({**body, **edited}) != stored(body)) is differs

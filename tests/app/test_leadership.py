@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import pytest
 
@@ -47,7 +48,7 @@ def now(monkeypatch):
 
 @pytest.fixture
 def leadership():
-    return Leadership(Api(), Settings(identity="one", lease=("system", "release")), lambda: None)
+    return Leadership(Api(), Settings(identity="one", lease=("system", "release")), Mock())
 
 
 def renew(leadership, *, times=1):
@@ -76,7 +77,7 @@ def test_interruptions_stay_counted_when_namespaces_leave_or_are_lost(leadership
     assert leadership.interruptions == 4
 
 
-def test_why_a_namespace_is_not_served_is_said_again_when_it_is_back(leadership, now, caplog):
+def test_why_a_namespace_is_not_served_is_reported_again_when_it_is_back(leadership, now, caplog):
     for namespaces in (["lab"], [], ["lab"]):
         leadership.serve(namespaces)
         for claim in leadership._claims.values():

@@ -30,23 +30,38 @@ def _impatient(monkeypatch):
     monkeypatch.setattr(probes, "PATIENCE", 0.01)
 
 
+class Loop:
+    """Answers when the test has it answer."""
+
+    def __init__(self) -> None:
+        self.beats: list[Callable[[], None]] = []
+
+    def submit(self, beat: Callable[[], None]) -> None:
+        self.beats.append(beat)
+
+
+class AnsweringLoop:
+    def submit(self, beat: Callable[[], None]) -> None:
+        beat()
+
+
 def test_a_loop_that_answers_has_no_delay():
-    assert Heartbeat(lambda beat: beat()).delay() == 0.0
+    assert Heartbeat(AnsweringLoop()).delay() == 0.0
 
 
-def test_a_loop_that_hangs_is_measured_from_the_first_question_and_asked_only_once(monkeypatch):
-    beats: list[Callable[[], None]] = []
+def test_a_hanging_loop_is_probed_once_and_measured_from_the_first_probe(monkeypatch):
+    loop = Loop()
     now = [100.0]
     monkeypatch.setattr("contextpolicy.app.probes.time.monotonic", lambda: now[0])
-    pulse = Heartbeat(beats.append)
+    pulse = Heartbeat(loop)
     pulse.delay()
     now[0] = 107.0
     assert pulse.delay() == 7.0
-    assert len(beats) == 1
-    beats[0]()
+    assert len(loop.beats) == 1
+    loop.beats[0]()
     now[0] = 108.0
     pulse.delay()
-    assert len(beats) == 2
+    assert len(loop.beats) == 2
 
 
 def test_one_question_that_hangs_holds_no_other_up():
@@ -62,7 +77,7 @@ def test_one_question_that_hangs_holds_no_other_up():
     server.server_close()
 
 
-def test_a_page_tells_every_problem():
+def test_a_page_reports_every_problem():
     server = serve(0, {"/healthz": lambda: ["the loop hangs", "a watch has ended"]})
     assert get(server, "healthz") == (503, "the loop hangs\na watch has ended\n")
     assert get(server, "other")[0] == 404

@@ -27,6 +27,8 @@ def test_every_variable_is_read():
         "LEASE": "system/contextpolicy",
         "LEASE_SECONDS": "1",
         "LEASE_POD": "pod-1/uid-1",
+        "ORIGINALS_KEY": "system/contextpolicy-originals",
+        "AGENTS": "everywhere",
         "IDENTITY": "pod-1",
         "LOG_FORMAT": "JSON",
         "LOG_LEVEL": "Debug",
@@ -41,6 +43,8 @@ def test_every_variable_is_read():
         lease=("system", "contextpolicy"),
         lease_seconds=1,
         lease_pod=OwnPod("pod-1", "uid-1"),
+        originals_key=("system", "contextpolicy-originals"),
+        agents_everywhere=True,
         identity="pod-1",
         log_format="json",
         log_level="debug",
@@ -57,6 +61,7 @@ def test_every_variable_is_read():
         ("METRICS_PORT", "8²", "a port from 1 to 65535"),
         ("LOG_FORMAT", "xml", "one of text, json"),
         ("LOG_LEVEL", "loud", "one of debug, info, warning, error"),
+        ("ORIGINALS_KEY", "x", "a namespace and a Secret's name, such as contextpolicy-system/contextpolicy-originals"),
         ("LEASE", "contextpolicy", "a namespace and a name, such as contextpolicy-system/contextpolicy"),
         ("LEASE", "a/b/c", "a namespace and a name, such as contextpolicy-system/contextpolicy"),
         ("LEASE_POD", "pod-1", "a pod's name and UID, such as contextpolicy-1/d9607e19"),
@@ -66,13 +71,23 @@ def test_every_variable_is_read():
         ("ZENOH_CONNECT", "router:7447", "endpoints such as tcp/router:7447, comma separated"),
     ],
 )
-def test_a_value_that_makes_no_sense_is_named_with_what_is_allowed(name, value, allowed):
+def test_an_invalid_value_is_named_with_what_is_allowed(name, value, allowed):
     with pytest.raises(SettingsError) as caught:
         read({name: value})
     assert [(f.field, str(f.value), f.allowed) for f in caught.value.findings] == [(name, value.lower(), allowed)]
 
 
-def test_all_mistakes_are_told_at_once():
+def test_two_servers_cannot_have_one_port():
+    with pytest.raises(SettingsError) as caught:
+        read({"HEALTH_PORT": "9000", "METRICS_PORT": "9000", "LIVE_PORT": "9000"})
+    assert [str(finding) for finding in caught.value.findings] == [
+        "METRICS_PORT: invalid value '9000': expected another port than HEALTH_PORT",
+        "LIVE_PORT: invalid value '9000': expected another port than HEALTH_PORT",
+        "LIVE_PORT: invalid value '9000': expected another port than METRICS_PORT",
+    ]
+
+
+def test_all_mistakes_are_reported_at_once():
     with pytest.raises(SettingsError) as caught:
         read(
             {"TENANTS": "x", "HEALTH_PORT": "x", "METRICS_PORT": "y", "LOG_LEVEL": "z", "ZENOH_CONNECT": "a,tcp/b:1,c"}

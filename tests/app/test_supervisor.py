@@ -11,17 +11,18 @@ from urllib.request import urlopen
 import kubernetes.config.kube_config
 import pytest
 
+from contextpolicy.actuators.resize.stored_originals import UnsignedOriginals
 from contextpolicy.app import supervisor
-from contextpolicy.app.leadership import NAMESPACE_LEASE
 from contextpolicy.app.probes import serve
 from contextpolicy.app.settings import Settings
 from contextpolicy.app.supervisor import Supervisor, reach
 from contextpolicy.app.wiring import Operator
 from contextpolicy.cluster.api import ApiServer
 from contextpolicy.cluster.fencing import FencedApi
+from contextpolicy.cluster.lease import NAMESPACE_LEASE
 from contextpolicy.errors import ActuationError
 from tests.ports import free_port
-from tests.small_cluster import SmallCluster, Told
+from tests.small_cluster import Recorder, SmallCluster
 from tests.waiting import PATIENCE, until
 
 OWN = ("system", "release")
@@ -31,8 +32,9 @@ class RestartedError(Exception):
     """Ends the process in place of a new program."""
 
 
-def restart():
-    raise RestartedError
+class Restarts:
+    def on_deposed(self):
+        raise RestartedError
 
 
 @pytest.fixture
@@ -50,18 +52,18 @@ def cluster(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def told():
-    return Told()
+def reported():
+    return Recorder()
 
 
 class Replica:
     """A replica on a thread, with a operator that only notes."""
 
-    def __init__(self, told, port, identity, seconds, namespaces):
-        self.told, self.port = told, port
+    def __init__(self, reported, port, identity, seconds, namespaces):
+        self.reported, self.port = reported, port
         self.stop, self.code, self.deposed = threading.Event(), None, threading.Event()
         own = Settings(lease=OWN, lease_seconds=seconds, identity=identity, namespaces=namespaces)
-        self.supervisor = Supervisor(ApiServer(), own, restart)
+        self.supervisor = Supervisor(ApiServer(Mock()), own, Restarts(), UnsignedOriginals())
         self._server = serve(port, {"/healthz": self.supervisor.hung, "/readyz": self.supervisor.unready})
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -96,10 +98,10 @@ def replica(cluster, monkeypatch):
     monkeypatch.setattr(supervisor, "open_client", lambda *_: None)
     started = []
 
-    def start(told, identity="one", seconds=60, namespaces=("lab",)):
-        told.operator.has_router = True
-        monkeypatch.setattr(supervisor, "Operator", create_autospec(Operator, return_value=told.operator))
-        started.append(Replica(told, free_port(), identity, seconds, namespaces))
+    def start(reported, identity="one", seconds=60, namespaces=("lab",)):
+        reported.operator.has_router = True
+        monkeypatch.setattr(supervisor, "Operator", create_autospec(Operator, return_value=reported.operator))
+        started.append(Replica(reported, free_port(), identity, seconds, namespaces))
         return started[-1]
 
     yield start
@@ -110,94 +112,106 @@ def replica(cluster, monkeypatch):
         one.end()
 
 
-def test_nothing_is_done_about_policies_before_all_pods_and_nodes_are_known(cluster, replica, told):
+def test_nothing_is_done_about_policies_before_all_pods_and_nodes_are_known(cluster, replica, reported):
     """A policy whose containers are not known yet would seem restored, and be gone."""
-    one = replica(told)
+    one = replica(reported)
     cluster.pods_allowed.set()
-    told.wait_for("pod_changed", "slam")
-    assert not cluster.policies_listed.wait(1), "kopf has heard of policies before the nodes are known"
+    reported.wait_for("pod_changed", "slam")
+    assert not cluster.policies_listed.wait(1), "kopf has received policies before the nodes are known"
     assert one.page("readyz")[0] == 503
     cluster.nodes_allowed.set()
-    told.wait_for("policy_deleted", "robot")
-    assert [name for name, *_ in told.calls] == ["pod_changed", "node_changed", "policy_deleted"]
+    reported.wait_for("policy_deleted", "robot")
+    assert [name for name, *_ in reported.calls] == ["pod_changed", "node_changed", "policy_seen", "policy_deleted"]
     assert not cluster.by_kopf, "kopf is too slow for what changes with every resize"
     assert one.page("readyz") == (200, "ok\n")
-    told.restored.set_result(None)
+    reported.restored.set_result(None)
 
 
-def test_a_standby_does_nothing_but_is_ready_once_it_sees_that_its_leader_lives(cluster, replica, told):
+def test_a_standby_does_nothing_but_is_ready_once_it_sees_that_its_leader_lives(cluster, replica, reported):
     cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60)
     cluster.pods_allowed.set()
     cluster.nodes_allowed.set()
-    standby = replica(told)
-    told.wait_for("node_changed", "robot-1")
+    standby = replica(reported)
+    reported.wait_for("node_changed", "robot-1")
     assert not cluster.policies_listed.wait(1)
     assert (cluster.holder("lab", NAMESPACE_LEASE), cluster.written) == (None, [])
     assert not standby.supervisor._leadership.may_act("lab")
-    assert standby.page("readyz") == (503, "the Lease is not ours, and nobody was seen to renew it\n")
+    assert standby.page("readyz") == (503, "this replica does not hold the Lease, and none was seen renewing it\n")
     cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60, renewTime="later")
     until(lambda: standby.page("readyz")[0] == 200)
     assert standby.page("readyz") == standby.page("healthz") == (200, "ok\n")
 
 
-def test_a_standby_leads_as_soon_as_the_lease_is_given_back(cluster, replica, told):
+def test_a_standby_leads_as_soon_as_the_lease_is_given_back(cluster, replica, reported):
     cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60)
     cluster.pods_allowed.set()
     cluster.nodes_allowed.set()
-    standby = replica(told)
-    told.wait_for("node_changed", "robot-1")
+    standby = replica(reported)
+    reported.wait_for("node_changed", "robot-1")
     cluster.put_lease(*OWN, holderIdentity=None, leaseDurationSeconds=1)
-    told.wait_for("policy_deleted", "robot")
+    reported.wait_for("policy_deleted", "robot")
     assert (cluster.holder(*OWN), cluster.holder("lab", NAMESPACE_LEASE)) == ("one", "system/release")
     assert standby.supervisor._leadership.may_act("lab")
     assert not standby.supervisor._leadership.may_act("kitchen")
 
 
-def test_a_replica_that_is_deposed_acts_no_more_and_starts_anew(cluster, replica, told):
+def test_a_deposed_replica_stops_acting_and_restarts(cluster, replica, reported):
     cluster.pods_allowed.set()
     cluster.nodes_allowed.set()
-    one = replica(told)
-    told.wait_for("policy_deleted", "robot")
+    one = replica(reported)
+    reported.wait_for("policy_deleted", "robot")
     cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60)
     assert one.deposed.wait(PATIENCE)
     assert not one.supervisor._leadership.may_act("lab")
     with pytest.raises(ActuationError, match="no valid Lease"):
-        FencedApi(one.supervisor._api, one.supervisor._leadership).resize("lab", "slam", {})
+        FencedApi(one.supervisor._api, one.supervisor._leadership).resize("lab", "slam", {}, "contextpolicy")
     assert cluster.holder(*OWN) == "other"
 
 
-def test_a_namespace_that_another_release_serves_is_left_alone(cluster, replica, told, caplog):
+def test_after_each_interruption_what_is_in_force_is_published_again(cluster, replica, reported):
+    cluster.pods_allowed.set()
+    cluster.nodes_allowed.set()
+    one = replica(reported)
+    reported.wait_for("policy_deleted", "robot")
+    assert ("resume",) not in reported.calls
+    for resumed in (1, 2):
+        one.supervisor._leadership._claiming.interruptions += 1
+        one.supervisor.on_lease()
+        until(lambda: reported.calls.count(("resume",)) == resumed)  # noqa: B023 - called in this turn
+
+
+def test_a_namespace_that_another_release_serves_is_left_alone(cluster, replica, reported, caplog):
     cluster.put_lease("lab", NAMESPACE_LEASE, holderIdentity="elsewhere/release", leaseDurationSeconds=60)
     cluster.pods_allowed.set()
     cluster.nodes_allowed.set()
-    one = replica(told)
-    told.wait_for("node_changed", "robot-1")
+    one = replica(reported)
+    reported.wait_for("node_changed", "robot-1")
     assert not cluster.policies_listed.wait(1)
     assert not one.supervisor._leadership.may_act("lab")
     assert cluster.written == []
     assert "namespace lab is served by elsewhere/release" in caplog.text
 
 
-def test_a_namespace_whose_role_is_gone_does_not_keep_it_from_the_others_and_is_told(cluster, replica, told, caplog):
+def test_a_namespace_without_its_role_is_reported_and_the_others_are_served(cluster, replica, reported, caplog):
     """As after the namespace was deleted while no operator ran: its policies hold it, and the Role went first."""
     cluster.closed.add("gone")
     cluster.pods_allowed.set()
     cluster.nodes_allowed.set()
-    one = replica(told, namespaces=("gone", "lab"))
-    told.wait_for("policy_deleted", "robot")
+    one = replica(reported, namespaces=("gone", "lab"))
+    reported.wait_for("policy_deleted", "robot")
     assert one.supervisor._leadership.may_act("lab")
     assert not one.supervisor._leadership.may_act("gone")
     assert "contextpolicy restore --namespace gone --remove-finalizers" in caplog.text
     assert one.page("readyz") == (200, "ok\n")
 
 
-def test_the_end_gives_the_lease_back_when_nothing_acts_any_more(cluster, replica, told):
+def test_the_end_gives_the_lease_back_when_nothing_acts_any_more(cluster, replica, reported):
     cluster.pods_allowed.set()
     cluster.nodes_allowed.set()
-    one = replica(told)
-    told.wait_for("policy_deleted", "robot")
+    one = replica(reported)
+    reported.wait_for("policy_deleted", "robot")
     held = []
-    told.operator.close.side_effect = lambda: held.append(cluster.holder(*OWN))
+    reported.operator.close.side_effect = lambda: held.append(cluster.holder(*OWN))
     cluster.ended.set()
     one.stop.set()
     one.end()
@@ -205,20 +219,20 @@ def test_the_end_gives_the_lease_back_when_nothing_acts_any_more(cluster, replic
     assert cluster.holder("lab", NAMESPACE_LEASE) == "system/release", "the release's next replica goes on"
 
 
-def test_a_router_that_answers_is_handed_over(cluster, replica, told, monkeypatch):
-    one = replica(told)
+def test_a_router_that_answers_is_handed_over(cluster, replica, reported, monkeypatch):
+    one = replica(reported)
     monkeypatch.setattr(supervisor, "open_client", lambda *_: "session")
     one.supervisor._connect()
-    assert ("connected", "session") in told.calls
+    assert ("connected", "session") in reported.calls
     assert cluster.installed
 
 
-def test_readiness_tells_that_no_router_answers(replica, told, cluster):
+def test_readiness_reports_that_no_router_answers(replica, reported, cluster):
     cluster.pods_allowed.set()
     cluster.nodes_allowed.set()
-    one = replica(told)
-    told.wait_for("policy_deleted", "robot")
-    told.operator.has_router = False
+    one = replica(reported)
+    reported.wait_for("policy_deleted", "robot")
+    reported.operator.has_router = False
     assert one.page("readyz") == (503, "no Zenoh router answers\n")
     assert one.page("healthz")[0] == 200, "a restart would not bring the router back"
 

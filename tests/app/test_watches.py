@@ -6,10 +6,11 @@ import json
 import threading
 from contextlib import nullcontext
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 from contextpolicy.app.watches import Watches
 from tests.cluster.builders import a_pod
-from tests.small_cluster import Told
+from tests.small_cluster import Recorder
 from tests.waiting import PATIENCE
 
 NODE = {"metadata": {"name": "robot-1", "uid": "uid-robot-1", "resourceVersion": "1"}}
@@ -39,10 +40,10 @@ def _plural(path):
 
 
 def test_the_operator_hears_what_comes_and_goes():
-    api, told = Api(), Told()
-    watches = Watches(api, ["lab"], told.operator, lambda: None)
+    api, reported = Api(), Recorder()
+    watches = Watches(api, ["lab"], reported.operator, Mock())
     watches.start()
-    told.wait_for("pod_gone", "uid-slam")
-    told.wait_for("node_gone", "uid-robot-1")
+    reported.wait_for("pod_gone", "uid-slam")
+    reported.wait_for("node_gone", "uid-robot-1")
     watches.stop()
-    assert {name for name, *_ in told.calls} == {"pod_changed", "pod_gone", "node_changed", "node_gone"}
+    assert {name for name, *_ in reported.calls} == {"pod_changed", "pod_gone", "node_changed", "node_gone"}

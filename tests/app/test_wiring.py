@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+from prometheus_client import REGISTRY
 
 from contextpolicy.actuators.following import SETTLED
 from contextpolicy.bus.agent_watch import BOUND
@@ -12,23 +13,14 @@ from contextpolicy.cluster.agent_reports import NO_AGENT
 from contextpolicy.telemetry import metrics
 from contextpolicy.telemetry.reporter import STATUS_INTERVAL
 from contextpolicy.telemetry.status import NO_ROUTER
+from tests.actuators.resize.test_vetting import OWNER, PATH, an_owner
 from tests.cluster.builders import NODE
+from tests.planning.builders import a_context
 from tests.policies.builders import IMU, a_policy
 
 
-def test_samples_become_limits(running):
-    assert running.limits() == {"slam": 500, "speech": 500}
-    running.sample(IMU, speed=0.3)
-    running.settle()
-    assert running.limits() == {"slam": 800, "speech": 200}
-    running.sample(IMU, speed=0.0)
-    running.settle()
-    assert running.limits() == {"slam": 500, "speech": 500}
-
-
-def test_status_and_bus_tell_the_same(running):
-    running.sample(IMU, speed=0.3)
-    running.settle()
+def test_status_and_bus_agree(running):
+    running.react(IMU, speed=0.3)
     running.turn(STATUS_INTERVAL)
     status, plan = running.cluster.statuses["lab/robot"], running.session.plans()[-1]
     assert status["activeContexts"] == plan["contexts"] == ["moving"]
@@ -40,8 +32,7 @@ def test_status_and_bus_tell_the_same(running):
 
 def test_what_is_accepted_and_in_force_goes_to_the_bus(running):
     running.session.published.clear()
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     steps = [step for key, step in running.session.published if key == "contextpolicy/lab/robot/applied"]
     assert [(step["stage"], step["container"], step["cores"]) for step in steps] == [
         ("accepted", "lab/speech/speech", 0.2),
@@ -63,20 +54,19 @@ def test_policies_wait_for_the_router_and_say_so(operator):
     assert operator.condition("Accepted")[0] == "True"
     assert operator.cluster.calls == []
     operator.connect()
-    operator.sample(IMU, speed=0.3)
-    operator.settle()
+    operator.react(IMU, speed=0.3)
     assert operator.limits() == {"slam": 800, "speech": 200}
     assert operator.condition("Ready")[0] == "True"
 
 
-def test_an_invalid_policy_is_told_without_a_router(operator):
+def test_an_invalid_policy_is_reported_without_a_router(operator):
     operator.apply(a_policy(tasks=[]))
     operator.turn(0.5)
     assert operator.condition("Accepted")[:2] == ("False", "Invalid")
     assert operator.condition("Connected")[0] == "False"
 
 
-def test_a_bus_that_is_lost_after_it_was_there_is_told_at_once(running):
+def test_a_bus_that_is_lost_after_it_was_there_is_reported_at_once(running):
     running.session.lose_router()
     running.turn(0.5)
     assert running.condition("Connected") == ("False", "NoRouter", NO_ROUTER)
@@ -90,21 +80,16 @@ def test_a_bus_that_is_lost_after_it_was_there_is_told_at_once(running):
 
 
 def test_a_realtime_policy_without_agents_falls_back_and_says_why(operator):
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_policy(enforcement={"scheduler": "Realtime"}))
-    operator.sample(IMU, speed=0.3)
-    operator.settle()
+    operator.govern(a_policy(enforcement={"scheduler": "Realtime"}))
+    operator.react(IMU, speed=0.3)
     assert operator.limits() == {"slam": 800, "speech": 200}
     assert operator.condition("Realtime") == ("False", "Unavailable", f"node {NODE} falls back to CFS: {NO_AGENT}")
-    assert [reason for reason, _ in operator.told() if reason != "ContextEntered"] == ["RealtimeUnavailable"]
+    assert [reason for reason, _ in operator.reported() if reason != "ContextEntered"] == ["RealtimeUnavailable"]
 
 
 def test_the_nodes_of_realtime_agents_are_left_to_them(operator):
     operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_policy(enforcement={"scheduler": "Realtime"}))
+    operator.govern(a_policy(enforcement={"scheduler": "Realtime"}))
     operator.sample(IMU, speed=0.3)
     operator.turn(10.0)
     operator.settle()
@@ -116,9 +101,7 @@ def test_the_nodes_of_realtime_agents_are_left_to_them(operator):
 def test_resizes_follow_an_agent_that_confirms_and_wait_for_no_other(operator, confirming):
     operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
     operator.session.confirming = confirming
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_policy())
+    operator.govern(a_policy())
     operator.sample(IMU, speed=0.3)
     operator.turn(BOUND + 0.1)
     operator.settle()
@@ -127,7 +110,7 @@ def test_resizes_follow_an_agent_that_confirms_and_wait_for_no_other(operator, c
     assert (operator.patches.jobs == []) is confirming
 
 
-def test_a_weight_that_an_agent_can_not_write_is_not_applied(operator):
+def test_a_weight_that_an_agent_cannot_write_is_not_applied(operator):
     operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
     operator.list_all()
     operator.connect()
@@ -146,9 +129,7 @@ def test_a_weight_that_an_agent_can_not_write_is_not_applied(operator):
 @pytest.mark.parametrize("failed", ["slam", "speech"])
 def test_what_an_agent_could_not_set_is_resized_at_once_and_the_rest_follows_it(operator, failed):
     operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_policy())
+    operator.govern(a_policy())
     operator.sample(IMU, speed=0.0)
     operator.turn(2 * SETTLED)
     operator.settle()
@@ -168,12 +149,51 @@ def test_what_an_agent_could_not_set_is_resized_at_once_and_the_rest_follows_it(
     assert operator.limits() == {"slam": 500, "speech": 500}
 
 
+def reactions():
+    labels = {"namespace": "lab", "name": "robot"}
+    return REGISTRY.get_sample_value("contextpolicy_reaction_seconds_count", labels) or 0.0
+
+
+@pytest.mark.parametrize("control", ["Suspend", "Weight", "Limit"])
+def test_a_reaction_ends_when_the_agent_confirms_what_it_wrote(operator, control):
+    operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
+    operator.list_all()
+    operator.connect()
+    moving = a_context("moving", "imu.speed > 0.1", {"speech": {"suspend": True}})
+    operator.apply(a_policy(enforcement={"control": control}, contexts=[moving]))
+    operator.sample(IMU, speed=0.0)
+    operator.turn(2 * SETTLED)
+    operator.settle()
+    before = reactions()
+    operator.sample(IMU, speed=0.3)
+    operator.turn(SETTLED / 2)
+    at_once = reactions() - before
+    assert at_once == (1 if control == "Suspend" else 2), "under Suspend the task that stays active is left alone"
+    operator.turn(2 * SETTLED)
+    operator.settle()
+    assert reactions() - before == at_once, "the resize that follows is no second reaction"
+
+
+def test_what_the_agent_could_not_write_is_in_force_when_the_kubelet_says_so(operator):
+    operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
+    operator.govern(a_policy(enforcement={"control": "Limit"}))
+    operator.sample(IMU, speed=0.0)
+    operator.turn(2 * SETTLED)
+    operator.settle()
+    operator.session.failed = ["containerd://slam"]
+    before = reactions()
+    operator.sample(IMU, speed=0.3)
+    operator.turn(0.01)
+    assert reactions() - before == 1
+    operator.settle()
+    assert reactions() - before == 2
+
+
 # start and end
 
 
 def test_closing_ends_everything_and_leaves_the_limits(running):
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     running.close()
     assert running.session.everything_declared() == []
     assert running.session.closed
@@ -192,12 +212,82 @@ def test_plans_that_min_dwell_held_back_are_counted(operator):
         return metrics.HELD_BACK.labels("lab", "robot")._value.get()
 
     before = counted()
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_policy(enforcement={"minDwell": "5s"}))
+    operator.govern(a_policy(enforcement={"minDwell": "5s"}))
     operator.sample(IMU, speed=0.0)
     operator.turn(6)
     operator.sample(IMU, speed=0.3)
     operator.sample(IMU, speed=0.0)
     operator.turn(6)
     assert counted() == before + 1
+
+
+# originals in other hands
+
+
+def forge(operator, change):
+    operator.cluster.change_originals("lab/robot", change)
+
+
+FORGERIES = [{"uid-slam": None}, {"uid-slam": {"containers": {"slam": {"limit": "50m"}}}}]
+
+
+@pytest.mark.parametrize("forgery", FORGERIES)
+def test_originals_that_are_changed_while_the_operator_runs_are_written_again(running, forgery):
+    running.react(IMU, speed=0.3)
+    before = dict(running.cluster.policies["lab/robot"])
+    forge(running, forgery)
+    running.see()
+    running.settle()
+    assert running.cluster.policies["lab/robot"] == before
+    [reported] = [message for reason, message in running.reported() if reason == "OriginalsChanged"]
+    assert "written again" in reported
+    forge(running, forgery)
+    running.see()
+    assert [reason for reason, _ in running.reported()].count("OriginalsChanged") == 1, "said once in a while"
+
+
+def restarted(running, forgery, *, owned):
+    """While the operator was away somebody changed the originals."""
+    running.react(IMU, speed=0.3)
+    if owned:
+        running.cluster.pods["uid-slam"]["metadata"]["ownerReferences"] = [OWNER]
+        running.cluster.owners[PATH] = an_owner("400m")
+    forge(running, forgery)
+    running.start()
+    running.list_all()
+    running.cluster.events.clear()
+
+
+@pytest.mark.parametrize("forgery", FORGERIES)
+def test_originals_that_were_changed_while_it_was_away_are_not_believed(running, forgery):
+    restarted(running, forgery, owned=True)
+    running.connect()
+    running.apply(a_policy())
+    running.settle()
+    [reported] = [message for reason, message in running.reported() if reason == "OriginalsUnproven"]
+    assert "ReplicaSet slam-7d9f says request 10m, limit 400m, which counts" in reported
+    done = running.delete(a_policy())
+    running.settle()
+    assert (done.done(), running.limits()) == (True, {"slam": 400, "speech": 400})
+
+
+def test_a_policy_that_is_deleted_while_it_was_away_is_not_done_when_they_were_emptied(running):
+    restarted(running, {"uid-slam": None, "uid-speech": None}, owned=True)
+    done = running.delete(a_policy())
+    running.settle()
+    assert done.done()
+    assert running.limits()["slam"] == 400
+    reported = dict(running.reported())["OriginalsUnproven"]
+    assert "lab/slam/slam: status.originals no longer has an entry; ReplicaSet slam-7d9f says" in reported
+    assert (
+        "lab/speech/speech: status.originals no longer has an entry; no owner of the pod states its original"
+        in reported
+    )
+
+
+def test_what_it_signed_itself_it_believes_after_a_restart(running):
+    restarted(running, {}, owned=False)
+    done = running.delete(a_policy())
+    running.settle()
+    assert (done.done(), running.limits()) == (True, {"slam": 400, "speech": 400})
+    assert "OriginalsUnproven" not in dict(running.reported())

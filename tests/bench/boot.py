@@ -20,11 +20,11 @@ from statistics import median
 from typing import Any
 
 from tests.bench.engine_measure import machine
-from tests.e2e.cluster import REPOSITORY, until
+from tests.bench.results import keep
+from tests.e2e.cluster import until
 from tests.e2e.rebooted import PLANNED, ROBOT, SYSTEM, governed, kubectl, limits
 from tests.node import lifecycle
 
-OUTPUT = REPOSITORY / "build" / "bench" / "boot.json"
 PATIENCE = 180.0
 OPERATOR = "app.kubernetes.io/component=operator"
 
@@ -36,8 +36,7 @@ def main() -> int:
     with governed():
         rounds = [_reboot() for _ in range(options.rounds)]
     result = {"rounds": rounds, "machine": machine()}
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    keep("boot", result)
     print(result["machine"])
     for stage in rounds[0]:
         seconds = [one[stage] for one in rounds]
@@ -51,13 +50,13 @@ def _reboot() -> dict[str, float]:
     began = time.time()
     lifecycle.up()
     ready = time.time()
-    until("the first plan is told", lambda: _plan()["run"] / 1e3 > began, PATIENCE)
+    until("the first plan is published", lambda: _plan()["run"] / 1e3 > began, PATIENCE)
     until("its limits are in force", lambda: limits() == PLANNED or limits(), PATIENCE)
     stages = {
         "the node is Ready": ready,
         "the operator's container started": _started(),
         "its first plan": _moment(_plan()["time"]),
-        "the limits are in force, told by the API": time.time(),
+        "the limits are in force, reported by the API": time.time(),
     }
     return {stage: round(at - began, 1) for stage, at in stages.items()}
 

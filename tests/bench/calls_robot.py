@@ -51,10 +51,10 @@ class _Cluster(StandInCluster):
         self._may_answer = Event()
         self._may_answer.set()
 
-    def resize(self, namespace: str, name: str, patch: Mapping[str, Any]) -> int:
+    def resize(self, namespace: str, name: str, patch: Mapping[str, Any], manager: str) -> int:
         self._asked.append(self._counter.so_far())
         self._may_answer.wait()
-        return super().resize(namespace, name, patch)
+        return super().resize(namespace, name, patch, manager)
 
     def hold_answers(self) -> None:
         """To the resizes that come from now on."""

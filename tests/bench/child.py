@@ -1,4 +1,4 @@
-"""A subject of a benchmark: a Python process that says when it is ready, and answers a line of JSON with a line."""
+"""Processes of a benchmark: a subject that answers questions, and a program that only runs."""
 
 from __future__ import annotations
 
@@ -6,14 +6,39 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Self
 
+from tests.node.layout import REPOSITORY
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
+
+    from tests.bench.cgroup import Cgroup
+
+
+@contextmanager
+def program(*arguments: str, group: Cgroup | None = None, **environment: str) -> Iterator[subprocess.Popen[str]]:
+    """A Python program, in the group from its start on; killed at the end if it still runs."""
+    path = f"{REPOSITORY}:{REPOSITORY / 'modules/robotkit'}"
+    with subprocess.Popen(
+        [sys.executable, *arguments],
+        cwd=REPOSITORY,
+        env={**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1", **environment},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    ) as process:
+        try:
+            if group is not None:
+                group.add(process.pid)
+            yield process
+        finally:
+            process.kill()
 
 
 class Child:
-    """Runs from `with` to its end."""
+    """A Python program that says when it is ready, and answers a line of JSON with a line; from `with` to its end."""
 
     def __init__(self, *arguments: str, environment: Mapping[str, str] | None = None) -> None:
         self._process = subprocess.Popen(

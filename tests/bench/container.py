@@ -12,14 +12,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import signal
-import subprocess
 import sys
 import time
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from tests.bench.child import program
 from tests.bench.engine_measure import machine
 from tests.bench.footprint import processes
 from tests.bench.reaction import objects
@@ -27,15 +25,12 @@ from tests.bench.reaction.figures import rounded
 from tests.bench.reaction.hearing import Hearing
 from tests.bench.reaction.site import ADDRESSES, PLAIN, Site, say
 from tests.bench.reaction.stopwatch import Stopwatch
-from tests.e2e.cluster import REPOSITORY
+from tests.bench.results import keep
 from timelines.demo.deploy import free_address
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     import zenoh
 
-OUTPUT = REPOSITORY / "build" / "bench" / "container.json"
 RATE = 200
 SETTLING, TURNS = 3.0, 3
 MIB = 1 << 20
@@ -61,8 +56,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # as after Ctrl-C, nothing is left behind
     with Stopwatch() as stopwatch, Site(stopwatch) as site:
         result = {**_measure(site, options.seconds), "machine": machine()}
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    keep("container", result)
     print(_text(result))
     return 0
 
@@ -72,10 +66,10 @@ def _measure(site: Site, seconds: float) -> dict[str, Any]:
     bus = site.operator(PLAIN)
     site.module(PLAIN, objects.module_pod("imu", PLAIN, environment("pod", router)))
     [contained] = site.groups[PLAIN]["imu"].processes()
-    with _bare(environment("process", router)) as bare:
+    with program("-m", "modules.imu", group=None, **environment("process", router)) as bare:
         subjects = [
             Subject(name, Hearing(bus, f"bench/{name}/motion"), process)
-            for name, process in (("process", bare), ("pod", contained))
+            for name, process in (("process", bare.pid), ("pod", contained))
         ]
         time.sleep(SETTLING)
         turns: dict[str, list[dict[str, float | None]]] = {one.name: [] for one in subjects}
@@ -95,17 +89,6 @@ def environment(name: str, router: str) -> dict[str, str]:
         "INPUT_RAW": f"{{key: bench/{name}/raw}}",
         "OUTPUT_MOTION": f"bench/{name}/motion",
     }
-
-
-@contextmanager
-def _bare(settings: dict[str, str]) -> Iterator[int]:
-    """The module as a process of this machine; its id."""
-    process = subprocess.Popen([sys.executable, "-m", "modules.imu"], env={**os.environ, **settings}, cwd=REPOSITORY)
-    try:
-        yield process.pid
-    finally:
-        process.terminate()
-        process.wait(timeout=10)
 
 
 def _turn(bus: zenoh.Session, subject: Subject, seconds: float) -> dict[str, float | None]:
@@ -134,8 +117,8 @@ def _text(result: dict[str, Any]) -> str:
         f"{'':10}{'CPU us a sample':>26}{'answer, p50 ms':>22}{'p99 ms':>22}{'MiB':>8}",
     ]
     for name, turns in result["turns"].items():
-        told = [", ".join(f"{turn[key]:g}" for turn in turns) for key in turns[0]]
-        lines.append(f"{name:10}{told[0]:>26}{told[1]:>22}{told[2]:>22}{result['memory_mib'][name]:>8}")
+        reported = [", ".join(f"{turn[key]:g}" for turn in turns) for key in turns[0]]
+        lines.append(f"{name:10}{reported[0]:>26}{reported[1]:>22}{reported[2]:>22}{result['memory_mib'][name]:>8}")
     return "\n".join([*lines, "", f"a pod's shim: {result['shim_mib']} MiB"])
 
 

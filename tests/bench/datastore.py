@@ -1,6 +1,7 @@
 """kine on SQLite against etcd under the node's API server: reaction, load on the API, bytes written to disk.
 
     python -m tests.bench.datastore [--datastores kine] [--turns 60] [--minutes 10] [--repeat 1]
+    python -m tests.bench.datastore --goals [--resume]
 
 Starts the node on one datastore after the other, so nobody else may use it meanwhile. Needs the image contextpolicy:dev
 on the node (`make images`). Writes build/bench/datastore.json; progress goes to stderr. Two operators run, one with an
@@ -10,8 +11,12 @@ agent, and each governs eight pods:
     storm          a plan that moves all eight limits, each second, --turns times
     minute         a plan that moves one limit, each minute, --minutes times
 
-each of the loads first without the agent, then with it. An hour is extrapolated from the stretch that was measured,
-`above_rest` is less what was written at rest. One datastore takes about 8 + 3 * minutes + 4 * turns / 60 minutes.
+each of the loads without the agent and with it. An hour is extrapolated from the stretch that was measured,
+`above_rest` is less what was written at rest. One datastore takes about 8 + 3 * minutes + 5 * turns / 60 minutes.
+
+`--goals` measures what the goals are about and nothing else, on kine, and says which are met: at rest, the storm with
+the agent, contexts once a minute with it, and the storm without it; 20 minutes with its default of 5 `--minutes`. Each
+step is in datastore.jsonl as soon as it is measured: with `--resume` a run that ended early goes on after it.
 
 On kine the writes are also counted by kind, and `own_share_percent` is the part of status and Events of the policies in
 the bytes of these and of all pods with their Events; see `tests/bench/kine_rows.py`.
@@ -27,83 +32,36 @@ import logging
 import os
 import subprocess
 import sys
-import time
-from contextlib import nullcontext
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from prometheus_client.parser import text_string_to_metric_families
-
-from tests.bench import kine_rows
+from tests.bench.datastore_goals import LOADS, above, judged
+from tests.bench.datastore_loads import MINUTE, STORM, Loads
 from tests.bench.engine_measure import machine
 from tests.bench.reaction.figures import percentile
-from tests.bench.reaction.patch import BarePatch
-from tests.bench.reaction.rounds import operated
-from tests.bench.reaction.site import AGENT, PLAIN, SPARE, Site, say
-from tests.bench.reaction.stopwatch import MissedError, Stopwatch
-from tests.e2e.cluster import REPOSITORY, run
-from tests.node import access, components, lifecycle, processes
-from tests.node.layout import DATASTORE_VARIABLE, ROOT
+from tests.bench.reaction.journal import opened
+from tests.bench.reaction.site import say
+from tests.bench.results import OUTPUT, keep
+from tests.node import access, components, lifecycle
+from tests.node.layout import DATASTORE_VARIABLE, REPOSITORY
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Sequence
 
-Turn = TypeVar("Turn")
-
-OUTPUT = REPOSITORY / "build" / "bench" / "datastore.json"
-PODS, POLICY = 8, "bench"
-STORM, MINUTE = 1.0, 60.0
-"""Seconds between two contexts: of a robot that is always busy, and of one that does something else each minute."""
-WARM_UP = 30
-"""Contexts of a storm that are not measured: statuses and Events begin with a burst that an hour has once."""
-DRAINED = 10.0
-"""Seconds after which nothing of a load is left to do."""
-TICK = os.sysconf("SC_CLK_TCK")
-
-
-@dataclass(frozen=True)
-class Load:
-    """What the node had done by a moment; bytes are those that the kernel accounts to storage."""
-
-    at: float
-    requests: float
-    api_cpu: float
-    store_cpu: float
-    store_bytes: int
-    kubelet_bytes: int
-
-    @classmethod
-    def now(cls) -> Load:
-        """Read the counters."""
-        store = components.datastore()
-        return cls(time.monotonic(), _requests(), _cpu("apiserver"), _cpu(store), _written(store), _written("kubelet"))
-
-    def since(self, before: Load) -> dict[str, float]:
-        """Rates, and the bytes of an hour at this rate."""
-        seconds = self.at - before.at
-        hour = 3600 / seconds / 2**20
-        return {
-            "seconds": round(seconds, 1),
-            "requests_per_s": round((self.requests - before.requests) / seconds, 1),
-            "api_server_millicores": round((self.api_cpu - before.api_cpu) / seconds * 1000),
-            "datastore_millicores": round((self.store_cpu - before.store_cpu) / seconds * 1000),
-            "datastore_mib_per_hour": round((self.store_bytes - before.store_bytes) * hour, 1),
-            "kubelet_mib_per_hour": round((self.kubelet_bytes - before.kubelet_bytes) * hour, 1),
-        }
+EVERYTHING = ("rest", "storm", "storm_agent", "plans", "patches", "minute", "minute_agent")
 
 
 def main() -> int:
-    """Measure here when told to, else start the node on each datastore and measure there."""
+    """With --here measure here, else start the node on each datastore and measure there."""
     options = _options()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     if options.here:
-        print(json.dumps(_here(options.turns, options.minutes)))
+        print(json.dumps(_here(options)))
         return 0
     rows = [_on(store, options) for _ in range(options.repeat) for store in options.datastores]
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps({"machine": machine(), "rows": rows}, indent=2) + "\n", encoding="utf-8")
+    keep("datastore", {"machine": machine(), "rows": rows})
     print(_text(rows))
+    for row in rows if options.goals else ():
+        print("\n".join(judged(row)))
     return 0
 
 
@@ -114,21 +72,29 @@ def _options() -> argparse.Namespace:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     every = tuple(components.DATASTORES)
-    parser.add_argument("--datastores", nargs="+", choices=every, default=every, help="those to measure (all)")
+    parser.add_argument("--datastores", nargs="+", choices=every, help="those to measure (all; kine with --goals)")
     parser.add_argument("--turns", type=int, default=60, help="contexts of the storm, one a second (%(default)s)")
-    parser.add_argument("--minutes", type=int, default=10, help="at rest, and contexts one a minute (%(default)s)")
+    parser.add_argument("--minutes", type=int, help="at rest, and contexts one a minute (10; 5 with --goals)")
     parser.add_argument("--repeat", type=int, default=1, help="times that each datastore has its turn (%(default)s)")
+    parser.add_argument("--goals", action="store_true", help="only what the goals are about")
+    parser.add_argument("--resume", action="store_true", help="go on with a run of the same options that ended early")
     parser.add_argument("--here", action="store_true", help="measure the running node only; needs `tests.node exec`")
-    return parser.parse_args()
+    options = parser.parse_args()
+    options.datastores = options.datastores or (["kine"] if options.goals else every)
+    options.minutes = options.minutes or (5 if options.goals else 10)
+    if options.resume and len(options.datastores) * options.repeat > 1:
+        parser.error("--resume: expected one datastore, once: name it with --datastores")
+    return options
 
 
 def _on(store: str, options: argparse.Namespace) -> dict[str, Any]:
     say(f"{store}: starting the node")
     os.environ[DATASTORE_VARIABLE] = store
     lifecycle.up()
-    stretches = ("--turns", str(options.turns), "--minutes", str(options.minutes))
+    switches = [f"--{name}" for name in ("goals", "resume") if getattr(options, name)]
+    stretches = ("--turns", str(options.turns), "--minutes", str(options.minutes), *switches)
     argv = access.command([sys.executable, "-m", "tests.bench.datastore", "--here", *stretches])
-    timeout = 900 + 12 * options.turns * STORM + 3 * options.minutes * MINUTE
+    timeout = 1200 + 12 * options.turns * STORM + 4 * options.minutes * MINUTE
     done = subprocess.run(
         argv, env=access.environment(), cwd=REPOSITORY, stdout=subprocess.PIPE, timeout=timeout, check=True, text=True
     )
@@ -136,97 +102,32 @@ def _on(store: str, options: argparse.Namespace) -> dict[str, Any]:
     return {"datastore": store, **measured}
 
 
-def _here(turns: int, minutes: int) -> dict[str, Any]:
-    names = [f"task-{number}" for number in range(PODS)]
-    with Stopwatch() as stopwatch, Site(stopwatch) as site:
-        site.pods(SPARE, ["patched"])
-        bare = BarePatch(SPARE, {"patched": site.groups[SPARE]["patched"]}, stopwatch)
-        buses = {PLAIN: site.operator(PLAIN), AGENT: site.operator(AGENT, agent=True)}
-        for namespace in buses:
-            site.pods(namespace, names)
-        paths = {namespace: operated(site, stopwatch, namespace, bus, names) for namespace, bus in buses.items()}
-        time.sleep(DRAINED)
-        rest = _loaded("at rest", lambda: None, minutes, MINUTE)
-        storm = {}
-        for namespace, path in paths.items():
-            _paced(path.turn, WARM_UP, STORM)
-            storm[namespace] = _loaded(f"{namespace}: storm", path.turn, turns, STORM)
-            time.sleep(DRAINED)
-        say("plans, and bare PATCHes")
-        plans = _paced(paths[PLAIN].go, turns, STORM)
-        patches = _paced(bare.go, turns, STORM)
-        minute = {}
-        for namespace, bus in buses.items():
-            paths[namespace].close()
-            few = operated(site, stopwatch, namespace, bus, names[:2])  # of two tasks only the first one's limit moves
-            time.sleep(DRAINED)
-            minute[namespace] = _loaded(f"{namespace}: minute", few.turn, minutes, MINUTE)
-            few.close()
-        bare.close()
-    loads = {"storm": storm[PLAIN], "storm_agent": storm[AGENT], "minute": minute[PLAIN], "minute_agent": minute[AGENT]}
+def _here(options: argparse.Namespace) -> dict[str, Any]:
+    steps = LOADS if options.goals else EVERYTHING
+    same = {"datastore": components.datastore(), "turns": options.turns, "minutes": options.minutes}
+    journal = opened(OUTPUT / "datastore.jsonl", same, steps, resume=options.resume)
+    if journal.left():
+        with Loads(options.turns, options.minutes) as loads:
+            measures = loads.measures()
+            for step in steps:
+                journal.once(step, measures[step])
+    return _row({step: journal.found(step) for step in steps})
+
+
+def _row(found: dict[str, Any]) -> dict[str, Any]:
+    rest = found["rest"]
+    times = {"patches": "bare_patch_cgroup_ms", "plans": "plan_of_8_cgroups_ms"}
+    loads = {name: load for name, load in found.items() if name not in times and name != "rest"}
     return {
-        "bare_patch_cgroup_ms": _spread([one["all cgroups"] for one in patches]),
-        "plan_of_8_cgroups_ms": _spread([one["all cgroups"] for one in plans]),
+        **{title: _spread(found[name]) for name, title in times.items() if name in found},
         "rest": rest,
-        **{name: {**load, "above_rest_mib_per_hour": _above(load, rest)} for name, load in loads.items()},
+        **{name: {**load, "above_rest_mib_per_hour": above(load, rest)} for name, load in loads.items()},
     }
-
-
-def _above(load: Mapping[str, float], rest: Mapping[str, float]) -> float:
-    return round(load["datastore_mib_per_hour"] - rest["datastore_mib_per_hour"], 1)
-
-
-def _loaded(what: str, act: Callable[[], object], times: int, interval: float) -> dict[str, float]:
-    """What `act` costs, done at each interval."""
-    say(what)
-    rows = kine_rows.Tally(kine_rows.open_database(ROOT / "kine" / "state.db")) if _is_kine() else None
-    before = Load.now()
-    with rows or nullcontext():
-        _paced(act, times, interval)
-    return {**Load.now().since(before), **(rows.figures(POLICY) if rows else {})}
-
-
-def _is_kine() -> bool:
-    return components.datastore() == "kine"
-
-
-def _paced(act: Callable[[], Turn], times: int, interval: float) -> list[Turn]:
-    """One at each interval; those that missed a stage are told and left out."""
-    found = []
-    for _ in range(times):
-        due = time.monotonic() + interval
-        try:
-            found.append(act())
-        except MissedError as error:
-            say(str(error))
-        time.sleep(max(0.0, due - time.monotonic()))
-    return found
 
 
 def _spread(times: Sequence[float]) -> dict[str, float]:
     figures = {f"p{percent}": round(percentile(times, percent), 1) for percent in (50, 90)}
     return {**figures, "max": round(max(times), 1), "n": len(times)}
-
-
-def _requests() -> float:
-    """All requests that the API server answered, ours for its metrics among them."""
-    text = run("kubectl", "get", "--raw", "/metrics")
-    samples = (sample for family in text_string_to_metric_families(text) for sample in family.samples)
-    return sum(sample.value for sample in samples if sample.name == "apiserver_request_total")
-
-
-def _cpu(name: str) -> float:
-    fields = (_folder(name) / "stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / TICK
-
-
-def _written(name: str) -> int:
-    lines = (_folder(name) / "io").read_text().splitlines()
-    return int(next(line for line in lines if line.startswith("write_bytes")).split()[1])
-
-
-def _folder(name: str) -> Path:
-    return Path("/proc") / str(processes.alive(name))
 
 
 def _text(rows: Sequence[dict[str, Any]]) -> str:

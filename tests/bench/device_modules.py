@@ -2,8 +2,8 @@
 
     python -m tests.bench.device_modules [--seconds 20]
 
-Cost: each runs as a program against its simulator, and the kernel tells its CPU time (m: thousandths of a core) and its
-memory. Accuracy is computed in virtual time: odometry over laps of a 2 m square, the arm over its workspace.
+Cost: each runs as a program against its simulator, and the kernel reports its CPU time (m: thousandths of a core) and
+its memory. Accuracy is computed in virtual time: odometry over laps of a 2 m square, the arm over its workspace.
 """
 
 # ruff: noqa: T201 - a command prints
@@ -18,8 +18,6 @@ import threading
 import time
 from contextlib import ExitStack
 
-import zenoh
-
 from modules.arm.joints import NAMES, load_arm
 from modules.arm.kinematics import Unreachable
 from modules.arm.servos import QUARTERS
@@ -32,8 +30,11 @@ from modules.navigation.odometry import Odometry
 from modules.navigation.simulator import Body, Create2
 from modules.navigation.waypoints import Route
 from robotkit.simulated import on_a_pseudo_terminal
+from tests.bench.child import program
 from tests.bench.footprint.processes import cpu, resident
-from tests.bench.wheel_stop import ORDER, ROOT, ROUTER, SCAN, SCAN_S, config, program
+from tests.bench.wheel_stop import ORDER, SCAN, SCAN_S
+from tests.modules.robotkit.bus import client, router
+from tests.node.layout import REPOSITORY
 from tests.ports import free_port
 
 LAPS = 5
@@ -66,8 +67,8 @@ def drift(body):
 
 
 def arm_error():
-    """How far from where it was told to be a grip is whose pulses have been rounded, in mm: worst of the workspace."""
-    arm = load_arm(ROOT / "modules/arm/arm.yaml")
+    """How far from its target a grip is whose pulses have been rounded, in mm: worst of the workspace."""
+    arm = load_arm(REPOSITORY / "modules/arm/arm.yaml")
     dice, worst, found = random.Random(0), 0.0, 0  # noqa: S311 - it must repeat itself
     while found < 2000:
         point = (dice.uniform(0, 230), dice.uniform(-230, 230), dice.uniform(-60, 160))
@@ -89,11 +90,8 @@ class Bus:
     """A router, a session, and what keeps the modules busy."""
 
     def __init__(self, stack):
-        self.address = f"tcp/127.0.0.1:{free_port()}"
-        router = stack.enter_context(program("-c", ROUTER, config("router", listen={"endpoints": [self.address]})))
-        router.stdout.readline()
-        settings = config("client", connect={"endpoints": [self.address]})
-        self.session = stack.enter_context(zenoh.open(zenoh.Config.from_json5(settings)))
+        self.address = stack.enter_context(router())
+        self.session = stack.enter_context(client(self.address))
         self.ended = threading.Event()
         stack.callback(self.ended.set)
 

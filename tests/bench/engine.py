@@ -1,6 +1,6 @@
 """How fast the engine decides: samples in bytes to plans, on one core.
 
-    python -m tests.bench.engine [--output table|json] [--profile] [--quick]
+    python -m tests.bench.engine [--profile] [--quick]
 
 Prints a table, writes build/bench/engine.json; progress goes to stderr. In each case one stream in five drives a score
 that is new with each sample (so each of its samples makes a plan), the others' samples mostly confirm what is known.
@@ -19,17 +19,15 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import sys
 from dataclasses import asdict
-from pathlib import Path
 
 from tests.bench.engine_case import CASES, NAMED, Case
 from tests.bench.engine_measure import Measurement, machine, measure, profile
 from tests.bench.engine_process import idle_cpu_percent, resident_mb
 from tests.bench.engine_resizer import BYSTANDERS, LIMITS, loop_ms_per_plan, loop_us_per_bystander
+from tests.bench.results import keep
 
-OUTPUT = Path(__file__).parents[2] / "build/bench/engine.json"
 GOALS = {
     "samples_per_second": (">=", 20_000.0),
     "sample_to_plan_p99_us": ("<", 1000.0),
@@ -53,15 +51,13 @@ def main() -> int:
         print(profile(NAMED))
         return 0
     result = _measure(quick=options.quick)
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    print(json.dumps(result, indent=2) if options.output == "json" else _table(result))
+    keep("engine", result)
+    print(_table(result))
     return 0
 
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", choices=("table", "json"), default="table")
     parser.add_argument("--profile", action="store_true", help="show where the named case's time goes")
     parser.add_argument("--quick", action="store_true", help="the named case only")
     return parser.parse_args()

@@ -74,7 +74,9 @@ class Case:
     def _context(self, number: int) -> Context:
         stream = f"s{number % self.streams}"
         when = f"{stream}.speed > {0.999 - number / 1000:g}"
-        return Context(f"c{number}", when, 0.1, 1.0, {f"t{number % self.tasks}": Effect(scale=2.0)})
+        return Context(
+            f"c{number}", when, enter_after=0.1, exit_after=1.0, effects={f"t{number % self.tasks}": Effect(scale=2.0)}
+        )
 
 
 NAMED = Case(10, 20, 10)

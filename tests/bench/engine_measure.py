@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING
 from contextpolicy.planning.planner import Planner
 from contextpolicy.streams.decoding import Decoder
 from tests.bench.engine_floor import Floor
+from tests.bench.reaction.figures import percentile
+from tests.planning.quiet import Quiet
 
 if TYPE_CHECKING:
     from tests.bench.engine_case import Case
@@ -59,7 +61,7 @@ class Engine:
 
     def __init__(self, case: Case) -> None:
         policy = case.policy()
-        self.planner = Planner(policy)
+        self.planner = Planner(policy, Quiet(), {})
         self.decoders = {stream.name: Decoder(stream) for stream in policy.streams}
         self.planner.start(START)
         self.planner.handle(case.placement(), START)
@@ -79,8 +81,8 @@ def measure(case: Case) -> Measurement:
     latencies = [_latencies(engine, batch, number * length) for number in range(ROUNDS, 2 * ROUNDS)]
     return Measurement(
         samples_per_second=BATCH / (round_ns / 1e9),
-        plan_p50_us=min(_percentile(of_round, 50) for of_round in latencies),
-        plan_p99_us=min(_percentile(of_round, 99) for of_round in latencies),
+        plan_p50_us=min(percentile(of_round, 50) for of_round in latencies) / 1e3,
+        plan_p99_us=min(percentile(of_round, 99) for of_round in latencies) / 1e3,
         samples=BATCH,
         plans=len(latencies[-1]),
         beside=_beside(engine, Floor(case.policy()), batch, length),
@@ -150,9 +152,3 @@ def machine() -> dict[str, str | float]:
         "load": round(os.getloadavg()[0], 1),
         "system": f"{platform.system()} {platform.release()}",
     }
-
-
-def _percentile(durations: list[int], percent: int) -> float:
-    if len(durations) < 2:
-        return durations[0] / 1e3 if durations else 0.0
-    return statistics.quantiles(durations, n=100, method="inclusive")[percent - 1] / 1e3

@@ -9,11 +9,13 @@ import textwrap
 IDLE_SECONDS = 10.0
 
 _IMPORTS = """
-import kopf, kubernetes, zenoh, reactivex, cel, prometheus_client
+import os, kopf, kubernetes, zenoh, reactivex, cel, prometheus_client
 from contextpolicy.planning.observable import plan_with
 from contextpolicy.planning.planner import Planner
+from tests.planning.quiet import Quiet
 from tests.bench.engine_case import NAMED
 from tests.bench.engine_measure import Engine
+from tests.bench.footprint.processes import resident
 """
 
 _RESIDENT = (
@@ -22,8 +24,7 @@ _RESIDENT = (
 engine = Engine(NAMED)
 for at, stream, payload in NAMED.payloads(20_000):
     engine.take(at, stream, payload)
-with open("/proc/self/status", encoding="utf-8") as file:
-    print(next(int(line.split()[1]) / 1024 for line in file if line.startswith("VmRSS")))
+print(resident(os.getpid()) / 2**20)
 """
 )
 
@@ -37,7 +38,7 @@ from reactivex.scheduler.eventloop import AsyncIOScheduler
 async def main(seconds):
     inputs = Subject()
     scheduler = AsyncIOScheduler(asyncio.get_running_loop())
-    inputs.pipe(plan_with(Planner(NAMED.policy()), scheduler)).subscribe()
+    inputs.pipe(plan_with(Planner(NAMED.policy(), Quiet(), {}), scheduler)).subscribe()
     inputs.on_next(NAMED.placement())
     await asyncio.sleep(2)
     begin = time.process_time()

@@ -81,7 +81,7 @@ def _rig() -> Rig:
 
 
 def _confirm(rig: Rig, clock: Clock) -> None:
-    """The kubelet does what it was asked, and the watch tells, pod by pod."""
+    """The kubelet does what it was asked, and the watch reports it, pod by pod."""
     for name in NAMES:
         uid = f"uid-{name}"
         if rig.cluster.feeds[uid]:

@@ -8,14 +8,15 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from statistics import median
 
 import zenoh
 
 from robotkit.session import client_config
+from tests.bench.child import Child
 from tests.modules.robotkit.bus import router_config
 from tests.ports import free_port
 
@@ -32,38 +33,25 @@ def main() -> None:
     _say(f"{options.frames} frames of {options.size} bytes, {1 / PERIOD_S:.0f} a second; CPU in ms per frame")
     _say(f"{'shared memory':14} {'camera':>7} {'router':>7} {'module':>7} {'sum':>7} {'delay (ms)':>11} {'shared':>7}")
     for shared in ("false", "true"):
-        told = _measure(options, shared)
-        cpu = [told[role]["cpu"] / options.frames * 1000 for role in ("camera", "router", "module")]
+        reported = _measure(options, shared)
+        cpu = [reported[role]["cpu"] / options.frames * 1000 for role in ("camera", "router", "module")]
         figures = " ".join(f"{figure:7.2f}" for figure in (*cpu, sum(cpu)))
-        _say(f"{shared:14} {figures} {told['module']['delay'] * 1000:11.2f} {told['module']['shared']:7}")
+        _say(f"{shared:14} {figures} {reported['module']['delay'] * 1000:11.2f} {reported['module']['shared']:7}")
 
 
 def _measure(options: argparse.Namespace, shared: str) -> dict[str, dict[str, float]]:
     address = f"tcp/127.0.0.1:{free_port()}"
     arguments = ["--address", address, "--size", str(options.size), "--frames", str(options.frames), "--shared", shared]
-    running = {}
-    for role in ("router", "module", "camera"):
-        running[role] = subprocess.Popen(
-            [sys.executable, "-m", "tests.bench.frames", "--role", role, *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        _wait_until_ready(running[role])
-    told = {}
-    for role in ("camera", "module", "router"):
-        told[role] = json.loads(running[role].communicate("\n")[0])
-    return told
-
-
-def _wait_until_ready(process: subprocess.Popen[str]) -> None:
-    if process.stdout is None or process.stdout.readline() != "ready\n":
-        raise RuntimeError(f"{process.args!r} did not start")
+    with ExitStack() as stack:
+        running = {
+            role: stack.enter_context(Child("-m", "tests.bench.frames", "--role", role, *arguments)) for role in ROLES
+        }
+        return {role: running[role].ask() for role in ("camera", "module", "router")}
 
 
 def _router(options: argparse.Namespace) -> None:
     with zenoh.open(router_config(options.address, shared_memory=options.shared)):
-        _tell({"cpu": _cpu_until_told()})
+        _say(json.dumps({"cpu": _cpu_until_asked()}))
 
 
 def _module(options: argparse.Namespace) -> None:
@@ -77,7 +65,7 @@ def _module(options: argparse.Namespace) -> None:
 
     with zenoh.open(client_config([options.address], shared_memory=options.shared)) as session:
         session.declare_subscriber(KEY, hear)
-        _tell({"cpu": _cpu_until_told(), "delay": median(delays), "shared": shared})
+        _say(json.dumps({"cpu": _cpu_until_asked(), "delay": median(delays), "shared": shared}))
 
 
 def _camera(options: argparse.Namespace) -> None:
@@ -89,10 +77,10 @@ def _camera(options: argparse.Namespace) -> None:
         for _ in range(options.frames):
             publisher.put(time.time_ns().to_bytes(8, "little") + rest)
             time.sleep(PERIOD_S)
-        _tell({"cpu": time.process_time() - before})
+        _say(json.dumps({"cpu": time.process_time() - before}))
 
 
-def _cpu_until_told() -> float:
+def _cpu_until_asked() -> float:
     _say("ready")
     before = time.process_time()
     sys.stdin.readline()
@@ -102,10 +90,6 @@ def _cpu_until_told() -> float:
 def _say(line: str) -> None:
     sys.stdout.write(f"{line}\n")
     sys.stdout.flush()
-
-
-def _tell(figures: dict[str, float]) -> None:
-    _say(json.dumps(figures))
 
 
 def _parser() -> argparse.ArgumentParser:

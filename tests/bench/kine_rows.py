@@ -8,10 +8,14 @@ each, checkpoints included. An Event's end, an hour later, is another row, which
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import threading
 from collections import Counter
+from contextlib import closing
 from typing import TYPE_CHECKING, Self
+
+from tests.bench.footprint.processes import written
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,6 +31,18 @@ _NEW = "SELECT id, name, length(value) FROM kine WHERE id > ? ORDER BY id"
 def open_database(path: Path) -> sqlite3.Connection:
     """kine's database, to be read while kine writes it."""
     return sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=10, check_same_thread=False)
+
+
+def checkpoint(path: Path) -> int:
+    """Have all that is only in SQLite's log written to the database; the bytes that this took.
+
+    kine does so after each 4 MiB of log, which is as much as a calm robot writes in minutes: between two checkpoints of
+    ours, what kine and we wrote is what the load cost, whenever its own ones came.
+    """
+    before = written(os.getpid())
+    with closing(sqlite3.connect(path, timeout=10)) as database:
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+    return written(os.getpid()) - before
 
 
 class Tally:

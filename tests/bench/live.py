@@ -1,6 +1,6 @@
 """What a sample costs the running operator, beside what it must cost: CPU time of the process per sample.
 
-    python -m tests.bench.live [--output table|json] [--rounds N]
+    python -m tests.bench.live [--rounds N]
 
 A router and each subject are processes of their own on loopback; this one publishes. The subjects take turns within
 each round, so what else the machine does meets all of them:
@@ -21,11 +21,9 @@ stderr.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from contextlib import ExitStack
-from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
@@ -35,11 +33,11 @@ from contextpolicy.bus.session import open_visitor
 from tests.bench.child import Child
 from tests.bench.engine_measure import machine
 from tests.bench.live_case import KEYS, steady, stormy
+from tests.bench.results import keep
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-OUTPUT = Path(__file__).parents[2] / "build/bench/live.json"
 ENDPOINT = "tcp/127.0.0.1:17449"
 RATES = (50, 200, 1000)
 SECONDS, SETTLING = 2.0, 0.3
@@ -50,13 +48,11 @@ GOALS = {"live_over_floor": 1.2, "storm_over_single": 1.3}
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--output", choices=("table", "json"), default="table")
     parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()
     result = measure(options.rounds)
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    print(json.dumps(result, indent=2) if options.output == "json" else _table(result))
+    keep("live", result)
+    print(_table(result))
     return 0
 
 
@@ -158,11 +154,11 @@ def _table(result: dict[str, Any]) -> str:
         for row in result["rates"]
     ]
     storm = result["storm"]
-    told = (
+    reported = (
         f"storm of {storm['rate']} plans a second: {storm['us_per_sample']:.0f} us a sample; the newest is in force "
         f"after {storm['newest_ms']:.0f} ms, a plan alone after {storm['single_ms']:.0f} ms"
     )
-    lines += ["", told]
+    lines += ["", reported]
     lines += [f"  {name:18} {result[name]:5.2f}   goal <= {goal}" for name, goal in GOALS.items()]
     return "\n".join(lines)
 

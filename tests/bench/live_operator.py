@@ -7,8 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.actuators.resize.stored_originals import UnsignedOriginals
 from contextpolicy.app.wiring import Operator
+from contextpolicy.bus.signatures import UnsignedPlans
+from contextpolicy.policy.tenants import Tenants
 from contextpolicy.streams.loop import Loop
+from contextpolicy.streams.wall_clock import WallClock
 from tests.cluster.builders import NODE, a_pod
 from tests.policies.builders import resources
 from tests.virtual_operator import ClusterWithPolicies, OpenFence
@@ -18,7 +22,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from contextpolicy.bus.signatures import Signer
+    from contextpolicy.bus.signatures import PlanSigner
 
 PATCH, KUBELET = 0.01, 0.01
 """Seconds until the API accepts a limit, and from then until it is in force and reported."""
@@ -27,26 +31,26 @@ WORKERS = 8
 
 
 class StandInCluster(ClusterWithPolicies):
-    """Accepts a patch, puts it in force, tells the watch; `in_force` is when each limit of a container last began."""
+    """Accepts a patch, puts it in force, notifies the watch; `in_force` is when each limit last began."""
 
     def __init__(self, pods: Iterable[dict[str, Any]]) -> None:
         super().__init__(*pods)
         self.in_force: dict[tuple[str, int], float] = {}
-        self.tell: Callable[[Mapping[str, Any]], None] = lambda _: None
+        self.notify: Callable[[Mapping[str, Any]], None] = lambda _: None
         self._lock = Lock()
         self._kubelet = ThreadPoolExecutor(WORKERS)
 
-    def resize(self, namespace: str, name: str, patch: Mapping[str, Any]) -> int:
+    def resize(self, namespace: str, name: str, patch: Mapping[str, Any], manager: str) -> int:
         time.sleep(PATCH)
         with self._lock:
-            version = super().resize(namespace, name, patch)
+            version = super().resize(namespace, name, patch, manager)
             self.calls.clear()
         self._kubelet.submit(self._put_in_force, f"uid-{name}")
         return version
 
-    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> None:
+    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> int:
         with self._lock:
-            super().write_originals(namespace, policy, changes)
+            return super().write_originals(namespace, policy, changes)
 
     def _put_in_force(self, uid: str) -> None:
         time.sleep(KUBELET)
@@ -56,7 +60,7 @@ class StandInCluster(ClusterWithPolicies):
             news = list(self.feeds[uid])
             self.feeds[uid].clear()
         for pod in news:
-            self.tell(pod)
+            self.notify(pod)
 
 
 class LiveOperator:
@@ -67,13 +71,24 @@ class LiveOperator:
         session: zenoh.Session,
         body: dict[str, Any],
         cluster: StandInCluster | None = None,
-        signer: Signer | None = None,
+        signer: PlanSigner | None = None,
     ) -> None:
         self.cluster = cluster or StandInCluster(a_pod(name, {name: resources()}) for name in TASKS)
         self.cluster.policies[f"{body['metadata']['namespace']}/{body['metadata']['name']}"] = {}
         patches, reports = ThreadPoolExecutor(WORKERS), ThreadPoolExecutor(1)
-        self._operator = Operator(self.cluster, OpenFence(), Loop(), patches=patches, reports=reports, signer=signer)
-        self.cluster.tell = self._operator.pod_changed
+        loop = Loop()
+        self._operator = Operator(
+            self.cluster,
+            OpenFence(),
+            loop,
+            patches=patches,
+            reports=reports,
+            signer=signer or UnsignedPlans(),
+            signatures=UnsignedOriginals(),
+            tenants=Tenants(),
+            clock=WallClock(loop),
+        )
+        self.cluster.notify = self._operator.pod_changed
         self._operator.node_changed({"metadata": {"name": NODE, "uid": NODE}, "status": {"allocatable": {"cpu": "1"}}})
         for feed in self.cluster.feeds.values():
             feed.clear()

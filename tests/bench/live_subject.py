@@ -22,6 +22,7 @@ from contextpolicy.streams.decoding import Decoder
 from tests.bench.live_case import KEYS, SHARES, steady, steady_policy, stormy_policy
 from tests.bench.live_operator import LiveOperator
 from tests.planning.builders import on_node
+from tests.planning.quiet import Quiet
 
 if TYPE_CHECKING:
     import zenoh
@@ -76,7 +77,7 @@ class Engine:
 
     def __init__(self) -> None:
         policy = parsing.parse(steady_policy())
-        self._decoder, self._planner = Decoder(policy.streams[0]), Planner(policy)
+        self._decoder, self._planner = Decoder(policy.streams[0]), Planner(policy, Quiet(), {})
         self._planner.start(time.time())
         self._planner.handle(on_node("slam", "speech"), time.time())
 

@@ -7,12 +7,13 @@ controller, of cgroup v1 or v2. The group has the highest CPU weight, so that ot
 `worst` are the misses that the model predicts for the least favourable phase of the kernel's periods.
 """
 
+# ruff: noqa: T201 - a command prints
+
 from __future__ import annotations
 
 import argparse
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -25,6 +26,7 @@ from contextpolicy.simulation.forecast import PHASES, stats
 from contextpolicy.simulation.profiles import Cost
 from contextpolicy.simulation.server import Allowance, Change, Server, Work, Worker
 from tests.bench.cgroup import cgroup
+from tests.bench.child import program
 from tests.modules.robotkit.bus import client, router
 
 if TYPE_CHECKING:
@@ -70,19 +72,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bench.prediction", description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0, help="of each case (%(default)g)")
     seconds = parser.parse_args().seconds
-    say(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors, {seconds:g} s each, {RATE:g} Hz")
-    say("quota  depth   p50 measured predicted    max measured, p99 predicted    misses measured predicted")
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors, {seconds:g} s each, {RATE:g} Hz")
+    print("quota  depth   p50 measured predicted    max measured, p99 predicted    misses measured predicted")
     for case in CASES:
         measured, background = _measure(case, seconds)
         predicted = predict(case, seconds, background)
-        say(_row(case, measured, predicted))
+        print(_row(case, measured, predicted), flush=True)
     return 0
-
-
-def say(line: str) -> None:
-    """One line, at once: a case takes half a minute."""
-    sys.stdout.write(f"{line}\n")
-    sys.stdout.flush()
 
 
 def predict(case: Case, seconds: float, background: float) -> Stats:
@@ -140,16 +136,10 @@ def _task(address: str, depth: int, group: Cgroup) -> Iterator[None]:
         module = Path(folder, "module.yaml")
         work = f"{{work: {{key: work, depth: {depth}}}}}"
         module.write_text(f"name: burn\ninputs: {work}\noutputs: {{done: {{key: done}}}}\nneeds: {{deadline: 100ms}}\n")
-        program = Path(folder, "burn.py")
-        program.write_text(BURN)
-        environment = {**os.environ, "ZENOH_CONNECT": address}
-        process = subprocess.Popen([sys.executable, str(program), str(module)], env=environment)
-        try:
-            group.add(process.pid)
+        burn = Path(folder, "burn.py")
+        burn.write_text(BURN)
+        with program(str(burn), str(module), group=group, ZENOH_CONNECT=address):
             yield
-        finally:
-            process.kill()
-            process.wait()
 
 
 def _row(case: Case, measured: dict[str, float], predicted: Stats) -> str:

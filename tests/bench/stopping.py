@@ -6,8 +6,6 @@ busy with pictures at 10 Hz, which need more CPU than there is.
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 import tempfile
 import threading
@@ -16,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tests.bench.cgroup import cgroup
+from tests.bench.child import program
 from tests.modules.robotkit.bus import Matching, client, router
 from timelines.datasets import euroc
 from timelines.datasets.motion import Motion
@@ -42,13 +41,14 @@ def main() -> None:
 
 def _stop(frames: list[bytes], limit: int) -> float:
     """Seconds from SIGTERM to the process's end."""
-    with router() as address, client(address) as session, cgroup("stopping") as group:
+    with (
+        router() as address,
+        client(address) as session,
+        cgroup("stopping") as group,
+        program("-m", "modules.slam", group=group, ZENOH_CONNECT=address) as module,
+    ):
         camera = session.declare_publisher("robot/camera/stereo")
-        listening = Matching(camera)
-        command = [sys.executable, "-m", "modules.slam"]
-        module = subprocess.Popen(command, env={**os.environ, "ZENOH_CONNECT": address}, stderr=subprocess.DEVNULL)
-        group.add(module.pid)
-        listening.wait(expected=True)
+        Matching(camera).wait(expected=True)
         ended = threading.Event()
         thread = threading.Thread(target=_show, args=(camera, frames, ended))
         thread.start()

@@ -15,32 +15,21 @@ import json
 import os
 import signal
 import statistics
-import subprocess
-import sys
 import threading
 import time
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
-
-import zenoh
+from contextlib import ExitStack
 
 from modules.navigation.simulator import Create2
 from robotkit.simulated import on_a_pseudo_terminal
 from tests.bench.cgroup import cgroup
+from tests.bench.child import Child, program
+from tests.modules.robotkit.bus import client
 from tests.ports import free_port
 
-ROOT = Path(__file__).parents[2]
 WATCHED_S = 3.0
 PATIENCE_S = 120.0
 SCAN_S = 1 / 5.5
 ORDER, SCAN, PLAN = "robot/navigation/order", "robot/lidar/scan", "contextpolicy/bench/stop/plan"
-ROUTER = """
-import sys, threading, zenoh
-config = zenoh.Config.from_json5(sys.argv[1])
-with zenoh.open(config):
-    print("ready", flush=True)
-    threading.Event().wait()
-"""
 
 
 class Timed(Create2):
@@ -63,31 +52,6 @@ class Timed(Create2):
         return super().advance(seconds)
 
 
-@contextmanager
-def program(*arguments, group=None, **environment):
-    """Run a program of ours; it is killed at the end."""
-    path = f"{ROOT}:{ROOT / 'modules/robotkit'}"
-    with subprocess.Popen(
-        [sys.executable, *arguments],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1", **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    ) as process:
-        try:
-            if group is not None:
-                group.add(process.pid)
-            yield process
-        finally:
-            process.kill()
-
-
-def config(mode, **more):
-    settings = {"mode": mode, "scouting": {"multicast": {"enabled": False}}, **more}
-    return json.dumps(settings)
-
-
 class Scene:
     """A robot that drives, and everything around it."""
 
@@ -95,10 +59,8 @@ class Scene:
         self.robot = Timed()
         device = stack.enter_context(on_a_pseudo_terminal(self.robot))
         address = f"tcp/127.0.0.1:{free_port()}"
-        self.router = stack.enter_context(program("-c", ROUTER, config("router", listen={"endpoints": [address]})))
-        self.router.stdout.readline()
-        settings = config("client", connect={"endpoints": [address]})
-        self.session = stack.enter_context(zenoh.open(zenoh.Config.from_json5(settings)))
+        self.router = stack.enter_context(Child("-m", "contextpolicy", "router", "--listen", address))
+        self.session = stack.enter_context(client(address))
         if guarded:
             guards = stack.enter_context(cgroup("wheel-stop-guard"))
             port = str(free_port())
@@ -150,7 +112,7 @@ class Scene:
 CAUSES = {
     "stop order": lambda scene: scene.session.put(ORDER, '{"stop": true}'),
     "suspended by a plan": lambda scene: scene.plan(),
-    "bus gone": lambda scene: scene.router.kill(),
+    "bus gone": lambda scene: os.kill(scene.router.process, signal.SIGKILL),
     "SIGTERM": lambda scene: scene.navigation.terminate(),
     "killed": lambda scene: scene.navigation.kill(),
     "frozen (SIGSTOP)": lambda scene: scene.navigation.send_signal(signal.SIGSTOP),
@@ -167,7 +129,7 @@ def measure(cause, cores, *, guarded):
         return None if any(scene.robot.wheels) else max(scene.robot.turned - begun, 0.0)
 
 
-def told(latencies):
+def reported(latencies):
     if None in latencies:
         return f"{latencies.count(None)} of {len(latencies)} drove on"
     return f"{statistics.median(latencies) * 1000:.0f} / {max(latencies) * 1000:.0f}"
@@ -183,7 +145,7 @@ def main():
     print(f"{'cause':<22} {'no limit':>22} {'10m':>22}")  # noqa: T201
     for cause in arguments.cause or CAUSES:
         columns = [
-            told([measure(cause, cores, guarded=not arguments.without_guard) for _ in range(arguments.rounds)])
+            reported([measure(cause, cores, guarded=not arguments.without_guard) for _ in range(arguments.rounds)])
             for cores in (None, 0.01)
         ]
         print(f"{cause:<22} {columns[0]:>22} {columns[1]:>22}", flush=True)  # noqa: T201

@@ -20,7 +20,7 @@ ROLES = [subject["id"] for subject in access_control()["subjects"]]
 
 
 class Authority:
-    """Issues certificates; whoever trusts another authority trusts none of them."""
+    """Issues certificates; clients of another authority trust none of them."""
 
     def __init__(self, directory: Path):
         self._directory = directory
@@ -77,7 +77,7 @@ def _unsigned(name: str, issuer: str, key, seconds: float) -> x509.CertificateBu
 
 
 def _write(directory: Path, certificate: x509.Certificate, key) -> None:
-    """As a kubelet does it: whoever looks meanwhile finds both old files or both new ones."""
+    """As a kubelet does it: a reader finds at any time both old files or both new ones."""
     data, fresh = directory / "..data", Path(tempfile.mkdtemp(dir=directory, prefix=".."))
     (fresh / "tls.crt").write_bytes(certificate.public_bytes(Encoding.PEM))
     (fresh / "tls.key").write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))

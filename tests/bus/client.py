@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from threading import Event
+from threading import Event, Timer
 from typing import TYPE_CHECKING
 
 from contextpolicy.bus.session import open_client
@@ -13,7 +13,14 @@ if TYPE_CHECKING:
     import zenoh
 
 
+PATIENCE = 30.0
+
+
 def client_of(endpoint: str, credentials: Path | None = None) -> zenoh.Session:
-    session = open_client([endpoint], Event(), credentials)
-    assert session is not None
+    stop = Event()
+    timer = Timer(PATIENCE, stop.set)
+    timer.start()
+    session = open_client([endpoint], stop, credentials)
+    timer.cancel()
+    assert session is not None, f"no router at {endpoint} within {PATIENCE:g} s"
     return session

@@ -31,6 +31,8 @@ class Query:
 
     answers: list[Any] = field(default_factory=list)
     attachments: list[bytes | None] = field(default_factory=list)
+    payload: bytes | None = None
+    ended: bool = False
 
     def reply(self, _: str, payload: bytes, *, attachment: bytes | None = None, **__: Any) -> None:
         self.answers.append(json.loads(payload))
@@ -40,7 +42,7 @@ class Query:
         pass
 
     def __exit__(self, *_: object) -> None:
-        pass
+        self.ended = True
 
 
 class FakeSession:
@@ -91,6 +93,7 @@ class FakeSession:
         return SimpleNamespace(
             declare_token=lambda key: self._declare(key, None, self.tokens),
             declare_subscriber=self._watch_tokens,
+            get=self._find_tokens,
         )
 
     def get(self, selector: str, handler: Any = None, *, timeout: float) -> Iterator[Any] | None:
@@ -121,7 +124,7 @@ class FakeSession:
                 callback.drop()
 
     def time_out(self) -> None:
-        """Whoever asked waits no longer."""
+        """Those who asked wait no longer."""
         waiting, self.questions = self.questions, []
         for selector, callback in waiting:
             for error in self._errors(selector):
@@ -132,22 +135,22 @@ class FakeSession:
     def agent(self, node: str, report: bytes | None) -> None:
         """An agent comes up."""
         self.agents[node] = report
-        self._tell_token(node, zenoh.SampleKind.PUT)
+        self._announce_token(node, zenoh.SampleKind.PUT)
 
     def agent_gone(self, node: str) -> None:
         """An agent ends."""
         del self.agents[node]
-        self._tell_token(node, zenoh.SampleKind.DELETE)
+        self._announce_token(node, zenoh.SampleKind.DELETE)
 
     def lose_router(self) -> None:
         """The router ends."""
-        self._tell_transport(zenoh.SampleKind.DELETE)
+        self._announce_transport(zenoh.SampleKind.DELETE)
         self.router = None
 
     def find_router(self, zid: str = "router") -> None:
         """A router is there again."""
         self.router = zid
-        self._tell_transport(zenoh.SampleKind.PUT)
+        self._announce_transport(zenoh.SampleKind.PUT)
 
     def deliver(self, key: str, **value: Any) -> None:
         """A sample arrives."""
@@ -162,9 +165,9 @@ class FakeSession:
             if subscriber.callback is not None:
                 subscriber.callback(sample)
 
-    def ask(self, key: str) -> Query:
+    def ask(self, key: str, payload: bytes | None = None) -> Query:
         """A question arrives; it is answered when the loop has its turn."""
-        query = Query()
+        query = Query(payload=payload)
         [queryable] = [one for one in self.queryables if one.key == key]
         if queryable.callback is not None:
             queryable.callback(query)
@@ -184,19 +187,26 @@ class FakeSession:
             callback(_token(node, zenoh.SampleKind.PUT))
         return declared
 
+    def _find_tokens(self, key: str, callback: zenoh.handlers.Callback[Any], *, timeout: float) -> None:
+        assert timeout > 0
+        for node in self._asked(key):
+            callback(SimpleNamespace(ok=_token(node, zenoh.SampleKind.PUT)))
+        if callback.drop is not None:
+            callback.drop()
+
     def _listen(self, callback: Callable[[Any], None], *, history: bool) -> _Declared:
         declared = self._declare("transports", callback, self.listeners)
         if history and self.router is not None:
-            self._tell_transport(zenoh.SampleKind.PUT)
+            self._announce_transport(zenoh.SampleKind.PUT)
         return declared
 
-    def _tell_transport(self, kind: zenoh.SampleKind) -> None:
+    def _announce_transport(self, kind: zenoh.SampleKind) -> None:
         event = SimpleNamespace(kind=kind, transport=SimpleNamespace(zid=self.router))
         for listener in self.listeners:
             if listener.callback is not None:
                 listener.callback(event)
 
-    def _tell_token(self, node: str, kind: zenoh.SampleKind) -> None:
+    def _announce_token(self, node: str, kind: zenoh.SampleKind) -> None:
         for watcher in [one for one in self.watchers if _meet(one.key, agent_key(node))]:
             if watcher.callback is not None:
                 watcher.callback(_token(node, kind))
@@ -252,4 +262,4 @@ def _token(node: str, kind: zenoh.SampleKind) -> Any:
 
 
 def _payload(content: bytes) -> Any:
-    return SimpleNamespace(to_bytes=lambda: content)
+    return zenoh.ZBytes(content)

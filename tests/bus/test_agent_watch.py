@@ -1,4 +1,4 @@
-"""Which agents live and what they can do, in virtual time; tests/agent/test_bus_link.py has the same on a real bus."""
+"""Which agents live and what they can do, in virtual time; tests/agent/bus_link has the same on a real bus."""
 
 from __future__ import annotations
 
@@ -25,16 +25,22 @@ ABLE, FAIR = AgentReport("", ""), AgentReport("", "no kernel option")
 
 
 class Bus:
-    """A bus with a watch on it."""
+    """A bus with a watch on it, which listens to the watch."""
 
-    def __init__(self, session=None, **agents):
+    def __init__(self, session=None, nodes=(NODE,), **agents):
+        self.nodes = set(nodes)
         self.session, self.scheduler = session or FakeSession(), TestScheduler()
         self.changes: list[dict[str, AgentReport]] = []
         self.session.agents |= agents
-        self.watch = AgentWatch(
-            cast("zenoh.Session", self.session), self.scheduler, lambda: self.changes.append(dict(self.watch.reports))
-        )
+        self.confirmations: list[tuple[str, Confirmation]] = []
+        self.watch = AgentWatch(cast("zenoh.Session", self.session), self.scheduler, self, self.nodes)
         self.turn()
+
+    def on_agents(self):
+        self.changes.append(dict(self.watch.reports))
+
+    def on_confirmation(self, node, said):
+        self.confirmations.append((node, said))
 
     def turn(self, seconds=0.01):
         self.scheduler.advance_by(seconds)
@@ -63,6 +69,17 @@ def test_an_agent_that_comes_up_is_asked():
     bus.session.agent(NODE, a_report("no kernel option"))
     bus.turn()
     assert bus.changes == [{NODE: FAIR}]
+
+
+def test_a_token_without_an_agent_is_one_that_comes_and_goes():
+    """So a supervisor says that it has undone something: readers of the reports take the node over again."""
+    bus = Bus()
+    bus.session.agent(NODE, None)
+    bus.turn()
+    bus.time_out()
+    bus.session.agent_gone(NODE)
+    bus.turn(RETURN + 1)
+    assert bus.changes == [{NODE: NO_ANSWER}, {}]
 
 
 @pytest.mark.parametrize("already", [True, False], ids=["at the start", "later"])
@@ -96,7 +113,7 @@ def test_a_question_that_nobody_heard_is_asked_again():
     assert bus.watch.reports == {NODE: ABLE}
 
 
-def test_an_agent_that_is_gone_is_asked_no_more():
+def test_an_agent_that_is_gone_is_no_longer_asked():
     bus = Bus()
     bus.session.agent(NODE, None)
     bus.turn()
@@ -108,7 +125,7 @@ def test_an_agent_that_is_gone_is_asked_no_more():
     assert bus.changes == [{NODE: NO_ANSWER}, {}]
 
 
-def test_a_node_keeps_what_it_has_while_its_next_agent_is_slow_until_it_is_given_up():
+def test_a_node_keeps_its_limits_until_a_slow_agent_is_given_up():
     bus = Bus(**{NODE: a_report()})
     bus.session.agent_gone(NODE)
     bus.turn(RETURN / 2)
@@ -325,7 +342,16 @@ def test_what_an_agent_could_not_set_is_known_until_it_could(bus):
     assert bus.watch.reports == {NODE: FAIR}
 
 
+def test_a_confirmation_for_a_withdrawn_plan_is_ignored(bus):
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
+    bus.watch.forget("lab/robot")
+    bus.confirm(1, 1, 0, failed=["a"])
+    assert (bus.watch.failures("lab/robot"), bus.changes, bus.confirmations) == ({}, [], [])
+
+
 def test_what_could_not_be_set_is_forgotten_with_its_policy_or_agent(bus):
+    for policy in ("lab/robot", "lab/other"):
+        bus.watch.expect(policy, (1, 1, 0), [NODE])
     bus.confirm(1, 1, 0, failed=["a"])
     bus.confirm(1, 1, 0, policy="lab/other", failed=["b"])
     bus.watch.forget("lab/robot")
@@ -334,3 +360,70 @@ def test_what_could_not_be_set_is_forgotten_with_its_policy_or_agent(bus):
     bus.turn(RETURN)
     bus.turn(RETURN)
     assert bus.watch.failures("lab/other") == {}
+
+
+def test_what_an_agent_confirms_is_reported_with_its_node(bus):
+    bus.watch.expect("lab/robot", (1, 3, 0), [NODE])
+    bus.confirm(1, 3, 0, failed=["a"])
+    assert bus.confirmations == [(NODE, Confirmation("lab/robot", (1, 3, 0), {"a": "Busy"}))]
+
+
+# anyone with an agent's certificate may invent nodes
+
+GHOST = "ghost"
+
+
+def test_an_agent_of_no_node_of_the_cluster_is_not_asked():
+    bus = Bus()
+    bus.session.agent(GHOST, a_report())
+    bus.turn(2 * RETURN)
+    assert (bus.watch.reports, bus.changes, bus.session.questions) == ({}, [], [])
+
+
+def test_an_agent_of_an_unknown_node_is_dropped_once_nodes_are_listed():
+    bus = Bus(nodes=(), **{NODE: a_report(), GHOST: a_report()})
+    assert bus.watch.reports == {NODE: ABLE, GHOST: ABLE}
+    bus.nodes.add(NODE)
+    bus.watch.look(NODE)
+    bus.turn()
+    bus.turn(RETURN)
+    assert bus.watch.reports == {NODE: ABLE}
+
+
+def test_an_agent_is_asked_as_soon_as_its_node_is_known():
+    bus = Bus(nodes=())
+    bus.session.agent(NODE, a_report())
+    bus.turn()
+    assert bus.watch.reports == {}
+    bus.nodes.add(NODE)
+    bus.watch.look(NODE)
+    bus.turn()
+    bus.turn()
+    assert bus.watch.reports == {NODE: ABLE}
+
+
+def test_a_confirmation_of_no_node_is_none(bus):
+    bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
+    bus.nodes.discard(NODE)
+    bus.confirm(1, 1, 0, failed=["containerd://x"])
+    assert (bus.confirmations, bus.watch.failures("lab/robot")) == ([], {})
+
+
+def test_an_agent_that_is_gone_for_good_is_missed_until_it_is_back():
+    bus = Bus(**{NODE: a_report()})
+    bus.session.agent_gone(NODE)
+    bus.turn(RETURN / 2)
+    assert bus.watch.gone == set()
+    bus.turn(RETURN)
+    assert bus.watch.gone == {NODE}
+    bus.session.agent(NODE, a_report())
+    bus.turn()
+    assert bus.watch.gone == set()
+
+
+def test_an_agent_of_a_node_that_the_cluster_has_no_more_is_not_missed():
+    bus = Bus(**{NODE: a_report()})
+    bus.nodes.discard(NODE)
+    bus.session.agent_gone(NODE)
+    bus.turn(2 * RETURN)
+    assert (bus.watch.reports, bus.watch.gone) == ({}, set())

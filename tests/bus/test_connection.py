@@ -1,4 +1,4 @@
-"""A real router that ends, and another one: the session tells by itself."""
+"""A real router that ends, and another one: the session reports both by itself."""
 
 from __future__ import annotations
 
@@ -10,14 +10,19 @@ from tests.ports import free_port
 from tests.waiting import PATIENCE
 
 
+class News(queue.Queue[bool]):
+    def on_connection(self, *, connected):
+        self.put(connected)
+
+
 def test_a_router_that_ends_is_noticed_and_so_is_the_next():
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    news: queue.Queue[bool] = queue.Queue()
+    news = News()
     router = open_router([endpoint])
     with open_visitor([endpoint], patience=PATIENCE) as session:
-        connection = Connection(session, news.put)
+        connection = Connection(session, news)
         while not news.get(timeout=PATIENCE):
-            """Zenoh may tell of the transport only after the first look."""
+            """Zenoh may report the transport only after the first look."""
         router.close()
         assert news.get(timeout=PATIENCE) is False
         with open_router([endpoint]):

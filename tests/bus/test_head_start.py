@@ -31,7 +31,7 @@ def course():
     return Course()
 
 
-def test_all_that_waits_goes_on_in_order_a_moment_after_the_first(course):
+def test_waiting_items_are_emitted_in_order(course):
     course.source.on_next("agent 1")
     course.scheduler.advance_by(SECONDS / 2)
     course.source.on_next("agent 2")
@@ -43,7 +43,7 @@ def test_all_that_waits_goes_on_in_order_a_moment_after_the_first(course):
     assert [name for name, _ in course.done] == ["agent 1", "agent 2", "agent 3"]
 
 
-def test_what_is_not_held_back_goes_on_at_once_but_overtakes_nothing(course):
+def test_other_items_pass_at_once_without_overtaking(course):
     course.source.on_next("alone")
     course.source.on_next("agent")
     course.source.on_next("after it")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, cast
 import pytest
 from reactivex.testing import TestScheduler
 
-from contextpolicy.bus.health_watch import HealthWatch, TaskHealth, read_health
+from contextpolicy.bus.health_watch import LARGEST, MOST_TASKS, HealthWatch, TaskHealth, read_health
 from tests.bus.fake_session import FakeSession
 
 if TYPE_CHECKING:
@@ -18,9 +18,12 @@ class Bus:
 
     def __init__(self):
         self.session, self.scheduler = FakeSession(), TestScheduler()
-        self.heard: list[tuple[str, TaskHealth]] = []
+        self.heard: list[tuple[str, str, TaskHealth]] = []
         session = cast("zenoh.Session", self.session)
-        self.watch = HealthWatch(session, "robot/*/health", self.scheduler, lambda *told: self.heard.append(told))
+        self.watch = HealthWatch(session, "robot/*/health", self.scheduler, "lab/robot", self)
+
+    def on_task_health(self, policy, task, health):
+        self.heard.append((policy, task, health))
 
     def publish(self, key, **fields):
         self.session.deliver_bytes("robot/*/health", json.dumps(fields).encode(), key)
@@ -34,13 +37,33 @@ def bus():
 
 def test_it_hears_which_task_misses_how_much(bus):
     bus.publish("robot/slam/health", misses=0.25, suspended=False, queue=3)
-    assert bus.heard == [("slam", TaskHealth(0.25, suspended=False))]
+    assert bus.heard == [("lab/robot", "slam", TaskHealth(0.25, suspended=False))]
     bus.publish("robot/arm/health", misses=0, suspended=True)
-    assert bus.heard[1:] == [("arm", TaskHealth(0.0, suspended=True))]
+    assert bus.heard[1:] == [("lab/robot", "arm", TaskHealth(0.0, suspended=True))]
 
 
-def test_what_makes_no_sense_is_not_heard(bus):
+def test_invalid_input_is_not_heard(bus):
     bus.publish("robot/slam/health", rate=3)
+    assert bus.heard == []
+
+
+def test_a_flood_leaves_the_newest_of_each_task_to_the_loop(bus):
+    for number in range(1001):
+        said = json.dumps({"misses": number / 1000}).encode()
+        bus.session.deliver_bytes("robot/*/health", said, "robot/slam/health")
+    bus.scheduler.advance_by(0.1)
+    assert bus.heard == [("lab/robot", "slam", TaskHealth(1.0, suspended=False))]
+
+
+def test_a_flood_of_names_takes_no_memory(bus):
+    for number in range(MOST_TASKS + 100):
+        bus.session.deliver_bytes("robot/*/health", b'{"misses": 0}', f"robot/{number}/health")
+    bus.scheduler.advance_by(0.1)
+    assert len(bus.heard) == MOST_TASKS
+
+
+def test_what_is_too_large_is_not_even_read(bus):
+    bus.publish("robot/slam/health", misses=0, fill="x" * LARGEST)
     assert bus.heard == []
 
 

@@ -4,6 +4,7 @@ import json
 import logging
 import socket
 from concurrent.futures import ThreadPoolExecutor
+from queue import Queue
 from threading import Event
 
 import pytest
@@ -11,6 +12,7 @@ import zenoh
 
 from contextpolicy.bus import session
 from contextpolicy.bus.session import open_client, open_router, open_visitor
+from tests.modules.robotkit.bus import Matching
 from tests.ports import free_port
 from tests.waiting import PATIENCE
 
@@ -97,9 +99,55 @@ def test_a_visitor_that_waits_knocks_often():
 
 
 @pytest.mark.usefixtures("quick")
-def test_an_endpoint_that_is_none_is_an_error_and_no_crash():
+def test_an_invalid_endpoint_is_an_error_and_no_crash():
     stop = Event()
     stop.set()
     assert open_client(["nonsense"], stop) is None
     with pytest.raises(zenoh.ZError):
         open_visitor(["nonsense"], patience=0.05)
+
+
+def test_a_router_drops_what_is_too_large_before_it_reaches_anybody():
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    heard: Queue[tuple[str, int]] = Queue()
+    with (
+        open_router([endpoint], largest=500_000),
+        open_visitor([endpoint], patience=PATIENCE) as listener,
+        open_visitor([endpoint], patience=PATIENCE) as sender,
+    ):
+        listener.declare_subscriber("**", lambda sample: heard.put((str(sample.key_expr), len(sample.payload))))
+        publishers = [
+            sender.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
+            for key in ("robot/imu", "contextpolicy/agents/n1/confirmed")
+        ]
+        for publisher in publishers:
+            Matching(publisher).wait(expected=True)
+            for size in (600_000, 300_000, 100_000):
+                publisher.put(b"x" * size)
+        got = [heard.get(timeout=PATIENCE) for _ in range(3)]
+    assert sorted(got) == [
+        ("contextpolicy/agents/n1/confirmed", 100_000),
+        ("robot/imu", 100_000),
+        ("robot/imu", 300_000),
+    ]
+    assert heard.empty()
+
+
+def test_a_router_waits_for_no_subscriber(endpoint):
+    """A publisher that blocks when congested, as ROS nodes do, held up all others while one subscriber did not read."""
+    heard: Queue[zenoh.Sample] = Queue()
+    with (
+        open_router([endpoint]),
+        open_visitor([endpoint], patience=PATIENCE) as listener,
+        open_visitor([endpoint], patience=PATIENCE) as sender,
+    ):
+        listener.declare_subscriber("robot/camera", heard.put)
+        publisher = sender.declare_publisher("robot/camera", congestion_control=zenoh.CongestionControl.BLOCK)
+        Matching(publisher).wait(expected=True)
+        publisher.put("frame")
+        assert heard.get(timeout=PATIENCE).congestion_control == zenoh.CongestionControl.DROP
+
+
+def test_a_router_routes_as_soon_as_it_listens():
+    """For 0.5 s it let clients in before it said so: one that was killed then counted as one that never routed."""
+    assert json.loads(session._config(session._router(["tcp/127.0.0.1:0"])).get_json("scouting/delay")) == 0

@@ -59,7 +59,7 @@ def test_another_key_proves_nothing(tmp_path, verifier):
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_what_is_old_does_not_count_nor_what_is_of_the_future(signer, verifier, sign):
+def test_plans_too_old_or_from_the_future_are_refused(signer, verifier, sign):
     attachment, limit = signer.sign(KEY, PLAN, NOW), int(MAX_AGE * SECOND)
     assert verifier.check(KEY, PLAN, attachment, NOW + sign * limit) == NOW
     assert refusal(verifier, KEY, PLAN, attachment, NOW + sign * (limit + SECOND)) == "TooOld"
@@ -79,9 +79,20 @@ def test_while_a_key_is_replaced_both_count(tmp_path, keys, signer, verifier):
         assert verifier.check(KEY, PLAN, one.sign(KEY, PLAN, NOW), NOW) == NOW
 
 
-def test_a_new_key_that_makes_no_sense_leaves_the_last_one_in_force(keys, signer, verifier):
-    for name in ("tls.key", "tls.crt"):
-        (keys / name).write_text("nonsense")
+def test_an_invalid_private_key_leaves_the_last_one_in_force(keys, signer, verifier):
+    (keys / "tls.key").write_text("nonsense")
+    assert verifier.check(KEY, PLAN, signer.sign(KEY, PLAN, NOW), NOW) == NOW
+
+
+@pytest.mark.parametrize("content", [None, b"", b"nonsense"])
+def test_missing_or_invalid_certificates_authenticate_nobody(keys, signer, content):
+    """The one that was there may have been taken out because somebody else had its key."""
+    clock = iter(range(100))
+    verifier, before = Verifier(keys, lambda: next(clock)), (keys / "tls.crt").read_bytes()
+    (keys / "tls.crt").unlink() if content is None else (keys / "tls.crt").write_bytes(content)
+    assert refusal(verifier, KEY, PLAN, signer.sign(KEY, PLAN, NOW)) == "Forged"
+    (keys / "new.crt").write_bytes(before)
+    (keys / "new.crt").rename(keys / "tls.crt")
     assert verifier.check(KEY, PLAN, signer.sign(KEY, PLAN, NOW), NOW) == NOW
 
 
@@ -98,3 +109,18 @@ def test_the_error_does_not_repeat_the_secret(tmp_path):
     with pytest.raises(SigningKeyError) as caught:
         Signer(tmp_path)
     assert "do-not-tell" not in str(caught.value) + repr(caught.value.__cause__)
+
+
+def test_a_removed_key_is_refused_within_a_second(tmp_path, keys, signer):
+    """Every message of the other is valid: no failure makes anybody look at the file."""
+    clock = iter(n / 10 for n in range(100))
+    other = signing_keys(tmp_path / "other")
+    own, both = (keys / "tls.crt").read_bytes(), (other / "tls.crt").read_bytes() + (keys / "tls.crt").read_bytes()
+    (keys / "tls.crt").write_bytes(both)
+    verifier, removed = Verifier(keys, lambda: next(clock)), Signer(other)
+    assert verifier.check(KEY, PLAN, removed.sign(KEY, PLAN, NOW), NOW) == NOW
+    (keys / "new.crt").write_bytes(own)
+    (keys / "new.crt").rename(keys / "tls.crt")
+    for _ in range(10):
+        assert verifier.check(KEY, PLAN, signer.sign(KEY, PLAN, NOW), NOW) == NOW
+    assert refusal(verifier, KEY, PLAN, removed.sign(KEY, PLAN, NOW)) == "Forged"

@@ -4,9 +4,13 @@ import json
 from types import SimpleNamespace
 
 import pytest
+import zenoh
 from reactivex.testing import TestScheduler
 
+from contextpolicy.bus.decision_bus import usage_key
+from contextpolicy.bus.session import LARGEST_WORD
 from contextpolicy.bus.usage_watch import ASK_EVERY, OLD, UsageWatch, read_counters
+from tests.cluster.builders import NODE
 
 
 class Session:
@@ -19,13 +23,13 @@ class Session:
         assert timeout > 0
         self.questions.append((key, handler))
 
-    def answer(self, at, **containers):
+    def answer(self, at, node=NODE, **containers):
         said = {
             name: dict(zip(("used", "periods", "throttled"), totals, strict=True))
             for name, totals in containers.items()
         }
-        payload = json.dumps({"at": at, "containers": said}).encode()
-        reply = SimpleNamespace(ok=SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: payload)))
+        payload = zenoh.ZBytes(json.dumps({"at": at, "containers": said}).encode())
+        reply = SimpleNamespace(ok=SimpleNamespace(key_expr=usage_key(node), payload=payload))
         self.questions[-1][1](reply)
 
 
@@ -41,7 +45,7 @@ def session():
 
 @pytest.fixture
 def watch(session, clock):
-    return UsageWatch(session, clock)
+    return UsageWatch(session, clock, {NODE})
 
 
 def test_two_answers_are_a_rate(watch, session, clock):
@@ -100,3 +104,12 @@ def test_containers_that_are_gone_leave_nothing(watch, session, clock):
 )
 def test_what_cannot_be_read_is_nothing(payload):
     assert read_counters(payload) == {}
+
+
+@pytest.mark.parametrize("who", [{"node": "ghost"}, {"node": NODE, "x" * LARGEST_WORD: (1.0, 1, 1)}])
+def test_nodes_that_are_none_and_floods_are_not_believed(watch, session, clock, who):
+    for at in (50.0, 52.0):
+        watch.now()
+        session.answer(at, slam=(at, 100, 20), **who)
+        clock.advance_by(ASK_EVERY)
+    assert watch.now() == {}

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from contextpolicy.bus.view import BusView, live
+from contextpolicy.bus.view import BusView
+from contextpolicy.bus.view_tables import live
 from tests.bus.messages import APPLIED, BOARD, KEY, a_node, plan, step, target
 
 
@@ -24,10 +25,10 @@ def stages(view: BusView) -> dict[str, str | None]:
     return {task: policy.stage(task) for task in policy.tasks}
 
 
-def drawn(view: BusView, now: float = 103.0) -> str:
-    console = Console(width=120, color_system=None)
+def drawn(view: BusView, now: float = 103.0, width: int = 120) -> str:
+    console = Console(width=width, color_system=None)
     with console.capture() as capture:
-        console.print(live(view, now))
+        console.print(live(view, now, width))
     return capture.get()
 
 
@@ -40,6 +41,33 @@ def test_a_policy_on_the_screen() -> None:
         ["slam", "10", "990m", "-", "-", "-", "in force"],
         ["speech", "0", "10m", "-", "-", "-", "planned   suspended"],
     ]
+
+
+def test_a_plan_of_a_clock_that_is_ahead_is_new() -> None:
+    assert "for 0 s:" in drawn(heard((KEY, plan())), now=99.5)
+
+
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_a_narrow_terminal_loses_nothing(width: int) -> None:
+    view = BusView()
+    view.take_board({**BOARD, "plan": plan(tasks={"navigation-and-mapping": plan()["tasks"]["slam"]})})
+    text = drawn(view, width=width)
+    assert all(len(line.rstrip()) <= width for line in text.splitlines())
+    assert {"navigation-and-mapping", "990m", "throttled", "imu", "0.2", "silent"} <= set(text.split())
+    assert "…" not in text
+
+
+def test_what_an_operator_said_that_does_not_answer_is_marked() -> None:
+    view = heard((KEY, plan()))
+    assert "its operator does not respond" in drawn(view)
+    view.take_board(BOARD)
+    assert "its operator does not respond" not in drawn(view)
+
+
+def test_a_policy_that_was_paused_has_no_plan() -> None:
+    view = heard((KEY, plan()))
+    view.take_board({**BOARD, "plan": None})
+    assert drawn(view).strip() == "no plans yet"
 
 
 def test_an_expression_with_brackets_is_no_markup() -> None:
@@ -74,7 +102,7 @@ def test_limits_that_are_in_force_already() -> None:
     assert stages(heard((KEY, plan(targets=[target("slam", 0.99, limit=0.99)])))) == {"slam": "inForce", "speech": None}
 
 
-def test_a_task_that_is_not_capped_at_its_share_is_in_force_with_the_limit_that_it_keeps() -> None:
+def test_an_uncapped_task_is_in_force_with_the_limit_it_keeps() -> None:
     kept = target("slam", 0.99, limit=2.0, quota=2.0)
     assert stages(heard((KEY, plan(control="Suspend", targets=[kept]))))["slam"] == "inForce"
 
@@ -169,7 +197,7 @@ def test_a_board_that_nobody_can_read_is_not_shown(change: dict[str, Any]) -> No
     assert view.boards == {}
 
 
-def test_what_the_operator_itself_tells_is_added() -> None:
+def test_what_the_operator_itself_reports_is_added() -> None:
     view = BusView()
     view.take_board(BOARD)
     text = drawn(view)
@@ -177,4 +205,4 @@ def test_what_the_operator_itself_tells_is_added() -> None:
     assert ["slam", "10", "990m", "990m", "500m", "25%", "planned"] in rows
     assert ["imu", "0.2 s", "7", "heard"] in rows
     assert ["mic", "-", "0", "silent"] in rows
-    assert "sample to limit in force: median 20 ms, worst 100 ms, last 30 ms of the latest 3" in text
+    assert "sample to change in force: median 20 ms, worst 100 ms, last 30 ms of the latest 3" in text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -33,12 +34,16 @@ def helm():
 
 @pytest.fixture(scope="session")
 def render(helm):
-    """All objects of the chart under the given values, by kind and name."""
+    """All objects of the chart under the given values, by kind and name: rendered once, read again by each test."""
 
-    def objects(*settings):
+    @cache
+    def rendered(*settings):
         done = helm("template", "contextpolicy", str(CHART), "--namespace", "contextpolicy-system", *set_all(settings))
         assert done.returncode == 0, done.stderr
-        documents = [document for document in yaml.safe_load_all(done.stdout) if document]
+        return done.stdout
+
+    def objects(*settings):
+        documents = [document for document in yaml.load_all(rendered(*settings), yaml.CSafeLoader) if document]
         return {(document["kind"], document["metadata"]["name"]): document for document in documents}
 
     return objects

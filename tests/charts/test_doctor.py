@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.charts.conftest import HOOK, hooks
-from tests.charts.test_chart import EVERYTHING
+from tests.charts.objects import EVERYTHING
 
 
 def test_rights_come_before_the_pod_and_nothing_outlasts_the_test(render):
@@ -19,7 +19,7 @@ def test_rights_come_before_the_pod_and_nothing_outlasts_the_test(render):
 def test_it_changes_nothing(render):
     role = render(*EVERYTHING)["ClusterRole", "contextpolicy-doctor"]
     verbs = {(resource, verb) for rule in role["rules"] for resource in rule["resources"] for verb in rule["verbs"]}
-    assert {verb for resource, verb in verbs if resource != "subjectaccessreviews"} == {"list"}
+    assert {verb for resource, verb in verbs if resource != "subjectaccessreviews"} == {"list", "get"}
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The fleet operator's guide knows every condition, reason, Event, alert and metric, and invents none."""
+"""The reference page of conditions knows every condition, reason, Event, alert and metric, and invents none."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from contextpolicy.errors import OrderError
 from contextpolicy.policy.spec import Mode
 from contextpolicy.telemetry import status
 from tests.charts.conftest import CHART
-from tests.charts.test_monitoring import ALERTS, EXPORTED
+from tests.charts.test_monitoring import EXPORTED, RULES
 from tests.crds.schema import nodes, schema
 
-GUIDE = (CHART / "OPERATING.md").read_text(encoding="utf-8")
+GUIDE = (CHART.parents[1] / "docs" / "reference" / "conditions.md").read_text(encoding="utf-8")
 PACKAGE = Path(contextpolicy.__file__).parent
 SOURCES = [ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.py")]
-EVENT_SOURCES = {"tell", "note", "on_problem", "_post"}
+EVENT_SOURCES = {"emit", "note", "on_problem", "_post"}
 """The methods whose second argument is an Event's reason."""
 WORD = re.compile(r"[A-Z][A-Za-z]+")
 
@@ -91,7 +91,7 @@ def reasons_of_conditions():
 
 
 def events():
-    """Every reason with which an Event is told: arguments, and what is compared or assigned on the way."""
+    """Every reason with which an Event is posted: arguments, and what is compared or assigned on the way."""
     found = set()
     for call in calls(*EVENT_SOURCES):
         if len(call.args) > 1:
@@ -106,8 +106,8 @@ def events():
 
 
 def test_every_condition_with_every_reason():
-    told = {(row[0], row[1]) for row in rows("Conditions")}
-    assert told == reasons_of_conditions()
+    reported = {(row[0], row[1]) for row in rows("Conditions")}
+    assert reported == reasons_of_conditions()
 
 
 def test_the_conditions_are_those_of_the_definition():
@@ -116,30 +116,52 @@ def test_the_conditions_are_those_of_the_definition():
 
 
 def test_every_event():
-    told = {reason for row in rows("Events") for reason in row[0].split(", ")}
-    assert told == events()
-    assert len(told) > 10
+    reported = {reason for row in rows("Events") for reason in row[0].split(", ")}
+    assert reported == events()
+    assert len(reported) > 10
+
+
+def runbooks():
+    """What to do about each alert, by the heading that its runbook_url leads to."""
+    part = GUIDE.split("## Alerts\n")[1].split("\n## ")[0]
+    return dict(re.findall(r"^### (\w+)\n\n(.*?)(?=\n### |\Z)", part, re.DOTALL | re.MULTILINE))
 
 
 def test_every_alert():
-    assert [row[0] for row in rows("Alerts")] == [rule["alert"] for rule in ALERTS["groups"][0]["rules"]]
+    assert list(runbooks()) == list(RULES)
+    for name, text in runbooks().items():
+        assert text.startswith("Critical.") == (RULES[name]["labels"]["severity"] == "critical"), name
 
 
 def test_every_metric():
-    told = {name for row in rows("Metrics") for name in row[0].split(", ")}
-    assert told == {re.sub(r"_(bucket|sum|count)$", "", series) for series in EXPORTED}
+    reported = {name for row in rows("Metrics") for name in row[0].split(", ")}
+    assert reported == {re.sub(r"_(bucket|sum|count)$", "", series) for series in EXPORTED}
 
 
 def test_every_reason_for_which_an_agent_refuses():
     refused = {word for call in calls(OrderError.__name__, "note") for word in words(call.args[0])} - events()
-    [row] = [row for row in rows("Metrics") if row[0] == "contextpolicy_agent_refusals_total"]
-    assert set(WORD.findall(row[2])) >= refused
+    security = (CHART.parents[1] / "docs" / "explanation" / "security.md").read_text(encoding="utf-8")
+    table = security.split("| reason | meaning | what to do |\n|---|---|---|\n")[1].split("\n\n")[0]
+    explained = {reason for row in table.splitlines() for reason in WORD.findall(row.split(" | ")[0])}
+    assert explained >= refused
     assert len(refused) > 8
 
 
 def test_everything_that_is_wrong_has_something_to_do():
-    good = {"Working", "Valid", "Open", "Heard", "Met", "InForce", "DryRun", "Promoted", "Restored", "Scheduled"}
+    good = {
+        "Working",
+        "Valid",
+        "Open",
+        "Heard",
+        "Met",
+        "Found",
+        "InForce",
+        "DryRun",
+        "Promoted",
+        "Restored",
+        "Scheduled",
+    }
     for row in rows("Conditions"):
         assert bool(row[3]) or row[1] in good, row
-    for heading in ("Alerts", "Metrics"):
-        assert [row for row in rows(heading) if not row[-1]] == []
+    assert [row for row in rows("Metrics") if not row[-1]] == []
+    assert all(runbooks().values())

@@ -7,9 +7,14 @@ from collections import defaultdict
 import pytest
 
 from contextpolicy.commands.doctor import RIGHTS
-from tests.charts.test_chart import EVERYTHING, container
+from tests.charts.objects import EVERYTHING, container
 
-NODES = {("", "nodes"): {"list", "watch"}}
+ORIGINALS = "contextpolicy-originals"
+NODES = {("", "nodes"): {"list", "watch"}, ("contextpolicy.dev", "contextpolicies/originals"): {"update"}}
+OWNERS = {
+    **{("apps", kind): {"get"} for kind in ("replicasets", "statefulsets", "daemonsets")},
+    ("batch", "jobs"): {"get"},
+}
 IN_A_NAMESPACE = {
     ("contextpolicy.dev", "contextpolicies"): {"list", "watch", "patch"},
     ("contextpolicy.dev", "contextpolicies/status"): {"patch"},
@@ -17,12 +22,16 @@ IN_A_NAMESPACE = {
     ("", "pods/resize"): {"patch"},
     ("", "events"): {"create"},
     ("coordination.k8s.io", "leases"): {"get", "update", "create"},
+    **OWNERS,
 }
 RESTORE = {
     ("contextpolicy.dev", "contextpolicies"): {"list", "patch"},
     ("contextpolicy.dev", "contextpolicies/status"): {"patch"},
+    ("contextpolicy.dev", "contextpolicies/originals"): {"update"},
     ("", "pods"): {"list"},
     ("", "pods/resize"): {"patch"},
+    ("coordination.k8s.io", "leases"): {"get", "update"},
+    **OWNERS,
 }
 
 
@@ -39,7 +48,10 @@ def rights(role):
 def test_the_operator_may_do_this_everywhere(render):
     rendered = render()
     assert rights(rendered["ClusterRole", "contextpolicy"]) == NODES | IN_A_NAMESPACE
-    assert {name for kind, name in rendered if kind == "Role"} == {"contextpolicy-lease", "contextpolicy-live"}
+    assert {name for kind, name in rendered if kind == "Role"} == {
+        *("contextpolicy-certificates", "contextpolicy-lease", "contextpolicy-live"),
+        *("contextpolicy-originals", "contextpolicy-restore-key"),
+    }
     assert rights(rendered["Role", "contextpolicy-live"]) == {
         ("", "pods"): {"get", "list"},
         ("", "pods/portforward"): {"create"},
@@ -50,12 +62,21 @@ def test_the_operator_may_do_this_everywhere(render):
 def test_with_namespaces_it_may_do_it_there_only(render):
     rendered = render("watchNamespaces={robot}")
     assert rights(rendered["ClusterRole", "contextpolicy"]) == NODES
-    assert not [key for key in rendered if key[0].startswith("ClusterRole") and key[1].endswith("-restore")]
-    for account, expected in (("contextpolicy", IN_A_NAMESPACE), ("contextpolicy-restore", RESTORE)):
-        role, binding = rendered["Role", account], rendered["RoleBinding", account]
-        assert rights(role) == expected
-        assert role["metadata"]["namespace"] == binding["metadata"]["namespace"] == "robot"
-        assert binding["subjects"] == [{"kind": "ServiceAccount", "name": account, "namespace": "contextpolicy-system"}]
+    role, binding = rendered["Role", "contextpolicy"], rendered["RoleBinding", "contextpolicy"]
+    assert rights(role) == IN_A_NAMESPACE
+    assert role["metadata"]["namespace"] == binding["metadata"]["namespace"] == "robot"
+    assert binding["subjects"] == [
+        {"kind": "ServiceAccount", "name": "contextpolicy", "namespace": "contextpolicy-system"}
+    ]
+
+
+def test_what_restores_needs_no_namespace_to_be_there_still(render):
+    """Helm makes its rights after the operator is gone: where that fails, nobody restores anything."""
+    rendered = render("watchNamespaces={robot,gone}")
+    assert rights(rendered["ClusterRole", "contextpolicy-restore"]) == RESTORE
+    assert rendered["ClusterRoleBinding", "contextpolicy-restore"]["subjects"] == [
+        {"kind": "ServiceAccount", "name": "contextpolicy-restore", "namespace": "contextpolicy-system"}
+    ]
 
 
 @pytest.mark.parametrize("settings", [(), ("watchNamespaces={robot}",)])
@@ -83,8 +104,38 @@ def test_it_may_change_only_its_own_leases(render, settings):
     assert all(rule.get("resourceNames") == ["contextpolicy"] or rule["verbs"] == ["create"] for rule in rules)
 
 
+def test_it_may_read_only_its_originals_key(render):
+    """It makes the key itself; only the Job that ends the release may delete it."""
+    rendered = render()
+    for account, verb in (("contextpolicy-originals", "patch"), ("contextpolicy-restore-key", "delete")):
+        [rule] = rendered["Role", account]["rules"]
+        assert rule == {
+            "apiGroups": [""],
+            "resources": ["secrets"],
+            "resourceNames": ["contextpolicy-originals"],
+            "verbs": ["get", verb],
+        }
+        assert rendered["Role", account]["metadata"]["namespace"] == "contextpolicy-system"
+    secret = rendered["Secret", "contextpolicy-originals"]
+    assert not secret.keys() & {"data", "stringData"}, "a template would make another key at each sync"
+    assert secret["metadata"]["annotations"]["helm.sh/resource-policy"] == "keep"
+
+
+@pytest.mark.parametrize("namespaces", [[], ["robot", "lab"]])
+def test_only_who_has_the_right_in_the_whole_cluster_may_change_originals(render, namespaces):
+    rendered = render(*([f"watchNamespaces={{{','.join(namespaces)}}}"] if namespaces else []))
+    spec = rendered["ValidatingAdmissionPolicy", "contextpolicy-originals"]["spec"]
+    [rule] = spec["matchConstraints"]["resourceRules"]
+    assert (rule["resources"], rule["operations"]) == (["contextpolicies/status"], ["UPDATE"])
+    selector = spec["matchConstraints"].get("namespaceSelector")
+    assert (selector["matchExpressions"][0]["values"] if selector else []) == namespaces
+    assert ".namespace(" not in spec["validations"][0]["expression"], "a Role of a namespace must not be enough"
+    binding = rendered["ValidatingAdmissionPolicyBinding", "contextpolicy-originals"]["spec"]
+    assert binding == {"policyName": "contextpolicy-originals", "validationActions": ["Deny"]}
+
+
 @pytest.mark.parametrize("aggregated", [False, True])
-def test_who_may_edit_a_namespace_may_write_policies_only_if_the_administrator_says_so(render, aggregated):
+def test_namespace_editors_write_policies_only_if_the_administrator_allows_it(render, aggregated):
     rendered = render(*(["rbac.aggregateToUserRoles=true"] if aggregated else []))
     for name in ("viewer", "editor"):
         labels = rendered["ClusterRole", f"contextpolicy-{name}"]["metadata"]["labels"]
@@ -99,9 +150,26 @@ def test_the_doctor_asks_for_no_right_that_the_chart_does_not_give():
 def test_users_get_policies_and_nothing_else(render):
     rendered = render()
     for name in ("viewer", "editor"):
-        assert rights(rendered["ClusterRole", f"contextpolicy-{name}"]).keys() == {
-            ("contextpolicy.dev", "contextpolicies")
-        }
+        allowed = rights(rendered["ClusterRole", f"contextpolicy-{name}"])
+        assert allowed.keys() == {("contextpolicy.dev", "contextpolicies"), ("coordination.k8s.io", "leases")}
+        assert set(allowed["coordination.k8s.io", "leases"]) == {"get"}, "to see whether an operator serves them"
+
+
+def test_certificates_are_written_into_the_charts_secrets_and_no_other(render):
+    """Who may create Secrets can have himself the token of any account of the namespace."""
+    rendered = render("agent.enabled=true")
+    [rule] = rendered["Role", "contextpolicy-certificates"]["rules"]
+    secrets = {name for kind, name in rendered if kind == "Secret"} - {ORIGINALS}
+    assert (set(rule["resourceNames"]), set(rule["verbs"])) == (secrets, {"get", "patch"})
+
+
+def test_nobody_else_may_read_another_secret(render):
+    rendered = render("agent.enabled=true")
+    roles = [item for (kind, _), item in rendered.items() if kind in ("Role", "ClusterRole")]
+    readers = {item["metadata"]["name"]: item for item in roles if ("", "secrets") in rights(item)}
+    assert readers.keys() == {"contextpolicy-certificates", ORIGINALS, "contextpolicy-restore-key"}
+    for name in (ORIGINALS, "contextpolicy-restore-key"):
+        assert [rule["resourceNames"] for rule in readers[name]["rules"]] == [[ORIGINALS]]
 
 
 def test_no_rule_has_a_wildcard(render):
@@ -125,7 +193,8 @@ def test_all_but_the_agent_pass_the_restricted_standard(render, workload):
     assert pod["securityContext"]["runAsNonRoot"] is True
     assert pod["securityContext"]["runAsUser"] > 0
     assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
-    assert not pod.keys() & {"volumes", "hostNetwork", "hostPID", "hostIPC"}
+    assert not pod.keys() & {"hostNetwork", "hostPID", "hostIPC"}
+    assert [volume for volume in pod.get("volumes", ()) if volume.keys() != {"name", "secret"}] == []
     assert container(rendered)["securityContext"] == {
         "allowPrivilegeEscalation": False,
         "readOnlyRootFilesystem": True,
@@ -140,8 +209,12 @@ def test_only_the_operator_its_test_and_what_cleans_up_after_it_get_a_token(rend
         False,
         False,
     ]
-    bound = [s["name"] for (kind, _), item in rendered.items() if kind.endswith("Binding") for s in item["subjects"]]
-    assert sorted(set(bound)) == ["contextpolicy", "contextpolicy-doctor", "contextpolicy-restore"]
+    bound = [
+        s["name"] for (kind, _), item in rendered.items() if kind.endswith("RoleBinding") for s in item["subjects"]
+    ]
+    assert sorted(set(bound)) == [
+        *("contextpolicy", "contextpolicy-certificates", "contextpolicy-doctor", "contextpolicy-restore")
+    ]
 
 
 @pytest.mark.parametrize(
@@ -167,7 +240,7 @@ def test_the_agent_has_what_writing_cgroups_needs(render, realtime, capabilities
 
 def test_every_container_has_a_weight_and_none_is_throttled(render):
     workloads = [item for (kind, _), item in render(*EVERYTHING).items() if kind in ("Deployment", "DaemonSet", "Job")]
-    assert len(workloads) == 4
+    assert len(workloads) == 5
     for workload in workloads:
         resources = container(workload)["resources"]
         assert resources["requests"].keys() == {"cpu", "memory"}
@@ -175,15 +248,22 @@ def test_every_container_has_a_weight_and_none_is_throttled(render):
 
 
 @pytest.mark.parametrize("realtime", ["false", "true"])
-def test_the_agents_supervisor_has_its_rights_on_the_node_and_knows_nothing_else(render, realtime):
+def test_the_supervisor_has_the_agents_rights_but_no_key(render, realtime):
     agent = render("agent.enabled=true", f"agent.realtime={realtime}")["DaemonSet", "contextpolicy-agent"]
     (supervisor,) = agent["spec"]["template"]["spec"]["initContainers"]
     assert supervisor["restartPolicy"] == "Always"
     assert supervisor["image"] == container(agent)["image"]
     assert supervisor["securityContext"] == container(agent)["securityContext"]
     assert supervisor["resources"]["limits"].keys() == {"memory"}
-    writable = [mount for mount in container(agent)["volumeMounts"] if not mount.get("readOnly")]
-    assert supervisor["volumeMounts"] == writable
-    settings = {variable["name"]: variable["value"] for variable in supervisor["env"]}
-    assert settings.items() <= {v["name"]: v.get("value") for v in container(agent)["env"]}.items()
-    assert settings.keys() == {"CGROUP_ROOT", "LOG_FORMAT", "LOG_LEVEL"}
+    wanted = [mount for mount in container(agent)["volumeMounts"] if mount["name"] in ("cgroup", "state", "bus")]
+    assert len(wanted) == 3
+    assert supervisor["volumeMounts"] == wanted
+    assert [variable for variable in supervisor["env"] if variable not in container(agent)["env"]] == []
+    assert {variable["name"] for variable in supervisor["env"]} == {
+        "CGROUP_ROOT",
+        "LOG_FORMAT",
+        "LOG_LEVEL",
+        "NODE_NAME",
+        "ZENOH_CONNECT",
+        "ZENOH_CREDENTIALS",
+    }

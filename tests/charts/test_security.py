@@ -2,38 +2,21 @@
 
 from __future__ import annotations
 
-import base64
-from contextlib import ExitStack
+from contextlib import nullcontext
 
 import pytest
-from cryptography import x509
+import yaml
 
-from contextpolicy.bus.session import open_router
-from contextpolicy.bus.signatures import Signer, Verifier
-from tests.bus.certificates import ROLES
-from tests.bus.client import client_of
-from tests.charts.test_chart import WORKLOADS, container, environment
-from tests.ports import free_port
-
-NOW = 1_800_000_000_000_000_000
+from contextpolicy import cli
+from contextpolicy.commands import certificates
+from tests.charts.conftest import CHART, set_all
+from tests.charts.objects import WORKLOADS, container, environment
+from tests.charts.test_uninstall import notes
 
 
 @pytest.fixture(scope="module")
 def secured(render):
     return render("agent.enabled=true", "security.routerNames={robot.local,10.0.0.9}")
-
-
-@pytest.fixture
-def files(secured, tmp_path):
-    """A Secret as a directory, as kubelets mount it."""
-
-    def directory(name):
-        (tmp_path / name).mkdir()
-        for file, content in secured["Secret", name]["data"].items():
-            (tmp_path / name / file).write_bytes(base64.b64decode(content))
-        return tmp_path / name
-
-    return directory
 
 
 def volumes(workload):
@@ -43,37 +26,60 @@ def volumes(workload):
     return {volume["name"]: volume["secret"] for volume in found if "secret" in volume and volume["name"] in mounted}
 
 
-def test_without_agents_the_bus_is_open_and_there_is_no_secret(render):
+def made(name, *files):
+    """The volume's Secret, once these files are in it."""
+    return {"secretName": name, "items": [{"key": file, "path": file} for file in files]}
+
+
+def job_of(rendered):
+    """What makes the certificates at the installation."""
+    [job] = [item for (kind, name), item in rendered.items() if kind == "Job" and "-certificates-" in name]
+    return job
+
+
+BUS = ("ca.crt", "tls.crt", "tls.key")
+ORIGINALS = ("Secret", "contextpolicy-originals")
+"""The operator fills it itself, whether the bus is closed or not."""
+
+
+def secrets_of_the_bus(rendered):
+    """What the Job fills."""
+    return {key for key in rendered if key[0] == "Secret"} - {ORIGINALS}
+
+
+def test_the_bus_is_closed_unless_somebody_opens_it(render):
     rendered = render()
-    assert not [key for key in rendered if key[0] == "Secret"]
-    assert container(rendered["Deployment", "contextpolicy-router"])["args"] == [
-        "router",
-        "--metrics-port=8081",
-        "--listen=tcp/*:7447",
-    ]
-    assert not volumes(rendered["Deployment", "contextpolicy"])
-
-
-def test_without_agents_the_bus_can_be_closed_as_well(render):
-    rendered = render("security.enabled=true")
     assert environment(rendered["Deployment", "contextpolicy"])["ZENOH_CONNECT"].startswith("tls/")
-    assert volumes(rendered["Deployment", "contextpolicy"]) == {"bus": {"secretName": "contextpolicy-bus-operator"}}
-    assert ("Secret", "contextpolicy-signing") not in rendered
+    assert volumes(rendered["Deployment", "contextpolicy"]) == {"bus": made("contextpolicy-bus-operator", *BUS)}
+    assert ("Secret", "contextpolicy-signing") not in rendered, "without agents nothing is signed"
+
+
+def test_a_bus_that_is_open_has_no_certificates(helm, render):
+    rendered = render("security.enabled=false")
+    assert secrets_of_the_bus(rendered) == set()
+    assert not [key for key in rendered if key[0] == "CronJob" or key[1].startswith("contextpolicy-certif")]
+    assert "--listen=tcp/*:7447" in container(rendered["Deployment", "contextpolicy-router"])["args"]
+    assert not volumes(rendered["Deployment", "contextpolicy"])
+    assert "WARNING: security.enabled=false. The bus is open" in notes(helm, "security.enabled=false")
+
+
+def test_the_notes_say_how_a_sensor_gets_its_certificate(helm):
+    assert "kubectl ctxp credentials sensor ./sensor -n default" in notes(helm)
+    assert "WARNING" not in notes(helm)
 
 
 @pytest.mark.parametrize("role", WORKLOADS)
 def test_each_part_has_the_secret_of_its_role(secured, role):
     workload = secured[WORKLOADS[role]]
-    assert volumes(workload)["bus"] == {"secretName": f"contextpolicy-bus-{role}"}
+    assert volumes(workload)["bus"] == made(f"contextpolicy-bus-{role}", *BUS)
     assert environment(workload)["ZENOH_CREDENTIALS"] == "/etc/contextpolicy/bus"
 
 
 def test_only_the_operator_can_sign(secured):
     signing = {role: volumes(secured[workload]).get("signing") for role, workload in WORKLOADS.items()}
-    name = {"secretName": "contextpolicy-signing"}
     assert signing == {
-        "operator": name,
-        "agent": {**name, "items": [{"key": "tls.crt", "path": "tls.crt"}]},
+        "operator": made("contextpolicy-signing", "tls.crt", "tls.key"),
+        "agent": made("contextpolicy-signing", "tls.crt"),
         "router": None,
     }
 
@@ -82,45 +88,72 @@ def test_nobody_mounts_what_signs_certificates(secured):
     assert "bus-authority" not in str([secured[workload] for workload in WORKLOADS.values()])
 
 
-def test_the_routers_certificate_has_all_its_names(secured):
-    pem = base64.b64decode(secured["Secret", "contextpolicy-bus-router"]["data"]["tls.crt"])
-    names = x509.load_pem_x509_certificate(pem).extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    assert {"localhost", "robot.local", "contextpolicy-router.contextpolicy-system"} <= set(
-        names.get_values_for_type(x509.DNSName)
-    )
-    assert {str(one) for one in names.get_values_for_type(x509.IPAddress)} == {"127.0.0.1", "10.0.0.9"}
+def test_no_template_makes_a_key(secured):
+    """It would be another one with every sync of a GitOps tool."""
+    secrets = [item for (kind, _), item in secured.items() if kind == "Secret"]
+    assert len(secrets) == 9
+    assert [item for item in secrets if item.keys() & {"data", "stringData"}] == []
 
 
-def test_the_secrets_open_the_bus_to_every_role(files):
-    endpoint = f"tls/127.0.0.1:{free_port()}"
-    with open_router([endpoint], files("contextpolicy-bus-router")), ExitStack() as sessions:
-        for role in ROLES:
-            credentials = files(f"contextpolicy-bus-{role}")
-            session = sessions.enter_context(client_of(endpoint, credentials))
-            assert list(session.info.routers_zid())
+def test_what_is_rendered_is_the_same_each_time(render):
+    settings = ("agent.enabled=true", "security.namespaces={robot}")
+    assert render(*settings) == render(*settings)
 
 
-def test_agents_can_check_what_the_operator_signs(files):
-    keys = files("contextpolicy-signing")
-    assert Verifier(keys).check("key", b"plan", Signer(keys).sign("key", b"plan", NOW), NOW) == NOW
+def test_the_job_makes_what_the_pods_wait_for_and_the_schedule_renews_it(secured):
+    job, schedule = job_of(secured), secured["CronJob", "contextpolicy-certificates"]
+    assert container(job)["args"] == [
+        "certificates",
+        "--release=contextpolicy-system/contextpolicy",
+        *(f"--router-name=contextpolicy-router{end}" for end in ENDS),
+        *(f"--router-name={name}" for name in ("localhost", "127.0.0.1", "::1", "robot.local", "10.0.0.9")),
+    ]
+    assert schedule["spec"]["jobTemplate"]["spec"]["template"] == job["spec"]["template"]
+    assert job["spec"]["template"]["spec"]["serviceAccountName"] == "contextpolicy-certificates"
+    assert "annotations" not in job["metadata"], "no hook: see the template"
+
+
+ENDS = ("", *(f".contextpolicy-system{end}" for end in ("", ".svc", ".svc.cluster.local")))
+
+
+@pytest.mark.parametrize("setting", ["security.routerNames={robot}", "image.tag=dev", "security.namespaces={lab}"])
+def test_a_job_that_would_do_something_else_is_another(render, setting):
+    assert job_of(render(setting))["metadata"]["name"] != job_of(render())["metadata"]["name"]
+
+
+def test_the_command_fills_existing_secrets(secured, monkeypatch):
+    asked = []
+    monkeypatch.setattr(certificates, "api_server", lambda _: nullcontext(None))
+    monkeypatch.setattr(certificates, "renew", lambda _, release, *__: asked.append(release))
+    assert cli.main(container(job_of(secured))["args"]) == 0
+    [release] = asked
+    assert {("Secret", place.name) for place in release.places()} == secrets_of_the_bus(secured)
 
 
 def test_robots_namespaces_get_what_their_pods_need(helm):
-    from tests.charts.conftest import CHART, set_all  # noqa: PLC0415 - several objects of one name
-
-    settings = set_all(["agent.enabled=true", "security.namespaces={robot}"])
-    done = helm("template", "contextpolicy", str(CHART), *settings, "-s", "templates/bus-secrets.yaml")
-    places = [line.strip() for line in done.stdout.splitlines() if line.startswith("  namespace: robot")]
-    assert len(places) == 2
+    settings = set_all(["agent.enabled=true", "security.namespaces={robot,contextpolicy-system}"])
+    where = ("contextpolicy", str(CHART), "-n", "contextpolicy-system")
+    done = helm("template", *where, *settings)
+    documents = [one for one in yaml.safe_load_all(done.stdout) if one]
+    own = [one for one in documents if one["metadata"].get("namespace") == "robot"]
+    assert [(one["kind"], one["metadata"]["name"]) for one in own if one["kind"] == "Secret"] == [
+        ("Secret", "contextpolicy-bus-sensor"),
+        ("Secret", "contextpolicy-bus-module"),
+    ]
+    [role] = [one for one in own if one["kind"] == "Role"]
+    assert role["rules"][0]["resourceNames"] == ["contextpolicy-bus-sensor", "contextpolicy-bus-module"]
+    [job] = [one for one in documents if one["kind"] == "Job" and "-certificates-" in one["metadata"]["name"]]
+    assert container(job)["args"][-2:] == ["--share=robot", "--share=contextpolicy-system"]
 
 
 def test_secrets_that_exist_are_used_and_none_is_made(render):
     mine = [f"security.{role}Secret=my-{role}" for role in (*WORKLOADS, "signing")]
     rendered = render("agent.enabled=true", *mine)
-    assert not [key for key in rendered if key[0] == "Secret"]
+    assert secrets_of_the_bus(rendered) == set()
     for role, workload in WORKLOADS.items():
         assert volumes(rendered[workload])["bus"] == {"secretName": f"my-{role}"}
-    assert volumes(rendered["Deployment", "contextpolicy"])["signing"] == {"secretName": "my-signing"}
+    assert volumes(rendered["Deployment", "contextpolicy"])["signing"] == made("my-signing", "tls.crt", "tls.key")
+    assert not [key for key in rendered if key[0] == "CronJob"]
 
 
 def test_plans_are_signed_on_another_router_too(render):
@@ -132,11 +165,12 @@ def test_plans_are_signed_on_another_router_too(render):
     )
     assert volumes(rendered["Deployment", "contextpolicy"]).keys() == {"bus", "signing"}
     assert volumes(rendered["DaemonSet", "contextpolicy-agent"]).keys() == {"signing"}
+    assert container(job_of(rendered))["args"][2:] == ["--no-bus"]
 
 
 def test_the_router_holds_publishers_to_their_keys(render):
     rendered = render("security.enabled=true", "security.sampleKeys={robot/**,lab/*/imu}")
-    assert container(rendered["Deployment", "contextpolicy-router"])["args"][-1] == "--samples=robot/**,lab/*/imu"
+    assert "--samples=robot/**,lab/*/imu" in container(rendered["Deployment", "contextpolicy-router"])["args"]
 
 
 FLEET = ("security.enabled=true", "security.routerSecret=fleet", "security.operatorSecret=own")
@@ -152,15 +186,6 @@ def test_a_router_joins_its_fleet(render):
 def test_a_router_without_a_fleet_opens_no_connection(render):
     rendered = render("networkPolicy.enabled=true")
     assert rendered["NetworkPolicy", "contextpolicy-router"]["spec"]["egress"] == []
-
-
-def test_no_secret_is_an_argument_or_in_the_environment(secured):
-    for workload in WORKLOADS.values():
-        told = str((container(secured[workload])["args"], environment(secured[workload])))
-        for (kind, _), secret in secured.items():
-            for content in secret["data"].values() if kind == "Secret" else ():
-                assert content not in told
-                assert base64.b64decode(content).decode() not in told
 
 
 def test_a_cluster_may_choose_users_and_labels(render):

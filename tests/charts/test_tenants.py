@@ -8,7 +8,7 @@ import pytest
 
 from contextpolicy.app.settings import read
 from contextpolicy.policy.tenants import Tenant, Tenants
-from tests.charts.test_chart import environment
+from tests.charts.objects import environment
 
 TENANTS = {"lab": {"priority": 10, "streamPrefixes": ["robot"]}, "*": {"streamPrefixes": ["{namespace}"]}}
 SET = f"tenants:={json.dumps(TENANTS)}"
@@ -42,5 +42,5 @@ def test_it_is_asked_only_about_namespaces_that_the_operator_serves(render):
         ({"Lab!": {"priority": 1}}, "Lab!"),
     ],
 )
-def test_what_makes_no_sense_is_refused(refusal, tenants, named):
+def test_invalid_input_is_refused(refusal, tenants, named):
     assert named in refusal(f"tenants:={json.dumps(tenants)}")

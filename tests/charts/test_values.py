@@ -1,4 +1,4 @@
-"""The chart's values: each is explained where it stands, bounded by the schema and listed in the README."""
+"""The chart's values: each is explained where it stands, bounded by the schema and listed in the reference."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import re
 
 import pytest
 import yaml
+from jsonschema import Draft202012Validator
 
 from tests.charts.conftest import CHART
 
 TEXT = (CHART / "values.yaml").read_text(encoding="utf-8")
+REFERENCE = (CHART.parents[1] / "docs" / "reference" / "chart.md").read_text(encoding="utf-8")
 SCHEMA = json.loads((CHART / "values.schema.json").read_text(encoding="utf-8"))
 
 
@@ -38,7 +40,7 @@ VALUES = list(leaves(yaml.safe_load(TEXT)))
 def test_a_value(path, value):
     assert is_in_schema(path)
     assert is_explained(path[-1])
-    assert f"| `{'.'.join(path)}` | `{json.dumps(value)}` |" in (CHART / "README.md").read_text(encoding="utf-8")
+    assert f"| `{'.'.join(path)}` | `{json.dumps(value)}` |" in REFERENCE
 
 
 def is_in_schema(path):
@@ -56,3 +58,21 @@ def is_explained(name):
 
 def test_the_schema_refuses_what_it_does_not_know():
     assert [path for path, schema in named_objects(SCHEMA) if schema.get("additionalProperties") is not False] == []
+
+
+RULES = SCHEMA["properties"]["metrics"]["properties"]["alerts"]["properties"]["rules"]["properties"]
+DURATIONS = {name: rule["properties"]["for"] for name, rule in RULES.items()} | {
+    "interval": SCHEMA["properties"]["metrics"]["properties"]["podMonitor"]["properties"]["interval"]
+}
+
+
+@pytest.mark.parametrize("name", DURATIONS)
+def test_durations_are_those_that_prometheus_takes(name):
+    """Its operator refuses others only after the installation, in a log."""
+    takes = Draft202012Validator(DURATIONS[name]).is_valid
+    assert all(map(takes, ("15s", "1m30s", "500ms", "2h", "1d", "1w2d3h4m5s6ms", "1y")))
+    wrong = ("", "5", "1m1h", "1m1m", "5ms5s", "1.5m", "-5m", "5 m", "5min", "m", 15)
+    assert [one for one in wrong if takes(one)] == []
+    assert (takes("0"), takes("0s")) == (name != "interval",) * 2, (
+        "a rule may fire at once; nobody scrapes all the time"
+    )

@@ -71,6 +71,13 @@ def _spec(name: str, resources: Resources) -> dict[str, Any]:
     return {"name": name, "image": f"{name}:dev", "resources": deepcopy(resources), "resizePolicy": []}
 
 
+def granted(request: str, pod: dict[str, Any]) -> dict[str, Any]:
+    """The pod, whose containers' kubelet has granted them this request, whatever their spec says."""
+    for status in pod["status"]["containerStatuses"]:
+        status["allocatedResources"] = {"cpu": request}
+    return pod
+
+
 def _status(name: str, resources: Resources) -> dict[str, Any]:
     return {
         "name": name,

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 from contextlib import ExitStack
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
 from typing import TYPE_CHECKING, Any
+from unittest.mock import Mock, call
 
 import pytest
 from kubernetes import client
 from kubernetes.config import ConfigException
 
-from contextpolicy.cluster import api as module
+from contextpolicy.cluster import api_connection
 from contextpolicy.cluster.api import ApiServer
 from contextpolicy.errors import ActuationError
 
@@ -69,14 +71,20 @@ def server():
 
 
 @pytest.fixture
-def open_api(server, monkeypatch):
+def answers():
+    """What hears of the answers."""
+    return Mock()
+
+
+@pytest.fixture
+def open_api(server, monkeypatch, answers):
     """Open a client of the server, below a path of it."""
     with ExitStack() as stack:
 
         def open_api(path=""):
             settings = client.Configuration(host=f"http://127.0.0.1:{server.server_port}{path}")
-            monkeypatch.setattr(module, "_configure", lambda: client.Configuration.set_default(settings))
-            opened = ApiServer()
+            monkeypatch.setattr(api_connection, "_configure", lambda _: client.Configuration.set_default(settings))
+            opened = ApiServer(answers)
             stack.callback(opened.close)
             return opened
 
@@ -89,17 +97,25 @@ def api(open_api):
     return open_api()
 
 
+def test_each_answer_is_reported_and_so_is_that_there_is_none(api, server, answers):
+    api.pod("lab", "slam")
+    server.answer = None
+    with pytest.raises(ActuationError):
+        api.pod("lab", "slam")
+    assert answers.mock_calls == [call.on_answer("GET", "200"), call.on_answer("GET", "none")]
+
+
 def refusal(api):
     with pytest.raises(ActuationError) as caught:
-        api.resize("lab", "slam", {"spec": {}})
+        api.resize("lab", "slam", {"spec": {}}, "contextpolicy")
     return caught.value
 
 
 def test_a_resize_is_a_strategic_merge_of_the_subresource(api, server):
     patch = {"spec": {"containers": [{"name": "slam", "resources": {"limits": {"cpu": "300m"}}}]}}
-    assert api.resize("lab", "slam", patch) == 4711
+    assert api.resize("lab", "slam", patch, "contextpolicy-restore") == 4711
     [(method, path, headers, body)] = server.requests
-    assert (method, path) == ("PATCH", "/api/v1/namespaces/lab/pods/slam/resize?fieldManager=contextpolicy")
+    assert (method, path) == ("PATCH", "/api/v1/namespaces/lab/pods/slam/resize?fieldManager=contextpolicy-restore")
     assert headers["Content-Type"] == "application/strategic-merge-patch+json"
     assert body == patch
 
@@ -119,7 +135,7 @@ def test_a_config_map_is_read_by_its_name(api, server, held, read):
 
 
 def test_originals_are_merged_into_the_status(api, server):
-    api.write_originals("lab", "robot", {"uid-1": None})
+    assert api.write_originals("lab", "robot", {"uid-1": None}) == 4711
     [(method, path, headers, body)] = server.requests
     assert (method, path.partition("?")[0].rpartition("/")[2]) == ("PATCH", "status")
     assert headers["Content-Type"] == "application/merge-patch+json"
@@ -140,9 +156,13 @@ def test_objects_of_all_namespaces_or_of_one_are_listed(api, server, kind, names
     assert [asked.partition("?")[0] for _, asked, _, _ in server.requests] == [path]
 
 
-def test_where_the_definition_is_missing_there_are_no_policies(api, server):
-    server.answer = 404, b'{"message": "page not found"}'
-    assert api.policies(None) == []
+@pytest.mark.parametrize("answer", [b"<html>\n</html>", b"[]", b"{}", b'{"items'])
+def test_a_list_that_is_none_is_an_error(api, server, answer):
+    """A proxy answers, or a server of another kind."""
+    server.answer = 200, answer
+    with pytest.raises(ActuationError, match=r"not the JSON object that was asked for: .+$") as caught:
+        api.policies(None)
+    assert (caught.value.reason, caught.value.retriable) == ("Unreadable", True)
 
 
 @pytest.mark.parametrize("kind", ["pods", "policies"])
@@ -170,9 +190,9 @@ def test_a_token_that_cannot_be_renewed_is_a_failure_like_others(api, monkeypatc
     def fail(*_):
         raise ConfigException("exec plugin is gone")
 
-    monkeypatch.setattr(api._client, "update_params_for_auth", fail)
+    monkeypatch.setattr(api._connection._client, "update_params_for_auth", fail)
     with pytest.raises(ActuationError, match="exec plugin is gone") as caught:
-        api.resize("lab", "slam", {})
+        api.resize("lab", "slam", {}, "contextpolicy")
     assert (caught.value.reason, caught.value.retriable) == ("NoToken", True)
 
 
@@ -224,7 +244,7 @@ def test_a_refusal_in_no_known_form(api, server, content):
 
 
 @pytest.mark.parametrize("content", [b"", b"{}", b"[]", b"null", b'{"metadata": null}', b"<html>", b"\xff\xfe"])
-def test_an_answer_that_is_no_pod_is_worth_another_try(api, server, content):
+def test_an_answer_without_a_pod_is_retried(api, server, content):
     server.answer = 200, content
     error = refusal(api)
     assert (error.reason, error.retriable) == ("Unreadable", True)
@@ -234,7 +254,25 @@ def test_a_server_that_hangs_up_is_unreachable(api, server):
     server.answer = None
     error = refusal(api)
     assert (error.reason, error.retriable) == ("Unreachable", True)
+    assert re.search(r"API server at http://127.0.0.1:\d+ to PATCH .*/resize: Remote end closed connection", str(error))
     assert len(server.requests) == 1, "the resizer decides when to try again, not the connection pool"
+
+
+@pytest.mark.parametrize(
+    ("host", "reason"),
+    [("http://127.0.0.1:1", "Connection refused"), ("http://nobody.invalid:1", "")],
+)
+def test_where_nobody_listens_is_reported_without_the_librarys_objects(monkeypatch, host, reason):
+    settings = client.Configuration(host=host)
+    monkeypatch.setattr(api_connection, "_configure", lambda _: client.Configuration.set_default(settings))
+    api = ApiServer(Mock())
+    with pytest.raises(
+        ActuationError, match=f"^no answer from the API server at {host} to GET /version: .*{reason}$"
+    ) as caught:
+        api.read("/version")
+    client.Configuration.set_default(None)
+    assert "object at" not in str(caught.value)
+    assert "Pool" not in str(caught.value)
 
 
 @pytest.mark.parametrize(("answer", "serves"), [((200, b"{}"), True), ((404, b"{}"), False)])

@@ -1,4 +1,4 @@
-"""Who gets which container, and what those are told who don't."""
+"""Who gets which container, and what the others learn."""
 
 from __future__ import annotations
 
@@ -6,26 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from contextpolicy.cluster.claims import claim
-from contextpolicy.cluster.pods import Cpu, PodView, view
-from contextpolicy.policy.spec import Mode, Policy
-from contextpolicy.policy.tenants import Tenant, Tenants
+from contextpolicy.cluster.pods import view
+from contextpolicy.policy.spec import Mode
+from contextpolicy.policy.tenants import Tenants
 from tests.cluster.builders import NODE, a_pod, cpu
+from tests.cluster.claimants import NODES, held, policy_of, views
+from tests.cluster.claiming import claim
 from tests.planning.builders import a_policy, a_task
-
-NODES = {NODE: 2000}
-
-
-def policy_of(name, *tasks, **spec):
-    return replace(a_policy(tasks=[a_task(t) if isinstance(t, str) else t for t in tasks], **spec), name=name)
-
-
-def views(*names, **fields):
-    return [view(a_pod(name, **fields)) for name in names]
-
-
-def held(result):
-    return {container.id: container.task for container in result.placement.containers}
 
 
 def test_each_task_gets_its_container_on_its_node():
@@ -73,7 +60,7 @@ def test_a_guaranteed_pod_has_no_floor():
     assert container.floor == 10
 
 
-def test_the_older_policy_keeps_the_container_and_the_younger_is_told_of_both():
+def test_the_older_policy_keeps_a_contested_container():
     old, young = (
         policy_of("old", "slam", reserve="1"),
         policy_of("young", a_task("mapping", container="slam"), reserve="1"),
@@ -83,7 +70,7 @@ def test_the_older_policy_keeps_the_container_and_the_younger_is_told_of_both():
     assert held(claims["lab/old"]) == {"lab/slam/slam": "slam"}
     assert held(claims["lab/young"]) == {}
     assert claims["lab/young"].conflicts == [
-        "lab/slam/slam belongs to task slam of lab/old, task mapping can't have it too"
+        "lab/slam/slam belongs to task slam of lab/old; task mapping can't claim it too"
     ]
     assert claims["lab/old"].conflicts == []
 
@@ -93,7 +80,7 @@ def test_two_tasks_of_a_policy_cannot_share_a_container():
     both = replace(both, tasks=(both.tasks[0], replace(both.tasks[1], selector=both.tasks[0].selector)))
     result = claim([both], views("slam"), NODES)["lab/robot"]
     assert held(result) == {"lab/slam/slam": "slam"}
-    assert result.conflicts == ["lab/slam/slam belongs to slam, task mapping can't have it too"]
+    assert result.conflicts == ["lab/slam/slam belongs to slam; task mapping can't claim it too"]
 
 
 def test_policies_may_share_a_node_that_is_big_enough_for_both():
@@ -120,115 +107,6 @@ def test_a_policy_yields_a_node_where_too_little_is_left_for_its_containers():
     assert young.conflicts == [
         f"node {NODE}: lab/old come first and leave 90m of 2000m; its containers there need at least 100m"
     ]
-
-
-# several namespaces
-
-
-def tenants(**priorities):
-    return Tenants({name: Tenant(priority) for name, priority in priorities.items()})
-
-
-def two_tenants(**limits: str) -> tuple[list[Policy], list[PodView]]:
-    """Pods of the same size of node, by namespace; their policies, the first one oldest."""
-    pods = [view(a_pod("slam", {"slam": cpu("10m", limit)}, namespace=ns, uid=ns)) for ns, limit in limits.items()]
-    return [replace(policy_of("robot", "slam"), namespace=namespace) for namespace in limits], pods
-
-
-def test_a_tiny_pod_in_another_namespace_takes_nothing_from_a_robot():
-    """Its policy is the older one and reserves nothing: by age alone it would have all of the node."""
-    claims = claim(*two_tenants(elsewhere="10m", lab="800m"), NODES)
-    assert held(claims["lab/robot"]) == {"lab/slam/slam": "slam"}
-    assert claims["lab/robot"].conflicts == []
-    assert claims["lab/robot"].placement.left == {NODE: 800}
-    assert claims["elsewhere/robot"].placement.left == {NODE: 10}
-    assert claims["elsewhere/robot"].shared == {
-        NODE: f"node {NODE}: no priority decides between elsewhere and lab, so it divides 10m: what its containers' "
-        "own limits add up to, or an equal part where they don't fit"
-    }
-
-
-def test_the_administrators_priority_comes_before_age():
-    claims = claim(*two_tenants(elsewhere="10m", lab="800m"), NODES, tenants=tenants(lab=10))
-    assert claims["lab/robot"].placement.left == {}
-    assert claims["lab/robot"].shared == {}
-    assert held(claims["elsewhere/robot"]) == {}
-    assert claims["elsewhere/robot"].conflicts == [
-        f"node {NODE}: lab/robot come first and leave 0m of 2000m; its containers there need at least 10m"
-    ]
-
-
-@pytest.mark.parametrize(
-    ("elsewhere", "lab", "parts"),
-    [("1500m", "800m", (1200, 800)), ("64", "64", (1000, 1000)), ("64", "10m", (1990, 10))],
-)
-def test_large_limits_take_no_more_than_an_equal_part(elsewhere, lab, parts):
-    """A pod may say any limit: what its neighbours have must not depend on that."""
-    claims = claim(*two_tenants(elsewhere=elsewhere, lab=lab), NODES)
-    assert (claims["elsewhere/robot"].placement.left[NODE], claims["lab/robot"].placement.left[NODE]) == parts
-
-
-def test_a_greater_priority_leaves_its_reserve_for_equals_to_share():
-    policies, pods = two_tenants(elsewhere="64", lab="64", first="1")
-    policies[2] = replace(policies[2], reserve=600)
-    claims = claim(policies, pods, NODES, tenants=tenants(first=1))
-    assert [claims[f"{name}/robot"].placement.left.get(NODE) for name in ("first", "elsewhere", "lab")] == [
-        None,
-        300,
-        300,
-    ]
-
-
-def test_more_policies_of_a_namespace_give_it_no_greater_part():
-    [elsewhere, lab], pods = two_tenants(elsewhere="64", lab="64")
-    more = view(a_pod("more", {"more": cpu("10m", "64")}, namespace="elsewhere", uid="more"))
-    second = replace(policy_of("second", "more"), namespace="elsewhere")
-    claims = claim([elsewhere, second, lab], [*pods, more], NODES)
-    assert claims["lab/robot"].placement.left == {NODE: 1000}
-    assert claims["elsewhere/robot"].placement.left == {NODE: 1000}
-    assert claims["elsewhere/second"].conflicts != []
-
-
-def test_no_policy_of_a_namespace_divides_what_the_containers_of_another_brought():
-    [elsewhere, lab], pods = two_tenants(elsewhere="10m", lab="500m")
-    more = view(a_pod("more", {"more": cpu("10m", "700m")}))
-    claims = claim([elsewhere, lab, policy_of("second", "more")], [*pods, more], NODES)
-    assert claims["lab/robot"].placement.left == {NODE: 500}
-    assert claims["lab/second"].placement.left == {NODE: 700}
-
-
-def test_what_a_container_got_from_a_policy_does_not_count_as_its_own():
-    policies, pods = two_tenants(elsewhere="1500m", lab="800m")
-    claims = claim(policies, pods, NODES, lambda uid, _: Cpu(10, 100) if uid == "elsewhere" else None)
-    assert claims["elsewhere/robot"].placement.left == {NODE: 100}
-
-
-@pytest.mark.parametrize("mode", [Mode.DRY_RUN, Mode.PAUSED])
-def test_a_neighbour_that_does_not_enforce_changes_nothing(mode):
-    [elsewhere, lab], pods = two_tenants(elsewhere="10m", lab="800m")
-    assert claim([replace(elsewhere, mode=mode), lab], pods, NODES)["lab/robot"].placement.left == {}
-
-
-def test_a_neighbour_on_another_node_changes_nothing():
-    policies, [there, here] = two_tenants(elsewhere="10m", lab="800m")
-    claims = claim(policies, [replace(there, node="robot-2"), here], {**NODES, "robot-2": 1000})
-    assert [own.placement.left for own in claims.values()] == [{}, {}]
-
-
-def test_a_neighbour_whose_pods_cannot_be_resized_changes_nothing():
-    policies, [there, here] = two_tenants(elsewhere="10m", lab="800m")
-    assert claim(policies, [replace(there, qos="BestEffort"), here], NODES)["lab/robot"].placement.left == {}
-
-
-def test_two_policies_of_one_namespace_divide_as_if_it_were_alone():
-    policies = [policy_of("old", "slam", reserve="500m"), policy_of("young", "speech")]
-    assert claim(policies, views("slam", "speech"), NODES)["lab/old"].placement.left == {}
-
-
-def test_a_reserve_beyond_the_node_leaves_others_no_more_than_the_node():
-    policies = [policy_of("old", "slam", reserve="3"), policy_of("young", "speech"), policy_of("youngest", "nav")]
-    claims = claim(policies, views("slam", "speech", "nav"), NODES)
-    assert [len(held(own)) for own in claims.values()] == [1, 1, 0]
 
 
 @pytest.mark.parametrize(("control", "there"), [("Limit", False), ("Weight", True)])
@@ -261,7 +139,7 @@ def test_a_policy_that_does_not_enforce_takes_nothing(mode):
     assert claims["lab/young"].conflicts == []
 
 
-def test_an_obstacle_is_told_by_task_and_hinders_no_other():
+def test_an_obstacle_is_reported_by_task_and_hinders_no_other():
     pods = [*views("slam"), view(a_pod("speech", {"speech": {}}, qos="BestEffort"))]
     result = claim([policy_of("robot", "slam", "speech")], pods, NODES)["lab/robot"]
     assert held(result) == {"lab/slam/slam": "slam"}
@@ -306,7 +184,7 @@ def test_a_pod_that_weights_do_not_reach_is_claimed_and_reported(qos, remedy):
         assert all(message.endswith(remedy) for message in result.obstacles.values())
 
 
-def test_without_a_limit_of_its_own_a_container_counts_as_one_that_may_use_its_node():
+def test_a_container_without_a_limit_counts_as_the_whole_node():
     pods = [view(a_pod("slam", {"slam": cpu("10m", None)})), view(a_pod("speech", namespace="hall"))]
     policies = [policy_of("robot", "slam"), replace(policy_of("other", "speech"), namespace="hall")]
     claims = claim(policies, pods, NODES, tenants=Tenants(), agents={NODE})
@@ -332,31 +210,23 @@ def test_a_container_that_another_policy_has_still_runs():
     assert claims["lab/two"].placement.absent == frozenset()
 
 
-# shadows
+def test_unknown_container_name_is_reported_with_the_names_its_pods_have():
+    pods = [view(a_pod("slam-1", {name: cpu("100m", "500m") for name in ("mapper", "driver")}, labels={"app": "slam"}))]
+    found = claim([a_policy(tasks=[a_task("slam"), a_task("speech")])], pods, {NODE: 4000})["lab/robot"]
+    assert found.misnamed == {
+        "slam": "task slam: container: invalid value 'slam': "
+        "expected one that its pods have, such as slam-1: driver, mapper"
+    }
+    assert found.placement.absent == {"slam", "speech"}
 
 
-def a_shadow(of):
-    return policy_of("shadow", "slam", mode="DryRun", shadow={"of": of})
+def test_a_selector_may_match_pods_without_the_container_beside_one_that_has_it():
+    pods = [view(a_pod(name, {name: cpu("100m", "500m")}, labels={"app": "slam"})) for name in ("helper", "slam")]
+    found = claim([a_policy(tasks=[a_task("slam")])], pods, {NODE: 4000})["lab/robot"]
+    assert (found.misnamed, len(found.placement.containers)) == ({}, 1)
 
 
-def test_a_shadow_is_placed_as_if_it_stood_where_its_policy_is():
-    policies = [policy_of("old", "speech", reserve="500m"), policy_of("base", "slam"), policy_of("young", "nav")]
-    pods = views("slam", "speech", "nav")
-    claims = claim([*policies, a_shadow("base")], pods, NODES)
-    assert held(claims["lab/shadow"]) == {"lab/slam/slam": "slam"}
-    assert claims["lab/shadow"].placement.left == {NODE: 500}
-    assert {name: own for name, own in claims.items() if name != "lab/shadow"} == claim(policies, pods, NODES)
-
-
-@pytest.mark.parametrize(
-    ("others", "allowed"),
-    [
-        ([policy_of("base", "slam"), policy_of("arm", "nav")], "one of base, arm"),
-        ([replace(policy_of("lost", "slam"), namespace="elsewhere")], "none runs"),
-    ],
-)
-def test_a_shadow_of_nothing_says_what_there_is(others, allowed):
-    result = claim([*others, a_shadow("lost")], views("slam"), NODES)["lab/shadow"]
-    assert held(result) == {}
-    told = f"'lost' is not allowed: a policy of namespace lab that runs, {allowed}"
-    assert result.conflicts == [f"spec.shadow.of: {told}"]
+def test_a_pod_that_must_be_left_alone_is_not_claimed():
+    doubts = {"uid-slam": "nobody knows what slam had"}
+    found = claim([policy_of("robot", "slam", "speech")], views("slam", "speech"), NODES, doubt=doubts.get)["lab/robot"]
+    assert (held(found), found.obstacles) == ({"lab/speech/speech": "speech"}, {"slam": "nobody knows what slam had"})

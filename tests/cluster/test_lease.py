@@ -47,11 +47,11 @@ def acts(candidate, now):
     return now < candidate.acts_until
 
 
-def a_leader(cluster, name="one", seconds=10, now=0.0):
-    leader = Candidacy(name, seconds)
-    attempt(leader, cluster, now)
-    attempt(leader, cluster, now)
-    assert acts(leader, now)
+def a_leader(cluster, seconds=10):
+    leader = Candidacy("one", seconds)
+    attempt(leader, cluster, 0.0)
+    attempt(leader, cluster, 0.0)
+    assert acts(leader, 0.0)
     return leader
 
 
@@ -80,7 +80,7 @@ def test_nothing_is_written_before_the_first_look():
     assert not acts(candidate, 0)
 
 
-def test_a_standby_waits_for_as_long_as_the_holder_asked_for_since_it_saw_the_last_renewal(cluster):
+def test_a_standby_waits_the_lease_duration_after_the_last_renewal_it_saw(cluster):
     leader, standby = a_leader(cluster, seconds=15), a_standby(cluster, seconds=1, now=2)
     assert standby.due == 17
     attempt(leader, cluster, 5)
@@ -95,7 +95,7 @@ def test_the_same_version_seen_twice_is_no_renewal(cluster):
     assert standby.due == 11
 
 
-def test_an_older_version_is_no_news(cluster):
+def test_an_older_version_is_ignored(cluster):
     leader = a_leader(cluster)
     old = cluster.lease
     attempt(leader, cluster, 3)
@@ -104,7 +104,7 @@ def test_an_older_version_is_no_news(cluster):
     assert leader.acts_until == 6 + ACT * 10
 
 
-def test_who_is_killed_is_followed_when_its_time_is_over(cluster):
+def test_a_killed_holder_is_replaced_after_its_lease(cluster):
     leader, standby = a_leader(cluster), a_standby(cluster)
     attempt(standby, cluster, standby.due)
     assert cluster.lease.holder == "two"
@@ -126,7 +126,7 @@ def test_only_who_takes_or_renews_the_lease_is_followed(cluster):
     assert not leader.follows
 
 
-def test_a_lease_given_back_is_taken_the_moment_the_watch_tells(cluster):
+def test_a_released_lease_is_taken_as_soon_as_the_watch_reports_it(cluster):
     leader, standby = a_leader(cluster), a_standby(cluster)
     cluster.put(leader.resign())
     assert not acts(leader, 0)
@@ -136,7 +136,7 @@ def test_a_lease_given_back_is_taken_the_moment_the_watch_tells(cluster):
     assert acts(standby, 1)
 
 
-def test_who_resigned_wants_it_no_more(cluster):
+def test_a_resigned_holder_stops_campaigning(cluster):
     leader = a_leader(cluster)
     leader.resign()
     leader.see(Lease(), 2)
@@ -148,7 +148,7 @@ def test_a_standby_has_nothing_to_give_back(cluster):
     assert a_standby(cluster).resign() is None
 
 
-def test_a_replica_that_restarts_goes_on_with_the_lease_in_its_name(cluster):
+def test_a_replica_that_restarts_continues_with_the_lease_in_its_name(cluster):
     """Its kubelet starts it again only when the process before is dead."""
     a_leader(cluster)
     again = a_standby(cluster, name="one", now=1)
@@ -159,7 +159,7 @@ def test_a_replica_that_restarts_goes_on_with_the_lease_in_its_name(cluster):
     assert cluster.lease.transitions == 1
 
 
-def test_a_holder_that_is_paused_acts_no_more_when_it_wakes_up(cluster):
+def test_a_holder_that_is_paused_no_longer_acts_when_it_wakes_up(cluster):
     leader, standby = a_leader(cluster), a_standby(cluster)
     attempt(standby, cluster, standby.due)
     assert not acts(leader, 11)
@@ -168,7 +168,7 @@ def test_a_holder_that_is_paused_acts_no_more_when_it_wakes_up(cluster):
     assert leader.due == float("inf"), "it must not take it back: all that it knows may be wrong"
 
 
-def test_a_holder_whom_the_api_does_not_answer_pauses_and_goes_on(cluster):
+def test_a_holder_whom_the_api_does_not_answer_pauses_and_continues(cluster):
     leader = a_leader(cluster)
     for now in (3.4, 5.0, 7.9):
         leader.fail(now)
@@ -180,7 +180,7 @@ def test_a_holder_whom_the_api_does_not_answer_pauses_and_goes_on(cluster):
     assert not leader.lost
 
 
-def test_a_renewal_in_time_is_no_interruption(cluster):
+def test_a_renewal_in_time_is_not_an_interruption(cluster):
     leader = a_leader(cluster)
     assert not attempt(leader, cluster, 3.4)
     assert not attempt(leader, cluster, 7, arrives=0.5)
@@ -213,7 +213,7 @@ def test_a_lease_that_somebody_deletes_is_lost(cluster):
     assert not acts(leader, 1)
 
 
-def test_who_loses_the_race_for_it_waits_again(cluster):
+def test_a_lost_lease_race_waits_again(cluster):
     first, second = (Candidacy(name, 10) for name in ("one", "two"))
     for candidate in (first, second):
         attempt(candidate, cluster, 0)
@@ -275,7 +275,7 @@ def test_a_lease_is_read_as_it_was_written():
     assert read(item) == lease
 
 
-def test_a_lease_goes_with_the_pod_of_whoever_took_it_last():
+def test_a_lease_belongs_to_its_last_holders_pod():
     """As Kubernetes' garbage collector reads it; a pod that is gone must not take the Lease of the next one along."""
     candidate = Candidacy("two", 15, OwnPod("operator-2", "uid-2"))
     candidate.see(Lease("one", 15, WALL, WALL, 3, "7", OwnPod("operator-1", "uid-1")), 0)
@@ -292,7 +292,7 @@ def test_a_new_lease_has_no_version():
 
 
 @pytest.mark.parametrize("spec", [{}, {"holderIdentity": None, "leaseDurationSeconds": None, "leaseTransitions": "x"}])
-def test_fields_that_are_missing_or_make_no_sense_count_as_not_there(spec):
+def test_missing_or_invalid_fields_count_as_absent(spec):
     assert read(stored(**spec)) == Lease(version="7")
 
 

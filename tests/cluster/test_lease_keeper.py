@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import pytest
 
@@ -49,7 +50,7 @@ def api():
 @pytest.fixture
 def step(api, now):
     """Let a candidacy do what it is due to do."""
-    keeper = LeaseKeeper(api, "contextpolicy", lambda: None)
+    keeper = LeaseKeeper(api, "contextpolicy", Mock())
 
     def one(candidacy):
         assert candidacy.due <= now[0]
@@ -67,7 +68,7 @@ def test_a_lease_is_looked_at_and_taken(api, step):
     assert candidacy.acts_until == 100 + ACT * 10
 
 
-def test_who_comes_too_late_learns_who_was_first(api, step):
+def test_a_late_claim_names_the_owner(api, step):
     candidacy = Candidacy("one", 10)
     step(candidacy)
     api.there = Lease("other", 15, "now", "now", 1, "7")
@@ -76,7 +77,7 @@ def test_who_comes_too_late_learns_who_was_first(api, step):
     assert (candidacy.held, candidacy.holder, candidacy.due) == (False, "other", 115)
 
 
-def test_without_the_right_it_is_asked_for_seldom_and_told(api, step):
+def test_without_the_right_it_is_asked_for_seldom_and_reported(api, step):
     candidacy = Candidacy("one", 10)
     step(candidacy)
     api.refusals.append(ActuationError("Forbidden", "no", retriable=False))
@@ -106,7 +107,7 @@ def test_in_a_namespace_that_is_being_deleted_policies_are_still_let_go(api, ste
 
 
 def test_a_pause_counts_also_where_the_namespace_is_being_deleted(api, now):
-    keeper, candidacy = LeaseKeeper(api, "contextpolicy", lambda: None), Candidacy("one", 10)
+    keeper, candidacy = LeaseKeeper(api, "contextpolicy", Mock()), Candidacy("one", 10)
     for _ in range(2):
         keeper._step("lab", candidacy)
     assert keeper.interruptions == 0
@@ -118,7 +119,7 @@ def test_a_pause_counts_also_where_the_namespace_is_being_deleted(api, now):
 
 
 def test_what_is_given_back_is_free_for_others(api, step):
-    keeper = LeaseKeeper(api, "contextpolicy", lambda: None)
+    keeper = LeaseKeeper(api, "contextpolicy", Mock())
     candidacy = Candidacy("one", 10)
     keeper.stand("lab", candidacy)
     step(candidacy)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextpolicy.cluster.pod_directory import PodDirectory
 from contextpolicy.cluster.pods import view
-from tests.cluster.builders import a_pod
+from tests.cluster.builders import NODE, a_pod
 
 
 def pod(name, namespace="lab", **parts):
@@ -47,3 +47,16 @@ def test_nothing_is_left_of_namespaces_that_are_gone():
         assert list(directory.of(f"elsewhere-{number}")) == []
         directory.pop(one.uid)
     assert {name: len(kept) for name, kept in vars(directory).items() if kept} == {}
+
+
+def test_requests_are_summed_by_node_without_some_namespaces():
+    directory = PodDirectory()
+    far = a_pod("far", namespace="elsewhere")
+    far["spec"]["nodeName"] = "robot-2"
+    for one in (pod("slam"), pod("arm", namespace="elsewhere"), view(far)):
+        directory.put(one)
+        directory.put(one)
+    assert directory.requested(but=()) == {NODE: 200, "robot-2": 100}
+    assert directory.requested(but={"lab"}) == {NODE: 100, "robot-2": 100}
+    directory.pop("uid-arm")
+    assert directory.requested(but={"lab"}) == {"robot-2": 100}

@@ -6,7 +6,8 @@ import json
 
 import pytest
 
-from contextpolicy.cluster.pods import Cpu, millicores, view
+from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.cluster.resource_quantities import LARGEST_QUANTITY, millicores
 from tests.cluster.builders import a_pod, cpu
 
 NOTE = json.dumps({"slam": {"policy": "lab/robot", "request": "100m", "limit": "1"}})
@@ -59,7 +60,7 @@ def test_containers_without_resources():
 
 
 @pytest.mark.parametrize(
-    ("condition", "told"),
+    ("condition", "expected"),
     [
         ({"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": "full"}, "Deferred: full"),
         ({"type": "PodResizePending", "status": "True", "reason": "Infeasible", "message": "no"}, "Infeasible: no"),
@@ -69,8 +70,8 @@ def test_containers_without_resources():
         ({"type": "PodResizePending", "status": "True", "reason": "Deferred"}, "Deferred: "),
     ],
 )
-def test_what_the_kubelet_holds_back_and_why(condition, told):
-    assert view(a_pod(conditions=[condition])).pending == told
+def test_what_the_kubelet_holds_back_and_why(condition, expected):
+    assert view(a_pod(conditions=[condition])).pending == expected
 
 
 @pytest.mark.parametrize(
@@ -96,7 +97,7 @@ def test_containers_run_until_they_have_ended():
 
 
 @pytest.mark.parametrize("version", ["", "v1-abc", "12.5"])
-def test_a_version_that_is_no_number_counts_as_the_oldest(version):
+def test_a_version_that_is_not_a_number_counts_as_the_oldest(version):
     assert view(a_pod(resourceVersion=version)).version == 0
 
 
@@ -115,7 +116,7 @@ def test_every_way_to_write_cpu_is_read_and_rounded_up(raw, millis):
 
 
 @pytest.mark.parametrize("raw", ["", "lots", "1.5.5n", "Infinity", "NaN", []])
-def test_what_is_no_quantity_is_a_value_error(raw):
+def test_an_invalid_quantity_is_a_value_error(raw):
     with pytest.raises(ValueError, match=r".+"):
         millicores(raw)
 
@@ -135,7 +136,7 @@ def restarting(resource="cpu", restart="RestartContainer"):
         (a_pod("slam", {"slam": {}}, qos="BestEffort"), "slam is BestEffort, which can't be resized; give slam a CPU"),
         (
             a_pod("slam", {"slam": cpu("10m", None)}),
-            "slam/slam has no CPU limit, and one that is set can't be taken back",
+            "slam/slam has no CPU limit, and Kubernetes can't remove one once it is set",
         ),
         (
             a_pod("slam", annotations={"kubernetes.io/config.mirror": "x"}),
@@ -188,3 +189,25 @@ def test_the_floor_is_the_request_from_before_us():
     """A policy that moves requests has moved it; once only limits move it comes back."""
     pod = view(a_pod("slam", {"slam": cpu("799m", "800m")}))
     assert pod.floor(pod.containers[0], Cpu(100, 1000)) == 100
+
+
+def test_a_pod_that_has_resources_only_as_a_whole_gets_advice_of_its_own():
+    pod = a_pod("slam", {"slam": cpu("100m", None)})
+    pod["spec"]["resources"] = {"requests": {"cpu": "100m"}, "limits": {"cpu": "1"}}
+    [container] = view(pod).containers
+    expected = view(pod).obstacle(container) or ""
+    assert expected.startswith(
+        "slam/slam has no CPU limit of its own, only its pod as a whole has one (spec.resources)"
+    )
+    assert view(pod).obstacle(container, agent=True) is None
+    pod["spec"]["resources"] = {"limits": {"memory": "1Gi"}}
+    assert "has no CPU limit, and Kubernetes can't remove" in (view(pod).obstacle(container) or "")
+
+
+@pytest.mark.parametrize(
+    ("raw", "number"),
+    [("1e99", LARGEST_QUANTITY), ("1e9999999", LARGEST_QUANTITY), ("9" * 32, LARGEST_QUANTITY), ("0e99", 0)],
+)
+def test_a_quantity_beyond_all_machines_is_the_largest(raw, number):
+    """As Kubernetes takes it; a few letters that take seconds to write out as a number."""
+    assert millicores(raw) == number

@@ -108,7 +108,7 @@ class Notes:
 def follow(*script):
     """What a watch reports and asks, until the script has ended."""
     api, notes = Api(*script), Notes()
-    told = notes.objects
+    reported = notes.objects
     watch = ObjectWatch(api, "/pods", notes)
     watch.start()
     assert api.idle.wait(PATIENCE)
@@ -116,52 +116,54 @@ def follow(*script):
     assert watch.listed.done()
     watch.stop()
     assert api.quiet.closed
-    return told, api.asked
+    return reported, api.asked
 
 
-def test_what_exists_is_told_then_each_change():
+def test_what_exists_is_reported_then_each_change():
     events = an_event("ADDED", an_item("speech", 5)) + an_event("MODIFIED", an_item("slam", 6))
-    told, asked = follow(a_list(an_item("slam"), version=4), Response(events, an_event("DELETED", an_item("slam", 7))))
-    assert told == ["slam", "speech", "slam", "-uid-slam"]
+    reported, asked = follow(
+        a_list(an_item("slam"), version=4), Response(events, an_event("DELETED", an_item("slam", 7)))
+    )
+    assert reported == ["slam", "speech", "slam", "-uid-slam"]
     assert asked == [LIST, "/pods since 4", "/pods since 7"]
 
 
-def test_a_long_list_is_read_in_pages_and_watched_from_the_moment_that_all_of_them_show():
+def test_a_paged_list_is_watched_from_its_common_resource_version():
     pages = a_list(an_item("slam"), version=4, more="a/b=="), a_list(an_item("speech"), version=4)
-    told, asked = follow(*pages)
-    assert told == ["slam", "speech"]
+    reported, asked = follow(*pages)
+    assert reported == ["slam", "speech"]
     assert asked == [LIST, f"{LIST}&continue=a/b%3D%3D", "/pods since 4"]
 
 
-def test_a_list_whose_pages_have_expired_begins_anew_and_forgets_nothing():
+def test_a_list_whose_pages_have_expired_starts_over_and_forgets_nothing():
     gone = ActuationError("Expired", "the continue token is too old", retriable=True)
     first = a_list(an_item("slam"), version=4, more="next")
-    told, asked = follow(first, gone, a_list(an_item("speech"), version=9))
-    assert told == ["slam", "speech", "-uid-slam"], "it went between the two lists"
+    reported, asked = follow(first, gone, a_list(an_item("speech"), version=9))
+    assert reported == ["slam", "speech", "-uid-slam"], "it went between the two lists"
     assert asked[-1] == "/pods since 9"
 
 
 def test_events_may_come_in_any_pieces():
     event = an_event("ADDED", an_item("slam", 5))
-    told, _ = follow(a_list(), Response(event[:7], event[7:] + event[:20], event[20:]))
-    assert told == ["slam", "slam"]
+    reported, _ = follow(a_list(), Response(event[:7], event[7:] + event[:20], event[20:]))
+    assert reported == ["slam", "slam"]
 
 
 def test_a_bookmark_moves_only_the_version():
-    told, asked = follow(a_list(), Response(an_event("BOOKMARK", {"metadata": {"resourceVersion": "99"}})))
-    assert (told, asked[-1]) == ([], "/pods since 99")
+    reported, asked = follow(a_list(), Response(an_event("BOOKMARK", {"metadata": {"resourceVersion": "99"}})))
+    assert (reported, asked[-1]) == ([], "/pods since 99")
 
 
-def test_after_a_failure_all_is_listed_anew_and_what_is_missing_has_gone():
-    told, asked = follow(
+def test_after_a_failure_all_is_listed_again_and_what_is_missing_has_gone():
+    reported, asked = follow(
         a_list(an_item("slam"), an_item("speech"), version=4),
         Response(an_event("ADDED", an_item("map", 5)), OSError("connection reset")),
         UNREACHABLE,
         UNREACHABLE,
         a_list(an_item("slam"), version=2),
     )
-    assert told[:4] == ["slam", "speech", "map", "slam"]
-    assert sorted(told[4:]) == ["-uid-map", "-uid-speech"]
+    assert reported[:4] == ["slam", "speech", "map", "slam"]
+    assert sorted(reported[4:]) == ["-uid-map", "-uid-speech"]
     assert asked[-1] == "/pods since 2", "a restored backup counts from where it was"
 
 
@@ -176,9 +178,9 @@ def test_after_a_failure_all_is_listed_anew_and_what_is_missing_has_gone():
     ],
     ids=["unreachable", "expired", "no JSON", "no object", "no event"],
 )
-def test_a_watch_that_fails_in_any_way_is_begun_anew(broken):
-    told, asked = follow(a_list(version=4), broken, a_list(an_item("slam"), version=8))
-    assert told == ["slam"]
+def test_a_watch_that_fails_in_any_way_is_restarted(broken):
+    reported, asked = follow(a_list(version=4), broken, a_list(an_item("slam"), version=8))
+    assert reported == ["slam"]
     assert asked[2:] == [LIST, "/pods since 8"]
 
 
@@ -186,7 +188,7 @@ def test_failures_are_logged_once_and_their_end(caplog):
     caplog.set_level(logging.INFO)
     follow(UNREACHABLE, UNREACHABLE, {"kind": "Status"}, a_list())
     messages = [record.getMessage() for record in caplog.records if record.name == watching.__name__]
-    assert messages == ["/pods can't be watched, trying again: nobody there", "/pods is told again"]
+    assert messages == ["/pods can't be watched, retrying: nobody there", "/pods: watch re-established"]
 
 
 class RefusedAfterTheEnd(Response):
@@ -263,7 +265,7 @@ def watched(api):
     return notes.refusals
 
 
-def test_a_refusal_is_told_when_it_begins_and_when_it_ends():
+def test_a_refusal_is_reported_when_it_begins_and_when_it_ends():
     forbidden = ActuationError("Forbidden", "no right to list", retriable=False)
     assert watched(Api(forbidden, forbidden, a_list(an_item("slam")))) == ["no right to list", "", ""]
 

@@ -31,7 +31,7 @@ def test_request_and_limit_may_have_two_owners():
     assert writers({"managedFields": managed}, "containers", "slam") == Writers("kubectl", "vpa-updater")
 
 
-def test_of_two_that_applied_the_same_value_the_last_counts():
+def test_the_last_to_apply_the_same_value_counts():
     managed = [
         entry("gitops", "limits", time="2026-01-01T00:00:02Z", operation="Apply"),
         entry("kubectl", "limits", time="2026-01-01T00:00:01Z", operation="Apply"),

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from typing import Any
 from urllib.request import urlopen
 
 import pytest
 
+from contextpolicy.agent.cgroup_paths import Driver
 from contextpolicy.agent.state_directory import StateDirectory
 from contextpolicy.bus.decision_bus import plan_key
+from contextpolicy.bus.session import open_router
 from contextpolicy.bus.signatures import Signer
-from tests.agent.builders import NODE, SLAM, Tree, a_message, a_target
-from tests.bus.certificates import signing_keys
+from tests.agent.builders import NODE, SLAM, SPEECH, Tree, a_message, a_target
+from tests.bus.certificates import Authority, signing_keys
+from tests.bus.client import client_of
 from tests.modules.robotkit.bus import Matching, client, router
 from tests.ports import free_port
 from tests.waiting import PATIENCE, until
@@ -73,9 +79,48 @@ def operator(session, keys):
     return Operator(session, keys)
 
 
+class Kernel:
+    """A way to enforce shares, with a node's cgroups as files."""
+
+    def __init__(self, mount, version=1, driver=Driver.CGROUPFS, scheduler="CFS"):
+        self.tree, self._scheduler = Tree(mount, version, driver), scheduler
+        self._processors = 1 if scheduler == "CFS" else os.cpu_count() or 1
+
+    @property
+    def untouched(self):
+        """The part that a container of 500m has before any plan."""
+        return 500 if self._scheduler == "CFS" else 0
+
+    def plan(self, sequence=1, **parts):
+        """Parts of a processor for slam and speech, in thousandths."""
+        named = {"slam": SLAM, "speech": SPEECH}
+        cores = {name: part * self._processors / 1000 for name, part in parts.items()}
+        quotas = {} if self._scheduler == "CFS" else {"quota": None}
+        targets = [a_target(named[name], cores[name], task=name, **quotas) for name in parts]
+        capacity = self._processors * (1.0 if self._scheduler == "CFS" else 0.95)
+        return a_message(*targets, sequence=sequence, capacity=capacity, scheduler=self._scheduler)
+
+    def part(self, group):
+        return self.tree.limit(group) if self._scheduler == "CFS" else self.tree.budget(group)
+
+
+KERNELS: dict[str, dict[str, Any]] = {
+    "cgroup v1": {},
+    "cgroup v2": {"version": 2, "driver": Driver.SYSTEMD},
+    "Realtime": {"scheduler": "Realtime"},
+    "Realtime under cgroup v2": {"version": 2, "driver": Driver.SYSTEMD, "scheduler": "Realtime"},
+}
+on_every_kernel = pytest.mark.parametrize("kernel", KERNELS, indirect=True)
+
+
 @pytest.fixture
-def tree(tmp_path):
-    return Tree(tmp_path / "cgroup")
+def kernel(request, tmp_path):
+    return Kernel(tmp_path / "cgroup", **KERNELS[getattr(request, "param", "cgroup v1")])
+
+
+@pytest.fixture
+def tree(kernel):
+    return kernel.tree
 
 
 @pytest.fixture
@@ -85,10 +130,10 @@ def slam(tree):
 
 @pytest.fixture
 def start(tmp_path, tree, address, keys, free_port):
-    """Start the program with this node's settings."""
+    """Start the program with this node's settings, and `more`."""
     started = []
 
-    def start(*arguments, program=PROGRAM):
+    def start(*arguments, program=PROGRAM, **more):
         environment = os.environ | {
             "NODE_NAME": NODE,
             "ZENOH_CONNECT": address,
@@ -98,6 +143,7 @@ def start(tmp_path, tree, address, keys, free_port):
             "METRICS_PORT": str(free_port),
             "STATE_DIRECTORY": str(tmp_path / "state"),
             "PYTHONPATH": "operator",
+            **more,
         }
         command = [sys.executable, *program, "agent", *arguments]
         process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
@@ -159,20 +205,145 @@ def test_it_ends_when_another_agent_lives_or_a_supervisor_undoes_for_too_long(st
     assert process.returncode == 1
 
 
-def test_settings_that_make_no_sense_are_told(start):
+def test_settings_that_are_invalid_are_reported(start):
     process = start("--priority", "500")
     _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     assert "1..99" in said
 
 
-def test_it_tells_whether_it_lives_and_what_it_does(start, operator, slam, free_port):  # noqa: ARG001
+def test_liveness_and_state_are_reported(start, operator, slam, free_port):  # noqa: ARG001
     start()
     operator.forge(a_message(a_target(SLAM, 0.1)))
     operator.publish(a_message(a_target(SLAM, 0.9)))
     until(lambda: "contextpolicy_agent_plan_seconds_count 1.0" in read(free_port, "metrics"))
     assert 'contextpolicy_agent_refusals_total{reason="Unsigned"} 1.0' in read(free_port, "metrics")
     assert read(free_port, "healthz") == "ok\n"
+
+
+class Captured:
+    """Plans as the operator says them on a closed bus, and what it takes to say them again."""
+
+    def __init__(self, session, keys):
+        self._operator, self._signer = Operator(session, keys), Signer(keys)
+        self.said = []
+
+    def publish(self, plan):
+        self._operator.wait()
+        attachment = self._signer.sign(KEY, plan, time.time_ns())
+        self._operator._publisher.put(plan, attachment=attachment)
+        self.said.append((plan, attachment))
+
+    def withdraw(self):
+        """Returns the proof that goes with it."""
+        attachment = self._signer.sign(KEY, None, time.time_ns())
+        self._operator._publisher.delete(attachment=attachment)
+        return attachment
+
+
+@pytest.fixture
+def closed(tmp_path, start, keys):
+    """An agent on a closed bus, an operator, and somebody who has the operator's certificate but not its key."""
+    authority, endpoint = Authority(tmp_path / "authority"), f"tls/127.0.0.1:{free_port()}"
+    with open_router([endpoint], authority.issue("router")):
+        start(ZENOH_CONNECT=endpoint, ZENOH_CREDENTIALS=str(authority.issue("agent")))
+        own, stolen = authority.issue("operator"), authority.issue("operator", name="thief")
+        with client_of(endpoint, own) as operator, client_of(endpoint, stolen) as thief:
+            yield Captured(operator, keys), thief
+
+
+def refused(port):
+    """How many messages the agent has refused as said again."""
+    found = re.search(r'refusals_total{reason="Repeated"} (\d+)', read(port, "metrics"))
+    return int(found[1]) if found else 0
+
+
+@on_every_kernel
+@pytest.mark.parametrize("which", [slice(None), slice(0, 1), slice(1, 2)], ids=["all", "the older", "the newest"])
+def test_a_captured_plan_moves_nothing_and_is_counted(closed, kernel, slam, free_port, which):
+    """All at once, so that the newest arrives before the agent's loop has looked at the older."""
+    operator, thief = closed
+    for sequence, part in enumerate((900, 700), 1):
+        operator.publish(kernel.plan(sequence, slam=part))
+        until(lambda part=part: kernel.part(slam) == part)
+    for plan, attachment in operator.said[which]:
+        thief.put(KEY, plan, attachment=attachment)
+    until(lambda: refused(free_port) == len(operator.said[which]))
+    assert kernel.part(slam) == 700
+
+
+@on_every_kernel
+def test_a_captured_withdrawal_undoes_no_later_plan(closed, kernel, slam, free_port):
+    """The policy was deleted and created again: saying its withdrawal again is nobody's way to take its CPU."""
+    operator, thief = closed
+    operator.publish(kernel.plan(slam=900))
+    until(lambda: kernel.part(slam) == 900)
+    withdrawn = operator.withdraw()
+    until(lambda: kernel.part(slam) == kernel.untouched)
+    operator.publish(kernel.plan(2, slam=700))
+    until(lambda: kernel.part(slam) == 700)
+    thief.delete(KEY, attachment=withdrawn)
+    until(lambda: refused(free_port) == 1)
+    assert kernel.part(slam) == 700
+
+
+@on_every_kernel
+def test_a_signed_plan_for_a_container_of_another_namespace_moves_nothing(closed, kernel, slam, free_port):
+    """Anyone who takes over the operator, its key included, decides for the policy's namespace and no other."""
+    foreign = kernel.tree.container(SPEECH)
+    kernel.tree.pod("uid-b", "kube-system")
+    operator, _ = closed
+    operator.publish(kernel.plan(slam=400, speech=10))
+    until(lambda: kernel.part(slam) == 400)
+    assert kernel.part(foreign) == kernel.untouched
+    assert 'refusals_total{reason="Foreign"} 1.0' in read(free_port, "metrics")
+
+
+def test_a_key_that_is_replaced_under_load_loses_no_plan(  # noqa: PLR0913, PLR0917 - fixtures
+    closed, tree, slam, keys, free_port, tmp_path
+):
+    """As the how-to says: first both certificates, then the new key, then its certificate alone."""
+    operator, thief = closed
+    former = Signer(copied(keys, tmp_path / "former"))
+    shares, numbers = itertools.cycle((0.9, 0.7)), itertools.count(1)
+
+    def storm():
+        for number, share in itertools.islice(zip(numbers, shares, strict=True), 50):
+            operator.publish(a_message(a_target(SLAM, share), sequence=number))
+            if number % 5 == 0:  # a router drops what it can't pass on in time
+                until(lambda share=share: tree.limit(slam) == share * 1000)
+
+    storm()
+    fresh = signing_keys(tmp_path / "fresh")
+    both = (keys / "tls.crt").read_bytes() + (fresh / "tls.crt").read_bytes()
+    replace(keys / "tls.crt", both)
+    storm()
+    replace(keys / "tls.key", (fresh / "tls.key").read_bytes())
+    storm()
+    replace(keys / "tls.crt", (fresh / "tls.crt").read_bytes())
+    storm()
+    assert 'refusals_total{reason="Forged"} 0.0' in read(free_port, "metrics")
+    stale = a_message(a_target(SLAM, 0.7), sequence=next(numbers))
+
+    def forged():
+        thief.put(KEY, stale, attachment=former.sign(KEY, stale, time.time_ns()))
+        return 'refusals_total{reason="Forged"} 0.0' not in read(free_port, "metrics")
+
+    until(forged)
+    assert tree.limit(slam) == 700
+
+
+def copied(keys, directory):
+    """The key as it is now; it stays when the other is replaced."""
+    shutil.copytree(keys, directory)
+    return directory
+
+
+def replace(file, content):
+    """A reader finds at any time the old file or the new one."""
+    fresh = file.with_name(f".{file.name}")
+    fresh.write_bytes(content)
+    fresh.replace(file)
 
 
 def read(port, page):

@@ -7,11 +7,16 @@ import signal
 import subprocess
 import sys
 import threading
+from queue import SimpleQueue
 
 import pytest
+import zenoh
 
 from contextpolicy.agent.state_directory import StateDirectory
-from tests.agent.builders import SLAM, SPEECH, Tree
+from contextpolicy.bus.decision_bus import agent_key
+from contextpolicy.bus.session import open_router
+from tests.agent.builders import NODE, SLAM, SPEECH, Tree
+from tests.ports import free_port
 from tests.waiting import PATIENCE, until
 
 LONG = 3600.0
@@ -106,10 +111,10 @@ def test_an_agent_killed_anywhere_among_its_plans_is_undone(node, plan):
     until(node.undone)
 
 
-def test_nothing_is_undone_while_an_agent_may_still_come_and_the_next_one_goes_on(node):
+def test_nothing_is_undone_within_the_grace_period(node):
     supervisor = node.supervisor(grace=LONG)
     kill(node.busy())
-    said(supervisor, "the agent is dead")
+    said(supervisor, "the agent died")
     wanted = node.limits()
     assert wanted != [500, 500]
     following = node.busy()
@@ -152,7 +157,7 @@ def test_a_supervisor_that_was_killed_is_followed_by_the_next(node):
     kill(supervisor)
     again = node.supervisor(grace=LONG)
     kill(agent)
-    said(again, "the agent is dead")
+    said(again, "the agent died")
     kill(again)
     node.supervisor()
     until(node.undone)
@@ -181,7 +186,7 @@ def test_asked_to_end_alone_it_leaves_a_living_agent_its_limits(node):
     wanted = node.limits()
     supervisor = node.supervisor("--patience=0.1")
     ask_to_end(supervisor)
-    said(supervisor, "the agent still lives")
+    said(supervisor, "the agent is still alive")
     assert supervisor.wait(PATIENCE) == 0
     assert node.limits() == wanted
 
@@ -193,7 +198,7 @@ def test_undo_does_nothing_while_an_agent_lives(node):
     assert node.limits() == wanted
 
 
-def test_a_journal_that_cannot_be_written_is_reported_and_tried_again_by_the_next(node):
+def test_an_unwritable_journal_is_reported_and_retried(node):
     kill(node.busy())
     (node.state / "agent.new").mkdir()
     assert node.supervisor().wait(PATIENCE) == 1
@@ -203,10 +208,19 @@ def test_a_journal_that_cannot_be_written_is_reported_and_tried_again_by_the_nex
     until(node.undone)
 
 
-def test_a_journal_that_cannot_be_read_is_reported(node):
+def test_a_journal_that_cannot_be_read_is_reported_once(node):
     kill(node.busy())
     (node.state / "agent.journal").write_text("garbage\n")
     assert node.run("agent-supervisor", "--undo").wait(PATIENCE) == 1
+    assert node.run("agent-supervisor", "--undo").wait(PATIENCE) == 0
+
+
+def test_a_last_line_that_was_cut_short_hides_nothing(node):
+    kill(node.busy())
+    journal = node.state / "agent.journal"
+    journal.write_text(journal.read_text() + '["/sys/fs')
+    assert node.run("agent-supervisor", "--undo").wait(PATIENCE) == 0
+    assert node.undone()
 
 
 def test_without_a_state_directory_it_says_so(node):
@@ -215,3 +229,29 @@ def test_without_a_state_directory_it_says_so(node):
     _, error = supervisor.communicate(timeout=PATIENCE)
     assert supervisor.returncode == 2
     assert "STATE_DIRECTORY" in error
+
+
+def test_the_operator_is_shown_that_something_was_undone(node, monkeypatch):
+    """An agent that was frozen is no news to it when it dies: it sees one that comes and goes."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    seen: SimpleQueue[zenoh.SampleKind] = SimpleQueue()
+    kill(node.busy())
+    monkeypatch.setenv("NODE_NAME", NODE)
+    monkeypatch.setenv("ZENOH_CONNECT", endpoint)
+    with open_router([endpoint]) as router:
+        tokens = router.liveliness().declare_subscriber(agent_key(NODE), lambda token: seen.put(token.kind))
+        assert node.run("agent-supervisor", "--undo").wait(PATIENCE) == 0
+        kinds = [seen.get(timeout=PATIENCE) for _ in range(2)]
+        tokens.undeclare()
+    assert kinds == [zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE]
+    assert node.undone()
+
+
+def test_without_a_router_it_undoes_all_the_same(node, monkeypatch):
+    kill(node.busy())
+    monkeypatch.setenv("NODE_NAME", NODE)
+    monkeypatch.setenv("ZENOH_CONNECT", f"tcp/127.0.0.1:{free_port()}")
+    undoing = node.run("agent-supervisor", "--undo")
+    said(undoing, "can't be shown")
+    assert undoing.wait(PATIENCE) == 0
+    assert node.undone()

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from unittest.mock import Mock
 
 import pytest
 
@@ -12,7 +13,7 @@ PARSER = cli.build_parser("contextpolicy")
 
 
 def offered(*words):
-    return completion.candidates(PARSER, words, lambda command, _: ["delivery"] if command == "pause" else [])
+    return completion.candidates(PARSER, words, lambda line: ["delivery"] if line.command == "pause" else [])
 
 
 @pytest.mark.parametrize(
@@ -23,15 +24,38 @@ def offered(*words):
         (("pause", "x"), []),
         (("pause", "-n", "lab", "del"), ["delivery"]),
         (("completion", "b"), ["bash"]),
-        (("status", "-o", ""), ["text", "json", "yaml"]),
+        (("status", "-o", ""), ["table", "json", "yaml"]),
         (("status", "-o", "js"), ["json"]),
+        (("status", "--output=j"), ["json"]),
+        (("status", "--output", "=", "j"), ["json"]),
+        (("status", "--output", "="), ["table", "json", "yaml"]),
+        (("pause", "--namespace=lab", "del"), ["delivery"]),
         (("force", "--f"), ["--for"]),
         (("status", "--namespace", ""), []),
         (("nonsense",), []),
     ],
 )
-def test_what_tab_offers(words, expected):
+def test_completion_suggestions(words, expected):
     assert offered(*words) == expected
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("explain", "-n", "lab", "--kubeconfig=far.yaml", "--context", "dock", "delivery", ""),
+        ("explain", "delivery", "-nlab", "--kubeconfig", "far.yaml", "--context=dock", ""),
+        ("explain", "-o", "json", "delivery", "--namespace", "=", "lab", "-n=lab", "--kubeconfig", "far.yaml",
+         "--context", "dock", ""),
+    ],
+    ids=" ".join,
+)  # fmt: skip
+def test_names_are_those_of_the_cluster_on_the_line(words):
+    names = Mock(return_value=[])
+    completion.candidates(PARSER, words, names)
+    [line] = names.call_args.args
+    options = line.options
+    assert (line.command, line.places) == ("explain", ["delivery"])
+    assert (options.namespace, options.kubeconfig, options.cluster) == ("lab", "far.yaml", "dock")
 
 
 def test_every_command_is_offered():
@@ -44,24 +68,35 @@ def test_every_command_is_offered():
 def test_without_a_cluster_nothing_breaks(monkeypatch, capsys):
     monkeypatch.setattr("kubernetes.config.kube_config.KUBE_CONFIG_DEFAULT_LOCATION", "/nowhere")
     assert cli.main(["__complete", "pause", ""]) == 0
-    assert capsys.readouterr().out.strip() == ""
+    assert capsys.readouterr().out == "", "an empty line would be a candidate, and no file would be offered"
 
 
-def test_kubectl_is_told_not_to_offer_files(monkeypatch, capsys):
+def test_completion_offers_no_files_to_kubectl(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["kubectl_complete-ctxp", "wh"])
     assert cli.complete() == 0
     assert capsys.readouterr().out == "why-not\n:4\n"
 
 
-def test_bash_accepts_its_script_and_completes_with_it(tmp_path, capsys):
+@pytest.mark.parametrize("words", ["ex", "status --output = j", "status --output =", "validate a[", "validate *"])
+def test_bash_accepts_its_script_and_offers_what_the_program_answers(words, tmp_path, capsys):
     assert cli.main(["completion", "bash"]) == 0
     program = tmp_path / "contextpolicy"
-    program.write_text('#!/bin/sh\n[ "$1" = __complete ] && printf "explain\\nexport\\n"\n')
+    program.write_text('#!/bin/sh\necho "$*"\n')
     program.chmod(0o755)
-    ask = "COMP_WORDS=(contextpolicy ex) COMP_CWORD=1; _contextpolicy; echo ${COMPREPLY[@]}"
+    ask = (
+        f'set -f; COMP_WORDS=(contextpolicy {words}) COMP_CWORD={len(words.split())}; _contextpolicy; echo "$COMPREPLY"'
+    )
     script = f"PATH={tmp_path}:$PATH\n{capsys.readouterr().out}\n{ask}"
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=30, check=False)
-    assert (done.stdout, done.stderr) == ("explain export\n", "")
+    assert (done.stdout, done.stderr) == (f"__complete {words}\n", "")
+
+
+def test_zsh_gets_its_completion_system_started(capsys):
+    assert cli.main(["completion", "zsh"]) == 0
+    *_, start, use, first = capsys.readouterr().out.splitlines()
+    assert start.startswith("(( $+functions[compdef] )) || ")
+    assert use == "compdef _contextpolicy contextpolicy"
+    assert first.endswith("|| _contextpolicy"), "a file of fpath is read on the first Tab, which must complete too"
 
 
 @pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh is not installed")

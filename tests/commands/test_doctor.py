@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import pytest
 
-from contextpolicy.cluster.api import ApiServer
+from contextpolicy.bus.issuing import authority_files, found_authority
+from contextpolicy.cluster.api import ApiServer, Secret
+from contextpolicy.cluster.serving import Service
 from contextpolicy.commands.doctor import facts
 from contextpolicy.errors import ActuationError
 
@@ -26,10 +30,13 @@ class FakeApi(ApiServer):
             raise ActuationError("Forbidden", "no", retriable=False)
         return [one for one in EVERYWHERE if namespace in (None, one["metadata"]["namespace"])]
 
-    def read(self, path):
+    def read(self, path, *_):
         if path == "/version":
             return {"gitVersion": "v1.36.3"}
         return {"items": self._operators if "component%3Doperator" in path else []}
+
+    def service(self, namespace):
+        return Service(served=namespace == "lab")
 
     def may(self, user, right):
         assert user == "system:serviceaccount:system:default"
@@ -51,6 +58,10 @@ def test_it_judges_the_policies_of_the_namespaces_asked_for(namespaces, judged):
     assert [policy["metadata"]["name"] for policy in found] == judged
 
 
+def test_it_asks_whether_anybody_serves_them():
+    assert facts(FakeApi(), [None]).services == {"lab": Service(served=True), "hall": Service(served=False)}
+
+
 def test_policies_that_may_not_be_listed_are_unknown_and_not_missing():
     found = facts(FakeApi(forbidden=[None]), [None])
     assert (found.policies, found.serves_policies) == (None, True)
@@ -66,3 +77,19 @@ def test_the_operator_needs_its_rights_where_it_serves_policies(watched, of_poli
     assert lacking is not None
     assert "list pods in " + min(reviewed) in lacking
     assert api.reviewed == {*reviewed, None}
+
+
+def test_it_reads_when_the_certificates_end_that_the_parts_mount():
+    made = found_authority("ctxp", datetime(2026, 11, 24, tzinfo=UTC))
+
+    class Api(FakeApi):
+        def secret(self, _, name):
+            if name == "theirs":
+                raise ActuationError("Forbidden", "no", retriable=False)
+            return Secret(authority_files(made), "1")
+
+    operators = [an_operator(""), an_operator("")]
+    for operator, name in zip(operators, ("ours", "theirs"), strict=True):
+        operator["spec"]["volumes"] = [{"name": "bus", "secret": {"secretName": name}}, {"name": "other"}]
+    ends = facts(Api(operators=operators), [None]).ends
+    assert ends == {"system/ours": made.certificate.not_valid_after_utc, "system/theirs": None}

@@ -15,6 +15,7 @@ SUPERVISOR = (
     *("agent.agent_settings", "agent.agent_supervisor", "agent.inotify", "agent.state_directory", "telemetry.logs"),
 )
 ROUTER = ("bus.session", "telemetry.logs")
+ROUTER_SUPERVISOR = ("bus.router_supervisor",)
 
 
 def loaded(code):
@@ -39,7 +40,12 @@ def test_a_command_that_runs_for_good_does_without_the_others(command):
 
 @pytest.mark.parametrize(
     ("parts", "needed"),
-    [(AGENT, {"msgspec", "reactivex", "urllib.request", "zenoh"}), (SUPERVISOR, set()), (ROUTER, {"zenoh"})],
+    [
+        (AGENT, {"msgspec", "reactivex", "urllib.request", "zenoh"}),
+        (SUPERVISOR, set()),
+        (ROUTER_SUPERVISOR, set()),
+        (ROUTER, {"zenoh"}),
+    ],
 )
 def test_agent_supervisor_and_router_import_what_they_need(parts, needed):
     modules = ", ".join(f"contextpolicy.{part}" for part in parts)

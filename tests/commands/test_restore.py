@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from contextpolicy.actuators.resize.stored_originals import Signatures, StoredPod, write
 from contextpolicy.cli import main
-from contextpolicy.cluster.api import FINALIZER
+from contextpolicy.cluster.api import Secret
+from contextpolicy.cluster.lease import Lease
+from contextpolicy.cluster.pods import Cpu
 from contextpolicy.errors import ActuationError
+from contextpolicy.policy.custom_resource import FINALIZER
 from tests.actuators.resize.fake_cluster import FakeCluster
+from tests.actuators.resize.test_vetting import OWNER, PATH, an_owner
 from tests.cluster.builders import a_pod, cpu
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 BEFORE = {"request": "100m", "limit": "500m"}
 REFUSED = ActuationError("Invalid", "no (HTTP 422)", retriable=False)
@@ -26,11 +32,28 @@ class Server:
     def __init__(self, *pods: dict[str, Any], policies: Sequence[dict[str, Any]] = ()) -> None:
         self.cluster = FakeCluster(*pods)
         self.resize, self.write_originals = self.cluster.resize, self.cluster.write_originals
+        self.read = self.cluster.read
+        self.secrets: dict[str, Secret] = {}
         self.objects = list(policies)
         for body in self.objects:
             self.cluster.policies[reference(body)] = body.pop("originals")
         self.forbidden: set[str] = set()
+        self.leases: dict[str, Lease] = {}
+        self.renewals: list[str] = []
         self.closed = False
+
+    def lease(self, namespace: str, name: str) -> Lease:
+        assert name == "contextpolicy"
+        return self.leases.get(namespace, Lease())
+
+    def write_lease(self, namespace: str, name: str, content: Lease, timeout: float) -> Lease:
+        assert (name, timeout > 0) == ("contextpolicy", True)
+        before = self.lease(namespace, name)
+        if before.version != content.version:
+            raise ActuationError("Conflict", "changed (HTTP 409)", retriable=True)
+        self.leases[namespace] = replace(content, version=str(int(before.version) + 1))
+        self.renewals.append(namespace)
+        return self.leases[namespace]
 
     def pods(self, namespace: str | None) -> list[dict[str, Any]]:
         return self._list(list(self.cluster.pods.values()), namespace)
@@ -38,6 +61,15 @@ class Server:
     def policies(self, namespace: str | None) -> list[dict[str, Any]]:
         found = self._list(self.objects, namespace)
         return [{**body, "status": {"originals": self.cluster.policies[reference(body)]}} for body in found]
+
+    def secret(self, namespace: str, name: str) -> Secret:
+        try:
+            return self.secrets[f"{namespace}/{name}"]
+        except KeyError:
+            raise ActuationError("NotFound", "no such Secret (HTTP 404)", retriable=False) from None
+
+    def delete_secret(self, namespace: str, name: str) -> None:
+        del self.secrets[f"{namespace}/{name}"]
 
     def set_finalizers(self, namespace: str, name: str, finalizers: Sequence[str], version: str) -> None:
         (found,) = [p for p in self._list(self.objects, namespace) if p["metadata"]["name"] == name]
@@ -80,7 +112,7 @@ def restore(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     """Run the command; returns the exit code and what it printed."""
 
     def run(server: Server, *arguments: str) -> tuple[int, str]:
-        monkeypatch.setattr("contextpolicy.cluster.api.ApiServer", lambda: server)
+        monkeypatch.setattr("contextpolicy.cluster.api.ApiServer", lambda *_: server)
         code = main(["restore", *arguments])
         assert server.closed
         return code, capsys.readouterr().out
@@ -135,7 +167,7 @@ def test_a_policy_restores_pods_of_its_own_namespace_only(restore: Any) -> None:
     assert server.cluster.limit("slam") == 990
 
 
-def test_a_refusal_is_told_and_stops_nobody_else(restore: Any) -> None:
+def test_a_refusal_is_reported_and_stops_nobody_else(restore: Any) -> None:
     server = Server(moved("slam"), moved("speech"), policies=[policy(originals=before("slam", "speech"))])
     server.cluster.faults.append(REFUSED)
     code, out = restore(server)
@@ -144,13 +176,13 @@ def test_a_refusal_is_told_and_stops_nobody_else(restore: Any) -> None:
     assert server.cluster.originals("uid-slam")
 
 
-def test_a_pod_that_goes_meanwhile_is_no_failure(restore: Any) -> None:
+def test_a_pod_that_goes_meanwhile_is_not_a_failure(restore: Any) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
     server.cluster.faults.append(ActuationError("NotFound", "gone (HTTP 404)", retriable=False))
     assert restore(server)[0] == 0
 
 
-def test_a_damaged_note_is_told(restore: Any) -> None:
+def test_a_damaged_note_is_reported(restore: Any) -> None:
     code, out = restore(Server(moved(), policies=[policy(originals={"uid-slam": 1})]))
     assert code == 1
     assert out == "pod uid-slam: NOT restored: status.originals.uid-slam of lab/robot can't be read\n"
@@ -182,7 +214,7 @@ def test_a_policy_is_held_while_one_of_its_containers_is_not_back(restore: Any) 
     ]
 
 
-def test_a_policy_that_changes_meanwhile_is_told(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_policy_that_changes_meanwhile_is_reported(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     server = Server(policies=[policy()])
     old = [{"metadata": {**server.objects[0]["metadata"], "resourceVersion": "6"}}]
     monkeypatch.setattr(server, "policies", lambda _: old)
@@ -196,17 +228,12 @@ def test_namespaces_bound_it_and_one_that_is_closed_keeps_nobody_from_the_others
     server = Server(moved(), far, policies=policies)
     server.forbidden = {"closed"}
     code, out = restore(server, "--namespace=closed", "--namespace=lab", "--remove-finalizers")
-    assert code == 1
-    assert out.splitlines() == [
-        "closed: NOT restored: Forbidden: you may not (HTTP 403)",
-        "lab/slam/slam: limit 990m -> 500m",
-        "ContextPolicy closed: NOT released: Forbidden: you may not (HTTP 403)",
-        "ContextPolicy lab/robot: finalizer removed",
-    ]
+    assert code == 2
+    assert out.splitlines() == ["lab/slam/slam: limit 990m -> 500m", "ContextPolicy lab/robot: finalizer removed"]
     assert server.cluster.limit("speech") == 990
 
 
-def test_a_dry_run_tells_the_same_and_does_nothing(restore: Any) -> None:
+def test_a_dry_run_reports_the_same_and_does_nothing(restore: Any) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
     code, out = restore(server, "--remove-finalizers", "--dry-run")
     assert (code, server.cluster.calls, server.objects[0]["metadata"]["finalizers"]) == (0, [], [FINALIZER])
@@ -224,11 +251,211 @@ def test_json(restore: Any) -> None:
         "error": "",
     }
     assert code == 0
-    assert json.loads(out) == {"containers": [container], "policies": [{"policy": "lab/robot", "error": ""}]}
+    assert json.loads(out) == {
+        "schemaVersion": 1,
+        "containers": [container],
+        "policies": [{"policy": "lab/robot", "error": ""}],
+        "leftAlone": [],
+        "unread": [],
+    }
+
+
+FIRST = Lease(holder="blue/contextpolicy", seconds=30, renewed="1", version="8")
+GREEN = replace(FIRST, holder="green/contextpolicy")
+KEY = b"k" * 32
+SECRETS = {"green/contextpolicy-originals": Secret({"key": KEY}, "1")}
+RELEASE = "--release=green/contextpolicy"
+
+
+def by_us(name: str = "slam") -> dict[str, Any]:
+    """A pod whose container has 990m by order of a policy, as the API server recorded."""
+    fields: dict[str, Any] = {
+        "f:spec": {"f:containers": {f'k:{{"name":"{name}"}}': {"f:resources": {"f:limits": {"f:cpu": {}}}}}}
+    }
+    return moved(name, managedFields=[{"manager": "contextpolicy", "time": "2026", "fieldsV1": fields}])
+
+
+def signed(limit: int) -> dict[str, Any]:
+    entry = StoredPod("slam", {"slam": Cpu(100, limit)})
+    return {"uid-slam": write(entry._replace(signature=Signatures(KEY).of("lab/robot", "uid-slam", entry)))}
+
+
+def test_what_the_operator_signed_is_restored_and_its_key_goes(restore: Any) -> None:
+    server = Server(by_us(), policies=[policy(originals=signed(500))])
+    server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
+    assert restore(server, "--remove-finalizers", "--dry-run", RELEASE)[0] == 0
+    assert (server.secrets, server.renewals) == (SECRETS, [])
+    assert restore(server, "--remove-finalizers", RELEASE)[0] == 0
+    assert (server.cluster.limit("slam"), server.secrets) == (500, {})
+    assert (server.leases["lab"].holder, server.leases["lab"].seconds) == ("", 1), "waiting replicas go on at once"
+
+
+def test_forged_originals_are_not_restored_but_what_the_owner_says(restore: Any) -> None:
+    pod = by_us()
+    pod["metadata"]["ownerReferences"] = [OWNER]
+    server = Server(pod, policies=[policy(originals=before(slam={"request": "100m", "limit": "50m"}))])
+    server.secrets, server.cluster.owners = dict(SECRETS), {PATH: an_owner("500m")}
+    server.leases = {"lab": GREEN}
+    assert restore(server, RELEASE) == (0, "lab/slam/slam: limit 990m -> 500m\n")
+    assert (server.cluster.limit("slam"), server.cluster.policies) == (500, {"lab/robot": {}})
+
+
+def test_forged_originals_that_nothing_replaces_hold_the_policy_and_the_key(restore: Any) -> None:
+    originals = before(slam={"request": "100m", "limit": "50m"})
+    server = Server(by_us(), policies=[policy(originals=originals)])
+    server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
+    code, out = restore(server, "--remove-finalizers", RELEASE)
+    assert code == 1
+    assert out.splitlines() == [
+        (
+            "lab/slam/slam: NOT restored: lab/slam/slam: status.originals says request 100m, limit 50m, not signed by "
+            "the operator; no owner of the pod states its original, so it keeps request 100m, limit 990m, "
+            "and the entry stays; replace the pod"
+        ),
+        "ContextPolicy lab/robot: NOT released: not all of its containers are restored",
+    ]
+    assert (server.cluster.limit("slam"), server.secrets) == (990, SECRETS)
+    assert server.cluster.policies == {"lab/robot": originals}
+
+
+@pytest.mark.parametrize("secrets", [{}, {"green/contextpolicy-originals": Secret({}, "1")}])
+def test_without_the_key_statuses_are_believed_as_by_hand(restore: Any, secrets: Any) -> None:
+    server = Server(by_us(), policies=[policy(originals=before("slam"))])
+    server.secrets, server.leases = dict(secrets), {"lab": GREEN}
+    assert restore(server, RELEASE) == (0, "lab/slam/slam: limit 990m -> 500m\n")
+
+
+def two_namespaces() -> Server:
+    """A release `blue` serves lab; far is served by `green`."""
+    far = moved("speech", namespace="far")
+    policies = [policy(originals=before("slam")), policy("robot", originals=before("speech"), namespace="far")]
+    server = Server(moved(), far, policies=policies)
+    server.leases = {"lab": FIRST, "far": replace(FIRST, holder="green/contextpolicy")}
+    return server
+
+
+def test_what_another_release_serves_is_left_alone_also_while_it_is_down(restore: Any) -> None:
+    server = two_namespaces()
+    code, out = restore(server, "--remove-finalizers", "--release=green/contextpolicy")
+    assert code == 0
+    assert out.splitlines() == [
+        "namespace lab: served by blue/contextpolicy, left alone",
+        "far/speech/speech: limit 990m -> 500m",
+        "ContextPolicy far/robot: finalizer removed",
+    ]
+    assert server.cluster.limit("slam") == 990
+    assert server.cluster.policies["lab/robot"] == before("slam")
+    assert server.objects[0]["metadata"]["finalizers"] == [FINALIZER]
+
+
+def test_a_namespace_that_another_release_takes_meanwhile_keeps_its_finalizers(restore: Any) -> None:
+    server = Server(moved(), policies=[policy(originals=before("slam"))])
+    server.leases = {"lab": replace(FIRST, holder="green/contextpolicy")}
+    resize = server.resize
+
+    def lose(namespace: str, name: str, patch: Mapping[str, Any], manager: str) -> int:
+        server.leases = {"lab": FIRST}
+        return resize(namespace, name, patch, manager)
+
+    server.resize = lose
+    code, out = restore(server, "--remove-finalizers", "--release=green/contextpolicy")
+    assert (code, out) == (0, "lab/slam/slam: limit 990m -> 500m\n")
+    assert server.objects[0]["metadata"]["finalizers"] == [FINALIZER]
+
+
+def test_a_release_keeps_its_lease_while_it_restores(restore: Any) -> None:
+    """It would run out, and the next release would take containers for its own that are still to be put back."""
+    server = Server(moved(), moved("speech"), policies=[policy(originals=before("slam", "speech"))])
+    server.leases = {"lab": GREEN}
+    assert restore(server, RELEASE)[0] == 0
+    assert len(server.renewals) >= 2
+    assert server.leases["lab"].renewed > "2026"
+
+
+def test_what_another_takes_in_the_middle_is_left_from_then_on(restore: Any) -> None:
+    server = Server(moved(), moved("speech"), policies=[policy(originals=before("slam", "speech"))])
+    server.leases = {"lab": GREEN}
+    resize = server.resize
+
+    def lose(namespace: str, name: str, patch: Mapping[str, Any], manager: str) -> int:
+        server.leases = {"lab": FIRST}
+        return resize(namespace, name, patch, manager)
+
+    server.resize = lose
+    code, out = restore(server, "--remove-finalizers", RELEASE)
+    assert (code, out.splitlines()) == (
+        0,
+        [
+            "namespace lab: served by blue/contextpolicy, left alone",
+            "lab/slam/slam: limit 990m -> 500m",
+        ],
+    )
+    assert server.cluster.limit("speech") == 990
+    assert server.cluster.policies["lab/robot"].keys() == {"uid-speech"}
+
+
+def test_a_lease_that_was_deleted_may_be_somebodys_who_writes_it_again(
+    restore: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = Server(moved(), policies=[policy(originals=before("slam"))])
+    waits: list[float] = []
+
+    def wait(seconds: float) -> None:
+        waits.append(seconds)
+        if sum(waits) == 10:
+            server.leases["lab"] = FIRST
+
+    monkeypatch.setattr("time.sleep", wait)
+    assert restore(server, "--remove-finalizers", RELEASE) == (
+        0,
+        "namespace lab: served by blue/contextpolicy, left alone\n",
+    )
+    assert sum(waits) == 10
+
+
+def test_a_lease_that_nobody_writes_again_is_not_waited_for_longer(
+    restore: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = Server(moved(), policies=[policy(originals=before("slam"))])
+    waits: list[float] = []
+    monkeypatch.setattr("time.sleep", waits.append)
+    assert restore(server, RELEASE) == (0, "lab/slam/slam: limit 990m -> 500m\n")
+    assert 25 <= sum(waits) <= 27
+
+
+def test_by_hand_what_a_running_operator_serves_is_left_alone(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Green is gone, and its Lease with nobody to renew it."""
+    server = two_namespaces()
+    waits: list[float] = []
+
+    def wait(seconds: float) -> None:
+        waits.append(seconds)
+        if sum(waits) == 10:
+            server.leases["lab"] = replace(FIRST, renewed="2", version="9")
+
+    monkeypatch.setattr("time.sleep", wait)
+    code, out = restore(server, "--output", "json")
+    reported = json.loads(out)
+    assert (code, reported["leftAlone"]) == (0, [{"namespace": "lab", "servedBy": "blue/contextpolicy"}])
+    assert [one["container"] for one in reported["containers"]] == ["far/speech/speech"]
+    assert 30 <= sum(waits) <= 32, "for as long as a Lease lasts, once for all namespaces"
+
+
+def test_a_lease_that_cannot_be_read_leaves_everything_as_it_is(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    server = Server(moved(), policies=[policy(originals=before("slam"))])
+
+    def refuse(*_: str) -> Lease:
+        raise REFUSED
+
+    monkeypatch.setattr(server, "lease", refuse)
+    code, out = restore(server, "--remove-finalizers")
+    assert (code, out, server.cluster.calls) == (2, "", [])
+    assert server.objects[0]["metadata"]["finalizers"] == [FINALIZER]
 
 
 def test_no_cluster(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Any) -> None:
     monkeypatch.setattr("kubernetes.config.kube_config.KUBE_CONFIG_DEFAULT_LOCATION", str(tmp_path / "none"))
     monkeypatch.delenv("KUBERNETES_SERVICE_HOST", raising=False)
+    monkeypatch.delenv("KUBECONFIG", raising=False)
     assert main(["restore"]) == 2
     assert "set KUBECONFIG" in capsys.readouterr().err

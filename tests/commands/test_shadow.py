@@ -62,22 +62,28 @@ def test_it_shows_what_would_be_different(capsys):
     assert "slam 800m -> 500m, speech 200m -> 500m" in text
 
 
+@pytest.mark.parametrize("columns", [40, 80])
+def test_it_fits_the_terminal(capsys, monkeypatch, columns):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert [line for line in shown(capsys).splitlines() if len(line) > columns] == []
+
+
 def test_as_fields(capsys):
-    told = json.loads(shown(capsys, "--output", "json"))
-    assert (told["differs"], told["promoted"], told["takenBack"]) == (1.0, False, None)
-    assert told["tasks"]["slam"]["share"] == [0.8, 0.5]
-    assert told["tasks"]["slam"]["predictedMisses"] == [None, None]
+    reported = json.loads(shown(capsys, "--output", "json"))
+    assert (reported["differs"], reported["promoted"], reported["takenBack"]) == (1.0, False, None)
+    assert reported["tasks"]["slam"]["share"] == [0.8, 0.5]
+    assert reported["tasks"]["slam"]["predictedMisses"] == [None, None]
 
 
 def test_with_profiles_it_predicts_the_misses_of_both(capsys, tmp_path):
     """Slam needs 0.6 cores: 0.8 are enough, 0.5 are not; speech has too little in either case."""
     path = tmp_path / "profiles.json"
     path.write_text(json.dumps(PROFILES))
-    told = json.loads(shown(capsys, "--profiles", str(path), "--output", "json"))
-    before, after = told["tasks"]["slam"]["predictedMisses"]
+    reported = json.loads(shown(capsys, "--profiles", str(path), "--output", "json"))
+    before, after = reported["tasks"]["slam"]["predictedMisses"]
     assert before < 0.2
     assert after > 0.5
-    assert min(told["tasks"]["speech"]["predictedMisses"]) > 0.5
+    assert min(reported["tasks"]["speech"]["predictedMisses"]) > 0.5
 
 
 def test_it_is_promoted(cluster, capsys):
@@ -89,14 +95,14 @@ def test_it_is_promoted(cluster, capsys):
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (["promote", "robot"], "lab/robot is no shadow: it has no spec.shadow"),
-        (["shadow", "robot"], "lab/robot is no shadow: it has no spec.shadow"),
-        (["adopt", "robot"], "lab/robot is no shadow: it has no spec.shadow"),
+        (["promote", "robot"], "lab/robot is not a shadow: it has no spec.shadow"),
+        (["shadow", "robot"], "lab/robot is not a shadow: it has no spec.shadow"),
+        (["adopt", "robot"], "lab/robot is not a shadow: it has no spec.shadow"),
         (["resume", "robot-next"], "lab/robot-next is a shadow: `promote` carries it out"),
         (["adopt", "robot-next"], "lab/robot-next is not in force: `promote` it first, and see that it stays so"),
     ],
 )
-def test_what_makes_no_sense_changes_nothing(cluster, capsys, command, message):
+def test_invalid_input_changes_nothing(cluster, capsys, command, message):
     assert cli.main(command) == 2
     assert message in capsys.readouterr().err
     assert cluster.patches == []

@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 
 from contextpolicy.cli import main
+from contextpolicy.policy.quantities import parse_cpu
 from contextpolicy.policy.validation.check import check
+from robotkit.module import load_module
 
 ROOT = Path(__file__).parents[2]
 MODULES = sorted(str(path.parent) for path in (ROOT / "modules").glob("*/module.yaml"))
@@ -35,6 +37,7 @@ metadata:
   namespace: robot
 spec:
   mode: DryRun                         # says what it would do; Enforce when you agree
+  # enforcement: {control: Suspend}    # the first step: contexts only suspend (default: Weight)
   streams:
   - {name: keyword_spotting, key: robot/keyword-spotting/health, producedBy: keyword-spotting}
   - {name: speech_keyword, key: robot/speech/keyword, producedBy: keyword-spotting}
@@ -88,7 +91,20 @@ def test_the_policy_of_our_own_modules_is_valid_without_a_warning(
     assert len(report.policies[0][1].tasks) == len(chosen)
 
 
-def test_names_that_meet_are_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(("cores", "written"), [("0.2", "200m"), ("1.5", "1500m"), ("300m", "300m"), ("2", "2")])
+def test_a_fraction_of_a_core_is_written_as_the_api_takes_it(
+    cores: str, written: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = f"name: imu\noutputs: {{reading: {{key: robot/imu}}}}\nneeds: {{cores: {cores}, deadline: 1s}}\n"
+    paths = files(tmp_path, text)
+    assert load_module(Path(paths[0])).needs.cores == pytest.approx(parse_cpu(written) / 1000)
+    assert main(["skeleton", *paths]) == 0
+    out = capsys.readouterr().out
+    assert f"needs: {{cores: {written}, deadline: 1s}}" in out
+    assert check([("skeleton", out)]).errors == []
+
+
+def test_names_that_meet_are_distinguished(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     imu = "name: imu\ninputs: {raw: {key: robot/imu}, in: {key: in}}\nneeds: {deadline: 1s}\n"
     assert main(["skeleton", *files(tmp_path, imu)]) == 0
     report = check([("skeleton", capsys.readouterr().out)])
@@ -96,7 +112,7 @@ def test_names_that_meet_are_told_apart(tmp_path: Path, capsys: pytest.CaptureFi
     assert [stream.name for stream in report.policies[0][1].streams] == ["imu", "imu_2", "in_2"]
 
 
-def test_everything_that_is_wrong_is_told_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_mistakes_are_reported_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first = KEYWORDS.replace("100Mi", "much").replace("key: robot/speech/keyword", "key: /x")
     assert main(["skeleton", *files(tmp_path, first, "name: Slam\nspeed: 1\n", CHATBOT, CHATBOT, "- [")]) == 1
     out, err = capsys.readouterr()
@@ -104,17 +120,17 @@ def test_everything_that_is_wrong_is_told_at_once(tmp_path: Path, capsys: pytest
     assert err.splitlines() == [
         f"{tmp_path}/0.yaml:",
         next(
-            line for line in err.splitlines() if line.startswith("  module.outputs.keyword.key: '/x' is not allowed: ")
+            line for line in err.splitlines() if line.startswith("  module.outputs.keyword.key: invalid value '/x': ")
         ),
-        '  module.needs.memory: \'much\' is not allowed: a memory quantity such as "100Mi" or "1Gi"',
+        '  module.needs.memory: invalid value \'much\': expected a memory quantity such as "100Mi" or "1Gi"',
         f"{tmp_path}/1.yaml:",
-        "  module.name: 'Slam' is not allowed: at most 63 lower-case letters, digits and '-', a letter first",
+        "  module.name: invalid value 'Slam': expected at most 63 lower-case letters, digits and '-', a letter first",
         (
-            "  module.speed: 1 is not allowed: known fields: description, environment, inputs, name, needs, outputs"
-            "; did you mean needs?"
+            "  module.speed: invalid value 1: expected one of the fields description, environment, inputs, name, "
+            "needs, outputs; did you mean needs?"
         ),
         f"{tmp_path}/3.yaml:",
-        "  module.name: 'chatbot' is not allowed: a name that is not used yet",
+        "  module.name: invalid value 'chatbot': expected a name that is not used yet",
         f"{tmp_path}/4.yaml:",
         next(line for line in err.splitlines() if line.startswith("  file: ")),
     ]

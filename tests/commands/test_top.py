@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from contextpolicy import cli
 from contextpolicy.bus.session import open_router
 from contextpolicy.bus.view import BusView
 from contextpolicy.cli import main
@@ -107,9 +108,35 @@ def test_the_environment_names_the_router(
 
 
 @pytest.mark.parametrize("last", [plan(), None], ids=["a plan", "no plan"])
-def test_of_a_policy_that_the_operator_no_longer_has_nothing_is_left(last: dict[str, Any] | None) -> None:
+def test_top_drops_a_removed_policy(last: dict[str, Any] | None) -> None:
     view = BusView()
     top._take_all(view, [{**BOARD, "plan": last}])
     assert view.boards
     top._take_all(view, [])
     assert (view.policies, view.boards) == ({}, {})
+
+
+def test_without_a_terminal_each_change_is_written_once(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = cli.build_parser("contextpolicy").parse_args(["top"])
+    story = iter([[BOARD], [BOARD], [{**BOARD, "plan": plan(sequence=9, contexts=["docked"])}]])
+    view = BusView()
+
+    def take() -> None:
+        boards = next(story, None)
+        if boards is None:
+            raise KeyboardInterrupt
+        top._take_all(view, boards)
+
+    with pytest.raises(KeyboardInterrupt):
+        top._show(arguments, view, take, lambda: None)
+    reported = [line for line in capsys.readouterr().out.splitlines() if line.startswith("robot/delivery")]
+    assert [line.split("context: ")[1].split()[0] for line in reported] == ["moving", "docked"]
+
+
+def test_an_operator_that_does_not_answer_any_more(
+    operator: Operator, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it said last is not what is the case."""
+    monkeypatch.setenv("COLUMNS", "100")
+    assert main(["top", "--connect", operator.endpoint, "--once"]) == 0
+    assert "its operator does not respond: showing its last report" in capsys.readouterr().out

@@ -26,17 +26,17 @@ def test_an_error_has_file_line_column_field_value_and_what_is_allowed(capsys: p
     out, err = capsys.readouterr()
     line = next(n for n, text in enumerate(path.read_text().splitlines(), start=1) if text.startswith("  mode"))
     allowed = "one of Enforce, DryRun, Paused"
-    assert out == f"{path}:{line}:3: error: spec.mode: 'Dryrun' is not allowed: {allowed}\n"
+    assert out == f"{path}:{line}:3: error: spec.mode: invalid value 'Dryrun': expected {allowed}\n"
     assert err == "1 policy, 1 error, 0 warnings\n"
 
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ("kind: ContextPolcy", "kind: 'ContextPolcy' is not allowed: ContextPolicy"),
-        ("kind: contextpolicies", "kind: 'contextpolicies' is not allowed: ContextPolicy"),
-        ("kind: Deployment", "kind: 'Deployment' is not allowed: ContextPolicy"),
-        ("", "kind: is missing: ContextPolicy"),
+        ("kind: ContextPolcy", "kind: invalid value 'ContextPolcy': expected ContextPolicy"),
+        ("kind: contextpolicies", "kind: invalid value 'contextpolicies': expected ContextPolicy"),
+        ("kind: Deployment", "kind: invalid value 'Deployment': expected ContextPolicy"),
+        ("", "kind: missing: expected ContextPolicy"),
     ],
 )
 def test_a_misspelt_kind_is_an_error(
@@ -66,7 +66,7 @@ def test_a_directory_and_what_is_skipped_in_it(tmp_path: Path, capsys: pytest.Ca
 def test_standard_input(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO("kind: ContextPolicy\n"))
     assert main(["validate", "-"]) == 1
-    assert "<stdin>:1:1: error: apiVersion: is missing: contextpolicy.dev/v1alpha1\n" in capsys.readouterr().out
+    assert "<stdin>:1:1: error: apiVersion: missing: expected contextpolicy.dev/v1alpha1\n" in capsys.readouterr().out
 
 
 def test_json(capsys: pytest.CaptureFixture[str]) -> None:
@@ -86,9 +86,38 @@ def test_nothing_found_is_not_valid(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 def test_a_file_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", "nowhere.yaml"]) == 2
-    assert "nowhere.yaml" in capsys.readouterr().err
+    assert capsys.readouterr().out == "nowhere.yaml: error: cannot read file: No such file or directory\n"
 
 
-def test_a_file_that_is_no_text(tmp_path: Path) -> None:
+def test_beside_a_file_that_is_not_there_the_others_are_checked(capsys: pytest.CaptureFixture[str]) -> None:
+    bad = str(BAD / "min-above-max.yaml")
+    assert main(["validate", str(POLICIES / "delivery-robot.yaml"), "nope.yaml", bad, "--output", "json"]) == 2
+    document = json.loads(capsys.readouterr().out)
+    assert [problem["file"] for problem in document["problems"]] == ["nope.yaml", bad]
+    assert (document["valid"], len(document["policies"])) == (False, 1)
+
+
+def test_a_file_that_is_no_object_at_all_has_no_other_faults(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    odd = tmp_path / "odd.yaml"
+    odd.write_text("apiVersion: contextpolicy.dev/v1alpha1\nkind: ContextPolicy\nmetadata: 5\nspec: 7\n")
+    assert main(["validate", str(odd), "-o", "json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert [problem["field"] for problem in document["problems"]] == ["metadata", "spec"]
+    assert (document["found"], document["policies"]) == (1, [])
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "-"])
+def test_a_file_that_does_not_end_is_refused(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Path("/dev/zero").open(encoding="utf-8") as endless:
+        monkeypatch.setattr("sys.stdin", endless)
+        assert main(["validate", name]) == 1
+    assert "is too long: expected at most 1048576 characters" in capsys.readouterr().out
+
+
+def test_a_binary_file(tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_bytes(b"\xff\xfe\xfa")
     assert main(["validate", str(tmp_path / "x.yaml")]) == 2

@@ -1,4 +1,4 @@
-"""Every file of expectations holds for its policy, by the command that its first lines tell."""
+"""Every file of expectations holds for its policy, by the command in its first lines."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ def test_gitops_points_at_the_chart_and_a_sample():
     assert (ROOT / "config" / "policies" / "delivery-robot.yaml").exists()
 
 
-def test_the_kubelet_is_told_to_start_a_crashed_operator_again_soon():
+def test_the_kubelet_restarts_a_crashed_operator_soon():
     config = yaml.safe_load((ROOT / "config" / "k3s" / "kubelet.conf").read_text(encoding="utf-8"))
     tested = json.loads(configuration.kubelet())
     assert {name: config[name] for name in ("apiVersion", "kind")} == {n: tested[n] for n in ("apiVersion", "kind")}
@@ -46,7 +46,7 @@ def test_the_node_that_is_as_k3s_makes_it_has_k3s_arguments(monkeypatch):
     assert "--system-reserved=cpu=200m,memory=512Mi" in components.kubelet().argv
 
 
-def test_k3s_is_told_nothing_that_stops_resizes():
+def test_k3s_configuration_stops_no_resize():
     config = yaml.safe_load((ROOT / "config" / "k3s" / "config.yaml").read_text(encoding="utf-8"))
     assert [argument.partition("=")[0] for argument in config["kubelet-arg"]] == ["system-reserved"]
 

@@ -57,8 +57,8 @@ def flux_kustomization():
 
 
 def policy(mode="Enforce", generation=2, observed=2, **conditions):
-    told = [{"type": kind, "status": status, "message": f"{kind} {status}"} for kind, status in conditions.items()]
-    status = {"observedGeneration": observed, "conditions": told} if conditions else {}
+    reported = [{"type": kind, "status": status, "message": f"{kind} {status}"} for kind, status in conditions.items()]
+    status = {"observedGeneration": observed, "conditions": reported} if conditions else {}
     return {"metadata": {"generation": generation}, "spec": {"mode": mode}, "status": status}
 
 

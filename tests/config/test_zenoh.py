@@ -17,6 +17,7 @@ from tests.ports import free_port
 from tests.waiting import PATIENCE, until
 
 CONFIGURATIONS = Path(__file__).parents[2] / "config" / "zenoh"
+SAMPLES = ["robot/**", "0/**"]
 NEVER = 0.3
 
 
@@ -28,7 +29,7 @@ def test_zenoh_understands_the_configuration(path):
 def test_the_routers_rules_are_those_of_the_charts_router():
     config = zenoh.Config.from_file(str(CONFIGURATIONS / "router-acl.json5"))
     expected = zenoh.Config()
-    expected.insert_json5("access_control", json.dumps(access_control(by="usernames")))
+    expected.insert_json5("access_control", json.dumps(access_control(SAMPLES, by="usernames")))
     assert json.loads(config.get_json("access_control")) == json.loads(expected.get_json("access_control"))
 
 

@@ -18,8 +18,8 @@ from tests.crds.schema import nodes
 LAXER = {"spec.streams"}
 """Required by the API server only: a policy in a file may begin without."""
 ANY_TEXT = inspect.signature(Fields.text).parameters["pattern"].default
-TOLD = re.compile(r"Default:? ([\w.]*\w)\b(?!, or)")
-TELLING = {"choice", "flag", "number", "cpu", "memory", "duration"}
+STATED = re.compile(r"Default:? ([\w.]*\w)\b(?!, or)")
+STATING = {"choice", "flag", "number", "whole", "cpu", "memory", "duration"}
 """Readers of fields whose default is a word of the description, where the schema has none."""
 
 
@@ -53,6 +53,7 @@ SAYS = {
     "raw": lambda _: {"x-kubernetes-preserve-unknown-fields": True},
     "string_map": lambda _: {"type": "object", "items": "string"},
     "text": lambda _: {"type": "string"},
+    "whole": lambda reading: {"type": "integer", "minimum": 1, "maximum": reading.arguments["most"]},
     "texts": lambda reading: {"type": "array", "items": "string", "maxItems": reading.arguments["limit"]},
 }
 """What the definition has to say of a field, by the method that the parser reads it with."""
@@ -115,8 +116,8 @@ def _bounds(path, reading, node):
 
 def _default(path, reading, node):
     """To leave a field out means the default that the schema states, or else its description."""
-    told = TOLD.search(node.get("description", "")) if reading.reader in TELLING else None
-    stated = [node["default"]] if "default" in node else [yaml.safe_load(told[1])] if told else []
+    reported = STATED.search(node.get("description", "")) if reading.reader in STATING else None
+    stated = [node["default"]] if "default" in node else [yaml.safe_load(reported[1])] if reported else []
     absent, missed = parsed(path.rpartition(".")[0], {})
     for default in stated:
         if parsed(path, default)[0] != absent or ("default" in node and refuses(path, default)):

@@ -7,9 +7,10 @@ import random
 import re
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain
 from typing import Any
 
-from contextpolicy.policy import parsing
+from contextpolicy.policy import parsing, stream_parsing, task_parsing
 from contextpolicy.policy.fields import Fields
 
 NO_READERS = {"refuse", "at"}
@@ -37,6 +38,7 @@ VALUES = {
     "raw": ["text", {}],
     "string_map": [{"text": "text"}],
     "texts": [("text",)],
+    "whole": [1],
 }
 """What the others return, besides the default: one of each kind that a parser may treat differently."""
 WORDS = re.compile(r"\w+(\|\w+)+")
@@ -111,7 +113,8 @@ for one in READERS:
 
 def readings():
     """How the parser reads each field, by its path in the schema: the union of what it reads of many objects."""
-    return _readings(tuple(filter(inspect.isfunction, vars(parsing).values())))
+    read = (vars(module).values() for module in (parsing, stream_parsing, task_parsing))
+    return _readings(tuple(filter(inspect.isfunction, chain.from_iterable(read))))
 
 
 @cache

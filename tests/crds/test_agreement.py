@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from contextpolicy.policy import parsing
+from contextpolicy.policy import parsing, task_parsing
 from contextpolicy.policy.fields import Fields
 from contextpolicy.policy.spec import Clock, Encoding
 from tests.crds import agreement
@@ -45,8 +45,8 @@ CHANGES = {
     "a default too many": ("spec.tasks[].max", lambda node: node.update(default=1), ""),
     "a default that is no word": ("spec.streams[].clock", lambda node: node.update(default="Sim"), ""),
     "no default": ("spec.streams[].encoding", lambda node: node.pop("default"), ""),
-    "another one told": ("spec.tasks[].min", lambda node: node.update(description="Default: 20m."), ""),
-    "another one told of a word": ("spec.streams[].ros", lambda node: node.update(description="Default: jazzy."), ""),
+    "another one stated": ("spec.tasks[].min", lambda node: node.update(description="Default: 20m."), ""),
+    "another word stated": ("spec.streams[].ros", lambda node: node.update(description="Default: jazzy."), ""),
     "a longer list": ("spec.streams", lambda node: node.update(maxItems=65), ""),
     "more entries": ("spec.contexts[].tasks", lambda node: node.update(maxProperties=256), ""),
     "a list of numbers": ("spec.tasks[].subtasks", lambda node: node["items"].update(type="number"), ""),
@@ -84,44 +84,53 @@ def test_a_change_of_the_definition_alone_is_found(path, change, inside):
 
 
 def test_a_field_that_only_the_parser_knows_is_found(monkeypatch):
-    read = parsing._needs
-    monkeypatch.setattr(parsing, "_needs", lambda fields: (fields.flag("gpu"), read(fields))[1])
+    read = task_parsing._needs
+    monkeypatch.setattr(task_parsing, "_needs", lambda fields: (fields.flag("gpu"), read(fields))[1])
     (found,) = disagreements(SPEC)
     assert found.startswith("spec.tasks[].needs.gpu: the definition lacks it")
 
 
 BESIDE = {
-    "a word": ("_stream", lambda fields: fields.choice("encoding", Encoding.JSON) is Encoding.CDR),
-    "another word": ("_stream", lambda fields: fields.choice("encoding", Encoding.JSON) is not Encoding.JSON),
+    "a word": (parsing, "parse_stream", lambda fields: fields.choice("encoding", Encoding.JSON) is Encoding.CDR),
+    "another word": (
+        parsing,
+        "parse_stream",
+        lambda fields: fields.choice("encoding", Encoding.JSON) is not Encoding.JSON,
+    ),
     "two words": (
-        "_stream",
+        parsing,
+        "parse_stream",
         lambda fields: (
             fields.choice("encoding", Encoding.JSON) is Encoding.CDR
             and fields.choice("clock", Clock.AUTO) is Clock.SOURCE
         ),
     ),
-    "a duration": ("_activity", lambda fields: fields.duration("decay")),
-    "a large number": ("_activity", lambda fields: (fields.number("score") or 0) > 10),
-    "a fraction": ("_activity", lambda fields: 0 < (fields.number("score") or 0) < 1),
-    "zero": ("_activity", lambda fields: fields.number("score") == 0),
-    "a quantity": ("_needs", lambda fields: (fields.cpu("cores") or 0) > 1),
-    "a flag": ("_task", lambda fields: fields.flag("protected")),
-    "a flag that is not set": ("_task", lambda fields: not fields.flag("protected")),
-    "a text": ("_activity", lambda fields: fields.optional_text("stream")),
-    "a text among words": ("_stream", lambda fields: fields.text("op", pattern="In|Exists") == "Exists"),
-    "a list": ("_task", lambda fields: fields.texts("subtasks", limit=16)),
-    "a list of objects": ("_task", lambda fields: not fields.nested_list("activity", limit=16)),
-    "a map": ("_activity", lambda fields: fields.string_map("with")),
-    "an expression": ("_context", lambda fields: fields.cel("when")),
-    "a field that is absent": ("_context", lambda fields: "when" not in fields),
-    "one field without another": ("_activity", lambda fields: "score" in fields and "scoreFrom" not in fields),
+    "a duration": (task_parsing, "_activity", lambda fields: fields.duration("decay")),
+    "a large number": (task_parsing, "_activity", lambda fields: (fields.number("score") or 0) > 10),
+    "a fraction": (task_parsing, "_activity", lambda fields: 0 < (fields.number("score") or 0) < 1),
+    "zero": (task_parsing, "_activity", lambda fields: fields.number("score") == 0),
+    "a quantity": (task_parsing, "_needs", lambda fields: (fields.cpu("cores") or 0) > 1),
+    "a flag": (parsing, "parse_task", lambda fields: fields.flag("protected")),
+    "a flag that is not set": (parsing, "parse_task", lambda fields: not fields.flag("protected")),
+    "a text": (task_parsing, "_activity", lambda fields: fields.optional_text("stream")),
+    "a text among words": (parsing, "parse_stream", lambda fields: fields.text("op", pattern="In|Exists") == "Exists"),
+    "a list": (parsing, "parse_task", lambda fields: fields.texts("subtasks", limit=16)),
+    "a list of objects": (parsing, "parse_task", lambda fields: not fields.nested_list("activity", limit=16)),
+    "a map": (task_parsing, "_activity", lambda fields: fields.string_map("with")),
+    "an expression": (parsing, "_context", lambda fields: fields.cel("when")),
+    "a field that is absent": (parsing, "_context", lambda fields: "when" not in fields),
+    "one field without another": (
+        task_parsing,
+        "_activity",
+        lambda fields: "score" in fields and "scoreFrom" not in fields,
+    ),
 }
 
 
-@pytest.mark.parametrize(("of", "condition"), BESIDE.values(), ids=BESIDE.keys())
-def test_a_field_that_is_read_beside_some_value_of_another_is_found(monkeypatch, of, condition):
-    read = getattr(parsing, of)
-    monkeypatch.setattr(parsing, of, lambda fields: (condition(fields) and fields.flag("planted"), read(fields))[1])
+@pytest.mark.parametrize(("module", "of", "condition"), BESIDE.values(), ids=BESIDE.keys())
+def test_a_field_that_is_read_beside_some_value_of_another_is_found(monkeypatch, module, of, condition):
+    read = getattr(module, of)
+    monkeypatch.setattr(module, of, lambda fields: (condition(fields) and fields.flag("planted"), read(fields))[1])
     assert any(".planted: the definition lacks it" in one for one in disagreements(SPEC))
 
 

@@ -8,9 +8,10 @@ import pytest
 import yaml
 from jsonschema import Draft7Validator
 
-from contextpolicy.policy.cel_functions import OWN
+from contextpolicy.policy.cel_functions import LIBRARY, NAMES, OWN, Macro
 from contextpolicy.policy.parsing import parse
-from crds.__main__ import COPIES, written
+from crds.__main__ import COPIES, PAGE, written
+from crds.cel_page import page
 from tests.crds.schema import DEFINITION, POLICIES, REFUSED, ROOT, definition, nodes, schema, strict, with_defaults
 
 ALL_NODES = dict(nodes(schema()))
@@ -32,6 +33,17 @@ def test_what_comes_from_the_table_of_functions_is_up_to_date():
     assert all(
         f"{function.example}, {function.meaning}" in ALL_NODES["spec.streams"]["description"] for function in OWN
     )
+
+
+def test_the_page_of_functions_is_up_to_date_and_has_them_all():
+    text = PAGE.read_text(encoding="utf-8")
+    assert text == page(), "run `make crds`"
+    assert [one.example for one in (*OWN, *LIBRARY, *Macro) if f"`{one.example}`" not in text] == []
+
+
+def test_the_definition_names_every_function():
+    reported = ALL_NODES["spec.streams"]["description"]
+    assert [name for name in NAMES if not re.search(rf"\b{name}\b", reported)] == []
 
 
 @pytest.mark.parametrize("place", ["Besides CEL's own functions", "a word of CEL cannot be a feature's name"])

@@ -33,9 +33,10 @@ ELSEWHERE = {
     r"kubectl (get (?!secret|namespace)|logs|explain|wait|kustomize)": "tests/e2e/test_documents.py",
     r"kubectl ctxp( (status|doctor|top|explain|why-not)|$)": "tests/e2e/test_documents.py",
     r"kubectl ctxp (record|force|dry-run|resume)": "tests/e2e/test_watching.py",
+    r"kubectl ctxp credentials": "tests/e2e/test_bus_security.py",
+    r"kubectl create job": "tests/e2e/test_bus_security.py",
     r"kubectl ctxp pause": "tests/commands/test_on_the_cluster.py",
     r"kubectl ctxp (shadow|promote|adopt)": "tests/e2e/test_shadow.py",
-    r"contextpolicy record": "tests/e2e/test_watching.py",
     r"kubectl port-forward": "tests/e2e/test_watching.py",
     r"kubectl apply": "tests/e2e/test_policies.py",
     r"kubectl create rolebinding": "tests/e2e/test_documents.py",
@@ -56,6 +57,7 @@ ELSEWHERE = {
     r"contextpolicy skeleton modules/\*/": "tests/commands/test_skeleton.py",
     r"contextpolicy validate$": "tests/commands/test_validate.py",
     r"contextpolicy simulate (--profiles|policy\.yaml)": "tests/commands/test_simulate.py",
+    r"contextpolicy (validate|simulate|explain) first\.yaml": "tests/documents/test_tutorial.py",
     r"python -m charts\.release": "tests/heavy/test_release.py",
     r"python -m timelines\.scenarios": "tests/timelines/scenarios/test_scenarios.py",
     r"python -m timelines\.replay": "tests/timelines/replay/test_player.py",
@@ -64,6 +66,7 @@ ELSEWHERE = {
     r"python -m timelines\.recording\.live": "tests/timelines/recording/test_live.py",
     r"python -m timelines\.experiments": "tests/timelines/experiments/test_run.py",
     r"python -m modules\.slam\.evaluation": "tests/modules/slam/test_evaluation.py",
+    r"python -m modules\.slam\.comparison": "tests/modules/slam/test_comparison.py",
     r"python -m modules\.speech\.evaluation": "tests/modules/speech/test_speech_commands.py",
     r"python -m modules\.speech\.training": "tests/modules/speech/test_training.py",
     r"python -m modules\.signs\.accuracy": "tests/modules/signs/test_accuracy.py",
@@ -71,8 +74,10 @@ ELSEWHERE = {
     r"python -m modules\.transcript\.accuracy": "tests/modules/transcript/test_accuracy.py",
     r"python -m modules\.(lidar|navigation)\.simulator": "tests/modules/navigation/test_simulator.py",
     r"python -m modules\.navigation\.guard": "tests/modules/navigation/test_guard.py",
+    r"python -m tests\.oracle": "tests/oracle/test_oracle.py",
     r"python -m robotkit\.ask": "tests/modules/robotkit/test_ask.py",
     r"python -m robotkit\.profiles": "tests/modules/robotkit/test_profiles.py",
+    r"python -m robotkit\.sidecar": "tests/modules/robotkit/test_sidecar.py",
     r"python (-m modules\.<name>|loudness)": "tests/modules/robotkit/test_readme.py",
 }
 """By the beginning of the command, the test that runs it, or what it calls."""
@@ -81,15 +86,17 @@ NOT_HERE = {
     r"make (demo|test|e2e|unit|heavy|soak|arm64|test-all|experiments|bench\S*|cluster-down)": "it runs tests, "
     "or for minutes on a node of its own; CI runs `make test`",
     r"make setup": "every test runs on what it installed",
-    r"make (crds|help|simulate|pictures|release)": "a line of the Makefile over a command that is tested",
+    r"make (crds|docs|help|simulate|pictures|release)": "a line of the Makefile over a command that is tested",
     r"(\.venv/bin/)?python -m tests\.(node|bench|fuzz|vm)": "it builds a node or a machine, measures, or needs atheris",
     r"python -m timelines\.datasets": "it renders and speaks for minutes; `make recordings` runs it before the tests",
     r"python -m modules\.signs\.training": "eight minutes of CPU; what it made is in the repository, and tested",
+    r"sudo k3s ctr|buildah push": "it needs a k3s; tests.node imports the same images into its containerd",
     r"sudo config/k3s/try\.sh": "it installs k3s from the internet; shellcheck reads it",
     r"git commit": "it would change the repository that is tested",
     r"buildah bud": "tests.node builds the same images by the same Dockerfiles",
     r"pip install": "it changes the interpreter that runs the tests; `make setup` does it",
-    r"kubectl get (secret|namespace)": "it shows what only a failed or closed installation has",
+    r"kubectl config": "it would change the tester's own settings",
+    r"kubectl (get (secret|namespace)|describe)": "it shows what only a failed or closed installation has",
     r"kubectl delete crd": "it would take every policy of the cluster that other tests use",
 }
 """By the beginning of the command, why no test runs it as it stands."""
@@ -107,7 +114,7 @@ def ids(command):
 
 def test_there_are_commands():
     assert len(COMMANDS) > 100
-    assert {"README.md", "charts/contextpolicy/OPERATING.md"} <= {one.document for one in COMMANDS}
+    assert {"README.md", "docs/how-to/rollout.md"} <= {one.document for one in COMMANDS}
 
 
 def test_every_command_is_tested_in_one_way():
@@ -140,8 +147,8 @@ def test_our_own_program_knows_the_subcommand_and_its_options(command, capsys):
         with pytest.raises(SystemExit) as ended:
             build_parser("contextpolicy").parse_args([words[0], "--help"])
         assert ended.value.code == 0
-        told = capsys.readouterr().out
-        assert [word for word in words if word.startswith("--") and word not in told] == []
+        reported = capsys.readouterr().out
+        assert [word for word in words if word.startswith("--") and word not in reported] == []
 
 
 @pytest.mark.parametrize("command", [one for one in COMMANDS if one.words[0] == "make"], ids=ids)

@@ -40,6 +40,15 @@ Connect: TypeAlias = "Callable[[str], AbstractContextManager[zenoh.Session]]"
 def installed() -> Iterator[Connect]:
     """The operator, its router and agents, apart from any other installation; gives a way to its bus, by role."""
     apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": NAMESPACE}})
+    run(*install_command(), timeout=150)
+    yield connect
+    run("kubectl", "delete", "ctxp", "--all", "-n", NAMESPACE, "--timeout=60s")
+    run("helm", "uninstall", RELEASE, "--namespace", SYSTEM, "--wait", "--timeout", "60s")
+    run("kubectl", "delete", "namespace", SYSTEM, NAMESPACE, "--timeout=90s")
+
+
+def install_command(**more: str) -> list[str]:
+    """How the release is installed, or upgraded to `more` values."""
     values = {
         "fullnameOverride": RELEASE,
         "image.repository": "contextpolicy",
@@ -50,12 +59,9 @@ def installed() -> Iterator[Connect]:
         "agent.realtime": "true",
         "agent.realtimePriority": str(PRIORITY),
         "agent.podLogs": str(ROOT / "pods"),
+        **more,
     }
-    run(*helm_command(RELEASE, SYSTEM, values), timeout=150)
-    yield connect
-    run("kubectl", "delete", "ctxp", "--all", "-n", NAMESPACE, "--timeout=60s")
-    run("helm", "uninstall", RELEASE, "--namespace", SYSTEM, "--wait", "--timeout", "60s")
-    run("kubectl", "delete", "namespace", SYSTEM, NAMESPACE, "--timeout=90s")
+    return helm_command(RELEASE, SYSTEM, values)
 
 
 @contextmanager
@@ -199,7 +205,7 @@ class Trace:
         """When the tasks first had these limits; 0 if not yet."""
         return next((at for at, seen in self.limits if seen == limits), 0.0)
 
-    def told(self, **fields: object) -> float:
+    def reported(self, **fields: object) -> float:
         """When a message with these fields was first heard; 0 if not yet."""
         return next((at for at, message in self.messages if fields.items() <= message.items()), 0.0)
 

@@ -6,10 +6,14 @@ import base64
 import json
 import subprocess
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from contextpolicy.cluster.api import ApiServer
+from contextpolicy.errors import ActuationError
+from contextpolicy.policy.custom_resource import path_of
 from tests.node import shell
 
 if TYPE_CHECKING:
@@ -21,6 +25,8 @@ PATIENCE = 60.0 * shell.PATIENCE
 benchmarks, not for assertions."""
 CHART = REPOSITORY / "charts" / "contextpolicy"
 NO_RESIZES = "e2e-no-resizes"
+READ = {"pod": lambda namespace, name: f"/api/v1/namespaces/{namespace}/pods/{name}", "ctxp": path_of}
+"""Where the API server has them."""
 
 
 class CommandError(AssertionError):
@@ -43,7 +49,7 @@ def apply(*objects: dict[str, Any]) -> None:
 
 
 def apply_definition() -> None:
-    """The custom resource, whoever installed it before."""
+    """The custom resource, installed by anyone before."""
     definition = REPOSITORY / "crds" / "contextpolicies.contextpolicy.dev.yaml"
     run("kubectl", "apply", "--server-side", "--force-conflicts", "-f", str(definition))
 
@@ -57,8 +63,24 @@ def helm_command(release: str, namespace: str, values: Mapping[str, str], chart:
     ]
 
 
+class Unheard:
+    """Nobody counts what the tests ask."""
+
+    def on_answer(self, method: str, code: str) -> None:
+        """Nothing."""
+
+
+@cache
+def api_server() -> ApiServer:
+    """Connections that are kept open."""
+    return ApiServer(Unheard())
+
+
 def get(kind: str, name: str, namespace: str) -> dict[str, Any]:
-    """One object."""
+    """One object; pods and policies, which tests look at all the time, without a process for each look."""
+    if kind in READ:
+        with suppress(ActuationError):  # kubectl says what is wrong, or waits
+            return api_server().read(READ[kind](namespace, name))
     found: dict[str, Any] = json.loads(run("kubectl", "get", kind, name, "-n", namespace, "-o", "json"))
     return found
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
+from pathlib import Path
 
 import pytest
 
@@ -12,10 +13,23 @@ from contextpolicy.bus.session import open_visitor
 from tests.e2e.agents import Component, installed
 from tests.e2e.cluster import REPOSITORY, apply, helm_command, run
 from tests.e2e.robot import Robot, Sensors
+from tests.e2e.slow_link import slow_link
+from tests.node.layout import NODE_ADDRESS
 from timelines.demo.deploy import free_address
 
 SYSTEM = "e2e-system"
 ROBOTS = ("e2e-robot", "e2e-pods")
+FOLDER = Path(__file__).parent
+
+
+def pytest_collection_modifyitems(items):
+    """All tests of the installation with agents come last, so that it is made once and no other test meets it.
+
+    What takes parts of it away, and in the end all of it, comes after the rest.
+    """
+    here = [item for item in items if item.path.is_relative_to(FOLDER)]
+    ordered = iter(sorted(here, key=lambda item: ("module" in item.fixturenames, item.path.name == "test_undo.py")))
+    items[:] = [next(ordered) if item.path.is_relative_to(FOLDER) else item for item in items]
 
 
 def router():
@@ -65,6 +79,7 @@ def operator():
         "image.tag": "dev",
         "router.service.clusterIP": free_address(48),
         "watchNamespaces": "{" + ",".join(ROBOTS) + "}",
+        "security.enabled": "false",
         "rosTypes": "{robot-types}",
     }
     run(*helm_command("e2e", SYSTEM, values), timeout=150)
@@ -73,6 +88,29 @@ def operator():
         run("kubectl", "delete", "ctxp", "--all", "-n", namespace, "--timeout=60s")
     run("helm", "uninstall", "e2e", "--namespace", SYSTEM, "--wait", "--timeout", "60s")
     run("kubectl", "delete", "namespace", SYSTEM, *ROBOTS, "--timeout=90s")
+
+
+@pytest.fixture(scope="module")
+def link(operator):
+    """A way to the API server that can be slow, which the operator takes; the kubelet and the tests take another."""
+    with slow_link(NODE_ADDRESS, (NODE_ADDRESS, 6443)) as (link, port):
+        service = {"KUBERNETES_SERVICE_HOST": NODE_ADDRESS, "KUBERNETES_SERVICE_PORT": str(port)}
+        with operator_environment(operator, service):
+            yield link
+
+
+@contextlib.contextmanager
+def operator_environment(system, variables):
+    """The operator is started again with these, and in the end without them."""
+    change = ("kubectl", "set", "env", "deployment/e2e", "-n", system)
+    wait = ("kubectl", "rollout", "status", "deployment/e2e", "-n", system, "--timeout=90s")
+    run(*change, *(f"{name}={value}" for name, value in variables.items()))
+    try:
+        run(*wait)
+        yield
+    finally:
+        run(*change, *(f"{name}-" for name in variables))
+        run(*wait)
 
 
 @pytest.fixture(scope="session")
@@ -90,14 +128,14 @@ def moving(governed):
     return governed
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def module():
-    """A session with a module's role, on the bus of an installation of its own that has agents."""
+    """A session with a module's role, on the bus of the installation that has agents."""
     with installed() as connect, connect("module") as opened:
         yield opened
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def agent(module):  # noqa: ARG001 - installed with it
     return Component("agent")
 

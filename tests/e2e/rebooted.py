@@ -22,15 +22,16 @@ VALUES = {
     "fullnameOverride": "reboot",
     "watchNamespaces": f"{{{ROBOT}}}",
     "router.service.clusterIP": "10.96.7.51",
+    "security.enabled": "false",
 }
 
 
 @contextmanager
-def governed() -> Iterator[None]:
-    """The node is up and the robot's policy in force; all of it is removed at the end."""
+def governed(**values: str) -> Iterator[None]:
+    """The node is up and the robot's policy in force; all of it is removed at the end. `values` are the chart's."""
     lifecycle.up()
     apply(*({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}} for name in (ROBOT, SYSTEM)))
-    access.run(helm_command("reboot", SYSTEM, VALUES), timeout=150)
+    access.run(helm_command("reboot", SYSTEM, {**VALUES, **values}), timeout=150)
     try:
         apply(*(pod(name, ROBOT, IDLE, None) for name in ("slam", "speech")))
         apply(policy(ROBOT, tasks=[task("slam", priority=3), task("speech")]))

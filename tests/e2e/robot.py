@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tests.e2e.background import Background
 from tests.e2e.cluster import apply, delete, get, run, until
+from tests.planning.builders import limited
 from timelines.demo.cgroup import Cgroup, find
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ class Robot:
                 return condition["status"], condition["message"]
         return "", ""
 
-    def told(self, reason: str, name: str = "robot") -> list[str]:
+    def reported(self, reason: str, name: str = "robot") -> list[str]:
         """The messages of the policy's events with this reason."""
         chosen = f"involvedObject.name={name},involvedObject.kind=ContextPolicy,reason={reason}"
         found = run("kubectl", "get", "events", "-n", self.namespace, "--field-selector", chosen, "-o", "json")
@@ -153,7 +154,10 @@ def pod(task: str, namespace: str, command: list[str], resources: dict[str, Any]
 
 
 def policy(namespace: str, name: str = "robot", **changes: Any) -> dict[str, Any]:
-    """Two tasks that share alike while the robot stands; while it moves, slam gets what speech must give."""
+    """Two tasks that share alike while the robot stands; while it moves, slam gets what speech must give.
+
+    Under Limit unless the changes say otherwise: there a share is what the kernel enforces.
+    """
     spec = {
         "reserve": "1",
         "streams": [{"name": "imu", "key": f"{namespace}/imu", "staleAfter": "1s"}],
@@ -164,7 +168,7 @@ def policy(namespace: str, name: str = "robot", **changes: Any) -> dict[str, Any
         "apiVersion": "contextpolicy.dev/v1alpha1",
         "kind": "ContextPolicy",
         "metadata": {"name": name, "namespace": namespace},
-        "spec": {**spec, **changes},
+        "spec": limited({**spec, **changes}),
     }
 
 

@@ -70,9 +70,9 @@ def test_the_agent_is_ahead_of_the_resize_which_agrees(governed, module):
             in_force(governed, MOVING)
             assert api(governed) == STANDING
         settled(governed, MOVING)
-        until("the kubelet reports it", lambda: trace.told(stage="inForce", container=f"{NAMESPACE}/slam/slam") > 0)
+        until("the kubelet reports it", lambda: trace.reported(stage="inForce", container=f"{NAMESPACE}/slam/slam") > 0)
         time.sleep(1)
-    assert 0 < trace.reached(**MOVING) < trace.told(stage="accepted")
+    assert 0 < trace.reached(**MOVING) < trace.reported(stage="accepted")
     assert trace.limits[-1][1] == MOVING
     assert len(trace.limits) <= 4, "somebody changed the limits again"
 
@@ -136,15 +136,6 @@ def test_a_frozen_agent_leaves_the_node_to_the_resizes(governed, agent):
     settled(governed, STANDING)
 
 
-def test_deleting_the_policy_restores_everything(governed):
-    governed.drive(0.3)
-    in_force(governed, MOVING)
-    delete("ctxp", "robot", governed.namespace)
-    settled(governed, STANDING)
-    time.sleep(1)
-    settled(governed, STANDING)
-
-
 def test_a_paused_policy_is_let_go(governed):
     governed.drive(0.3)
     in_force(governed, MOVING)
@@ -162,9 +153,9 @@ def victim(agent):
     return agent
 
 
-@pytest.mark.parametrize("moment", [0.0, 0.02, 0.3, 0.55, 1.0])
+@pytest.mark.parametrize("moment", [0.0, 0.3, 0.55, 1.0])
 def test_an_agent_killed_at_any_moment_leaves_agreement(victim, governed, moment):
-    """Before and after its write, before, during and after the resize."""
+    """After its write (to find its process takes longer than that), before, during and after the resize."""
     governed.drive(0.3)
     time.sleep(moment)
     victim.kill()

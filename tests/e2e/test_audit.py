@@ -1,4 +1,4 @@
-"""What the operator asks of the API is what the chart grants, no more and no less: the API server's own log tells."""
+"""What the operator asks of the API is what the chart grants, no more and no less, by the API server's own log."""
 
 import pytest
 
@@ -14,7 +14,17 @@ RENEWAL = ("coordination.k8s.io", "leases", "update")
 REASONS = {
     ("", "pods", "get"): "only a resize whose answer was lost is looked up: test_faults",
     ("", "configmaps", "get"): "only policies with ROS types of their own read it: test_ros2",
-    ("coordination.k8s.io", "leases", "delete"): "whoever names an owner needs it where owners are guarded (OpenShift)",
+    **{
+        (group, kind, "get"): "only originals that are not signed are compared with it: test_forged_originals"
+        for group, kind in (
+            *(("apps", kind) for kind in ("replicasets", "statefulsets", "daemonsets")),
+            ("batch", "jobs"),
+        )
+    },
+    ("", "secrets", "get"): "once, when it starts, which may be before this story",
+    ("", "secrets", "patch"): "once for each release: it makes the key of the originals",
+    ("contextpolicy.dev", "contextpolicies/originals", "update"): "no API: its admission policy asks for it",
+    ("coordination.k8s.io", "leases", "delete"): "naming an owner needs it where owners are guarded (OpenShift)",
 }
 """Rights that this story does not need, and who does."""
 
@@ -56,4 +66,4 @@ def test_every_right_is_used_or_has_a_reason(asked, granted):
 
 def test_outside_its_namespaces_it_only_looks_at_nodes_and_keeps_its_lease(asked):
     elsewhere = {(call.namespace, call.right[1]) for call in asked if call.namespace not in ROBOTS}
-    assert elsewhere <= {("", "nodes"), (SYSTEM, "leases")}
+    assert elsewhere <= {("", "nodes"), (SYSTEM, "leases"), (SYSTEM, "secrets")}

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(access.user_cluster() is not None, reason="serve
 REQUEST, USED = 100, 30
 RESOURCES = {"requests": {"cpu": f"{REQUEST}m", "memory": "16Mi"}, "limits": {"cpu": "500m", "memory": "64Mi"}}
 SYNCS = 2
-"""Of the autoscaler, every 15 s: after so many it has seen the newest requests."""
+"""Of the autoscaler, every 5 s on our node: after so many it has seen the newest requests."""
 
 
 @pytest.fixture

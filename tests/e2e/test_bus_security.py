@@ -1,13 +1,31 @@
 """A hostile pod in another namespace, at the bus of a release with agents: it gets nothing and changes nothing."""
 
 import json
+import re
+import sys
 import time
+from contextlib import ExitStack
 
 import pytest
+import zenoh
 
-from tests.e2e.agents import NAMESPACE, connect, endpoint, report
-from tests.e2e.cluster import PATIENCE, REPOSITORY, CommandError, apply, get, run, until
+from contextpolicy.bus.decision_bus import agent_key
+from contextpolicy.bus.session import open_visitor
+from tests.e2e.agents import NAMESPACE, Component, connect, endpoint, report
+from tests.e2e.cluster import (
+    PATIENCE,
+    REPOSITORY,
+    CommandError,
+    apply,
+    get,
+    helm_command,
+    run,
+    secret_files,
+    until,
+)
+from tests.e2e.metrics_page import scrape
 from tests.e2e.robot import Robot, Sensors, pod
+from timelines.demo.deploy import free_address
 
 HOSTILE, STRANGER = "e2e-hostile", "stranger"
 STANDING = {"slam": 500, "speech": 500}
@@ -54,6 +72,7 @@ def robot(module):
         robot.policy()
         robot.expect(**STANDING)
         yield robot
+        run("kubectl", "delete", "ctxp", "--all", "-n", NAMESPACE, "--timeout=60s")
         robot.stop("slam", "speech")
 
 
@@ -67,7 +86,7 @@ def forged(session):
 
 @pytest.mark.parametrize("protocol", ["tcp", "tls"])
 def test_an_anonymous_plan_does_nothing(robot, module, protocol):
-    """Neither on the agent's containers nor on what it tells of them."""
+    """Neither on the agent's containers nor on what it reports of them."""
     refused = report(module)["refused"]
     address = endpoint().replace("tls/", f"{protocol}/")
     said = run("kubectl", "exec", "-n", HOSTILE, STRANGER, "--", "python3", "-c", ATTACK, address, *forged(module))
@@ -87,6 +106,58 @@ def test_a_plan_of_another_role_does_nothing(robot, module, role):
         session.delete(key)
         time.sleep(1)
     assert robot.limits("slam", "speech") == STANDING
+
+
+def repetitions(module):
+    """How many messages the agent has refused as heard before, or on a slow machine as signed too long ago."""
+    return sum(report(module)["refused"].get(reason, 0) for reason in ("Repeated", "TooOld"))
+
+
+def test_replayed_plans_move_nothing(robot, module, faults):
+    """By somebody who has the operator's certificate, but not the key of the plans."""
+    key = f"contextpolicy/{NAMESPACE}/robot/plan"
+    captured: list[zenoh.Sample] = []
+    with faults("signed plans captured, and said again", "the agent refuses them all, nothing moves") as seen:
+        with connect("operator") as thief:
+            with module.declare_subscriber(key, captured.append):
+                robot.drive(0.3)
+                robot.expect(slam=990, speech=10)
+                robot.drive(0.0)
+                robot.expect(**STANDING)
+                until("both plans are captured", lambda: len(captured) > 1)
+            before = repetitions(module)
+            for sample in captured:
+                thief.put(key, sample.payload, attachment=sample.attachment)
+            until("all are refused", lambda: repetitions(module) == before + len(captured))
+        assert robot.limits("slam", "speech") == STANDING
+        seen.back()
+        robot.drive(0.3)
+        robot.expect(slam=990, speech=10)
+    robot.drive(0.0)
+    robot.expect(**STANDING)
+
+
+def answering(key, payload):
+    """What gives each query the same answer."""
+    return lambda query: query.reply(key, payload)
+
+
+def test_thousands_of_invented_nodes_cost_the_operator_no_restart(robot, module, faults):  # noqa: ARG001 - in force
+    """Somebody has an agent's certificate: tokens and long reports of nodes that the cluster does not have."""
+    operator, flood = Component("operator"), b"x" * 200_000
+    restarts = operator.restarts()
+    with faults("3000 invented agents with reports of 200 kB", "the operator asks none of them") as seen:
+        with connect("agent") as thief, ExitStack() as declared:
+            for number in range(3000):
+                ghost = agent_key(f"ghost-{number}")
+                declared.callback(thief.declare_queryable(ghost, answering(ghost, flood)).undeclare)
+                declared.callback(thief.liveliness().declare_token(ghost).undeclare)
+            robot.drive(0.3)
+            robot.expect(slam=990, speech=10)
+            seen.back()
+            robot.drive(0.0)
+            robot.expect(**STANDING)
+        assert operator.restarts() == restarts
 
 
 def test_the_stranger_sees_no_secret(installation):  # noqa: ARG001 - its pod has the default account
@@ -111,26 +182,99 @@ def test_a_policy_does_not_reach_into_another_namespace(robot, module):
 
 
 def test_a_renewed_certificate_needs_no_restart(robot, module):
-    """The router listens anew; a plan made afterwards is in force, and nothing was started again."""
-    pods = ("kubectl", "get", "pods", "-n", "e2e-agent-system", "-o", "jsonpath={.items[*].metadata.uid}")
-    before = run(*pods)
-    run("kubectl", "delete", "secret", "e2e-agent-bus-router", "-n", "e2e-agent-system")
-    run(
-        "helm",
-        "upgrade",
-        "e2e-agent",
-        str(REPOSITORY / "charts" / "contextpolicy"),
+    """The router listens again; a plan made afterwards is in force, and nothing was started again."""
+    lasting = "app.kubernetes.io/component in (operator, router, agent)"
+    pods = (
+        "kubectl",
+        "get",
+        "pods",
         "-n",
         "e2e-agent-system",
-        "--reuse-values",
+        "-l",
+        lasting,
+        "-o",
+        "jsonpath={.items[*].metadata.uid}",
     )
-    until("the router listens anew", lambda: "routing at" in _log_since_renewal(), patience=180)
+    before, listened = run(*pods), _listened()
+    where = ("-n", "e2e-agent-system")
+    run("kubectl", "patch", "secret", "e2e-agent-bus-router", *where, "--type=merge", "-p", '{"data":{"tls.crt":""}}')
+    run("kubectl", "create", "job", "renewal", "--from=cronjob/e2e-agent-certificates", *where)
+    run("kubectl", "wait", "job/renewal", *where, "--for=condition=Complete", "--timeout=60s")
+    until("the router listens again", lambda: _listened() > listened, patience=180)
     until("clients are back", lambda: bool(list(module.info.routers_zid())))
     robot.drive(0.3)
     robot.expect(slam=990, speech=10)
     assert run(*pods) == before
 
 
-def _log_since_renewal():
-    said = run("kubectl", "logs", "deployment/e2e-agent-router", "-n", "e2e-agent-system", "--since=180s")
-    return said if said.count("routing at") > 1 else ""
+def _listened():
+    """How often the router has begun to listen."""
+    return run("kubectl", "logs", "deployment/e2e-agent-router", "-n", "e2e-agent-system").count("routing at")
+
+
+# a release with nothing but defaults
+
+DEFAULT = "e2e-closed"
+
+
+@pytest.fixture(scope="module")
+def closed():
+    """The chart as the quick start installs it, beside the other releases; where its router listens."""
+    values = {
+        "fullnameOverride": DEFAULT,
+        "image.tag": "dev",
+        "crds.enabled": "false",
+        "watchNamespaces": f"{{{HOSTILE}}}",
+        "router.service.clusterIP": free_address(55),
+        "security.namespaces": f"{{{HOSTILE}}}",
+    }
+    run(*helm_command(DEFAULT, f"{DEFAULT}-system", values), timeout=150)
+    yield f"tls/{free_address(55)}:7447"
+    run("helm", "uninstall", DEFAULT, "--namespace", f"{DEFAULT}-system", "--wait", "--timeout", "60s")
+    assert not run("kubectl", "get", "secrets", "-n", HOSTILE, "-o", "name").strip()
+    run("kubectl", "delete", "namespace", f"{DEFAULT}-system", "--timeout=90s")
+
+
+def test_a_default_installation_requires_certificates(closed):
+    for address in (closed, closed.replace("tls/", "tcp/")):
+        with pytest.raises(zenoh.ZError):
+            open_visitor([address], patience=2)
+
+
+def test_a_sensor_gets_in_with_what_one_command_fetches(closed, tmp_path):
+    where = tmp_path / "sensor"
+    run(sys.executable, "-m", "contextpolicy", "credentials", "sensor", str(where), "-n", f"{DEFAULT}-system")
+    with open_visitor([closed], patience=20, credentials=where) as sensor:
+        assert list(sensor.info.routers_zid())
+
+
+def test_the_pages_of_operator_and_router_say_when_their_certificates_end(closed):  # noqa: ARG001 - installed
+    for component in ("operator", "router"):
+        series = rf'^contextpolicy_certificate_expiry_timestamp_seconds\{{component="{component}"\}} (\S+)$'
+        [end] = re.findall(series, scrape(component, DEFAULT, f"{DEFAULT}-system"), flags=re.MULTILINE)
+        assert float(end) > time.time()
+
+
+def test_the_robots_namespace_has_the_same_certificate(closed, tmp_path):
+    where = secret_files(f"{DEFAULT}-bus-module", HOSTILE, tmp_path / "module")
+    with open_visitor([closed], patience=20, credentials=where) as module:
+        assert list(module.info.routers_zid())
+
+
+def test_an_upgrade_and_a_renewal_leave_good_certificates_alone(closed):  # noqa: ARG001 - installed
+    system = f"{DEFAULT}-system"
+    before = get("secret", f"{DEFAULT}-bus-operator", system)["data"]
+    chart = str(REPOSITORY / "charts" / "contextpolicy")
+    run("helm", "upgrade", DEFAULT, chart, "-n", system, "--reuse-values", "--set", "commonLabels.site=hall", "--wait")
+    run("kubectl", "create", "job", "renewal", f"--from=cronjob/{DEFAULT}-certificates", "-n", system)
+    run("kubectl", "wait", "job/renewal", "-n", system, "--for=condition=Complete", "--timeout=60s")
+    assert get("secret", f"{DEFAULT}-bus-operator", system)["data"] == before
+
+
+def test_what_makes_certificates_reaches_no_other_secret(closed):  # noqa: ARG001 - installed
+    system = f"{DEFAULT}-system"
+    account = ("--as", f"system:serviceaccount:{system}:{DEFAULT}-certificates", "-n", system)
+    for right in (("create", "secrets"), ("list", "secrets"), ("get", "secret/other"), ("delete", "secrets")):
+        with pytest.raises(CommandError):
+            run("kubectl", "auth", "can-i", *right, *account)
+    run("kubectl", "auth", "can-i", "patch", f"secret/{DEFAULT}-bus-operator", *account)

@@ -42,7 +42,7 @@ MODULES = ("navigation", "lidar", "arm")
 
 def pods(namespace):
     """The pods of the modules' deployments, so that they can be named."""
-    settings = ("--set", "image.tag=dev", "--set", f"zenoh.connect={router()}")
+    settings = ("--set", "image.tag=dev", "--set", f"zenoh.connect={router()},zenoh.secret=")
     rendered = run("helm", "template", "robot", str(REPOSITORY / "charts" / "robot"), *settings)
     for deployment in yaml.safe_load_all(rendered):
         name = deployment["metadata"]["name"]
@@ -57,30 +57,32 @@ def heard(empty, session):
     apply(*pods(empty.namespace))
     heard = Heard(session)
     heard.until("the lidar scans", "robot/lidar/scan", lambda scan: scan["nearest"] > 1)
-    heard.until("the robot tells where it is", "robot/navigation/odometry", lambda told: told["travelled"] == 0)
+    heard.until(
+        "the robot publishes where it is", "robot/navigation/odometry", lambda reported: reported["travelled"] == 0
+    )
     return heard
 
 
-def test_the_robot_drives_until_it_is_told_to_stop_and_the_arm_moves(heard):
+def test_the_robot_drives_until_ordered_to_stop_and_the_arm_moves(heard):
     heard.order("navigation", {"waypoints": [[50, 0]]})
-    heard.until("it drives", "robot/navigation/odometry", lambda told: told["travelled"] > 0.2)
+    heard.until("it drives", "robot/navigation/odometry", lambda reported: reported["travelled"] > 0.2)
     heard.order("navigation", {"stop": True})
-    heard.until("it stands", "robot/navigation/state", lambda told: told["doing"] == "stopped")
+    heard.until("it stands", "robot/navigation/state", lambda reported: reported["doing"] == "stopped")
     heard.order("arm", {"move": [120, 60, 40]})
-    heard.until("the arm has moved", "robot/arm/state", lambda told: told["doing"] == "arrived")
+    heard.until("the arm has moved", "robot/arm/state", lambda reported: reported["doing"] == "arrived")
 
 
 def test_a_controller_that_was_killed_leaves_a_robot_that_stands(heard, empty):
     heard.order("navigation", {"waypoints": [[50, 0]]})
-    heard.until("it drives", "robot/navigation/odometry", lambda told: told["travelled"] > 0.2)
+    heard.until("it drives", "robot/navigation/odometry", lambda reported: reported["travelled"] > 0.2)
     empty.kill("navigation")
     until("the kubelet starts it again", lambda: empty.restarts("navigation") == 1, PATIENCE_S)
-    heard.until("its wheels do not turn", "robot/navigation/state", lambda told: told["doing"] == "idle")
-    heard.until("nor have they since", "robot/navigation/odometry", lambda told: told["travelled"] < 0.01)
+    heard.until("its wheels do not turn", "robot/navigation/state", lambda reported: reported["doing"] == "idle")
+    heard.until("nor have they since", "robot/navigation/odometry", lambda reported: reported["travelled"] < 0.01)
 
 
 def test_a_robot_whose_lidar_is_gone_stands(heard, empty):
     heard.order("navigation", {"waypoints": [[50, 0]]})
-    heard.until("it drives", "robot/navigation/odometry", lambda told: told["travelled"] > 0.2)
+    heard.until("it drives", "robot/navigation/odometry", lambda reported: reported["travelled"] > 0.2)
     empty.stop("lidar")
-    heard.until("it is blind", "robot/navigation/state", lambda told: told["doing"] == "blind")
+    heard.until("it is blind", "robot/navigation/state", lambda reported: reported["doing"] == "blind")

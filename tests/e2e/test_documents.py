@@ -14,6 +14,7 @@ NAMES = {
     r"contextpolicy-system": "e2e-system",
     r"deploy/contextpolicy": "deploy/e2e",
     r"contextpolicy-live": "e2e-live",
+    r"\bdelivery-robot\b": "e2e-robot/robot",
     r"\bdelivery docking\b": "e2e-robot/robot moving",
     r"\bdelivery\b": "e2e-robot/robot",
     r" --all ": " --all --all-namespaces ",
@@ -36,11 +37,20 @@ def renamed(text):
     return text
 
 
+@pytest.fixture(scope="module")
+def governed(robot):
+    """The robot under its policy, for all commands: they only look."""
+    robot.policy()
+    robot.expect(slam=500, speech=500)
+    yield robot
+    run("kubectl", "delete", "ctxp", "--all", "-n", robot.namespace, "--timeout=60s")
+
+
 @pytest.mark.parametrize("text", chosen(LOOK, 3))
-def test_kubectl_does_what_it_is_told(governed, text):
+def test_kubectl_commands_of_the_documents_work(governed, text):
     if "events" in text:
         governed.drive(0.5)
-        until("a context tells of itself", lambda: bool(governed.told("ContextEntered")))
+        until("a context is reported", lambda: bool(governed.reported("ContextEntered")))
     dry = " --dry-run=server" if " create " in text else ""
     assert run("bash", "-c", f"cd {ROOT} && {renamed(text)}{dry}")
 

@@ -10,13 +10,14 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from tests.e2e.cluster import delete, run, until
 from tests.e2e.conftest import SYSTEM, router
 from tests.e2e.robot import BUSY, policy, together
-from tests.node import access, components, lifecycle
+from tests.node import access, components, lifecycle, shell
 from timelines.demo.cgroup import find
 
 own_node = pytest.mark.skipif(access.user_cluster() is not None, reason="stops parts of the node: not on yours")
@@ -108,6 +109,38 @@ def test_router_gone_and_back(governed, faults):
         governed.expect(slam=500, speech=500)
 
 
+def routes(pid):
+    """Whether it is the process that routes."""
+    return b"--restarts=" in Path(f"/proc/{pid}/cmdline").read_bytes()
+
+
+def kill_router():
+    """SIGKILL the process that routes, not its supervisor."""
+    cgroup = find(pods("router")[0]["status"]["containerStatuses"][0]["containerID"])
+    assert cgroup is not None
+    [router] = filter(routes, cgroup.processes())
+    os.kill(router, signal.SIGKILL)
+
+
+def test_router_killed_again_and_again(governed, faults):
+    """A kubelet would wait longer each time, up to 5 min."""
+    times = int(os.environ.get("KILLS", "6"))
+    restarts = pods("router")[0]["status"]["containerStatuses"][0]["restartCount"]
+    slowest = 0.0
+    with faults(
+        f"Zenoh router's process killed {times} times in a row", "each time the next sample counts within 2 s"
+    ) as seen:
+        for speed, limits in itertools.islice(itertools.cycle(STATES), times):
+            kill_router()
+            seen.back()
+            governed.drive(speed)
+            governed.expect(**limits)
+            slowest = max(slowest, time.monotonic() - seen.recovering)
+    assert slowest < 2.0 * shell.PATIENCE
+    assert pods("router")[0]["status"]["containerStatuses"][0]["restartCount"] == restarts, "the supervisor starts it"
+
+
+STATES = ((0.3, {"slam": 990, "speech": 10}), (0.0, {"slam": 500, "speech": 500}))
 PARTS = {
     **{f"{name} stopped and started": (name,) for name in ("apiserver", "kubelet", "containerd")},
     "all of k3s restarted": components.names(),
@@ -164,7 +197,7 @@ def test_frozen_sensor(governed, faults):
             process.send_signal(signal.SIGSTOP)
             seen.back()
             governed.expect(slam=250, speech=750)
-            until("the status tells", lambda: governed.condition("StreamsHealthy")[0] == "False")
+            until("the status shows it", lambda: governed.condition("StreamsHealthy")[0] == "False")
             silent = f"stream imu ({governed.namespace}/imu) is silent"
             assert silent in governed.condition("StreamsHealthy")[1]
             process.send_signal(signal.SIGCONT)

@@ -1,4 +1,4 @@
-"""Somebody else resizes the same containers: it is told, put back, and never becomes a fight."""
+"""Somebody else resizes the same containers: it is reported and reverted, and never becomes a fight."""
 
 import json
 import time
@@ -20,14 +20,14 @@ def generation(robot, task):
 
 
 @pytest.mark.parametrize("manager", ["updater", "kubectl-patch"])  # as the VPA 1.8 and as kubectl call themselves
-def test_foreign_limit_is_told_and_put_back(governed, manager):
+def test_foreign_limit_is_reported_and_put_back(governed, manager):
     governed.drive(0.3)
     governed.expect(slam=990, speech=10)
     resize(governed, "slam", "300m", manager)
     governed.expect(slam=990, speech=10)
     said = f"{governed.namespace}/slam/slam: {manager} changed its CPU limit from 990m to 300m"
     until("the status names it", lambda: said in governed.condition("Applied")[1])
-    assert any(said in message for message in governed.told("ResizedByOther"))
+    assert any(said in message for message in governed.reported("ResizedByOther"))
 
 
 def test_writer_who_insists_gets_growing_pauses(governed):
@@ -46,20 +46,20 @@ def test_writer_who_insists_gets_growing_pauses(governed):
     governed.expect(slam=990, speech=10)
 
 
-def test_writer_who_never_stops_gets_its_way_and_that_is_told(governed):
-    """After ten answers, half a minute here; nothing is put back while it is told."""
+def test_a_writer_that_never_stops_wins_and_is_reported(governed):
+    """After ten answers, half a minute here; nothing is reverted while it is reported."""
     governed.drive(0.3)
     governed.expect(slam=990, speech=10)
     deadline = time.monotonic() + 150
     while "that goes on, so it is left like that" not in governed.condition("Applied")[1]:
         assert time.monotonic() < deadline
         resize(governed, "slam", "300m", "vpa-updater")
-    told = generation(governed, "slam")
+    reported = generation(governed, "slam")
     for speed in (0.0, 0.3):
         governed.drive(speed)
         governed.expect(slam=300, speech=10 if speed else 500)
-    assert generation(governed, "slam") == told
-    assert any("tried again every 10 min" in message for message in governed.told("ResizedByOther"))
+    assert generation(governed, "slam") == reported
+    assert any("tried again every 10 min" in message for message in governed.reported("ResizedByOther"))
     delete("ctxp", "robot", governed.namespace)
     governed.expect(slam=500, speech=500)
 

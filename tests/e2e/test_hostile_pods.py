@@ -37,7 +37,7 @@ def test_annotations_are_never_read(governed_slam):
     robot.expect(slam=500, speech=500)
 
 
-def test_the_same_labels_in_another_namespace_are_somebody_elses(governed_slam, empty):
+def test_pods_with_the_same_labels_in_another_namespace_are_not_ours(governed_slam, empty):
     """A tenant can neither get a share of this robot's CPU nor take it from the robot's own task."""
     stranger = pod("slam", empty.namespace, IDLE, None)
     stranger["metadata"]["labels"]["app.kubernetes.io/managed-by"] = "contextpolicy"

@@ -1,4 +1,4 @@
-"""Real modules in pods: what they tell about themselves and the node, and that a policy acts on it."""
+"""Real modules in pods: what they publish about themselves and the node, and that a policy acts on it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def frames(tmp_path: Path):
     return [payload for _, payload in read(tmp_path, "short/stereo")]
 
 
-def test_the_host_tells_its_pressure_from_inside_a_pod(session, empty):
+def test_the_host_reports_its_pressure_from_inside_a_pod(session, empty):
     samples, subscriber = heard(session, "robot/host/state")
     apply(module("host", empty.namespace, HOST))
     reading = samples.get(timeout=60)
@@ -71,12 +71,12 @@ def test_a_sign_is_read_once_in_a_pod(session, empty):
         sign = render("214", TEST_FONTS[1], seen, np.random.default_rng(6), size=(752, 480), middle=(x, 200))
         camera.put(cv2.imencode(".jpg", sign.picture)[1].tobytes())
         until("the picture is done", lambda: health.get(timeout=10)["queue"] == 0, patience=60)
-    told = [signs.get(timeout=30)["text"]]
+    reported = [signs.get(timeout=30)["text"]]
     while not signs.empty():
-        told.append(signs.get()["text"])
+        reported.append(signs.get()["text"])
     for one in (subscriber, listener):
         one.undeclare()
-    assert told == ["214"]
+    assert reported == ["214"]
 
 
 def test_a_task_that_misses_its_deadlines_gets_more(session, empty, frames):
@@ -99,8 +99,8 @@ def test_a_task_that_misses_its_deadlines_gets_more(session, empty, frames):
     def helped():
         for frame in frames:
             camera.put(frame)
-        told = samples.get(timeout=10)
-        return True if empty.limits("slam")["slam"] > 500 else told
+        reported = samples.get(timeout=10)
+        return True if empty.limits("slam")["slam"] > 500 else reported
 
-    until("slam tells that it misses deadlines, and gets more", helped, patience=60)
+    until("slam reports missed deadlines, and gets more", helped, patience=60)
     subscriber.undeclare()

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from contextpolicy.policy.validation.policy_file import load_policy
+from contextpolicy.simulation.robot import NODE, Robot
 from contextpolicy.simulation.run import simulate
 from contextpolicy.streams import timeline
 from tests.e2e.cluster import delete, get, until
@@ -86,7 +87,7 @@ def test_live_and_simulated_plans_are_identical(robot, session, story):
 
 
 def _note(heard, plan):
-    """New plans only: editions that tell how weights went on come at a bounded rate."""
+    """New plans only: editions with newer weights come at a bounded rate."""
     if plan["edition"] == 0:
         heard.append(plan)
 
@@ -97,7 +98,7 @@ def simulated(folder):
     run = simulate(
         load_policy(str(folder / "policy.yaml")),
         timeline.load(folder / "story.json"),
-        cores=float(node),
+        robot=Robot({NODE: round(float(node) * 1000)}),
         until=DURATION + 2,
     )
     return [

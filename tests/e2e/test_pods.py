@@ -42,7 +42,7 @@ def test_pod_that_cannot_be_resized_is_reported_and_left_alone(robot, given, sai
     robot.start("speech", resources=given)
     robot.policy()
     robot.expect(slam=1000)
-    until("the status tells", lambda: said in robot.condition("Applied")[1])
+    until("the status shows it", lambda: said in robot.condition("Applied")[1])
     assert resources(robot, "speech") == given
 
 
@@ -63,8 +63,8 @@ def test_container_that_a_resize_restarts_is_reported_and_left_alone(robot):
         robot.drive(speed)
         robot.expect(slam=1000)
     said = "speech/speech restarts whenever its CPU changes"
-    until("the status tells", lambda: said in robot.condition("Applied")[1])
-    assert any(said in message for message in robot.told("NotResizable"))
+    until("the status shows it", lambda: said in robot.condition("Applied")[1])
+    assert any(said in message for message in robot.reported("NotResizable"))
     assert resources(robot, "speech")["limits"]["cpu"] == "500m"
     assert robot.restarts("speech") == 0
 
@@ -84,7 +84,7 @@ def test_task_that_accepts_restarts_is_restarted_once_for_each_share(robot):
     until("it was restarted once more", lambda: robot.restarts("speech") == before + 2)
 
 
-def test_limit_of_the_whole_pod_bounds_its_container_and_is_told(robot):
+def test_limit_of_the_whole_pod_bounds_its_container_and_is_reported(robot):
     """Pod-level resources (KEP-2837): the API server refuses a container more than its pod has."""
     bounded = pod("slam", robot.namespace, IDLE, None)
     bounded["spec"]["resources"] = {"limits": {"cpu": "600m", "memory": "64Mi"}}
@@ -94,7 +94,7 @@ def test_limit_of_the_whole_pod_bounds_its_container_and_is_told(robot):
     robot.expect(slam=500, speech=500)
     robot.drive(0.3)
     robot.expect(slam=500, speech=10)
-    until("the status tells", lambda: "pod limits of 600m" in robot.condition("Applied")[1])
+    until("the status shows it", lambda: "pod limits of 600m" in robot.condition("Applied")[1])
     assert "set the task's max to its CPU limit" in robot.condition("Applied")[1]
     robot.policy(tasks=[task("slam", max="600m"), task("speech")])
     robot.expect(slam=600, speech=10)
@@ -164,7 +164,7 @@ def test_weights_are_requests_that_always_fit(robot):
         robot.drive(0.0)
         until("requests are alike", lambda: requests(robot) == standing or requests(robot))
         assert limits(robot) == {"slam": "800m", "speech": "800m"}
-    assert robot.told("ResizePending") == []
+    assert robot.reported("ResizePending") == []
     delete("ctxp", "robot", robot.namespace)
     original = {"slam": "10m", "speech": "10m"}
     until("requests are restored", lambda: requests(robot) == original or requests(robot))

@@ -124,7 +124,7 @@ def test_budgets_reach_from_all_pods_down_to_the_container(governed):
     condition(governed, "True", "")
 
 
-def test_busy_tasks_get_their_part_of_a_processor_and_it_changes_with_the_context(governed):
+def test_busy_tasks_get_their_share_in_each_context(governed):
     """A fifth and a twentieth of one processor, no more although there is room, and no less although there is not."""
     for speed, wanted in ((0.0, STANDING), (0.3, MOVING)):
         governed.drive(speed)
@@ -186,7 +186,7 @@ def test_changing_the_scheduler_moves_between_the_two(governed):
     governed.expect(slam=500, speech=500)
 
 
-def test_an_agent_that_ends_takes_all_back_and_its_successor_goes_on(governed, agent):
+def test_an_agent_that_ends_takes_all_back_and_its_successor_continues(governed, agent):
     agent.delete()
     agent.wait()
     expect(governed, STANDING)
@@ -194,7 +194,7 @@ def test_an_agent_that_ends_takes_all_back_and_its_successor_goes_on(governed, a
     governed.expect(slam=500, speech=500)
 
 
-def test_a_killed_agent_goes_on_where_it_was(governed, agent):
+def test_a_killed_agent_continues_where_it_was(governed, agent):
     agent.delete()
     agent.wait()
     expect(governed, STANDING)

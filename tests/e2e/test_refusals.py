@@ -1,4 +1,4 @@
-"""What the API refuses, and what the kubelet holds back: told with what to do, and done once it can be done."""
+"""What the API refuses, and what the kubelet defers: reported with a remedy, and applied once possible."""
 
 import contextlib
 import json
@@ -23,7 +23,7 @@ def bound(kind, namespace, **spec):
     apply({"apiVersion": "v1", "kind": kind, "metadata": {"name": "small", "namespace": namespace}, "spec": spec})
 
 
-def test_quota_that_refuses_is_told_and_its_end_is_noticed(robot):
+def test_quota_that_refuses_is_reported_and_its_end_is_noticed(robot):
     """Nothing on the pod changes when a quota is raised, so only asking again finds it out."""
     robot.start("slam", "speech")
     robot.policy()
@@ -34,7 +34,7 @@ def test_quota_that_refuses_is_told_and_its_end_is_noticed(robot):
     robot.expect(slam=500, speech=10)
     until("the status says why", lambda: "exceeded quota: small" in robot.condition("Applied")[1])
     assert "raise the ResourceQuota or lower the task's max" in robot.condition("Applied")[1]
-    assert any("exceeded quota: small" in message for message in robot.told("ResizeFailed"))
+    assert any("exceeded quota: small" in message for message in robot.reported("ResizeFailed"))
     bound("ResourceQuota", robot.namespace, hard={"limits.cpu": "2"})
     robot.expect(slam=990, speech=10)
     until("the status is well again", lambda: (now := robot.condition("Applied"))[0] == "True" or now)
@@ -63,7 +63,7 @@ def test_a_policy_whose_restore_is_refused_says_what_it_waits_for(robot):
         run("kubectl", "delete", "ctxp", "robot", "-n", robot.namespace, "--wait=false")
         until("the status says why", lambda: NO_RESIZES in robot.condition("Applied")[1])
         assert "to give up, remove its finalizer" in robot.condition("Applied")[1]
-        until("an Event says why", lambda: any(NO_RESIZES in message for message in robot.told("RestoreFailed")))
+        until("an Event says why", lambda: any(NO_RESIZES in message for message in robot.reported("RestoreFailed")))
     robot.expect(slam=500, speech=500)
     delete("ctxp", "robot", robot.namespace)
 
@@ -83,7 +83,7 @@ def requested():
     return total
 
 
-def test_deferred_resize_is_told_and_carried_out_when_there_is_room(robot):
+def test_deferred_resize_is_reported_and_carried_out_when_there_is_room(robot):
     """A Guaranteed pod's request moves with its limit, and another pod has requested what is left of the node."""
     robot.start("slam", resources=GUARANTEED)
     robot.start("speech")
@@ -92,14 +92,14 @@ def test_deferred_resize_is_told_and_carried_out_when_there_is_room(robot):
     robot.drive(0.3)
     until("the kubelet defers it", lambda: "slam: Deferred: " in robot.condition("Applied")[1])
     assert "lower their requests or the task's max" in robot.condition("Applied")[1]
-    assert any("slam: Deferred: " in message for message in robot.told("ResizePending"))
+    assert any("slam: Deferred: " in message for message in robot.reported("ResizePending"))
     robot.expect(slam=500, speech=10)
     robot.stop("hog")
     robot.expect(slam=990, speech=10)
     until("the status is well again", lambda: (now := robot.condition("Applied"))[0] == "True" or now)
 
 
-def test_resize_beyond_the_node_is_told_until_the_plan_is_within_it(robot):
+def test_resize_beyond_the_node_is_reported_until_the_plan_is_within_it(robot):
     """The requests of all containers of a pod count, and the API refuses what the node does not have."""
     big = pod("slam", robot.namespace, IDLE, GUARANTEED)
     size = {"cpu": f"{allocatable() - 800}m", "memory": "64Mi"}
@@ -136,7 +136,7 @@ def cpu_manager_policy(policy, **settings):
 
 
 @own_node
-def test_infeasible_resize_is_told_until_the_plan_does_not_need_it(robot):
+def test_infeasible_resize_is_reported_until_the_plan_does_not_need_it(robot):
     """A kubelet that gives whole processors away resizes no Guaranteed pod, whatever it asks for."""
     with cpu_manager_policy("static", kubeReserved={"cpu": "1m"}):
         robot.start("slam", resources=GUARANTEED)
@@ -146,7 +146,7 @@ def test_infeasible_resize_is_told_until_the_plan_does_not_need_it(robot):
         robot.drive(0.3)
         until("the kubelet refuses it", lambda: "slam: Infeasible: " in robot.condition("Applied")[1])
         assert "so that it is Burstable, or leave it out of the policy" in robot.condition("Applied")[1]
-        assert any("slam: Infeasible: " in message for message in robot.told("ResizePending"))
+        assert any("slam: Infeasible: " in message for message in robot.reported("ResizePending"))
         robot.expect(slam=500, speech=10)
         robot.drive(0.0)
         robot.expect(slam=500, speech=500)
@@ -154,14 +154,14 @@ def test_infeasible_resize_is_told_until_the_plan_does_not_need_it(robot):
 
 
 @own_node
-def test_static_pod_is_told_and_left_alone(robot):
+def test_static_pod_is_reported_and_left_alone(robot):
     name, manifest = f"speech-{layout.NODE_NAME}", layout.MANIFESTS / "e2e-speech.json"
     robot.start("slam")
     robot.policy()
     manifest.write_text(json.dumps(pod("speech", robot.namespace, IDLE, None)))
     try:
         robot.expect(slam=1000)
-        until("the status tells", lambda: f"{name} is a static pod" in robot.condition("Applied")[1])
+        until("the status shows it", lambda: f"{name} is a static pod" in robot.condition("Applied")[1])
         assert robot.api_limit(name) == "500m"
     finally:
         manifest.unlink()

@@ -78,7 +78,7 @@ def test_a_latched_topic_reaches_a_policy_that_comes_later(governed):
         publisher.undeclare()
 
 
-def test_simulated_time_is_told_and_moves_cpu(governed, session):
+def test_simulated_time_is_reported_and_moves_cpu(governed, session):
     """`header.stamp` counts from the start of the simulation, 1970 for the operator."""
     odom = stream(governed, "odom", "nav_msgs/msg/Odometry", timestamp="header.stamp", staleAfter="1s")
     fast = "odom.twist.twist.linear.x > 0.1"
@@ -90,6 +90,6 @@ def test_simulated_time_is_told_and_moves_cpu(governed, session):
     with Playing(story, session):
         governed.expect(slam=990, speech=10)
         until(
-            "the status tells of the other clock",
+            "the status reports the other clock",
             lambda: "another clock" in governed.status()["streams"][0].get("message", "") or governed.status(),
         )

@@ -95,7 +95,7 @@ def test_each_node_divides_what_it_has(robot):
     robot.drive(0.3)
     robot.expect(slam=990, speech=10)
     expect_there(robot, slam=2990, speech=10)
-    until("the status tells of both", lambda: NODE in (nodes := names(robot)) and len(nodes) == 2)
+    until("the status shows both", lambda: NODE in (nodes := names(robot)) and len(nodes) == 2)
     delete("ctxp", "robot", robot.namespace)
     robot.expect(slam=500, speech=500)
     expect_there(robot, slam=500, speech=500)

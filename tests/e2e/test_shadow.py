@@ -48,29 +48,29 @@ def known(robot):
     return any("missesBefore" in task for task in shadow(robot).get("tasks", ())) or shadow(robot)
 
 
-def test_it_moves_nothing_and_tells_what_it_would(beside, capsys):
+def test_dry_run_moves_nothing_and_reports_what_it_would(beside, capsys):
     assert shadow(beside)["difference"] == "slam 990m -> 700m, speech 10m -> 300m"
     assert beside.condition("Ready", SHADOW)[0] == "True"
     beside.expect(**BEFORE)
     assert main(["shadow", f"{NAMESPACE}/{SHADOW}", "--output", "json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["stretches"][-1]["shares"] == {"slam": [0.99, 0.7], "speech": [0.01, 0.3]}
+    reported = json.loads(capsys.readouterr().out)
+    assert reported["stretches"][-1]["shares"] == {"slam": [0.99, 0.7], "speech": [0.01, 0.3]}
 
 
 def test_it_is_promoted_and_taken_back_when_misses_rise(beside):
     until("the misses before are known", lambda: known(beside), patience=60)
     assert main(["promote", f"{NAMESPACE}/{SHADOW}"]) == 0
     beside.expect(**AFTER)
-    assert beside.status()["promotedShadow"] == SHADOW
+    until("the status says so", lambda: beside.status().get("promotedShadow") == SHADOW or beside.status())
     misses(beside, 0.9)
     beside.expect(**BEFORE)
     until("its status says so", lambda: beside.condition("Applied", SHADOW)[0] == "False" or beside.status(SHADOW))
     assert "slam has missed" in beside.condition("Applied", SHADOW)[1]
-    assert [len(beside.told("TakenBack", name)) for name in ("robot", SHADOW)] == [1, 1]
+    assert [len(beside.reported("TakenBack", name)) for name in ("robot", SHADOW)] == [1, 1]
     assert beside.condition("Ready")[0] == "True"
 
 
-def test_a_new_operator_goes_on_with_what_was_promoted(beside, operator):
+def test_a_new_operator_continues_with_what_was_promoted(beside, operator):
     until("the misses before are known", lambda: known(beside), patience=60)
     assert main(["promote", f"{NAMESPACE}/{SHADOW}"]) == 0
     beside.expect(**AFTER)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 NAMESPACE = "e2e-pods"
 USER = 65532
-"""Segments belong to whoever made them, so that router, camera and module are one user."""
+"""Segments belong to the user that made them, so that router, camera and module are one user."""
 SECONDS, RATE = 8, 10
 RESOURCES = {"requests": {"cpu": "10m", "memory": "64Mi"}, "limits": {"cpu": "1", "memory": "512Mi"}}
 TABLE = REPOSITORY / "build" / "e2e" / "shared-memory.md"
@@ -77,8 +77,8 @@ def start(manifest):
 def frames(session):
     """What slam's profile says of its input."""
     replies = session.get("robot/slam/profile", timeout=10)
-    told = next((json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok), None)
-    return told and told["inputs"]["stereo"]
+    reported = next((json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok), None)
+    return reported and reported["inputs"]["stereo"]
 
 
 def drive(recordings: Path, *, memory: bool):
@@ -108,9 +108,9 @@ def drive(recordings: Path, *, memory: bool):
             delete("pod", name, NAMESPACE)
 
 
-def arrived(told):
+def arrived(reported):
     """How many frames came, whether or not slam had time for them."""
-    return told["done"] + told["dropped"]
+    return reported["done"] + reported["dropped"]
 
 
 def test_frames_between_pods_stay_in_memory(session, recordings, figures):  # noqa: ARG001 - the namespace is the session's

@@ -1,8 +1,9 @@
-"""An hour, or a minute, of everything at once: contexts twice a second, pods that come and go, parts that are killed.
+"""An hour, or a minute, of everything at once: contexts, pods that come and go, killed parts, and what others do.
 
     make soak [DURATION=3600] [SEED=7]
 
-Afterwards nothing may have leaked, no limit was wrong at any moment, and every container is as it came.
+Afterwards nothing may have leaked, no limit was wrong at any moment, and every container is as it came. A soak of an
+hour writes what it saw into docs/measurements/faults.md.
 """
 
 import contextlib
@@ -12,25 +13,31 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from random import randrange
 
 import pytest
 
 from tests.e2e.background import Background
-from tests.e2e.cluster import CommandError, apply, delete, run, until
+from tests.e2e.cluster import REPOSITORY, CommandError, apply, delete, run, until
 from tests.e2e.conftest import SYSTEM
 from tests.e2e.robot import IDLE, pod, policy, task
+from tests.e2e.test_faults import routes
 from tests.node import access, components, lifecycle, processes
-from tests.soak import growth, oracle, story
+from tests.soak import growth, oracle, page, story
 from tests.soak.growth import Size
-from tests.soak.story import Coming, Flip, Killing
+from tests.soak.story import Coming, Flip, Killing, Trouble
+from tests.soak.troubles import Troubles
 from timelines.demo.cgroup import Cgroup, find
 
 pytestmark = pytest.mark.skipif(access.user_cluster() is not None, reason="kills parts of the node: not on yours")
 
 DURATION = float(os.environ.get("SOAK_SECONDS") or 75)
+LONG = 3600.0
+"""Seconds of a soak whose result is kept."""
 SEED = int(os.environ.get("SOAK_SEED") or randrange(1_000_000))  # noqa: S311 - no secret, a story
 CORES = 2
 LOOK = 0.05
@@ -46,7 +53,8 @@ def soak_policy(namespace):
     effects = {"speech": {"suspend": True}, "slam": {"scale": 2}}
     moving = {"name": "moving", "when": "imu.speed > 0.05", "tasks": effects}
     loud = {"name": "loud", "when": "mic.level > 0.5", "tasks": {"speech": {"scale": 3}, "arm": {"suspend": True}}}
-    streams = [{"name": name, "key": f"{namespace}/{name}"} for name in ("imu", "mic")]
+    keys = {"imu": "imu", "mic": "mic", "loud": "loud/**"}
+    streams = [{"name": name, "key": f"{namespace}/{key}"} for name, key in keys.items()]
     return policy(namespace, streams=streams, tasks=[task(name) for name in story.TASKS], contexts=[moving, loud])
 
 
@@ -114,11 +122,13 @@ class Watch(Background):
 class Stage(Background):
     """Carries out what the story says, each kind in its own thread: a pod that takes long must not stop contexts."""
 
-    def __init__(self, robot, watch):
-        super().__init__(self._supervise, self._replace_all, patience=RECOVERY)
+    def __init__(self, robot, watch, session, link):
+        super().__init__(self._supervise, self._replace_all, self._have_troubles, patience=RECOVERY)
         self.robot, self.watch = robot, watch
+        self._coming_troubles: deque[Trouble] = deque()
         self.killed: list[str] = []
         self.originals: dict[str, int] = {}
+        self.troubles = Troubles(robot, session, link, self.originals.get)
         self._away: dict[str, float] = {}
         self._wanted: dict[str, Coming] = {}
         self._come: dict[str, Coming] = {}
@@ -133,6 +143,8 @@ class Stage(Background):
         for name in components.names():
             lifecycle.start(name)  # waits until it serves
         until("every pod has come", lambda: self._come == self._wanted, RECOVERY)
+        until("no trouble is left", lambda: not self._coming_troubles or list(self._coming_troubles), RECOVERY)
+        self.troubles.clear()
         until("our own processes are back", lambda: all(map(main_processes, story.PODS)), RECOVERY)
 
     def _carry_out(self, event):
@@ -144,6 +156,8 @@ class Stage(Background):
                 self._wanted[event.task] = event  # a busy node replaces pods more slowly than they are to come
             case Killing(part=part, away=away):
                 self._kill(part, away)
+            case Trouble():
+                self._coming_troubles.append(event)
 
     def _kill(self, part, away):
         self._away[part] = time.monotonic() + away
@@ -172,6 +186,15 @@ class Stage(Background):
             for name, wanted in list(self._wanted.items()):
                 if self._come.get(name) is not wanted and self._replaced(wanted):
                     self._come[name] = wanted
+
+    def _have_troubles(self):
+        """One after the other; what can't be done because a part is away is left out."""
+        while not self._stop.wait(0.2):
+            if self._coming_troubles:
+                one = self._coming_troubles[0]
+                with contextlib.suppress(AssertionError, subprocess.TimeoutExpired):
+                    self.troubles.have(one.kind, one.task)
+                self._coming_troubles.popleft()
 
     def _replaced(self, wanted):
         """Whether it could be done: the API or the kubelet may be away in the middle of it."""
@@ -204,22 +227,38 @@ def main_processes(part):
         return set()
     statuses = [status for one in found["items"] for status in one["status"].get("containerStatuses", [])]
     groups = [find(status["containerID"]) for status in statuses if "running" in status["state"]]
-    return {pid for group in groups if group is not None for pid in group.processes()}
+    pids = {pid for group in groups if group is not None for pid in group.processes()}
+    with contextlib.suppress(OSError):  # one has just ended
+        return pids if part != "router" else set(filter(routes, pids))
+    return set()
 
 
 @pytest.fixture(scope="module")
-def soaked(robot):
+def soaked(robot, session, link, request):
     """The robot after its soak: what was seen, and the stage on which it was."""
     planned = oracle.plans(soak_policy(robot.namespace), CORES, readings())
     apply(soak_policy(robot.namespace))
-    with Watch(planned) as watch, Stage(robot, watch) as stage:
+    with Watch(planned) as watch, Stage(robot, watch, session, link) as stage:
         for name in story.TASKS:
             stage.replace(name, 400)
         until("our own processes are known", lambda: watch.pids.keys() == set(story.PODS))
-        print(f"soak: {DURATION:.0f} s, SOAK_SEED={SEED}", file=sys.stderr)  # noqa: T201 - to tell it again
+        print(f"soak: {DURATION:.0f} s, SOAK_SEED={SEED}", file=sys.stderr)  # noqa: T201 - to repeat it
         stage.play(story.story(SEED, DURATION))
+        failures = request.session.testsfailed
         yield stage
+    if DURATION >= LONG:
+        keep(stage, failed=request.session.testsfailed - failures)
     robot.stop("arm")
+
+
+def keep(stage, failed):
+    """Write what was seen into the page of measurements."""
+    file = REPOSITORY / "docs" / "measurements" / "faults.md"
+    lives = {part: growth.last_life(sizes) for part, sizes in stage.watch.sizes.items()}
+    said = [f"{failed} of 4 checks"] if failed else []
+    today = datetime.now(UTC).date()
+    seen = page.Soak(SEED, DURATION, today, os.cpu_count() or 0, stage.killed, stage.troubles.had, said, lives)
+    file.write_text(page.replaced(file.read_text(encoding="utf-8"), page.section(seen)), encoding="utf-8")
 
 
 def test_no_limit_was_ever_wrong(soaked):
@@ -241,9 +280,10 @@ def test_the_newest_plan_is_in_force_afterwards(soaked):
 def test_nothing_leaked(soaked):
     found = []
     lines = [f"soak of {DURATION:.0f} s, SOAK_SEED={SEED}, killed: {', '.join(soaked.killed)}"]
+    lines.append(f"troubles: {', '.join(soaked.troubles.had)}")
     for part, sizes in soaked.watch.sizes.items():
         life = growth.last_life(sizes)
-        lines.append(growth.told(part, life))
+        lines.append(growth.reported(part, life))
         found += growth.leaks(part, life)
     file = Path("build/e2e/soak.txt")
     file.parent.mkdir(parents=True, exist_ok=True)

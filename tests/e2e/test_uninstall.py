@@ -10,14 +10,16 @@ from tests.e2e.releases import Release
 def left():
     """A robot whose limits a policy had moved when its operator was uninstalled.
 
-    Helm does not wait for the operator's end: the harder case.
+    Helm does not wait for the operator's end: the harder case. Somebody has deleted another namespace that it served.
     """
-    release = Release("leave", 50)
+    release, gone = Release("leave", 50), "e2e-leave-gone"
     apply_definition()
-    release.install()
+    apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": gone}})
+    release.install(watchNamespaces=f"{{{release.namespace},{gone}}}")
     try:
         with release.robot() as robot:
             pass
+        run("kubectl", "delete", "namespace", gone, "--timeout=60s")
         release.uninstall()
         yield robot, release
     finally:
@@ -62,7 +64,7 @@ def test_the_operators_lease_goes_with_it_so_that_the_next_one_decides_at_once(l
 
 
 def test_an_uninstall_that_fails_leaves_no_rights_behind():
-    """The restoring Job gets no pod. Whoever cleans up later does so with rights of their own."""
+    """The restoring Job gets no pod. A later cleanup uses rights of its own."""
     release = Release("stuck", 51)
     apply_definition()
     release.install()

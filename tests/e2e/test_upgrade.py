@@ -6,7 +6,7 @@ import subprocess
 import pytest
 import yaml
 
-from tests.e2e.cluster import CHART, apply_definition, delete, run, until
+from tests.e2e.cluster import CHART, apply_definition, delete, get, run, until
 from tests.e2e.releases import Release
 
 DEFINITION = "contextpolicies.contextpolicy.dev"
@@ -14,14 +14,17 @@ DEFINITION = "contextpolicies.contextpolicy.dev"
 
 @pytest.fixture(scope="module")
 def older(tmp_path_factory):
-    """The chart as an older version would be: its definition does not have the last printed column yet."""
+    """The chart as an older version would be: its definition has neither the last printed column yet nor a field."""
     folder = tmp_path_factory.mktemp("older") / "contextpolicy"
     shutil.copytree(CHART, folder)
     chart = yaml.safe_load((folder / "Chart.yaml").read_text())
     (folder / "Chart.yaml").write_text(yaml.safe_dump({**chart, "version": "0.0.1"}))
     file = folder / "files" / f"{DEFINITION}.yaml"
     definition = yaml.safe_load(file.read_text())
-    definition["spec"]["versions"][0]["additionalPrinterColumns"].pop()
+    version = definition["spec"]["versions"][0]
+    version["additionalPrinterColumns"].pop()
+    spec = version["schema"]["openAPIV3Schema"]["properties"]["spec"]
+    del spec["properties"]["enforcement"]["properties"]["minDwell"]
     file.write_text(yaml.safe_dump(definition))
     return folder
 
@@ -44,6 +47,10 @@ def columns():
     return len(run("kubectl", "get", "crd", DEFINITION, "-o", f"jsonpath={template}").split())
 
 
+def enforcement(release):
+    return get("ctxp", "robot", release.namespace)["spec"]["enforcement"]
+
+
 def limits_during(robot, command):
     """Every set of limits that the kernel enforced while a command ran."""
     seen = []
@@ -63,6 +70,8 @@ def test_upgrade_and_rollback_keep_policies_in_force(upgraded):
     upgrade = release.upgrade_command(CHART, **{"crds.enabled": "true"})
     assert limits_during(robot, upgrade) == [moving]
     assert columns() == before + 1
+    robot.policy(enforcement={"minDwell": "100ms"})
+    assert enforcement(release)["minDwell"] == "100ms"
     robot.drive(0.0)
     robot.expect(slam=500, speech=500)
 
@@ -71,6 +80,7 @@ def test_upgrade_and_rollback_keep_policies_in_force(upgraded):
     back = ("helm", "rollback", release.name, "1", "--namespace", release.system, "--wait", "--timeout", "120s")
     assert limits_during(robot, back) == [moving]
     assert columns() == before
+    until("the older definition knows no such field", lambda: "minDwell" not in enforcement(release))
     robot.drive(0.0)
     robot.expect(slam=500, speech=500)
 

@@ -35,6 +35,30 @@ def test_what_contexts_change_and_what_protection_rules_out():
     }
 
 
+def test_a_suspension_outlasts_later_weights_until_a_context_lets_the_task_run():
+    effects = [{"weight": 8}, {"suspend": True}, {"scale": 0.5}, {"suspend": False}]
+
+    def reported(count):
+        contexts = [a_context(f"c{i}", "true", tasks={"slam": effect}) for i, effect in enumerate(effects[:count])]
+        policy = a_policy(tasks=[a_task("slam")], contexts=contexts)
+        said = sentences(explain(Story(policy, on_node("slam")).planner, START + 1), "slam")
+        return [sentence for sentence in said if sentence.startswith(("Context", "So "))]
+
+    assert reported(3) == [
+        "Context c0 sets its weight to 8, but another context decides.",
+        "Context c1 suspends it.",
+        "Context c2 scales its weight by 0.5, but another context decides.",
+        "So its weight is 0.",
+    ]
+    assert reported(4) == [
+        "Context c0 sets its weight to 8.",
+        "Context c1 suspends it, but another context decides.",
+        "Context c2 scales its weight by 0.5.",
+        "Context c3 lets it run.",
+        "So its weight is 4.",
+    ]
+
+
 @pytest.fixture
 def two_nodes():
     """One is in realtime, the other can't be."""
@@ -43,9 +67,9 @@ def two_nodes():
 
 
 def test_a_node_in_realtime_is_divided_by_eq_2():
-    told = explained("slam", on_node("slam", "speech", cores=2))
-    assert told[0] == "slam gets 1426m on node robot."
-    assert told[-2:] == [
+    reported = explained("slam", on_node("slam", "speech", cores=2))
+    assert reported[0] == "slam gets 1426m on node robot."
+    assert reported[-2:] == [
         "Eq. 2 on node robot: 1900m * 3 / 4 = 1425m.",
         "Shares move in steps of 2m, which makes it 1426m.",
     ]
@@ -59,9 +83,59 @@ def test_a_deadline_in_realtime_is_that_of_a_thread_on_one_of_the_processors():
 
 
 def test_a_node_that_fell_back_is_divided_by_eq_1(two_nodes):
-    told = explained("slam", two_nodes)
-    assert told[0] == "slam gets 713m on node able and 15000m on node unable."
-    assert [one for one in told if one.startswith("Eq.")] == [
+    reported = explained("slam", two_nodes)
+    assert reported[0] == "slam gets 713m on node able and 15000m on node unable."
+    assert [one for one in reported if one.startswith("Eq.")] == [
         "Eq. 2 on node able: 950m * 3 / 4 = 712.5m.",
         "Eq. 1 on node unable: 20000m * 3 / 4 = 15000m.",
+    ]
+
+
+def enforced(control, task="slam", **more):
+    """The sentences about what a share means: all between the one about the plan and the one about the score."""
+    tasks = [a_task("slam"), a_task("brake", protected=True, priority=0.2), a_task("speech")]
+    contexts = [a_context("quiet", "true", tasks={"speech": {"suspend": True}})]
+    policy = a_policy(tasks=tasks, contexts=contexts, enforcement={"control": control, **more})
+    reported = sentences(explain(Story(policy, on_node("slam", "brake", "speech")).planner, START + 1), task)
+    return reported[2 : next(place for place, one in enumerate(reported) if one.startswith("Its score"))]
+
+
+def test_a_share_is_a_cap_only_under_limit():
+    assert enforced("Limit") == []
+    assert enforced("Suspend") == [
+        "That is informative only: control Suspend leaves a running task its original limit, up to its max."
+    ]
+    assert enforced("Weight") == [
+        "That is its weight where CPU is contested (control Weight); it may also use what others leave idle."
+    ]
+    assert enforced("Weight", scheduler="Realtime") == []
+
+
+@pytest.mark.parametrize("control", ["Suspend", "Weight", "Limit"])
+def test_a_suspended_task_is_capped_under_every_control(control):
+    assert enforced(control, "speech") == []
+
+
+def test_a_protected_task_weighs_at_least_a_core():
+    assert enforced("Weight", "brake")[1:] == [
+        "It is protected, so its weight is 1000m: a small weight waits long for its turn."
+    ]
+
+
+def test_what_is_left_of_an_event_that_is_over_is_not_in_force():
+    activity = {"when": "imu.hit", "score": 10, "hold": "1s", "decay": "10s", "until": "imu.calm"}
+    tasks = [a_task("slam", activity=[activity], idle=5), a_task("rest")]
+    story = Story(a_policy(streams=[a_stream("imu")], tasks=tasks))
+    story.sample("imu", at=1, hit=True, calm=False)
+
+    def reported(at):
+        story.wait(at)
+        said = sentences(explain(story.planner, START + at), "slam")
+        return [one for one in said if one.startswith(("Activity", "Its idle"))]
+
+    assert reported(1.5) == ["Activity `imu.hit` on imu is in force with score 10 until `imu.calm`."]
+    assert reported(5) == ["Activity `imu.hit` on imu is over: of its score 10 it still has 7, which decays."]
+    assert reported(8) == [
+        "Activity `imu.hit` on imu is over: of its score 10 it still has 4, which decays.",
+        "Its idle score, 5, is higher.",
     ]

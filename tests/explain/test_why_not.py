@@ -61,12 +61,12 @@ UNHEARD = "`button.pressed` waits for stream button, never heard in 0.5 s"
 )
 def test_the_part_that_decides_is_named(when, parts):
     document = explained(a_story(when), 0.5)
-    told = f"Context on does not hold: {' and '.join(parts)}."
-    assert context_sentences(document) == [told]
-    assert told in sentences(document, "slam")
+    reported = f"Context on does not hold: {' and '.join(parts)}."
+    assert context_sentences(document) == [reported]
+    assert reported in sentences(document, "slam")
 
 
-def test_silence_and_empty_windows_are_told_with_their_time():
+def test_silence_and_empty_windows_are_reported_with_their_time():
     story = a_story("mic.peak > 0.5")
     assert (
         "waits for stream mic: for 2 s mic.peak has no sample in its window"
@@ -75,7 +75,7 @@ def test_silence_and_empty_windows_are_told_with_their_time():
     assert "`mic.peak > 0.5` waits for stream mic, silent for 2 s" in context_sentences(explained(story, 7))[0]
 
 
-def test_delays_are_told():
+def test_delays_are_reported():
     story = a_story("imu.speed < 1", enterAfter="10s", exitAfter="4s")
     assert context_sentences(explained(story, 4)) == [
         "Context on does not hold yet, but in 6 s (enterAfter): `imu.speed < 1` is true, for `imu.speed` is 0.5."
@@ -99,17 +99,17 @@ ACTIVITIES: list[tuple[dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("activity", "why"), ACTIVITIES)
-def test_an_activity_tells_why_it_is_not_in_force(activity, why):
+def test_an_activity_reports_why_it_is_not_in_force(activity, why):
     assert f"Activity {why}." in sentences(explained(a_story(activity=activity), 1), "slam")
 
 
-def test_a_pre_condition_tells_why_it_does_not_hold():
-    told = sentences(explained(a_story(requires=[{"when": "imu.speed > 1 || mic.level > 1"}]), 1), "slam")
+def test_a_pre_condition_reports_why_it_does_not_hold():
+    reported = sentences(explained(a_story(requires=[{"when": "imu.speed > 1 || mic.level > 1"}]), 1), "slam")
     state = "Its pre-condition `imu.speed > 1 || mic.level > 1` does not hold, so it waits with weight 0"
-    assert f"{state}: {SLOW} and `mic.level > 1` is false, for `mic.level` is 0.25." in told
+    assert f"{state}: {SLOW} and `mic.level > 1` is false, for `mic.level` is 0.25." in reported
 
 
-def test_values_that_json_cannot_hold_are_told_as_texts():
+def test_values_that_json_cannot_hold_are_reported_as_texts():
     story = a_story("imu.far > 1 && imu.raw == b'a' && duration('1s') > duration('2s')")
     story.sample("imu", at=0.1, far=float("inf"), raw=b"a")
     assert (

@@ -37,6 +37,7 @@ TARGETS: Mapping[str, Target] = {
     "payload": targets.payload,
     "policy": targets.policy,
     "expression": targets.expression,
+    "recording": targets.recording,
     "report": either(targets.report, REPORT),
     "order": either(targets.order, json.loads(a_message(a_target()))),
     "plan": either(lambda data: targets.shown([(messages.KEY, data)]), messages.plan()),

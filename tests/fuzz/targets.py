@@ -10,6 +10,8 @@ import io
 import json
 import math
 from contextlib import nullcontext, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Event
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -19,7 +21,8 @@ from rich.console import Console
 
 from contextpolicy.agent import node_orders
 from contextpolicy.agent.admission import Admission
-from contextpolicy.bus.view import BusView, live
+from contextpolicy.bus.view import BusView
+from contextpolicy.bus.view_tables import live
 from contextpolicy.cluster.agent_reports import (
     LONGEST_PERIOD,
     MOST_PROCESSORS,
@@ -27,7 +30,8 @@ from contextpolicy.cluster.agent_reports import (
     read_confirmation,
     read_report,
 )
-from contextpolicy.cluster.api import _refusal, _version
+from contextpolicy.cluster.api import _version
+from contextpolicy.cluster.api_connection import _refusal
 from contextpolicy.cluster.pods import view
 from contextpolicy.cluster.watching import ObjectWatch
 from contextpolicy.errors import ActuationError, DecodeError, DefinitionError, ExpressionError, OrderError, PolicyError
@@ -37,9 +41,12 @@ from contextpolicy.policy import parsing
 from contextpolicy.policy.ros_types import type_store
 from contextpolicy.policy.spec import Encoding, RosRelease, Stream
 from contextpolicy.streams.decoding import Decoder, seconds
+from contextpolicy.streams.recorded_message import RecordingError
+from contextpolicy.streams.recordings import DamageLog, Excerpt, open_recording
 from tests.agent.builders import NODE
 from tests.agent.builders import POLICY as OBEYED
 from tests.planning.builders import on_node
+from tests.planning.quiet import Quiet
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -123,7 +130,7 @@ class Robot:
     """A planner that is fed anything; after each step its plan must be a good one."""
 
     def __init__(self) -> None:
-        self.planner = Planner(POLICY)
+        self.planner = Planner(POLICY, Quiet(), {})
         self.planner.start(START)
         self.planner.handle(on_node(*(task.name for task in POLICY.tasks), cores=2), START)
         self.now = START
@@ -142,7 +149,7 @@ class Robot:
         self.planner.advance(self.now)
         known = self._known()
         before, placement = self.planner, self.planner.placement
-        self.planner = Planner(EDITED if before.policy is POLICY else POLICY)
+        self.planner = Planner(EDITED if before.policy is POLICY else POLICY, Quiet(), {})
         self.planner.start(self.now, before)
         assert self._known() == known
         self.planner.handle(placement, self.now)
@@ -215,7 +222,7 @@ def body(document: Any) -> None:
     except PolicyError as error:
         _check_findings(error)
         return
-    planner = Planner(parsed)
+    planner = Planner(parsed, Quiet(), {})
     planner.start(START)
     planner.handle(on_node(*(task.name for task in parsed.leaves), cores=2), START)
 
@@ -261,6 +268,24 @@ def timestamp(stamp: object) -> None:
         assert isinstance(seconds(stamp), float | int)
 
 
+def recording(content: bytes) -> None:
+    """Any bytes as an MCAP file: read without what is damaged, or refused by name."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "run.mcap"
+        path.write_bytes(content)
+        damages = DamageLog()
+        try:
+            opened = open_recording(path, Excerpt(), damages)
+            for message in opened.messages(opened.topics, opened.begin, opened.end):
+                assert message.topic in opened.topics
+        except RecordingError as error:
+            refused = str(error)
+        else:
+            refused = str(path)
+        assert refused.startswith(str(path))
+        assert all(note.startswith(str(path)) for note in damages.notes)
+
+
 def report(payload: bytes) -> None:
     """Anything as an agent's report: what is made of it is a number of processors and a period that a node can have."""
     found = read_report(payload)
@@ -279,7 +304,7 @@ def order(payload: bytes) -> None:
 
 
 def shown(messages: list[tuple[str, bytes]]) -> None:
-    """Anything on the decision bus's keys: whoever looks at it sees the policies that make sense."""
+    """Anything on the decision bus's keys: viewers see the policies that make sense."""
     seen = BusView()
     for key, payload in messages:
         changed = seen.take(key, payload)
@@ -326,7 +351,7 @@ class _NoWait:
 
 
 def event(line: bytes) -> None:
-    """Anything as a line of a watch: its thread goes on, and reads the list anew or watches on."""
+    """Anything as a line of a watch: its thread goes on, and reads the list again or watches on."""
     server = _Server(line)
     watch = ObjectWatch(server, "/api/v1/pods", Pods())
     watch._stop = _NoWait(server)  # type: ignore[assignment]
@@ -353,7 +378,7 @@ def pod(document: Any) -> None:
 
 
 def answer(status: int, body: bytes) -> None:
-    """Anything as the API server's answer to a PATCH: a version, or an ActuationError that can be told."""
+    """Anything as the API server's answer to a PATCH: a version, or an ActuationError that can be reported."""
     response = urllib3.HTTPResponse(io.BytesIO(body), status=status)
     if status >= 300:
         assert str(_refusal(response))

@@ -9,7 +9,7 @@ import time
 import pytest
 from kubernetes.utils.quantity import parse_quantity
 
-from tests.bench.reaction.objects import replicated
+from tests.bench.reaction import objects
 from tests.e2e.cluster import apply, apply_definition, delete, get, run, until
 from tests.e2e.releases import Release
 from tests.e2e.robot import BUSY, pod
@@ -46,7 +46,7 @@ def release(autoscaled):  # noqa: ARG001 - a policy meets it from its first plan
 def robot(release):
     """Two busy tasks, each a StatefulSet: an autoscaler looks after controllers, not after pods."""
     with release.sensors() as robot:
-        apply(*(replicated(pod(task, robot.namespace, BUSY, None)) for task in TASKS))
+        apply(*(objects.replicated(pod(task, robot.namespace, BUSY, None)) for task in TASKS))
         for task in TASKS:
             run("kubectl", "rollout", "status", f"statefulset/{task}", "-n", robot.namespace, "--timeout=90s")
         yield robot
@@ -58,20 +58,7 @@ def robot(release):
 
 def look_after(robot, task, resource, **policy):
     """Have the autoscaler set requests for one resource of a task, in place."""
-    apply(
-        {
-            "apiVersion": "autoscaling.k8s.io/v1",
-            "kind": "VerticalPodAutoscaler",
-            "metadata": {"name": task, "namespace": robot.namespace},
-            "spec": {
-                "targetRef": {"apiVersion": "apps/v1", "kind": "StatefulSet", "name": task},
-                "updatePolicy": {"updateMode": "InPlace"},
-                "resourcePolicy": {
-                    "containerPolicies": [{"containerName": "*", "controlledResources": [resource], **policy}]
-                },
-            },
-        }
-    )
+    apply(objects.autoscaler(task, robot.namespace, resource, **policy))
 
 
 def resources(robot, task):
@@ -99,7 +86,7 @@ def test_beside_one_for_memory_both_do_their_work(robot):
         robot.expect(**expected)
     assert resources(robot, "slam")["requests"]["cpu"] == "10m"
     assert robot.condition("Applied")[0] == "True"
-    assert robot.told("ResizedByOther") == []
+    assert robot.reported("ResizedByOther") == []
     delete("ctxp", "robot", robot.namespace)
     robot.expect(**{"slam-0": 500, "speech-0": 500})
     assert memory(robot) == 100, "it is not ours to put back"
@@ -107,7 +94,7 @@ def test_beside_one_for_memory_both_do_their_work(robot):
 
 
 @pytest.mark.parametrize("controlled", ["RequestsAndLimits", "RequestsOnly"])
-def test_one_for_cpu_is_told_and_put_back_and_gets_its_way_when_it_insists(robot, controlled):
+def test_an_autoscaler_of_cpu_is_reverted_reported_and_wins_when_it_insists(robot, controlled):
     """It raises the request to what it saw used, and the limit in proportion: with 10m and 990m to a hundred cores."""
     govern(robot)
     look_after(robot, "slam", "cpu", controlledValues=controlled)
@@ -122,7 +109,7 @@ def test_one_for_cpu_is_told_and_put_back_and_gets_its_way_when_it_insists(robot
     )
     time.sleep(3 * autoscaler.INTERVAL)
     assert resources(robot, "slam")["requests"]["cpu"] != "10m", "it keeps what it has"
-    assert any("tried again every 10 min" in message for message in robot.told("ResizedByOther"))
+    assert any("tried again every 10 min" in message for message in robot.reported("ResizedByOther"))
 
     delete("vpa", "slam", robot.namespace)
     delete("ctxp", "robot", robot.namespace)

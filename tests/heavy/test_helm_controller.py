@@ -33,11 +33,10 @@ pytestmark = pytest.mark.skipif(access.user_cluster() is not None, reason="k3s h
 @pytest.fixture
 def job_image(tmp_path):
     """What the jobs run: helm, with the node's own."""
-    [helm] = (build.build(program) for program in build.PROGRAMS if program.name == "helm")
     source = Path(__file__).with_name("helm_job")
     context = tmp_path / "context"
     context.mkdir()
-    for file in (helm / "helm", source / "entry.sh"):
+    for file in (build.build(build.HELM) / "helm", source / "entry.sh"):
         shutil.copy(file, context)
     return images.image(JOB, source / "Dockerfile", context)
 

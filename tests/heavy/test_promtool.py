@@ -8,8 +8,8 @@ import pytest
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.metrics import MetricWrapperBase
 
-from contextpolicy.agent import service
-from contextpolicy.telemetry import build_info, metrics, router_metrics
+from contextpolicy.agent import agent_metrics
+from contextpolicy.telemetry import build_info, certificate_metrics, liveness, metrics, router_metrics
 from contextpolicy.telemetry.scrape import Scrape
 from tests.charts.conftest import CHART
 from tests.node import build
@@ -29,9 +29,10 @@ def promtool():
 
 
 def test_the_rules_are_valid(promtool):
-    done = promtool("check", "rules", str(CHART / "files" / "alerts.yaml"))
-    assert done.returncode == 0, done.stderr
-    assert "12 rules found" in done.stdout
+    for name, rules in (("alerts", 20), ("expected", 1)):
+        done = promtool("check", "rules", str(CHART / "files" / f"{name}.yaml"))
+        assert done.returncode == 0, done.stderr
+        assert f"{rules} rules found" in done.stdout
 
 
 def test_the_rules_fire_when_they_should_and_only_then(promtool):
@@ -41,11 +42,12 @@ def test_the_rules_fire_when_they_should_and_only_then(promtool):
 
 def test_the_metrics_keep_prometheus_conventions(promtool):
     registry = CollectorRegistry()
-    for module in (metrics, service, build_info, router_metrics):
+    for module in (metrics, agent_metrics, build_info, certificate_metrics, liveness, router_metrics):
         for one in vars(module).values():
             if isinstance(one, MetricWrapperBase):
                 registry.register(one)
     registry.register(Scrape(lambda: None))
+    registry.register(liveness.LoopDelays(lambda: {"the event loop": 0.0}))
     metrics.REACTION.labels("lab", "robot").observe(0.01)
     done = promtool("check", "metrics", text=generate_latest(registry).decode())
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import gzip
 import http.client
 import json
 import re
+import socket
 import threading
 from importlib.resources import files
+from queue import SimpleQueue
 
 import pytest
 
-from contextpolicy.live.page_server import ASSETS, AT_ONCE, PageServer
+from contextpolicy.live import page_server
+from contextpolicy.live.page_server import ASSETS, AT_ONCE, PageServer, packed
 from tests.waiting import PATIENCE
 
 
@@ -21,11 +25,13 @@ class Watched:
         self.asked = []
         self.hold = threading.Event()
         self.hold.set()
+        self.entered = threading.Semaphore(0)
         self.hangs = False
 
     def boards(self):
         if self.hangs:
             raise TimeoutError
+        self.entered.release()
         self.hold.wait(PATIENCE)
         return [{"policy": "lab/robot"}]
 
@@ -95,23 +101,49 @@ def test_questions_reach_the_operator(get, watched):
 
 
 @pytest.mark.parametrize(
-    ("path", "status", "told"),
+    ("path", "status", "expected"),
     [
         ("/api/plans?policy=robot", 400, "NAMESPACE/NAME"),
-        ("/api/plans?policy=lab/robot&since=noon", 400, "since noon is not allowed: a number of seconds"),
+        ("/api/plans?policy=lab/robot&since=noon", 400, "since: invalid value 'noon': expected a number of seconds"),
+        *(
+            (f"/api/{question}={value}", 400, "expected a number of seconds, at least 0")
+            for question in ("plans?policy=lab/robot&since", "recording?policy=lab/robot&last")
+            for value in ("nan", "inf", "-1", "1e999")
+        ),
         ("/api/explanation?policy=lab/other", 404, "null"),
         ("/api/secrets", 404, "nothing here"),
         ("/../settings.py", 404, "nothing here"),
     ],
 )
-def test_questions_that_make_no_sense(get, path, status, told):
+def test_invalid_questions(get, path, status, expected):
     answer = get(path)
-    assert (answer[0], told in answer[1]) == (status, True)
+    assert (answer[0], expected in answer[1]) == (status, True)
 
 
-@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS"])
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "<script>"])
 def test_it_only_answers(get, method):
-    assert get("/api/boards", method)[0] == 501
+    status, body, headers = get("/api/boards", method)
+    assert (status, headers["Content-Type"], headers["Connection"]) == (501, "text/plain", "close")
+    assert body == "expected GET or HEAD\n"
+    assert "default-src 'none'" in headers["Content-Security-Policy"]
+
+
+@pytest.mark.parametrize(
+    ("request_line", "status"),
+    [
+        (b"GET /api/boards HTTP/9.1", 505),
+        (b"GET /api/boards HTTP/x", 400),
+        (b"G E T /", 400),
+    ],
+    ids=["version", "no version", "words"],
+)
+def test_what_is_no_request_gets_one_line_too(server, request_line, status):
+    with socket.create_connection(("127.0.0.1", server.server_port), PATIENCE) as client:
+        client.sendall(request_line + b"\r\n\r\n")
+        head, body = client.makefile("rb").read().split(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 %d " % status)
+    assert b"Content-Type: text/plain" in head
+    assert (body.count(b"\n"), b"<" in body) == (1, False)
 
 
 @pytest.mark.parametrize(
@@ -126,23 +158,59 @@ def test_it_only_answers(get, method):
         ("", 403),
     ],
 )
-def test_a_page_of_somebody_else_that_points_its_name_here_gets_nothing(get, host, status):
+def test_dns_rebinding_is_rejected(get, host, status):
     assert get("/api/boards", host=host)[0] == status
 
 
-def test_an_operator_that_hangs_is_said(get, watched):
+def test_an_operator_that_hangs_is_reported(get, watched):
     watched.hangs = True
     assert get("/api/boards")[0] == 504
 
 
-def test_too_many_at_once_are_sent_away(get, watched):
+def test_head_says_the_same_without_the_body(get):
+    for path in (*ASSETS, "/api/boards", "/api/secrets"):
+        status, body, headers = get(path, "HEAD")
+        whole = get(path)
+        assert (status, body) == (whole[0], "")
+        assert headers["Content-Length"] == str(len(whole[1].encode()))
+        assert headers["Content-Security-Policy"] == whole[2]["Content-Security-Policy"]
+
+
+def test_the_page_stays_small():
+    """It comes through a port-forward, perhaps over a robot's radio."""
+    assert sum(len(packed(name)) for name, _ in ASSETS.values()) <= 17_000
+
+
+def test_browsers_get_it_packed(server):
+    for path, (name, _) in ASSETS.items():
+        connection = http.client.HTTPConnection("localhost", server.server_port, timeout=PATIENCE)
+        connection.request("GET", path, headers={"Accept-Encoding": "gzip, br"})
+        answer = connection.getresponse()
+        assert answer.headers["Content-Encoding"] == "gzip"
+        assert gzip.decompress(answer.read()) == files("contextpolicy.live").joinpath(name).read_bytes()
+        connection.close()
+
+
+def test_one_more_than_are_answered_at_once_waits_for_a_place(get, watched):
+    watched.hold.clear()
+    statuses: SimpleQueue[int] = SimpleQueue()
+    for place in range(1, AT_ONCE + 2):
+        threading.Thread(target=lambda: statuses.put(get("/api/boards")[0]), daemon=True).start()
+        watched.entered.acquire(timeout=PATIENCE if place <= AT_ONCE else 0.1)
+    watched.hold.set()
+    assert {statuses.get(timeout=PATIENCE) for _ in range(AT_ONCE + 1)} == {200}
+
+
+def test_too_many_at_once_are_sent_away(get, watched, monkeypatch):
+    monkeypatch.setattr(page_server, "QUEUE", 0.0)
     watched.hold.clear()
     waiting = [threading.Thread(target=get, args=["/api/boards"]) for _ in range(AT_ONCE)]
     for one in waiting:
         one.start()
     statuses = {200}
     while 503 not in statuses:
-        statuses = {get("/")[0]}
+        statuses = {get("/api/explanation?policy=lab/robot")[0]}
+    assert get("/page.js")[0] == 200, "a page without its script would stay empty for good"
     watched.hold.set()
     for one in waiting:
         one.join(PATIENCE)

@@ -36,15 +36,22 @@ def test_it_says_what_it_takes_gives_and_needs(module):
     assert None not in (said.needs.cores, said.needs.memory, said.needs.deadline)
 
 
-def test_its_readme_tells_streams_settings_cost_and_what_a_suspension_does(module):
+def test_its_readme_documents_streams_settings_cost_and_what_a_suspension_does(module):
     said = load_module(module / "module.yaml")
     readme = (module / "README.md").read_text(encoding="utf-8")
     settings = yaml.safe_load((module / "module.yaml").read_text(encoding="utf-8")).get("environment", {})
     keys = [*(entry.key for entry in said.inputs.values()), *(entry.key for entry in said.outputs.values())]
-    assert [told for told in (*keys, *settings) if told not in readme] == []
+    assert [reported for reported in (*keys, *settings) if reported not in readme] == []
     assert re.search(r"\d m?s of CPU|\dm of CPU|CPU a frame", readme)
     assert re.search(r"\d Mi?B", readme)
     assert "uspended" in readme
+
+
+def test_its_readme_begins_with_what_it_is_good_for_and_what_it_was_measured_on(module):
+    """In its first lines, before anybody trusts it; where that is only what we made ourselves, that is said too."""
+    beginning = " ".join((module / "README.md").read_text(encoding="utf-8").splitlines()[:9])
+    assert re.search(r"good for|demonstration", beginning, re.IGNORECASE)
+    assert re.search(r"measured (only )?(on|for)", beginning, re.IGNORECASE)
 
 
 def test_its_image_runs_as_nobody_and_starts_the_module(module):

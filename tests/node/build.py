@@ -67,9 +67,11 @@ def kubernetes_ldflags(version: str) -> str:
 
 CONTAINERD = "github.com/containerd/containerd/v2/cmd"
 HELM = Program("helm", (f"helm.sh/helm/v4/cmd/helm@{HELM_VERSION}",))
+NODE = Program("node", (".",), source="program", ldflags=kubernetes_ldflags(KUBERNETES_VERSION))
+PAUSE = Program("pause", ("./pause",), source="program")
 PROGRAMS = (
-    Program("node", (".",), source="program", ldflags=kubernetes_ldflags(KUBERNETES_VERSION)),
-    Program("pause", ("./pause",), source="program"),
+    NODE,
+    PAUSE,
     # As in k3s: with SQLite itself, where the build without cgo has a translation of it to Go.
     Program("kine", (f"github.com/k3s-io/kine@{KINE_VERSION}",), cgo=True),
     Program(

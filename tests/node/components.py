@@ -1,4 +1,4 @@
-"""Each component's command line and the question that tells that it is ready: pure, nothing is started."""
+"""Each component's command line and its readiness check: pure, nothing is started."""
 
 from __future__ import annotations
 
@@ -122,6 +122,7 @@ def controller_manager() -> Component:
         cluster_signing_cert_file=certificate(AUTHORITY),
         cluster_signing_key_file=private_key(AUTHORITY),
         flex_volume_plugin_dir=ROOT / "volume-plugins",
+        horizontal_pod_autoscaler_sync_period="5s",  # a test waits for several; 15 s is the default
         kubeconfig=kubeconfig_path("controller-manager"),
         leader_elect="false",
         root_ca_file=certificate(AUTHORITY),

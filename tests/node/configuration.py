@@ -114,12 +114,16 @@ def kubelet() -> str:
         "cgroupDriver": cgroups.driver(),
         "failCgroupV1": False,
         "failSwapOn": False,
+        # Under cgroup v1 the kubelet refuses to let pods swap.
+        "memorySwap": {"swapBehavior": "LimitedSwap" if cgroups.driver() == "systemd" else "NoSwap"},
         "oomScoreAdj": 0,
         "containerRuntimeEndpoint": f"unix://{CONTAINERD_SOCKET}",
         "staticPodPath": str(MANIFESTS),
         "podLogsDir": f"{ROOT}/pods",
         "volumePluginDir": f"{ROOT}/volume-plugins",
         "resolvConf": "",
+        # Nothing answers there. Without one the kubelet writes an Event each time that it syncs a pod.
+        "clusterDNS": ["127.0.0.1"],
         # Images come from no registry: a collected one is gone. The host's full disk must not evict pods.
         "imageGCHighThresholdPercent": 100,
         "evictionHard": {"memory.available": "100Mi", "nodefs.available": "1%", "imagefs.available": "1%"},

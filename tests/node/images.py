@@ -50,10 +50,9 @@ def import_pause() -> None:
 
 def pause() -> Path:
     """Build that image and return its archive."""
-    program = next(one for one in build.PROGRAMS if one.name == "pause")
-    inputs, dockerfile = build.program_key(program), SOURCES / "program" / "pause" / "Dockerfile"
+    inputs, dockerfile = build.program_key(build.PAUSE), SOURCES / "program" / "pause" / "Dockerfile"
     known = _known(PAUSE_IMAGE, inputs)
-    identifier = known or _build(PAUSE_IMAGE, inputs, dockerfile, build.build(program), on_base=False)
+    identifier = known or _build(PAUSE_IMAGE, inputs, dockerfile, build.build(build.PAUSE), on_base=False)
     return _archive(PAUSE_IMAGE, identifier)
 
 

@@ -9,7 +9,7 @@ from tests.node.layout import ROOT, RUN
 
 
 def clean(*, keep_state: bool) -> None:
-    """End the components, the kubelet before containerd, so that nobody starts anew what is ended here."""
+    """End the components, the kubelet before containerd, so that nobody starts again what is ended here."""
     for name in (*reversed(components.names()), *processes.started()):  # the last are those of another datastore
         processes.stop(name)
     processes.kill(processes.shims() | cgroups.pod_processes())

@@ -41,6 +41,6 @@ def commands() -> tuple[tuple[str, ...], ...]:
 def inside(command: tuple[str, ...] | list[str], namespace: Path = NETWORK_NAMESPACE) -> list[str]:
     """Return the command that runs a command in the node's network and changes nothing else.
 
-    `ip netns exec` would mount /sys anew, which hides the cgroups.
+    `ip netns exec` would mount /sys again, which hides the cgroups.
     """
     return ["nsenter", f"--net={namespace}", "--", *command]

@@ -45,7 +45,7 @@ def test_commands_for_our_node_enter_its_network(monkeypatch, tmp_path):
     assert access.environment()["PATH"].startswith(f"{layout.BIN}:")
 
 
-def test_a_missing_node_is_said(monkeypatch, tmp_path):
+def test_a_missing_node_is_reported(monkeypatch, tmp_path):
     monkeypatch.delenv("KUBECONFIG", raising=False)
     monkeypatch.setattr(access, "NETWORK_NAMESPACE", tmp_path / "net")
     with pytest.raises(ClusterError, match="up` first"):

@@ -3,8 +3,7 @@ from dataclasses import replace
 import pytest
 
 from tests.node import base, build, layout
-
-NODE = next(program for program in build.PROGRAMS if program.name == "node")
+from tests.node.build import NODE
 
 
 def test_both_version_packages_are_stamped():

@@ -9,13 +9,14 @@ from reactivex.testing import Recorded, TestScheduler
 
 from contextpolicy.planning.allocation.placement import Container, Placement
 from contextpolicy.planning.allocation.plan import NodePlan, Plan
+from contextpolicy.planning.conditions.absence import UNHEARD
 from contextpolicy.planning.conditions.sample import Sample
-from contextpolicy.planning.conditions.stream import UNHEARD
 from contextpolicy.planning.inputs import Gone
 from contextpolicy.planning.observable import plan_with
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy import parsing
 from contextpolicy.policy.spec import Scheduler
+from tests.planning.quiet import Quiet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -35,8 +36,13 @@ def a_body(**spec: Any) -> dict[str, Any]:
     return {"metadata": {"name": "robot", "namespace": "lab"}, "spec": spec}
 
 
+def limited(spec: Mapping[str, Any]) -> dict[str, Any]:
+    """The spec under control Limit unless it says otherwise: there a share is what the kernel enforces."""
+    return {**spec, "enforcement": {"control": "Limit", **spec.get("enforcement", {})}}
+
+
 def a_policy(**spec: Any) -> Policy:
-    return parsing.parse(a_body(**spec))
+    return parsing.parse(a_body(**limited(spec)))
 
 
 def a_task(name: str, **fields: Any) -> dict[str, Any]:
@@ -81,7 +87,7 @@ class Story:
 
     def __init__(self, policy: Policy, placement: Placement | None = None) -> None:
         self._health_listeners: list[Callable[[], object]] = []
-        self.planner = Planner(policy, self)
+        self.planner = Planner(policy, self, {})
         self.plans: list[Plan] = self.planner.start(START)
         if placement is None:
             placement = on_node(*(task.name for task in policy.leaves))
@@ -113,7 +119,7 @@ class Story:
         self.plans += self.planner.advance(START + until)
 
     def next_decision(self) -> float | None:
-        """When something is due next; the hour after which a stream is told to be unheard decides nothing."""
+        """When something is due next; the hour after which a stream is reported silent decides nothing."""
         due = self.planner.next_due()
         return None if due is None or due > START + UNHEARD - 1 else due
 
@@ -131,11 +137,12 @@ class Story:
         return dict(self.planner.drops)
 
     def contexts_over_time(self) -> list[tuple[float, tuple[str, ...]]]:
-        """When the set of active contexts changed, and to what."""
+        """When the set of active contexts changed, and to what; of one instant only the end."""
+        at_end = {round(plan.time - START, 6): plan.contexts for plan in self.plans}
         seen: list[tuple[float, tuple[str, ...]]] = []
-        for plan in self.plans:
-            if not seen or seen[-1][1] != plan.contexts:
-                seen.append((round(plan.time - START, 6), plan.contexts))
+        for at, contexts in at_end.items():
+            if not seen or seen[-1][1] != contexts:
+                seen.append((at, contexts))
         return seen
 
 
@@ -152,7 +159,7 @@ def record(
     source: Observable[Input] = scheduler.create_hot_observable(
         *(Recorded(at, OnNext(event)) for at, event in inputs.items())  # type: ignore[arg-type]
     )
-    made = source.pipe(plan_with(planner or Planner(policy), scheduler, initiatives))
+    made = source.pipe(plan_with(planner or Planner(policy, Quiet(), {}), scheduler, initiatives))
     observer = scheduler.start(lambda: made, created=0.5, subscribed=1.0, disposed=until)
     seen: list[tuple[float, Plan]] = []
     for message in observer.messages:

@@ -1,4 +1,4 @@
-"""An edit keeps what it did not change, timers included; what it did change begins anew."""
+"""An edit keeps what it did not change, timers included; what it did change restarts."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
-from contextpolicy.planning.conditions.stream import UNHEARD
+from contextpolicy.planning.conditions.absence import UNHEARD
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy import parsing
 from tests.planning.builders import START, Story, a_body, a_context, a_policy, a_stream, a_task
+from tests.planning.quiet import Quiet
 
 SPEC: dict[str, Any] = {
     "streams": [
@@ -41,7 +42,7 @@ def edited(**changes):
         if edit is not None:
             story.wait(8)
             placement, before = story.planner.placement, story.planner
-            story.planner = Planner(a_policy(**{**SPEC, **edit}))
+            story.planner = Planner(a_policy(**{**SPEC, **edit}), Quiet(), {})
             story.plans = story.planner.start(START + 8, before)
             story.place(placement, at=8)
         stories.append(story)
@@ -90,18 +91,18 @@ def test_the_first_plan_after_an_edit_stands_where_the_last_stood():
     assert not story.last.tasks["speech"].suspended
 
 
-def test_a_stream_that_was_edited_begins_anew_with_all_that_reads_it():
+def test_a_stream_that_was_edited_starts_over_with_all_that_reads_it():
     streams = [a_stream("imu", key="robot/other", staleAfter="20s"), SPEC["streams"][1]]
     contexts = [context for context in SPEC["contexts"] if context["name"] != "shaken"]
     story, _ = edited(streams=streams, contexts=contexts)
     assert story.planner.streams["imu"].value is None
-    assert story.planner.active_contexts() == []
+    assert [context.spec.name for context in story.planner.active_contexts()] == ["late"], "its age is infinite"
     assert story.planner.scores()["slam"] == 1.0
     story.wait(16)
-    assert [context.spec.name for context in story.planner.active_contexts()] == ["loud"]
+    assert [context.spec.name for context in story.planner.active_contexts()] == ["loud", "late"]
 
 
-def test_an_activity_that_was_edited_is_decided_anew():
+def test_an_activity_that_was_edited_is_decided_again():
     tasks = [a_task("slam", activity=[{"when": "imu.speed >= 0", "score": 7}]), SPEC["tasks"][1]]
     story, _ = edited(tasks=tasks)
     assert story.planner.scores()["slam"] == 7.0
@@ -123,7 +124,7 @@ def test_a_context_whose_effects_were_edited_holds_on():
     assert "moving" not in story.last.contexts
 
 
-def test_a_context_whose_delay_was_edited_holds_on_and_waits_anew():
+def test_a_context_whose_delay_was_edited_holds_on_and_waits_again():
     contexts = [a_context("moving", "imu.speed > 0", exitAfter="30s"), *SPEC["contexts"][1:]]
     story, _ = edited(contexts=contexts)
     story.wait(60)
@@ -135,10 +136,10 @@ def test_silence_and_the_fallback_last_through_an_edit():
     spec = {**SPEC, "contexts": [*SPEC["contexts"], a_context("blind")], "fallback": "blind"}
     story = Story(a_policy(**spec))
     story.wait(30)
-    assert story.last.contexts == ("blind",)
-    planner = Planner(a_policy(**spec, reserve="10m"))
+    assert story.last.contexts == ("late", "blind")
+    planner = Planner(a_policy(**spec, reserve="10m"), Quiet(), {})
     plans = planner.start(START + 40, story.planner)
-    assert plans[-1].contexts == ("blind",)
+    assert plans[-1].contexts == ("late", "blind")
     assert planner.next_due() == START + UNHEARD
 
 
@@ -150,6 +151,6 @@ def test_what_new_expressions_read_of_an_old_sample_they_see_at_once():
 
 def test_a_version_that_never_began_leaves_nothing():
     policy = parsing.parse(a_body(**SPEC))
-    planner = Planner(policy)
-    planner.start(START, Planner(policy))
+    planner = Planner(policy, Quiet(), {})
+    planner.start(START, Planner(policy, Quiet(), {}))
     assert planner.next_due() == START + 20

@@ -12,12 +12,13 @@ from reactivex import Subject
 from reactivex import operators as ops
 from reactivex.testing import ReactiveTest, TestScheduler
 
+from contextpolicy.planning.conditions.absence import UNHEARD
 from contextpolicy.planning.conditions.sample import Sample
-from contextpolicy.planning.conditions.stream import UNHEARD
 from contextpolicy.planning.observable import plan_with
 from contextpolicy.planning.planner import Planner
 from tests.planning.builders import a_context, a_policy, a_stream, a_task, on_node, record
 from tests.planning.example_initiative import steadiness
+from tests.planning.quiet import Quiet
 
 if TYPE_CHECKING:
     from contextpolicy.planning.allocation.plan import Plan
@@ -67,7 +68,7 @@ def test_nothing_is_scheduled_but_the_hour_without_samples_while_nothing_is_due(
     scheduler = TestScheduler()
     inputs: Subject[Input] = Subject()
     seen: list[Plan] = []
-    inputs.pipe(plan_with(Planner(moving_policy()), scheduler)).subscribe(seen.append)
+    inputs.pipe(plan_with(Planner(moving_policy(), Quiet(), {}), scheduler)).subscribe(seen.append)
     assert due(scheduler) == [UNHEARD]
     inputs.on_next(Sample("imu", {"speed": 0.0}))
     assert due(scheduler) == [UNHEARD]
@@ -80,20 +81,42 @@ def test_nothing_is_scheduled_but_the_hour_without_samples_while_nothing_is_due(
 def test_one_timer_is_armed_however_many_samples_feed_the_watchdog():
     scheduler = TestScheduler()
     inputs: Subject[Input] = Subject()
-    inputs.pipe(plan_with(Planner(moving_policy(staleAfter="1s")), scheduler)).subscribe()
+    inputs.pipe(plan_with(Planner(moving_policy(staleAfter="1s"), Quiet(), {}), scheduler)).subscribe()
     for _ in range(100):
         inputs.on_next(Sample("imu", {"speed": 0.0}))
     assert len(scheduler._queue) == 1
 
 
+def test_an_observer_that_raises_disarms_nothing():
+    scheduler, inputs = TestScheduler(), Subject[Any]()
+    planner = Planner(moving_policy(staleAfter="2s"), Quiet(), {})
+    broken: list[Plan] = []
+
+    def observe(plan):
+        if "moving" in plan.contexts and not broken:
+            broken.append(plan)
+            raise KeyError("broken")
+
+    inputs.pipe(plan_with(planner, scheduler)).subscribe(observe)
+    inputs.on_next(Sample("imu", {"speed": 0.5}))
+    with pytest.raises(KeyError, match="broken"):
+        scheduler.advance_by(1.0)
+    scheduler.stop()
+    scheduler.advance_by(60.0)
+    assert planner.last is not None
+    assert planner.last.contexts == ()
+
+
 def test_disposal_disarms_the_timer():
     scheduler = TestScheduler()
     seen: list[Plan] = []
-    planned = Subject().pipe(plan_with(Planner(moving_policy(staleAfter="1s")), scheduler))
+    streams, contexts = [a_stream("imu", staleAfter="1s")], [a_context("lost")]
+    policy = a_policy(streams=streams, tasks=[a_task("slam")], contexts=contexts, fallback="lost")
+    planned = Subject().pipe(plan_with(Planner(policy, Quiet(), {}), scheduler))
     subscription = planned.subscribe(seen.append)
     subscription.dispose()
     scheduler.start()
-    assert seen == []
+    assert [plan.contexts for plan in seen] == [()]
 
 
 def test_the_end_of_the_inputs_does_not_end_what_is_due():
@@ -102,8 +125,8 @@ def test_the_end_of_the_inputs_does_not_end_what_is_due():
     source = scheduler.create_hot_observable(
         ReactiveTest.on_next(2, Sample("imu", {"speed": 1.0})), ReactiveTest.on_completed(3)
     )
-    observer = scheduler.start(lambda: source.pipe(plan_with(Planner(policy), scheduler)), 0.5, 1.0, 100)
-    assert [message.time for message in observer.messages] == [2.0, 2.25, 5.0]
+    observer = scheduler.start(lambda: source.pipe(plan_with(Planner(policy, Quiet(), {}), scheduler)), 0.5, 1.0, 100)
+    assert [message.time for message in observer.messages] == [1.0, 2.25, 5.0]
 
 
 def curious_policy(**arguments):
@@ -138,13 +161,29 @@ class TestInitiatives:
         assert isinstance(got["scheduler"], TestScheduler)
         assert got["arguments"] == {"gain": "2", "stream": "imu"}
 
+    def test_it_gets_the_source_where_the_stream_keeps_its_sources_apart(self):
+        got: list[Any] = []
+
+        def curious(*, streams, scheduler):  # noqa: ARG001 - the contract's signature
+            return reactivex.merge(*streams.values()).pipe(ops.do_action(got.append), ops.map(lambda _: 1.0))
+
+        streams = [{**a_stream("lift", sources=2), "key": "lift/*"}, a_stream("imu")]
+        policy = a_policy(streams=streams, tasks=[a_task("slam", activity=[{"initiative": "steadiness"}])])
+        inputs: dict[float, Input] = {
+            2.0: Sample("lift", {"load": 1.0}, key="lift/left"),
+            3.0: Sample("lift", {"load": 2.0, "source": "me"}, key="lift/right"),
+            4.0: Sample("imu", {"speed": 3.0}),
+        }
+        record(policy, inputs, until=100, initiatives={"steadiness": curious})
+        assert got == [{"load": 1.0, "source": "left"}, {"load": 2.0, "source": "right"}, {"speed": 3.0}]
+
     def test_time_inside_it_is_the_schedulers(self):
         def late(*, streams, scheduler):
             return streams["imu"].pipe(ops.delay(0.5, scheduler=scheduler), ops.map(itemgetter("speed")))
 
         assert self.scores(late, 2.0) == [(2.0, 0.0), (3.5, 2.0)]
 
-    def test_a_plan_that_its_score_makes_tells_when_the_sample_behind_it_arrived(self):
+    def test_a_plan_that_its_score_makes_reports_when_the_sample_behind_it_arrived(self):
         """Not so when it speaks up later, by itself."""
 
         def faster(speed):
@@ -160,12 +199,12 @@ class TestInitiatives:
 
 
 class TestFailingInitiatives:
-    """A failing plug-in must not end the stream of plans; its last score stands and the error is told."""
+    """A failing plug-in must not end the stream of plans; its last score stands and the error is reported."""
 
     SOURCE = "spec.tasks[slam].activity[0].initiative steadiness"
 
     def run(self, initiative, initiatives=None, planner=None):
-        planner = planner or Planner(curious_policy())
+        planner = planner or Planner(curious_policy(), Quiet(), {})
         inputs = {2.0: on_node("slam", "rest")} | {3.0 + n: Sample("imu", {"speed": 1.0 + n}) for n in range(3)}
         inputs[9.0] = on_node("slam", "rest", cores=2)
         known = {"steadiness": initiative} if initiatives is None else initiatives
@@ -184,8 +223,8 @@ class TestFailingInitiatives:
         assert planner.errors == {self.SOURCE: "3.0"}
         assert planner.scores()["slam"] == 1.0
 
-    def test_it_is_told_when_it_fails_and_when_it_works_again(self):
-        """Rx ends what has failed once: the function is called anew."""
+    def test_failure_and_recovery_are_reported(self):
+        """Rx ends what has failed once: the function is called again."""
 
         def not_2(sample):
             return sample["speed"] / (2.0 - sample["speed"]) ** 2
@@ -199,16 +238,16 @@ class TestFailingInitiatives:
             def on_health(self):
                 health.append(dict(planner.errors))
 
-        planner = Planner(curious_policy(), Listener())
+        planner = Planner(curious_policy(), Listener(), {})
         assert self.run(breaks_at_2, planner=planner).errors == {}
-        told = [errors for errors, _ in groupby(health)]
-        assert told[told.index({self.SOURCE: "float division by zero"}) :] == [
+        reported = [errors for errors, _ in groupby(health)]
+        assert reported[reported.index({self.SOURCE: "float division by zero"}) :] == [
             {self.SOURCE: "float division by zero"},
             {},
         ]
         assert planner.scores()["slam"] == 3.0
 
-    def test_one_that_fails_at_each_sample_is_called_anew_once_a_second(self):
+    def test_one_that_fails_at_each_sample_is_called_again_once_a_second(self):
         calls, scheduler = [], TestScheduler()
         inputs: Subject[Input] = Subject()
 
@@ -216,7 +255,7 @@ class TestFailingInitiatives:
             calls.append(scheduler.clock)
             raise RuntimeError("no camera")
 
-        inputs.pipe(plan_with(Planner(curious_policy()), scheduler, {"steadiness": unwilling})).subscribe()
+        inputs.pipe(plan_with(Planner(curious_policy(), Quiet(), {}), scheduler, {"steadiness": unwilling})).subscribe()
         for _ in range(30):
             scheduler.advance_by(0.1)
             inputs.on_next(Sample("imu", {"speed": 1.0}))

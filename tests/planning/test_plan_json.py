@@ -1,4 +1,4 @@
-"""The one definition of a plan as JSON: everybody who tells a plan tells these fields, and they are documented."""
+"""The one definition of a plan as JSON: all publishers of a plan use these fields, and they are documented."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def documented():
 
 def test_bus_and_report_say_the_same():
     own = plan_json(POLICY, a_plan())
-    told = message(POLICY, 17, a_plan(), CONTAINERS, [])
-    assert {name: value for name, value in told.items() if name in own} == own
-    document = json.loads(report.as_json(POLICY, [a_plan()], timeline="demo"))
+    reported = message(POLICY, 17, a_plan(), CONTAINERS, [])
+    assert {name: value for name, value in reported.items() if name in own} == own
+    document = report.as_fields(POLICY, [a_plan()], timeline="demo")
     assert document == {"policy": "lab/robot", "timeline": "demo", "plans": [json.loads(json.dumps(own))]}
 
 
@@ -47,6 +47,6 @@ def test_every_field_is_documented_and_no_other():
     assert a_message().keys() <= own | added
 
 
-def test_what_falls_short_is_said_with_its_task():
-    told = [{"task": "slam", "message": "needs 4 cores, gets 1"}]
-    assert plan_json(POLICY, a_plan())["shortfalls"] == told
+def test_what_falls_short_is_reported_with_its_task():
+    reported = [{"task": "slam", "message": "needs 4 cores, gets 1"}]
+    assert plan_json(POLICY, a_plan())["shortfalls"] == reported

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tests.cluster.builders import cpu
-from tests.planning.builders import a_context, a_stream, a_task
+from tests.planning.builders import a_context, a_stream, a_task, limited
 
 IMU = "robot/imu"
 
@@ -21,7 +21,7 @@ def a_policy(name="robot", generation=1, created="2026-01-01T00:00:00Z", **spec)
         "apiVersion": "contextpolicy.dev/v1alpha1",
         "kind": "ContextPolicy",
         "metadata": {**metadata, "creationTimestamp": created},
-        "spec": full,
+        "spec": limited(full),
     }
 
 

@@ -17,9 +17,6 @@ def operator():
 @pytest.fixture
 def running(operator):
     """A robot that stands still, governed."""
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_policy())
-    operator.sample(IMU, speed=0.0)
-    operator.settle()
+    operator.govern(a_policy())
+    operator.react(IMU, speed=0.0)
     return operator

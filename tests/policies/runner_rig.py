@@ -5,14 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from contextpolicy.actuators.dry_run import DryRun
+from contextpolicy.bus.questions import Questions
+from contextpolicy.bus.signatures import UnsignedPlans
 from contextpolicy.cluster.agent_reports import read_report, with_agents
-from contextpolicy.cluster.claims import claim
 from contextpolicy.cluster.pods import view
 from contextpolicy.policies.policy_runner import PolicyRunner
 from contextpolicy.policies.services import Services
-from contextpolicy.recorder.flight_recorder import FlightRecorder
+from contextpolicy.recorder.flight_recorder import BUDGET, SECONDS, FlightRecorder
+from contextpolicy.streams.backlog import PER_STREAM, TOTAL, Backlog
+from contextpolicy.streams.wall_clock import WallClock
 from tests.bus.fake_session import FakeSession
 from tests.cluster.builders import NODE, a_pod
+from tests.cluster.claiming import claim
 from tests.planning.builders import a_context, a_policy, a_stream, a_task
 from tests.virtual_operator import OpenFence, VirtualLoop
 
@@ -44,11 +48,13 @@ class Robot:
         self.session, self.loop, self.orders = FakeSession(), VirtualLoop(), Orders()
         self.changes, self.plans, self.contexts = 0, [], []
         self.causes: list[str] = []
+        self.step = 0.0
+        """Seconds by which the machine's clock was set ahead."""
         self.agents: AgentWatch | None = None
         """Who hears which plans agents must confirm; by default nobody does."""
         self.runner = self.version(**spec)
 
-    def version(self, initiatives=None, *, actuator=True, **spec):
+    def version(self, initiatives=None, **spec):
         defaults = {
             "streams": [a_stream("imu")],
             "tasks": [a_task("slam"), a_task("speech")],
@@ -57,16 +63,17 @@ class Robot:
         services = Services(
             session=self.session,  # type: ignore[arg-type]  # a fake
             scheduler=self.loop,
-            signer=None,
+            clock=WallClock(self.loop, lambda: self.loop.to_seconds(self.loop.now) + self.step),
+            signer=UnsignedPlans(),
             fence=OpenFence(),
             agents=self,
             boards=self,
-            recorder=FlightRecorder(),
+            recorder=FlightRecorder(BUDGET, SECONDS),
             listener=self,
+            backlog=Backlog(PER_STREAM, TOTAL),
+            questions=Questions(self.loop),
         )
-        return PolicyRunner(
-            a_policy(**{**defaults, **spec}), services, self.orders if actuator else None, initiatives or {}
-        )
+        return PolicyRunner(a_policy(**{**defaults, **spec}), services, self.orders, initiatives or {}, {})
 
     def on_change(self, _):
         self.changes += 1
@@ -88,12 +95,11 @@ class Robot:
     def board(self, policy):
         return {"policy": policy}
 
-    def place(self, *names, cpu=1000, runner=None):
-        runner = runner or self.runner
+    def place(self, *names, cpu=1000):
         pods = [view(a_pod(name)) for name in names]
-        own = claim([runner.policy], pods, {NODE: cpu})[runner.policy.reference]
+        own = claim([self.runner.policy], pods, {NODE: cpu})[self.runner.policy.reference]
         reports = {node: read_report(report) for node, report in self.session.agents.items() if report}
-        runner.place(with_agents(runner.policy, own, reports), pods)
+        self.runner.place(with_agents(self.runner.policy, own, reports), pods)
 
     def begin(self):
         self.runner.start()

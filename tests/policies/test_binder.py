@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextpolicy.cluster.claims import claim
 from contextpolicy.policies import binder
+from contextpolicy.telemetry.reporter import STATUS_INTERVAL
 from tests.cluster.builders import NODE, a_pod, cpu
 from tests.planning.builders import a_task
 from tests.policies.builders import IMU, a_policy, resources
@@ -27,23 +28,15 @@ def test_nothing_on_a_node_that_is_gone_is_claimed(running):
     assert running.limits() == {"slam": 500, "speech": 500}
 
 
-def test_a_node_that_was_registered_anew_outlives_the_one_before(running):
+def test_a_node_that_was_registered_again_outlives_the_one_before(running):
     """A list may have the new one before it is noticed that the old one is gone."""
-    running.node("2", uid="uid-anew")
+    running.node("2", uid="uid-again")
     running.settle()
     assert running.limits() == {"slam": 1000, "speech": 1000}
     assert running.resizes_while(lambda: running.operator.node_gone(f"uid-{NODE}")) == []
-    running.operator.node_gone("uid-anew")
+    running.operator.node_gone("uid-again")
     running.settle()
     assert running.limits() == {"slam": 400, "speech": 400}
-
-
-def test_a_node_that_tells_no_size_is_ignored(running):
-    running.operator.node_changed({"metadata": {"name": "joining", "uid": "uid-joining"}, "status": {}})
-    running.turn()
-    running.sample(IMU, speed=0.3)
-    running.settle()
-    assert running.limits() == {"slam": 800, "speech": 200}
 
 
 def test_pods_known_before_their_node_are_governed_as_soon_as_it_is(operator):
@@ -59,8 +52,7 @@ def test_pods_known_before_their_node_are_governed_as_soon_as_it_is(operator):
 
 
 def test_a_pod_that_is_replaced_gets_the_share_of_its_task(running):
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     running.operator.pod_gone("uid-slam")
     running.cluster.remove("uid-slam")
     running.turn()
@@ -69,7 +61,7 @@ def test_a_pod_that_is_replaced_gets_the_share_of_its_task(running):
     assert running.limits() == {"slam": 800, "speech": 200}
 
 
-def test_a_restarted_container_is_told_to_agents_with_the_plan_in_force(running):
+def test_a_restarted_container_is_reported_to_agents_with_the_plan_in_force(running):
     running.session.published.clear()
     running.cluster.pods["uid-slam"]["status"]["containerStatuses"][0]["containerID"] = "containerd://again"
     running.cluster._commit("uid-slam")
@@ -80,16 +72,15 @@ def test_a_restarted_container_is_told_to_agents_with_the_plan_in_force(running)
     assert "trigger" in plan
 
 
-def test_a_container_that_a_resize_would_restart_is_left_alone_and_told_once(running):
+def test_a_container_that_a_resize_would_restart_is_left_alone_and_reported_once(running):
     delicate = a_pod("slam-2", {"slam": resources()}, labels={"app": "slam"})
     delicate["spec"]["containers"][0]["resizePolicy"] = [{"resourceName": "cpu", "restartPolicy": "RestartContainer"}]
     running.cluster.create(delicate)
     for speed in (0.3, 0.0, 0.3):
-        running.sample(IMU, speed=speed)
-        running.settle()
+        running.react(IMU, speed=speed)
     assert "slam-2" not in [pod for pod, _ in running.cluster.resizes()]
     assert running.condition("Applied")[:2] == ("False", "NotApplied")
-    [(reason, message)] = [one for one in running.told() if not one[0].startswith("Context")]
+    [(reason, message)] = [one for one in running.reported() if not one[0].startswith("Context")]
     assert reason == "NotResizable"
     assert message in running.condition("Applied")[2]
     assert "slam-2/slam restarts whenever its CPU changes" in message
@@ -127,10 +118,9 @@ def test_a_change_in_one_namespace_leaves_the_policies_of_others_alone(running):
     assert last is not None
 
 
-def test_a_pod_that_makes_no_sense_is_left_alone(running, caplog):
+def test_an_invalid_pod_is_left_alone(running, caplog):
     running.operator.pod_changed(a_pod("odd", {"odd": cpu("1m", "many")}))
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     assert running.limits() == {"slam": 800, "speech": 200}
     assert any("can't be read" in message and "'odd'" in message for message in caplog.messages)
 
@@ -146,7 +136,38 @@ def test_from_weights_back_to_limits(running):
     )
     running.settle()
     running.apply(a_policy(generation=3))
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     assert running.limits() == {"slam": 800, "speech": 200}
     assert running.condition("Applied")[0] == "True"
+
+
+def factor(running):
+    running.turn(STATUS_INTERVAL)
+    return running.cluster.statuses["lab/robot"]["nodes"][0]["requestFactor"]
+
+
+def test_a_pod_that_comes_takes_room_from_requests_wherever_it_is(running):
+    """Two tasks without a max: each could have all of the node's core."""
+    running.apply(a_policy(generation=2, enforcement={"control": "Weight"}))
+    running.settle()
+    assert factor(running) == 0.5
+    running.operator.pod_changed(a_pod("driver", {"driver": cpu("200m", None)}, namespace="kube-system"))
+    running.settle()
+    assert factor(running) == 0.4
+    requests = [container["resources"]["requests"]["cpu"] for container in containers(running)]
+    assert requests == ["200m", "200m"]
+    running.operator.pod_gone("uid-driver")
+    running.settle()
+    assert factor(running) == 0.5
+
+
+def containers(running):
+    return [container for pod in running.cluster.pods.values() for container in pod["spec"]["containers"]]
+
+
+def test_contexts_move_requests_but_not_the_factor(running):
+    running.apply(a_policy(generation=2, enforcement={"control": "Weight"}))
+    running.settle()
+    for speed in (0.3, 0.0, 0.3):
+        running.react(IMU, speed=speed)
+        assert factor(running) == 0.5

@@ -51,19 +51,19 @@ def test_without_the_config_map_the_policy_waits_and_says_so_once(operator):
     assert operator.apply(moody()).result() is False
     assert operator.apply(moody()).result() is False
     operator.turn(1.0)
-    told = (
-        "spec.streams[0].types: 'robot-types' is not allowed: a ConfigMap of namespace lab that the chart's rosTypes "
-        'names; configmaps "robot-types" not found (HTTP 404)'
+    reported = (
+        "spec.streams[0].types: invalid value 'robot-types': expected a ConfigMap of namespace lab that the chart's "
+        'rosTypes names; configmaps "robot-types" not found (HTTP 404)'
     )
-    assert operator.condition("Accepted") == ("False", "Invalid", told)
-    assert operator.told() == [("Invalid", told)]
+    assert operator.condition("Accepted") == ("False", "Invalid", reported)
+    assert operator.reported() == [("Invalid", reported)]
     operator.cluster.config_maps["lab/robot-types"] = DEFINITION
     assert operator.apply(moody()).result() is True
     operator.turn(1.0)
     assert operator.condition("Accepted")[0] == "True"
 
 
-def test_what_is_wrong_in_it_is_told_and_the_last_good_version_goes_on(operator):
+def test_what_is_wrong_in_it_is_reported_and_the_last_good_version_continues(operator):
     operator.cluster.config_maps["lab/robot-types"] = DEFINITION
     operator.apply(moody())
     operator.cluster.config_maps["lab/robot-types"] = {"my_msgs.msg.Mood.msg": "bool glad\nbool"}
@@ -85,7 +85,7 @@ def test_a_changed_definition_counts_from_the_next_change_of_the_policy(operator
     assert operator.limits() == {"slam": 800, "speech": 200}
 
 
-def test_what_is_not_finite_harms_nobody_outside(operator):
+def test_non_finite_values_stay_inside_the_module(operator):
     """JSON has no NaN and no Infinity: the API server and the bus would refuse all that stands around one."""
     scan = "sensor_msgs/msg/LaserScan"
     near = {"name": "near", "op": "min", "of": "min(mood.ranges)", "over": "1s"}

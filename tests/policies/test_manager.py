@@ -20,9 +20,8 @@ def test_an_invalid_edit_keeps_the_last_good_plan_in_force_and_says_why(running)
     assert running.condition("Accepted")[:2] == ("False", "Invalid")
     assert "spec.tasks[0].max" in running.condition("Accepted")[2]
     assert running.cluster.statuses["lab/robot"]["observedGeneration"] == 2
-    assert running.told()[-1][0] == "Invalid"
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    assert running.reported()[-1][0] == "Invalid"
+    running.react(IMU, speed=0.3)
     assert running.limits() == {"slam": 800, "speech": 200}
 
 
@@ -35,8 +34,7 @@ def test_an_edit_that_only_the_bus_refuses_keeps_the_last_good_plan_too(running,
     running.apply(a_policy(generation=2, streams=[stream]))
     running.turn(0.5)
     assert running.condition("Accepted")[:2] == ("False", "Invalid")
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     assert running.limits() == {"slam": 800, "speech": 200}
 
 
@@ -47,9 +45,8 @@ def test_a_good_edit_after_an_invalid_one_is_all_well_again(running):
     assert running.condition("Ready") == ("True", "Working", "")
 
 
-def test_an_edit_keeps_what_the_streams_told_and_moves_only_what_it_changes(running):
-    running.sample(IMU, speed=0.3)
-    running.settle()
+def test_an_edit_keeps_what_the_streams_reported_and_moves_only_what_it_changes(running):
+    running.react(IMU, speed=0.3)
     effects = {"slam": {"weight": 7}, "speech": {"weight": 3}}
     edited = a_policy(generation=2, contexts=[a_context("moving", "imu.speed > 0.1", effects)])
     resized = running.resizes_while(lambda: running.apply(edited))
@@ -59,11 +56,8 @@ def test_an_edit_keeps_what_the_streams_told_and_moves_only_what_it_changes(runn
 @pytest.mark.parametrize("streams", [[a_stream("imu", staleAfter="10s")], [a_stream("imu")]], ids=["watched", "plain"])
 def test_an_edit_that_changes_nothing_moves_nothing(operator, streams):
     """Least of all does it put containers back for a moment."""
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_policy(streams=streams))
-    operator.sample(IMU, speed=0.3)
-    operator.settle()
+    operator.govern(a_policy(streams=streams))
+    operator.react(IMU, speed=0.3)
     calls = len(operator.cluster.calls)
     operator.session.published.clear()
     operator.apply(a_policy(generation=2, streams=streams, reserve="0"))
@@ -74,16 +68,14 @@ def test_an_edit_that_changes_nothing_moves_nothing(operator, streams):
 
 
 def test_a_new_operator_moves_nothing_that_is_right(running):
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
+    running.turn(2 * STATUS_INTERVAL)
     calls = len(running.cluster.calls)
+    left = {**running.cluster.statuses["lab/robot"], "originals": dict(running.cluster.policies["lab/robot"])}
     running.start()
-    running.list_all()
-    running.connect()
-    running.apply(a_policy())
+    running.govern({**a_policy(), "status": left})
     running.turn(1.0)
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     assert running.cluster.calls[calls:] == []
 
 
@@ -94,17 +86,14 @@ def test_a_policy_without_a_watched_stream_starts_without_a_restore(running):
     running.settle()
     calls = len(running.cluster.calls)
     running.start()
-    running.list_all()
-    running.connect()
-    running.apply(plain)
+    running.govern(plain)
     running.settle()
     assert running.cluster.calls[calls:] == []
     assert running.limits() == {"slam": 800, "speech": 200}
 
 
 def test_deletion_is_done_when_all_is_as_it_was(running):
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     done = running.delete(a_policy())
     assert not done.done()
     running.patch()
@@ -112,7 +101,7 @@ def test_deletion_is_done_when_all_is_as_it_was(running):
     running.settle()
     assert done.done()
     assert running.limits() == {"slam": 400, "speech": 400}
-    assert running.session.plans()[-1] is None, "whoever acts on its plans must stop"
+    assert running.session.plans()[-1] is None, "those who act on its plans must stop"
 
 
 def measured():
@@ -121,8 +110,7 @@ def measured():
 
 
 def test_what_was_measured_of_a_policy_goes_with_it(running):
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     assert {"contextpolicy_task_weight", "contextpolicy_plans_total", "contextpolicy_resizes_total"} <= measured()
     running.delete(a_policy())
     running.settle()
@@ -131,8 +119,7 @@ def test_what_was_measured_of_a_policy_goes_with_it(running):
 
 def test_an_answer_that_comes_after_its_policy_is_gone_leaves_nothing(running):
     """A release does not wait for pods that end."""
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     running.sample(IMU, speed=0.0)
     for uid in running.cluster.pods:
         running.cluster.terminate(uid)
@@ -148,8 +135,7 @@ def test_an_answer_that_comes_after_its_policy_is_gone_leaves_nothing(running):
 
 
 def test_a_policy_that_leaves_is_forgotten_too_when_another_operator_serves_its_namespace(running):
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     running.cluster.faults += [refusal("Forbidden")] * 9
     running.delete(a_policy())
     running.patch()
@@ -167,9 +153,7 @@ def test_a_policy_that_leaves_is_forgotten_too_when_another_operator_serves_its_
 
 
 def test_deletion_before_the_first_sample_has_nothing_to_do(operator):
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_policy())
+    operator.govern(a_policy())
     assert operator.delete(a_policy()).done()
 
 
@@ -193,23 +177,19 @@ def test_a_deletion_that_nobody_awaits_any_more_is_still_done(running):
 
 @pytest.mark.parametrize("mode", ["Paused", "DryRun"])
 def test_a_policy_that_stops_enforcing_puts_all_back_and_takes_it_up_again(running, mode):
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     running.apply(a_policy(generation=2, mode=mode))
     running.settle()
     assert running.limits() == {"slam": 400, "speech": 400}
     assert running.condition("Applied")[:2] == ("True", mode)
     assert None in running.session.plans(), "an agent must not act on it either"
     running.apply(a_policy(generation=3))
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     assert running.limits() == {"slam": 800, "speech": 200}
 
 
 def test_a_paused_policy_hears_nothing(operator):
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_policy(mode="Paused"))
+    operator.govern(a_policy(mode="Paused"))
     assert [one.key for one in operator.session.subscribers] == ["contextpolicy/agents/*/confirmed"]
     operator.settle()
     assert operator.condition("Ready")[0] == "True"
@@ -232,12 +212,11 @@ def two_policies(operator):
 def test_streams_beyond_what_the_administrator_allows_are_refused(operator):
     operator.tenants = Tenants({"lab": Tenant(stream_prefixes=("robot",))})
     operator.start()
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_policy(streams=[a_stream("imu", key="other/imu")]))
+    operator.govern(a_policy(streams=[a_stream("imu", key="other/imu")]))
     operator.turn(1.0)
-    told = "spec.streams[0].key: 'other/imu' is not allowed: the administrator lets namespace lab read robot/**"
-    assert operator.condition("Accepted") == ("False", "Invalid", told)
+    allowed = "a key that the administrator lets namespace lab read: robot/**"
+    reported = f"spec.streams[0].key: invalid value 'other/imu': expected {allowed}"
+    assert operator.condition("Accepted") == ("False", "Invalid", reported)
     assert "other/imu" not in operator.session.everything_declared()
     operator.apply(a_policy(generation=2))
     operator.turn(1.0)
@@ -272,7 +251,7 @@ def test_a_policy_takes_over_what_an_older_one_leaves(operator):
     assert operator.limits()["slam"] == 400
 
 
-def test_a_conflict_is_told_once_however_often_pods_come_and_go(operator, caplog):
+def test_a_conflict_is_reported_once_however_often_pods_come_and_go(operator, caplog):
     old, young = two_policies(operator)
     young["spec"] = {**young["spec"], "tasks": [a_task("slam")]}
     operator.apply(old)
@@ -281,7 +260,7 @@ def test_a_conflict_is_told_once_however_often_pods_come_and_go(operator, caplog
         operator.operator.pod_changed(a_pod(f"other-{n}"))
         operator.turn()
     assert sum("belongs to task slam" in message for message in caplog.messages) == 1
-    assert [reason for reason, _ in operator.told()] == ["Conflicted"]
+    assert [reason for reason, _ in operator.reported()] == ["Conflicted"]
 
 
 def test_a_version_whose_runner_cannot_be_made_leaves_the_last_one_running(running, monkeypatch):
@@ -294,6 +273,5 @@ def test_a_version_whose_runner_cannot_be_made_leaves_the_last_one_running(runni
             running.apply(a_policy(generation=2))
     running.loop._is_enabled = False  # the real loop goes on after an action that raises
     before = running.limits()
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     assert running.limits() != before

@@ -122,9 +122,15 @@ class AgentAtWork:
     def __init__(self, robot):
         self._robot, self._seen, self._signed = robot, 0, 10**9
         self.refused: list[str] = []
-        self.watch = AgentWatch(robot.session, robot.loop, lambda: None)
+        self.watch = AgentWatch(robot.session, robot.loop, self, {NODE})
         self._admission = Admission(8)
         robot.agents, robot.session.confirming = self.watch, False
+
+    def on_agents(self):
+        """The robot's claim stays as it is."""
+
+    def on_confirmation(self, node, said):
+        """Nobody measures."""
 
     def work(self, seconds, step):
         for _ in range(round(seconds / step)):

@@ -53,7 +53,7 @@ def test_functions_that_are_not_installed_are_named_all_at_once(installed):
 
 
 @pytest.mark.usefixtures("installed")
-def test_without_any_plug_in_that_is_said():
+def test_missing_plug_ins_are_reported():
     with pytest.raises(PolicyError, match="installed: none"):
         load(policy_with("bumps"))
 

@@ -16,7 +16,7 @@ from tests.policies.runner_rig import APPLIED, IMU, PLAN, Robot
 from tests.virtual_operator import START
 
 
-def test_nothing_is_ordered_or_told_before_it_is_known_where_the_containers_run():
+def test_nothing_is_ordered_before_the_containers_nodes_are_known():
     robot = Robot()
     robot.runner.start()
     assert robot.runner.planner.last is not None
@@ -56,7 +56,7 @@ def test_an_agent_has_the_processors_until_it_has_acted():
     assert [plan.contexts for _, plan in robot.plans] == [("moving",)]
 
 
-def test_a_context_that_begins_meanwhile_is_not_told_to_end():
+def test_a_context_that_begins_meanwhile_does_not_end():
     moving = a_context("moving", "imu.speed > 0.1", {"slam": {"weight": 4}})
     robot = with_agent(contexts=[moving, a_context("dark", "imu.light < 5.0", {})], enforcement={"minDwell": "100ms"})
     for light in (9.0, 1.0):
@@ -69,11 +69,11 @@ def test_a_context_that_begins_meanwhile_is_not_told_to_end():
 @pytest.mark.parametrize(("agent", "told_before"), [(False, 0), (True, 1)])
 def test_patches_are_sent_before_the_message_is_made_unless_an_agent_acts_on_it(monkeypatch, agent, told_before):
     robot = with_agent() if agent else Robot().begin()
-    told, apply = len(robot.session.plans()), robot.orders.apply
+    reported, apply = len(robot.session.plans()), robot.orders.apply
     seen = []
 
     def noting(order):
-        seen.append(len(robot.session.plans()) - told)
+        seen.append(len(robot.session.plans()) - reported)
         apply(order)
 
     monkeypatch.setattr(robot.orders, "apply", noting)
@@ -89,7 +89,7 @@ def stormy():
     return robot, len(robot.orders.all), len(robot.session.plans())
 
 
-def test_in_a_storm_of_plans_the_first_is_carried_out_at_once_and_then_the_newest():
+def test_in_a_storm_the_first_plan_and_then_the_newest_are_carried_out():
     robot, orders, messages = stormy()
     for speed in (1.0, 2.0, 3.0, 4.0):
         robot.session.deliver(IMU, speed=speed)
@@ -97,9 +97,9 @@ def test_in_a_storm_of_plans_the_first_is_carried_out_at_once_and_then_the_newes
     assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500]
     robot.loop.advance_by(0.002)
     assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500, 800]
-    told = robot.session.plans()[messages:]
-    assert [plan["tasks"]["slam"]["share"] for plan in told] == [0.5, 0.8]
-    assert told[1]["sequence"] == told[0]["sequence"] + 3
+    reported = robot.session.plans()[messages:]
+    assert [plan["tasks"]["slam"]["share"] for plan in reported] == [0.5, 0.8]
+    assert reported[1]["sequence"] == reported[0]["sequence"] + 3
     assert robot.orders.last.shares == {"lab/slam/slam": 800, "lab/speech/speech": 200}
 
 
@@ -140,11 +140,11 @@ def test_a_placement_orders_once_whether_it_makes_a_plan_or_not():
     assert len(robot.orders.all) == 3, "without one: the claim may have changed"
 
 
-def test_the_same_placement_again_is_ordered_and_not_told():
+def test_the_same_placement_again_is_ordered_and_not_reported():
     robot = Robot().begin()
-    told, ordered = len(robot.session.published), len(robot.orders.all)
+    reported, ordered = len(robot.session.published), len(robot.orders.all)
     robot.place("slam", "speech")
-    assert len(robot.session.published) == told
+    assert len(robot.session.published) == reported
     assert len(robot.orders.all) == ordered + 1
 
 
@@ -167,7 +167,7 @@ def test_run_and_sequence_only_move_forward_even_when_the_clock_does_not(monkeyp
     assert numbers == sorted(set(numbers))
 
 
-def test_stages_are_told_with_the_plan_they_belong_to(monkeypatch):
+def test_stages_are_reported_with_the_plan_they_belong_to(monkeypatch):
     monkeypatch.setattr(plan_publisher, "time", SimpleNamespace(monotonic=lambda: 100.0, time=time.time))
     robot = Robot()
     robot.runner.publisher.publish_applied("accepted", "lab/slam/slam", 0.8, 100.0)
@@ -223,9 +223,8 @@ def test_a_runner_that_never_started_can_be_stopped():
 # modes
 
 
-def test_a_policy_without_an_actuator_hears_nothing():
+def test_a_paused_policy_hears_nothing():
     robot = Robot(mode="Paused")
-    robot.runner = robot.version(actuator=False, mode="Paused")
     robot.begin()
     assert robot.session.subscribers == []
     assert robot.session.plans() == [None]
@@ -237,10 +236,10 @@ def test_a_dry_run_withdraws_what_agents_acted_on():
     assert robot.session.plans()[-1]["mode"] == "DryRun"
 
 
-# telling
+# reporting
 
 
-def test_a_sample_that_is_not_used_is_counted_and_told_once():
+def test_a_sample_that_is_not_used_is_counted_and_reported_once():
     robot = Robot().begin()
     labels = {"namespace": "lab", "name": "robot", "stream": "imu", "reason": "undecodable"}
     before = REGISTRY.get_sample_value("contextpolicy_samples_dropped_total", labels) or 0.0
@@ -267,7 +266,7 @@ def test_a_plan_is_measured():
     assert gauge("context_active", context="moving") == 0.0
 
 
-def test_health_is_told_though_no_plan_changes():
+def test_health_is_published_although_no_plan_changes():
     robot = Robot(streams=[a_stream("imu", staleAfter="1s")], contexts=[]).begin()
     robot.sample(speed=0.0)
     plans = len(robot.session.plans())
@@ -295,3 +294,18 @@ def test_the_bus_hears_when_what_triggered_a_plan_arrived(monkeypatch):
     robot.sample(speed=0.3)
     message = robot.session.plans()[-1]
     assert message["trigger"] == pytest.approx(robot.loop.to_seconds(robot.loop.now) - 2.5, abs=0.1)
+
+
+def test_each_plan_that_min_dwell_holds_back_is_counted_once():
+    robot = Robot(enforcement={"minDwell": "10s"}).begin()
+    robot.loop.advance_by(20)
+    before = held_back()
+    for speed in (0.3, 0.0, 0.3, 0.0, 0.3, 0.0):
+        robot.sample(speed=speed)
+        robot.loop.advance_by(9)
+    assert held_back() - before == robot.runner.planner.held_back >= 2
+
+
+def held_back():
+    labels = {"namespace": "lab", "name": "robot"}
+    return REGISTRY.get_sample_value("contextpolicy_plans_held_back_total", labels) or 0

@@ -1,4 +1,4 @@
-"""What goes wrong is told in the status, and told again when it is over, in virtual time."""
+"""What goes wrong is reported in the status, and so is its end, in virtual time."""
 
 from __future__ import annotations
 
@@ -15,21 +15,18 @@ from tests.planning.builders import a_task
 from tests.policies.builders import IMU, a_policy
 
 
-def test_a_refused_resize_is_told_and_recovers(running):
+def test_a_refused_resize_is_reported_and_recovers(running):
     running.cluster.faults.append(refusal("Forbidden"))
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     assert running.condition("Applied") == ("False", "NotApplied", "speech: Forbidden: no")
-    assert ("ResizeFailed", "speech: Forbidden: no") in running.told()
-    running.sample(IMU, speed=0.0)
-    running.settle()
+    assert ("ResizeFailed", "speech: Forbidden: no") in running.reported()
+    running.react(IMU, speed=0.0)
     assert running.condition("Applied")[0] == "True"
-    assert ("ResizeRecovered", "speech can be resized again") in running.told()
+    assert ("ResizeRecovered", "speech can be resized again") in running.reported()
 
 
-def test_a_refused_restore_is_told_while_the_policy_waits_and_when_it_is_over(running):
-    running.sample(IMU, speed=0.3)
-    running.settle()
+def test_a_refused_restore_is_reported_until_it_succeeds(running):
+    running.react(IMU, speed=0.3)
     running.cluster.faults += [refusal("Forbidden")] * 3
     done = running.delete(a_policy())
     running.turn(1)
@@ -38,23 +35,22 @@ def test_a_refused_restore_is_told_while_the_policy_waits_and_when_it_is_over(ru
     assert (status, reason) == ("False", "NotRestored")
     assert message == f"slam: Forbidden: no; {GIVE_UP}"
     assert running.condition("Ready")[0] == "False"
-    assert ("RestoreFailed", message) in running.told()
+    assert ("RestoreFailed", message) in running.reported()
     assert not done.done()
     running.delete(a_policy())  # kopf asks again
     running.settle()
-    assert running.told().count(("RestoreFailed", message)) == 1, "it is no news"
+    assert running.reported().count(("RestoreFailed", message)) == 1, "it is no news"
     for _ in range(9):
         done = running.delete(a_policy())
         running.turn(10)
         running.settle()
     assert done.done()
     assert running.limits() == {"slam": 400, "speech": 400}
-    assert ("ResizeRecovered", "slam can be resized again") in running.told()
+    assert ("ResizeRecovered", "slam can be resized again") in running.reported()
 
 
 def test_a_namespace_that_another_operator_serves_is_forgotten_and_left_as_it_is(running):
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     before, calls = running.limits(), len(running.cluster.calls)
     running.operator.abandon("lab")
     running.turn(1)
@@ -65,17 +61,15 @@ def test_a_namespace_that_another_operator_serves_is_forgotten_and_left_as_it_is
     assert running.session.tokens == []
     assert running.operator.queries._recorder.of("lab/robot") is None, "its records take room from other policies'"
     running.apply({**a_policy(), "status": {"originals": running.cluster.policies["lab/robot"]}})
-    running.sample(IMU, speed=0.0)
-    running.settle()
+    running.react(IMU, speed=0.0)
     assert running.limits() == {"slam": 500, "speech": 500}
-    assert "ResizedByOther" not in [reason for reason, _ in running.told()], "it knows nothing of before"
+    assert "ResizedByOther" not in [reason for reason, _ in running.reported()], "it knows nothing of before"
 
 
-def test_an_operator_without_its_lease_is_silent_and_says_the_plan_again_when_it_is_back(running):
+def test_an_operator_publishes_nothing_without_its_lease_and_republishes_on_return(running):
     running.fence.open = False
     plans = len(running.session.plans())
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     assert len(running.session.plans()) == plans
     assert running.session.ask("contextpolicy/lab/robot/plan").answers == []
     running.fence.open = True
@@ -84,31 +78,30 @@ def test_an_operator_without_its_lease_is_silent_and_says_the_plan_again_when_it
     assert running.session.plans()[-1]["contexts"] == ["moving"]
 
 
-def test_a_resize_that_the_kubelet_holds_back_is_told(running):
+def test_a_resize_that_the_kubelet_holds_back_is_reported(running):
     waits = {"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": "node is full"}
     running.cluster.pods["uid-slam"]["status"]["conditions"].append(waits)
     running.cluster._commit("uid-slam")
     running.settle()
     status, reason, message = running.condition("Applied")
     assert (status, reason) == ("False", "NotApplied")
-    assert message.startswith("slam: Deferred: node is full; its CPU request doesn't fit")
-    assert ("ResizePending", message) in running.told()
+    assert message.startswith("slam: Deferred: node is full; its CPU request does not fit")
+    assert ("ResizePending", message) in running.reported()
     running.cluster.pods["uid-slam"]["status"]["conditions"].remove(waits)
     running.cluster._commit("uid-slam")
     running.settle()
     assert running.condition("Applied")[0] == "True"
 
 
-def test_somebody_else_who_resizes_is_told_and_gets_nowhere(running):
-    running.sample(IMU, speed=0.3)
-    running.settle()
+def test_an_external_resize_is_reported_and_reverted(running):
+    running.react(IMU, speed=0.3)
     running.cluster.edit("uid-slam", "slam", cpu="300m", by="vpa-updater")
     running.settle()
     assert running.limits() == {"slam": 800, "speech": 200}
     status, _, message = running.condition("Applied")
     assert status == "False"
     assert message.startswith("lab/slam/slam: vpa-updater changed its CPU limit from 800m to 300m; ")
-    assert ("ResizedByOther", message) in running.told()
+    assert ("ResizedByOther", message) in running.reported()
     running.turn(100)
     running.settle()
     assert running.condition("Applied")[0] == "True"
@@ -125,7 +118,7 @@ def test_the_problems_of_a_pod_go_with_it(running):
     assert running.condition("Applied")[0] == "True"
 
 
-def test_a_silent_stream_is_told_and_heard_again(running):
+def test_a_silent_stream_is_reported_and_heard_again(running):
     running.turn(11.0)
     running.turn(1.0)
     assert running.condition("StreamsHealthy")[:2] == ("False", "Silent")
@@ -139,7 +132,7 @@ def inverse_speed(sample: dict[str, float]) -> float:
     return 1 / sample["speed"]
 
 
-def test_a_plugged_in_function_that_fails_is_told_until_it_works_again(operator, monkeypatch):
+def test_a_plugged_in_function_that_fails_is_reported_until_it_works_again(operator, monkeypatch):
     class Installed:
         name = "caution"
 
@@ -147,35 +140,32 @@ def test_a_plugged_in_function_that_fails_is_told_until_it_works_again(operator,
             return lambda streams, **_: streams["imu"].pipe(operators.map(inverse_speed))
 
     monkeypatch.setattr(plugins, "entry_points", lambda **_: [Installed()])
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_policy(tasks=[a_task("slam", activity=[{"initiative": "caution"}]), a_task("speech")]))
+    operator.govern(a_policy(tasks=[a_task("slam", activity=[{"initiative": "caution"}]), a_task("speech")]))
     operator.sample(IMU, speed=0.0)
     operator.turn(1.0)
     source = "spec.tasks[slam].activity[0].initiative caution"
-    told = f"{source}: float division by zero"
-    assert operator.condition("StreamsHealthy") == ("False", "ExpressionFailed", told)
+    reported = f"{source}: float division by zero"
+    assert operator.condition("StreamsHealthy") == ("False", "ExpressionFailed", reported)
     operator.sample(IMU, speed=0.5)
     operator.turn(1.0)
     assert operator.condition("StreamsHealthy")[0] == "True"
 
 
-def test_an_edit_that_is_refused_is_told_again_when_it_was_mended_in_between(running):
-    broken, mended = a_policy(tasks=[]), a_policy()
-    for body in (broken, broken, mended, broken):
+def test_a_rejected_edit_is_reported_again_after_a_good_one(running):
+    broken, corrected = a_policy(tasks=[]), a_policy()
+    for body in (broken, broken, corrected, broken):
         running.apply(body)
-    assert [reason for reason, _ in running.told() if reason == "Invalid"] == ["Invalid", "Invalid"]
+    assert [reason for reason, _ in running.reported() if reason == "Invalid"] == ["Invalid", "Invalid"]
 
 
-def test_an_error_inside_is_the_callers_and_the_loop_goes_on(running):
-    broken: dict[str, Any] = {"metadata": {}}
+def test_an_error_inside_is_the_callers_and_the_loop_continues(running):
+    broken: dict[str, Any] = {"metadata": {"namespace": "lab", "name": "broken"}, "status": {"conditions": 5}}
     future = running.operator.policy_changed(broken)
-    with pytest.raises(KeyError):
+    with pytest.raises(TypeError):
         running.turn()
-    assert isinstance(future.exception(), KeyError)
+    assert isinstance(future.exception(), TypeError)
     running.loop.stop()
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     assert running.limits() == {"slam": 800, "speech": 200}
 
 
@@ -186,8 +176,7 @@ def test_a_caller_that_gave_up_waiting_harms_nobody(operator):
     future = operator.operator.policy_changed(a_policy())
     assert future.cancel()
     operator.turn()
-    operator.sample(IMU, speed=0.3)
-    operator.settle()
+    operator.react(IMU, speed=0.3)
     assert operator.limits() == {"slam": 800, "speech": 200}
     with pytest.raises(CancelledError):
         future.result()

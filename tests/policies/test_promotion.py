@@ -24,8 +24,7 @@ def a_shadow(mode="DryRun", generation=1, name="robot-next", of="robot", **spec)
 def beside(running):
     """The shadow of a robot that moves."""
     running.apply(a_shadow())
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     return running
 
 
@@ -47,9 +46,9 @@ def misses(operator, seconds, part, task="slam", *, suspended=False):
     operator.settle()
 
 
-def shadow_of(operator, policy="lab/robot-next"):
+def shadow_of(operator):
     operator.turn(1.0)
-    return operator.cluster.statuses[policy]["shadow"]
+    return operator.cluster.statuses["lab/robot-next"]["shadow"]
 
 
 def test_a_shadow_moves_nothing_and_says_what_it_would(beside):
@@ -70,7 +69,7 @@ def test_a_promoted_shadow_decides_in_the_others_place(promoted):
     assert promoted.condition("Applied", "lab/robot-next") == ("True", "Promoted", "")
     assert promoted.condition("Applied") == ("True", "InForce", "")
     assert promoted.cluster.statuses["lab/robot"]["promotedShadow"] == "robot-next"
-    assert ("Promoted", "robot is carried out as it says") in promoted.told()
+    assert ("Promoted", "robot now runs with this spec") in promoted.reported()
 
 
 def test_modules_and_agents_hear_the_plan_where_they_always_did(promoted):
@@ -94,17 +93,19 @@ def test_a_rise_of_misses_takes_it_back(promoted):
     assert promoted.condition("Ready", "lab/robot-next")[0] == "False"
     assert promoted.condition("Ready")[0] == "True"
     assert promoted.cluster.statuses["lab/robot"]["promotedShadow"] is None
-    assert [reason for reason, _ in promoted.told()].count("TakenBack") == 2
+    assert [reason for reason, _ in promoted.reported()].count("TakenBack") == 2
     assert shadow_of(promoted)["takenBack"]["generation"] == 2
 
 
-@pytest.mark.parametrize("told", [{"part": 0.02}, {"part": 1.0, "suspended": True}, {"part": 1.0, "task": "stranger"}])
-def test_what_is_no_rise_takes_nothing_back(promoted, told):
-    misses(promoted, 60, **told)
+@pytest.mark.parametrize(
+    "health", [{"part": 0.02}, {"part": 1.0, "suspended": True}, {"part": 1.0, "task": "stranger"}]
+)
+def test_misses_that_do_not_rise_revert_nothing(promoted, health):
+    misses(promoted, 60, **health)
     assert promoted.limits() == {"slam": 500, "speech": 500}
 
 
-def test_its_status_tells_the_misses_before_and_since(promoted):
+def test_its_status_reports_the_misses_before_and_since(promoted):
     misses(promoted, 20, 0.03)
     promoted.apply(a_shadow("Enforce", generation=3))
     assert shadow_of(promoted)["tasks"] == [
@@ -112,7 +113,7 @@ def test_its_status_tells_the_misses_before_and_since(promoted):
     ]
 
 
-def test_its_status_tells_the_misses_before_as_soon_as_they_are_known(beside):
+def test_its_status_reports_the_misses_before_as_soon_as_they_are_known(beside):
     misses(beside, 20, 0.01)
     assert shadow_of(beside)["tasks"] == [{"name": "slam", "missesBefore": pytest.approx(0.01)}]
 
@@ -157,8 +158,7 @@ def test_a_new_operator_knows_what_was_taken_back(promoted):
 def test_a_new_operator_does_not_wait_for_ever_for_a_shadow_that_is_gone(promoted):
     restarted(promoted, a_policy())
     promoted.turn(2.0)
-    promoted.sample(IMU, speed=0.3)
-    promoted.settle()
+    promoted.react(IMU, speed=0.3)
     assert promoted.limits() == {"slam": 800, "speech": 200}
 
 
@@ -180,7 +180,7 @@ def test_what_is_kept_moves_nothing(promoted):
 
 
 @pytest.mark.parametrize(("mode", "limits"), [("Paused", 400), ("DryRun", 400)])
-def test_whoever_pauses_the_policy_pauses_its_shadow_too(promoted, mode, limits):
+def test_pausing_a_policy_pauses_its_shadow(promoted, mode, limits):
     promoted.apply(a_policy(generation=2, mode=mode))
     promoted.settle()
     assert promoted.limits() == {"slam": limits, "speech": limits}
@@ -207,26 +207,32 @@ def test_only_one_shadow_is_promoted(promoted):
 
 
 @pytest.mark.parametrize("of", ["nobody", "robot-next"])
-def test_a_shadow_of_nothing_says_what_there_is(beside, of):
+def test_shadow_of_an_unknown_policy_lists_the_running_ones(beside, of):
     beside.apply(a_shadow(name="lost", of=of))
     beside.settle()
     status, reason, message = beside.condition("Accepted", "lab/lost")
     assert (status, reason) == ("False", "Conflicted")
-    assert message == f"spec.shadow.of: '{of}' is not allowed: a policy of namespace lab that runs, one of robot"
+    assert message == f"spec.shadow.of: invalid value '{of}': expected a running policy of namespace lab: one of robot"
     assert beside.limits() == {"slam": 800, "speech": 200}
 
 
 def test_it_finds_what_it_waits_for_when_that_comes(operator):
-    operator.list_all()
-    operator.connect()
-    operator.apply(a_shadow("Enforce"))
+    operator.govern(a_shadow("Enforce"))
     operator.settle()
     assert operator.condition("Accepted", "lab/robot-next")[0] == "False"
     operator.apply(a_policy())
-    operator.sample(IMU, speed=0.3)
-    operator.settle()
+    operator.react(IMU, speed=0.3)
     assert operator.condition("Accepted", "lab/robot-next")[0] == "True"
     assert operator.limits() == {"slam": 500, "speech": 500}
+
+
+def test_a_task_that_a_shadow_no_longer_has_is_not_in_its_status(beside):
+    misses(beside, 20, 0.01)
+    misses(beside, 20, 0.01, task="speech")
+    assert [task["name"] for task in shadow_of(beside)["tasks"]] == ["slam", "speech"]
+    beside.apply(a_shadow(generation=2, tasks=[a_task("slam")], contexts=[]))
+    beside.settle()
+    assert [task["name"] for task in shadow_of(beside)["tasks"]] == ["slam"]
 
 
 def test_an_invalid_edit_of_a_promoted_shadow_leaves_it_promoted(promoted):
@@ -255,14 +261,18 @@ def test_a_recording_has_the_spec_that_decided(promoted):
     assert recorded["policy"]["spec"].keys().isdisjoint({"shadow", "mode"})
 
 
+def test_there_is_no_recording_of_a_policy_that_does_not_run(promoted):
+    promoted.loop.inline = True
+    assert promoted.operator.queries.recording("lab/other", 300) is None
+
+
 def test_a_stream_that_only_the_shadow_has_is_known_when_it_is_promoted(running):
     """It was heard beside the policy: the promoted plan is at once the one that was shown."""
     streams = [a_stream("imu", staleAfter="10s"), a_stream("mode", staleAfter="1h")]
     contexts = [a_context("careful", "mode.careful", HALF)]
     running.apply(a_shadow(streams=streams, contexts=contexts))
     running.sample("robot/mode", careful=True)
-    running.sample(IMU, speed=0.3)
-    running.settle()
+    running.react(IMU, speed=0.3)
     running.apply(a_shadow("Enforce", generation=2, streams=streams, contexts=contexts))
     running.settle()
     assert running.limits() == {"slam": 500, "speech": 500}

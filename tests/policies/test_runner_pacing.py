@@ -1,4 +1,4 @@
-"""Weights and scores that move no share are told all the same, at a bounded rate."""
+"""Weights and scores that move no share are published all the same, at a bounded rate."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def shown(robot):
     ]
 
 
-def test_they_are_told_and_order_nothing():
+def test_they_are_reported_and_order_nothing():
     robot = robot_with_a_fixed_share()
     robot.sample(speed=0.3)
     robot.loop.advance_by(10)
@@ -39,7 +39,7 @@ def test_they_are_told_and_order_nothing():
     assert REGISTRY.get_sample_value("contextpolicy_task_weight", labels) == 0.5
 
 
-def test_a_flutter_is_told_at_a_bounded_rate_and_its_end_always():
+def test_a_flutter_is_reported_at_a_bounded_rate_and_its_end_always():
     robot = robot_with_a_fixed_share()
     robot.sample(speed=0.3)
     before = len(robot.session.plans())
@@ -47,11 +47,11 @@ def test_a_flutter_is_told_at_a_bounded_rate_and_its_end_always():
     for tick in range(300):  # three seconds at 100 Hz
         robot.sample(speed=0.3 + tick / 1000)
     robot.loop.advance_by(10)
-    told = shown(robot)[before:]
-    assert len(told) <= 3 / UPDATE_INTERVAL + 2
-    assert told[-1][2] == pytest.approx(0.599)
-    assert [edition for _, edition, _ in told] == list(range(1, len(told) + 1))
-    assert robot.changes == len(told)
+    reported = shown(robot)[before:]
+    assert len(reported) <= 3 / UPDATE_INTERVAL + 2
+    assert reported[-1][2] == pytest.approx(0.599)
+    assert [edition for _, edition, _ in reported] == list(range(1, len(reported) + 1))
+    assert robot.changes == len(reported)
 
 
 def test_no_news_no_message():
@@ -76,7 +76,7 @@ def test_an_answer_and_an_explanation_are_true_at_once():
     assert why.answers[0]["plan"]["cause"] == "imu: true is 0.3"
 
 
-def test_a_stopped_runner_tells_nothing_more():
+def test_a_stopped_runner_reports_nothing_more():
     robot = robot_with_a_fixed_share()
     for speed in (0.3, 0.4, 0.5):
         robot.sample(speed=speed)

@@ -120,7 +120,15 @@ def test_it_takes_each_kind_and_returns_what_it_says(function):
         for kind in kinds:
             found = list(calls_with(function, form, place, kind))
             assert any(isinstance(value, TYPES[function.returns]) for value in values(found)), (form, kind)
-            assert refused(found) == []
+            assert refused(call for call in found if not function.constant or values([call])) == []
+
+
+@pytest.mark.parametrize("function", by_name(each for each in FUNCTIONS.values() if each.constant))
+def test_a_text_without_a_value_is_refused_with_one_that_has_one(function):
+    assert values([function.constant])
+    assert refused([function.constant]) == []
+    (reported,) = mistakes(f"{function.name}('imu')", ANY, SHAPES)
+    assert function.constant in reported
 
 
 @pytest.mark.parametrize("function", CALLED)
@@ -160,6 +168,23 @@ def test_what_copies_nothing_returns_one_value(function):
             assert [value for value in found if isinstance(value, list | dict | str | bytes)] == []
 
 
+@pytest.mark.parametrize(("text", "points"), [("ü", 1), ("", 0), ("😀", 1), ("e\u0301", 2), ("日本", 2), ("imu", 3)])
+def test_a_text_is_as_long_as_it_has_code_points(text, points):
+    assert evaluate(f"size('{text}')") == evaluate(f"'{text}'.size()") == points
+
+
+@pytest.mark.parametrize(("source", "size"), [("size(imu)", 4), ("imu.gyro.size()", 2), ("size(b'\\xc3\\xbc')", 2)])
+def test_whatever_else_is_counted_by_bytes_items_and_entries(source, size):
+    assert evaluate(source) == size
+
+
+@pytest.mark.parametrize("macro", Macro)
+def test_the_example_of_a_macro_is_right_and_works(macro):
+    assert mistakes(macro.example, ANY, SHAPES) == []
+    assert evaluate(macro.example) is not None
+    assert macro.meaning
+
+
 @pytest.mark.parametrize("macro", Macro)
 def test_a_macro_walks_a_list(macro):
     source = f"imu.gyro.{macro}(g, g > 3.5)"
@@ -171,7 +196,7 @@ def test_each_name_stands_once():
     assert len(FUNCTIONS) + len(Macro) == len(LIBRARY) + len(OWN) + len(Macro) == len(NAMES)
 
 
-def test_our_own_functions_are_no_stream_names():
+def test_our_own_functions_are_not_stream_names():
     assert {function.name for function in OWN} <= {*RESERVED}
 
 
@@ -189,5 +214,5 @@ def test_there_are_files_to_read():
     ("name", "suggested"), [("sqr", "sqrt"), ("starts_with", "startsWith"), ("exist", "exists"), ("xyz", None)]
 )
 def test_an_unknown_function_is_compared_with_the_table(name, suggested):
-    told = cel_mistakes.unknown({name})
-    assert told == f"known functions only, not {name}" + (f"; did you mean {suggested}?" if suggested else "")
+    reported = cel_mistakes.unknown({name})
+    assert reported == f"known functions only, not {name}" + (f"; did you mean {suggested}?" if suggested else "")

@@ -1,4 +1,4 @@
-"""A number is a number: no expression can tell how a sensor or a policy spelled it."""
+"""A number is a number: no expression shows how a sensor or a policy spelled it."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_arithmetic_is_on_real_numbers(source, value, spelling):
 
 
 @pytest.mark.parametrize("source", ["n.v % 2", "7 % n.v", "n.l[n.v]", "true + 1", "1 + 'a'", "'a' * 2", "n.b - 1"])
-def test_what_makes_no_sense_has_no_value(source):
+def test_invalid_input_has_no_value(source):
     assert outcome(source, {"v": 1.5, "l": [1, 2, 3], "b": True}) == "no value"
 
 

@@ -10,7 +10,7 @@ UNUSED = {"prompt_toolkit", "pygments", "rich", "typer"}
 
 @pytest.mark.parametrize("module", ["contextpolicy.app.supervisor", "contextpolicy.agent.agent"])
 def test_a_process_of_a_robot_has_no_terminal_toolkit(module):
-    told = subprocess.run(
+    reported = subprocess.run(
         [sys.executable, "-c", f"import sys, {module}; print(*sys.modules)"], capture_output=True, text=True, check=True
     )
-    assert UNUSED.isdisjoint(told.stdout.split())
+    assert UNUSED.isdisjoint(reported.stdout.split())

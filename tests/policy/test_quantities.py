@@ -34,7 +34,7 @@ def test_cpu(raw, millis):
 
 
 @pytest.mark.parametrize("raw", [*NONSENSE, "1.5555", "300M", 1e-7, -1, "1s", 10**12])
-def test_what_is_no_cpu(raw):
+def test_invalid_cpu_quantities(raw):
     with pytest.raises(ValueError, match="CPU quantity"):
         parse_cpu(raw)
 
@@ -48,7 +48,7 @@ def test_memory(raw, size):
 
 
 @pytest.mark.parametrize("raw", [*NONSENSE, "1mi", "1KB", "1Kii", "ki"])
-def test_what_is_no_memory(raw):
+def test_invalid_memory_quantities(raw):
     with pytest.raises(ValueError, match="memory quantity"):
         parse_memory(raw)
 
@@ -62,7 +62,7 @@ def test_duration(raw, seconds):
 
 
 @pytest.mark.parametrize("raw", [*NONSENSE, 5, 1.5, "5", "1 s", "1d", "-1s", "s", "1s1", "1.s", ".5s"])
-def test_what_is_no_duration(raw):
+def test_invalid_durations(raw):
     with pytest.raises(ValueError, match="a duration"):
         parse_duration(raw)
 

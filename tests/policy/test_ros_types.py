@@ -78,28 +78,40 @@ def test_a_folder_as_ros_installs_it_says_the_same_as_a_config_map(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "told"),
+    ("name", "text", "expected"),
     [
-        ("Mood.msg", "float64 joy", "Mood.msg: is no type's name; a .msg is named like my_msgs.msg.Mood.msg"),
+        ("Mood.msg", "float64 joy", "Mood.msg: is not a type name; a .msg is named like my_msgs.msg.Mood.msg"),
         ("my_msgs.msg.Mood.msg", "float64 joy\nfloat64\n", "my_msgs.msg.Mood.msg: can't be read from line 2 on"),
         ("Mood.idl", "module a {\n  struct\n\n", "Mood.idl: can't be read from line 4 on"),
         ("my_msgs.msg.Mood.msg", "Note note", "my_msgs/msg/Mood contains my_msgs/msg/Note, which nobody defines"),
         ("my_msgs.msg.Mood.msg", "Mood[] moods", "my_msgs/msg/Mood contains itself"),
-        ("my_msgs.msg.Mood.msg", f"string[{MAX_ITEMS + 1}] s", "has 10001 fields and items of arrays, allowed: 10000"),
-        ("my_msgs.msg.Mood.msg", "string[1000000000] s", "has 1000000000 fields and items of arrays, allowed: 10000"),
-        ("Mood.idl", "module a { module msg { struct M { wstring w; }; }; };", "w is of type wstring; allowed: bool"),
+        (
+            "my_msgs.msg.Mood.msg",
+            f"string[{MAX_ITEMS + 1}] s",
+            "has 10001 fields and items of arrays, expected at most 10000",
+        ),
+        (
+            "my_msgs.msg.Mood.msg",
+            "string[1000000000] s",
+            "has 1000000000 fields and items of arrays, expected at most 10000",
+        ),
+        (
+            "Mood.idl",
+            "module a { module msg { struct M { wstring w; }; }; };",
+            "w is of type wstring; expected one of bool",
+        ),
         ("Mood.idl", "module a { const long long N = 1 << 99999999999; };", "shifts a constant; write the number"),
         ("geometry_msgs.msg.Vector3.msg", "float32 x", "ros: latest: Type 'geometry_msgs/msg/Vector3' is already"),
     ],
 )
-def test_definitions_that_make_no_sense_are_told(name, text, told):
-    assert told in refused((name, text))
+def test_definitions_that_are_invalid_are_reported(name, text, expected):
+    assert expected in refused((name, text))
 
 
-def test_all_mistakes_are_told_at_once():
-    told = refused(("Mood.msg", ""), ("a.msg.B.msg", "?"))
-    assert "Mood.msg: " in told
-    assert "a.msg.B.msg: " in told
+def test_all_mistakes_are_reported_at_once():
+    expected = refused(("Mood.msg", ""), ("a.msg.B.msg", "?"))
+    assert "Mood.msg: " in expected
+    assert "a.msg.B.msg: " in expected
 
 
 def test_messages_nest_only_as_deep_as_samples_may():

@@ -30,3 +30,13 @@ def test_all_requirements_must_match():
     both = Selector((SelectorRequirement("app", "In", ("slam",)), SelectorRequirement("tier", "In", ("edge",))))
     assert both.matches(LABELS)
     assert not both.matches({"app": "slam"})
+
+
+def test_a_selector_reads_as_kubectl_takes_it():
+    requirements = [
+        SelectorRequirement("app", "In", ("slam",)),
+        SelectorRequirement("tier", "NotIn", ("a", "b")),
+        SelectorRequirement("gpu", "Exists"),
+        SelectorRequirement("old", "DoesNotExist"),
+    ]
+    assert str(Selector(tuple(requirements))) == "app=slam,tier notin (a,b),gpu,!old"

@@ -6,7 +6,7 @@ from contextpolicy.policy.suggestions import did_you_mean
 
 
 @pytest.mark.parametrize(
-    ("name", "known", "told"),
+    ("name", "known", "expected"),
     [
         ("stampp", ["stamp", "frame_id"], "; did you mean stamp?"),
         ("staleafter", ["staleAfter", "key"], "; did you mean staleAfter?"),
@@ -14,5 +14,5 @@ from contextpolicy.policy.suggestions import did_you_mean
         ("x", [], ""),
     ],
 )
-def test_the_nearest_known_name_is_offered_if_it_is_near(name, known, told):
-    assert did_you_mean(name, known) == told
+def test_the_nearest_known_name_is_offered_if_it_is_near(name, known, expected):
+    assert did_you_mean(name, known) == expected

@@ -57,7 +57,8 @@ def test_streams_read_below_the_prefixes_of_their_namespace():
 def test_a_refusal_names_the_field_and_what_is_allowed():
     [finding] = of(lab={"streamPrefixes": ["robot"]}).findings(policy("robot/imu", "**"))
     assert str(finding) == (
-        "spec.streams[1].key: '**' is not allowed: the administrator lets namespace lab read robot/**"
+        "spec.streams[1].key: invalid value '**': expected a key that the administrator lets namespace lab read: "
+        "robot/**"
     )
 
 
@@ -74,7 +75,7 @@ def test_a_shadow_hears_of_misses_only_where_it_may_read():
 
 def test_once_a_namespace_is_restricted_those_without_prefixes_read_nothing():
     [finding] = of(lab={"streamPrefixes": ["robot"]}, dock={"priority": 1}).findings(policy("dock/x", namespace="dock"))
-    assert finding.allowed == "the administrator lets namespace dock read no stream"
+    assert finding.allowed == "a key that the administrator lets namespace dock read: no stream"
 
 
 def test_what_is_said_of_the_others_holds_for_each_under_its_own_name():
@@ -97,7 +98,7 @@ def test_what_is_said_of_the_others_holds_for_each_under_its_own_name():
         ('{"lab": {"streamPrefixes": ["/robot"]}}', "TENANTS.lab.streamPrefixes"),
     ],
 )
-def test_what_makes_no_sense_is_named(text, field):
+def test_invalid_input_is_named(text, field):
     findings: list[Finding] = []
     read_tenants(text, findings)
     assert [finding.field for finding in findings] == [field]

@@ -13,12 +13,12 @@ def sample(at, stream="imu", size=0):
 
 @pytest.fixture
 def recorder():
-    return FlightRecorder(budget=40 * OVERHEAD, seconds=60.0)
+    return FlightRecorder(40 * OVERHEAD, 60.0)
 
 
 @pytest.fixture
 def records(recorder):
-    return recorder.begin("lab/robot")
+    return recorder.begin("lab/robot", ["imu", "scan"])
 
 
 def test_it_keeps_the_newest_that_fit(recorder, records):
@@ -51,34 +51,70 @@ def test_what_is_older_than_the_window_goes(recorder, records):
     assert [one.arrived for one in records.samples] == [61.0]
 
 
+def test_what_an_edit_removes_is_kept_no_longer_than_the_window(recorder, records):
+    for at in range(40):
+        recorder.take_sample(records, sample(float(at), "scan" if at < 20 else "imu"))
+    assert records.before["scan"].arrived == 9.0
+    recorder.begin("lab/robot", ["imu"])
+    assert records.before == {}
+    for at in range(40, 80):
+        recorder.take_sample(records, sample(float(at)))
+    assert records.before.keys() == {"imu"}
+
+
 def test_policies_share_what_there_is(recorder, records):
-    recorder.begin("lab/other")
+    recorder.begin("lab/other", ["imu"])
     for at in range(50):
         recorder.take_sample(records, sample(float(at)))
     assert len(records.samples) == 15
 
 
 def test_samples_do_not_push_out_plans(recorder, records):
-    recorder.take_plan(records, PlanRecord(0.0, b"{}"))
+    recorder.take_plan("lab/robot", PlanRecord(0.0, b"{}"))
     for at in range(50):
         recorder.take_sample(records, sample(float(at)))
     assert len(records.plans) == 1
 
 
 def test_the_plan_in_force_is_kept_however_old_or_large(recorder, records):
-    recorder.take_plan(records, PlanRecord(0.0, b"x" * 100 * OVERHEAD))
-    recorder.take_plan(records, PlanRecord(900.0, b"y" * 100 * OVERHEAD))
+    recorder.take_plan("lab/robot", PlanRecord(0.0, b"x" * 100 * OVERHEAD))
+    recorder.take_plan("lab/robot", PlanRecord(900.0, b"y" * 100 * OVERHEAD))
     assert [one.published for one in records.plans] == [900.0]
 
 
-def test_plans_since_a_moment(recorder, records):
+@pytest.mark.usefixtures("records")
+def test_plans_since_a_moment(recorder):
     for at in (1.0, 2.0, 3.0):
-        recorder.take_plan(records, PlanRecord(at, b"{}"))
+        recorder.take_plan("lab/robot", PlanRecord(at, b"{}"))
     assert [one.published for one in recorder.plans_since("lab/robot", 1.0)] == [2.0, 3.0]
     assert list(recorder.plans_since("lab/nobody", 0.0)) == []
 
 
-def test_an_edit_goes_on_with_the_same_records(recorder, records):
-    assert recorder.begin("lab/robot") is records
+@pytest.mark.usefixtures("records")
+def test_a_plan_ends_once(recorder):
+    for at in (1.0, 2.0):
+        recorder.take_plan("lab/robot", PlanRecord(at, b"{}"))
+    for at in (3.0, 4.0):
+        recorder.end_plan("lab/robot", at)
+    assert [one.until for one in recorder.plans_since("lab/robot", 0.0)] == [None, 3.0]
+    recorder.end_plan("lab/nobody", 3.0)
+    recorder.begin("lab/other", [])
+    recorder.end_plan("lab/other", 3.0)
+    assert list(recorder.plans_since("lab/other", 0.0)) == []
+
+
+def test_an_edit_continues_with_the_same_records(recorder, records):
+    assert recorder.begin("lab/robot", ["imu", "scan"]) is records
     recorder.forget("lab/robot")
     assert recorder.of("lab/robot") is None
+
+
+@pytest.mark.parametrize("field", ["attachment", "key"])
+def test_all_that_came_with_a_sample_counts(recorder, records, field):
+    large = b"x" * 9 * OVERHEAD if field == "attachment" else "x" * 9 * OVERHEAD
+    for at in range(10):
+        recorder.take_sample(records, sample(float(at))._replace(**{field: large}))
+    assert len(records.samples) == 3
+    assert records.sample_bytes == 30 * OVERHEAD
+    recorder.take_sample(records, sample(70.0))
+    assert records.sample_bytes == OVERHEAD, "what goes is taken off as it was added"

@@ -7,8 +7,9 @@ import json
 import pytest
 
 from contextpolicy.policy.parsing import parse
-from contextpolicy.recorder.flight_recorder import FlightRecorder, PlanRecord, SampleRecord
+from contextpolicy.recorder.flight_recorder import BUDGET, FlightRecorder, PlanRecord, SampleRecord
 from contextpolicy.recorder.recording import key_without_wildcards, recording
+from contextpolicy.simulation.robot import NODE, Robot
 from contextpolicy.simulation.run import simulate
 from contextpolicy.streams import timeline
 from tests.planning.builders import a_stream
@@ -18,8 +19,8 @@ from tests.policies.builders import IMU, a_policy
 @pytest.fixture
 def flight():
     """A recorder of one policy, and a way to let samples come."""
-    recorder = FlightRecorder(seconds=60.0)
-    records = recorder.begin("lab/robot")
+    recorder = FlightRecorder(BUDGET, 60.0)
+    records = recorder.begin("lab/robot", ["imu", "scan"])
 
     def take(at, stream="imu", key="", payload=None, **value):
         recorder.take_sample(records, SampleRecord(at, stream, payload or json.dumps(value).encode(), b"", key))
@@ -40,7 +41,7 @@ def test_it_is_a_timeline_that_simulate_reads(flight):
         (5.0, IMU, {"speed": 0.3}),
         (10.0, IMU, {"speed": 0.0}),
     ]
-    run = simulate(policy, inputs, cores=1)
+    run = simulate(policy, inputs, robot=Robot({NODE: 1000}))
     assert [(plan.time, plan.contexts) for plan in run.plans] == [(0.0, ()), (5.0, ("moving",)), (10.0, ())]
 
 
@@ -57,7 +58,7 @@ def test_a_part_begins_with_what_was_known_then(flight):
 def test_plans_are_as_they_were_with_the_timelines_time(flight):
     recorder, records, take = flight
     take(100.0, speed=0.0)
-    recorder.take_plan(records, PlanRecord(101.5, b'{"sequence": 3, "cause": "imu"}'))
+    recorder.take_plan("lab/robot", PlanRecord(101.5, b'{"sequence": 3, "cause": "imu"}'))
     assert recording(parse(a_policy()), records, now=110.0, last=60.0)["plans"] == [
         {"at": 1.5, "sequence": 3, "cause": "imu"}
     ]
@@ -73,14 +74,14 @@ def test_a_sample_that_two_streams_heard_is_one_input(flight):
     assert [(one["at"], one["key"]) for one in made] == [(0.0, IMU), (1.0, "robot/gps")]
 
 
-def test_what_json_has_not_is_null_and_said(flight):
+def test_nan_is_null_and_reported(flight):
     _, records, take = flight
     policy = parse(a_policy(streams=[a_stream("imu", encoding="cbor")]))
     take(100.0, payload=bytes.fromhex("a165737065656 4f97c00".replace(" ", "")))
     take(101.0, payload=b"\xff")
     made = recording(policy, records, now=102.0, last=60.0)["timeline"]
     assert made["inputs"][0]["value"] == {"speed": None}
-    assert "1 numbers that JSON has not (NaN, infinity), now null" in made["description"]
+    assert "1 numbers that JSON can't represent (NaN, infinity), now null" in made["description"]
     assert "1 undecodable" in made["description"]
 
 

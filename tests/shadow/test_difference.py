@@ -7,7 +7,7 @@ from contextpolicy.shadow.difference import Stretch, difference
 
 def plan(published, contexts=(), suspended=(), **shares):
     tasks = {name: {"share": share, "suspended": name in suspended} for name, share in shares.items()}
-    return {"published": published, "contexts": list(contexts), "tasks": tasks}
+    return {"published": published, "until": None, "contexts": list(contexts), "tasks": tasks}
 
 
 STANDS = plan(0.0, slam=0.5, speech=0.5)
@@ -28,7 +28,7 @@ def test_plans_that_are_alike_do_not_differ():
     assert found.tasks["slam"].suspended == (0.0, 0.0)
 
 
-def test_it_tells_when_and_where_shares_differ():
+def test_it_reports_when_and_where_shares_differ():
     found = differing([STANDS, DRIVES], [STANDS, OTHERWISE], 0.0, 20.0)
     assert found.part == 0.5
     shares = {"slam": (0.8, 0.99), "speech": (0.2, 0.01)}
@@ -37,7 +37,7 @@ def test_it_tells_when_and_where_shares_differ():
     assert found.tasks["speech"].suspended == (0.0, 0.5)
 
 
-def test_a_stretch_goes_on_while_only_weights_change():
+def test_a_stretch_continues_while_only_weights_change():
     """Messages with new weights have the same shares."""
     again = [{**OTHERWISE, "published": at} for at in (10.0, 12.0, 15.0)]
     assert len(differing([STANDS, DRIVES], [STANDS, *again], 0.0, 20.0).stretches) == 1
@@ -52,6 +52,17 @@ def test_it_begins_when_both_had_a_plan(since, start):
 @pytest.mark.parametrize(("policy", "shadow"), [([], [STANDS]), ([STANDS], []), ([STANDS], [plan(30.0)])])
 def test_without_both_there_is_nothing_to_compare(policy, shadow):
     assert difference(policy, shadow, 0.0, 20.0) is None
+
+
+def test_a_pause_is_no_plan_to_compare_with():
+    """From 10 to 16 the policy was paused: of the other 14 s the shares differ in 6 and 4."""
+    other = plan(0.0, slam=0.3, speech=0.7)
+    paused, resumed = {**STANDS, "until": 10.0}, {**STANDS, "published": 16.0}
+    found = differing([paused, resumed], [STANDS, {**other, "published": 4.0}], 0.0, 20.0)
+    assert found.part == pytest.approx(10 / 14)
+    assert [(one.start, one.end) for one in found.stretches] == [(4.0, 10.0), (16.0, 20.0)]
+    assert found.tasks["slam"].share == pytest.approx((0.5, 0.3 * 10 / 14 + 0.5 * 4 / 14))
+    assert difference([paused], [plan(12.0)], 0.0, 20.0) is None
 
 
 def test_a_task_that_only_one_of_them_has():

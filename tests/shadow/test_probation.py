@@ -21,12 +21,12 @@ def learned(seconds=60, **misses):
     return probation
 
 
-def seconds_until_back(probation, misses, contexts=STANDS, start=1000, most=3600):
+def seconds_until_back(probation, misses, contexts=STANDS, most=3600):
     """None if the promotion stays; a report each second."""
     probation.restart()
     probation.rest("slam")
     for second in range(most):
-        if probation.judge(SHADOW, "slam", misses, contexts, start + second):
+        if probation.judge(SHADOW, "slam", misses, contexts, 1000 + second):
             return second
     return None
 
@@ -47,11 +47,11 @@ def test_a_context_that_is_new_is_judged_by_the_worst_that_is_known():
 
 
 @pytest.mark.parametrize("before", [Probation(), learned(seconds=9, stands=0.5)], ids=["nothing", "too little"])
-def test_who_promotes_without_waiting_is_allowed_no_misses(before):
+def test_a_promotion_without_a_baseline_allows_no_misses(before):
     assert seconds_until_back(before, 0.2) is not None
 
 
-def test_a_task_that_recovers_begins_anew():
+def test_a_task_that_recovers_starts_over():
     probation = learned(stands=0.0)
     probation.rest("slam")
     for second in range(600):
@@ -80,13 +80,22 @@ def test_a_late_report_counts_for_the_time_since_the_last():
     assert probation.judge(SHADOW, "slam", 1.0, STANDS, 1006)
 
 
-def test_a_new_operator_goes_on_with_what_the_last_one_knew():
+def test_a_new_operator_continues_with_what_the_last_one_knew():
     assert seconds_until_back(Probation({"slam": 0.3}), 0.3) is None
     assert seconds_until_back(Probation({"slam": 0.3}), 0.5) is not None
     assert Probation({"slam": 0.3}).before("slam") == 0.3
 
 
-def test_it_tells_what_was_missed_before_and_since():
+def test_a_task_that_is_no_longer_there_is_forgotten():
+    probation = learned(stands=0.02)
+    probation.learn("arm", 0.5, STANDS, 1000)
+    probation.judge(SHADOW, "arm", 0.5, STANDS, 1001)
+    probation.keep({"slam"})
+    assert (probation.tasks, probation.since("arm")) == (["slam"], None)
+    assert probation.before("slam") == pytest.approx(0.02)
+
+
+def test_it_reports_what_was_missed_before_and_since():
     probation = learned(stands=0.0, drives=0.3)
     assert probation.before("slam") == pytest.approx(0.3)
     assert (probation.since("slam"), probation.before("signs")) == (None, None)

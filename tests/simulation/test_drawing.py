@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from itertools import combinations, pairwise
+from itertools import pairwise
 
 import pytest
 
-from contextpolicy.simulation.drawing import _color, draw_shares
+from contextpolicy.explain.task_colors import task_colors
+from contextpolicy.simulation.drawing import draw_shares
 
 TASKS = [f"task-{index:02d}" for index in range(24)]
 FLAT = {name: [(0.0, 1 / 24)] for name in TASKS}
@@ -35,13 +36,17 @@ def test_24_tasks_and_8_contexts_all_have_their_name_inside_the_picture(tmp_path
     assert set(names) <= shown.keys()
     assert all(0 < shown[name] < height for name in names)
     rows = sorted(shown[name] for name in TASKS)
-    assert min(below - above for above, below in pairwise(rows)) > 8, "lines of the legend overlap"
+    assert min(below - above for above, below in pairwise(rows)) > 8, "names overlap"
 
 
-def test_24_tasks_have_24_colours():
-    assert all(
-        max(abs(a - b) for a, b in zip(_color(i), _color(j), strict=True)) > 0.05 for i, j in combinations(range(24), 2)
-    )
+def test_a_task_has_its_own_colour_in_lines_and_areas(tmp_path):
+    """The same as on the live page: its name's, whatever its place."""
+    path = tmp_path / "many.svg"
+    draw_shares(dict(reversed(FLAT.items())), [], path, until=12, weights=FLAT)
+    drawn = path.read_text(encoding="utf-8")
+    colors = task_colors(TASKS).values()
+    assert len(set(colors)) == len(TASKS)
+    assert all(f"stroke: {color}" in drawn and f"fill: {color}" in drawn for color in colors)
 
 
 def test_no_plan_at_all_is_said_in_the_picture(tmp_path):
@@ -55,3 +60,12 @@ def test_a_title_of_any_characters_is_a_sound_picture(title, tmp_path):
     path = tmp_path / "x.svg"
     draw_shares(FLAT, [], path, until=0, title=title)
     assert title[:4] in " ".join(texts(path))
+
+
+def test_a_picture_is_transparent_and_has_no_dashed_lines(tmp_path):
+    path = tmp_path / "x.svg"
+    draw_shares(FLAT, [("moving", 1, 2)], path, until=3, weights=FLAT)
+    drawn = path.read_text(encoding="utf-8")
+    assert "fill: #ffffff" not in drawn
+    assert "dasharray" not in drawn
+    assert "time (s)" in texts(path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from contextpolicy.simulation.epoch import EPOCH, epoch_of
+from contextpolicy.simulation.robot import NODE, Robot
 from contextpolicy.simulation.run import simulate
 from tests.simulation.stories import a_context, a_policy, a_timeline, at
 
@@ -42,7 +43,7 @@ def test_a_recording_with_real_stamps_plays_as_it_was():
     samples = [at(i / 10, {"stamp": (NOW + i / 10) * 1e9, "v": i}) for i in range(20)]
     late = at(2.0, {"stamp": (NOW + 0.5) * 1e9, "v": 99})
     policy = a_policy(S, contexts=[a_context("s.v > 50", a={"weight": 2})])
-    run = simulate(policy, a_timeline(*samples, late), cores=1)
+    run = simulate(policy, a_timeline(*samples, late), robot=Robot({NODE: 1000}))
     assert run.planner.drops == {("s", "out of order"): 1}
     assert all(plan.contexts == () for plan in run.plans)
     assert [plan.time for plan in run.plans if "silent" in plan.cause] == []
@@ -51,6 +52,6 @@ def test_a_recording_with_real_stamps_plays_as_it_was():
 
 def test_the_samples_without_stamp_get_that_of_the_moment():
     line = a_timeline(at(1.0, {"stamp": (NOW + 1) * 10**9}), at(1.5, {"v": 1}))
-    run = simulate(a_policy(S), line, cores=1, until=2)
+    run = simulate(a_policy(S), line, robot=Robot({NODE: 1000}), until=2)
     assert run.planner.streams["s"].value == {"stamp": (NOW * 10 + 15) * 10**8, "v": 1}
     assert run.epoch == NOW

@@ -7,12 +7,13 @@ import pytest
 from contextpolicy.policy.validation.policy_file import load_policy
 from contextpolicy.simulation.comparison import differences
 from contextpolicy.simulation.expectations import ExpectationError, parse
+from contextpolicy.simulation.robot import NODE, Robot
 from contextpolicy.simulation.run import simulate
 from contextpolicy.streams import timeline
 
 ROOT = Path(__file__).parents[2]
 POLICY = load_policy(str(ROOT / "config/policies/delivery-robot.yaml"))
-PLANS = simulate(POLICY, timeline.load(ROOT / "timelines/demo.json"), cores=2).plans
+PLANS = simulate(POLICY, timeline.load(ROOT / "timelines/demo.json"), robot=Robot({NODE: 2000})).plans
 
 
 def compare(text: str) -> list[str]:
@@ -55,7 +56,7 @@ def test_a_difference_names_line_time_and_the_plan_in_force() -> None:
     (difference,) = differences(PLANS, parse("# why\n- {at: 12, contexts: []}", POLICY, subject="test"))
     assert str(difference) == (
         "line 2, at 12 s: contexts: expected none, but moving\n"
-        "    plan 4 of 10.100 s, because of imu: context moving entered"
+        "    plan 5 of 10.100 s, because of imu: context moving entered"
     )
 
 
@@ -87,7 +88,7 @@ def test_a_difference_names_line_time_and_the_plan_in_force() -> None:
         ("[", "line 1"),
     ],
 )
-def test_a_file_that_makes_no_sense_is_refused_with_the_field(text: str, field: str) -> None:
+def test_an_invalid_file_is_refused_with_the_field(text: str, field: str) -> None:
     with pytest.raises(ExpectationError) as caught:
         parse(text, POLICY, subject="test")
     assert [finding.field for finding in caught.value.findings] == [field]

@@ -15,6 +15,7 @@ from contextpolicy.simulation.robot import Robot
 from contextpolicy.simulation.run import simulate
 from contextpolicy.simulation.server import Fate, Outcome, Work
 from contextpolicy.streams.timeline import parse as parse_timeline
+from tests.planning.builders import limited
 
 
 def a_policy(**spec):
@@ -25,7 +26,7 @@ def a_policy(**spec):
     moving = {"name": "moving", "when": "imu.speed > 0.1", "tasks": {"speech": {"suspend": True}}}
     streams = [{"name": "imu", "key": "robot/imu"}]
     body = {"streams": streams, "tasks": tasks, "contexts": [moving], **spec}
-    return parse_policy({"metadata": {"name": "p", "namespace": "n"}, "spec": body})
+    return parse_policy({"metadata": {"name": "p", "namespace": "n"}, "spec": limited(body)})
 
 
 TIMELINE = parse_timeline(
@@ -96,20 +97,20 @@ def test_a_deadline_is_the_policys_or_else_the_modules():
     assert predicted.deadlines == {"slam": 0.1, "speech": 1.0}
 
 
-def test_what_cannot_be_predicted_is_told():
+def test_what_cannot_be_predicted_is_reported():
     cost = parse_profiles(
         {"tasks": {"slam": {"inputs": {"x": {"key": "lost", "depth": 1, "cpu": {"quantiles": [1]}}}}, "arm": {}}}
     )
     _, predicted = predict(a_policy(), cost)
     assert predicted.tasks["slam"] == {}
     assert list(predicted.notes) == [
-        "the timeline has no input for slam on lost, or says no rate: not predicted",
-        "there is no profile of speech: it is predicted to use nothing",
+        "the timeline has no input for slam on lost, or gives no rate: not predicted",
+        "there is no profile for speech: it is predicted to use no CPU",
         "the policy has no task arm: its profile is not used",
     ]
 
 
-def test_the_phase_of_the_periods_is_unknown_and_the_worst_is_told():
+def test_the_phase_of_the_periods_is_unknown_and_the_worst_is_reported():
     slam = predict(a_policy(), profiles(slam=0.045))[1].tasks["slam"][NONE]
     assert slam.misses <= slam.worst
     assert slam.done + slam.dropped == pytest.approx(slam.inputs, abs=2)

@@ -21,8 +21,8 @@ SCHEMA = Draft202012Validator(
 MS = 1_000_000
 
 
-def measured(*, cpu=20 * MS, took=10 * MS, runs=10, came=0, waited=(0,)):
-    """The document of robotkit for a task that used `cpu` ns for each input, in `took` ns.
+def measured(*, runs=10, came=0, waited=(0,)):
+    """The document of robotkit for a task that used 20 ms of CPU for each input, in 10 ms.
 
     Before that, each was on its way for `came` ns, and waited for one of `waited` in turn.
     """
@@ -31,7 +31,7 @@ def measured(*, cpu=20 * MS, took=10 * MS, runs=10, came=0, waited=(0,)):
     for index in range(runs):
         start = 10**18 + index * 10**8
         begun = start + came + waited[index % len(waited)]
-        profile.inputs["stereo"].add(Run(start, start + came, begun, begun + took, cpu + index))
+        profile.inputs["stereo"].add(Run(start, start + came, begun, begun + 10 * MS, 20 * MS + index))
     return profile.as_json("slam", {"stereo": 0}, {"stereo": 0})
 
 
@@ -45,14 +45,14 @@ def test_what_robotkit_measures_is_understood_and_satisfies_the_schema():
     assert cost.work(0) == pytest.approx(0.02, abs=1e-6)
 
 
-def test_what_is_neither_queueing_nor_work_was_the_way_and_the_thread_that_wakes_up():
+def test_the_rest_of_the_latency_is_transport_and_wakeup():
     waited = [MS, *[6 * MS] * 9]  # a tenth met an empty queue
     body = document([measured(runs=100, came=4 * MS, waited=waited)], datetime(2026, 11, 22, tzinfo=UTC))
     (cost,) = parse_profiles(body).tasks["slam"].inputs
     assert cost.transit == pytest.approx(0.005)
 
 
-def test_a_task_that_did_nothing_has_no_cost_and_is_told():
+def test_a_task_that_did_nothing_has_no_cost_and_is_reported():
     body = document([measured(runs=0)], datetime(2026, 11, 22, tzinfo=UTC))
     SCHEMA.validate(body)
     assert parse_profiles(body).tasks["slam"].inputs == ()
@@ -75,7 +75,7 @@ def test_many_inputs_are_distributed_as_measured(quantiles):
     assert drawn[1000] == pytest.approx(middle, abs=0.05 * max(steps, default=0) * len(quantiles) + 1e-9)
 
 
-def test_all_mistakes_are_told_at_once():
+def test_all_mistakes_are_reported_at_once():
     bad = {
         "tasks": {"slam": {"deadline": -1, "inputs": {"a": {"key": "/x", "depth": 0, "cpu": {"quantiles": [2, 1]}}}}},
         "more": 1,
@@ -93,11 +93,11 @@ def test_all_mistakes_are_told_at_once():
 
 
 @pytest.mark.parametrize("body", [None, [], {}, {"tasks": {}}, {"tasks": []}, {"tasks": {"a": 1}}])
-def test_what_is_no_profile_is_refused(body):
+def test_an_invalid_profile_is_refused(body):
     with pytest.raises(ProfileError):
         parse_profiles(body)
 
 
-def test_a_file_that_cannot_be_read_is_told(tmp_path):
+def test_a_file_that_cannot_be_read_is_reported(tmp_path):
     with pytest.raises(ProfileError, match="readable JSON"):
         load_profiles(str(tmp_path / "none.json"))

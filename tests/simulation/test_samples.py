@@ -37,8 +37,8 @@ def read(*inputs, duration=10.0):
     return list(samples(POLICY, line.inputs(), skipped, drops)), skipped, drops
 
 
-def repeated(value, *, rate=100, end=1):
-    return {"key": "imu", "encoding": "json", "from": 0, "to": end, "rate": rate, "value": value}
+def repeated(value, *, rate=100):
+    return {"key": "imu", "encoding": "json", "from": 0, "to": 1, "rate": rate, "value": value}
 
 
 def decoded(value, at):
@@ -67,17 +67,17 @@ def test_a_value_that_repeats_is_written_as_json_once(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize(
-    ("value", "told"),
+    ("value", "wanted"),
     [
         ([[[0]] * 5000, 1], "stream imu: the json payload holds more than 10000 values"),
         ({"stamp": "noon"}, "stream imu: the json payload has the timestamp 'noon', allowed: a number, or a map of"),
-        (1e999, "stream imu: the json payload holds Infinity, which is no JSON number"),
+        (1e999, "stream imu: the json payload holds Infinity, which is not a JSON number"),
     ],
 )
-def test_what_the_decoder_refuses_is_told_in_its_words_with_a_count(value, told):
+def test_what_the_decoder_refuses_is_reported_in_its_words_with_a_count(value, wanted):
     found, skipped, drops = read(repeated(value, rate=5))
     assert found == []
     (message,) = skipped.undecodable
-    assert message.startswith(told)
+    assert message.startswith(wanted)
     assert skipped.undecodable[message] == 5
     assert drops == {("imu", "undecodable"): 5}

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from contextpolicy.policy.parsing import parse
 from contextpolicy.simulation.forecast import ALL, Forecast, stats
 from contextpolicy.simulation.knobs import Knob, Path, knobs, patch, turned
-from contextpolicy.simulation.search import Goal, cost, search
+from contextpolicy.simulation.search import Goal, cost, lowest_floors, search
 from contextpolicy.simulation.server import Fate, Outcome, Work
 
 RESOURCE: dict[str, Any] = {
@@ -37,8 +37,8 @@ RESOURCE: dict[str, Any] = {
 A, B = ("a",), ("b",)
 
 
-def paths(demand):
-    return [str(knob) for knob in knobs(RESOURCE, demand)]
+def paths(demand, *, delays=False):
+    return [str(knob) for knob in knobs(RESOURCE, demand, delays=delays)]
 
 
 def test_only_numbers_are_turned_bounds_first():
@@ -49,10 +49,28 @@ def test_only_numbers_are_turned_bounds_first():
         "/spec/tasks/0/priority",
         "/spec/tasks/0/idle",
         "/spec/tasks/1/priority",
+    ]
+
+
+def test_delays_and_holds_only_where_asked_for():
+    assert paths({"slam": 0.4}, delays=True)[-3:] == [
         "/spec/contexts/0/enterAfter",
         "/spec/contexts/0/exitAfter",
         "/spec/tasks/0/activity/0/hold",
     ]
+
+
+@given(st.integers(1, 80), st.integers(1, 80))
+def test_a_floor_is_lowered_to_the_least_that_suffices(start, least):
+    floor = knobs(RESOURCE, {"slam": 0.4})[0]
+    found = {floor.path: f"{10 * max(start, least)}m", A: 1}
+    lowered = lowest_floors([floor], found, lambda values: int(values[floor.path][:-1]) >= 10 * least)
+    assert lowered == {floor.path: f"{10 * least}m", A: 1}
+
+
+def test_a_floor_that_was_lowered_stays():
+    floor = knobs(RESOURCE, {"slam": 0.4})[0]
+    assert lowest_floors([floor], {A: 1}, lambda _: True) == {A: 1}
 
 
 def test_bounds_follow_from_what_a_task_needs():
@@ -60,7 +78,7 @@ def test_bounds_follow_from_what_a_task_needs():
     assert floor.values == ("440m", "600m", "800m", "50m", "200m")
 
 
-@pytest.mark.parametrize("knob", knobs(RESOURCE, {"slam": 0.4, "speech": 0.001}), ids=str)
+@pytest.mark.parametrize("knob", knobs(RESOURCE, {"slam": 0.4, "speech": 0.001}, delays=True), ids=str)
 def test_every_turn_is_a_policy_and_leaves_the_resource_alone(knob):
     for value in knob.values:
         policy = parse(turned(RESOURCE, {knob.path: value}))
@@ -103,7 +121,7 @@ def test_a_refused_policy_is_never_suggested():
 
 
 @given(st.lists(st.floats(0, 10), min_size=8, max_size=8), st.integers(1, 20))
-def test_it_never_gets_worse_and_stops_when_told(table, tries):
+def test_search_never_gets_worse_and_stops_at_its_limit(table, tries):
     asked = []
 
     def judge(values):
@@ -141,7 +159,7 @@ def test_nobody_gets_better_by_doing_less():
     assert cost([a_forecast(slam=(0, 5, 5))], before, goals) == pytest.approx(cost(before, before, goals))
 
 
-def test_of_two_equal_policies_the_quieter_one_wins():
+def test_fewer_plans_break_a_tie():
     goals = {"slam": Goal(1, 0.0)}
     before = [a_forecast(slam=(0, 10, 0))]
     assert cost([a_forecast(plans=2.0, slam=(0, 10, 0))], before, goals) == pytest.approx(0.02)

@@ -44,11 +44,6 @@ def responses(server, task="a"):
     return [one.response for one in sorted(done, key=lambda one: one.work)]
 
 
-def test_alone_on_a_core_work_takes_its_cpu_time():
-    server = serve([Work(1.0, "a", 0, 0.25), Work(1.1, "a", 0, 0.25), Work(3.0, "a", 0, 0.1)])
-    assert responses(server) == pytest.approx([0.25, 0.4, 0.1])
-
-
 def test_an_answer_is_later_by_the_way_of_its_input():
     assert responses(serve([Work(1.0, "a", 0, 0.25, 0.1), Work(1.1, "a", 0, 0.25)])) == pytest.approx([0.35, 0.4])
 

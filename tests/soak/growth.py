@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from contextpolicy.cluster.api import POOL
+from contextpolicy.cluster.api_connection import POOL
 from contextpolicy.recorder.flight_recorder import SECONDS
 
 if TYPE_CHECKING:
@@ -62,10 +62,10 @@ def slope(sizes: Series) -> float:
     return statistics.linear_regression(hours, [size.memory / MIB for size in sizes]).slope
 
 
-def told(name: str, sizes: Series) -> str:
+def reported(name: str, sizes: Series) -> str:
     """One line for a person."""
     if len(sizes) < 2:
-        return f"{name}: too short a life to tell"
+        return f"{name}: lived too briefly to judge"
     first, last = sizes[0], sizes[-1]
     handles = f"threads {first.threads} -> {last.threads}, sockets {first.sockets} -> {last.sockets}"
     memory = f"memory {first.memory / MIB:.1f} -> {last.memory / MIB:.1f} MiB, {slope(sizes):+.1f} MiB an hour"

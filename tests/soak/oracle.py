@@ -9,6 +9,7 @@ from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy import parsing
 from tests.planning.builders import on_node
+from tests.planning.quiet import Quiet
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -28,7 +29,7 @@ def plans(document: Mapping[str, Any], cores: float, readings: Iterable[Readings
     subsets = chain.from_iterable(combinations(names, size) for size in range(1, len(names) + 1))
     found: dict[str, set[int]] = {name: set() for name in names}
     for present, sensed in product(list(subsets), list(readings)):
-        planner = Planner(policy)
+        planner = Planner(policy, Quiet(), {})
         planner.start(0.0)
         planner.handle(on_node(*present, cores=cores), 0.0)
         for stream, fields in sensed.items():

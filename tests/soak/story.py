@@ -1,4 +1,4 @@
-"""What happens in a soak, and when: drawn from a seed, so that a run that failed can be told again. Pure."""
+"""What happens in a soak, and when: drawn from a seed, so that a failed run can be repeated. Pure."""
 
 from __future__ import annotations
 
@@ -8,13 +8,29 @@ from random import Random
 TASKS = ("slam", "speech", "arm")
 NODE = ("apiserver", "kubelet", "containerd", "kine")
 """Parts of the node that are killed and started again."""
+TROUBLES = (
+    "slow API",
+    "flood",
+    "forged originals",
+    "emptied originals",
+    "foreign resize",
+    "forged plan",
+    "debugger",
+    "crowd",
+    "large policy",
+)
+"""What others do meanwhile, in good faith or not; each is over by itself."""
+FILLING = ("flood", "crowd", "large policy")
+"""Those that fill memory that is kept, such as the flight recorder's; in the first half only, likewise."""
+FORGING = ("forged originals", "emptied originals")
+"""In the second half only: of a pod without an owner nobody but a living operator knows what it had."""
 PODS = ("operator", "router")
 """Killed too, and started again by the kubelet; in the first half only, so that the second shows whether they grow."""
 
 FLIP = 0.5
 """Seconds between two contexts."""
-COMING, FAULT = 7.0, 20.0
-"""Seconds between two pods that come or go, and between two faults, at the mean."""
+COMING, FAULT, TROUBLE = 7.0, 20.0, 12.0
+"""Seconds between two pods that come or go, between two faults, and between two troubles, at the mean."""
 AWAY = (1.0, 8.0)
 """For how long a part of the node is away, in seconds."""
 CALM = 0.1
@@ -48,7 +64,16 @@ class Killing:
     away: float
 
 
-Event = Flip | Coming | Killing
+@dataclass(frozen=True)
+class Trouble:
+    """Somebody does what does not concern the policy, or should not."""
+
+    at: float
+    kind: str
+    task: str
+
+
+Event = Flip | Coming | Killing | Trouble
 
 
 def story(seed: int, duration: float) -> list[Event]:
@@ -58,7 +83,8 @@ def story(seed: int, duration: float) -> list[Event]:
     comings = [_coming(random, at) for at in _moments(random, COMING, duration)]
     busy = duration * (1 - CALM)
     killings = [_killing(random, at, early=at < duration / 2) for at in _moments(random, FAULT, busy)]
-    return sorted([*flips, *comings, *killings], key=lambda event: event.at)
+    troubles = [_trouble(random, at, early=at < duration / 2) for at in _moments(random, TROUBLE, busy)]
+    return sorted([*flips, *comings, *killings, *troubles], key=lambda event: event.at)
 
 
 def _flip(random: Random, at: float) -> Flip:
@@ -72,6 +98,11 @@ def _coming(random: Random, at: float) -> Coming:
 def _killing(random: Random, at: float, *, early: bool) -> Killing:
     part = random.choice((*NODE, *PODS) if early else NODE)
     return Killing(at, part, random.uniform(*AWAY))
+
+
+def _trouble(random: Random, at: float, *, early: bool) -> Trouble:
+    kinds = [kind for kind in TROUBLES if kind not in (FORGING if early else FILLING)]
+    return Trouble(at, random.choice(kinds), random.choice(TASKS))
 
 
 def _moments(random: Random, mean: float, until: float) -> list[float]:

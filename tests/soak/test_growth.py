@@ -8,7 +8,7 @@ from tests.soak.growth import MIB, Size
 
 
 def life(pid=1, hours=1.0, threads=lambda _: 20, sockets=lambda _: 10, memory=lambda _: 90.0):
-    """A process that is looked at each minute; what it has is told by the part of the time that has passed."""
+    """A process that is looked at each minute; what it has depends on the part of the time that has passed."""
     moments = [minute / (60 * hours) for minute in range(int(60 * hours))]
     return [Size(part * hours * 3600, pid, threads(part), sockets(part), round(memory(part) * MIB)) for part in moments]
 
@@ -27,15 +27,15 @@ def test_what_stays_as_it_is_does_not_leak():
     ],
 )
 def test_what_grows_all_the_time_leaks(grown, words):
-    [told] = growth.leaks("operator", life(**grown))
-    assert words in told
+    [reported] = growth.leaks("operator", life(**grown))
+    assert words in reported
 
 
-def test_one_moment_is_no_leak():
+def test_one_moment_is_not_a_leak():
     assert growth.leaks("operator", life(sockets=lambda part: 100 if part == 0.5 else 10)) == []
 
 
-def test_connections_that_are_kept_are_no_leak():
+def test_connections_that_are_kept_are_not_a_leak():
     assert growth.leaks("operator", life(hours=0.02, sockets=lambda part: 14 if part < 0.4 else 18)) == []
 
 
@@ -51,19 +51,19 @@ def test_only_the_last_life_counts_and_only_when_it_has_settled():
     assert growth.last_life([]) == []
 
 
-def test_a_flight_recorder_that_fills_is_no_leak():
+def test_a_flight_recorder_that_fills_is_not_a_leak():
     """As one was seen to, in the first minutes of a soak."""
     filling = life(hours=0.5, memory=lambda part: min(113.0, 98 + part * 1800 * 0.05))
     assert growth.leaks("operator", growth.last_life(filling)) == []
 
 
 def test_a_life_that_is_too_short_is_said_to_be():
-    assert growth.told("router", []) == "router: too short a life to tell"
+    assert growth.reported("router", []) == "router: lived too briefly to judge"
     assert growth.leaks("router", []) == []
 
 
 def test_the_line_shows_what_was_measured():
-    assert growth.told("operator", life()) == (
+    assert growth.reported("operator", life()) == (
         "operator: 3540 s, threads 20 -> 20, sockets 10 -> 10, memory 90.0 -> 90.0 MiB, +0.0 MiB an hour"
     )
 

@@ -25,6 +25,9 @@ class Heard:
             self.threads.add(current_thread().name)
             self._news.notify_all()
 
+    def on_arrival(self, *sample):
+        """What has not been decoded yet."""
+
     def on_drop(self, stream, reason):
         with self._news:
             self.drops.append((stream, reason))

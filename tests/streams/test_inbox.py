@@ -16,15 +16,36 @@ from reactivex.testing import TestScheduler
 from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.inputs import Gone
 from contextpolicy.policy.spec import Encoding
-from contextpolicy.streams import subscription
+from contextpolicy.streams.backlog import PER_STREAM, PLACE, TOTAL, Backlog
 from contextpolicy.streams.decoding import Decoder
-from contextpolicy.streams.subscription import BATCH, _Inbox
+from contextpolicy.streams.subscription import BATCH, Waiting, _Inbox
 from tests.streams.heard import IMU, MIC, Heard
 from tests.waiting import PATIENCE
 
 
-def an_inbox(scheduler, heard):
-    return _Inbox(heard, scheduler, heard.on_drop)
+class Box:
+    """An inbox, with a lane for each stream that something is put in for."""
+
+    def __init__(self, scheduler: Any, heard: Any, backlog: Backlog[Waiting] | None = None) -> None:
+        self._inbox = _Inbox(heard, scheduler, backlog or Backlog(PER_STREAM, TOTAL), heard)
+        self._lanes: dict[str, Any] = {}
+        self.close = self._inbox.close
+        self.refuse = self._inbox.refuse
+
+    def put(self, decoder: Decoder, payload: bytes) -> None:
+        self._inbox.put(self.lane(decoder.stream.name), decoder, payload)
+
+    def put_gone(self, stream: str) -> None:
+        self._inbox.put_gone(self.lane(stream), stream)
+
+    def lane(self, stream: str) -> Any:
+        if stream not in self._lanes:
+            self._lanes[stream] = self._inbox.lane(stream)
+        return self._lanes[stream]
+
+
+def an_inbox(scheduler, heard, backlog=None):
+    return Box(scheduler, heard, backlog)
 
 
 def test_each_sample_carries_the_time_of_its_arrival(monkeypatch):
@@ -39,24 +60,46 @@ def test_each_sample_carries_the_time_of_its_arrival(monkeypatch):
     assert heard.inputs == [Sample("imu", {"n": 0}, arrived=5.0), Sample("imu", {"n": 1}, arrived=6.0)]
 
 
-def test_beyond_the_backlog_the_oldest_are_dropped_and_counted(monkeypatch):
-    monkeypatch.setattr(subscription, "BACKLOG", 10)
+def test_beyond_its_bound_a_streams_oldest_are_dropped_and_counted_and_no_others():
     scheduler, heard = TestScheduler(), Heard()
-    inbox, imu, mic = an_inbox(scheduler, heard), Decoder(IMU), Decoder(MIC)
+    inbox, imu, mic = an_inbox(scheduler, heard, Backlog(10 * (PLACE + 9), TOTAL)), Decoder(IMU), Decoder(MIC)
     inbox.put(mic, b'{"level": 1}')
     for n in range(24):
-        inbox.put(imu, b'{"n": %d}' % n)
+        inbox.put(imu, b'{"n": %2d}' % n)
     scheduler.advance_by(1)
     assert heard.values() == [{"n": n} for n in range(14, 24)]
-    assert sorted(heard.drops) == [("imu", "overrun")] * 14 + [("mic", "overrun")]
+    assert heard.values("mic") == [{"level": 1}]
+    assert heard.drops == [("imu", "overrun")] * 14
 
 
-def test_an_inbox_that_the_loop_empties_before_the_oldest_is_dropped_drops_none(monkeypatch):
-    monkeypatch.setattr(subscription, "BACKLOG", 0)
+def test_large_payloads_count_with_their_bytes():
     scheduler, heard = TestScheduler(), Heard()
-    an_inbox(scheduler, heard).put(Decoder(IMU), b"{}")
+    inbox, imu = an_inbox(scheduler, heard, Backlog(100_000, TOTAL)), Decoder(IMU)
+    for n in range(24):
+        inbox.put(imu, b'{"n": %d}' % n + b" " * 30_000)
     scheduler.advance_by(1)
-    assert (len(heard.inputs), heard.drops) == (1, [])
+    assert heard.values() == [{"n": n} for n in range(21, 24)]
+    assert len(heard.drops) == 21
+
+
+def test_what_is_too_large_to_be_read_is_counted():
+    scheduler, heard = TestScheduler(), Heard()
+    inbox = an_inbox(scheduler, heard)
+    inbox.refuse("imu")
+    inbox.refuse("imu")
+    scheduler.advance_by(1)
+    assert heard.drops == [("imu", "oversized")] * 2
+
+
+def test_a_closed_inbox_holds_nothing_and_delivers_nothing():
+    scheduler, heard, backlog = TestScheduler(), Heard(), Backlog[Waiting](PER_STREAM, TOTAL)
+    inbox = an_inbox(scheduler, heard, backlog)
+    inbox.put(Decoder(IMU), b"{}")
+    inbox.close()
+    inbox.put(Decoder(IMU), b"{}")
+    scheduler.advance_by(1)
+    assert heard.inputs == []
+    assert not inbox.lane("imu").waiting
 
 
 def test_a_storm_leaves_others_their_turn(monkeypatch):
@@ -92,10 +135,9 @@ def test_a_backlog_leaves_others_their_turn_after_each_batch():
 
 
 def test_a_sample_that_comes_while_the_loop_falls_asleep_wakes_it_once(monkeypatch):
-    scheduler, heard = TestScheduler(), Heard()
-    inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
+    scheduler, heard, decoder = TestScheduler(), Heard(), Decoder(IMU)
 
-    class Waiting(deque[Any]):
+    class Late(deque[Any]):
         """Empty when it is looked at, and no more just after."""
 
         def __bool__(self):
@@ -103,6 +145,9 @@ def test_a_sample_that_comes_while_the_loop_falls_asleep_wakes_it_once(monkeypat
             if empty and len(heard.inputs) < 3:
                 inbox.put(decoder, b"{}")
             return not empty
+
+    inbox = an_inbox(scheduler, heard)
+    inbox.lane("imu").waiting = Late()
 
     drains: list[Any] = []
     run = scheduler.schedule
@@ -112,7 +157,6 @@ def test_a_sample_that_comes_while_the_loop_falls_asleep_wakes_it_once(monkeypat
         return run(action, state)
 
     monkeypatch.setattr(scheduler, "schedule", schedule)
-    inbox._waiting = Waiting()
     inbox.put(decoder, b"{}")
     scheduler.advance_by(1)
     assert len(heard.inputs) == 3
@@ -162,8 +206,8 @@ def test_a_batch_keeps_the_order_across_streams_and_ends(monkeypatch):
     inbox.put(imu, b'{"n": 2}')
     inbox.put(mic, b'{"level": 2}')
     scheduler.advance_by(1)
-    told = [event if isinstance(event, Gone) else (event.stream, event.arrived) for event in heard.inputs]
-    assert told == [("mic", 0.0), ("imu", 1.0), Gone("mic"), ("imu", 2.0), ("mic", 3.0)]
+    reported = [event if isinstance(event, Gone) else (event.stream, event.arrived) for event in heard.inputs]
+    assert reported == [("mic", 0.0), ("imu", 1.0), Gone("mic"), ("imu", 2.0), ("mic", 3.0)]
 
 
 def test_the_loop_is_woken_once_for_all_that_wait():
@@ -214,3 +258,40 @@ def test_many_threads_may_put_at_once(loop):
     heard.wait_for(lambda h: len(h.inputs) == 4000)
     for n in range(8):
         assert heard.values(f"imu{n}") == [{"n": n} for n in range(500)]
+
+
+@pytest.mark.parametrize("closed", ["before", "after"])
+@pytest.mark.parametrize("lost", ["oversized", "overrun"])
+def test_a_closed_inbox_reports_nothing_though_a_drain_was_queued(closed, lost):
+    """Its policy is gone, and a handler of the loss would make the policy's figures again."""
+    scheduler, heard = TestScheduler(), Heard()
+    inbox = an_inbox(scheduler, heard, Backlog(PLACE + 2, TOTAL))
+    inbox.put(Decoder(IMU), b"{}")
+    if closed == "before":
+        inbox.close()
+    for _ in range(2):
+        if lost == "oversized":
+            inbox.refuse("imu")
+        else:
+            inbox.put(Decoder(IMU), b"{}")
+    if closed == "after":
+        inbox.close()
+    scheduler.advance_by(1)
+    assert heard.drops == []
+
+
+def test_an_inbox_that_its_listener_closes_no_longer_reports(monkeypatch):
+    scheduler, heard = TestScheduler(), Heard()
+    inbox = an_inbox(scheduler, heard)
+    on_drop = heard.on_drop
+
+    def end(stream, reason):
+        on_drop(stream, reason)
+        inbox.close()
+
+    monkeypatch.setattr(heard, "on_drop", end)
+    inbox.lane("imu")
+    for _ in range(3):
+        inbox.refuse("imu")
+    scheduler.advance_by(1)
+    assert heard.drops == [("imu", "oversized")]

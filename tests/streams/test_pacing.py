@@ -37,12 +37,12 @@ def story():
     return Story()
 
 
-def test_an_item_after_a_rest_goes_on_at_once(story):
+def test_an_item_after_a_pause_is_emitted_at_once(story):
     story.items(1, 5)
     assert story.seen == [(1, 1), (5, 5)]
 
 
-def test_of_a_flood_the_newest_goes_on_once_in_an_interval_and_so_does_the_last(story):
+def test_a_flood_emits_the_newest_once_per_interval_and_the_last(story):
     story.items(*(10 + tick / 4 for tick in range(10)))
     story.scheduler.advance_to(60)
     assert story.seen == [(10, 10), (11, 10.75), (12, 11.75), (13, 12.25)]
@@ -69,7 +69,7 @@ def test_nothing_goes_on_after_the_end_of_the_subscription(story):
     assert story.seen == [(1, 1)]
 
 
-def test_the_last_item_goes_on_before_the_end_of_the_source(story):
+def test_the_last_item_is_emitted_before_completion(story):
     story.items(1, 1.5)
     story.source.on_completed()
     story.scheduler.advance_to(60)

@@ -11,16 +11,15 @@ from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
 
 from contextpolicy.policy.parsing import parse as parse_policy
+from contextpolicy.streams.recorded_message import RecordingError, Topic, ros_type
 from contextpolicy.streams.recordings import (
     Excerpt,
-    RecordingError,
-    Topic,
     bridge_key,
     is_recording,
     keys_for,
     open_recording,
     rmw_key,
-    ros_type,
+    timeline_key,
     timeline_of,
 )
 from contextpolicy.streams.timeline import RECORDED
@@ -89,12 +88,16 @@ def test_a_files_messages_come_as_they_were_recorded(mcap):
 def test_a_bag_of_either_storage_is_read(tmp_path, plugin):
     messages = [(0, "/door", "std_msgs/msg/Bool", OPEN), (2.5, "/door", "std_msgs/msg/Bool", SHUT)]
     recording = open_recording(bag(tmp_path / "bag", plugin, messages), Excerpt())
-    assert recording.topics == {"/door": Topic("/door", "cdr", "std_msgs/msg/Bool", 2)}
+    door = recording.topics.pop("/door")
+    assert door[:4] == ("/door", "cdr", "std_msgs/msg/Bool", 2)
+    assert door.definition == "bool data\n"
+    assert door.hash in ("", STORE.hash_rihs01("std_msgs/msg/Bool"))  # rosbags writes none into MCAP files
+    assert recording.topics == {}
     found = list(recording.messages(["/door"], recording.begin, recording.end))
     assert [(message.at - BEGIN, message.payload) for message in found] == [(0, OPEN), (25 * 10**8, SHUT)]
 
 
-def test_simulated_time_is_what_the_clock_told_last(tmp_path):
+def test_simulated_time_is_the_clocks_latest_value(tmp_path):
     messages = [
         (0.0, "/door", "std_msgs/msg/Bool", OPEN),  # before the first tick: it has no time
         (0.5, "/clock", "rosgraph_msgs/msg/Clock", clock(100.0)),
@@ -120,9 +123,9 @@ def test_a_broken_file_is_refused_with_its_name(tmp_path, content):
         open_recording(path, Excerpt())
 
 
-def test_a_folder_is_a_recording_only_with_metadata(tmp_path):
-    assert not is_recording(tmp_path)
-    with pytest.raises(RecordingError, match="cannot be read"):
+def test_a_folder_is_taken_for_a_bag_and_refused_as_one(tmp_path):
+    assert is_recording(tmp_path)
+    with pytest.raises(RecordingError, match=r"is a folder without metadata\.yaml, and no storage file"):
         open_recording(tmp_path, Excerpt())
 
 
@@ -139,6 +142,12 @@ def a_policy(*keys):
     streams = [{"name": f"s{i}", "key": k, "encoding": "cdr", "type": "std_msgs/msg/Bool"} for i, k in enumerate(keys)]
     task = {"name": "slam", "selector": {"matchLabels": {"app": "slam"}}}
     return parse_policy({"metadata": {"name": "p", "namespace": "n"}, "spec": {"streams": streams, "tasks": [task]}})
+
+
+def test_a_topic_is_played_where_subscriptions_look_for_its_types_hash():
+    topic = Topic("/imu/data", "cdr", "sensor_msgs/msg/Imu", 1, "RIHS01_ab")
+    assert timeline_key(topic) == "0/imu/data/sensor_msgs::msg::dds_::Imu_/RIHS01_ab"
+    assert timeline_key(topic._replace(hash="")).endswith("/TypeHashNotSupported")
 
 
 def test_names_of_topics_and_types():
@@ -177,7 +186,13 @@ def test_what_nobody_reads_is_named_but_not_loaded(mcap):
     assert [timed.key for timed in timeline.inputs() if timed.payload is None] == ["robot/other"]
 
 
+def test_messages_in_cdr_keep_their_type(tmp_path):
+    path = bag(tmp_path / "bag", StoragePlugin.SQLITE3, [(0, "/door", "std_msgs/msg/Bool", OPEN)])
+    timeline = timeline_of(open_recording(path, Excerpt()), Excerpt(), bridge_key, name="run", wanted=["door"])
+    assert {(entry.key, entry.type) for entry in timeline.inputs()} == {("door", "std_msgs/msg/Bool")}
+
+
 def test_an_offset_beyond_the_end_is_refused(mcap):
     excerpt = Excerpt(start_offset=5)
-    with pytest.raises(RecordingError, match="the recording has 1 s"):
+    with pytest.raises(RecordingError, match="invalid value 5: expected at most 1 s"):
         timeline_of(open_recording(mcap, excerpt), excerpt, bridge_key, name="run", wanted=[])

@@ -70,7 +70,7 @@ def test_the_end_and_errors_reach_all():
     assert ends == ["end", "broken", "broken"]
 
 
-def test_what_a_subscriber_raises_reaches_whoever_emits():
+def test_what_a_subscriber_raises_reaches_the_emitter():
     subject, _, shared = counted()
     shared.subscribe(lambda _: 1 / 0)
     with pytest.raises(ZeroDivisionError):

@@ -1,4 +1,4 @@
-"""Samples from a real Zenoh session to the loop: whatever is in them, whoever sends them, and until the end."""
+"""Samples from a real Zenoh session to the loop: whatever is in them, from any sender, until the end."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ import pytest
 import zenoh
 import zenoh.ext
 
+from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.inputs import Gone
 from contextpolicy.policy.spec import Encoding, Stream
 from contextpolicy.streams.attachment import attach
+from contextpolicy.streams.backlog import PER_STREAM, TOTAL, Backlog
+from contextpolicy.streams.decoding import MAX_PAYLOAD
 from contextpolicy.streams.subscription import inputs
 from tests.modules.robotkit.bus import Matching
 from tests.ports import free_port
 from tests.streams.heard import IMU, MIC, Heard
-from tests.waiting import PATIENCE
+from tests.waiting import PATIENCE, until
 
 
 def open_session(**settings):
@@ -47,7 +50,7 @@ def listen(robot_and_operator, loop):
 
     def start(*streams):
         heard = Heard()
-        source = inputs(robot_and_operator[1], streams, loop, heard.on_drop)
+        source = inputs(robot_and_operator[1], streams, loop, heard, backlog=Backlog(PER_STREAM, TOTAL))
         subscriptions.append(source.subscribe(heard.on_next))
         return heard
 
@@ -95,6 +98,7 @@ def test_a_key_expression_may_join_several_publishers(listen, publish, mic):
     publish(mic.key.replace("*", "right"), '{"level": 2}')
     heard.wait_for(lambda h: len(h.inputs) == 2)
     assert heard.values("mic") == [{"level": 1}, {"level": 2}]
+    assert [sample.key for sample in heard.inputs] == [mic.key.replace("*", side) for side in ("left", "right")]
 
 
 @pytest.mark.parametrize("broken", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b'{"n": NaN}'])
@@ -106,7 +110,15 @@ def test_a_payload_that_cannot_be_decoded_is_counted_and_ends_nothing(listen, pu
     assert heard.drops == [("imu", "undecodable")]
 
 
-def test_a_deletion_is_no_sample(listen, robot_and_operator, publish, imu):
+def test_a_payload_that_is_too_large_is_counted_before_it_is_kept(listen, publish, imu):
+    heard = listen(imu)
+    publish(imu.key, '{"n": 1}', b"[" + b"1," * (MAX_PAYLOAD // 2) + b"1]", '{"n": 2}')
+    heard.wait_for(lambda h: len(h.inputs) == 2)
+    assert heard.values() == [{"n": 1}, {"n": 2}]
+    heard.wait_for(lambda h: h.drops == [("imu", "oversized")])
+
+
+def test_a_deletion_is_not_a_sample(listen, robot_and_operator, publish, imu):
     heard = listen(imu)
     publish(imu.key, '{"n": 1}')
     robot_and_operator[0].delete(imu.key)
@@ -129,6 +141,25 @@ def test_a_sender_that_dies_is_gone(listen, robot_and_operator, mic):
     assert heard.threads == {"loop"}
 
 
+def test_a_stream_is_gone_with_the_last_of_its_senders(listen, robot_and_operator, publish, mic):
+    robot, operator = robot_and_operator
+    base = mic.key.partition("/")[0]
+    mic = replace(mic, liveliness=f"{base}/*/alive")
+    left, right = (robot.liveliness().declare_token(f"{base}/{side}/alive") for side in ("left", "right"))
+    reported: list[zenoh.Sample] = []
+    watcher = operator.liveliness().declare_subscriber(mic.liveliness, reported.append, history=True)
+    until(lambda: len(reported) == 2)
+    heard = listen(mic)
+    left.undeclare()
+    until(lambda: len(reported) == 3)
+    publish(mic.key.replace("*", "right"), '{"level": 1}')
+    heard.wait_for(lambda h: h.inputs)
+    right.undeclare()
+    heard.wait_for(lambda h: len(h.inputs) == 2)
+    watcher.undeclare()
+    assert [type(one) for one in heard.inputs] == [Sample, Gone]
+
+
 @pytest.fixture
 def mission(request):
     return Stream("mission", f"{abs(hash(request.node.name))}/mission/*", Encoding.CDR, type="std_msgs/msg/Int32")
@@ -145,7 +176,7 @@ def int32(number):
 
 
 @pytest.mark.parametrize("late", [True, False])
-def test_a_latched_topic_reaches_whoever_listens_whenever(listen, robot_and_operator, mission, late):
+def test_a_latched_topic_reaches_late_subscribers(listen, robot_and_operator, mission, late):
     heard = None if late else listen(mission)
     publisher = latched(robot_and_operator[0], mission)
     publisher.put(int32(1))
@@ -176,8 +207,8 @@ def test_after_the_end_of_the_subscription_nothing_arrives(robot_and_operator, l
     _, operator = robot_and_operator
     ended, other = Heard(), Heard()
     # First, so that the robot always knows of one: else it may look just when the ended one is gone.
-    lasting = inputs(operator, [imu], loop, other.on_drop).subscribe(other.on_next)
-    inputs(operator, [imu, mic], loop, ended.on_drop).subscribe(ended.on_next).dispose()
+    lasting = inputs(operator, [imu], loop, other, backlog=Backlog(PER_STREAM, TOTAL)).subscribe(other.on_next)
+    inputs(operator, [imu, mic], loop, ended, backlog=Backlog(PER_STREAM, TOTAL)).subscribe(ended.on_next).dispose()
     publish(imu.key, "{}")
     other.wait_for(lambda h: h.inputs)
     lasting.dispose()

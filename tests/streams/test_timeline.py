@@ -76,14 +76,14 @@ def test_a_data_sets_rate_and_offset_are_kept_for_who_needs_them():
     assert len(list(entry.inputs())) == 1
 
 
-def test_phases_tell_the_story():
+def test_phases_describe_the_story():
     phases = [{"name": "stands", "from": 0, "to": 1}, {"name": "drives", "from": 1, "to": 2, "truth": {"moving": True}}]
     document = {**a_document(ONCE), "phases": phases}
     SCHEMA.validate(document)
     assert parse(document).phases == (StoryPhase("stands", 0, 1), StoryPhase("drives", 1, 2, {"moving": True}))
 
 
-def test_every_mistake_in_a_phase_is_told():
+def test_every_mistake_in_a_phase_is_reported():
     document = {**a_document(ONCE), "phases": [{"name": "x", "from": 1, "to": 3, "speed": 1}, 7]}
     assert not SCHEMA.is_valid(document)
     with pytest.raises(TimelineError) as error:
@@ -194,6 +194,13 @@ def test_a_file_that_is_not_json_is_refused_by_name(tmp_path, content):
         load(path)
 
 
+def test_a_number_beyond_all_doubles_is_no_infinity(tmp_path):
+    path = tmp_path / "broken.json"
+    path.write_text('{"name": "a", "duration": 1e400, "inputs": []}')
+    with pytest.raises(TimelineError, match="1e400 is larger than any double"):
+        load(path)
+
+
 def test_a_missing_file_is_refused_by_name(tmp_path):
     with pytest.raises(TimelineError, match=r"missing\.json"):
         load(tmp_path / "missing.json")
@@ -223,7 +230,7 @@ def test_the_stamps_of_headers_move_unless_they_are_given():
         assert moving == {"sec": at // 10**9, "nanosec": at % 10**9}
 
 
-def test_what_does_not_fit_a_message_is_told_by_its_path():
+def test_what_does_not_fit_a_message_is_reported_by_its_path():
     value = {"gyro": 1, "orientation_covariance": [1], "angular_velocity": {"x": "fast", "y": True}, "header": 5}
     entries = [
         {**ONCE, "encoding": "cdr", "type": "sensor_msgs/msg/Imu", "value": value},
@@ -234,9 +241,9 @@ def test_what_does_not_fit_a_message_is_told_by_its_path():
     with pytest.raises(TimelineError) as caught:
         parse(a_document(*entries))
     numbers = 'a number, "NaN", "Infinity" or "-Infinity"'
-    told = {finding.field: finding.allowed for finding in caught.value.findings}
-    assert told.pop("inputs[0].value.gyro").startswith("one of the fields header, orientation, ")
-    assert told == {
+    reported = {finding.field: finding.allowed for finding in caught.value.findings}
+    assert reported.pop("inputs[0].value.gyro").startswith("one of the fields header, orientation, ")
+    assert reported == {
         "inputs[0].value.header": "an object with fields of std_msgs/msg/Header",
         "inputs[0].value.orientation_covariance": "a list of 9",
         "inputs[0].value.angular_velocity.x": numbers,

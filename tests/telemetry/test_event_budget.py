@@ -11,7 +11,7 @@ def test_a_burst_then_one_at_a_time():
     assert not budget.spend(1000.0 + REFILL)
 
 
-def test_what_comes_and_goes_all_the_time_leaves_some_to_problems():
+def test_flapping_contexts_leave_events_for_problems():
     budget = EventBudget()
     assert sum(budget.spend(1000.0, routine=True) for _ in range(BURST)) == BURST - FOR_PROBLEMS
     assert sum(budget.spend(1000.0) for _ in range(BURST)) == FOR_PROBLEMS

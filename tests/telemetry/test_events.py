@@ -2,7 +2,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from contextpolicy.telemetry.events import MAX_MESSAGE, event
+from contextpolicy.telemetry.api_text import MAX_MESSAGE
+from contextpolicy.telemetry.events import event
 
 POLICY: dict[str, Any] = {
     "apiVersion": "contextpolicy.dev/v1alpha1",

@@ -7,7 +7,7 @@ from prometheus_client.metrics import MetricWrapperBase
 
 from contextpolicy.policy.spec import Mode
 from contextpolicy.telemetry import metrics
-from tests.planning.builders import a_context, a_policy, a_stream, a_task
+from tests.planning.builders import Story, a_context, a_parent, a_policy, a_stream, a_task, on_node
 
 NAMES = {
     *("contextpolicy_sample_to_plan_seconds", "contextpolicy_plan_to_patch_seconds"),
@@ -92,6 +92,26 @@ def test_gauges_go_with_the_tasks_and_contexts_that_an_edit_removes():
     assert of("robot") == {("contextpolicy_task_share_cores", "slam")}
     metrics.replace(after, replace(after, mode=Mode.PAUSED))
     assert of("robot") == set()
+
+
+def weights_of(story):
+    metrics.measure(story.planner.policy, story.last)
+    [family] = [family for family in ours().values() if family.name == "contextpolicy_task_weight"]
+    return {sample.labels["task"]: sample.value for sample in family.samples if sample.labels["name"] == "robot"}
+
+
+def test_weights_add_up_to_what_the_plan_divides_by():
+    """As on the live page: a task's weight is its part of the sum, so nothing may be in it twice."""
+    tasks = [
+        a_parent("navigation", "slam", "signs", priority=5),
+        *(a_task(name) for name in ("slam", "signs", "speech")),
+    ]
+    story = Story(a_policy(tasks=tasks))
+    assert weights_of(story) == {"slam": 2.5, "signs": 2.5, "speech": 1.0}
+    assert sum(weights_of(story).values()) == sum(story.weights()[leaf] for leaf in ("slam", "signs", "speech"))
+    story.place(on_node("slam", "speech"), at=1.0)
+    assert set(weights_of(story)) == {"slam", "speech"}
+    metrics.forget("lab/robot")
 
 
 def test_counts_go_with_the_streams_that_an_edit_removes():

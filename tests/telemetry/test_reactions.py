@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from contextpolicy.cluster.pods import Cpu
@@ -33,7 +35,7 @@ def test_each_stage_of_what_a_sample_changed_is_measured_once(reactions):
     assert reached(reactions, "speech", 100) == [7.0, 7.0]
 
 
-def test_what_the_plan_left_alone_is_no_reaction(reactions):
+def test_what_the_plan_left_alone_is_not_a_reaction(reactions):
     reactions.plan(POLICY, a_plan(2, {"slam": 400, "speech": 500}, arrived=7.0), 7.5)
     assert reached(reactions, "speech", 500) == [None, None]
 
@@ -48,6 +50,13 @@ def test_a_limit_on_the_way_or_of_an_older_plan_is_not_what_the_sample_asked_for
 def test_requests_count_where_they_are_what_moves(reactions):
     reactions.plan(POLICY, a_plan(2, {"slam": 900}, arrived=7.0), 7.5)
     assert reactions.reach(POLICY, "slam", "patch", Cpu(900, 1000)).arrived == 7.0
+
+
+@pytest.mark.parametrize(("requested", "limit"), [(450, None), (450, 1000), (299, 300)])
+def test_a_scaled_request_is_the_reaction_where_requests_are_weights(reactions, requested, limit):
+    reactions.plan(POLICY, a_plan(2, {"slam": 900}, arrived=7.0), 7.5, requests={"slam": 450})
+    assert reactions.reach(POLICY, "slam", "patch", Cpu(400, limit)) is None, "of an older plan"
+    assert reactions.reach(POLICY, "slam", "patch", Cpu(requested, limit)).arrived == 7.0
 
 
 def test_a_later_plan_leaves_under_way_what_it_does_not_change(reactions):
@@ -74,7 +83,7 @@ def test_a_new_container_got_its_share_because_it_came(reactions):
     assert reached(reactions, "planner", 100) == [None, None]
 
 
-def test_what_somebody_else_changed_is_put_back_for_no_sample(reactions):
+def test_correcting_an_external_write_is_not_a_reaction(reactions):
     reactions.plan(POLICY, a_plan(2, {"slam": 900}, arrived=7.0), 7.5)
     reactions.drop(POLICY, "slam")
     assert reached(reactions, "slam", 900) == [None, None]
@@ -90,3 +99,72 @@ def test_a_policy_that_is_gone_leaves_nothing(reactions):
     reactions.forget(POLICY)
     reactions.drop(POLICY, "slam")
     assert reached(reactions, "slam", 900) == [None, None]
+
+
+def ended(reactions):
+    return [(reaction.arrived, at) for reaction, at in reactions.confirmed(POLICY)]
+
+
+def test_what_an_agent_confirms_is_in_force_once(reactions):
+    reactions.plan(POLICY, a_plan(2, {"slam": 900, "speech": 500}, arrived=7.0), 7.5)
+    assert ended(reactions) == []
+    reactions.confirm(POLICY, "robot", 2, 7.6)
+    assert ended(reactions) == [(7.0, 7.6)]
+    assert ended(reactions) == []
+    assert reached(reactions, "slam", 900) == [7.0, None], "the resize follows"
+
+
+def test_an_agent_may_confirm_a_plan_before_it_is_taken(reactions):
+    reactions.confirm(POLICY, "robot", 3, 7.6)
+    reactions.plan(POLICY, a_plan(2, {"slam": 900, "speech": 500}, arrived=7.0), 7.5)
+    assert ended(reactions) == [], "what the agent confirmed may say something else"
+    reactions.plan(POLICY, a_plan(3, {"slam": 700, "speech": 500}, arrived=7.1), 7.5)
+    assert ended(reactions) == [(7.1, 7.6)]
+
+
+@pytest.mark.parametrize(("node", "sequence", "failed"), [("robot", 1, ()), ("other", 2, ()), ("robot", 2, ("slam",))])
+def test_what_no_agent_has_written_is_not_in_force(reactions, node, sequence, failed):
+    reactions.plan(POLICY, a_plan(2, {"slam": 900, "speech": 500}, arrived=7.0), 7.5)
+    reactions.confirm(POLICY, node, sequence, 7.6, failed)
+    assert ended(reactions) == []
+    assert reached(reactions, "slam", 900) == [7.0, 7.0], "the kubelet's report counts then"
+
+
+def test_a_task_that_is_left_alone_does_not_react_to_a_new_share(reactions):
+    reactions.plan(POLICY, a_plan(2, {"slam": 900, "speech": 10}, arrived=7.0), 7.5, {"slam"})
+    reactions.confirm(POLICY, "robot", 2, 7.6)
+    reactions.plan(POLICY, a_plan(3, {"slam": 990, "speech": 10}, arrived=8.0), 8.5, {"slam"})
+    reactions.confirm(POLICY, "robot", 3, 8.6)
+    assert len(ended(reactions)) == 2, "two tasks, at the first plan: slam came to be left alone, speech was suspended"
+
+
+def test_a_task_that_is_released_reacts_even_if_its_share_moves_on(reactions):
+    reactions.plan(POLICY, a_plan(2, {"slam": 500, "speech": 10}), 1.0, {"slam"})
+    reactions.plan(POLICY, a_plan(3, {"slam": 500, "speech": 400}, arrived=7.0), 7.5, {"slam", "speech"})
+    reactions.plan(POLICY, a_plan(4, {"slam": 500, "speech": 300}, arrived=8.0), 8.5, {"slam", "speech"})
+    assert reached(reactions, "speech", 300) == [7.0, 7.0]
+
+
+def test_a_task_that_is_released_gets_what_it_had_and_that_is_the_reaction(reactions):
+    """Under control Suspend: 700m before any policy, whatever its share."""
+    reactions.plan(POLICY, a_plan(2, {"slam": 990, "speech": 10}, arrived=7.0), 7.5, ["slam"])
+    reactions.plan(POLICY, a_plan(3, {"slam": 500, "speech": 500}, arrived=9.0), 9.5, ["slam", "speech"])
+    assert reactions.reach(POLICY, "speech", "patch", Cpu(10, 10)) is None, "late, of the suspension"
+    assert reactions.reach(POLICY, "speech", "patch", Cpu(10, 700)).arrived == 9.0
+    assert reactions.reach(POLICY, "speech", "status", Cpu(None, 500)).arrived == 9.0
+
+
+def moved(sequence, node):
+    plan = a_plan(sequence, {"slam": 900})
+    return replace(plan, nodes={node: plan.nodes["robot"]})
+
+
+def test_confirmations_of_nodes_that_went_are_forgotten(reactions):
+    """Nodes come and go under new names, where they are virtual machines."""
+    sizes = set()
+    for number in range(2, 50):
+        reactions.plan(POLICY, moved(number, f"node-{number}"), 7.5)
+        reactions.confirm(POLICY, f"node-{number}", number, 7.6)
+        reactions.confirm(POLICY, f"node-{number - 1}", number - 1, 7.7)
+        sizes.add(len(reactions._confirmed[POLICY]))
+    assert sizes == {1}

@@ -39,28 +39,28 @@ from contextpolicy.telemetry import remedies
     ],
 )
 def test_what_to_do_about_a_refusal(message, remedy):
-    told = remedies.for_refusal(ActuationError("Forbidden", message, retriable=False))
-    assert told.startswith(remedy)
-    assert bool(told) == bool(remedy)
+    reported = remedies.for_refusal(ActuationError("Forbidden", message, retriable=False))
+    assert reported.startswith(remedy)
+    assert bool(reported) == bool(remedy)
 
 
 @pytest.mark.parametrize(
     ("pending", "remedy"),
     [
-        ("Deferred: Node didn't have enough resource: cpu", "its CPU request doesn't fit"),
+        ("Deferred: Node didn't have enough resource: cpu", "its CPU request does not fit"),
         (
             'Infeasible: Resize is infeasible for Guaranteed Pods alongside CPU Manager policy "static"',
-            "a static CPU manager resizes no Guaranteed pod",
+            "a static CPU manager can't resize Guaranteed pods",
         ),
         ("Infeasible: Node didn't have enough capacity", "this node can't resize the pod"),
-        ("Error: EINVAL", "the kubelet tries again"),
+        ("Error: EINVAL", "the kubelet retries"),
         ("", ""),
     ],
 )
 def test_what_to_do_about_a_resize_that_is_held_back(pending, remedy):
-    told = remedies.for_pending(pending)
-    assert told.startswith(remedy)
-    assert bool(told) == bool(remedy)
+    reported = remedies.for_pending(pending)
+    assert reported.startswith(remedy)
+    assert bool(reported) == bool(remedy)
 
 
 @pytest.mark.parametrize(

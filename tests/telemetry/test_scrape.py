@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client import REGISTRY, CollectorRegistry, generate_latest
 
+from contextpolicy.bus.agent_watch import RETURN
 from contextpolicy.telemetry.scrape import Scrape
-from tests.cluster.builders import a_pod
+from tests.actuators.resize.fake_cluster import refusal
+from tests.cluster.builders import NODE, a_pod
 from tests.policies.builders import IMU, a_policy, resources
 from tests.virtual_operator import VirtualOperator
 
@@ -39,8 +41,7 @@ def page(operator):
 def govern(operator):
     operator.connect()
     operator.apply(a_policy())
-    operator.sample(IMU, speed=0.3)
-    operator.settle()
+    operator.react(IMU, speed=0.3)
 
 
 def value(page, name, **labels):
@@ -75,7 +76,25 @@ def test_a_router_that_is_gone_and_a_stream_that_is_silent(operator, page):
     assert value(page, "condition", type="StreamsHealthy") == 0
 
 
-def test_an_edit_goes_on_counting_samples(operator, page):
+def test_what_an_old_kubelet_may_take(operator, page):
+    """An alert on slow reactions leaves a policy that; an old node without the policy's pods excuses nothing."""
+    govern(operator)
+
+    def delay():
+        return value(page, "kubelet_delay_seconds")
+
+    assert delay() == 0
+    operator.node(name="old", kubelet="v1.35.2")
+    assert delay() == 0
+    operator.node(kubelet="v1.34.0")
+    assert delay() == 2
+    operator.session.agents[NODE] = b'{"missing": {"CFS": [], "Realtime": []}}'
+    operator.connect()
+    operator.settle()
+    assert delay() == 0
+
+
+def test_an_edit_continues_counting_samples(operator, page):
     govern(operator)
     operator.apply(a_policy(generation=2, enforcement={"minDwell": "1s"}))
     operator.sample(IMU, speed=0.2)
@@ -93,3 +112,73 @@ def test_a_loop_that_hangs_costs_only_its_own_metrics():
     registry = CollectorRegistry()
     registry.register(Scrape(lambda: None))
     assert generate_latest(registry) == b""
+
+
+AGENT = b'{"missing": {"CFS": [], "Realtime": []}}'
+
+
+def agent_ready(page, node=NODE):
+    return page.get_sample_value("contextpolicy_node_agent_ready", {"node": node})
+
+
+def lose_agent(operator):
+    operator.session.agent_gone(NODE)
+    operator.turn(RETURN + 1)
+
+
+def test_an_agent_that_was_there_and_is_gone_is_not_ready(operator, page):
+    """A series that ends raises no alert."""
+    operator.session.agents[NODE] = AGENT
+    operator.connect()
+    operator.settle()
+    assert agent_ready(page) == 1
+    lose_agent(operator)
+    assert agent_ready(page) == 0
+
+
+@pytest.mark.parametrize("status", ["False", "Unknown"])
+def test_nobody_misses_the_agent_of_a_node_that_is_switched_off(operator, page, status):
+    operator.session.agents[NODE] = AGENT
+    operator.connect()
+    lose_agent(operator)
+    operator.node(ready=status)
+    assert agent_ready(page) is None
+    operator.node()
+    assert agent_ready(page) == 0
+
+
+def test_an_agent_that_never_came_is_missed_where_every_node_is_to_have_one(operator, page):
+    govern(operator)
+    assert agent_ready(page) is None
+    operator.agents_everywhere = True
+    operator.start()
+    operator.list_all()
+    govern(operator)
+    operator.node(name="without-tasks")
+    assert agent_ready(page) == 0
+    assert agent_ready(page, "without-tasks") is None
+
+
+def test_a_policy_whose_containers_cannot_be_restored_is_not_ready(operator, page):
+    """It is on its way out for as long as that takes: nobody would hear of it."""
+    govern(operator)
+    operator.cluster.faults += [refusal("Forbidden")] * 9
+    operator.delete(a_policy())
+    operator.settle()
+    operator.turn(2.0)
+    assert value(page, "condition", type="Ready") == 0
+    assert value(page, "stream_silent", stream="imu") is None
+    assert REGISTRY.get_sample_value("contextpolicy_context_active", {**POLICY, "context": "moving"}) is None
+
+
+def test_a_policy_that_is_created_again_while_the_old_one_leaves_has_only_its_own_series(operator):
+    """Somebody gave up on its restoration and removed the finalizer."""
+    govern(operator)
+    operator.cluster.faults += [refusal("Forbidden")] * 9
+    operator.delete(a_policy())
+    operator.settle()
+    operator.cluster.faults.clear()
+    operator.apply(a_policy(contexts=[]))
+    operator.settle()
+    assert REGISTRY.get_sample_value("contextpolicy_context_active", {**POLICY, "context": "moving"}) is None
+    assert REGISTRY.get_sample_value("contextpolicy_plans_total", POLICY) == 1

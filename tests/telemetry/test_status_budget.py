@@ -20,7 +20,7 @@ def a_status(*, ready="True", message="", **fields):
     ],
     ids=["condition", "generation", "promotion", "taken back"],
 )
-def test_what_somebody_has_to_act_on_may_take_the_last_write(after):
+def test_urgent_conditions_may_use_the_last_status_write(after):
     assert reserve(a_status(), after) == 0
 
 
@@ -33,5 +33,5 @@ def test_contexts_leave_some_to_conditions():
 
 
 @pytest.mark.parametrize("after", [a_status(tasks=[{"weight": 2}]), a_status(message="more"), a_status(plan={})])
-def test_what_moves_with_samples_leaves_some_to_contexts(after):
+def test_sample_driven_statuses_leave_writes_for_contexts(after):
     assert reserve(a_status(), after) == FOR_CONTEXTS > FOR_CONDITIONS

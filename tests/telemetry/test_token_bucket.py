@@ -40,7 +40,7 @@ def test_a_clock_that_steps_back_gives_nothing_and_takes_nothing():
     assert bucket.wait(START - 1000 + REFILL) == 0
 
 
-def test_who_waited_as_long_as_was_asked_may():
+def test_waiting_the_stated_time_suffices():
     for step in range(1000):
         bucket, now = TokenBucket(1, 300.0), step / 7
         bucket.spend()

@@ -1,4 +1,4 @@
-"""The demo's values and its recordings tell the same story."""
+"""The demo's values and its recordings have the same story."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-STAGES = {"running": ("test_systemd.py", "test_running.py"), "rebooted": ("test_rebooted.py",)}
+STAGES = {"running": ("test_systemd.py", "test_hostile.py", "test_running.py"), "rebooted": ("test_rebooted.py",)}
 """What runs before the machine is rebooted, and what after."""
 FILES = tuple(file for files in STAGES.values() for file in files)
 TESTS = REPOSITORY / "tests" / "vm" / "inside"

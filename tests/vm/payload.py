@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from tests.node import build, cache
 from tests.node.layout import BIN, CACHE, CGROUP_DRIVER_VARIABLE, REPOSITORY, SOURCES
-from tests.node.shell import run_long
+from tests.node.shell import run, run_long
 from tests.vm import chart, store
 from tests.vm.places import INSIDE_CHART, INSIDE_LOGS, INSIDE_PACKAGES, INSIDE_REPOSITORY, SYSTEMS, TESTS_VARIABLE
 
@@ -31,6 +31,8 @@ pods are on one node.
 SLOWNESS = 10
 """How many times longer the machine may take than a computer without emulation."""
 PIP_TIMEOUT = 900.0
+SWAP, SWAP_BYTES = "swapfile", 64 << 20
+"""Swap space, as robots with little memory have it; Burstable pods may use theirs."""
 
 
 def write(root: Path, tests: Sequence[str]) -> None:
@@ -41,6 +43,7 @@ def write(root: Path, tests: Sequence[str]) -> None:
     store.fill(root)
     _chart(root)
     _settings(root, tests)
+    _swap(root / SWAP)
 
 
 def _below(root: Path, inside: Path) -> Path:
@@ -99,7 +102,7 @@ def _chart(root: Path) -> None:
 
 def _settings(root: Path, tests: Sequence[str]) -> None:
     etc = root / "etc"
-    (etc / "fstab").write_text("LABEL=root / ext4 defaults,noatime 0 1\n")
+    (etc / "fstab").write_text(f"LABEL=root / ext4 defaults,noatime 0 1\n/{SWAP} none swap sw 0 0\n")
     (etc / "hostname").write_text("robot\n")
     (etc / "modules-load.d" / "node.conf").write_text("".join(f"{module}\n" for module in MODULES))
     (etc / "contextpolicy-vm").write_text("".join(f"{name}={value}\n" for name, value in environment(tests).items()))
@@ -111,6 +114,13 @@ def _settings(root: Path, tests: Sequence[str]) -> None:
         (wanted / name).symlink_to(f"/etc/systemd/system/{name}")
     _below(root, INSIDE_LOGS).mkdir()
     (root / "var" / "log" / "journal").mkdir(exist_ok=True)  # makes the journal outlive the machine's reboot
+
+
+def _swap(file: Path) -> None:
+    """Without holes, which an ext4 that is made of a folder would make of zeros, and the kernel refuses."""
+    file.write_bytes(b"\xff" * SWAP_BYTES)
+    file.chmod(0o600)
+    run(["mkswap", "--quiet", str(file)])
 
 
 def environment(tests: Sequence[str] = ()) -> dict[str, str]:

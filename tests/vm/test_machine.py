@@ -98,4 +98,4 @@ def test_files_that_can_be_chosen_are_all_there_are():
 def test_an_unknown_file_is_refused_with_those_there_are(capsys):
     with pytest.raises(SystemExit):
         command_line.parser().parse_args(["test_runing.py"])
-    assert "test_runing.py: its file is none of test_systemd.py, test_running.py" in capsys.readouterr().err
+    assert f"test_runing.py: its file is none of {', '.join(FILES)}" in capsys.readouterr().err

@@ -24,7 +24,7 @@ def test_pods_of_one_node_reach_each_other_through_a_service(tmp_path):
     assert "br_netfilter" in (tmp_path / "etc" / "modules-load.d" / "node.conf").read_text().split()
 
 
-def test_the_machine_is_told_which_tests_to_run():
+def test_the_machine_receives_the_tests_to_run():
     assert payload.environment(["test_running.py::test_one", "test_rebooted.py"])["CONTEXTPOLICY_VM_TESTS"] == (
         "test_running.py::test_one test_rebooted.py"
     )

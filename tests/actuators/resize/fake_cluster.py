@@ -7,8 +7,8 @@ from copy import deepcopy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.actuators.resize.originals import Original, read
-from contextpolicy.cluster.writers import FIELD_MANAGER
+from contextpolicy.actuators.resize.originals import Original
+from contextpolicy.actuators.resize.stored_originals import read
 from contextpolicy.errors import ActuationError
 from contextpolicy.policy.quantities import parse_cpu
 
@@ -50,6 +50,9 @@ class FakeCluster:
         self.feeds: dict[str, deque[dict[str, Any]]] = {}
         self.policies: dict[str, dict[str, Any]] = {}
         """The policies that exist, with what the status of each holds as originals."""
+        self.policy_versions: dict[str, int] = {}
+        self.owners: dict[str, dict[str, Any]] = {}
+        """Controllers by the path under which the API has them."""
         self._reports_generation = observed_generation
         self._version = 100
         self._specs: dict[str, list[tuple[int, dict[str, int], dict[str, dict[str, str]]]]] = {}
@@ -59,21 +62,44 @@ class FakeCluster:
 
     # the API server
 
-    def resize(self, namespace: str, name: str, patch: Mapping[str, Any]) -> int:
-        return self._call("resize", namespace, name, patch, lambda uid, it: self._resize(uid, it, FIELD_MANAGER))
+    def resize(self, namespace: str, name: str, patch: Mapping[str, Any], manager: str) -> int:
+        return self._call("resize", namespace, name, patch, lambda uid, it: self._resize(uid, it, manager))
+
+    def read(self, path: str) -> dict[str, Any]:
+        if path.endswith("/contextpolicies"):
+            return {"items": [self.policy(one) for one in self.policies if one.split("/")[0] == path.split("/")[-2]]}
+        try:
+            return self.owners[path]
+        except KeyError:
+            raise refusal("NotFound") from None
 
     def pod(self, namespace: str, name: str) -> dict[str, Any]:
         self._call("get", namespace, name, {}, lambda *_: None)
         return deepcopy(self.pods[self._uid(namespace, name)])
 
-    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> None:
+    def write_originals(self, namespace: str, policy: str, changes: Mapping[str, Any]) -> int:
         self._enter("store", policy, changes)
         fault = self._fault()
         if f"{namespace}/{policy}" not in self.policies:
             raise refusal("NotFound")
-        self.policies[f"{namespace}/{policy}"] = _merged(self.policies[f"{namespace}/{policy}"], changes)
+        version = self.change_originals(f"{namespace}/{policy}", changes)
         if fault is not None:
             raise fault.error
+        return version
+
+    def change_originals(self, policy: str, changes: Mapping[str, Any]) -> int:
+        """By anyone; the policy's version afterwards."""
+        self.policies[policy] = merged(self.policies[policy], changes)
+        self._version += 1
+        self.policy_versions[policy] = self._version
+        return self._version
+
+    def policy(self, reference: str) -> dict[str, Any]:
+        """A policy's object as far as it matters here."""
+        namespace, _, name = reference.partition("/")
+        version = str(self.policy_versions.get(reference, 1))
+        metadata = {"namespace": namespace, "name": name, "resourceVersion": version}
+        return {"metadata": metadata, "status": {"originals": deepcopy(self.policies[reference])}}
 
     def create(self, pod: dict[str, Any]) -> str:
         uid = str(pod["metadata"]["uid"])
@@ -83,7 +109,7 @@ class FakeCluster:
         return uid
 
     def edit(self, uid: str, container: str, *, by: str = "vpa-updater", request: str = "", **limits: str) -> None:
-        """Somebody else resizes a container."""
+        """Another writer resizes a container."""
         resources = {"limits": limits, **({"requests": {"cpu": request}} if request else {})}
         self._resize(uid, {"spec": {"containers": [{"name": container, "resources": resources}]}}, by)
 
@@ -100,7 +126,7 @@ class FakeCluster:
     # the kubelet
 
     def kubelet(self, uid: str, generation: int | None = None) -> None:
-        """Put a version of the spec in force, the newest unless told otherwise, and tell nobody yet."""
+        """Put a version of the spec in force, by default the newest, and notify nobody yet."""
         specs = self._specs[uid]
         wanted = specs[-1][0] if generation is None else generation
         self._specs[uid] = [spec for spec in specs if spec[0] >= min(wanted, specs[-1][0])]
@@ -145,8 +171,8 @@ class FakeCluster:
         return {
             name: Original(policy, cpu)
             for policy, status in self.policies.items()
-            for found, (_, containers) in read(policy, status)
-            for name, cpu in containers.items()
+            for found, stored in read(policy, status)
+            for name, cpu in stored.containers.items()
             if found == uid
         }
 
@@ -223,18 +249,18 @@ class FakeCluster:
         return [*spec["containers"], *(c for c in spec["initContainers"] if c.get("restartPolicy") == "Always")]
 
 
-def _merged(kept: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """A merge patch (RFC 7386)."""
-    merged = dict(kept)
+def merged(kept: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """What a merge patch (RFC 7386) makes of an object."""
+    result = dict(kept)
     for key, value in changes.items():
         if value is None:
-            merged.pop(key, None)
+            result.pop(key, None)
         elif isinstance(value, dict):
-            before = merged.get(key)
-            merged[key] = _merged(before if isinstance(before, dict) else {}, value)
+            before = result.get(key)
+            result[key] = merged(before if isinstance(before, dict) else {}, value)
         else:
-            merged[key] = value
-    return merged
+            result[key] = value
+    return result
 
 
 def _note_manager(metadata: dict[str, Any], manager: str, field: str, container: str, kind: str) -> None:

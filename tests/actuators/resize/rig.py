@@ -1,8 +1,8 @@
-"""A resizer at work on a fake cluster: patches run, and the watch tells, when the test says so."""
+"""A resizer at work on a fake cluster: patches run, and the watch reports, when the test says so."""
 
 from __future__ import annotations
 
-from copy import deepcopy
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from reactivex.testing import TestScheduler
@@ -10,7 +10,8 @@ from reactivex.testing import TestScheduler
 from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize import status_record
 from contextpolicy.actuators.resize.resizer import PodResizer
-from contextpolicy.cluster.pods import view
+from contextpolicy.actuators.resize.stored_originals import StoredOriginals, UnsignedOriginals, raw_of, read, stored_in
+from contextpolicy.cluster.pods import version_of, view
 from contextpolicy.policy.spec import Control
 from tests.actuators.resize.fake_cluster import FakeCluster, Killed
 from tests.cluster.builders import NODE, a_pod, cpu
@@ -28,7 +29,7 @@ MOMENT = 1e-5
 
 
 class Workers:
-    """Holds patches back until they are told to run; apart from them, if wanted, what writes to a policy's status."""
+    """Holds patches back until they are let go; apart from them, if wanted, what writes to a policy's status."""
 
     def __init__(self, *, apart: bool) -> None:
         self.jobs: list[Callable[[], object]] = []
@@ -44,13 +45,14 @@ class Workers:
 
 
 class Witness:
-    """Notes what the resizer tells."""
+    """Notes what the resizer reports."""
 
     def __init__(self) -> None:
         self.accepted: list[tuple[str, int | None]] = []
         self.in_force: list[tuple[str, int]] = []
         self.problems: list[tuple[str, str, str]] = []
         self.conflicts: list[tuple[str, object]] = []
+        self.changed_by_others: list[str] = []
 
     def on_accepted(self, policy: str, container: str, cpu: Cpu, answered: float) -> None:  # noqa: ARG002 - its signature
         self.accepted.append((container, cpu.limit))
@@ -64,6 +66,9 @@ class Witness:
     def on_conflict(self, policy: str, container: str, conflict: Conflict | None) -> None:  # noqa: ARG002 - as above
         limits = (conflict.by, conflict.had.limit, conflict.got.limit) if conflict else "over"
         self.conflicts.append((container, limits))
+
+    def on_changed_by_other(self, policy: str) -> None:
+        self.changed_by_others.append(policy)
 
 
 class Rig:
@@ -82,16 +87,21 @@ class Rig:
     def kill(self) -> None:
         self.scheduler = TestScheduler()
         self.workers, self.witness = Workers(apart=self._apart), Witness()
-        self.resizer = PodResizer(self.cluster, self.scheduler, self.workers, self.witness)  # type: ignore[arg-type]
+        self.resizer = PodResizer(self.cluster, self.scheduler, self.workers, self.witness, UnsignedOriginals())  # type: ignore[arg-type]
         for uid, feed in self.cluster.feeds.items():
             feed.clear()
             self.resizer.observe(view(self.cluster.pods[uid]))
-        for policy, stored in self.cluster.policies.items():
-            self.resizer.recall(policy, deepcopy(stored))
+        for policy in self.cluster.policies:
+            self.resizer.recall(policy, believed(self.cluster.policy(policy)))
 
     def plan(self, policy: str = POLICY, *, n: int = 1000, control: Control = Control.LIMIT, **shares: int) -> None:
         """Shares by container; a container is in the pod of its name unless it is written pod__container."""
         self.order(policy, by_id(shares), n=n, control=control)
+
+    def enforce(self, policy: str = POLICY, **plan: Any) -> None:
+        """Let everybody carry a plan out."""
+        self.plan(policy, **plan)
+        self.settle()
 
     def hold(self, policy: str, **shares: int) -> None:
         """Claim these containers and want nothing of them."""
@@ -104,10 +114,9 @@ class Rig:
         *,
         n: int = 1000,
         control: Control = Control.LIMIT,
-        ceiling: int = 800,
     ) -> None:
         weighted, nodes = control is Control.WEIGHT, dict.fromkeys(shares, NODE)
-        limits = dict.fromkeys(shares, ceiling) if weighted else dict(shares)
+        limits = dict.fromkeys(shares, 800) if weighted else dict(shares)
         requests = dict(shares) if weighted else {}
         self.apply(Order(policy, frozenset(shares), dict(shares), {NODE: n}, limits, requests, not weighted, nodes))
 
@@ -131,13 +140,19 @@ class Rig:
         self.wait(MOMENT)
 
     def watch(self, *uids: str) -> None:
-        """Let the watch tell everything that it has, one version after the other."""
+        """Let the watch report everything that it has, one version after the other."""
         for uid in uids or tuple(self.cluster.feeds):
             while self.cluster.feeds[uid]:
                 self.watch_one(uid)
 
     def watch_one(self, uid: str) -> None:
         self.resizer.observe(view(self.cluster.feeds[uid].popleft()))
+        self.wait(MOMENT)
+
+    def show(self) -> None:
+        """Let the watch show the policy's status as it is now."""
+        body = self.cluster.policy(POLICY)
+        self.resizer.inspect(POLICY, raw_of(body), version_of(body["metadata"]))
         self.wait(MOMENT)
 
     def remove(self, uid: str) -> None:
@@ -175,6 +190,11 @@ class Rig:
             self.kill()
             return False
         return True
+
+
+def believed(body: dict[str, Any]) -> StoredOriginals:
+    """What an object's status says, taken for true."""
+    return replace(stored_in(body), pods=dict(read("", raw_of(body))))
 
 
 def by_id(shares: Mapping[str, int]) -> dict[str, int]:

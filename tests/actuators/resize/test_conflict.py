@@ -1,13 +1,11 @@
-"""Somebody else resizes the same containers: told, put back, and never a fight."""
+"""Another writer resizes the same containers: reported, put back, and never a fight."""
 
 from __future__ import annotations
-
-import math
 
 import pytest
 
 from contextpolicy.actuators.resize import guard
-from contextpolicy.actuators.resize.conflict import QUIET, REMEMBERED, STRIKES, YIELDED, Ownership
+from contextpolicy.actuators.resize.conflict import REMEMBERED, STRIKES, YIELDED
 from contextpolicy.actuators.resize.originals import Original
 from contextpolicy.actuators.resize.pauses import CONFLICTING
 from contextpolicy.actuators.resize.pod_state import PodState
@@ -15,104 +13,28 @@ from contextpolicy.actuators.resize.targets import Target
 from contextpolicy.actuators.resize.tracked_pod import TrackedPod
 from contextpolicy.cluster.pods import Cpu, view
 from contextpolicy.policy.spec import Control
+from tests.actuators.resize.contesting import OURS
 from tests.actuators.resize.fake_cluster import UNREACHABLE, Unanswered
 from tests.actuators.resize.rig import MOMENT, POLICY, Rig
 from tests.cluster.builders import a_pod, cpu
 
 SLAM = "lab/slam/slam"
-OURS, THEIRS, OTHERS = Cpu(10, 300), Cpu(10, 700), Cpu(10, 710)
 
 
 def governed_rig(share: int = 300) -> Rig:
     rig = Rig(a_pod("slam"))
-    rig.plan(slam=share)
-    rig.settle()
+    rig.enforce(slam=share)
     rig.cluster.calls.clear()
     return rig
 
 
 def take(rig: Rig, limit: str = "700m", **more: str) -> None:
-    """Somebody else resizes, and the watch tells."""
+    """Another writer resizes, and the watch reports it."""
     rig.cluster.edit("uid-slam", "slam", cpu=limit, **more)
     rig.watch()
 
 
-# the pauses
-
-
-def test_each_strike_of_an_insistent_writer_is_answered_later():
-    governed, now, pauses = Ownership(POLICY, OURS), 0.0, []
-    for _ in range(7):
-        assert governed.compare(THEIRS, now)
-        pauses.append(governed.until - now)
-        now = governed.until
-        assert governed.rests_until <= now
-        governed.give(POLICY, OURS)
-    assert pauses == [0, CONFLICTING.first, 1, 2, 4, CONFLICTING.longest, CONFLICTING.longest]
-
-
-def strike_by_strike(every):
-    """What is done about a writer who changes the limit `every` so many seconds, until we have yielded twice."""
-    pauses: list[float] = []
-    governed, now = Ownership(POLICY, OURS), 0.0
-    while pauses.count(YIELDED) < 2:
-        assert governed.compare(THEIRS, now)
-        pauses.append(round(governed.until - now, 6))
-        assert governed.forgotten_at == math.inf, "while it is in place it is not over"
-        now = governed.until
-        governed.give(POLICY, OURS)
-        now += every
-    return pauses
-
-
-@pytest.mark.parametrize("every", [0.1, 60.0], ids=["all the time", "an autoscaler"])
-def test_a_contest_ends_we_yield_and_try_again_once_in_a_while(every):
-    pauses = strike_by_strike(every)
-    assert len(pauses) == STRIKES + 2
-    assert all(pause <= CONFLICTING.longest for pause in pauses[:STRIKES])
-
-
-def test_a_writer_who_gave_up_starts_from_the_beginning():
-    governed = Ownership(POLICY, OURS)
-    for strike in range(STRIKES + 1):
-        governed.compare(THEIRS, float(strike))
-        governed.give(POLICY, OURS)
-    assert governed.yielded
-    tried_again = governed.until
-    assert governed.forgotten_at == tried_again + REMEMBERED
-    governed.compare(THEIRS, tried_again + REMEMBERED)
-    assert not governed.yielded
-    assert governed.rests_until == tried_again + REMEMBERED, "put back at once"
-
-
-def test_what_it_makes_of_it_during_a_pause_is_the_same_strike():
-    governed = Ownership(POLICY, OURS)
-    governed.compare(THEIRS, 0.0)
-    governed.give(POLICY, OURS)
-    assert governed.compare(THEIRS, 0.1)
-    until = governed.until
-    assert not governed.compare(THEIRS, 0.2)
-    assert not governed.compare(OTHERS, 0.3)
-    assert (governed.rests_until, governed.seen) == (until, 0.3)
-
-
-def test_after_a_quiet_while_it_is_put_back_at_once_again():
-    governed = Ownership(POLICY, OURS)
-    for now in (0.0, 1.0, 1.0 + QUIET + 0.1):
-        governed.compare(THEIRS, now)
-        pause = governed.until - now
-        governed.give(POLICY, OURS)
-    assert pause == 0
-
-
-def test_nothing_rests_that_nobody_took():
-    assert Ownership(POLICY, OURS).rests_until == -math.inf
-
-
-# the resizer
-
-
-def test_a_foreign_limit_is_told_and_put_back_at_once():
+def test_a_foreign_limit_is_reported_and_put_back_at_once():
     rig = governed_rig()
     take(rig)
     rig.work()
@@ -123,7 +45,7 @@ def test_a_foreign_limit_is_told_and_put_back_at_once():
     assert rig.witness.conflicts[1:] == [(SLAM, "over")]
 
 
-def test_a_foreign_request_is_told_and_put_back():
+def test_a_foreign_request_is_reported_and_put_back():
     rig = governed_rig()
     take(rig, "300m", request="250m", by="kubectl-edit")
     rig.settle()
@@ -131,7 +53,7 @@ def test_a_foreign_request_is_told_and_put_back():
     assert rig.witness.conflicts[:1] == [(SLAM, ("kubectl-edit", 300, 300))]
 
 
-def test_a_writer_who_never_stops_gets_its_way_and_that_is_told():
+def test_a_persistent_writer_wins_and_is_reported():
     rig = governed_rig()
     for _ in range(40 * 60):
         if rig.cluster.limit("slam") == 300:
@@ -195,8 +117,7 @@ def test_new_plans_do_not_shorten_a_pause():
 
 def test_a_foreign_limit_takes_its_room_from_the_node():
     rig = Rig(a_pod("slam"), a_pod("speech"))
-    rig.plan(slam=800, speech=200)
-    rig.settle()
+    rig.enforce(slam=800, speech=200)
     for _ in range(2):
         rig.cluster.edit("uid-speech", "speech", cpu="600m")
         rig.cluster.confirm()
@@ -211,8 +132,7 @@ def test_a_foreign_limit_takes_its_room_from_the_node():
 
 def test_a_foreign_limit_that_was_replaced_before_it_was_reported_still_counts():
     rig = Rig(a_pod("slam"), a_pod("speech"))
-    rig.plan(slam=300, speech=200)
-    rig.settle()
+    rig.enforce(slam=300, speech=200)
     take(rig, "700m")
     take(rig, "300m")  # its writer takes it back; the kubelet may have seen it
     rig.work()
@@ -248,15 +168,14 @@ def test_what_the_plan_left_as_it_was_is_governed_too():
 def test_what_was_never_resized_is_not_ours_yet():
     pod = view(a_pod("slam"))
     tracked, [container] = TrackedPod(PodState(pod)), pod.containers
-    target = Target(SLAM, tracked, container, OURS, tracked.state.spec(container.name), container.spec)
-    assert (guard.look(POLICY, target, None, 0.0), tracked.owned) == (None, {})
+    target = Target(SLAM, tracked, container, OURS, tracked.state.spec(container.name), container.spec, original=None)
+    assert (guard.look(POLICY, target, 0.0), tracked.owned) == (None, {})
 
 
 def test_what_was_there_before_the_policy_is_nobodys_fault():
     rig = Rig(a_pod("slam"))
     take(rig)
-    rig.plan(slam=300)
-    rig.settle()
+    rig.enforce(slam=300)
     assert rig.witness.conflicts == []
     rig.release()
     rig.settle()
@@ -269,8 +188,7 @@ def test_after_the_policy_everybody_may_do_what_they_like():
         rig.release()
         rig.settle()
         take(rig)
-        rig.plan(slam=300)
-        rig.settle()
+        rig.enforce(slam=300)
         assert rig.witness.conflicts == []
 
 
@@ -297,15 +215,13 @@ def test_an_answer_that_was_lost_is_not_taken_for_somebody_else():
 def test_nobody_is_accused_while_all_goes_well(control):
     rig = Rig(a_pod("slam", {"slam": cpu("100m", "500m", None), "map": cpu("100m", "500m", None)}))
     for slam in (300, 400, 200):
-        rig.plan(slam__slam=slam, slam__map=600 - slam, control=control)
-        rig.settle()
+        rig.enforce(slam__slam=slam, slam__map=600 - slam, control=control)
     rig.kill()
-    rig.plan(slam__slam=250, slam__map=250, control=control)
-    rig.settle()
+    rig.enforce(slam__slam=250, slam__map=250, control=control)
     assert rig.witness.conflicts == []
 
 
-def test_what_others_did_while_no_operator_ran_is_told():
+def test_external_limits_set_without_an_operator_are_reported():
     rig = governed_rig()
     rig.cluster.edit("uid-slam", "slam", cpu="700m", by="kubectl-edit")
     rig.kill()
@@ -315,10 +231,9 @@ def test_what_others_did_while_no_operator_ran_is_told():
     assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam")["slam"].cpu.limit) == (300, 500)
 
 
-def test_a_foreign_request_while_no_operator_ran_is_told():
+def test_a_foreign_request_while_no_operator_ran_is_reported():
     rig = Rig(a_pod("slam"))
-    rig.plan(slam=300, control=Control.WEIGHT)
-    rig.settle()
+    rig.enforce(slam=300, control=Control.WEIGHT)
     rig.cluster.edit("uid-slam", "slam", by="kubectl-edit", cpu="800m", request="200m")
     rig.cluster.edit("uid-slam", "slam", cpu="800m")
     rig.kill()
@@ -331,8 +246,7 @@ def test_a_patch_that_the_watch_shows_before_it_is_answered_accuses_nobody():
     rig.plan(slam=400)
     rig.workers.run()
     rig.resizer.observe(view(rig.cluster.feeds["uid-slam"].popleft()))
-    rig.plan(slam=450)
-    rig.settle()
+    rig.enforce(slam=450)
     assert (rig.cluster.limit("slam"), rig.witness.conflicts) == (450, [])
 
 
@@ -349,7 +263,7 @@ def test_a_note_without_its_resize_accuses_nobody():
     assert (rig.cluster.limit("slam"), rig.witness.conflicts) == (300, [])
 
 
-def test_a_contest_ends_when_nobody_contests_any_more():
+def test_a_contest_ends_when_the_other_writer_stops():
     rig = governed_rig()
     for _ in range(3):
         take(rig)

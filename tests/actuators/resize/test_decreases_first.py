@@ -18,7 +18,7 @@ def test_an_increase_waits_until_the_decrease_is_in_force():
     assert rig.workers.jobs == [], "the API has it, the kubelet does not"
     rig.cluster.kubelet("uid-speech")
     rig.watch()
-    assert rig.workers.jobs == [], "the kubelet has it and has not told"
+    assert rig.workers.jobs == [], "the kubelet has it and has not reported it"
     rig.cluster.report("uid-speech")
     rig.watch()
     rig.work()
@@ -61,8 +61,7 @@ def test_a_container_that_was_never_seen_holds_back_rises_on_its_own_node_only()
 
 def test_a_pod_keeps_its_share_until_its_containers_have_ended():
     rig = two_pods()
-    rig.plan(slam=600, speech=400)
-    rig.settle()
+    rig.enforce(slam=600, speech=400)
     rig.cluster.terminate("uid-speech")
     rig.watch()
     rig.plan(slam=1000)
@@ -74,8 +73,7 @@ def test_a_pod_keeps_its_share_until_its_containers_have_ended():
 
 def test_a_pod_whose_containers_have_ended_takes_no_room():
     rig = two_pods()
-    rig.plan(slam=600, speech=400)
-    rig.settle()
+    rig.enforce(slam=600, speech=400)
     rig.cluster.pods["uid-speech"]["status"]["containerStatuses"][0]["state"] = {"terminated": {}}
     rig.cluster.terminate("uid-speech")
     rig.watch()

@@ -57,8 +57,8 @@ FAILURES = [
 
 @pytest.mark.parametrize("failure", FAILURES, ids=lambda failure: getattr(failure, "reason", "accepted"))
 @pytest.mark.parametrize("leave", [lambda rig: rig.resizer.forget("uid-slam"), lambda rig: rig.resizer.abandon(POLICY)])
-def test_an_answer_about_a_pod_that_is_no_business_of_ours_any_more_is_no_news(leave, failure):
-    """Whoever was told of a problem then would never hear that it is over."""
+def test_an_answer_about_an_unclaimed_pod_is_ignored(leave, failure):
+    """A problem reported then would never be reported as over."""
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, failure]
     rig.plan(slam=300)
@@ -85,15 +85,14 @@ def test_neither_news_nor_plans_shorten_the_pause():
 def test_an_answer_that_is_lost_is_asked_for_again_and_the_note_is_not_spoilt():
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [Unanswered(UNREACHABLE), None, Unanswered(UNREACHABLE)]
-    rig.plan(slam=300)
-    rig.settle()
+    rig.enforce(slam=300)
     assert rig.cluster.limit("slam") == 300
     assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
 
 
 @pytest.mark.parametrize("reason", ["Invalid", "Forbidden", "BadRequest", "Refused"])
 def test_a_refusal_is_tried_again_at_a_slow_pace(reason):
-    """A quota, a LimitRange or a role can change with nothing on the pod changing; nobody tells us."""
+    """A quota, a LimitRange or a role can change without any change of the pod, and nothing notifies us."""
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, *[refusal(reason)] * 6]
     rig.plan(slam=300)
@@ -144,7 +143,7 @@ def test_a_refusal_is_tried_again_when_the_pod_changes():
     assert rig.cluster.limit("slam") == 300
 
 
-def test_a_refused_wish_that_is_given_up_is_no_problem_any_more():
+def test_a_withdrawn_wish_is_no_longer_a_problem():
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, refusal()]
     rig.plan(slam=300)
@@ -155,8 +154,7 @@ def test_a_refused_wish_that_is_given_up_is_no_problem_any_more():
 
 def test_a_refused_restore_is_tried_again_when_somebody_asks_again():
     rig = Rig(a_pod("slam"))
-    rig.plan(slam=300)
-    rig.settle()
+    rig.enforce(slam=300)
     rig.cluster.faults.append(refusal("Forbidden"))
     rig.release()
     rig.work()
@@ -168,11 +166,10 @@ def test_a_refused_restore_is_tried_again_when_somebody_asks_again():
     assert (rig.cluster.limit("slam"), rig.released) == (500, [POLICY])
 
 
-def test_what_nobody_foresaw_is_told_and_tried_again():
+def test_an_unexpected_failure_is_reported_and_retried():
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [RuntimeError("token file is gone"), None, RuntimeError("still gone"), OSError("and now")]
-    rig.plan(slam=300)
-    rig.settle()
+    rig.enforce(slam=300)
     assert rig.cluster.limit("slam") == 300
     assert [(subject, reason) for _, subject, reason in rig.witness.problems] == [
         *(("its status", "Unexpected"), ("its status", "recovered")),
@@ -224,17 +221,15 @@ def test_a_lost_answer_is_settled_by_asking(effect):
     assert (rig.cluster.limit("slam"), rig.witness.accepted) == (300, [("lab/slam/slam", 300)])
 
 
-def test_what_a_person_does_after_a_restore_stays_although_its_last_answer_was_lost():
+def test_a_manual_change_after_a_restore_survives_a_lost_answer():
     rig = Rig(a_pod("slam"))
-    rig.plan(slam=300)
-    rig.settle()
+    rig.enforce(slam=300)
     rig.cluster.faults += [None, Unanswered(UNREACHABLE)]
     rig.hold(POLICY)
     rig.settle()
     rig.cluster.edit("uid-slam", "slam", cpu="700m", by="kubectl-edit")
     rig.settle()
-    rig.plan(slam=300)
-    rig.settle()
+    rig.enforce(slam=300)
     rig.release()
     rig.settle()
     assert (rig.cluster.limit("slam"), rig.released) == (700, [POLICY])

@@ -17,12 +17,13 @@ IN_PROGRESS = {"type": "PodResizeInProgress", "status": "True"}
 DEFERRED = {"type": "PodResizePending", "status": "True", "reason": "Deferred"}
 
 
-def overlook(rig, uid="uid-slam", condition=None):
+def overlook(rig, condition=None):
     """The kubelet starts: it has seen the newest spec and put nothing of it in force."""
-    status, metadata = rig.cluster.pods[uid]["status"], rig.cluster.pods[uid]["metadata"]
+    pod = rig.cluster.pods["uid-slam"]
+    status, metadata = pod["status"], pod["metadata"]
     status["observedGeneration"] = metadata["generation"]
     status["conditions"] = [condition] if condition else []
-    rig.cluster._commit(uid)
+    rig.cluster._commit("uid-slam")
     rig.watch()
 
 
@@ -104,7 +105,7 @@ def test_a_kubelet_that_has_not_seen_it_yet_is_left_alone():
     assert asked(rig) == [300]
 
 
-def test_a_kubelet_that_does_not_tell_what_it_has_seen_is_left_alone():
+def test_a_kubelet_that_does_not_report_what_it_has_seen_is_left_alone():
     rig = Rig(a_pod("slam", {"slam": cpu("100m", "500m")}), observed_generation=False)
     rig.plan(slam=300)
     rig.work()

@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 
 from contextpolicy.actuators.resize.originals import Original, Originals
+from contextpolicy.actuators.resize.stored_originals import UnsignedOriginals
 from contextpolicy.cluster.pods import Cpu
+from tests.actuators.resize.rig import believed
 
 POLICY, OTHER = "lab/robot", "lab/other"
 BEFORE, LATER = Cpu(100, 500), Cpu(None, 700)
@@ -14,12 +16,16 @@ STORED = {"uid": {"pod": "slam", "containers": {"slam": {"request": "100m", "lim
 
 @pytest.fixture
 def originals():
-    return Originals()
+    return Originals(UnsignedOriginals())
 
 
 def store(originals, policy=POLICY):
     originals.send(policy)
-    originals.succeed(policy)
+    return originals.succeed(policy, 0)
+
+
+def recall(originals, policy=POLICY):
+    originals.recall(policy, believed({"metadata": {}, "status": {"originals": STORED}}), lambda _: True)
 
 
 def note(originals, policy=POLICY, cpu=BEFORE, name="slam"):
@@ -32,7 +38,7 @@ def test_a_note_is_what_is_missing_until_it_is_stored(originals):
     assert not originals.is_stored(POLICY, "uid", "slam")
     originals.send(POLICY)
     assert originals.changes(POLICY) == {}, "it is under way"
-    originals.succeed(POLICY)
+    originals.succeed(POLICY, 0)
     assert originals.changes(POLICY) == {}
     assert originals.is_stored(POLICY, "uid", "slam")
 
@@ -58,11 +64,11 @@ def test_what_was_dropped_while_it_was_written_is_taken_out_afterwards(originals
     note(originals)
     originals.send(POLICY)
     originals.drop("uid", "slam")
-    originals.succeed(POLICY)
+    originals.succeed(POLICY, 0)
     assert originals.changes(POLICY) == {"uid": None}
 
 
-def test_after_a_lost_answer_all_of_it_is_written_anew(originals):
+def test_after_a_lost_answer_all_of_it_is_written_again(originals):
     note(originals)
     originals.send(POLICY)
     originals.fail(POLICY)
@@ -85,7 +91,7 @@ def test_what_changes_hands_stays_where_it_was_until_the_next_has_stored_it(orig
     assert originals.changes(POLICY) == {"uid": None}
 
 
-def test_what_went_through_several_hands_is_stored_somewhere_at_any_time(originals):
+def test_originals_survive_every_handover(originals):
     note(originals)
     store(originals)
     for heir in (OTHER, "lab/third"):
@@ -97,17 +103,17 @@ def test_what_went_through_several_hands_is_stored_somewhere_at_any_time(origina
 
 
 def test_a_status_is_recalled_once(originals):
-    originals.recall(POLICY, STORED, lambda _: True)
+    recall(originals)
     assert originals.is_stored(POLICY, "uid", "slam")
     assert originals.changes(POLICY) == {}
     originals.drop("uid", "slam")
-    originals.recall(POLICY, STORED, lambda _: True)
+    recall(originals)
     assert originals.at("uid", "slam") is None
 
 
 def test_what_two_statuses_hold_belongs_to_one(originals):
     for policy in (POLICY, OTHER):
-        originals.recall(policy, STORED, lambda _: True)
+        recall(originals, policy)
     assert originals.at("uid", "slam") == Original(OTHER, BEFORE)
     assert originals.changes(POLICY) == {"uid": None}
 
@@ -123,3 +129,39 @@ def test_a_pod_that_is_gone_is_taken_out(originals):
     store(originals)
     originals.drop_pod("uid")
     assert originals.changes(POLICY) == {"uid": None}
+
+
+def test_an_agent_is_remembered_whether_it_came_before_the_first_note_or_after(originals):
+    originals.attend("uid")
+    note(originals)
+    assert originals.changes(POLICY)["uid"]["agent"] is True
+    late = Originals(UnsignedOriginals())
+    note(late)
+    store(late)
+    late.attend("uid")
+    assert late.changes(POLICY)["uid"]["agent"] is True
+
+
+def test_the_agent_of_a_pod_that_is_gone_is_forgotten(originals):
+    originals.attend("uid")
+    originals.drop_pod("uid")
+    note(originals)
+    assert originals.changes(POLICY) == STORED
+
+
+@pytest.mark.parametrize(
+    "end",
+    [
+        pytest.param(lambda originals: originals.drop("uid", "slam"), id="restored"),
+        pytest.param(lambda originals: originals.drop_pod("uid"), id="the pod is gone"),
+        pytest.param(lambda originals: originals.forget(POLICY), id="the policy is gone"),
+        pytest.param(lambda originals: originals.settle(POLICY, ["uid"]), id="taken care of"),
+    ],
+)
+def test_an_inherited_agents_writes_are_forgotten_with_their_containers(originals, end):
+    """As long as there is any, each pass looks at all containers of the policy."""
+    stored = {"uid": {**STORED["uid"], "agent": True}}
+    originals.recall(POLICY, believed({"metadata": {}, "status": {"originals": stored}}), lambda _: True)
+    assert originals.inherited(POLICY) == {"uid"}
+    end(originals)
+    assert originals.inherited(POLICY) == frozenset()

@@ -1,19 +1,13 @@
-"""From orders to patches: what is sent, when, and what is not."""
+"""From orders to patches: what is sent, and what is not."""
 
 from __future__ import annotations
 
 import pytest
 
 from contextpolicy.actuators.order import Order
-from contextpolicy.actuators.resize.pod_state import SETTLING
-from contextpolicy.actuators.resize.resizer import BOOKKEEPING
-from contextpolicy.cluster.pods import view
 from contextpolicy.policy.spec import Control
-from tests.actuators.resize.fake_cluster import refusal
-from tests.actuators.resize.rig import MOMENT, POLICY, Rig, by_id, limits, one_pod_for_two, two_pods
+from tests.actuators.resize.rig import POLICY, Rig, by_id, one_pod_for_two, two_pods
 from tests.cluster.builders import NODE, a_pod, cpu
-
-# what is sent
 
 
 def test_nothing_is_sent_when_nothing_changes():
@@ -34,16 +28,14 @@ def test_the_same_plan_again_sends_nothing_while_the_watch_is_late():
 
 def test_several_containers_of_a_pod_move_in_one_patch_and_sidecars_with_them():
     rig = Rig(a_pod("slam", {"slam": cpu("10m", "500m")}, sidecars={"map": cpu("10m", "400m")}))
-    rig.plan(slam__slam=300, slam__map=200)
-    rig.settle()
+    rig.enforce(slam__slam=300, slam__map=200)
     assert rig.cluster.resizes() == [("slam", {"slam": "300m", "map": "200m"})]
     assert rig.cluster.limits("uid-slam") == {"slam": 300, "map": 200}
 
 
 def test_a_container_that_the_order_does_not_name_is_left_alone():
     rig = one_pod_for_two()
-    rig.plan(slam__slam=300)
-    rig.settle()
+    rig.enforce(slam__slam=300)
     assert rig.cluster.limits("uid-slam") == {"slam": 300, "map": 500}
 
 
@@ -54,11 +46,10 @@ def test_a_container_that_the_order_does_not_name_is_left_alone():
         (Control.WEIGHT, {"requests": {"cpu": "300m"}, "limits": {"cpu": "800m"}}),
     ],
 )
-def test_what_moves_is_the_policys_choice_and_all_of_it_comes_back(control, resources):
+def test_the_policy_chooses_what_moves_and_all_of_it_is_restored(control, resources):
     rig = Rig(a_pod("slam", {"slam": cpu("100m", "500m", None)}))
     before = rig.cluster.pods["uid-slam"]["spec"]
-    rig.plan(slam=300, control=control)
-    rig.settle()
+    rig.enforce(slam=300, control=control)
     assert rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"] == resources
     assert rig.witness.in_force == [("lab/slam/slam", 300)]
     rig.release()
@@ -68,10 +59,8 @@ def test_what_moves_is_the_policys_choice_and_all_of_it_comes_back(control, reso
 
 def test_going_back_to_limits_brings_the_request_back():
     rig = Rig(a_pod("slam"))
-    rig.plan(slam=300, control=Control.WEIGHT)
-    rig.settle()
-    rig.plan(slam=400)
-    rig.settle()
+    rig.enforce(slam=300, control=Control.WEIGHT)
+    rig.enforce(slam=400)
     resources = rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]
     assert (resources["requests"]["cpu"], resources["limits"]["cpu"]) == ("100m", "400m")
 
@@ -79,8 +68,7 @@ def test_going_back_to_limits_brings_the_request_back():
 def test_a_guaranteed_pod_keeps_its_class_both_ways():
     rig = Rig(a_pod("slam", {"slam": cpu("500m", "500m", ("64Mi", "64Mi"))}, qos="Guaranteed"))
     for share in (800, 200):
-        rig.plan(slam=share)
-        rig.settle()
+        rig.enforce(slam=share)
         resources = rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]
         assert resources["requests"]["cpu"] == resources["limits"]["cpu"] == f"{share}m"
 
@@ -134,206 +122,3 @@ def test_a_request_is_the_floor_of_a_limit():
     rig.apply(free(slam=10))
     rig.settle()
     assert rig.cluster.limits("uid-slam") == {"slam": 100}
-
-
-# the latest plan wins
-
-
-def test_plans_during_a_patch_become_one_patch_the_newest():
-    rig = Rig(a_pod("slam"))
-    for share in (300, 350, 400, 450):
-        rig.plan(slam=share)
-    assert len(rig.workers.jobs) == 1
-    rig.work()
-    rig.cluster.confirm()
-    rig.watch()
-    assert len(rig.workers.jobs) == 1
-    rig.work()
-    assert [limits["slam"] for _, limits in rig.cluster.resizes()] == ["300m", "450m"]
-    assert rig.workers.jobs == []
-
-
-def test_a_newer_plan_does_not_queue_up_behind_the_kubelets_last_resize():
-    rig = Rig(a_pod("slam"))
-    rig.plan(slam=300)
-    rig.work()
-    for share in (350, 400, 450):
-        rig.plan(slam=share)
-        assert rig.workers.jobs == []
-    rig.cluster.confirm()
-    rig.watch()
-    rig.work()
-    assert [limits["slam"] for _, limits in rig.cluster.resizes()] == ["300m", "450m"]
-
-
-def test_a_kubelet_that_says_nothing_holds_the_newest_plan_up_for_a_moment_only():
-    rig = Rig(a_pod("slam"))
-    rig.plan(slam=300)
-    rig.work()
-    rig.plan(slam=450)
-    rig.wait(SETTLING + 0.1)
-    rig.work()
-    assert [limits["slam"] for _, limits in rig.cluster.resizes()] == ["300m", "450m"]
-
-
-def test_a_resize_that_the_kubelet_holds_back_does_not_hold_up_the_next():
-    rig = Rig(a_pod("slam"))
-    rig.plan(slam=300)
-    rig.work()
-    deferred = {"type": "PodResizePending", "status": "True", "reason": "Deferred"}
-    rig.cluster.pods["uid-slam"]["status"]["conditions"] = [deferred]
-    rig.cluster._commit("uid-slam")
-    rig.watch()
-    rig.plan(slam=450)
-    rig.work()
-    assert rig.cluster.limit("slam") == 450
-
-
-def test_a_plan_made_while_a_patch_was_refused_is_sent_at_once():
-    rig = Rig(a_pod("slam"))
-    rig.plan(slam=300)
-    rig.plan(slam=400)
-    rig.cluster.faults.append(refusal())
-    rig.work()
-    rig.work()
-    assert rig.cluster.limit("slam") == 400
-
-
-# what the watch shows
-
-
-def test_a_new_pod_gets_its_share():
-    rig = two_pods()
-    rig.plan(slam=300, speech=700)
-    rig.settle()
-    rig.remove("uid-slam")
-    rig.cluster.create(a_pod("slam", uid="uid-slam-2"))
-    rig.settle()
-    assert rig.cluster.limits("uid-slam-2") == {"slam": 300}
-
-
-def test_accepted_and_in_force_are_told():
-    rig = Rig(a_pod("slam"))
-    rig.plan(slam=300)
-    rig.work()
-    assert (rig.witness.accepted, rig.witness.in_force) == ([("lab/slam/slam", 300)], [])
-    rig.cluster.confirm()
-    rig.watch()
-    rig.cluster.report("uid-slam")
-    rig.watch()
-    assert rig.witness.in_force == [("lab/slam/slam", 300)]
-
-
-def test_what_is_put_back_is_told_as_well():
-    rig = Rig(a_pod("slam"))
-    rig.plan(slam=300)
-    rig.settle()
-    rig.release()
-    rig.settle()
-    assert rig.witness.accepted == [("lab/slam/slam", 300), ("lab/slam/slam", 500)]
-
-
-def test_pods_of_nobody_cost_nothing(monkeypatch):
-    rig = Rig(a_pod("slam"), *(a_pod(f"other-{n}") for n in range(5)))
-    rig.plan(slam=300)
-    rig.settle()
-    looks = looks_of(rig, monkeypatch)
-    for n in range(5):
-        rig.cluster.report(f"uid-other-{n}")
-    rig.watch()
-    assert looks == []
-
-
-def looks_of(rig, monkeypatch):
-    """When the policy's containers are looked at, all of them each time."""
-    looks: list[float] = []
-    reconciler = rig.resizer._reconcilers[POLICY]
-    reconcile = reconciler.reconcile
-
-    def look(now):
-        looks.append(now)
-        reconcile(now)
-
-    monkeypatch.setattr(reconciler, "reconcile", look)
-    return looks
-
-
-def test_many_limits_that_fall_at_once_cost_one_look(monkeypatch):
-    names = [f"task-{n}" for n in range(10)]
-    rig = Rig(*(a_pod(name) for name in names))
-    rig.order(POLICY, by_id(dict.fromkeys(names, 300)))
-    while rig.workers.jobs:
-        rig.work()
-    rig.watch()
-    looks = looks_of(rig, monkeypatch)
-    rig.cluster.confirm()
-    for feed in rig.cluster.feeds.values():
-        rig.resizer.observe(view(feed.popleft()))
-    rig.wait(MOMENT)
-    assert len(looks) == 1
-
-
-def test_answers_that_free_nothing_cost_one_look_for_all_of_them(monkeypatch):
-    names = [f"task-{n}" for n in range(10)]
-    rig = Rig(*(a_pod(name) for name in names))
-    for share in (300, 200):
-        rig.order(POLICY, by_id(dict.fromkeys(names, share)))
-        with monkeypatch.context() as patched:
-            looks = looks_of(rig, patched)
-            while rig.workers.jobs:
-                rig.work()
-                rig.watch()
-            assert looks == []
-            rig.wait(BOOKKEEPING)
-            assert len(looks) == 1
-        rig.settle()
-
-
-def test_a_plan_that_takes_a_patch_back_does_not_wait_for_bookkeeping():
-    """While the patch is under way, the API has what the new plan wants: only its end shows that it must be undone."""
-    rig = two_pods()
-    rig.plan(slam=800)
-    rig.plan(slam=500)
-    rig.work()
-    rig.cluster.confirm("uid-slam")
-    rig.watch("uid-slam")
-    rig.work()
-    assert rig.cluster.limit("slam") == 500
-
-
-# restarts
-
-
-def test_a_new_operator_knows_the_originals_and_restores_them():
-    rig = two_pods()
-    rig.plan(slam=800, speech=200)
-    rig.settle()
-    rig.kill()
-    rig.plan(slam=800, speech=200)
-    assert rig.workers.jobs == []
-    rig.release()
-    rig.settle()
-    assert limits(rig) == (500, 500)
-    assert rig.released == [POLICY]
-
-
-def test_a_new_operator_moves_nothing_before_a_policy_speaks():
-    rig = two_pods()
-    rig.plan(slam=800, speech=200)
-    rig.settle()
-    rig.kill()
-    rig.wait(60.0)
-    assert rig.workers.jobs == []
-
-
-@pytest.mark.parametrize("observed_generation", [True, False])
-def test_kubelets_that_report_no_observed_generation_are_believed_by_their_resources(observed_generation):
-    rig = two_pods(observed_generation=observed_generation)
-    rig.cluster.confirm()
-    rig.watch()
-    rig.plan(slam=800, speech=200)
-    rig.work()
-    rig.watch()
-    assert rig.workers.jobs == []
-    rig.settle()
-    assert limits(rig) == (800, 200)

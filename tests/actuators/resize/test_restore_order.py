@@ -6,8 +6,7 @@ import pytest
 
 from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.pod_state import PodState
-from contextpolicy.actuators.resize.put_back import is_falling, without_rises
-from contextpolicy.actuators.resize.reconciler import RESTORE_PATIENCE
+from contextpolicy.actuators.resize.put_back import RESTORE_PATIENCE, is_falling, without_rises
 from contextpolicy.cluster.pods import Cpu, view
 from tests.actuators.resize.fake_cluster import UNREACHABLE, refusal
 from tests.actuators.resize.rig import POLICY, Rig, limits, one_pod_for_two, two_pods
@@ -17,8 +16,7 @@ from tests.cluster.builders import NODE, a_pod, cpu
 def about_to_release() -> Rig:
     """slam had 300m and is to rise to 500m, speech had 700m and is to fall to 500m."""
     rig = two_pods()
-    rig.plan(slam=300, speech=700)
-    rig.settle()
+    rig.enforce(slam=300, speech=700)
     return rig
 
 
@@ -36,8 +34,7 @@ def test_what_is_put_back_rises_when_what_falls_is_in_force():
 
 def test_originals_that_sum_above_the_capacity_are_put_back_all_the_same():
     rig = Rig(a_pod("slam", {"slam": cpu("10m", "1500m")}), a_pod("speech", {"speech": cpu("10m", "900m")}))
-    rig.plan(slam=20, speech=980)
-    rig.settle()
+    rig.enforce(slam=20, speech=980)
     rig.release()
     rig.settle()
     assert (limits(rig), rig.released) == ((1500, 900), [POLICY])
@@ -86,8 +83,7 @@ def test_what_had_no_limit_is_not_a_rise():
 
 def test_containers_of_one_pod_are_put_back_in_order_too():
     rig = one_pod_for_two()
-    rig.plan(slam__slam=300, slam__map=700)
-    rig.settle()
+    rig.enforce(slam__slam=300, slam__map=700)
     rig.release()
     rig.work()
     assert rig.cluster.limits("uid-slam") == {"slam": 300, "map": 500}
@@ -110,8 +106,7 @@ def test_a_decrease_on_another_node_is_not_waited_for():
 def test_a_second_restore_is_in_order_too():
     rig = about_to_release()
     for _ in range(2):
-        rig.plan(slam=300, speech=700)
-        rig.settle()
+        rig.enforce(slam=300, speech=700)
         rig.plan()  # claims nothing any more
         rig.work()
         rig.watch()

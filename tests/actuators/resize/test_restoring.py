@@ -8,7 +8,7 @@ from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.originals import Original
 from contextpolicy.cluster.pods import Cpu
 from tests.actuators.resize.fake_cluster import UNREACHABLE, Killed, Unanswered, refusal
-from tests.actuators.resize.rig import OTHER, POLICY, Rig, limits, one_pod_for_two, two_pods
+from tests.actuators.resize.rig import OTHER, POLICY, Rig, believed, limits, one_pod_for_two, two_pods
 from tests.cluster.builders import NODE, a_pod
 
 # the note of what was there
@@ -17,8 +17,7 @@ from tests.cluster.builders import NODE, a_pod
 def test_the_originals_are_written_once_and_before_the_first_resize():
     rig = Rig(a_pod("slam"))
     for share in (300, 400, 450):
-        rig.plan(slam=share)
-        rig.settle()
+        rig.enforce(slam=share)
     assert [call for call, *_ in rig.cluster.calls] == ["store", "resize", "resize", "resize"]
     slam = {"slam": {"request": "100m", "limit": "500m"}}
     assert rig.cluster.policies == {POLICY: {"uid-slam": {"pod": "slam", "containers": slam}}}
@@ -26,10 +25,8 @@ def test_the_originals_are_written_once_and_before_the_first_resize():
 
 def test_the_originals_of_all_pods_cost_one_write():
     rig = Rig(*(a_pod(name) for name in ("slam", "speech", "nav")))
-    rig.plan(slam=300, speech=400, nav=500)
-    rig.settle()
-    rig.plan(slam=400, speech=300, nav=300)
-    rig.settle()
+    rig.enforce(slam=300, speech=400, nav=500)
+    rig.enforce(slam=400, speech=300, nav=300)
     assert [(call, name) for call, name, _ in rig.cluster.calls if call != "resize"] == [("store", "robot")]
     assert rig.cluster.originals("uid-nav") == {"nav": Original(POLICY, Cpu(100, 500))}
 
@@ -50,8 +47,7 @@ def test_nothing_is_resized_before_its_original_is_stored():
 
 def test_a_release_puts_all_back_and_then_takes_the_note_away():
     rig = two_pods()
-    rig.plan(slam=300, speech=700)
-    rig.settle()
+    rig.enforce(slam=300, speech=700)
     rig.cluster.calls.clear()
     rig.release()
     assert rig.released == []
@@ -104,8 +100,7 @@ def test_a_release_takes_away_the_note_of_a_resize_that_was_refused():
 
 def test_a_release_does_not_wait_for_pods_that_vanish_or_end():
     rig = two_pods()
-    rig.plan(slam=300, speech=300)
-    rig.settle()
+    rig.enforce(slam=300, speech=300)
     rig.release()
     rig.cluster.pods["uid-slam"]["status"]["phase"] = "Failed"  # evicted pods stay as objects
     rig.cluster._commit("uid-slam")
@@ -114,21 +109,18 @@ def test_a_release_does_not_wait_for_pods_that_vanish_or_end():
     assert rig.released == [POLICY]
 
 
-def test_a_container_that_is_claimed_no_more_is_put_back():
+def test_a_container_that_is_no_longer_claimed_is_put_back():
     rig = two_pods()
-    rig.plan(slam=300, speech=700)
-    rig.settle()
-    rig.plan(slam=300)
-    rig.settle()
+    rig.enforce(slam=300, speech=700)
+    rig.enforce(slam=300)
     assert limits(rig) == (300, 500)
     assert rig.cluster.originals("uid-speech") == {}
 
 
-def test_a_plan_that_is_ordered_late_does_not_hold_what_is_claimed_no_more():
+def test_a_plan_that_is_ordered_late_does_not_hold_what_is_no_longer_claimed():
     """It still has a share for a container that the policy has lost, and for one whose pod is gone."""
     rig = two_pods()
-    rig.plan(slam=300, speech=300)
-    rig.settle()
+    rig.enforce(slam=300, speech=300)
     shares = {"lab/slam/slam": 400, "lab/speech/speech": 300, "lab/gone/gone": 100}
     rig.apply(Order(POLICY, frozenset({"lab/slam/slam"}), shares, {NODE: 1000}))
     rig.settle()
@@ -138,8 +130,7 @@ def test_a_plan_that_is_ordered_late_does_not_hold_what_is_claimed_no_more():
 
 def test_a_claimed_container_without_a_share_keeps_what_it_has():
     rig = Rig(a_pod("slam"))
-    rig.plan(slam=300)
-    rig.settle()
+    rig.enforce(slam=300)
     rig.order(POLICY, {})
     rig.order(POLICY, {"lab/slam/slam": 300})
     rig.settle()
@@ -148,11 +139,10 @@ def test_a_claimed_container_without_a_share_keeps_what_it_has():
 
 @pytest.mark.parametrize("fault", [None, Killed(), Unanswered(Killed()), UNREACHABLE, Unanswered(UNREACHABLE)])
 @pytest.mark.parametrize(("heir_first", "at"), [*((True, at) for at in range(2)), *((False, at) for at in range(4))])
-def test_a_container_that_changes_hands_gets_back_what_was_there_before_the_first(fault, at, heir_first):
+def test_a_container_passed_between_policies_keeps_its_first_original(fault, at, heir_first):
     """Whatever happens to the writes that this takes: while it is moved, some status knows what it had."""
     rig = Rig(a_pod("slam"), stores=True)
-    rig.plan(slam=300)
-    rig.settle()
+    rig.enforce(slam=300)
     rig.cluster.faults += [None] * at + [fault]
     acts = [lambda: rig.plan(OTHER, slam=400), lambda: rig.hold(POLICY)]
 
@@ -179,13 +169,11 @@ def known_or_back(rig):
 def test_a_late_view_is_not_taken_for_what_was_there_before():
     """Claimed again while the watch still shows what the container had by the policy."""
     rig = Rig(a_pod("slam"))
-    rig.plan(slam=300)
-    rig.settle()
+    rig.enforce(slam=300)
     rig.release()
     rig.work()
-    assert rig.cluster.feeds["uid-slam"], "the watch has not told of the restore"
-    rig.plan(slam=400)
-    rig.settle()
+    assert rig.cluster.feeds["uid-slam"], "the watch has not reported the restore"
+    rig.enforce(slam=400)
     assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
 
 
@@ -199,9 +187,9 @@ DAMAGED: list[object] = [
 @pytest.mark.parametrize("stored", DAMAGED, ids=str)
 def test_a_damaged_status_does_not_keep_the_pod_from_being_resized(stored):
     rig = Rig(a_pod("slam"))
-    rig.resizer.recall(POLICY, stored)
-    rig.plan(slam=300)
-    rig.settle()
+    rig.cluster.policies[POLICY] = stored if isinstance(stored, dict) else {}
+    rig.resizer.recall(POLICY, believed({"metadata": {}, "status": {"originals": stored}}))
+    rig.enforce(slam=300)
     assert rig.cluster.limit("slam") == 300
     assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
 
@@ -209,17 +197,16 @@ def test_a_damaged_status_does_not_keep_the_pod_from_being_resized(stored):
 def test_a_status_is_believed_about_pods_of_its_own_namespace_only():
     rig = Rig(a_pod("slam"))
     stored = {"uid-slam": {"pod": "slam", "containers": {"slam": {"limit": "64"}}}}
-    rig.resizer.recall("attack/robot", stored)
+    rig.resizer.recall("attack/robot", believed({"metadata": {}, "status": {"originals": stored}}))
     rig.release("attack/robot")
     rig.settle()
     assert (rig.cluster.limit("slam"), rig.released) == (500, ["attack/robot"])
 
 
-def test_whoever_annotates_a_pod_changes_nothing():
+def test_pod_annotations_change_nothing():
     note = '{"slam": {"policy": "lab/robot", "request": "1", "limit": "64"}}'
     rig = Rig(a_pod("slam", annotations={"contextpolicy.dev/original-resources": note}))
-    rig.plan(slam=300)
-    rig.settle()
+    rig.enforce(slam=300)
     rig.release()
     rig.settle()
     assert (rig.cluster.limit("slam"), rig.released) == (500, [POLICY])
@@ -227,15 +214,13 @@ def test_whoever_annotates_a_pod_changes_nothing():
 
 def test_originals_of_pods_that_are_gone_are_taken_out_of_the_status():
     rig = two_pods()
-    rig.plan(slam=300, speech=300)
-    rig.settle()
+    rig.enforce(slam=300, speech=300)
     rig.remove("uid-slam")
     rig.settle()
     assert rig.cluster.policies[POLICY].keys() == {"uid-speech"}
     rig.cluster.remove("uid-speech")  # while no operator runs
     rig.kill()
-    rig.plan()
-    rig.settle()
+    rig.enforce()
     assert rig.cluster.policies[POLICY] == {}
 
 
@@ -255,8 +240,7 @@ def test_policies_that_share_a_pod_do_not_wait_for_news_of_each_others_patch():
 def test_each_policy_restores_its_own_containers():
     rig = one_pod_for_two()
     rig.plan(slam__slam=300)
-    rig.plan(OTHER, slam__map=300)
-    rig.settle()
+    rig.enforce(OTHER, slam__map=300)
     rig.release()
     rig.settle()
     assert rig.cluster.limits("uid-slam") == {"slam": 500, "map": 300}
@@ -266,8 +250,7 @@ def test_each_policy_restores_its_own_containers():
 def test_a_refused_restore_is_not_repeated_when_another_policy_plans():
     rig = one_pod_for_two()
     rig.plan(slam__slam=300)
-    rig.plan(OTHER, slam__map=300)
-    rig.settle()
+    rig.enforce(OTHER, slam__map=300)
     rig.cluster.faults.append(refusal())
     rig.plan()  # claims nothing any more
     rig.work()

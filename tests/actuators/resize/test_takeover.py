@@ -4,41 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.actuators.order import Order
 from contextpolicy.actuators.resize.takeover import REWRITE_AFTER, aside
 from contextpolicy.cluster.pods import Cpu
 from tests.actuators.resize.rig import POLICY, Rig
-from tests.cluster.builders import NODE, a_pod, cpu
-
-HERE, NOWHERE = frozenset({NODE}), frozenset[str]()
-FAR = "robot-2"
-OVER = REWRITE_AFTER + 0.1
-
-
-def an_order(agents, *, capacity=1000, limits=None, node=NODE, **shares):
-    named = {f"lab/{name}/{name}": share for name, share in shares.items()}
-    limits = {f"lab/{name}/{name}": limit for name, limit in (limits or shares).items()}
-    nodes = dict.fromkeys(named, node)
-    return Order(POLICY, frozenset(named), named, {node: capacity}, limits, nodes=nodes, agents=agents)
-
-
-def in_force(*pods, **shares):
-    """A plan that the API has put in force behind an agent; the calls for it are forgotten."""
-    rig = Rig(*(pods or (a_pod(name) for name in shares)))
-    rig.apply(an_order(HERE, **shares))
-    rig.settle()
-    rig.cluster.calls.clear()
-    return rig
-
-
-def asked(rig):
-    """Every resize: pod, its request and its limit."""
-    found = []
-    for call, name, patch in rig.cluster.calls:
-        if call == "resize":
-            [resources] = [c["resources"] for c in patch["spec"]["containers"]]
-            found.append((name, resources["requests"]["cpu"], resources["limits"]["cpu"]))
-    return found
+from tests.actuators.resize.taking_over import FAR, HERE, NOWHERE, OVER, an_order, asked, in_force
+from tests.cluster.builders import a_pod, cpu
 
 
 def test_limits_that_the_api_has_are_written_once_more_when_an_agent_is_gone():
@@ -112,7 +82,7 @@ def test_another_nodes_agent_does_not_count():
     assert len(asked(rig)) == 1
 
 
-def test_a_container_that_the_plan_leaves_alone_may_still_have_what_a_frozen_agent_wrote():
+def test_an_untouched_container_may_still_have_a_frozen_agents_limit():
     rig = Rig(a_pod("slam"))
     rig.apply(an_order(HERE, slam=500, limits={"slam": None}))
     rig.settle()

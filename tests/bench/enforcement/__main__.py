@@ -9,7 +9,7 @@ run once in each block, the others in the first two, in another order in each. N
 version 1, or 2 without realtime), and a quiet machine.
 
 Writes enforcement.jsonl (a line for each run, as it ends), enforcement.md, enforcement.json and enforcement.svg. A full
-run takes 75 minutes, --quick five: two loads, one block, shorter contexts, the newest input only.
+run takes 100 minutes, --quick seven: two loads, one block, shorter contexts, the newest input only.
 """
 
 # ruff: noqa: T201 - a command prints
@@ -24,11 +24,11 @@ from pathlib import Path
 
 from tests.bench.enforcement.campaign import Campaign, Options
 from tests.bench.enforcement.data import values
-from tests.bench.enforcement.journal import OtherRunError
 from tests.bench.enforcement.matrix import CONFLICTING, LIGHT, LOADS
 from tests.bench.enforcement.picture import draw
 from tests.bench.enforcement.report import text
 from tests.bench.enforcement.search import FINALISTS
+from tests.bench.json_lines import OtherRunError
 
 REPOSITORY = Path(__file__).parents[3]
 OUTPUT = REPOSITORY / "build" / "bench"
@@ -45,7 +45,7 @@ def main() -> int:
     try:
         campaign = Campaign(options, file, arguments.only, resume=arguments.resume)
     except OtherRunError as error:
-        sys.exit(f"{error}: leave --resume out to measure anew")
+        sys.exit(f"{error}: leave --resume out to measure again")
     try:
         campaign.run()
     except KeyboardInterrupt:
@@ -69,7 +69,7 @@ def _arguments() -> argparse.Namespace:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--quick", action="store_true", help="five minutes instead of 75")
+    parser.add_argument("--quick", action="store_true", help="seven minutes instead of 100")
     parser.add_argument("--blocks", type=int, help="how often each cell is run (10; quick: 1)")
     parser.add_argument("--resume", action="store_true", help="go on with a run of the same options that ended early")
     parser.add_argument("--output", type=Path, default=OUTPUT, metavar="DIR", help="where to (build/bench)")

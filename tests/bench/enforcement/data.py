@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from tests.bench.enforcement.goals import losses_of_others, static_that_serve_all, verdicts
+from tests.bench.enforcement.goals import static_that_serve_all, verdicts
 from tests.bench.enforcement.matrix import HEAVY, Cell
+from tests.bench.enforcement.opponents import best_static, losses_of_others
+from tests.bench.enforcement.stories import IMPORTANCE, SUSPENDING
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,10 +27,21 @@ def values(journal: Journal, about: Mapping[str, Any]) -> dict[str, Any]:
         "static that serve every context": {
             f"{load:g}": static_that_serve_all(journal.figures, load) for load in HEAVY
         },
+        "best static": [
+            _best(story.name, load, journal, gated=gated)
+            for story, gated in ((IMPORTANCE, False), (SUSPENDING, True))
+            for load in HEAVY
+        ],
         "losses of others": {f"{load:g}": losses_of_others(journal.figures, load) for load in HEAVY},
         "cells": [_row(cell, journal) for cell in dict.fromkeys(cell for cell, _, _ in journal.runs())],
         "tuned": [{**cell.values(), "shares": shares} for cell, shares in journal.tuned.items()],
     }
+
+
+def _best(story: str, load: float, journal: Journal, *, gated: bool) -> dict[str, Any]:
+    best = best_static(journal.figures, story, load, gated=gated)
+    critical = best.figures.critical() if best else None
+    return {"story": story, "load": load, "gated": gated, "division": best and best.division, "critical": critical}
 
 
 def _row(cell: Cell, journal: Journal) -> dict[str, Any]:

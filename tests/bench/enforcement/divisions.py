@@ -11,7 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from contextpolicy.planning.allocation.shares import Demand, divide
-from tests.bench.enforcement.policy import ATTEMPTS, STEP, TABLE, WEIGHTED, Table
+from tests.bench.enforcement.policy import ATTEMPTS, PROTECTED, STEP, TABLE, WEIGHTED, Table
 from tests.bench.enforcement.stories import PROCESSORS
 
 if TYPE_CHECKING:
@@ -138,7 +138,10 @@ def _weights(tasks: Sequence[Task], context: Context, table: Table = WEIGHTED) -
     """A weight from the share; a suspended task has the least one, and soon a quota."""
     running = [task for task in tasks if task.name not in context.suspends]
     wanted = sum(task.wants for task in running) / PROCESSORS
-    found = shares(tasks, context, table)
+    found = {
+        name: max(share, table.least if name in PROTECTED else 0)
+        for name, share in shares(tasks, context, table).items()
+    }
     quota = STEP if table.freeze else None
     suspended = dict.fromkeys(context.suspends, Setting(LEAST_SHARES, quota=quota, after=table.grace))
     return {

@@ -9,18 +9,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from tests.bench.enforcement.divisions import ALONE, DEFAULT, STATIC, TUNED, WEIGHTS
+from tests.bench.enforcement.divisions import ALONE, DEFAULT, STATIC, WEIGHTS
 from tests.bench.enforcement.inputs import Queue
 from tests.bench.enforcement.matrix import HEAVY, LIGHT, Cell
+from tests.bench.enforcement.opponents import best_static
 from tests.bench.enforcement.policy import ATTEMPTS
 from tests.bench.enforcement.stories import IMPORTANCE, SUSPENDING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
-    from tests.bench.enforcement.figures import Figures
-
-    Find = Callable[[Cell], Figures | None]
+    from tests.bench.enforcement.opponents import Find
 
 POINT = 0.01
 SLOWER, LATER = 1.2, 0.005
@@ -70,7 +69,7 @@ def verdicts(find: Find) -> list[Verdict]:
             first_law(find, IMPORTANCE.name, division, gated=False),
             first_law(find, SUSPENDING.name, division, gated=True),
             *(heavy(find, load, division) for load in HEAVY),
-            *(no_worse_than_tuned(find, load, division) for load in HEAVY),
+            *(no_worse_than_static(find, load, division) for load in HEAVY),
         )
     ]
     return [verdict for verdict in found if verdict.division == WEIGHTS or verdict.compared]
@@ -111,21 +110,20 @@ def heavy(find: Find, load: float, division: str) -> Verdict:
     return comparison.verdict(f"heavy: {IMPORTANCE.name}, load {load:g}, nothing suspended", division)
 
 
-def no_worse_than_tuned(find: Find, load: float, division: str) -> Verdict:
-    """With equal gating: critical and protected tasks lose at most a point against tuned static weights."""
-    ours, tuned = (
-        find(Cell(SUSPENDING.name, load, Queue.NEWEST, gated=True, division=name)) for name in (division, TUNED)
-    )
+def no_worse_than_static(find: Find, load: float, division: str) -> Verdict:
+    """With equal gating: critical and protected tasks lose at most a point against the best static division."""
+    ours = find(Cell(SUSPENDING.name, load, Queue.NEWEST, gated=True, division=division))
+    best = best_static(find, SUSPENDING.name, load, gated=True)
     comparison = _Comparison()
-    if ours and tuned:
-        before = tuned.critical()
+    if ours and best:
+        static, before = best.figures, best.figures.critical()
         for context, hit in ours.critical().items():
-            text = f"{context}: {hit:.1%}, {before[context]:.1%} under tuned weights"
+            text = f"{context}: {hit:.1%}, {before[context]:.1%} under {best.division}"
             comparison.check(text, holds=hit >= before[context] - POINT - ROUNDING)
-        for task in (task for task in ours.tasks.values() if task.protected):
-            text = f"{task.name}: {ours.hit(task.name):.1%}, {tuned.hit(task.name):.1%} under tuned weights"
-            comparison.check(text, holds=ours.hit(task.name) >= tuned.hit(task.name) - POINT - ROUNDING)
-    return comparison.verdict(f"equal gating: {SUSPENDING.name}, load {load:g}, against tuned weights", division)
+        for task in (task.name for task in ours.tasks.values() if task.protected):
+            text = f"{task}: {ours.hit(task):.1%}, {static.hit(task):.1%} under {best.division}"
+            comparison.check(text, holds=ours.hit(task) >= static.hit(task) - POINT - ROUNDING)
+    return comparison.verdict(f"equal gating: {SUSPENDING.name}, load {load:g}, against the best static", division)
 
 
 def static_that_serve_all(find: Find, load: float) -> Sequence[str] | None:
@@ -133,24 +131,6 @@ def static_that_serve_all(find: Find, load: float) -> Sequence[str] | None:
     judged = [heavy(find, load, division) for division in STATIC]
     measured = [verdict for verdict in judged if verdict.compared]
     return [verdict.division for verdict in measured if verdict.met] if measured else None
-
-
-def losses_of_others(find: Find, load: float) -> dict[str, float]:
-    """With equal gating, by task: how much those lose that are neither critical nor protected, against tuned weights.
-
-    Over the contexts in which they are not critical, in parts of 1; below 0 they gain.
-    """
-    ours, tuned = (
-        find(Cell(SUSPENDING.name, load, Queue.NEWEST, gated=True, division=name)) for name in (WEIGHTS, TUNED)
-    )
-    if not ours or not tuned:
-        return {}
-    beside = {
-        name: [context.name for context in ours.story.contexts if name not in {context.critical, *context.suspends}]
-        for name, task in ours.tasks.items()
-        if not task.protected
-    }
-    return {name: tuned.hit(name, where) - ours.hit(name, where) for name, where in beside.items() if where}
 
 
 def _gating(gated: bool) -> str:  # noqa: FBT001 - says it in words

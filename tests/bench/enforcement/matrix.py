@@ -103,7 +103,7 @@ def for_goals(cell: Cell) -> bool:
         return cell.gated or cell.story == IMPORTANCE.name
     if cell.story == IMPORTANCE.name:
         return cell.division in ((DEFAULT,) if cell.load == LIGHT else (*STATIC, ALONE))
-    return cell.division == TUNED
+    return cell.gated and cell.load in HEAVY and cell.division in STATIC
 
 
 def in_block(measured: Iterable[Cell], block: int) -> list[Cell]:

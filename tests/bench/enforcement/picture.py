@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from contextpolicy.simulation.drawing import TASK_COLORS
+from contextpolicy.explain.task_colors import task_colors
+from contextpolicy.simulation.drawing import INK, STYLE
 from tests.bench.enforcement.divisions import CONTEXTUAL, STATIC
 from tests.bench.enforcement.inputs import Queue
 from tests.bench.enforcement.matrix import Cell
@@ -31,7 +32,7 @@ def draw(journal: Journal, path: Path) -> None:
     loads = sorted({cell.load for cell, _, _ in journal.runs()})
     if not loads:
         return
-    with mpl.rc_context({"svg.hashsalt": "contextpolicy", "font.size": 8, "svg.fonttype": "none"}):
+    with mpl.rc_context({**STYLE, "font.size": 8}):
         figure = Figure(figsize=(1.2 + WIDTH * len(loads), HEIGHT * len(ROWS)), layout="constrained")
         panels: Any = figure.subplots(len(ROWS), len(loads), sharex=True, sharey=True, squeeze=False)
         for row, (story, gated, title) in zip(panels, ROWS, strict=True):
@@ -49,14 +50,15 @@ def draw(journal: Journal, path: Path) -> None:
 def _bars(panel: Any, found: Sequence[Figures | None], names: Sequence[str]) -> None:
     """A bar for each context's critical task; a line from the worst to the best block."""
     contexts = IMPORTANCE.contexts
+    colors = task_colors(context.critical for context in contexts)
     for number, context in enumerate(contexts):
         shown = [(place, figures) for place, figures in enumerate(found) if figures]
         places = [place + (number - 1) * BAR for place, _ in shown]
         rates = [100 * figures.hit(context.critical, [context.name]) for _, figures in shown]
         blocks = [[100 * rate for rate in figures.hits(context.critical, [context.name])] for _, figures in shown]
-        label, color = f"{context.name}: {context.critical}", TASK_COLORS[number]
+        label, color = f"{context.name}: {context.critical}", colors[context.critical]
         panel.barh(places, rates, height=BAR, label=label, color=color)
-        panel.hlines(places, [min(one) for one in blocks], [max(one) for one in blocks], color="black", linewidth=0.7)
+        panel.hlines(places, [min(one) for one in blocks], [max(one) for one in blocks], color=INK, linewidth=0.7)
     panel.set_yticks(range(len(names)), names)
     panel.set_ylim(len(names) - 0.5, -0.5)
     panel.set_xlim(0, 104)

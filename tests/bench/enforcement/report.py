@@ -8,9 +8,10 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from tests.bench.enforcement.divisions import ALONE, CONTEXTUAL, STATIC
-from tests.bench.enforcement.goals import losses_of_others, static_that_serve_all, verdicts
+from tests.bench.enforcement.goals import static_that_serve_all, verdicts
 from tests.bench.enforcement.inputs import Queue
 from tests.bench.enforcement.matrix import HEAVY, LOADS, Cell, in_block
+from tests.bench.enforcement.opponents import best_static, losses_of_others
 from tests.bench.enforcement.stories import IMPORTANCE, PROCESSORS, SUSPENDING, critical_fit
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from tests.bench.enforcement.figures import Figures
     from tests.bench.enforcement.goals import Verdict
     from tests.bench.enforcement.journal import Journal
+    from tests.bench.enforcement.opponents import Opponent
 
 UNSETTLED = 0.02
 """Cores that others took: above this a run was disturbed."""
@@ -51,19 +53,25 @@ def text(journal: Journal, measured: Sequence[Cell], left_out: Mapping[Cell, str
 
 def _about(journal: Journal, measured: Sequence[Cell], about: Mapping[str, Any]) -> str:
     runs = [run for _, _, run in journal.runs()]
-    planned = sum(len(in_block(measured, block)) for block in range(about["blocks"]))
     disturbed = sum(run.foreign > UNSETTLED * len(run.responses["nav"]) * about["seconds"] for run in runs)
     late = max((run.late for run in runs), default=0.0)
     return f"""\
 {about["machine"]}. {PROCESSORS} processors, contexts of {about["seconds"]:g} s, {about["blocks"]} blocks;
-{len(runs)} of {planned} runs measured. In {disturbed} of them others took more than {UNSETTLED:g} of a core. A
-context's last setting was written at most {late * 1000:.1f} ms after its beginning.
+{len(runs)} runs; {_left(journal, measured, about["blocks"])}. In {disturbed} of the runs others took more than
+{UNSETTLED:g} of a core. A context's last setting was written at most {late * 1000:.1f} ms after its beginning.
 
 Hit rates are over all inputs due: what is dropped or never done is a miss. An input counts in the context in which it
 arrives; only what arrives while its context suspends its task is not due, under every division alike. Hit rates and
 quantiles are over all blocks; in brackets the median and the range of the blocks. Drain: after the last context, until
 nothing waits for the tasks that it does not suspend. Work and others: the tasks' CPU seconds during the contexts, and
 those that the rest of the machine took from them."""
+
+
+def _left(journal: Journal, measured: Sequence[Cell], blocks: int) -> str:
+    """How many planned runs are missing: more may have been measured than were planned."""
+    planned = [(cell, block) for block in range(blocks) for cell in in_block(measured, block)]
+    left = sum(not journal.has(cell, block) for cell, block in planned)
+    return f"{left} of the {len(planned)} planned are left" if left else "none of the planned are left"
 
 
 def _verdict(verdict: Verdict) -> str:
@@ -75,18 +83,30 @@ def _verdict(verdict: Verdict) -> str:
 def _statics(journal: Journal) -> Iterable[str]:
     for load in HEAVY:
         serving = static_that_serve_all(journal.figures, load)
-        if serving is not None:
+        best = best_static(journal.figures, IMPORTANCE.name, load, gated=False)
+        if serving is not None and best:
             fit = "fit" if critical_fit(load) else "do not fit"
             names = ", ".join(serving) or "none"
-            yield f"- load {load:g} (the critical tasks {fit} together): static divisions that reach the same: {names}"
+            yield (
+                f"- load {load:g} (the critical tasks {fit} together): static divisions that reach the same: {names}; "
+                f"the best is {_opponent(best)}"
+            )
 
 
 def _others(journal: Journal) -> Iterable[str]:
     for load in HEAVY:
+        best = best_static(journal.figures, SUSPENDING.name, load, gated=True)
         losses = losses_of_others(journal.figures, load)
-        if losses:
+        if best and losses:
             listed = ", ".join(f"{name} {-loss * 100:+.1f}" for name, loss in losses.items())
-            yield f"- load {load:g}, equal gating: the others against tuned weights, in points: {listed}"
+            yield f"- load {load:g}, equal gating: the best static is {_opponent(best)}"
+            yield f"  - the others under context weights, against it, in points: {listed}"
+
+
+def _opponent(best: Opponent) -> str:
+    """A static division with its figures."""
+    hits = ", ".join(f"{context} {_percent(hit)}" for context, hit in best.figures.critical().items())
+    return f"{best.division} ({hits}; runs: {len(best.figures.runs)})"
 
 
 def _view(journal: Journal, measured: Sequence[Cell], story: str, gating: str, title: str) -> Iterable[str]:
@@ -145,7 +165,8 @@ def _tuned(journal: Journal) -> str:
         lines.append(f"- {cell}: {_weights(shares)}")
         for trial in journal.trials[cell]:
             hit = ", ".join(f"{name} {_percent(rate)}" for name, rate in trial["critical"].items())
-            lines.append(f"  - {_weights(trial['shares'])}: worst {_percent(trial['simulated'])} simulated; run: {hit}")
+            worst, runs = _percent(trial["simulated"]), trial.get("runs", 1)  # once each had one
+            lines.append(f"  - {_weights(trial['shares'])}: worst {worst} simulated; at worst in {runs} runs: {hit}")
     return "\n".join(lines)
 
 

@@ -6,8 +6,9 @@ context's own weights, and the critical and protected tasks above the rest. Then
 each weight drawn log-uniformly from 2 to 4096 shares; the rest are changes of one of the best eight so far, each weight
 times e to the power of a normal deviate whose standard deviation falls from 1 to 0.2. A context is worth the lowest hit
 rate among its critical task and the protected ones: weights that starve navigation serve nobody. Better is, in this
-order: the worst context, in steps of half a point; the mean of the contexts; the mean of all tasks. The best four, and
-the best of the simple sets, are run for real, and what is best there, by the same comparison, is the tuned division.
+order: the worst context, in steps of half a point; the mean of the contexts; the mean of all tasks. The model is no
+good prophet: so besides the best four, equal weights and those by priority are always run for real, each twice, with
+the phases of the same two blocks. What is best in the worse of its runs, by the same comparison, is the tuned division.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import math
 import random
 from dataclasses import replace
 from statistics import fmean
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tests.bench.enforcement.divisions import LEAST_SHARES, kubelet_shares, shares
 from tests.bench.enforcement.figures import Figures, Run
@@ -26,7 +27,7 @@ from tests.bench.enforcement.simulator import Simulated, simulate
 from tests.bench.enforcement.stories import PROCESSORS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from tests.bench.enforcement.matrix import Cell
     from tests.bench.enforcement.stories import Script, Task
@@ -34,7 +35,10 @@ if TYPE_CHECKING:
 BUDGET = 240
 KEPT = 8
 SEEDS = (0, 1)
+"""The blocks whose phases are simulated, and run."""
 FINALISTS = 4
+UNTUNED = 2
+"""How many of the simple sets are always run: equal weights and those by priority."""
 MOST_SHARES = 4096
 WIDEST, NARROWEST = 1.0, 0.2
 STEPS = 200
@@ -56,12 +60,31 @@ class Candidate(NamedTuple):
     shares: tuple[tuple[str, int], ...]
 
 
-def tune(cell: Cell, tasks: Sequence[Task], script: Script, budget: int = BUDGET) -> list[Candidate]:
-    """The best sets of weights, the best first, and then the best of the simple ones."""
+class Trial(NamedTuple):
+    """What a finalist did: the score of the worse of its runs, and the figures of each."""
+
+    score: Score
+    candidate: Candidate
+    runs: Sequence[Figures]
+
+    def values(self) -> dict[str, Any]:
+        """As plain data; `critical` has each context's worse run."""
+        hits = [figures.critical() for figures in self.runs]
+        return {
+            "shares": dict(self.candidate.shares),
+            "simulated": self.candidate.score.worst,
+            "runs": len(self.runs),
+            "critical": {context: min(hit[context] for hit in hits) for context in hits[0]},
+        }
+
+
+def tune(
+    cell: Cell, tasks: Sequence[Task], script: Script, finalists: int = FINALISTS, budget: int = BUDGET
+) -> list[Candidate]:
+    """What to run for real: the best sets of weights, the best first, and then those that nobody tuned."""
     numbers = random.Random(SEED)  # noqa: S311 - no secret
-    first = simple(tasks, script)
-    found = [_judge(weights, cell, tasks, script) for weights in first]
-    plain = max(found)
+    found = [_judge(weights, cell, tasks, script) for weights in simple(tasks, script)]
+    untuned = found[:UNTUNED]
     while len(found) < budget:
         if len(found) < budget // 2:
             weights = {task.name: _anything(numbers) for task in tasks}
@@ -69,12 +92,21 @@ def tune(cell: Cell, tasks: Sequence[Task], script: Script, budget: int = BUDGET
             parent = dict(numbers.choice(sorted(found, reverse=True)[:KEPT]).shares)
             weights = _changed(parent, 2 - 2 * len(found) / budget, numbers)
         found.append(_judge(weights, cell, tasks, script))
-    best = sorted(set(found), reverse=True)[:FINALISTS]
-    return [*best, plain]
+    best = sorted(set(found), reverse=True)[:finalists]
+    return list(dict.fromkeys((*best, *untuned)))
+
+
+def tried(candidates: Sequence[Candidate], run: Callable[[Mapping[str, int], int], Figures]) -> list[Trial]:
+    """Run each with these weights in each of the blocks; the best in its worse run comes first."""
+    trials = []
+    for candidate in candidates:
+        runs = [run(dict(candidate.shares), block) for block in SEEDS]
+        trials.append(Trial(min(map(score, runs)), candidate, runs))
+    return sorted(trials, key=lambda trial: trial.score, reverse=True)
 
 
 def simple(tasks: Sequence[Task], script: Script) -> list[dict[str, int]]:
-    """What a user might write without a search."""
+    """What a user might write without a search: first equal weights, and those by priority."""
     by_priority = sum(task.priority for task in tasks)
     critical = {context.critical for context in script.story.contexts}
     return [

@@ -1,7 +1,7 @@
 """What the robot of this benchmark does: its tasks, and the contexts that say which of them is critical. Pure.
 
 The tasks are those of a robot that drives, listens and reads signs; together they want 1.5 times two processors. A load
-scales what an input costs, not how often inputs come. When a task's first input comes is drawn anew for each block, as
+scales what an input costs, not how often inputs come. When a task's first input comes is drawn again for each block, as
 sensors are not in step.
 
 Control loops and SLAM have to be done before the next input comes (the IMU's filter buffers one). Speech, signs and the
@@ -63,7 +63,7 @@ class Story:
 
 @dataclass(frozen=True, slots=True)
 class Script:
-    """A story told once: each context holds for `seconds`. The seed says when each task's first input comes."""
+    """A story played once: each context holds for `seconds`. The seed says when each task's first input comes."""
 
     story: Story
     seconds: float

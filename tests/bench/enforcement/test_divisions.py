@@ -2,6 +2,7 @@
 
 import pytest
 
+from contextpolicy.planning.allocation.enforcement import PROTECTED_WEIGHT
 from tests.bench.enforcement.divisions import (
     BUDGETS,
     CORE,
@@ -72,11 +73,15 @@ def test_context_weights_favour_the_critical_task_of_each_context(story):
 
 
 def test_context_weights_are_eq_1_in_the_kubelets_unit():
-    # 2000m over 100 + 3 + 3 + 3, with nav and imu kept at their floors of 300m: to steps of 10m
+    # 1900m over 100 + 10 + 3 + 3 + 3, with imu kept at its floor of 100m: to steps of 10m
     found = settings(WEIGHTS)["drive"]
-    assert found["nav"].shares == found["imu"].shares == kubelet_shares(300) == 307
-    assert found["slam"].shares == pytest.approx(1400 * 100 / 109 * 1.024, abs=11)
-    assert found["map"].shares == pytest.approx(1400 * 3 / 109 * 1.024, abs=11)
+    assert found["slam"].shares == pytest.approx(1900 * 100 / 119 * 1.024, abs=11)
+    assert found["map"].shares == pytest.approx(1900 * 3 / 119 * 1.024, abs=11)
+
+
+def test_a_protected_task_weighs_a_core_however_small_its_share():
+    found = settings(WEIGHTS)["drive"]
+    assert found["nav"].shares == found["imu"].shares == kubelet_shares(PROTECTED_WEIGHT) == 1024
 
 
 @pytest.mark.parametrize("name", [WEIGHTS, *ATTEMPTS])

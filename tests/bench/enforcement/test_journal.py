@@ -5,7 +5,7 @@ import pytest
 from tests.bench.enforcement.divisions import DEFAULT, TUNED, WEIGHTS
 from tests.bench.enforcement.figures import Run
 from tests.bench.enforcement.inputs import Queue
-from tests.bench.enforcement.journal import Journal, OtherRunError
+from tests.bench.enforcement.journal import Journal
 from tests.bench.enforcement.matrix import Cell
 from tests.bench.enforcement.stories import IMPORTANCE, SUSPENDING
 
@@ -28,30 +28,6 @@ def test_what_was_measured_is_there_again(file):
     assert not again.has(CELL, 1)
     assert again.runs() == [(CELL, 0, RUN)]
     assert again.tuned == {CELL: {"slam": 900}}
-
-
-def test_without_resume_it_begins_anew(file):
-    Journal(file, OPTIONS, resume=False).add(CELL, 0, RUN)
-    assert not Journal(file, OPTIONS, resume=False).has(CELL, 0)
-    assert not Journal(file, OPTIONS, resume=True).has(CELL, 0)
-
-
-def test_a_line_that_was_cut_off_is_measured_again_and_the_file_stays_readable(file):
-    journal = Journal(file, OPTIONS, resume=False)
-    journal.add(CELL, 0, RUN)
-    journal.add(CELL, 1, RUN)
-    file.write_text(file.read_text()[:-20])
-    again = Journal(file, OPTIONS, resume=True)
-    assert again.has(CELL, 0)
-    assert not again.has(CELL, 1)
-    again.add(CELL, 1, RUN)
-    assert Journal(file, OPTIONS, resume=True).has(CELL, 1)
-
-
-def test_figures_of_other_options_are_not_mixed_in(file):
-    Journal(file, OPTIONS, resume=False)
-    with pytest.raises(OtherRunError, match="is of a run with"):
-        Journal(file, {**OPTIONS, "seconds": 2.0}, resume=True)
 
 
 def test_a_cell_that_depends_on_no_context_is_answered_by_its_stand_in(file):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.bench.enforcement.divisions import ALONE, DEFAULT, PRIORITY, TUNED, WEIGHTS
+from tests.bench.enforcement.divisions import ALONE, DEFAULT, PRIORITY, STATIC, WEIGHTS
 from tests.bench.enforcement.inputs import Queue
 from tests.bench.enforcement.matrix import BESIDE, HEAVY, LIGHT, Cell, cells, for_goals, in_block, stand_in, taken
 from tests.bench.enforcement.policy import ATTEMPTS
@@ -17,7 +17,7 @@ def test_a_cell_is_measured_or_left_out_with_a_reason():
     assert all(LEFT_OUT.values())
 
 
-def test_what_stands_in_for_a_cell_is_the_same_but_for_what_has_no_effect():
+def test_a_substitute_cell_differs_only_without_effect():
     ungated = Cell(SUSPENDING.name, 1.3, Queue.NEWEST, gated=False, division=PRIORITY)
     assert stand_in(ungated) == Cell(IMPORTANCE.name, 1.3, Queue.NEWEST, gated=False, division=PRIORITY)
     gated = Cell(SUSPENDING.name, 1.3, Queue.NEWEST, gated=True, division=PRIORITY)
@@ -31,7 +31,7 @@ def test_what_the_goals_compare_is_measured_in_every_block(load):
     last = in_block(MEASURED, BESIDE)
     for name in (DEFAULT, ALONE, WEIGHTS):
         assert Cell(IMPORTANCE.name, load, Queue.NEWEST, gated=False, division=name) in last
-    for name in (TUNED, WEIGHTS):
+    for name in (*STATIC, WEIGHTS):
         assert Cell(SUSPENDING.name, load, Queue.NEWEST, gated=True, division=name) in last
     for cell in (
         Cell(IMPORTANCE.name, LIGHT, Queue.NEWEST, gated=False, division=DEFAULT),

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.bench.enforcement.data import values
-from tests.bench.enforcement.divisions import ALONE, DEFAULT, TUNED, WEIGHTS
+from tests.bench.enforcement.divisions import ALONE, DEFAULT, PRIORITY, TUNED, WEIGHTS
 from tests.bench.enforcement.figures import Run
 from tests.bench.enforcement.inputs import Queue
 from tests.bench.enforcement.journal import Journal
@@ -68,8 +68,42 @@ def test_gating_on_sets_the_product_beside_static_divisions_without_it(journal):
 def test_disturbed_runs_are_counted(journal):
     journal.add(a_cell(DEFAULT), 0, a_run(foreign=0.2))
     journal.add(a_cell(DEFAULT), 1, a_run(foreign=0.3))
-    assert "2 of" in report(journal)
-    assert "In 1 of them others took more than 0.02 of a core" in report(journal)
+    assert "\n2 runs; " in report(journal)
+    assert "In 1 of the runs others took more than\n0.02 of a core" in report(journal)
+
+
+def test_the_planned_runs_that_are_left_are_counted_whatever_else_was_measured(journal):
+    cell = a_cell(DEFAULT)
+    about = {**ABOUT, "blocks": 2}
+    for block in (0, 2, 3):
+        journal.add(cell, block, a_run())
+    assert "3 runs; 1 of the 2 planned are left." in text(journal, [cell], {}, about)
+    journal.add(cell, 1, a_run())
+    assert "4 runs; none of the planned are left." in text(journal, [cell], {}, about)
+
+
+@pytest.mark.parametrize(
+    ("story", "gated", "line"),
+    [
+        (IMPORTANCE, False, "static divisions that reach the same: none; the best is priority"),
+        (SUSPENDING, True, "load 1.3, equal gating: the best static is priority"),
+    ],
+)
+def test_the_best_static_division_is_named_with_its_figures(journal, story, gated, line):
+    for division, missed in ((DEFAULT, 6), (PRIORITY, 3), (TUNED, 5), (ALONE, 0), (WEIGHTS, 0)):
+        journal.add(a_cell(division, story, gated=gated and division != ALONE), 0, a_run(missed))
+    found = report(journal)
+    assert f"{line} (drive 70.0 %, talk 70.0 %, read 70.0 %; runs: 1)" in found
+    entries = [one for one in values(journal, ABOUT)["best static"] if one["division"]]
+    assert entries == [
+        {
+            "story": story.name,
+            "load": 1.3,
+            "gated": gated,
+            "division": PRIORITY,
+            "critical": dict.fromkeys(("drive", "talk", "read"), 0.7),
+        }
+    ]
 
 
 def test_every_reason_for_leaving_cells_out_is_there(journal):
@@ -79,9 +113,9 @@ def test_every_reason_for_leaving_cells_out_is_there(journal):
 
 
 def test_what_the_search_found_is_reported_with_its_trials(journal):
-    trial = {"shares": {"slam": 900}, "simulated": 0.8, "critical": {"drive": 0.75}}
+    trial = {"shares": {"slam": 900}, "simulated": 0.8, "runs": 2, "critical": {"drive": 0.75}}
     journal.add_tuned(a_cell(TUNED), {"slam": 900}, [trial])
-    assert "slam 900: worst 80.0 % simulated; run: drive 75.0 %" in report(journal)
+    assert "slam 900: worst 80.0 % simulated; at worst in 2 runs: drive 75.0 %" in report(journal)
 
 
 def test_plain_data_has_goals_and_cells(journal):

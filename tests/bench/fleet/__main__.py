@@ -12,7 +12,6 @@ puts the accepted limits in force, so all patches of a plan go out at once (tran
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from dataclasses import asdict, fields
 from typing import Any
@@ -20,9 +19,7 @@ from typing import Any
 from tests.bench.engine_measure import machine
 from tests.bench.fleet.crowd import Fleet
 from tests.bench.fleet.run import started
-from tests.e2e.cluster import REPOSITORY
-
-OUTPUT = REPOSITORY / "build" / "bench" / "fleet.json"
+from tests.bench.results import keep
 
 
 def main() -> int:
@@ -32,8 +29,7 @@ def main() -> int:
         phases = (run.start, run.govern, run.react, run.storm, run.churn, run.rest)
         result: dict[str, Any] = {name: value for phase in phases for name, value in phase().items()}
     result |= {"fleet": asdict(fleet), "machine": machine()}
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    keep("fleet", result)
     for name, value in result.items():
         print(f"{name:45} {value}")
     return 0

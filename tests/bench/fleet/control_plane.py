@@ -15,11 +15,11 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Self
 
 import urllib3
-from cryptography.hazmat.primitives import serialization
-from cryptography.hazmat.primitives.asymmetric import rsa
 
 from tests.node import build
+from tests.node.components import as_flags
 from tests.node.layout import CACHE
+from tests.node.shell import run
 from tests.ports import free_port
 
 if TYPE_CHECKING:
@@ -71,8 +71,7 @@ class ControlPlane:
             list(workers.map(lambda request: self.send(*request), requests))
 
     def _start(self, name: str, *arguments: str) -> None:
-        program = next(one for one in build.PROGRAMS if one.name == "node")
-        binary = CACHE / "bin" / f"node-{build.program_key(program)}" / "node"
+        binary = CACHE / "bin" / f"node-{build.program_key(build.NODE)}" / "node"
         if not binary.exists():
             raise RuntimeError(f"{binary} is not built yet: run `make cluster`")
         log = self._end.enter_context((self.directory / f"{name}.log").open("w"))
@@ -91,41 +90,37 @@ class ControlPlane:
         raise RuntimeError(f"no API server:\n{(self.directory / 'kube-apiserver.log').read_text()[-2000:]}")
 
 
-def _etcd(directory: Path, client: str, peer: str) -> tuple[str, ...]:
-    urls = {
-        "listen-client-urls": client,
-        "advertise-client-urls": client,
-        "listen-peer-urls": peer,
-        "initial-advertise-peer-urls": peer,
-        "initial-cluster": f"node={peer}",
-    }
-    data = {"name": "node", "data-dir": directory / "etcd", "unsafe-no-fsync": "true"}
-    return tuple(f"--{name}={value}" for name, value in {**urls, **data}.items())
-
-
-def _apiserver(directory: Path, etcd: str, port: int) -> tuple[str, ...]:
-    key = directory / "tokens.key"
-    key.write_bytes(
-        rsa.generate_private_key(public_exponent=65537, key_size=2048).private_bytes(
-            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-        )
+def _etcd(directory: Path, client: str, peer: str) -> list[str]:
+    return as_flags(
+        name="node",
+        data_dir=directory / "etcd",
+        unsafe_no_fsync="true",
+        listen_client_urls=client,
+        advertise_client_urls=client,
+        listen_peer_urls=peer,
+        initial_advertise_peer_urls=peer,
+        initial_cluster=f"node={peer}",
     )
+
+
+def _apiserver(directory: Path, etcd: str, port: int) -> list[str]:
+    key = directory / "tokens.key"
+    run(["openssl", "genrsa", "-out", str(key), "2048"])
     (directory / "tokens.csv").write_text(f"{TOKEN},fleet,fleet,system:masters\n", encoding="utf-8")
-    flags = {
-        "bind-address": "127.0.0.1",
-        "secure-port": port,
-        "cert-dir": directory / "serving",
-        "etcd-servers": etcd,
-        "authorization-mode": "AlwaysAllow",
-        "disable-admission-plugins": "ServiceAccount",
-        "endpoint-reconciler-type": "none",
-        "service-account-issuer": "https://fleet",
-        "service-account-key-file": key,
-        "service-account-signing-key-file": key,
-        "service-cluster-ip-range": "10.0.0.0/24",
-        "token-auth-file": directory / "tokens.csv",
-    }
-    return tuple(f"--{name}={value}" for name, value in flags.items())
+    return as_flags(
+        bind_address="127.0.0.1",
+        secure_port=port,
+        cert_dir=directory / "serving",
+        etcd_servers=etcd,
+        authorization_mode="AlwaysAllow",
+        disable_admission_plugins="ServiceAccount",
+        endpoint_reconciler_type="none",
+        service_account_issuer="https://fleet",
+        service_account_key_file=key,
+        service_account_signing_key_file=key,
+        service_cluster_ip_range="10.0.0.0/24",
+        token_auth_file=directory / "tokens.csv",
+    )
 
 
 def _kubeconfig(port: int, authority: Path) -> dict[str, Any]:

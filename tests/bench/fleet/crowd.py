@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from tests.e2e.cluster import REPOSITORY
+from tests.node.layout import REPOSITORY
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -97,7 +97,7 @@ class Fleet:
         names = [f"task-{task}" for task in range(self.tasks)]
         sides = {"left": ("turn.left", names[::2]), "right": ("!turn.left", names[1::2])}
         spec = {
-            "enforcement": {"transition": "Prompt"},
+            "enforcement": {"control": "Limit", "transition": "Prompt"},
             "streams": [{"name": "turn", "key": f"{namespace}/turn"}],
             "tasks": [{"name": name, "selector": {"matchLabels": {"app": name}}, "idle": 1} for name in names],
             "contexts": [

@@ -10,14 +10,15 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from tests.e2e.cluster import REPOSITORY
+from tests.bench.footprint import processes
+from tests.node.layout import REPOSITORY
 from tests.ports import free_port
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     import zenoh
 
@@ -77,18 +78,11 @@ class MeasuredOperator:
 
     def resident(self) -> float:
         """MiB now."""
-        return self._memory("VmRSS")
+        return processes.resident(self._process.pid) / 2**20
 
     def peak(self) -> float:
         """The most MiB that it ever had."""
-        return self._memory("VmHWM")
-
-    def _memory(self, name: str) -> float:
-        lines = self._proc("status").splitlines()
-        return next(int(line.split()[1]) / 1024 for line in lines if line.startswith(f"{name}:"))
-
-    def _proc(self, file: str) -> str:
-        return Path(f"/proc/{self._process.pid}/{file}").read_text(encoding="utf-8")
+        return processes.peak(self._process.pid) / 2**20
 
 
 class Applied:

@@ -6,12 +6,12 @@ import json
 import time
 from contextlib import contextmanager
 from functools import partial
-from statistics import median, quantiles
 from typing import TYPE_CHECKING
 
 from contextpolicy.bus.session import open_router
 from tests.bench.fleet.control_plane import ControlPlane
 from tests.bench.fleet.measured_operator import Applied, MeasuredOperator
+from tests.bench.reaction.figures import percentile
 from tests.bench.reaction.site import say
 from tests.ports import free_port
 
@@ -146,6 +146,6 @@ class Run:
 
 def _percentiles(name: str, seconds: list[float]) -> Phase:
     return {
-        f"{name}_ms": round(median(seconds) * 1e3, 1),
-        f"{name}_p90_ms": round(quantiles(seconds, n=10, method="inclusive")[-1] * 1e3, 1),
+        f"{name}_ms": round(percentile(seconds, 50) * 1e3, 1),
+        f"{name}_p90_ms": round(percentile(seconds, 90) * 1e3, 1),
     }

@@ -3,9 +3,9 @@
     python -m tests.node exec -- python -m tests.bench.footprint [--seconds 20]
 
 Installed by the chart, as users do, with TLS and roles; idle, and with an IMU at 200 Hz, a camera at 30 Hz and sound of
-16 kHz through the router. CPU is told beside its floor, which takes turns with it on the same traffic: a process that
-only has a callback for the IMU, decoding and planning alone, and a router without TLS that only forwards. Needs the
-image contextpolicy:dev on the node and to run as root there. Prints a table, writes build/bench/footprint.json.
+16 kHz through the router. CPU is reported beside its floor, which takes turns with it on the same traffic: a process
+that only has a callback for the IMU, decoding and planning alone, and a router without TLS that only forwards. Needs
+the image contextpolicy:dev on the node and to run as root there. Prints a table, writes build/bench/footprint.json.
 """
 
 # ruff: noqa: T201 - a command prints
@@ -34,12 +34,12 @@ from tests.bench.reaction import objects
 from tests.bench.reaction.hearing import Hearing
 from tests.bench.reaction.site import ADDRESSES, AGENT, Site, say
 from tests.bench.reaction.stopwatch import Stopwatch
-from tests.e2e.cluster import REPOSITORY, apply, get, run, secret_files, until
+from tests.bench.results import keep
+from tests.e2e.cluster import apply, get, run, secret_files, until
 from tests.node.layout import CACHE
 from timelines.demo.cgroup import find
 from timelines.demo.deploy import free_address
 
-OUTPUT = REPOSITORY / "build" / "bench" / "footprint.json"
 PARTS = ("operator", "router", "agent")
 TASKS = ("slam", "speech")
 FLOOR = "tcp/127.0.0.1:17448"
@@ -57,8 +57,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # as after Ctrl-C, nothing is left behind
     with Stopwatch() as stopwatch, Site(stopwatch) as site, ExitStack() as stack:
         result = {**_measure(site, stack, options), "machine": machine()}
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    keep("footprint", result)
     print(_text(result))
     return 0
 
@@ -89,10 +88,10 @@ def _measure(site: Site, stack: ExitStack, options: argparse.Namespace) -> dict[
     memory = {part: round(processes.resident(process) / MIB, 1) for part, process in _pods().items()}
     with Traffic(bus, module, keys):  # a stream that nobody feeds is waited for until it is silent
         starts = [_first_plan(plans) for _ in range(options.starts)]
-    return _told(rows, memory, starts)
+    return _summary(rows, memory, starts)
 
 
-def _told(rows: dict[str, dict[str, list[float]]], memory: dict[str, float], starts: list[float]) -> dict[str, Any]:
+def _summary(rows: dict[str, dict[str, list[float]]], memory: dict[str, float], starts: list[float]) -> dict[str, Any]:
     cores = {part: {when: round(median(of) * 1e3, 1) for when, of in row.items() if of} for part, row in rows.items()}
     least = sum(row["busy"] for part, row in cores.items() if part not in PARTS)
     busy = sum(cores[part]["busy"] for part in PARTS)
@@ -192,7 +191,7 @@ def _other_operator(before: int) -> bool:
 
 
 def _image() -> float:
-    """MiB of the image as a registry has it: compressed. The node tells what it takes unpacked."""
+    """MiB of the image as a registry has it: compressed. The node reports what it takes unpacked."""
     size, packer = 0, zlib.compressobj()
     [archive] = (CACHE / "images" / "contextpolicy").glob("*.tar")  # of the last build
     with archive.open("rb") as file:

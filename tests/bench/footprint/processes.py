@@ -11,8 +11,17 @@ TICK = os.sysconf("SC_CLK_TCK")
 
 def resident(process: int) -> int:
     """Bytes of memory that the process has in RAM, shared libraries and all."""
-    lines = Path(f"/proc/{process}/status").read_text(encoding="ascii").splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS:")) * 1024
+    return _field(process, "status", "VmRSS:") * 1024
+
+
+def peak(process: int) -> int:
+    """The most of that it ever had."""
+    return _field(process, "status", "VmHWM:") * 1024
+
+
+def written(process: int) -> int:
+    """Bytes that it has written to storage so far, as the kernel accounts them."""
+    return _field(process, "io", "write_bytes:")
 
 
 def cpu(process: int) -> float:
@@ -28,6 +37,11 @@ def started(process: int) -> float:
 def parent(process: int) -> int:
     """The process that started it, or took it over."""
     return int(_stat(process)[1])
+
+
+def _field(process: int, file: str, name: str) -> int:
+    lines = Path(f"/proc/{process}/{file}").read_text(encoding="utf-8").splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(name))
 
 
 def _stat(process: int) -> list[str]:

@@ -28,30 +28,25 @@ from tests.bench.engine_measure import machine
 from tests.bench.growth.curves import draw
 from tests.bench.growth.sweeps import SWEEPS, measure
 from tests.bench.reaction.figures import IDLE
-from tests.bench.reaction.journal import Journal, OtherRunError
+from tests.bench.reaction.journal import Journal, opened
 from tests.bench.reaction.report import part
-from tests.e2e.cluster import REPOSITORY
-
-OUTPUT = REPOSITORY / "build" / "bench"
+from tests.bench.results import OUTPUT, keep, named, some_of
 
 
 def main() -> int:
     options = _options()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    file = OUTPUT / f"growth{'' if options.only == tuple(SWEEPS) else '-' + '-'.join(options.only)}.json"
+    name = named("growth", options.only, SWEEPS)
     steps = {_step(sweep, size): (sweep, size) for sweep in options.only for size in SWEEPS[sweep]}
     kept = {"only": list(options.only), "rounds": options.rounds}
-    try:
-        journal = Journal(file.with_suffix(".jsonl"), kept, list(steps), resume=options.resume)
-    except OtherRunError as error:
-        sys.exit(f"{error}: leave --resume out to measure anew")
+    journal = opened(OUTPUT / f"{name}.jsonl", kept, list(steps), resume=options.resume)
     try:
         for step, point in steps.items():
             journal.once(step, lambda: measure(*point, options.rounds))  # noqa: B023 - called at once
     finally:
         result = _result(options, journal)
-        file.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-        draw(result, file.with_suffix(".svg"))
+        keep(name, result)
+        draw(result, OUTPUT / f"{name}.svg")
     print("\n\n".join([str(result["machine"]), *(part(sweep, result[sweep]) for sweep in options.only)]))
     return 0
 
@@ -60,17 +55,10 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m tests.bench.growth", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--only", type=_sweeps, default=tuple(SWEEPS), help=f"some of {','.join(SWEEPS)}")
+    parser.add_argument("--only", type=some_of(SWEEPS), default=tuple(SWEEPS), help=f"some of {','.join(SWEEPS)}")
     parser.add_argument("--rounds", type=int, default=20, help="reactions at each point (%(default)s)")
     parser.add_argument("--resume", action="store_true", help="go on with a run of the same options that ended early")
     return parser.parse_args()
-
-
-def _sweeps(text: str) -> tuple[str, ...]:
-    chosen = tuple(sweep for sweep in SWEEPS if sweep in text.split(","))
-    if not chosen or set(text.split(",")) - set(SWEEPS):
-        raise argparse.ArgumentTypeError(f"{text!r}: one or more of {','.join(SWEEPS)}")
-    return chosen
 
 
 def _result(options: argparse.Namespace, journal: Journal) -> dict[str, Any]:

@@ -8,7 +8,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from contextpolicy.simulation.drawing import TASK_COLORS
+from contextpolicy.explain.task_colors import TASK_COLORS
+from contextpolicy.simulation.drawing import INK, STYLE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,7 +30,7 @@ FIRST, LAST, COST, MEMORY, FLOOR, NODE = (
     TASK_COLORS[2],
     TASK_COLORS[3],
     "#777777",
-    "black",
+    INK,
 )
 DASHED = (0, (4, 3))
 
@@ -39,7 +40,7 @@ def draw(result: Mapping[str, Any], path: Path) -> None:
     sweeps = {name: result[name] for name in SWEPT if result.get(name)}
     if not sweeps:
         return
-    with mpl.rc_context({"svg.hashsalt": "contextpolicy", "font.size": 9, "svg.fonttype": "none"}):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH * len(sweeps), HEIGHT), layout="constrained")
         panels: Any = figure.subplots(3, len(sweeps), sharex="col", squeeze=False)
         for column, (name, rows) in enumerate(sweeps.items()):
@@ -99,7 +100,7 @@ def _finish(panels: Sequence[Any], sizes: Sequence[int], swept: str) -> None:
     for panel in panels:
         panel.set_xscale("log")
         panel.spines[["top", "right"]].set_visible(False)
-        panel.grid(axis="y", color="black", alpha=0.12, linewidth=0.6)
+        panel.grid(axis="y", color=INK, alpha=0.12, linewidth=0.6)
         panel.set_axisbelow(True)
         panel.legend(frameon=False, fontsize=8)
     panels[-1].set_xticks(sizes, [str(size) for size in sizes])

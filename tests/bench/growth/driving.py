@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import time
-from functools import partial
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-import zenoh
-
 from tests.bench.child import Child
 from tests.bench.fleet.crowd import Fleet
+from tests.bench.footprint.traffic import Samples
 from tests.bench.live_case import KEYS, steady, steady_policy
 from tests.bench.reaction.site import say
-from tests.e2e.background import Background
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    import zenoh
 
     from tests.bench.fleet.run import Run
 
@@ -48,22 +47,12 @@ class Driving(Fleet):
 
     def drive(self, bus: zenoh.Session, rate: int) -> Samples:
         """Samples of the first robot, from `with` to its end."""
-        return Samples(bus, self.imu(self.namespace(0)), rate)
+        return samples(bus, self.imu(self.namespace(0)), rate)
 
 
-class Samples(Background):
-    """Publishes so many a second; none is lost, the publisher would wait."""
-
-    def __init__(self, bus: zenoh.Session, key: str, rate: int) -> None:
-        publisher = bus.declare_publisher(key, express=True, congestion_control=zenoh.CongestionControl.BLOCK)
-        super().__init__(partial(self._publish, publisher, rate))
-
-    def _publish(self, publisher: zenoh.Publisher, rate: int) -> None:
-        began, number = time.monotonic(), 0
-        while not self._stop.wait(max(0.0, began + number / rate - time.monotonic())):
-            publisher.put(steady(number))
-            number += 1
-        publisher.undeclare()
+def samples(bus: zenoh.Session, key: str, rate: int) -> Samples:
+    """A robot that drives evenly, on this key, from `with` to its end."""
+    return Samples(bus, {key: rate}, {key: steady})
 
 
 def cost(run: Run, fleet: Driving, rate: int) -> dict[str, float]:
@@ -77,7 +66,7 @@ def cost(run: Run, fleet: Driving, rate: int) -> dict[str, float]:
         for _ in range(TURNS):
             with fleet.drive(run.bus, rate):
                 live.append(_spent(run.operator.cpu))
-            with Samples(run.bus, KEYS["hand-over"], rate):
+            with samples(run.bus, KEYS["hand-over"], rate):
                 handed = _spent(lambda: hand_over.ask()["cpu"])
             floor.append(handed + engine.ask(rate=rate, count=round(rate * SECONDS))["us"] * rate / 1e3)
     return {"cpu_ms_per_s": round(median(live), 2), "floor_cpu_ms_per_s": round(median(floor), 2)}

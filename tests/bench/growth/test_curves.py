@@ -24,10 +24,10 @@ def test_the_same_figures_give_the_same_picture(tmp_path):
     assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()
 
 
-@pytest.mark.parametrize(("node", "told"), [(NODE, True), ([], False)])
-def test_a_real_node_is_drawn_where_one_was_measured(tmp_path, node, told):
+@pytest.mark.parametrize(("node", "expected"), [(NODE, True), ([], False)])
+def test_a_real_node_is_drawn_where_one_was_measured(tmp_path, node, expected):
     draw(a_result(*SWEEPS, node=node), tmp_path / "all.svg")
-    assert ("on a real node" in (tmp_path / "all.svg").read_text()) is told
+    assert ("on a real node" in (tmp_path / "all.svg").read_text()) is expected
 
 
 def test_sweeps_that_were_not_measured_have_no_column(tmp_path):

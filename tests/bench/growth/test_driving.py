@@ -12,6 +12,7 @@ from tests.bench.fleet.crowd import Fleet
 from tests.bench.growth.driving import Driving
 from tests.bench.growth.sweeps import SWEEPS, TASKS, fleet_of
 from tests.bench.live_case import steady
+from tests.planning.quiet import Quiet
 
 ROBOT, NODE = "robot-000", "node-000"
 
@@ -22,7 +23,7 @@ class Robot:
     def __init__(self, fleet: Fleet):
         policy = parsing.parse(fleet.policy(ROBOT))
         self.decoders = {stream.name: Decoder(stream) for stream in policy.streams}
-        self.planner, self.now = Planner(policy), time()
+        self.planner, self.now = Planner(policy, Quiet(), {}), time()
         self.planner.start(self.now)
         names = [(f"task-{task}", replica) for task in range(fleet.tasks) for replica in range(fleet.replicas)]
         containers = tuple(Container(f"{task}-{replica}", task, NODE, 10) for task, replica in names)

@@ -39,6 +39,7 @@ from tests.bench.hops.case import NAMESPACE, RELAYED, SENT, STREAM, names
 from tests.bench.hops.stamps import legs
 from tests.bench.hops.tree import cgroups, container_id, uid
 from tests.bench.reaction.figures import percentile
+from tests.bench.results import keep
 from tests.bus.certificates import Authority, signing_keys
 from tests.cluster.builders import NODE
 
@@ -47,10 +48,9 @@ if TYPE_CHECKING:
 
     from contextpolicy.agent.cgroup_paths import CgroupPaths
 
-OUTPUT = Path(__file__).parents[3] / "build/bench/hops.json"
 LIMITS = (1, 30)
 RATES = (0, 200)
-"""Samples per second of the IMU. Its samples pass the first hops too, so with it only the sum of all is told."""
+"""Samples per second of the IMU. Its samples pass the first hops too, so with it only the sum of all is reported."""
 PORT = 17451
 SETTLING, PATIENCE = 3.0, 10.0
 PAUSE, LOOKS = 0.08, 5
@@ -76,8 +76,7 @@ def main() -> int:
         "cases": cases,
         "machine": machine(),
     }
-    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
-    OUTPUT.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    keep("hops", result)
     print(_text(result))
     return 0
 
@@ -236,8 +235,8 @@ def _text(result: dict[str, Any]) -> str:
         lines.append(f"limits: {limits}; a plan of {case['plan_bytes']} bytes; {case['missed']} missed; ms, medians:")
         lines += [f"  {what:40} {ms:7.3f}" for what, ms in case.get("hops_ms_p50", {}).items()]
         for what in ("agent", "two hops", "one hop"):
-            told = "  ".join(f"{name.removesuffix('_ms')} {ms:.3f}" for name, ms in case[what].items())
-            lines.append(f"  {what:40} {told}")
+            reported = "  ".join(f"{name.removesuffix('_ms')} {ms:.3f}" for name, ms in case[what].items())
+            lines.append(f"  {what:40} {reported}")
         lines += [f"  over the floor of two hops {case['over_floor']:20}   goal <= {WITHIN}", ""]
     lines += [f"  {name:20} {result[name]:6.2f}   goal <= {goal}" for name, goal in GOALS.items()]
     return "\n".join(lines)

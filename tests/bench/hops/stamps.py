@@ -25,7 +25,7 @@ class Hop:
 
 
 OPERATOR = (
-    Hop("sensor, router, operator's callback", "contextpolicy.streams.subscription:_Inbox._append"),
+    Hop("sensor, router, operator's callback", "contextpolicy.streams.subscription:_Inbox.put"),
     Hop("to the operator's loop", "contextpolicy.streams.subscription:_Inbox._drain"),
     Hop("decode, decide", "contextpolicy.policies.policy_runner:PolicyRunner.instruct_agents"),
     Hop("what precedes the message", "contextpolicy.policies.plan_publisher:PlanPublisher._publish"),
@@ -82,11 +82,11 @@ def found(function: str) -> tuple[Any, str]:
 
 def legs(notes: Notes, began: int) -> dict[str, float] | None:
     """Milliseconds of each hop after the one before it, in order; None when one is missing."""
-    at, told = began, {}
+    at, reported = began, {}
     for hop in (*OPERATOR, *AGENT):
         moments = [moment for what, moment in notes if what == hop.what and moment >= began]
         if not moments:
             return None
         reached = max(moments) if hop.what == LAST else min(moments)
-        told[hop.what], at = (reached - at) / 1e6, reached
-    return told
+        reported[hop.what], at = (reached - at) / 1e6, reached
+    return reported

@@ -23,10 +23,10 @@ def test_each_leg_lasts_from_the_hop_before_it():
 
 def test_the_last_write_counts_and_the_first_of_all_else():
     late = 1_000_000 * (len(HOPS) + 3)
-    told = legs(notes((LAST, late), (HOPS[0].what, late)), began=1_000_000)
-    assert told is not None
-    assert told[LAST] == 3.0
-    assert told[HOPS[0].what] == 1.0
+    reported = legs(notes((LAST, late), (HOPS[0].what, late)), began=1_000_000)
+    assert reported is not None
+    assert reported[LAST] == 3.0
+    assert reported[HOPS[0].what] == 1.0
 
 
 def test_a_hop_that_was_not_reached_since_then_is_a_miss():

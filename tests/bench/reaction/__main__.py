@@ -15,42 +15,37 @@ the end.
 from __future__ import annotations
 
 import argparse
-import json
 import signal
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tests.bench.engine_measure import machine
 from tests.bench.reaction import autoscaler, control, priority, quiet, report, rounds, storm, transition
 from tests.bench.reaction.figures import Figures
-from tests.bench.reaction.journal import Journal, OtherRunError
+from tests.bench.reaction.journal import Journal, opened
 from tests.bench.reaction.site import AGENT, PLAIN, Site
 from tests.bench.reaction.stopwatch import MissedError, Stopwatch
+from tests.bench.results import OUTPUT, keep, named, some_of
 from tests.e2e.cluster import CommandError
 from tests.node.errors import ClusterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-OUTPUT = Path(__file__).parents[3] / "build" / "bench"
 PARTS = ("table", "storm", "transition", "priority", "control", "autoscaler")
 
 
 def main() -> int:
     options = _options()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    file = OUTPUT / f"reaction{'' if options.only == PARTS else '-' + '-'.join(options.only)}.json"
-    try:
-        journal = Journal(file.with_suffix(".jsonl"), _kept(options), _steps(options), resume=options.resume)
-    except OtherRunError as error:
-        sys.exit(f"{error}: leave --resume out to measure anew")
+    name = named("reaction", options.only, PARTS)
+    journal = opened(OUTPUT / f"{name}.jsonl", _kept(options), _steps(options), resume=options.resume)
     problems: dict[str, Any] = {"unmeasured": {}, "disturbed": 0}
     try:
         _measure(options, journal, problems)
     finally:
         result = _result(options, journal, problems)
-        file.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        keep(name, result)
     print(report.text(result))
     return 1 if journal.left() else 0
 
@@ -61,20 +56,13 @@ def _options() -> argparse.Namespace:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--only", type=_parts, default=PARTS, help=f"some of {','.join(PARTS)}")
+    parser.add_argument("--only", type=some_of(PARTS), default=PARTS, help=f"some of {','.join(PARTS)}")
     parser.add_argument("--rounds", type=int, default=20, help="reactions of each path in each case (%(default)s)")
     parser.add_argument("--resume", action="store_true", help="go on with a run of the same options that ended early")
     parser.add_argument(
         "--patience", type=float, default=quiet.BUDGET, help="seconds to wait for quiet moments, in all (%(default)s)"
     )
     return parser.parse_args()
-
-
-def _parts(text: str) -> tuple[str, ...]:
-    chosen = tuple(part for part in PARTS if part in text.split(","))
-    if not chosen or set(text.split(",")) - set(PARTS):
-        raise argparse.ArgumentTypeError(f"{text!r}: one or more of {','.join(PARTS)}")
-    return chosen
 
 
 def _kept(options: argparse.Namespace) -> dict[str, Any]:
@@ -101,7 +89,7 @@ def _namespaces(options: argparse.Namespace) -> list[str]:
 
 
 def _measure(options: argparse.Namespace, journal: Journal, problems: dict[str, Any]) -> None:
-    """Fill the journal with the steps that are left; what can't be measured is told in the problems."""
+    """Fill the journal with the steps that are left; what can't be measured is listed in the problems."""
     if not journal.left():
         return
     with Stopwatch() as stopwatch, Site(stopwatch, options.patience) as site:
@@ -134,7 +122,7 @@ def _result(options: argparse.Namespace, journal: Journal, problems: dict[str, A
     }
     if "transition" in options.only:
         parts["transition"] = transition.rows(journal)
-    told = {**problems, "missed": figures.missed, "left": journal.left()}
+    reported = {**problems, "missed": figures.missed, "left": journal.left()}
     return {
         **figures.keys(),
         **transition.keys(journal),
@@ -142,7 +130,7 @@ def _result(options: argparse.Namespace, journal: Journal, problems: dict[str, A
         "table": figures.rows(),
         "peers": figures.peers(),
         **parts,
-        **told,
+        **reported,
     }
 
 

@@ -1,6 +1,6 @@
 """A VerticalPodAutoscaler, in place: from a step of a task's load until the task's CPU limit is a higher one.
 
-It is told nothing of what matters; it sees what was used. It looks every 10 s, the least that its metrics-server takes
+It knows nothing of contexts; it sees what was used. It looks every 10 s, the least that its metrics-server takes
 (as installed, it looks every minute). Each round has a task of its own: what it saw of one weighs for days.
 """
 
@@ -29,7 +29,7 @@ MOST = 5
 WARM = 60.0
 """Seconds for which it sees idle tasks."""
 PATIENCE, AGAIN = 300.0, 20.0
-"""Seconds to wait for it, and between two signals: a worker told once works for 30 s."""
+"""Seconds to wait for it, and between two signals: a worker works for 30 s after one signal."""
 
 
 def measure(site: Site, stopwatch: Stopwatch, journal: Journal, rounds: int) -> None:
@@ -41,7 +41,7 @@ def _row(site: Site, stopwatch: Stopwatch, rounds: int) -> dict[str, Any]:
     names = [f"scaled-{number}" for number in range(rounds)]
     with autoscaler.running():
         site.replicated(PLAIN, [objects.scaled_pod(name, PLAIN, LEAST, LIMIT) for name in names])
-        apply(*(objects.autoscaler(name, PLAIN, LEAST) for name in names))
+        apply(*(objects.autoscaler(name, PLAIN, "cpu", minAllowed={"cpu": LEAST}) for name in names))
         targets = [f"vpa/{name}" for name in names]
         run("kubectl", "wait", *targets, "-n", PLAIN, "--for=condition=RecommendationProvided", "--timeout=120s")
         say(f"the autoscaler sees idle tasks for {WARM:g} s")

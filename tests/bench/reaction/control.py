@@ -65,7 +65,7 @@ def _row(
         "jobs_per_second": round(len(jobs) / (ended - began), 1),
         "job_ms_p50": rounded(jobs, 50),
         "job_ms_p99": rounded(jobs, 99),
-        "throttled_periods_percent": round(100 * grown["nr_throttled"] / max(1, grown["nr_periods"])),
+        "throttled_periods_percent": round(100 * grown["throttled"] / max(1, grown["periods"])),
     }
 
 
@@ -88,9 +88,7 @@ def _in_force(control: str, groups: dict[str, Cgroup]) -> bool:
 
 
 def _counters(group: Cgroup) -> dict[str, float]:
-    lines = (group.quota_file.parent / "cpu.stat").read_text().splitlines()
-    stat = {name: float(value) for name, value in (line.split() for line in lines)}
-    return {"usage": group.usage(), "nr_periods": stat["nr_periods"], "nr_throttled": stat["nr_throttled"]}
+    return {"usage": group.usage(), **group.throttling()}
 
 
 def _jobs(name: str, began: float, ended: float) -> list[float]:

@@ -1,4 +1,4 @@
-"""What a task really computes: it counts its work in shared memory, which costs it nothing to tell."""
+"""What a task really computes: it counts its work in shared memory, which costs it nothing to publish."""
 
 from __future__ import annotations
 

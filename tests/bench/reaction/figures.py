@@ -1,4 +1,4 @@
-"""What was measured, and what is told of it: medians of stages, the three key figures. Pure."""
+"""What was measured, and what is reported of it: medians of stages, the three key figures. Pure."""
 
 from __future__ import annotations
 

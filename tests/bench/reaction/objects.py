@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from tests.bench.reaction.counted_work import COUNT, SIGNALLED
 from tests.node.layout import PAUSE_IMAGE, TAG
+from tests.planning.builders import limited
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,7 +26,7 @@ loops = int(100_000 * 0.01 / min(job(100_000) for _ in range(20)))
 for _ in range(processes - 1):
     if os.fork() == 0:
         break
-took, told, due = [], time.time(), 0.0
+took, written, due = [], time.time(), 0.0
 while True:
     now = time.monotonic()
     if now >= until:
@@ -35,9 +36,9 @@ while True:
         due = max(due + 0.01 / duty, now)
         time.sleep(due - now)
     took.append(round(job(loops) * 1e3, 2))
-    if time.time() > told + 0.25:
-        told = time.time()
-        os.write(1, json.dumps({{"at": told, "took": took}}).encode() + b"\\n")
+    if time.time() > written + 0.25:
+        written = time.time()
+        os.write(1, json.dumps({{"at": written, "took": took}}).encode() + b"\\n")
         took = []
 """
 """Jobs of 10 ms of CPU; its arguments are the number of processes, and how much of a core each of them wants."""
@@ -49,7 +50,7 @@ def idle_pod(name: str, namespace: str) -> dict[str, Any]:
 
 
 def worker_pod(name: str, namespace: str, processes: int = 1, duty: float = 1.0) -> dict[str, Any]:
-    """A pod that works when told to, with the small request that tasks should have."""
+    """A pod that works on request, with the small request that tasks should have."""
     command = ["python3", "-c", WORK, str(processes), str(duty)]
     return pod(name, namespace, {"image": IMAGE, "command": command, "resources": _cpu(WORKER_REQUEST, "2")})
 
@@ -86,9 +87,9 @@ def replicated(made: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def autoscaler(name: str, namespace: str, least: str) -> dict[str, Any]:
-    """A VerticalPodAutoscaler for that StatefulSet, in place, CPU only."""
-    own = {"containerName": "*", "controlledResources": ["cpu"], "minAllowed": {"cpu": least}}
+def autoscaler(name: str, namespace: str, resource: str, **policy: Any) -> dict[str, Any]:
+    """A VerticalPodAutoscaler for that StatefulSet, in place and of one resource, with more fields of its policy."""
+    own = {"containerName": "*", "controlledResources": [resource], **policy}
     return {
         "apiVersion": "autoscaling.k8s.io/v1",
         "kind": "VerticalPodAutoscaler",
@@ -139,9 +140,13 @@ def policy(namespace: str, names: list[str], reserve: str) -> dict[str, Any]:
 
 
 def policy_of(namespace: str, spec: dict[str, Any]) -> dict[str, Any]:
-    """The one policy of a namespace."""
-    metadata = {"name": "bench", "namespace": namespace}
-    return {"apiVersion": "contextpolicy.dev/v1alpha1", "kind": "ContextPolicy", "metadata": metadata, "spec": spec}
+    """The one policy of a namespace, under Limit unless the spec says otherwise: what is timed is a quota."""
+    return {
+        "apiVersion": "contextpolicy.dev/v1alpha1",
+        "kind": "ContextPolicy",
+        "metadata": {"name": "bench", "namespace": namespace},
+        "spec": limited(spec),
+    }
 
 
 def task(name: str, **more: Any) -> dict[str, Any]:

@@ -75,7 +75,7 @@ class Operated:
         seen = self._stopwatch.wait({self._groups[i]: cores for i, cores in wanted.items()}, began, PATIENCE)
         lower = [seen[self._groups[i]] for i, cores in wanted.items() if cores < before[i]]
         accepted, in_force = self._resized(wanted, began)
-        moments = {  # of a plan that only raises limits no decrease can be told
+        moments = {  # a plan that only raises limits has no decrease
             "sample at the operator": plan["trigger"],
             "plan on the bus": planned,
             "first patch accepted": accepted,
@@ -127,16 +127,16 @@ class Operated:
     def _resized(self, wanted: Mapping[str, float], began: float) -> tuple[float, float]:
         """When the API accepted the first of these limits, and when the status had the last of them."""
 
-        def told(messages: list[dict[str, Any]], stage: str) -> list[float]:
+        def reported(messages: list[dict[str, Any]], stage: str) -> list[float]:
             own = (m for m in messages if m["time"] >= began)  # what is heard late is of the sample before
             return [m["time"] for m in own if m["stage"] == stage and m["cores"] in wanted.values()]
 
         def complete(messages: list[dict[str, Any]]) -> bool:
-            return min(len(told(messages, stage)) for stage in ("accepted", "inForce")) >= len(wanted)
+            return min(len(reported(messages, stage)) for stage in ("accepted", "inForce")) >= len(wanted)
 
         self._applied.await_all(complete, began, PATIENCE)
         messages = [message for _, message in self._applied.since(began)]
-        return min(told(messages, "accepted")), max(told(messages, "inForce"))
+        return min(reported(messages, "accepted")), max(reported(messages, "inForce"))
 
 
 def _cores(plan: Mapping[str, Any]) -> dict[str, float]:
@@ -149,5 +149,5 @@ def _of_sample(began: float) -> Callable[[Mapping[str, Any]], bool]:
 
 
 def _is_new(plan: Mapping[str, Any]) -> bool:
-    """Whether the message tells a new plan, and not the last one again because containers were moved."""
+    """Whether the message is a new plan, and not the last one again because containers were moved."""
     return int(plan["edition"]) == 0

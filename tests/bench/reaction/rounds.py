@@ -56,7 +56,7 @@ class Contender(Protocol):
 
 
 class Rounds:
-    """The contenders that stay, and those that are made anew for each number of pods."""
+    """The contenders that stay, and those that are made again for each number of pods."""
 
     def __init__(
         self, site: Site, stopwatch: Stopwatch, journal: Journal, problems: dict[str, Any], rounds: int

@@ -59,7 +59,7 @@ class Site:
         self._start(namespace, [objects.idle_pod(name, namespace) for name in names if name not in known])
 
     def workers(self, namespace: str, wanted: Mapping[str, tuple[int, float]]) -> None:
-        """Pods that work when told to, with their number of processes and how much of a core each of these wants."""
+        """Pods that work on request, with their number of processes and how much of a core each of these wants."""
         self._namespace(namespace)
         known = self.groups[namespace]
         new = {name: settings for name, settings in wanted.items() if name not in known}
@@ -82,7 +82,7 @@ class Site:
             )
 
     def counter(self, namespace: str, name: str) -> None:
-        """A pod that counts what it computes when told to."""
+        """A pod that counts what it computes, on request."""
         self._namespace(namespace)
         if name not in self.groups[namespace]:
             self._start(namespace, [objects.counting_pod(name, namespace)])
@@ -102,6 +102,7 @@ class Site:
             "router.service.clusterIP": address,
             "watchNamespaces": f"{{{namespace}}}",
             "agent.enabled": str(agent).lower(),
+            "security.enabled": str(agent).lower(),
             "agent.podLogs": str(ROOT / "pods"),
         }
         self._end.callback(_quietly, "helm", "uninstall", namespace, "-n", namespace, "--wait", "--timeout", "60s")
@@ -125,7 +126,7 @@ class Site:
         time.sleep(1.0 if on else 2.0)
 
     def signal(self, namespace: str, names: Iterable[str], *, on: bool) -> None:
-        """Tell workers to work, or to rest."""
+        """Make workers work, or rest."""
         for name in names:
             for pid in self.groups[namespace][name].processes():
                 os.kill(pid, signal.SIGUSR1 if on else signal.SIGUSR2)

@@ -1,4 +1,4 @@
-"""When a container's CPU limit changed: the kernel tells (inotify), so nothing polls and disturbs what is measured."""
+"""When a container's CPU limit changed: the kernel reports it (inotify), so no polling disturbs what is measured."""
 
 from __future__ import annotations
 

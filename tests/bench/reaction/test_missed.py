@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests.bench import results
 from tests.bench.reaction import __main__ as command
 from tests.bench.reaction import priority, storm, transition
 from tests.bench.reaction.figures import RESIZE, Figures, medians, rounded
@@ -61,7 +62,7 @@ def stages(at):
     return [{"stage": stage, "cores": 0.2, "time": at} for stage in ("accepted", "inForce")]
 
 
-def test_every_stage_of_a_round_is_told(path):
+def test_every_stage_of_a_round_is_reported(path):
     path._plans, path._applied = Heard(PLAN), Heard(*stages(BEGAN + 0.003))
     assert path.go()["first patch accepted"] == pytest.approx(3)
 
@@ -110,7 +111,7 @@ def test_a_round_before_which_the_critical_task_had_its_limit_is_missed():
     group = Group()
     case: Any = object.__new__(transition._Case)
     case._groups, case._stopwatch = {transition.CRITICAL: group}, SimpleNamespace(forget=lambda: None)
-    reaction = case._reaction("Prompt", lambda: case._told(BEGAN, {group: 0.2}, {group: 0.2}, None))
+    reaction = case._reaction("Prompt", lambda: case._reaction_of(BEGAN, {group: 0.2}, {group: 0.2}, None))
     assert "missed" in reaction
 
 
@@ -149,7 +150,8 @@ def test_figures_are_written_whatever_ends_the_run(monkeypatch, tmp_path):
         journal.once("control: Limit", lambda: [{"control": "Limit"}])
         raise KeyError("first patch accepted")
 
-    monkeypatch.setattr(command, "OUTPUT", tmp_path)
+    for module in (command, results):
+        monkeypatch.setattr(module, "OUTPUT", tmp_path)
     monkeypatch.setattr(command, "_measure", measure)
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     monkeypatch.setattr(sys, "argv", ["reaction", "--only", "control"])

@@ -157,7 +157,7 @@ class _Case:
         work, before = self._work.during(time.time(), WINDOW), self._limits()
         began, wanted = self._path.react()
         self._plans = [rests, {name: wanted[group] for name, group in self._groups.items()}]
-        return self._told(began, before, wanted, work)
+        return self._reaction_of(began, before, wanted, work)
 
     def _patched(self) -> Reaction:
         rests, runs = self._plans
@@ -167,13 +167,13 @@ class _Case:
             before, began = self._limits(), time.time()
             work = self._work.during(began, WINDOW)
             patches.send(dict(sorted(runs.items(), key=lambda item: item[1] - before[self._groups[item[0]]])))
-            return self._told(began, before, {self._groups[name]: cores for name, cores in runs.items()}, work)
+            return self._reaction_of(began, before, {self._groups[name]: cores for name, cores in runs.items()}, work)
 
     def _patch(self, limits: Mapping[str, float]) -> None:
         with closing(BarePatch(PLAIN, self._groups, self._stopwatch)) as patches:
             patches.send(limits)
 
-    def _told(
+    def _reaction_of(
         self, began: float, before: Mapping[Cgroup, float], wanted: Mapping[Cgroup, float], work: Measured
     ) -> Reaction:
         moved = {group: cores for group, cores in wanted.items() if abs(cores - before[group]) > EXACT}

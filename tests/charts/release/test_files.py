@@ -126,7 +126,7 @@ def test_a_key_is_made_once_and_only_its_owner_may_read_it(tmp_path):
     assert key.stat().st_mode & 0o777 == 0o600
 
 
-def test_what_is_no_key_is_told(tmp_path):
+def test_an_invalid_key_is_reported(tmp_path):
     key = tmp_path / "key"
     key.write_text("secret")
     with pytest.raises(ClusterError, match=f"{key}: not a private key in PEM"):

@@ -1,4 +1,4 @@
-"""The version stands in one place; whoever repeats it is told."""
+"""The version stands in one place, and copies of it are found."""
 
 from __future__ import annotations
 
@@ -44,6 +44,6 @@ def test_what_was_unreleased_becomes_its_section(tree):
     assert source.notes(changelog, "0.2.0") == "# contextpolicy 0.2.0\n\n### Added\n\n- New.\n"
 
 
-@pytest.mark.parametrize(("wanted", "told"), [("0.1.0", "- Old."), ("0.3.0", "- New.")])
-def test_the_notes_are_the_versions_or_else_what_is_unreleased(wanted, told):
-    assert source.notes(CHANGELOG, wanted) == f"# contextpolicy {wanted}\n\n### Added\n\n{told}\n"
+@pytest.mark.parametrize(("wanted", "expected"), [("0.1.0", "- Old."), ("0.3.0", "- New.")])
+def test_the_notes_are_the_versions_or_else_what_is_unreleased(wanted, expected):
+    assert source.notes(CHANGELOG, wanted) == f"# contextpolicy {wanted}\n\n### Added\n\n{expected}\n"

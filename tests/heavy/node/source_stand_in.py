@@ -1,4 +1,4 @@
-"""What Flux' source-controller does for a Git repository: each commit as an archive on a web server, and who told so.
+"""What Flux' source-controller does for a Git repository: each commit becomes an archive on a web server.
 
 The controller itself can't be built here: a Go module that it needs is in no module proxy.
 """
@@ -54,7 +54,7 @@ def definitions():
 
 
 class Repository:
-    """A Git repository; what is committed is told to the cluster as a GitRepository's artifact."""
+    """A Git repository; what is committed is announced to the cluster as a GitRepository's artifact."""
 
     def __init__(self, folder, name, namespace):
         self.tree, self._artifacts = folder / "tree", folder / "artifacts"
@@ -88,13 +88,13 @@ class Repository:
             message,
         )
         commit = self._git("rev-parse", "HEAD").decode().strip()
-        self._tell(f"main@sha1:{commit}", f"{commit}.tar.gz", self._git("archive", "--format=tar.gz", "HEAD"))
+        self._announce(f"main@sha1:{commit}", f"{commit}.tar.gz", self._git("archive", "--format=tar.gz", "HEAD"))
         return f"main@sha1:{commit}"
 
     def _git(self, *arguments):
         return subprocess.run(["git", "-C", self.tree, *arguments], capture_output=True, check=True, timeout=60).stdout
 
-    def _tell(self, revision, file, archive):
+    def _announce(self, revision, file, archive):
         (self._artifacts / file).write_bytes(archive)
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         metadata = {"name": self._name, "namespace": self._namespace}

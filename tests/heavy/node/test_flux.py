@@ -61,7 +61,7 @@ def controller(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def repository(controller, tmp_path_factory):  # noqa: ARG001 - tells the controller, once it is there
+def repository(controller, tmp_path_factory):  # noqa: ARG001 - announces to the controller, once it is there
     repository = Repository(tmp_path_factory.mktemp("git"), NAME, SYSTEM)
     yield repository
     repository.close()
@@ -109,8 +109,8 @@ def deployment(namespace):
 def ready():
     """Which revision Flux has tried, whether it calls it ready, and its reason."""
     status = get(KIND, NAME, SYSTEM).get("status", {})
-    told: dict[str, str] = next((one for one in status.get("conditions", []) if one["type"] == "Ready"), {})
-    return status.get("lastAttemptedRevision"), told.get("status"), told.get("reason")
+    reported: dict[str, str] = next((one for one in status.get("conditions", []) if one["type"] == "Ready"), {})
+    return status.get("lastAttemptedRevision"), reported.get("status"), reported.get("reason")
 
 
 def reconciled(revision, verdict="True", reason="ReconciliationSucceeded"):
@@ -130,7 +130,7 @@ def test_a_commit_changes_the_cgroup(synced, robot):
     robot.expect(slam=490, speech=10)
 
 
-def test_resizes_are_no_drift(synced, robot):
+def test_resizes_are_not_drift(synced, robot):
     with_arm = policy(robot.namespace, tasks=[*policy(robot.namespace)["spec"]["tasks"], arm_task()])
     reconciled(synced.commit("Govern the arm", policy=with_arm))
     until("the arm's limit has moved", lambda: limit("arm", robot.namespace) not in ("", "500m"))
@@ -143,7 +143,7 @@ def test_resizes_are_no_drift(synced, robot):
     assert ready()[1] == "True"
 
 
-def test_a_silent_sensor_is_no_failure_of_the_policy(synced, robot):
+def test_a_silent_sensor_is_not_a_failure_of_the_policy(synced, robot):
     robot.sensors.read(f"{robot.namespace}/imu", None)
     until("the stream is silent", lambda: robot.condition("StreamsHealthy")[0] == "False")
     reconciled(synced.commit("Say more", policy=policy(robot.namespace), notes=notes(robot.namespace)))

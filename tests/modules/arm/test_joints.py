@@ -74,7 +74,7 @@ def test_every_limit_in_the_way_is_named():
     )
 
 
-def test_all_that_is_wrong_with_a_configuration_is_told_at_once(tmp_path):
+def test_all_mistakes_in_a_configuration_are_reported_at_once(tmp_path):
     path = changed(
         tmp_path, links_mm__forearm="long", joints__base__channel=24, joints__elbow__angle_deg=[1], bend_deg=None
     )
@@ -99,19 +99,19 @@ def test_all_that_is_wrong_with_a_configuration_is_told_at_once(tmp_path):
         ({"home_mm": [500, 0, 0]}, "home_mm: position"),
     ],
 )
-def test_what_makes_no_sense_is_refused(tmp_path, changes, problem):
+def test_invalid_input_is_refused(tmp_path, changes, problem):
     with pytest.raises(ConfigurationError, match=problem):
         load_arm(changed(tmp_path, **changes))
 
 
 @pytest.mark.parametrize("text", ["", "[1, 2]", "a: [", "\x00", "joints: 3"])
-def test_a_file_that_is_no_configuration_is_told(tmp_path, text):
+def test_an_invalid_configuration_is_reported(tmp_path, text):
     file = tmp_path / "arm.yaml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigurationError, match=r"arm\.yaml"):
         load_arm(file)
 
 
-def test_a_missing_file_is_told(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(ConfigurationError, match="No such file"):
         load_arm(tmp_path / "arm.yaml")

@@ -21,7 +21,7 @@ LINKS = Links(upper_arm=80, forearm=80, offset=68)
         (Angles(0, 90, 90), (68, 0, 160)),
     ],
 )
-def test_postures_whose_place_anybody_can_tell(angles, point):
+def test_postures_whose_place_is_obvious(angles, point):
     assert forward(LINKS, angles) == pytest.approx(point, abs=1e-9)
 
 
@@ -46,6 +46,6 @@ def test_any_point_is_reached_exactly_or_refused(x, y, z):
         assert forward(LINKS, angles) == pytest.approx((x, y, z), abs=1e-6)
 
 
-def test_a_point_too_far_away_is_told_with_what_the_arm_spans():
+def test_a_point_too_far_away_is_reported_with_what_the_arm_spans():
     with pytest.raises(Unreachable, match=r"position \(400, 0, 0\): 332 mm .* spans 0 to 160"):
         inverse(LINKS, (400, 0, 0))

@@ -32,7 +32,7 @@ def test_orders():
     assert goal["grip"] == 0
 
 
-def test_an_order_may_tell_when_it_was_given():
+def test_an_order_may_have_a_timestamp():
     """As the player writes into all that it publishes."""
     assert parsed({"grip": "closed", "stamp": 1795362405239985872}) == {**HOME, "grip": 0}
 
@@ -52,12 +52,12 @@ def test_an_order_may_tell_when_it_was_given():
         ({"grip": 91}, "grip: 91.0 degrees, allowed are 0 to 90"),
     ],
 )
-def test_an_order_that_makes_no_sense_is_told(document, problem):
+def test_an_invalid_order_is_reported(document, problem):
     with pytest.raises(MessageError, match=problem):
         parsed(document)
 
 
-def test_what_is_no_json_is_told():
+def test_invalid_json_is_reported():
     with pytest.raises(MessageError, match="not JSON"):
         parse_order(b"\xff{", ARM, HOME)
 

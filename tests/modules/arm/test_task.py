@@ -86,7 +86,7 @@ def an_arm(device=None):
     assert not thread.is_alive()
 
 
-def test_it_moves_to_a_point_and_tells_where_it_is():
+def test_it_moves_to_a_point_and_publishes_where_it_is():
     with an_arm() as world:
         world.next("resting")
         world.order(AWAY)
@@ -145,7 +145,7 @@ def test_an_arm_that_was_left_somewhere_moves_on_from_there():
         assert world.next("resting")["position"] == pytest.approx([120, -60, 50], abs=0.5)
 
 
-def test_what_does_not_answer_is_told(monkeypatch):
+def test_a_silent_device_is_reported(monkeypatch):
     monkeypatch.setattr(controller, "ANSWER_S", 0.1)
     device = Maestro()
     monkeypatch.setattr(device, "receive", lambda _: b"")
@@ -153,7 +153,7 @@ def test_what_does_not_answer_is_told(monkeypatch):
         assert "no answer to a1 " in str(world.results.get(timeout=PATIENCE))
 
 
-def test_an_arm_that_is_unplugged_while_it_rests_is_told(monkeypatch):
+def test_an_arm_that_is_unplugged_while_it_rests_is_reported(monkeypatch):
     with an_arm() as world:
         world.next("resting")
         monkeypatch.setattr(controller, "ANSWER_S", 0.1)

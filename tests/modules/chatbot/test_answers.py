@@ -38,45 +38,45 @@ def chatbot():
     return Chatbot()
 
 
-def tell(chatbot, name, message, at, key=""):
+def send(chatbot, name, message, at, key=""):
     payload = json.dumps(message).encode()
     return chatbot.process(Received(payload, round(at * S), 0, name, "json", "", key))
 
 
 def ask(chatbot, text, at):
-    (result,) = tell(chatbot, "question", {"text": text, "final": True}, at)
+    (result,) = send(chatbot, "question", {"text": text, "final": True}, at)
     assert result.value["question"] == text
     return result.value["text"]
 
 
 def test_where_are_you(chatbot):
-    tell(chatbot, "pose", {"position": [3.0, -4.0, 0.0], "inliers": 200}, 10)
+    send(chatbot, "pose", {"position": [3.0, -4.0, 0.0], "inliers": 200}, 10)
     assert ask(chatbot, "where are you", 11) == (
         "I am at x 3.0, y -4.0, z 0.0 metres from where I started, 5.0 metres away."
     )
 
 
-def test_an_old_place_is_told_as_old(chatbot):
-    tell(chatbot, "pose", {"position": [0, 0, 0]}, 10)
+def test_an_old_place_is_called_old(chatbot):
+    send(chatbot, "pose", {"position": [0, 0, 0]}, 10)
     assert "but that was 30 seconds ago" in ask(chatbot, "Where are you?", 40)
 
 
 def test_a_lost_robot_says_so(chatbot):
     assert "do not know" in ask(chatbot, "where are you now", 1)
-    tell(chatbot, "pose", {"position": [0, 0, 0], "inliers": 0}, 10)
+    send(chatbot, "pose", {"position": [0, 0, 0], "inliers": 0}, 10)
     assert "lost my way" in ask(chatbot, "where are you", 10)
 
 
 def test_what_are_you_doing(chatbot):
-    tell(chatbot, "plan", plan(1, MOVING, ["moving"]), 5)
+    send(chatbot, "plan", plan(1, MOVING, ["moving"]), 5)
     assert ask(chatbot, "what are you doing", 6) == "Context moving: I run slam with 1.69 cores. Paused: speech."
 
 
 def test_why_did_you_stop_listening_is_answered_when_it_listens_again(chatbot):
-    tell(chatbot, "plan", plan(1, BOTH), 0)
-    tell(chatbot, "plan", plan(2, MOVING, ["moving"], "imu: context moving entered"), 10)
-    tell(chatbot, "plan", plan(3, MOVING, ["moving"], "mic: level"), 12)
-    tell(chatbot, "plan", plan(4, BOTH, cause="imu: context moving exited"), 21)
+    send(chatbot, "plan", plan(1, BOTH), 0)
+    send(chatbot, "plan", plan(2, MOVING, ["moving"], "imu: context moving entered"), 10)
+    send(chatbot, "plan", plan(3, MOVING, ["moving"], "mic: level"), 12)
+    send(chatbot, "plan", plan(4, BOTH, cause="imu: context moving exited"), 21)
     assert ask(chatbot, "why did you stop listening", 25) == (
         "speech was paused from 15 seconds ago until 4 seconds ago, because context moving suspends it."
         " It began with: imu: context moving entered."
@@ -87,43 +87,43 @@ def test_why_did_you_stop_listening_is_answered_when_it_listens_again(chatbot):
     "question", ["why are you not listening", "why is speech suspended", "why have you stopped hearing"]
 )
 def test_a_pause_that_lasts(chatbot, question):
-    tell(chatbot, "plan", plan(1, MOVING, ["moving"]), 10)
+    send(chatbot, "plan", plan(1, MOVING, ["moving"]), 10)
     assert ask(chatbot, question, 13).startswith("speech has been paused for 3 seconds, because context moving")
 
 
 def test_what_never_stopped(chatbot):
-    tell(chatbot, "plan", plan(1, BOTH), 0)
+    send(chatbot, "plan", plan(1, BOTH), 0)
     assert ask(chatbot, "why did you stop listening", 1).startswith("I did not stop: speech has 0.85 cores")
 
 
 def test_what_the_robot_does_not_do(chatbot):
-    tell(chatbot, "plan", plan(1, BOTH), 0)
+    send(chatbot, "plan", plan(1, BOTH), 0)
     assert ask(chatbot, "why did you stop dancing", 1) == 'I have no task for "dancing". I know slam and speech.'
 
 
 def test_how_are_you(chatbot):
     assert "do not know" in ask(chatbot, "how are you", 1)
-    tell(chatbot, "health", {"misses": 0.25}, 2, "robot/slam/health")
-    tell(chatbot, "health", {"misses": 0.0}, 2, "robot/speech/health")
+    send(chatbot, "health", {"misses": 0.25}, 2, "robot/slam/health")
+    send(chatbot, "health", {"misses": 0.0}, 2, "robot/speech/health")
     assert ask(chatbot, "how are you", 3) == "Not so well: slam is late with 25% of its work."
-    tell(chatbot, "health", {"misses": 0}, 3, "robot/slam/health")
+    send(chatbot, "health", {"misses": 0}, 3, "robot/slam/health")
     assert ask(chatbot, "how are you", 4) == "I am well: slam and speech are on time."
 
 
 def test_an_older_plan_and_a_dry_run_say_nothing(chatbot):
-    tell(chatbot, "plan", plan(5, BOTH), 0)
-    tell(chatbot, "plan", plan(4, MOVING), 1)
-    tell(chatbot, "plan", plan(6, MOVING, mode="DryRun"), 2)
+    send(chatbot, "plan", plan(5, BOTH), 0)
+    send(chatbot, "plan", plan(4, MOVING), 1)
+    send(chatbot, "plan", plan(6, MOVING, mode="DryRun"), 2)
     assert "I run slam with 0.85 cores and speech with 0.85 cores." in ask(chatbot, "what are you doing", 3)
 
 
-def test_what_it_does_not_understand_it_says():
+def test_it_answers_that_it_did_not_understand():
     assert answer("", Memory(), 0).startswith("I did not understand")
     assert "Ask me where I am" in answer("sing a song", Memory(), 0)
 
 
-def test_an_unfinished_transcript_is_no_question(chatbot):
-    assert tell(chatbot, "question", {"text": "where are", "final": False}, 1) == []
+def test_an_unfinished_transcript_is_not_a_question(chatbot):
+    assert send(chatbot, "question", {"text": "where are", "final": False}, 1) == []
 
 
 @pytest.mark.parametrize(
@@ -140,4 +140,4 @@ def test_an_unfinished_transcript_is_no_question(chatbot):
 )
 def test_a_broken_message_is_refused(chatbot, name, message):
     with pytest.raises(MessageError):
-        tell(chatbot, name, message, 1, "robot/slam/health")
+        send(chatbot, name, message, 1, "robot/slam/health")

@@ -1,4 +1,4 @@
-"""Machines as folders: a Raspberry Pi 4, a laptop, and one that tells nothing."""
+"""Machines as folders: a Raspberry Pi 4, a laptop, and one without sensors."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_a_core_that_was_throttled_since_the_last_look(machine):
         ({"sys/class/thermal/thermal_zone0/temp": "hot\n"}, None),
     ],
 )
-def test_other_places_where_heat_is_told(machine, files, temperature):
+def test_other_temperature_files(machine, files, temperature):
     assert machine(files).read().temperature == temperature
 
 
@@ -105,7 +105,7 @@ def test_a_capacity_in_percent(machine):
     assert machine(files).read().battery == Battery(1.0, charging=True)
 
 
-def test_a_machine_that_tells_nothing_is_no_failure(machine):
+def test_a_machine_without_sensors_is_not_a_failure(machine):
     reading = machine({"proc/pressure/cpu": "", "proc/meminfo": "nonsense", "proc/loadavg": "x"}).read()
     assert {reading.temperature, reading.frequency, reading.throttled, reading.load, reading.memory} == {None}
 

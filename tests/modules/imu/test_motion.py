@@ -38,14 +38,14 @@ def after(*parts):
     return [detector.feed(sample) for part in parts for sample in part][-1]
 
 
-def test_standing_and_moving_are_told_apart_in_the_corridor(sequence):
+def test_standing_and_moving_are_distinguished_in_the_corridor(sequence):
     mav0 = euroc.find(sequence)
     truth = euroc.truth(mav0)
     assert truth is not None
     confusion = accuracy.compare(euroc.imu(mav0), truth)
     assert confusion.recall("still") > 0.93  # it needs up to half a second to be sure that the robot has stopped
-    standing_told = sum(confusion.counts[motion, "still"] for motion in ("moving", "turning"))
-    assert standing_told / confusion.counts.total() < 0.003
+    standing_reported = sum(confusion.counts[motion, "still"] for motion in ("moving", "turning"))
+    assert standing_reported / confusion.counts.total() < 0.003
     assert min(confusion.recall("turning"), confusion.recall("moving")) > 0.8
     assert confusion.accuracy > 0.88
 
@@ -56,7 +56,7 @@ def test_the_command_prints_the_table(sequence, capsys):
     assert accuracy.main([str(sequence / "nowhere")]) == 2
 
 
-def test_too_little_tells_nothing():
+def test_too_little_reports_nothing():
     assert after(samples(7)) is None
 
 
@@ -77,7 +77,7 @@ def test_a_smooth_turn_is_a_turn_also_when_the_sensor_is_mounted_on_its_side():
     assert motion.rate == pytest.approx(0.3, abs=0.01)
 
 
-def test_leaning_is_no_turn():
+def test_leaning_is_not_a_turn():
     lean = samples(100, gyro=(0.3, 0.0, 0.0), start=10**9, noise=0.002)
     assert after(samples(200, noise=0.002), lean).state is State.MOVING
 
@@ -94,7 +94,7 @@ def test_a_gap_or_a_clock_that_goes_back_starts_afresh(start):
     assert after(samples(200), samples(3, start=start)) is None
 
 
-def test_the_task_tells_50_times_a_second_at_any_rate():
+def test_the_task_publishes_50_times_a_second_at_any_rate():
     task = Imu()
     text = '{{"stamp": {0}, "gyro": [0, 0, 0], "accel": [0, 0, 9.81]}}'
     raw = [Received(text.format(index * 5 * MS).encode(), 0, 0) for index in range(40)]

@@ -59,7 +59,7 @@ def test_a_node_bit_by_bit():
         bytes([0b01, 0xFF, 0xFF, 0, 0]),  # 511 degrees
     ],
 )
-def test_check_bits_refuse_what_is_no_node(data):
+def test_check_bits_refuse_an_invalid_node(data):
     assert decode_node(data) is None
 
 

@@ -8,9 +8,9 @@ from modules.lidar.rplidar import Capsule, Node
 from modules.lidar.scan import BINS, RUN, CapsuleParser, NodeParser, Turns, ranges
 
 
-def a_turn(*, step=1.0, distance=1000.0, first=0.0):
+def a_turn(*, step=1.0, distance=1000.0):
     count = round(360 / step)
-    return [Node((first + index * step) % 360, distance, 15, start=index == 0) for index in range(count)]
+    return [Node(index * step, distance, 15, start=index == 0) for index in range(count)]
 
 
 def wire(nodes):
@@ -46,8 +46,8 @@ def test_noise_alone_is_never_an_error_and_is_not_kept(noise):
     assert len(parser._buffer) < RUN * 5
 
 
-def capsules(count, *, step=0.5):
-    return [Capsule((index * 32 * step) % 360, (1000 + index,) * 32, (0,) * 32, index == 0) for index in range(count)]
+def capsules(count):
+    return [Capsule(index * 16.0 % 360, (1000 + index,) * 32, (0,) * 32, index == 0) for index in range(count)]
 
 
 def test_capsules_give_nodes_one_capsule_late():
@@ -67,7 +67,7 @@ def test_after_lost_and_added_bytes_it_finds_the_capsules_again(at, lost, noise)
 
 
 @given(st.binary(max_size=600))
-def test_noise_is_no_capsule(noise):
+def test_noise_is_not_a_capsule(noise):
     parser = CapsuleParser()
     parser.feed(noise)
     assert len(parser._buffer) < 84

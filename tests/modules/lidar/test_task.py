@@ -25,7 +25,7 @@ def _patience(monkeypatch):
 
 
 class Witness(RplidarA1):
-    """A lidar that can be noisy or ill, and tells when its scan ends."""
+    """A lidar that can be noisy or broken, and reports when its scan ends."""
 
     def __init__(self):
         super().__init__(lambda angle: seen(ROOM, 0, 0, -math.radians(angle)))
@@ -91,7 +91,7 @@ def test_a_lidar_that_is_mounted_backward_shows_the_same_room():
 
 
 @pytest.mark.parametrize("mode", scanner.MODES)
-def test_noise_on_the_line_is_counted_and_the_scans_go_on(mode, monkeypatch):
+def test_noise_on_the_line_is_counted_and_the_scans_continue(mode, monkeypatch):
     monkeypatch.setattr(scanner, "ANSWER_S", 1.0)  # before it begins it waits that long for the noise to end
     device = Witness()
     device.noise = b"\x13\xa5"
@@ -116,14 +116,14 @@ def test_a_lidar_that_protects_itself_is_reset():
         assert results.get(timeout=PATIENCE)["samples"] > 300
 
 
-def test_a_lidar_that_is_ill_also_after_a_reset_is_told():
+def test_a_lidar_that_fails_again_after_a_reset_is_reported():
     device = Witness()
     device.health, device.lasting = Health(PROTECTING, 0x8001), True
     with scans(device) as results:
         assert "protects itself, error code 0x8001" in str(results.get(timeout=PATIENCE))
 
 
-def test_a_lidar_that_falls_silent_is_told(monkeypatch):
+def test_a_lidar_that_falls_silent_is_reported(monkeypatch):
     device = Witness()
     with scans(device) as results:
         results.get(timeout=PATIENCE)
@@ -131,13 +131,13 @@ def test_a_lidar_that_falls_silent_is_told(monkeypatch):
         for _ in range(5):  # what was read before has at most three turns: the new patience holds
             results.get(timeout=PATIENCE)
         device.receive(rplidar.STOP)
-        told = results.get(timeout=PATIENCE)
-        while not isinstance(told, DeviceError):
-            told = results.get(timeout=PATIENCE)
-    assert "no samples for 0.2 s" in str(told)
+        reported = results.get(timeout=PATIENCE)
+        while not isinstance(reported, DeviceError):
+            reported = results.get(timeout=PATIENCE)
+    assert "no samples for 0.2 s" in str(reported)
 
 
-def test_what_does_not_answer_is_told(monkeypatch):
+def test_a_silent_device_is_reported(monkeypatch):
     monkeypatch.setattr(scanner, "ANSWER_S", 0.1)
     device = Witness()
     monkeypatch.setattr(device, "receive", lambda _: b"")
@@ -145,7 +145,7 @@ def test_what_does_not_answer_is_told(monkeypatch):
         assert "no answer to a5 52 within 0.1 s" in str(results.get(timeout=PATIENCE))
 
 
-def test_all_that_is_wrong_with_the_environment_is_told_at_once():
+def test_all_mistakes_in_the_environment_are_reported_at_once():
     with pytest.raises(ConfigurationError) as caught:
         build({"LIDAR_MODE": "fast", "LIDAR_FORWARD": "nan"})
     assert str(caught.value) == (

@@ -28,7 +28,7 @@ def test_a_controller_that_steers_is_not_lost():
         assert not watch.lost(now + PATIENCE / 3)
 
 
-def test_silence_while_the_wheels_turn_is_told_once():
+def test_silence_while_the_wheels_turn_is_reported_once():
     watch = Watch()
     watch.hear(FORWARD, 0.0)
     assert watch.patience(0.2) == PATIENCE - 0.2
@@ -83,7 +83,7 @@ class Witness(Create2):
     def __init__(self):
         super().__init__()
         self._changes: Queue[bool] = Queue()
-        self._turning, self._told = False, False
+        self._turning, self._shown = False, False
         self.receive(oi.START + oi.SAFE)
 
     def receive(self, data):
@@ -98,8 +98,8 @@ class Witness(Create2):
 
     def wait_for(self, *, turning):
         """From the change on that was waited for last."""
-        while self._told != turning:
-            self._told = self._changes.get(timeout=waiting.PATIENCE)
+        while self._shown != turning:
+            self._shown = self._changes.get(timeout=waiting.PATIENCE)
 
     def _notice(self):
         if any(self.wheels) != self._turning:
@@ -130,7 +130,7 @@ def test_wheels_that_a_dead_controller_left_turning_stand():
         robot.wait_for(turning=False)
 
 
-def test_wheels_stand_when_the_controller_is_silent_and_turn_again_when_it_is_back():
+def test_wheels_stop_while_the_controller_is_silent():
     with a_guarded_robot() as (robot, _, connect), connect() as controller:
         controller.sendall(FORWARD)
         robot.wait_for(turning=True)

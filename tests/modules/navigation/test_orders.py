@@ -43,13 +43,13 @@ def test_orders():
         (json.dumps({"waypoints": [[0, 0]] * 1001}).encode(), "1001 of them, at most 1000"),
     ],
 )
-def test_an_order_that_makes_no_sense_is_told(payload, problem):
+def test_an_invalid_order_is_reported(payload, problem):
     with pytest.raises(MessageError, match=problem):
         parse_order(payload, 0)
 
 
 @pytest.mark.parametrize("payload", [b"{}", b'{"ranges": []}', b'{"ranges": [1, null]}', b'{"ranges": [-1]}', b"3"])
-def test_a_scan_that_makes_no_sense_is_told(payload):
+def test_an_invalid_scan_is_reported(payload):
     with pytest.raises(MessageError, match=r"scan: .* allowed is"):
         parse_ranges(payload)
 

@@ -49,7 +49,7 @@ def test_blind_it_stands_until_it_sees_again():
     assert pilot.move(ORIGIN, [sensors()], late) != STILL
 
 
-def test_who_never_saw_a_scan_does_not_drive():
+def test_the_robot_does_not_drive_before_a_scan():
     pilot = Pilot()
     pilot.follow(Route([(5, 0)]), 0.0)
     assert pilot.move(ORIGIN, [sensors()], 0.0) == STILL
@@ -85,7 +85,7 @@ def test_a_robot_that_is_just_being_armed_is_not_disarmed():
     assert pilot.move(ORIGIN, [sensors(mode=packets.PASSIVE)], ARMING_S / 2) != STILL
 
 
-def test_whoever_steers_by_hand_must_go_on_saying_so():
+def test_manual_control_expires_without_heartbeat():
     pilot = a_pilot(Drive(Motion(0.1, 0.2), until=DRIVE_PATIENCE))
     assert pilot.move(ORIGIN, [sensors()], 0.4) == Motion(0.1, 0.2)
     assert pilot.move(ORIGIN, [sensors()], DRIVE_PATIENCE + 0.01) == STILL

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import struct
 
 import pytest
 from hypothesis import given
@@ -8,7 +9,7 @@ from hypothesis import strategies as st
 
 from modules.navigation import open_interface as oi
 from modules.navigation import packets
-from modules.navigation.odometry import Odometry
+from modules.navigation.odometry import WHEEL_BASE, Odometry
 from modules.navigation.open_interface import Command, Opcode
 from modules.navigation.packets import Reading, StreamParser
 from modules.navigation.simulator import BOOT_MESSAGE, SPEED_STEP, Body, Create2
@@ -167,5 +168,72 @@ def test_odometry_follows_the_simulated_robot_within_its_counts():
             robot.advance(robot.period)
             values = robot.values()
             odometry.update(values[packets.LEFT_ENCODER], values[packets.RIGHT_ENCODER])
-    true, told = robot.body.pose, odometry.pose
-    assert math.dist((true.x, true.y), (told.x, told.y)) < 0.002 * odometry.travelled
+    true, reported = robot.body.pose, odometry.pose
+    assert math.dist((true.x, true.y), (reported.x, reported.y)) < 0.002 * odometry.travelled
+
+
+def asked(robot, packet, code="h"):
+    (value,) = struct.unpack(f">{code}", robot.receive(oi.sensors(packet)))
+    return value
+
+
+def test_distance_and_angle_count_since_they_were_last_sent():
+    robot = a_robot()
+    robot.receive(oi.drive_direct(right=200, left=200))
+    run(robot, 1.5)
+    assert asked(robot, packets.DISTANCE) == pytest.approx(300, abs=15)
+    assert asked(robot, packets.DISTANCE) == 0
+    assert asked(robot, packets.ANGLE) == 0
+    robot.receive(oi.drive_direct(right=100, left=-100))
+    run(robot, 1.5)
+    assert asked(robot, packets.ANGLE) == pytest.approx(math.degrees(0.3 / WHEEL_BASE), rel=0.2)
+    assert asked(robot, packets.DISTANCE) == 0
+    robot.receive(oi.drive_direct(right=-200, left=-200))
+    run(robot, 0.3)
+    assert asked(robot, packets.DISTANCE) < 0
+
+
+def test_nothing_is_lost_between_two_answers():
+    robot = a_robot()
+    robot.receive(oi.drive_direct(right=100, left=100))
+    reported = 0
+    for _ in range(100):
+        robot.advance(robot.period)
+        reported += asked(robot, packets.DISTANCE)
+    assert reported == pytest.approx(100 * robot.period * 114, abs=1)  # the controller's step next to 100 mm/s
+
+
+def test_a_distance_that_no_packet_holds_is_capped():
+    robot = a_robot(mode=oi.FULL)
+    robot.receive(oi.drive_direct(right=500, left=500))
+    run(robot, 75)
+    assert asked(robot, packets.DISTANCE) == 32767
+
+
+def test_what_was_asked_for_is_what_was_asked_and_not_what_the_wheels_do():
+    robot = a_robot()
+    robot.receive(oi.drive(velocity=203, radius=500))
+    assert (asked(robot, packets.REQUESTED_VELOCITY), asked(robot, packets.REQUESTED_RADIUS)) == (203, 500)
+    robot.receive(oi.drive_direct(right=-7, left=11))
+    assert (asked(robot, packets.REQUESTED_RIGHT), asked(robot, packets.REQUESTED_LEFT)) == (-7, 11)
+
+
+def test_a_song_plays_as_long_as_its_notes():
+    robot = a_robot()
+    robot.receive(Command(Opcode.PLAY, (2,)).encode())
+    assert asked(robot, packets.SONG_PLAYING, "B") == 0  # nobody wrote it
+    robot.receive(Command(Opcode.SONG, (2, 60, 32, 64, 32)).encode())  # one second
+    robot.receive(Command(Opcode.SONG, (3, 60, 1)).encode())
+    robot.receive(Command(Opcode.PLAY, (2,)).encode())
+    run(robot, 0.9)
+    robot.receive(Command(Opcode.PLAY, (3,)).encode())  # ignored while one plays
+    assert (asked(robot, packets.SONG_NUMBER, "B"), asked(robot, packets.SONG_PLAYING, "B")) == (2, 1)
+    run(robot, 0.2)
+    assert asked(robot, packets.SONG_PLAYING, "B") == 0
+
+
+def test_in_passive_mode_nothing_plays_and_nothing_is_requested():
+    robot = Create2()
+    robot.receive(oi.START + Command(Opcode.SONG, (0, 60, 64)).encode() + Command(Opcode.PLAY, (0,)).encode())
+    robot.receive(oi.drive_direct(right=100, left=100))
+    assert (asked(robot, packets.SONG_PLAYING, "B"), asked(robot, packets.REQUESTED_RIGHT)) == (0, 0)

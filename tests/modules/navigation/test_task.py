@@ -106,7 +106,7 @@ def watch(world):
         world.navigation.process(received("scan", {"ranges": free}))
 
 
-def test_it_drives_and_tells_how_far():
+def test_it_drives_and_publishes_how_far():
     with a_driving_robot() as world:
         where = world.next("odometry", forward=0.2)
         state = world.next("state", doing="driving")
@@ -147,7 +147,7 @@ def test_before_a_wall_it_stands_without_touching_it():
         assert 0.05 < world.robot.body.pose.x < 0.5 - 0.174
 
 
-def test_lifted_it_stands_until_it_is_told_again():
+def test_lifted_it_stands_until_the_next_order():
     with a_driving_robot() as world:
         world.robot.drops = packets.DROP_LEFT | packets.DROP_RIGHT
         world.next("state", doing="lifted", mode="passive")
@@ -163,7 +163,7 @@ def test_a_robot_that_falls_silent_is_a_device_error():
         assert "no sensor data for 1 s; is the robot on?" in str(world.failed.get(timeout=PATIENCE))
 
 
-def test_noise_on_the_line_is_counted_and_the_drive_goes_on():
+def test_noise_on_the_line_is_counted_and_the_drive_continues():
     with a_driving_robot() as world:
         encode, noisy = world.robot._frame.encode, iter(range(10**6))
         world.robot._frame.encode = lambda values: encode(values)[next(noisy) % 3 == 0 :] + b"\x13\x24"

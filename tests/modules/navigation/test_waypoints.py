@@ -13,10 +13,10 @@ STEP = 0.05
 COORDINATE = st.floats(-3, 3)
 
 
-def driven(waypoints, pose, *, seconds=240):
+def driven(waypoints, pose):
     """Follow the route with perfect wheels and give the last pose and the time it took."""
     route = Route(waypoints)
-    for step in range(round(seconds / STEP)):
+    for step in range(round(240 / STEP)):
         motion = route.next_motion(pose)
         if motion is None:
             return pose, step * STEP

@@ -6,7 +6,7 @@ import pytest
 
 from robotkit import ask
 from tests.modules.robotkit.bus import router
-from tests.modules.robotkit.test_runner import ECHO, Echo, running
+from tests.modules.robotkit.world import ECHO, Echo, running
 from tests.waiting import PATIENCE
 
 
@@ -19,7 +19,7 @@ def test_a_running_task_answers(what, field, capsys, monkeypatch):
     assert field in json.loads(capsys.readouterr().out)
 
 
-def test_a_task_that_does_not_run_is_told(capsys, monkeypatch):
+def test_a_task_that_does_not_run_is_reported(capsys, monkeypatch):
     monkeypatch.setattr(ask, "PATIENCE_S", 0.1)
     with router() as address:
         assert ask.main(["nobody", "profile", "--connect", address]) == 1

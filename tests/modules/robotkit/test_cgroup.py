@@ -29,13 +29,13 @@ def test_every_layout_is_found(tmp_path, own, stat, text):
     assert throttling(found) == Throttling(20, 5)
 
 
-def test_without_a_limit_there_is_nothing_to_tell(tmp_path):
+def test_without_a_limit_there_is_nothing_to_report(tmp_path):
     (tmp_path / "cpu.stat").write_text(UNLIMITED)
     assert find_cpu_stat(tmp_path, tmp_path / "missing") is None
     assert throttling(None) is None
 
 
 @pytest.mark.parametrize("text", ["", "nr_periods many\nnr_throttled 1\n", "a b c\n"])
-def test_a_file_that_makes_no_sense_is_nothing(tmp_path, text):
+def test_an_invalid_file_reads_as_nothing(tmp_path, text):
     (tmp_path / "cpu.stat").write_text(text)
     assert throttling(tmp_path / "cpu.stat") is None

@@ -32,7 +32,12 @@ def test_a_task_that_never_ends_its_first_input_misses():
     assert message["misses"] == 1.0
 
 
-def test_a_broken_sample_is_no_miss():
+def test_the_age_of_the_queue_is_that_of_its_oldest():
+    message = after(Snapshot(0, 0), Snapshot(S, 0), queue=Queue(length=3, age=S // 4))
+    assert (message["queue"], message["waiting"]) == (3, 0.25)
+
+
+def test_a_broken_sample_is_not_a_miss():
     message = after(Snapshot(0, 0), Snapshot(S, 0, broken=3, failures=1))
     assert (message["misses"], message["broken"], message["failures"]) == (0.0, 3, 1)
 
@@ -53,7 +58,7 @@ def test_after_a_suspension_the_window_starts_afresh():
 
 
 @pytest.mark.parametrize(
-    ("then", "now", "told"),
+    ("then", "now", "expected"),
     [
         (Throttling(100, 10), Throttling(110, 15), 0.5),
         (Throttling(100, 10), Throttling(100, 10), 0.0),
@@ -61,6 +66,6 @@ def test_after_a_suspension_the_window_starts_afresh():
         (Throttling(1, 1), None, None),
     ],
 )
-def test_throttling(then, now, told):
+def test_throttling(then, now, expected):
     message = after(Snapshot(0, 0, throttling=then), Snapshot(S, 0, throttling=now), suspended=True)
-    assert (message["throttled"], message["suspended"]) == (told, True)
+    assert (message["throttled"], message["suspended"]) == (expected, True)

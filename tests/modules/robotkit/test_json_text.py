@@ -33,7 +33,7 @@ def test_every_reader_accepts_it(value):
         (MappingProxyType({"a": math.nan}), '{"a": null}'),
     ],
 )
-def test_what_json_cannot_say_and_what_numpy_says(value, text):
+def test_nan_and_numpy_numbers_are_encoded(value, text):
     assert dumps(value) == text
 
 
@@ -45,11 +45,11 @@ def test_what_is_written_can_be_read(value):
 @pytest.mark.parametrize(
     "text", [b"", b"\xff", b"{", "NaN", "[-Infinity]", b"[" * 100_000, b'{"a":' * 100_000, b"1" * 21, "-1" + "0" * 400]
 )
-def test_whatever_is_no_json_is_a_value_error(text):
+def test_whatever_is_not_json_is_a_value_error(text):
     with pytest.raises(ValueError):  # noqa: PT011 - of any kind
         loads(text)
 
 
-def test_what_json_has_no_word_for_is_a_bug_of_the_module():
+def test_unencodable_results_are_a_bug_of_the_module():
     with pytest.raises(TypeError, match="set"):
         dumps({"x": {1}})

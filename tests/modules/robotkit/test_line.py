@@ -99,7 +99,7 @@ def test_a_pseudo_terminal_has_no_other_wires_and_nobody_minds(wire):
         assert heard(line, 15) == b"data still pass"
 
 
-def test_a_simulator_in_another_pod_is_reached_by_tcp_and_its_end_is_a_device_error():
+def test_a_tcp_simulator_that_ends_is_a_device_error():
     port, stop = free_port(), threading.Event()
     ready = threading.Thread(target=_listen, args=(Echo(), port, stop))
     ready.start()
@@ -127,6 +127,6 @@ def connected(name):
 
 
 @pytest.mark.parametrize("name", ["/dev/nowhere", "", "tcp://127.0.0.1:1", "tcp://", "tcp://127.0.0.1:x", "/dev/null"])
-def test_what_is_no_device_is_told_with_what_is_allowed(name):
+def test_an_invalid_device_is_reported_with_what_is_allowed(name):
     with pytest.raises(DeviceError, match="allowed: a device path or tcp://host:port"):
         open_line(name, BAUD)

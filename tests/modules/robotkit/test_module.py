@@ -39,21 +39,23 @@ def test_the_environment_may_name_another_key_or_another_message(file):
         file,
         {
             "INPUT_STEREO": "robot2/camera/stereo",
-            "OUTPUT_POSE": "{key: slam/pose, encoding: cdr, type: geometry_msgs/msg/PoseStamped, frame: map}",
+            "OUTPUT_POSE": (
+                "{key: slam/pose, encoding: cdr, type: geometry_msgs/msg/PoseStamped, frame: map, kind: pose}"
+            ),
         },
     )
     assert module.inputs["stereo"] == Input("robot2/camera/stereo", "stereo-frame", depth=2)
-    assert module.outputs["pose"] == Output("slam/pose", "cdr", "geometry_msgs/msg/PoseStamped", "map")
+    assert module.outputs["pose"] == Output("slam/pose", "cdr", "geometry_msgs/msg/PoseStamped", "map", "pose")
 
 
 @pytest.mark.parametrize("text", ["", "- 1", "name: [", "\0", "7"])
-def test_a_file_that_is_no_module_is_refused(file, text):
+def test_an_invalid_module_file_is_refused(file, text):
     file.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigurationError, match=r"module\.yaml"):
         load_module(file)
 
 
-def test_all_problems_are_told_at_once(file):
+def test_all_problems_are_reported_at_once(file):
     bad = GOOD.replace("depth: 2", "depth: 0").replace("100ms", "soon")
     bad = bad.replace("150Mi", "much").replace("cores: 1", "cores: x")
     bad = bad.replace("a folder}", "a folder, of cameras}")
@@ -62,19 +64,19 @@ def test_all_problems_are_told_at_once(file):
         load_module(file, {"INPUT_IMU": "{key: /imu}"})
     lines = [line.removeprefix(f"{file}: ") for line in str(caught.value).splitlines()]
     assert lines == [
-        "speed: 9 is not allowed: only description, environment, inputs, name, needs, outputs",
-        "environment.of cameras: None is not allowed: a text that explains the variable",
-        "inputs.stereo.depth: 0 is not allowed: a whole number of 1 or more",
-        "inputs.imu.key: '/imu' is not allowed: a Zenoh key expression such as robot/camera/stereo",
-        "needs.cores: 'x' is not allowed: a whole number of 1 or more",
-        "needs.memory: 'much' is not allowed: a memory quantity such as \"150Mi\"",
-        'needs.deadline: \'soon\' is not allowed: a duration such as "100ms" or "1.5s"',
+        "speed: invalid value 9: expected only description, environment, inputs, name, needs, outputs",
+        "environment.of cameras: invalid value None: expected a text that explains the variable",
+        "inputs.stereo.depth: invalid value 0: expected a whole number of 1 or more",
+        "inputs.imu.key: invalid value '/imu': expected a Zenoh key expression such as robot/camera/stereo",
+        "needs.cores: invalid value 'x': expected a CPU quantity such as \"300m\" or 2",
+        "needs.memory: invalid value 'much': expected a memory quantity such as \"150Mi\"",
+        'needs.deadline: invalid value \'soon\': expected a duration such as "100ms" or "1.5s"',
     ]
 
 
 def test_a_ros_message_needs_its_type(file):
     file.write_text(GOOD.replace(", type: sensor_msgs/msg/Imu", ""), encoding="utf-8")
-    with pytest.raises(ConfigurationError, match=r"inputs\.imu\.type: '' is not allowed: the ROS message type"):
+    with pytest.raises(ConfigurationError, match=r"inputs\.imu\.type: invalid value '': expected the ROS message type"):
         load_module(file)
 
 

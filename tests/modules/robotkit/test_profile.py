@@ -11,8 +11,8 @@ MS = 1_000_000
 NOW = 1_700_000_000_000_000_000
 
 
-def a_run(*, stamp=0, received=1, started=2, finished=50, cpu=20):
-    return Run(NOW + stamp * MS, NOW + received * MS, NOW + started * MS, NOW + finished * MS, cpu * MS)
+def a_run(*, stamp=0, finished=50):
+    return Run(NOW + stamp * MS, NOW + MS, NOW + 2 * MS, NOW + finished * MS, 20 * MS)
 
 
 def test_a_run_that_ends_after_the_deadline_is_a_miss():
@@ -31,9 +31,9 @@ def test_lateness_counts_from_the_source_unless_its_clock_is_another(stamp, late
 
 
 def test_a_distribution_can_be_drawn_from():
-    told = distribution(range(0, 201 * MS, MS))
-    assert (told["mean"], told["std"]) == (pytest.approx(0.1), pytest.approx(0.058023, abs=1e-6))
-    assert told["quantiles"] == pytest.approx([step / 100 for step in range(21)])
+    reported = distribution(range(0, 201 * MS, MS))
+    assert (reported["mean"], reported["std"]) == (pytest.approx(0.1), pytest.approx(0.058023, abs=1e-6))
+    assert reported["quantiles"] == pytest.approx([step / 100 for step in range(21)])
 
 
 def test_the_document_has_every_input_and_what_was_dropped():

@@ -8,13 +8,13 @@ from dataclasses import replace
 from robotkit import profiles
 from robotkit.runner import Runner
 from tests.modules.robotkit.bus import client, router
-from tests.modules.robotkit.test_runner import ECHO, Echo, running
+from tests.modules.robotkit.world import ECHO, Echo, running
 
 
 def test_all_tasks_answer_a_question_to_all(capsys):
     with running(ECHO, Echo()) as world, client(world.address) as second, ThreadPoolExecutor(1) as pool:
         stop = threading.Event()
-        done = pool.submit(Runner(second, replace(ECHO, name="twin"), Echo()).run, stop)
+        done = pool.submit(Runner(second, replace(ECHO, name="twin"), Echo(), shared_memory=False).run, stop)
         world.ask("robot/echo/profile")
         world.ask("robot/twin/profile")
         assert profiles.main(["--connect", world.address]) == 0

@@ -6,7 +6,8 @@ import pytest
 
 from robotkit import MessageError, Received
 from robotkit.readings import COMPRESSED_IMAGE, IMAGE, IMU, imu, picture, sound
-from robotkit.ros import AUDIO, AUDIO_STAMPED, decode, encode, stamp_of, topic_key
+from robotkit.ros import decode, encode, stamp_of, topic_key
+from robotkit.ros_types import AUDIO, AUDIO_STAMPED
 
 STAMP = 1_700_000_000_123_456_789
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -50,7 +51,7 @@ def test_numbers_texts_and_lists_of_messages():
 
 
 @pytest.mark.parametrize("fields", [{"position": [1, 2, 3]}, {"pose": 7}, {"pose": {"position": [1, 2]}}])
-def test_a_result_that_is_no_such_message_is_a_bug_of_the_module(fields):
+def test_a_result_of_another_message_type_is_a_bug_of_the_module(fields):
     with pytest.raises((TypeError, ValueError)):
         encode(fields, POSE, stamp=STAMP)
 

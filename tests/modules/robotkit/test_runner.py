@@ -4,54 +4,18 @@ import json
 import math
 import queue
 import threading
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 import pytest
 
-from robotkit import ConfigurationError, DeviceError, Input, MessageError, Module, Needs, Output, Result, Task, ros
-from robotkit import producer as producer_module
+from robotkit import Input, Module, Needs, Output, Task, ros
 from robotkit.inputs import Inputs
 from robotkit.outputs import as_results
 from robotkit.runner import Runner
-from robotkit.stamps import attachment
-from tests.modules.robotkit.bus import Matching, ask, client, router
-from tests.modules.robotkit.test_plan import KEY, a_plan
+from tests.modules.robotkit.bus import Matching, client, router
+from tests.modules.robotkit.world import ECHO, SENSOR, Echo, Sensor, running
 from tests.waiting import PATIENCE
 
-if TYPE_CHECKING:
-    from robotkit.plan import Decision
-
-ECHO = Module(
-    "echo",
-    inputs={"words": Input("test/words", depth=5), "numbers": Input("test/numbers", depth=5)},
-    outputs={"heard": Output("test/heard"), "raw": Output("test/raw", encoding="bytes")},
-    needs=Needs(deadline=10),
-)
 WATCHER = Module("watcher", inputs={"words": Input("test/words", depth=1000)})
-SENSOR = Module("sensor", outputs={"reading": Output("test/reading")})
-
-
-class Echo(Task):
-    def __init__(self):
-        self.adapted: queue.Queue[Decision] = queue.Queue()
-        self.closed = False
-
-    def process(self, received):
-        if received.payload == b"bad":
-            raise MessageError("bad")
-        if received.payload == b"fatal":
-            raise RuntimeError("fatal")
-        if received.input == "numbers":
-            return [Result("heard", {"number": float(received.payload)}), Result("raw", received.payload, stamp=9)]
-        return [Result("heard", {"heard": received.payload.decode()})]
-
-    def adapt(self, decision):
-        self.adapted.put(decision)
-
-    def close(self):
-        self.closed = True
 
 
 class Watcher(Task):
@@ -59,80 +23,6 @@ class Watcher(Task):
 
     def process(self, received):
         del received
-
-
-class Sensor(Task):
-    """Produces until it is told to end; what it reads from fails after one reading, as often as there are failures."""
-
-    def __init__(self, *failures):
-        self.opened = 0
-        self.released: queue.Queue[int] = queue.Queue()
-        self.failures = failures
-
-    def produce(self, ended):
-        self.opened += 1
-        try:
-            yield Result("reading", {"value": self.opened}, stamp=7)
-            if self.opened <= len(self.failures):
-                raise self.failures[self.opened - 1]
-            ended.wait(PATIENCE)
-        finally:
-            self.released.put(self.opened)
-
-
-class World:
-    """Sensors, a listener and a policy around one running task; `running` is its run."""
-
-    running: Future[None]
-
-    def __init__(self, session, module, address):
-        self.session, self.address = session, address
-        self.results: dict[str, queue.Queue[bytes]] = {name: queue.Queue() for name in module.outputs}
-        self.sensors = {name: session.declare_publisher(entry.key) for name, entry in module.inputs.items()}
-        self.matching = {name: Matching(sensor) for name, sensor in self.sensors.items()}
-        self.policy = session.declare_publisher(KEY)
-        for name, output in module.outputs.items():
-            session.declare_subscriber(output.key, self.listener(name))
-
-    def listener(self, name):
-        return lambda sample: self.results[name].put(sample.payload.to_bytes())
-
-    def say(self, payload, to="words"):
-        self.sensors[to].put(payload, attachment=attachment(5))
-
-    def wait_for_inputs(self, *, expected):
-        for matching in self.matching.values():
-            matching.wait(expected=expected)
-
-    def decide(self, **plan):
-        Matching(self.policy).wait(expected=True)
-        self.policy.put(a_plan(**plan))
-
-    def ask(self, key):
-        """The answer, as soon as the router knows who gives it."""
-        return json.loads(ask(self.session, key)[0])
-
-    def next_raw(self, name):
-        return self.results[name].get(timeout=PATIENCE)
-
-    def next_result(self):
-        return json.loads(self.next_raw(next(iter(self.results))), parse_constant=pytest.fail)
-
-
-@contextmanager
-def running(module, task, **options):
-    stop = threading.Event()
-    with router() as address, client(address) as outside, client(address) as inside, ThreadPoolExecutor(1) as pool:
-        world = World(outside, module, address)
-        for output in module.outputs.values():  # a task without inputs begins at once
-            with inside.declare_publisher(output.key) as publisher:
-                Matching(publisher).wait(expected=True)
-        world.running = pool.submit(Runner(inside, module, task).run, stop, **options)
-        try:
-            world.wait_for_inputs(expected=True)
-            yield world
-        finally:
-            stop.set()
 
 
 def test_a_result_carries_its_times():
@@ -152,7 +42,7 @@ def test_runs_are_published_where_asked_for_without_any_result_too():
     with running(WATCHER, Watcher(), publish_runs=True) as world:
         world.session.declare_subscriber("robot/watcher/runs", lambda sample: runs.put(sample.payload.to_bytes()))
         for _ in range(3):
-            world.say(b"nothing to tell")
+            world.say(b"nothing to say")
         timings = json.loads(runs.get(timeout=PATIENCE))
         while len(timings) < 3:
             timings += json.loads(runs.get(timeout=PATIENCE))
@@ -169,7 +59,7 @@ def test_one_sample_may_lead_to_several_results():
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_what_json_cannot_say_leaves_as_null(value):
+def test_nan_is_encoded_as_null(value):
     with running(ECHO, Echo()) as world:
         world.say(str(value).encode(), to="numbers")
         assert world.next_result()["number"] is None
@@ -201,38 +91,32 @@ def test_a_mapping_for_several_outputs_is_a_bug_of_the_module():
         as_results({"x": 1}, ECHO.outputs)
 
 
-def test_a_failing_source_of_another_kind_ends_the_module_loudly():
-    with running(SENSOR, Sensor(RuntimeError("bug"))) as world, pytest.raises(RuntimeError, match="bug"):
-        world.running.result(PATIENCE)
-
-
-def test_a_bad_sample_does_not_end_the_module():
-    with running(ECHO, Echo()) as world:
-        world.say(b"bad")
-        world.say(b"good")
-        assert world.next_result()["heard"] == "good"
-
-
-def test_any_other_failure_ends_the_module_loudly_and_safely():
-    task = Echo()
-    with running(ECHO, task) as world:
-        world.say(b"fatal")
-        with pytest.raises(RuntimeError, match="fatal"):
-            world.running.result(PATIENCE)
-    assert task.closed
-
-
 def test_a_suspended_task_takes_no_input_until_it_is_resumed():
     task = Echo()
     with running(ECHO, task) as world:
-        world.decide(sequence=1, task="echo", suspended=True)
-        world.wait_for_inputs(expected=False)
-        assert task.adapted.get(timeout=PATIENCE).suspended
-        world.decide(sequence=2, task="echo", share=0.3)
-        world.wait_for_inputs(expected=True)
-        assert task.adapted.get(timeout=PATIENCE).share == 0.3
+        world.suspend_and_resume(task)
         world.say(b"awake")
         assert world.next_result()["heard"] == "awake"
+
+
+def test_a_task_adapts_to_its_suspension_when_its_device_is_free():
+    order: list[str] = []
+
+    class Ordered(Sensor):
+        def produce(self, ended):
+            yield from super().produce(ended)
+            order.append("released")
+
+        def adapt(self, decision):
+            order.append("adapted" if decision.suspended else "resumed")
+            self.released.put(0)
+
+    task = Ordered()
+    with running(SENSOR, task) as world:
+        world.next_result()
+        world.decide(sequence=1, task="sensor", suspended=True)
+        assert [task.released.get(timeout=PATIENCE) for _ in range(2)] == [1, 0]
+    assert order[:2] == ["released", "adapted"]
 
 
 def test_a_running_task_is_alive_on_the_bus():
@@ -255,14 +139,36 @@ def test_the_profile_answers_who_asks():
     assert profile["inputs"]["numbers"]["cpu"] == {"mean": None, "std": None, "quantiles": []}
 
 
-@pytest.mark.parametrize("failure", [DeviceError("unplugged"), ConfigurationError("row 7 makes no sense")])
-def test_a_source_that_fails_is_opened_again_and_freed_while_suspended(failure, monkeypatch):
-    monkeypatch.setattr(producer_module, "FIRST_RETRY_S", 0.01)
-    task = Sensor(failure)
-    with running(SENSOR, task) as world:
-        assert [world.next_result() for _ in range(2)] == [{"stamp": 7, "value": 1}, {"stamp": 7, "value": 2}]
-        assert task.released.get(timeout=PATIENCE) == 1
-        world.decide(sequence=1, task="sensor", suspended=True)
-        assert task.released.get(timeout=PATIENCE) == 2, "of two plans in a row only the newer one counts"
-        world.decide(sequence=2, task="sensor", share=0.1)
-        assert world.next_result()["value"] == 3
+class Slow(Task):
+    """Takes as long as its quality says, and notes it."""
+
+    def __init__(self):
+        self.qualities: queue.Queue[float] = queue.Queue()
+
+    def process(self, received):
+        del received
+        threading.Event().wait(0.02)
+        return {"value": 1}
+
+    def set_quality(self, quality):
+        self.qualities.put(quality)
+
+
+SLOW = Module(
+    "slow", inputs={"words": Input("test/words")}, outputs={"x": Output("test/x")}, needs=Needs(deadline=0.001)
+)
+
+
+def test_a_task_that_is_late_is_asked_for_less():
+    task = Slow()
+    with running(SLOW, task) as world:
+        world.say(b"a")
+        world.results["x"].get(timeout=PATIENCE)
+        world.say(b"b")
+        assert task.qualities.get(timeout=PATIENCE) < 1
+
+
+@pytest.mark.parametrize(("task", "adaptive"), [(Slow(), False), (Echo(), True)])
+def test_a_task_that_must_not_or_cannot_do_less_keeps_its_quality(task, adaptive):
+    with router() as address, client(address) as session:
+        assert not Runner(session, SLOW, task, shared_memory=False, adaptive=adaptive)._quality.adaptive

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import threading
 from types import SimpleNamespace
 
@@ -25,7 +26,7 @@ def test_an_empty_address_says_what_to_set(environment):
         endpoints(environment)
 
 
-def test_an_address_that_makes_no_sense_is_refused():
+def test_an_invalid_address_is_refused():
     with pytest.raises(ConfigurationError, match="nonsense"):
         client_config(["nonsense"])
 
@@ -47,6 +48,23 @@ def test_a_session_waits_for_its_router():
         assert connected.wait(PATIENCE)
         thread.join(PATIENCE)
     assert len(thread_done[0]) == 1
+
+
+def test_a_certificate_may_come_after_the_module(monkeypatch, tmp_path):
+    """Its Secret is mounted empty until the Job has written it."""
+    seen = []
+
+    def late(config):
+        seen.append(config.get_json("transport/link/tls/root_ca_certificate"))
+        if len(seen) == 1:
+            (tmp_path / "ca.crt").write_text("")
+            raise zenoh.ZError
+        return SimpleNamespace(close=lambda: None)
+
+    monkeypatch.setattr(zenoh, "open", late)
+    monkeypatch.setattr("robotkit.session.PAUSE_S", 0)
+    with open_session(["tls/127.0.0.1:1"], threading.Event(), secret=tmp_path):
+        assert seen == ["null", json.dumps(str(tmp_path / "ca.crt"))]
 
 
 def test_a_slow_handshake_gets_more_time_with_each_attempt(monkeypatch):

@@ -8,7 +8,7 @@ import pytest
 
 from modules.signs import accuracy, drives
 from modules.signs.accuracy import NOTHING, aligned, draw, middle
-from modules.signs.drives import Told
+from modules.signs.drives import Passages
 from modules.signs.reading import Character, Reading
 from modules.signs.watcher import Watcher
 
@@ -59,7 +59,7 @@ def test_the_digit_in_the_middle_counts():
 
 
 class Scripted(Watcher):
-    """Tells prepared texts, picture by picture."""
+    """Returns prepared texts, picture by picture."""
 
     def __init__(self, texts):
         self.texts = texts
@@ -71,14 +71,14 @@ class Scripted(Watcher):
         return [type("Sign", (), {"text": text}) for text in self.texts.get(self.at, ())]
 
 
-def test_a_drive_counts_what_is_told_once_again_wrongly_and_never(monkeypatch):
+def test_a_drive_counts_what_is_reported_once_again_wrongly_and_never(monkeypatch):
     monkeypatch.setattr(drives, "_picture", lambda *_: None)
     monkeypatch.setattr(drives, "any_number", Numbers())
-    told = drives.drive(Scripted({3: ["11"], 9: ["22"], 12: ["22"], 20: ["99"], 70: ["33", "22"]}), 1)
-    assert (told.passages, told.once, told.again, told.wrong) == (6, 4, 1, 1)
-    assert (told + told).passages == 12
-    assert "missed 2" in told.report()
-    assert Told().report()
+    reported = drives.drive(Scripted({3: ["11"], 9: ["22"], 12: ["22"], 20: ["99"], 70: ["33", "22"]}), 1)
+    assert (reported.passages, reported.once, reported.again, reported.wrong) == (6, 4, 1, 1)
+    assert (reported + reported).passages == 12
+    assert "missed 2" in reported.report()
+    assert Passages().report()
 
 
 class Numbers:

@@ -23,15 +23,15 @@ def test_without_the_package_it_says_how_to_install_it(monkeypatch):
         find("")
 
 
-def test_a_missing_network_is_told_with_its_path(tmp_path):
+def test_a_missing_network_is_reported_with_its_path(tmp_path):
     with pytest.raises(ConfigurationError, match=f"{DETECTION} is missing: SIGNS_MODELS"):
         find(str(tmp_path)).detection()
 
 
 @pytest.mark.parametrize("content", [b"", b"garbage", b"\x08\x07" * 50])
-def test_a_broken_network_is_told_with_its_path(tmp_path, content):
+def test_a_broken_network_is_reported_with_its_path(tmp_path, content):
     (tmp_path / DETECTION).write_bytes(content)
-    with pytest.raises(ConfigurationError, match=f"{DETECTION} is no network"):
+    with pytest.raises(ConfigurationError, match=f"{DETECTION} is not a network that OpenCV can read"):
         Networks(tmp_path).detection()
 
 
@@ -51,7 +51,7 @@ def test_metadata_among_other_fields(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"\xff" * 20, b"\x72\x05\x0a", b"\x72\x03\x0a\x01k"])
-def test_broken_metadata_is_told_with_its_path(tmp_path, content):
+def test_broken_metadata_is_reported_with_its_path(tmp_path, content):
     path = tmp_path / RECOGNITION
     path.write_bytes(content)
     with pytest.raises(ConfigurationError, match=f"{RECOGNITION} does not say"):

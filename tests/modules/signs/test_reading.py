@@ -10,9 +10,9 @@ from modules.signs.detector import Region, boxes
 from modules.signs.reading import decode, upright
 
 
-def columns(*told, classes=11):
-    table = np.full((len(told), classes), 0.01, np.float32)
-    for row, (label, likely) in zip(table, told, strict=True):
+def columns(*reported):
+    table = np.full((len(reported), 11), 0.01, np.float32)
+    for row, (label, likely) in zip(table, reported, strict=True):
         row[label] = likely
     return table
 
@@ -98,6 +98,6 @@ def test_the_region_of_interest():
 @pytest.mark.parametrize(
     "text", ["", "0 0 1", "0 0 1 1 1", "0.5 0 0.5 1", "-0.1 0 1 1", "0 0 1 1.1", "a b c d", "nan 0 1 1"]
 )
-def test_a_region_that_makes_no_sense(text):
+def test_an_invalid_region(text):
     with pytest.raises(ValueError, match="left, top, right and bottom"):
         Region.parse(text)

@@ -13,7 +13,7 @@ from modules.signs.paddle import Paddle
 from modules.signs.rendering import TEST_FONTS, Conditions, render
 from modules.signs.task import LARGEST, SMALLEST, Signs
 from modules.signs.watcher import Watcher
-from robotkit import Decision, MessageError, Received, stereo
+from robotkit import MessageError, Received, stereo
 
 SECOND = 10**9
 START = 1_700_000_000 * SECOND
@@ -59,13 +59,13 @@ def received(picture, number=0, encoding="jpeg"):
     return Received(payload, START + number * SECOND // 2, 0, "picture", encoding)
 
 
-def test_a_sign_is_told_once_with_where_and_when_it_was_read_best(task):
+def test_a_sign_is_reported_once_with_where_and_when_it_was_read_best(task):
     results = [task.process(received(sign(middle=(300 + 4 * i, 200)), i)) for i in range(4)]
-    (told,) = [result for one in results for result in one]
-    assert (told.output, told.value["text"]) == ("sign", "214")
-    assert told.value["confidence"] > 0.9
-    assert told.stamp in {START, START + SECOND // 2}
-    (left, top), _, (right, bottom), _ = told.value["corners"]
+    (reported,) = [result for one in results for result in one]
+    assert (reported.output, reported.value["text"]) == ("sign", "214")
+    assert reported.value["confidence"] > 0.9
+    assert reported.stamp in {START, START + SECOND // 2}
+    (left, top), _, (right, bottom), _ = reported.value["corners"]
     assert left < 300 < right
     assert top < 200 < bottom
 
@@ -107,14 +107,12 @@ def test_a_scene_that_stands_still_is_not_looked_at_again(task, detector, monkey
     monkeypatch.setattr(detector, "find", look)
     for index in range(20):  # ten seconds
         task.process(received(picture, index))
-    assert looks == 3  # twice until the sign is told, once more after five seconds
+    assert looks == 3  # twice until the sign is reported, once more after five seconds
 
 
-@pytest.mark.parametrize(
-    ("share", "side"), [(None, LARGEST), (4.0, LARGEST), (1.0, LARGEST), (0.5, 520), (0.01, SMALLEST), (0.0, SMALLEST)]
-)
-def test_it_looks_as_closely_as_its_share_allows(task, detector, share, side):
-    task.adapt(Decision(share))
+@pytest.mark.parametrize(("quality", "side"), [(1.0, LARGEST), (0.5, 520), (0.1, SMALLEST)])
+def test_it_looks_as_closely_as_its_quality_says(task, detector, quality, side):
+    task.set_quality(quality)
     assert detector.side == side
 
 
@@ -131,5 +129,5 @@ def test_pictures_of_odd_sizes(task, size):
 
 def test_the_paper_s_way_reads_digits(detector):
     watcher = Watcher(detector, Digits())
-    told = [one for i in range(2) for one in watcher.watch(sign(tilt=0, seed=7), START + i * SECOND)]
-    assert [one.text for one in told] == ["214"]
+    reported = [one for i in range(2) for one in watcher.watch(sign(tilt=0, seed=7), START + i * SECOND)]
+    assert [one.text for one in reported] == ["214"]

@@ -1,4 +1,4 @@
-"""When a sign is told, and when it is read at all; pictures are two a second."""
+"""When a sign is reported, and when it is read at all; pictures are two a second."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class Passage:
         self.reads = 0
 
     def see(self, shown, *, times=1, after=0.5):
-        told = []
+        reported = []
         for _ in range(times):
             self.time += after
-            told += self.tracker.follow(
+            reported += self.tracker.follow(
                 [at(x) for x in shown], round(self.time * SECOND), lambda c: self._read(shown, c)
             )
-        return [(sign.text, sign.confidence) for sign in told]
+        return [(sign.text, sign.confidence) for sign in reported]
 
     def _read(self, shown, corners):
         self.reads += 1
@@ -46,23 +46,23 @@ def passage():
     return Passage()
 
 
-def test_a_sign_is_told_once_two_pictures_agree(passage):
+def test_a_sign_is_reported_once_two_pictures_agree(passage):
     assert passage.see({100: reading("214")}) == []
     assert passage.see({102: reading("214", 0.97)}) == [("214", pytest.approx(0.97))]
     assert passage.see({104: reading("214")}, times=20) == []
 
 
-def test_a_sign_that_was_told_is_not_read_again(passage):
+def test_a_sign_that_was_reported_is_not_read_again(passage):
     passage.see({100: reading("214")}, times=20)
     assert passage.reads == 2
 
 
-def test_it_is_told_with_its_best_reading(passage):
+def test_it_is_reported_with_its_best_reading(passage):
     passage.see({100: reading("214", 0.99)})
     assert passage.see({100: reading("214", 0.7)}) == [("214", pytest.approx(0.99))]
 
 
-def test_a_sign_that_left_and_returns_is_told_again(passage):
+def test_a_sign_that_left_and_returns_is_reported_again(passage):
     passage.see({100: reading("214")}, times=3)
     assert passage.see({}, times=6) == []
     assert passage.see({100: reading("214")}, times=2) == [("214", pytest.approx(0.95))]
@@ -75,9 +75,9 @@ def test_a_sign_that_flickers_stays_the_same(passage):
         assert passage.see({100: reading("214")}) == []
 
 
-def test_a_starved_task_that_sees_it_every_three_seconds_tells_it_once(passage):
-    told = passage.see({100: reading("214")}, times=6, after=3)
-    assert told == [("214", pytest.approx(0.95))]
+def test_a_starved_task_that_sees_it_every_three_seconds_reports_it_once(passage):
+    reported = passage.see({100: reading("214")}, times=6, after=3)
+    assert reported == [("214", pytest.approx(0.95))]
 
 
 def test_a_sign_that_jumps_is_known_by_its_text(passage):
@@ -85,12 +85,12 @@ def test_a_sign_that_jumps_is_known_by_its_text(passage):
     assert passage.see({400: reading("214")}, times=3) == []
 
 
-def test_another_sign_at_the_place_of_the_last_is_told(passage):
+def test_another_sign_at_the_place_of_the_last_is_reported(passage):
     passage.see({100: reading("214")}, times=2)
     assert passage.see({130: reading("216")}, times=2) == [("216", pytest.approx(0.95))]
 
 
-def test_two_signs_in_a_picture_are_told_both(passage):
+def test_two_signs_in_a_picture_are_both_reported(passage):
     assert passage.see({100: reading("12"), 300: reading("14")}, times=2) == [
         ("12", pytest.approx(0.95)),
         ("14", pytest.approx(0.95)),
@@ -98,23 +98,23 @@ def test_two_signs_in_a_picture_are_told_both(passage):
 
 
 def test_the_majority_decides(passage):
-    told = []
+    reported = []
     for text in ("271", "214", "214"):
-        told += passage.see({100: reading(text)})
-    assert told == [("214", pytest.approx(0.95))]
+        reported += passage.see({100: reading(text)})
+    assert reported == [("214", pytest.approx(0.95))]
 
 
-def test_a_doubtful_sign_is_told_when_it_leaves(passage):
+def test_a_doubtful_sign_is_reported_when_it_leaves(passage):
     passage.see({100: reading("214", 0.7)}, times=4)
     assert passage.see({}, times=6) == [("214", pytest.approx(0.7))]
 
 
-def test_a_guess_is_never_told(passage):
+def test_a_guess_is_never_reported(passage):
     passage.see({100: reading("214", 0.4)}, times=4)
     assert passage.see({}, times=6) == []
 
 
-def test_a_text_that_is_no_number_is_given_up(passage):
+def test_a_text_without_a_number_is_given_up(passage):
     assert passage.see({100: reading("EXIT")}, times=20) == []
     assert passage.reads == 4
     assert passage.tracker.is_settled
@@ -125,8 +125,8 @@ def test_a_text_that_was_unreadable_is_read_when_it_is_nearer(passage):
     corners = at(90, 90, 90, 45)
     for _ in range(2):
         passage.time += 0.5
-        told = passage.tracker.follow([corners], round(passage.time * SECOND), lambda _: reading("214"))
-    assert [sign.text for sign in told] == ["214"]
+        reported = passage.tracker.follow([corners], round(passage.time * SECOND), lambda _: reading("214"))
+    assert [sign.text for sign in reported] == ["214"]
 
 
 @pytest.mark.parametrize("text", ["7", "214", "12345", "B12", "3.07", "17a", "12-14", "A-101"])
@@ -135,5 +135,5 @@ def test_numbers(text):
 
 
 @pytest.mark.parametrize("text", ["", "EXIT", "123456", "1.2.3", "ROOM214", "a", "12ab"])
-def test_what_is_no_number(text):
+def test_invalid_numbers(text):
     assert NUMBER.fullmatch(text) is None

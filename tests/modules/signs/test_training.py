@@ -29,12 +29,12 @@ def test_boxes_are_where_the_ink_is(sign):
     assert sign.text == "407"
 
 
-def test_every_digit_has_its_columns_and_the_gaps_are_nobody_s(sign):
+def test_every_digit_has_its_columns_and_gaps_have_none(sign):
     corners = quad(sign, 0.2, 0.1).astype(np.float32)
     columns = strip(upright(sign.picture, corners, HEIGHT)).shape[1] // STRIDE
     labels = examples.column_labels(sign, corners, columns)
-    told = [int(label) for label in labels if label >= 0]
-    runs = [label for index, label in enumerate(told) if index == 0 or told[index - 1] != label]
+    reported = [int(label) for label in labels if label >= 0]
+    runs = [label for index, label in enumerate(reported) if index == 0 or reported[index - 1] != label]
     assert runs == [NONE, 4, NONE, 0, NONE, 7, NONE]
 
 
@@ -51,11 +51,11 @@ def test_what_is_written_computes_what_was_trained(tmp_path):
     parameters = [(np.asarray(weights), np.asarray(bias)) for weights, bias in training.initial(1)]
     training.save(parameters, tmp_path / "digits.onnx")
     seen = np.random.default_rng(1).normal(0, 1, (HEIGHT, 64)).astype(np.float32)
-    told = Digits(tmp_path / "digits.onnx").columns(seen)
+    reported = Digits(tmp_path / "digits.onnx").columns(seen)
     scores = np.asarray(training.scores(parameters, jnp.asarray(seen[None])))[0]
     likely = np.exp(scores - scores.max(axis=1, keepdims=True))
-    assert told.shape == (64 // STRIDE, len(LABELS) + 1)
-    assert np.allclose(told, likely / likely.sum(axis=1, keepdims=True), atol=1e-4)
+    assert reported.shape == (64 // STRIDE, len(LABELS) + 1)
+    assert np.allclose(reported, likely / likely.sum(axis=1, keepdims=True), atol=1e-4)
 
 
 def test_it_learns(monkeypatch):

@@ -52,7 +52,7 @@ def test_another_kind_of_camera_is_refused(tmp_path, old, new):
         load_camera(copy)
 
 
-def test_cameras_that_are_no_pair_side_by_side_are_refused():
+def test_cameras_that_are_not_side_by_side_are_refused():
     rig = load_rig(RIG)
     for right in (rig.left, replace(rig.right, body_from_camera=rig.left.body_from_camera)):
         with pytest.raises(CalibrationError, match="right of it"):
@@ -139,13 +139,13 @@ def centre(image):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"), [({"distortion_model": "fov"}, "radtan, equidistant"), ({"T_cn_cnm1": 1}, "camchain")]
+    ("change", "expected"), [({"distortion_model": "fov"}, "radtan, equidistant"), ({"T_cn_cnm1": 1}, "camchain")]
 )
-def test_a_camchain_that_makes_no_sense_is_refused(tmp_path, change, told):
+def test_an_invalid_camchain_is_refused(tmp_path, change, expected):
     chain = camchain(load_rig(RIG))
     chain["cam1"] |= change
     (tmp_path / "camchain.yaml").write_text(yaml.safe_dump(chain), encoding="utf-8")
-    with pytest.raises(CalibrationError, match=told):
+    with pytest.raises(CalibrationError, match=expected):
         load_rig(tmp_path)
 
 

@@ -38,14 +38,14 @@ def test_a_file_is_scored_where_there_is_ground_truth(files, capsys):
 
 def test_the_figures_are_readable(files, capsys):
     assert main([str(files / "truth.tum"), str(files / "poses.tum"), "--unit", "metres", "--delta", "0.2"]) == 0
-    told = capsys.readouterr().out
-    assert "compared: 5\n" in told
-    assert "ate.rmse: 0.00" in told
-    assert "rpe.metres: rmse 0." in told
+    wanted = capsys.readouterr().out
+    assert "compared: 5\n" in wanted
+    assert "ate.rmse: 0.00" in wanted
+    assert "rpe.metres: rmse 0." in wanted
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "wanted"),
     [
         (["truth.tum", "missing.tum"], r"missing\.tum: cannot be read"),
         (["missing", "poses.tum"], "missing: cannot be read"),
@@ -55,13 +55,13 @@ def test_the_figures_are_readable(files, capsys):
         (["truth.tum", "--run"], "no EuRoC sequence"),
     ],
 )
-def test_what_cannot_be_compared_is_one_clear_line(files, capsys, monkeypatch, arguments, told):
+def test_what_cannot_be_compared_is_one_clear_line(files, capsys, monkeypatch, arguments, wanted):
     monkeypatch.delenv("ZENOH_CONNECT", raising=False)
     monkeypatch.chdir(files)
     save(files / "late.tum", trajectory(row(index, index, start=99 * SECOND) for index in range(20)))
     assert main(arguments) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert re.search(told, line)
+    assert re.search(wanted, line)
 
 
 def message(**changes):
@@ -71,10 +71,10 @@ def message(**changes):
 
 def test_poses_are_heard_and_lost_ones_are_counted():
     heard = Estimate()
-    for payload in (message(), message(state="lost"), message(state="adrift"), message(frame=4)):
+    for payload in (message(), message(state="lost"), message(state="adrift"), message(frame=4, state="degraded")):
         heard.hear(payload)
     assert heard.trajectory.stamps.tolist() == [4, 5]
-    assert (heard.lost, heard.adrift, heard.broken, heard.dropped) == (1, 1, 0, 4)
+    assert (heard.degraded, heard.lost, heard.adrift, heard.broken, heard.dropped) == (1, 1, 1, 0, 4)
     assert heard.cpu == [0.02] * 4
 
 
@@ -95,7 +95,7 @@ def test_poses_are_heard_and_lost_ones_are_counted():
         message(state="asleep"),
     ],
 )
-def test_what_is_no_pose_is_counted(payload):
+def test_invalid_poses_are_counted(payload):
     heard = Estimate()
     heard.hear(payload)
     assert (heard.poses, heard.broken) == ([], 1)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,16 +11,25 @@ from modules.slam.map import Map
 from modules.slam.pose_graph import Edge, Kind
 from modules.slam.tracking import Fix
 
+PICTURE = np.zeros((4, 4), np.uint8)
+STEP = np.diag([4e-4, 4e-4, 4e-4, 0, 0, 0])
+"""What each step of a row adds: 2 cm of uncertainty."""
+
+
+PICTURE = np.zeros((4, 4), np.uint8)
+STEP = np.diag([4e-4, 4e-4, 4e-4, 0, 0, 0])
+"""What each step of a row adds: 2 cm of uncertainty."""
+
 
 def at(x, y=0.0):
     return transform(np.eye(3), np.array([x, y, 0.0]))
 
 
-def add(known, pose, seen_from=None, between=None, inliers=100):
-    features = Features(np.zeros((3, 2)), np.zeros((3, 32), np.uint8))
+def add(known, pose, seen_from=None, between=None):
+    view = SimpleNamespace(features=Features(np.zeros((3, 2)), np.zeros((3, 32), np.uint8)), image=PICTURE)
     points = np.array([[0, 0, 2.0], [1, 0, 3.0], [np.nan] * 3])
-    fixes = [] if seen_from is None else [Fix(seen_from, between, inliers)]
-    return known.add(pose, features, points, fixes)
+    fixes = [] if seen_from is None else [Fix(seen_from, between, 100, STEP)]
+    return known.add(pose, view, points, fixes)
 
 
 def row(known, count, start=0.0):
@@ -73,7 +84,27 @@ def test_the_oldest_keyframe_is_forgotten_and_the_origin_stays():
     assert known.close(Edge(1, 3, at(2), 100, Kind.LOOP))
 
 
-def test_beside_are_the_connected_keyframes_with_the_most_similar_view():
+def test_beside_are_the_connected_keyframes_with_a_more_similar_view():
     known = Map(30)
     keyframes = row(known, 6)
-    assert [keyframe.number for keyframe in known.beside(keyframes[3], at(3.8), 2)] == [4, 5]
+    for x, beside in ((3.2, []), (3.8, [4]), (4.8, [5, 4])):
+        assert [keyframe.number for keyframe in known.beside(keyframes[3], at(x), 2)] == beside
+
+
+def uncertainty(keyframe):
+    return np.sqrt(keyframe.covariance[0, 0])
+
+
+def test_keyframes_are_less_and_less_sure_until_a_loop_closes():
+    known = Map(30)
+    keyframes = row(known, 17)
+    assert [uncertainty(keyframes[number]) for number in (0, 1, 4, 16)] == pytest.approx([0, 0.02, 0.04, 0.08])
+    assert known.close(Edge(0, 16, at(16), 100, Kind.LOOP, STEP))
+    assert uncertainty(keyframes[16]) == pytest.approx(0.02)
+    assert uncertainty(keyframes[12]) == pytest.approx(0.02 * np.sqrt(5))
+    assert uncertainty(keyframes[4]) == pytest.approx(0.04)
+
+
+def test_only_the_newest_keyframes_keep_their_picture():
+    keyframes = row(Map(30), 15)
+    assert [keyframe.image is not None for keyframe in keyframes] == [False] * 5 + [True] * 10

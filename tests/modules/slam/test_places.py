@@ -9,12 +9,12 @@ RNG = np.random.default_rng(3)
 PLACES = [RNG.integers(0, 256, (500, 32), dtype=np.uint8) for _ in range(20)]
 
 
-def seen_again(descriptors, *, share=0.5, flipped=20):
-    """The same place later: a part of its corners, each with some bits changed, among as many that are new."""
+def seen_again(descriptors):
+    """The same place later: half of its corners, each with 20 bits changed, among as many that are new."""
     rng = np.random.default_rng(4)
-    bits = np.unpackbits(descriptors[: round(share * len(descriptors))], axis=1)
+    bits = np.unpackbits(descriptors[: len(descriptors) // 2], axis=1)
     for row in bits:
-        row[rng.choice(256, flipped, replace=False)] ^= 1
+        row[rng.choice(256, 20, replace=False)] ^= 1
     new = rng.integers(0, 256, (len(descriptors) - len(bits), 32), dtype=np.uint8)
     return np.vstack([np.packbits(bits, axis=1), new])
 
@@ -32,7 +32,7 @@ def test_a_place_is_recognised_by_half_of_its_corners(places, number):
     assert places.alike(seen_again(PLACES[number]), range(20), 3)[0] == number
 
 
-def test_only_those_asked_for_are_told(places):
+def test_only_requested_places_are_returned(places):
     assert places.alike(PLACES[5], [1, 2, 99], 3) in ([1, 2], [2, 1])
     assert places.alike(PLACES[5], [], 3) == []
 

@@ -34,8 +34,8 @@ def position(pose):
 
 
 def test_the_path_is_followed_within_one_percent(short, poses):
-    told = trajectory((stamp, (*position(pose), 0, 0, 0, 1)) for stamp, pose in poses)
-    estimated, truth = associate(told, load(short))
+    reported = trajectory((stamp, (*position(pose), 0, 0, 0, 1)) for stamp, pose in poses)
+    estimated, truth = associate(reported, load(short))
     length = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1).sum()
     assert (length > 1, len(estimated)) == (True, 50)
     assert statistics(absolute_errors(estimated, truth))["rmse"] < 0.01 * length
@@ -67,9 +67,9 @@ def test_the_second_picture_is_asked_for_only_when_there_is_a_new_keyframe(frame
 
 def test_black_pictures_keep_the_last_pose():
     module = slam()
-    told = [track(module, BLACK, BLACK) for _ in range(2)]
-    assert [(pose.inliers, pose.state) for pose in told] == [(0, State.LOST)] * 2
-    assert told[1].world_from_body == pytest.approx(np.eye(4), abs=1e-9)
+    reported = [track(module, BLACK, BLACK) for _ in range(2)]
+    assert [(pose.inliers, pose.state) for pose in reported] == [(0, State.LOST)] * 2
+    assert reported[1].world_from_body == pytest.approx(np.eye(4), abs=1e-9)
 
 
 def test_after_blank_pictures_and_a_jump_the_robot_is_found_again(frames, poses):
@@ -86,7 +86,7 @@ def test_after_blank_pictures_and_a_jump_the_robot_is_found_again(frames, poses)
         assert position(pose) == pytest.approx(position(poses[index][1]), abs=0.03)
 
 
-def test_in_an_unknown_place_it_starts_anew_until_it_sees_the_old_one(frames, tmp_path):
+def test_in_an_unknown_place_it_restarts_until_it_sees_the_old_one(frames, tmp_path):
     euroc.write(tmp_path, euroc.Sequence(Motion(0.1, ()), seed=8), progress=lambda _: None)
     ((_, *elsewhere),) = pictures(tmp_path)
     module = slam()
@@ -100,16 +100,16 @@ def test_in_an_unknown_place_it_starts_anew_until_it_sees_the_old_one(frames, tm
 def test_fewer_features_cost_inliers_but_not_the_path(frames, poses):
     module = slam()
     module.effort = Effort(features=300, overlap=0.35)
-    told = [track(module, left, right) for _, left, right in frames]
-    assert all(0 < few.inliers <= 300 for few in told)
-    assert position(told[-1]) == pytest.approx(position(poses[-1][1]), abs=0.05)
+    reported = [track(module, left, right) for _, left, right in frames]
+    assert all(0 < few.inliers <= 300 for few in reported)
+    assert position(reported[-1]) == pytest.approx(position(poses[-1][1]), abs=0.05)
 
 
 def test_the_map_stays_within_its_capacity(frames, monkeypatch):
     monkeypatch.setattr(steps, "CAPACITY", 1)
     module = slam()
-    told = [track(module, left, right) for _, left, right in frames]
-    assert sum(pose.is_keyframe for pose in told) > 1
+    reported = [track(module, left, right) for _, left, right in frames]
+    assert sum(pose.is_keyframe for pose in reported) > 1
     assert len(module.map.keyframes) == 1
     assert len(module._places._present) == 1
-    assert {pose.state for pose in told} == {State.TRACKING}
+    assert {pose.state for pose in reported} == {State.TRACKING}

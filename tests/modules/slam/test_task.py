@@ -1,4 +1,4 @@
-"""The module's task: what a message makes of a picture, what a share makes of the work, and what bad data does."""
+"""The module's task: what a message makes of a picture, what quality makes of the work, and what bad data does."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 from modules.slam.slam import Effort, Pose, State, StereoSlam
 from modules.slam.task import Slam
-from robotkit import UNPLANNED, Decision, MessageError, Received
+from robotkit import MessageError, Received
 from robotkit.stereo import StereoFrame, encode
 from tests.modules.slam.recording import BLACK, slam
 from timelines.datasets.readers import read
@@ -21,17 +21,16 @@ BLACK_PNG = cv2.imencode(".png", BLACK)[1].tobytes()
 
 
 @pytest.mark.parametrize(
-    ("decision", "features", "overlap"),
+    ("quality", "features", "overlap"),
     [
-        (UNPLANNED, 800, 0.5),
-        (Decision(2.0), 800, 0.5),
-        (Decision(0.5), 400, 0.425),
-        (Decision(0.01), 300, 0.3515),
+        (1.0, 800, 0.75),
+        (0.5, 625, 0.475),
+        (0.1, 485, 0.255),
     ],
 )
-def test_the_work_follows_the_share(decision, features, overlap):
+def test_the_work_follows_the_quality(quality, features, overlap):
     module = slam()
-    Slam(module).adapt(decision)
+    Slam(module).set_quality(quality)
     assert module.effort.features == features
     assert module.effort.overlap == pytest.approx(overlap)
 

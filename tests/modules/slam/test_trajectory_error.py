@@ -23,11 +23,11 @@ def rmse(estimated, truth):
     return statistics(absolute_errors(upright(estimated), upright(truth)))["rmse"]
 
 
-def wandering(seed, count=200, noise=0.0):
+def wandering(seed, noise=0.0):
     """A path with turns, at 20 Hz; with noise it drifts."""
     rng, other = np.random.default_rng(seed), np.random.default_rng(seed + 1)
     pose, rows = np.eye(4), []
-    for index in range(count):
+    for index in range(200):
         rows.append((1_000_000_000 + index * 50_000_000, (*pose[:3, 3], *quaternion(pose[:3, :3]))))
         turned = rng.normal(0, 0.05, 3) + other.normal(0, noise, 3)
         angle = np.linalg.norm(turned)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from modules.speech.confusable import COMMANDS, confusable, dictionary, holds_command
-from modules.speech.spotter import KEYWORDS
+from modules.speech.keywords import KEYWORDS
 
 
 def test_every_keyword_has_the_phones_of_the_dictionary():
@@ -18,7 +18,7 @@ def test_every_keyword_has_the_phones_of_the_dictionary():
     ("command", "alike"),
     [("forward", "shoreward"), ("backward", "backwoods"), ("left", "laughed"), ("right", "ride"), ("stop", "stapp")],
 )
-def test_what_sounds_alike_comes_before_what_does_not(command, alike):
+def test_similar_sounding_words_come_first(command, alike):
     found = confusable(command, 300)
     assert alike in found
     assert not {"zebra", "music"} & set(found)

@@ -18,7 +18,7 @@ class Parrot:
 
 
 @pytest.mark.parametrize(
-    ("said", "told", "count"),
+    ("said", "expected", "count"),
     [
         ("where are you", "where are you", 0),
         ("where are you", "where were you", 1),
@@ -28,8 +28,8 @@ class Parrot:
         ("stop", "", 1),
     ],
 )
-def test_changed_missing_and_added_words_are_wrong(said, told, count):
-    assert edits(said.split(), told.split()) == count
+def test_changed_missing_and_added_words_are_wrong(said, expected, count):
+    assert edits(said.split(), expected.split()) == count
 
 
 @pytest.fixture

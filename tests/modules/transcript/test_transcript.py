@@ -22,12 +22,12 @@ needs_voices = pytest.mark.skipif(
 )
 
 
-def feed(task, samples, start=1_000):
+def feed(task, samples):
     sound = samples.astype("<i2").tobytes()
     size = RATE // 5
     results = []
     for index in range(0, len(sound), size):
-        end = start + (index + len(sound[index : index + size])) / 2 / RATE
+        end = 1_000 + (index + len(sound[index : index + size])) / 2 / RATE
         results += task.process(Received(sound[index : index + size], round(end * 1e9), 0))
     return [result.value for result in results]
 
@@ -35,10 +35,10 @@ def feed(task, samples, start=1_000):
 @needs_voices
 def test_a_question_is_understood_by_the_model_inside_pocketsphinx():
     samples = np.pad(speak("where are you", "rms"), RATE)
-    (told,) = feed(Transcript(PocketSphinx()), samples + np.random.default_rng(1).normal(0, 10, len(samples)))
-    assert told["text"] == "where are you"
-    assert told["final"] is True
-    assert told["at"] == pytest.approx(1_000.8, abs=0.4)
+    (reported,) = feed(Transcript(PocketSphinx()), samples + np.random.default_rng(1).normal(0, 10, len(samples)))
+    assert reported["text"] == "where are you"
+    assert reported["final"] is True
+    assert reported["at"] == pytest.approx(1_000.8, abs=0.4)
 
 
 class Deaf:
@@ -48,21 +48,21 @@ class Deaf:
 
 
 @needs_voices
-def test_an_utterance_without_words_is_not_told():
+def test_an_utterance_without_words_is_not_reported():
     assert feed(Transcript(Deaf()), np.pad(speak("hello", "rms"), RATE)) == []
 
 
 @pytest.mark.parametrize(
     ("environment", "message"),
     [
-        ({"STT_ENGINE": "siri"}, "'siri' is not allowed: pocketsphinx, sherpa-onnx, vosk"),
-        ({"STT_ENGINE": "vosk"}, "STT_MODEL: '' is no folder: vosk needs its model"),
-        ({"STT_ENGINE": "sherpa-onnx", "STT_MODEL": "/no/model"}, "'/no/model' is no folder"),
+        ({"STT_ENGINE": "siri"}, "invalid value 'siri': expected pocketsphinx, sherpa-onnx, vosk"),
+        ({"STT_ENGINE": "vosk"}, "STT_MODEL: '' is not a folder: vosk needs its model"),
+        ({"STT_ENGINE": "sherpa-onnx", "STT_MODEL": "/no/model"}, "'/no/model' is not a folder"),
         ({"STT_ENGINE": "sherpa-onnx", "STT_MODEL": "."}, r"has no \*encoder\*.onnx"),
         ({"STT_ENGINE": "vosk", "STT_MODEL": "."}, "has no am/final.mdl"),
     ],
 )
-def test_what_is_missing_is_told(tmp_path, monkeypatch, environment, message):
+def test_missing_parts_are_reported(tmp_path, monkeypatch, environment, message):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigurationError, match=message):
         engine(environment)
@@ -77,7 +77,7 @@ def model(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["sherpa-onnx", "vosk"])
-def test_a_package_that_is_not_in_the_image_is_told(model, monkeypatch, name):
+def test_a_package_that_is_not_in_the_image_is_reported(model, monkeypatch, name):
     monkeypatch.setitem(sys.modules, name.replace("-", "_"), None)
     with pytest.raises(ConfigurationError, match=f"--build-arg ENGINE={name}"):
         engine({"STT_ENGINE": name, "STT_MODEL": str(model)})

@@ -89,11 +89,6 @@ def test_requests_hold_a_task_of_little_weight_up_and_beyond_its_max():
     assert divided(policy, placement).nodes["robot"].shares == {"slam": 300, "speech": 700}
 
 
-def test_a_suspended_task_gets_the_least_there_is_not_its_min():
-    policy = a_policy(tasks=[a_task("slam"), a_task("speech", min="300m")])
-    assert divided(policy, on_node("slam", "speech"), speech=0).nodes["robot"].shares == {"slam": 990, "speech": 10}
-
-
 def test_a_suspended_task_keeps_what_its_request_holds_up():
     placement = together(on_node("slam"), Placement({}, (Container("s", "speech", "robot", request=250),)))
     assert divided(two_tasks(), placement, speech=0).nodes["robot"].shares == {"slam": 750, "speech": 250}
@@ -108,12 +103,7 @@ def test_min_and_max_bound_a_share():
     assert divided(policy, on_node("slam", "speech"), slam=99).nodes["robot"].shares == {"slam": 700, "speech": 300}
 
 
-def test_all_at_their_max_leave_the_rest_unused():
-    policy = a_policy(tasks=[a_task("slam", max="200m"), a_task("speech", max="0.1")])
-    assert divided(policy, on_node("slam", "speech", cores=8)).nodes["robot"].shares == {"slam": 200, "speech": 100}
-
-
-def test_floors_beyond_the_node_are_scaled_down_and_told():
+def test_floors_beyond_the_node_are_scaled_down_and_reported():
     policy = a_policy(tasks=[a_task("slam", min="800m"), a_task("speech", min="400m")])
     division = divided(policy, on_node("slam", "speech"))
     assert sum(division.nodes["robot"].shares.values()) == 1000
@@ -138,11 +128,11 @@ def test_protected_floors_that_do_not_fit_are_scaled_down_in_every_division():
         division = divide_nodes(seating, given, {}, dict, division and division.claims)
         assert division.nodes["robot"].shares == {"slam": 500, "speech": 500}
         assert [s.message for s in division.shortfalls] == [
-            "the floors sum to 1200m, allowed: 1000m; all are scaled down, also those of protected tasks"
+            "the floors sum to 1200m, allowed: 1000m; all are scaled down, including those of protected tasks"
         ]
 
 
-def test_realtime_divides_what_the_kernel_leaves_of_each_processor_in_thousandths_of_its_period():
+def test_realtime_shares_are_thousandths_of_each_processors_period():
     node = divided(two_tasks(enforcement={"scheduler": "Realtime"}), on_node("slam", "speech", cores=4), slam=2).nodes[
         "robot"
     ]
@@ -159,16 +149,6 @@ def test_a_node_that_cannot_do_realtime_divides_its_cores():
     placement = replace(on_node("slam", "speech", cores=4), fair_only=frozenset({"robot"}))
     node = divided(two_tasks(enforcement={"scheduler": "Realtime"}), placement).nodes["robot"]
     assert (node.capacity, node.scheduler) == (4000, Scheduler.CFS)
-
-
-def test_a_node_on_which_nothing_is_active_is_divided_by_priority():
-    policy, placement = two_tasks(), on_node("slam", "speech")
-    seating = seat_tasks(policy, placement)
-    zero, priorities = ({"slam": Weight(0, one, ""), "speech": Weight(0, other, "")} for one, other in ((0, 0), (3, 1)))
-    division = divide_nodes(seating, zero, {}, lambda: priorities)
-    assert division.nodes["robot"].shares == {"slam": 750, "speech": 250}
-    assert division.nodes["robot"].basis == "Priority"
-    assert division.resting == {"slam", "speech"}
 
 
 def test_what_is_suspended_does_not_rest_with_the_others():

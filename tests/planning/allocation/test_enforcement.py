@@ -34,4 +34,11 @@ def test_a_share_of_200m(control, task, suspended, expected):
 
 
 def test_a_protected_task_keeps_a_larger_share():
-    assert amounts(WEIGHT, PROTECTED, 900, suspended=False) == Amounts(900, None)
+    assert amounts(WEIGHT, PROTECTED, 1900, suspended=False) == Amounts(1900, None)
+
+
+@pytest.mark.parametrize("control", [WEIGHT, SUSPEND])
+@pytest.mark.parametrize(("most", "containers", "quota"), [(800, 2, 400), (800, 3, 266), (30, 4, 10)])
+def test_the_containers_of_a_task_divide_its_max(control, most, containers, quota):
+    """A quota below what a suspended container keeps would suspend an active task."""
+    assert amounts(control, CAPPED, 200, suspended=False, cap=most, containers=containers).quota == quota

@@ -17,9 +17,9 @@ weights = st.one_of(st.just(0.0), st.floats(1e-6, 1e6), st.integers(1, 20).map(f
 
 
 @st.composite
-def claims(draw, least=1, most=12):
+def claims(draw):
     """Claims of distinct names; a suspended one's ceiling is its floor, as `division` makes them."""
-    names = draw(st.lists(st.text("abcdefgh", min_size=1, max_size=3), min_size=least, max_size=most, unique=True))
+    names = draw(st.lists(st.text("abcdefgh", min_size=1, max_size=3), min_size=1, max_size=12, unique=True))
     made = []
     for name in names:
         floor = draw(st.integers(1, 40))
@@ -87,14 +87,6 @@ def test_the_order_of_claims_does_not_matter(case, random):
 
 
 @given(divisible())
-def test_equal_weights_and_bounds_differ_by_one_unit_at_most(case):
-    total, made = case
-    equal = [Demand(c.name, 3.0, 2, 300) for c in made]
-    parts = divide(total, equal) if total >= len(equal) else {}
-    assert max(parts.values()) - min(parts.values()) <= 1
-
-
-@given(divisible())
 def test_the_same_division_again_is_the_same(case):
     total, made = case
     assert divide(total, made) == divide(total, list(made))
@@ -113,6 +105,7 @@ def test_shares_are_the_fair_ones_rounded(case):
 @given(st.integers(20, 6400), st.lists(st.integers(1, 100), min_size=2, max_size=12))
 @example(195, [7, 19])
 @example(1573, [7, 15])
+@example(1904, [6, 46, 6, 6])
 def test_fractions_go_to_the_largest_remainders_and_of_equal_ones_to_the_heavier(total, numbers):
     made = [Demand(name, float(number), 0, total, 0) for name, number in zip("abcdefghijkl", numbers, strict=False)]
     fair = {c.name: total * Fraction(c.weight) / sum(numbers) for c in made}

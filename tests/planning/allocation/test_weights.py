@@ -41,12 +41,6 @@ def test_a_parents_weight_is_split_over_its_subtasks_in_proportion(satisfied_by)
     assert values(a_graph(satisfied_by)) == {"speech": 6.0, "keyword": 2.0, "transcript": 4.0, "slam": 10.0}
 
 
-def test_a_subtask_at_rest_leaves_its_part_to_the_others():
-    """A score of 0 is rest, not inability: a compound task goes on."""
-    got = values(a_graph("All"), transcript=0.0)
-    assert got == {"speech": 6.0, "keyword": 6.0, "transcript": 0.0, "slam": 10.0}
-
-
 def test_a_subtask_at_rest_says_why_it_is_itself():
     got = weights(a_graph("All"), transcript=0.0)
     assert got["transcript"].because == "part of speech's 6; priority 2 times score 0"
@@ -64,10 +58,9 @@ def test_weights_follow_contexts_that_begin_and_end():
         assert again == Weigher(policy).weigh(scores, Obstacles({}), contexts)
 
 
-@pytest.mark.parametrize("effect", [{"weight": 1e300}, {"scale": 1e300}])
-def test_no_context_makes_a_weight_too_large_to_add(effect):
-    policy = a_policy(tasks=[a_task("slam")], contexts=[a_context("busy", tasks={"slam": effect})])
-    assert values(policy, contexts=["busy"]) == {"slam": HEAVIEST}
+def test_no_score_or_scale_makes_a_weight_too_large_to_add():
+    policy = a_policy(tasks=[a_task("slam")], contexts=[a_context("busy", tasks={"slam": {"scale": 2}})])
+    assert values(policy, contexts=["busy"], slam=1e300) == {"slam": HEAVIEST}
 
 
 SUSPENDED = {"speech": 0.0, "keyword": 0.0, "transcript": 0.0, "slam": 10.0}
@@ -81,7 +74,7 @@ def test_a_compound_waits_for_the_preconditions_of_all_its_subtasks():
     assert [name for name, weight in got.items() if not weight.able] == ["speech", "keyword", "transcript"]
 
 
-def test_a_complex_task_goes_on_with_the_subtasks_that_can_run():
+def test_a_complex_task_continues_with_the_subtasks_that_can_run():
     got = values(a_graph("Any"), waiting={"transcript": "keyword.heard"})
     assert got == {"speech": 6.0, "keyword": 6.0, "transcript": 0.0, "slam": 10.0}
 
@@ -180,21 +173,29 @@ class TestProtected:
     @pytest.mark.parametrize("context", ["still", "off"])
     def test_no_parent_suspends_it(self, context):
         got = weights(a_deep_graph(protected=True, priority=7), contexts=[context])
-        assert {name: weight.value for name, weight in got.items() if weight.value} == {"keyword": 7.0}
-        assert got["keyword"].because == "protected, it goes on without hear; priority 7 times score 1"
+        part = values(a_deep_graph(protected=True, priority=7))["keyword"]
+        assert {name: weight.value for name, weight in got.items() if weight.value} == {"keyword": part}
+        assert (
+            got["keyword"].because
+            == "protected, so it continues without hear; part of hear's 4; priority 7 times score 1"
+        )
+
+    def test_suspending_its_group_does_not_raise_its_weight(self):
+        """Its own priority orders it among its siblings only: beside other groups it would be another number."""
+        policy = a_policy(
+            tasks=[
+                a_parent("drive", "brake", "plan", priority=1),
+                a_task("brake", priority=8, protected=True),
+                a_task("plan", priority=2),
+                a_task("slam", priority=1),
+            ],
+            contexts=[a_context("off", tasks={"drive": {"suspend": True}})],
+        )
+        assert values(policy)["brake"] == values(policy, contexts=["off"])["brake"] == 0.8
 
     def test_it_rests_with_a_parent_that_rests(self):
         got = weights(a_deep_graph(protected=True, priority=7), hear=0.0)
         assert (got["keyword"].value, got["keyword"].able) == (0.0, True)
-
-    def test_its_own_precondition_counts(self):
-        policy = a_policy(tasks=[a_task("brake", protected=True), a_task("slam")])
-        assert values(policy, waiting={"brake": "imu.ok"})["brake"] == 0
-
-
-def test_suspending_one_step_of_a_complex_task_leaves_its_part_to_the_others():
-    policy = a_graph("Any", a_context("quiet", tasks={"keyword": {"suspend": True}}))
-    assert values(policy, contexts=["quiet"]) == {"speech": 6.0, "keyword": 0.0, "transcript": 6.0, "slam": 10.0}
 
 
 def test_suspending_the_parent_suspends_its_subtasks_and_says_so():
@@ -220,7 +221,7 @@ def test_a_later_context_can_take_a_suspension_back():
     policy = a_graph(
         "All",
         a_context("moving", tasks={"keyword": {"suspend": True}}),
-        a_context("hailed", tasks={"keyword": {"scale": 1}}),
+        a_context("hailed", tasks={"keyword": {"suspend": False}}),
     )
     assert values(policy, contexts=["moving", "hailed"])["keyword"] == 2.0
 
@@ -228,3 +229,43 @@ def test_a_later_context_can_take_a_suspension_back():
 def test_a_context_sets_a_parents_weight_and_the_split_follows():
     policy = a_graph("All", a_context("hailed", tasks={"speech": {"weight": 30}}))
     assert values(policy, contexts=["hailed"]) == {"speech": 30.0, "keyword": 10.0, "transcript": 20.0, "slam": 10.0}
+
+
+class TestContextsInListOrder:
+    """Weight replaces, scale multiplies what is there, and only `suspend: false` takes a suspension back."""
+
+    @pytest.mark.parametrize(
+        ("effects", "expected"),
+        [
+            ([{"suspend": True}, {"scale": 2}], 0.0),
+            ([{"suspend": True}, {"weight": 8}], 0.0),
+            ([{"weight": 0}, {"weight": 8}], 0.0),
+            ([{"weight": 8}, {"scale": 0.5}], 4.0),
+            ([{"scale": 2}, {"scale": 0.25}], 2.5),
+            ([{"scale": 2}, {"weight": 8}], 8.0),
+            ([{"weight": 8}, {"suspend": True}, {"scale": 0.5}, {"suspend": False}], 4.0),
+            ([{"suspend": True}, {"suspend": False}], 5.0),
+            ([{"suspend": False}, {"suspend": True}], 0.0),
+            ([{"scale": 0}, {"suspend": False}, {"scale": 2}], 10.0),
+            ([{"suspend": True}, {"suspend": False, "weight": 8}], 8.0),
+            ([{"weight": 0}, {"suspend": False, "scale": 2}], 10.0),
+        ],
+    )
+    def test_each_takes_what_the_earlier_ones_left(self, effects, expected):
+        contexts = [a_context(f"c{i}", tasks={"slam": effect}) for i, effect in enumerate(effects)]
+        policy = a_policy(tasks=[a_task("slam", priority=5)], contexts=contexts)
+        got = weights(policy, contexts=[context["name"] for context in contexts])["slam"]
+        assert (got.value, got.able) == (expected, expected > 0)
+
+    def test_the_reason_names_all_that_count(self):
+        contexts = [a_context(f"c{i}", tasks={"slam": e}) for i, e in enumerate([{"weight": 8}, {"scale": 0.5}])]
+        policy = a_policy(tasks=[a_task("slam")], contexts=contexts)
+        got = weights(policy, contexts=["c0", "c1"])["slam"]
+        assert got.because == "context c0 sets its weight to 8, context c1 scales its weight by 0.5"
+
+    def test_letting_a_part_run_does_not_let_its_group_run(self):
+        contexts = [
+            a_context("off", tasks={"speech": {"suspend": True}}),
+            a_context("on", tasks={"keyword": {"suspend": False}}),
+        ]
+        assert not values(a_graph("Any", *contexts), contexts=["off", "on"])["keyword"]

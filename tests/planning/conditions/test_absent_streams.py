@@ -70,7 +70,7 @@ def test_presence_can_be_asked_for(when, unheard, heard_without, heard_with):
     assert holds(story) is heard_with
 
 
-def test_a_silent_stream_is_heard_no_more_and_has_nothing():
+def test_a_silent_stream_is_no_longer_heard_and_has_nothing():
     story = watching("!heard(mic) && !has(mic.peak)")
     assert story.contexts_over_time() == [(0, ())]
     story.wait(10)
@@ -108,10 +108,30 @@ def test_an_age_decides_by_itself_as_time_passes(when, expected):
     assert story.next_decision() is None
 
 
-def test_an_age_goes_on_through_silence_and_waits_for_the_first_sample():
-    story = watching("age(mic) > 10 || age(button) > 1")
+def test_an_age_continues_through_silence():
+    story = watching("age(mic) > 10")
     story.wait(20)
     assert story.contexts_over_time() == [(0, ()), (10, ("on",))]
+
+
+@pytest.mark.parametrize(
+    ("when", "unheard", "heard"),
+    [
+        ("age(button) > 1.0", True, False),
+        ("age(button) >= 1000000", True, False),
+        ("age(button) < 1.0", False, True),
+        ("!(age(button) <= 1.0)", True, False),
+        ("!heard(button) && age(button) > 1.0", True, False),
+        ("heard(button) && age(button) > 1.0", False, False),
+    ],
+)
+def test_the_age_of_a_stream_that_was_never_heard_is_infinite(when, unheard, heard):
+    story = watching(when)
+    assert holds(story) is unheard
+    story.wait(1)
+    assert holds(story) is unheard
+    story.sample("button", at=2, pressed=True)
+    assert holds(story) is heard
 
 
 def test_an_age_scores_too():
@@ -143,10 +163,3 @@ def test_it_is_known_what_a_condition_waits_for_and_since_when():
     story.wait(9)
     assert (waiting().stream, waiting().since) == ("mic", START + 3.5)
     assert waiting().reason == "mic has no value"
-
-
-def test_an_activity_over_two_streams_is_decided_by_one():
-    activity = {"when": "mic.peak > 0.8 || button.pressed", "score": 3}
-    story = Story(a_policy(streams=[a_stream("mic"), a_stream("button")], tasks=[a_task("slam", activity=[activity])]))
-    story.sample("mic", at=1, peak=0.9)
-    assert story.planner.scores() == {"slam": 3.0}

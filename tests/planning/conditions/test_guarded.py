@@ -1,4 +1,4 @@
-"""What has not changed is not evaluated again, and a failure is told each time."""
+"""What has not changed is not evaluated again, and a failure is reported each time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from contextpolicy.planning.conditions.expressions import Guarded
 from contextpolicy.planning.conditions.scope import Scope, is_same
 
 
-class Told:
+class Recorder:
     """Counts failures and recoveries."""
 
     def __init__(self):
@@ -26,6 +26,9 @@ class Told:
     def on_expression_recovery(self, _):
         self.errors.append("recovered")
 
+    def on_elapsed(self, _):
+        raise AssertionError  # a guard sets no timer
+
 
 def counted(source, scope):
     """An expression, and a list with an entry for each evaluation."""
@@ -35,9 +38,9 @@ def counted(source, scope):
         evaluations.append(1)
         return expression.truth(scope)
 
-    own = {name: getattr(expression, name) for name in ("source", "variables", "ages", "number")}
+    own = {name: getattr(expression, name) for name in ("source", "variables", "contexts", "ages", "number")}
     counting: Any = SimpleNamespace(**own, truth=truth)
-    return Guarded(counting, scope, Told()), evaluations
+    return Guarded(counting, scope, Recorder()), evaluations
 
 
 def test_a_sample_that_says_the_same_again_is_not_evaluated_again():
@@ -91,13 +94,13 @@ def test_a_feature_that_loses_its_last_sample_is_a_change():
     assert (guarded.truth(1.0), guarded.waiting.reason) == (False, "imu.shake has no sample in its window")
 
 
-def test_a_failure_is_told_with_each_sample_however_alike():
-    scope, told = Scope(), Told()
-    guarded = Guarded(scope.compile("imu.speed > 0.1"), scope, told)
+def test_a_failure_is_reported_with_each_sample_however_alike():
+    scope, reported = Scope(), Recorder()
+    guarded = Guarded(scope.compile("imu.speed > 0.1"), scope, reported)
     for now in range(3):
         scope.bind("imu", {"speed": "fast"}, float(now))
         assert guarded.truth(float(now)) is False
-    assert len(told.errors) == 3
+    assert len(reported.errors) == 3
 
 
 @pytest.mark.parametrize(
@@ -107,7 +110,7 @@ def test_a_failure_is_told_with_each_sample_however_alike():
         *[({"a": 1}, {"b": 1}), ({"a": 1}, {"a": 1, "b": 2}), ([1, 2], [2, 1]), ("1", 1), ("", None), ({}, [])],
     ],
 )
-def test_what_expressions_can_tell_apart_is_not_the_same(one, other):
+def test_values_that_expressions_distinguish_are_not_the_same(one, other):
     assert not is_same(one, other)
     assert not is_same(other, one)
 
@@ -123,8 +126,8 @@ SAMPLES = st.recursive(
 
 
 @given(SAMPLES, SAMPLES)
-def test_what_is_the_same_is_written_the_same(one, other):
-    """`repr` tells apart all that expressions can, and the order of keys, which they can't."""
+def test_values_that_are_the_same_have_the_same_repr(one, other):
+    """`repr` distinguishes all that expressions can, and the order of keys, which they can't."""
     if is_same(one, other):
         assert repr(_sorted(one)) == repr(_sorted(other))
 

@@ -51,6 +51,19 @@ def test_samples_of_another_clock_count_from_their_arrival(offset, speed):
     assert not story.planner.streams["imu"].silent
 
 
+@pytest.mark.parametrize("clock", ["Auto", "Source"])
+def test_age_and_silence_count_from_arrival_by_any_clock(clock):
+    stream = a_stream("imu", timestamp="stamp", staleAfter="500ms", clock=clock)
+    late, silent = a_context("late", "age(imu) > 0.3"), a_context("silent", "!heard(imu)")
+    story = Story(a_policy(streams=[stream], tasks=[a_task("slam")], contexts=[late, silent]))
+    story.sample("imu", at=1, stamp=0.6)
+    assert story.contexts_over_time()[-1][1] == ()
+    story.wait(3)
+    (since, first), (until, second) = story.contexts_over_time()[-2:]
+    assert [since, until] == pytest.approx([1.3, 1.5])
+    assert (first, second) == (("late",), ("late", "silent"))
+
+
 @pytest.mark.parametrize("speed", [0.1, 2.0, 10.0])
 def test_a_recording_of_yesterday_may_be_played_at_any_speed(speed):
     story = listening()
@@ -102,7 +115,7 @@ def test_a_clock_that_becomes_ours_is_believed_at_once():
 
 
 @pytest.mark.parametrize("length", [2.0, 8.0, 30.0])
-def test_a_recording_that_begins_again_goes_on(length):
+def test_a_recording_that_begins_again_continues(length):
     story = listening()
     count = round(length / PERIOD)
     play(story, range(count), offset=-HOUR)
@@ -121,12 +134,12 @@ def test_the_policy_may_know_better():
 
 
 def test_the_status_hears_of_another_clock_once_each_way():
-    told = []
+    reported = []
     story = listening(staleAfter=None)
-    story.on_each_health(lambda: told.append(story.planner.streams["imu"].clock.behind))
+    story.on_each_health(lambda: reported.append(story.planner.streams["imu"].clock.behind))
     play(story, range(40), offset=-HOUR)
     play(story, range(40), offset=0.0, begin=4.0)
-    heard, *changes = told
+    heard, *changes = reported
     assert (heard, changes) == (None, [pytest.approx(HOUR), None])
 
 

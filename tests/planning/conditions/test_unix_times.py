@@ -2,10 +2,11 @@
 
 import pytest
 
+from contextpolicy.planning.conditions.absence import UNHEARD
 from contextpolicy.planning.conditions.sample import Sample
-from contextpolicy.planning.conditions.stream import UNHEARD
 from contextpolicy.planning.planner import Planner
 from tests.planning.builders import a_context, a_policy, a_stream, a_task, on_node
+from tests.planning.quiet import Quiet
 
 TODAY = 1795254707.0
 
@@ -16,7 +17,7 @@ def test_decay_comes_to_an_end(decay, offset):
     """A step that was computed from the rounded clock once set its timer to the present, for ever."""
     activity = {"when": "mic.level > 0.1", "hold": "300ms", "decay": decay}
     policy = a_policy(streams=[a_stream("mic")], tasks=[a_task("speech", activity=[activity]), a_task("slam")])
-    planner, now = Planner(policy), TODAY + offset
+    planner, now = Planner(policy, Quiet(), {}), TODAY + offset
     planner.start(now)
     planner.handle(on_node("speech", "slam"), now)
     planner.handle(Sample("mic", {"level": 0.5}), now)
@@ -70,7 +71,7 @@ def test_a_period_equal_to_an_age_does_not_flap(period):
 def test_a_period_equal_to_sample_every_passes_each_sample_at_once(period):
     streams = [a_stream("mic", sampleEvery=f"{period}s")]
     policy = a_policy(streams=streams, tasks=[a_task("speech", activity=[{"scoreFrom": "mic.number"}])])
-    planner = Planner(policy)
+    planner = Planner(policy, Quiet(), {})
     planner.start(TODAY)
     for number, now in enumerate(every(period), start=1):
         planner.handle(Sample("mic", {"number": number}), now)
@@ -82,7 +83,7 @@ class Listening(Planner):
 
     def __init__(self, policy):
         self.heard: set[float] = set()
-        super().__init__(policy)
+        super().__init__(policy, Quiet(), {})
 
     def on_score(self, initiative, now):
         super().on_score(initiative, now)

@@ -1,4 +1,4 @@
-"""The kinds of expressions: what fits is never refused, what does not is told with the operand."""
+"""The kinds of expressions: what fits is never refused, what does not is reported with the operand."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.ros_types import type_store
 from contextpolicy.policy.validation.cel_types import mistakes
-from contextpolicy.policy.validation.shapes import BOOL, NUMBER, TEXT, of_example, of_message
+from contextpolicy.policy.validation.shapes import BOOL, MAP, NUMBER, PLAIN, TEXT, of_example, of_message
 
 EXAMPLE = {"n": 1, "x": 0.5, "t": "go", "b": True, "l": [1, 2.5], "m": {"n": 2, "boxes": [{"w": 1}]}, "any": None}
 SHAPES = {"s": of_example(EXAMPLE, "its example"), "imu": of_message(type_store(), "sensor_msgs/msg/Imu")}
@@ -54,7 +54,7 @@ def test_what_fits_is_never_refused(source):
 
 
 @given(numbers, texts)
-def test_what_does_not_fit_is_told(number, text):
+def test_mismatched_kinds_are_reported(number, text):
     assert mistakes(f"(1.0 + {number}) < ('a' + {text})", BOOL, SHAPES) != []
     assert mistakes(f"1.0 + {number}", TEXT, SHAPES) != []
 
@@ -72,24 +72,77 @@ def test_nothing_that_compiles_crashes_it(source):
     ("source", "message"),
     [
         ("s.m.boxes.exists(b, b.h > 1)", "b has no field h: its example has w"),
-        ("s.m.boxes.exists(b, b.w)", "b.w is a number, allowed there: true or false"),
+        ("s.m.boxes.exists(b, b.w)", "b.w is a number, expected true or false"),
         (
             "imu.header.stamp.secs > 1",
             "imu.header.stamp has no field secs: builtin_interfaces/msg/Time has sec,",
         ),
         ("imu.orientation_covariance.x > 1.0", "imu.orientation_covariance is a list, which has no field x"),
         ("s.t > 1", "s.t > 1 has a text and a number: > takes two of a kind"),
-        ("s.n ? true : false", "s.n is a number, allowed there: true or false"),
-        ("'a' in s.t", "s.t is a text, allowed there: a list or a map"),
-        ("s.x.startsWith('a')", "s.x is a number, allowed there: a text"),
-        ("s.any.matches('[')", "'[' is no regular expression"),
-        ("s.n[0] > 1", "s.n is a number, allowed there: a list or a map"),
+        ("s.n ? true : false", "s.n is a number, expected true or false"),
+        ("'a' in s.t", "s.t is a text, expected a list or a map"),
+        ("s.x.startsWith('a')", "s.x is a number, expected a text"),
+        ("s.any.matches('[')", "'[' is not a valid regular expression"),
+        ("s.n[0] > 1", "s.n is a number, expected a list or a map"),
         ("s['tt'] == 'go'", "s has no field tt: its example has"),
-        ("norm(s.l, s.l) > 1", "a call such as norm(imu.gyro); this is norm(s.l, s.l)"),
-        ("contains(s.t, 'a')", "a call such as imu.frame.contains('link'); this is contains(s.t, 'a')"),
-        ("s.l.contains('a')", "s.l is a list, allowed there: a text"),
+        ("norm(s.l, s.l) > 1", "expected a call such as norm(imu.gyro), not norm(s.l, s.l)"),
+        ("contains(s.t, 'a')", "expected a call such as imu.frame.contains('link'), not contains(s.t, 'a')"),
+        ("s.l.contains('a')", "s.l is a list, expected a text"),
     ],
 )
 def test_each_mistake_names_the_operand(source, message):
     (told,) = mistakes(source, BOOL, SHAPES)
     assert told.startswith(message)
+
+
+@pytest.mark.parametrize("source", ["s[0] > 5", "s.m[0] > 5"])
+def test_a_map_of_a_sample_has_no_items(source):
+    (told,) = mistakes(source, BOOL, SHAPES)
+    assert "is a map, whose fields have names, not numbers" in told
+    assert mistakes("{0: 7}[0] > 5 && s.l[0] > 5", BOOL, SHAPES) == []
+
+
+PLAIN_LIST = {"s": of_example({"value": [1, 2, 3]}, PLAIN)}
+PLAIN_NUMBER = {"s": of_example({"value": 5}, PLAIN)}
+UNKNOWN = {"s": MAP}
+
+
+@pytest.mark.parametrize(
+    ("source", "shapes"),
+    [
+        ("size(s) > 2", PLAIN_LIST),
+        ("s.size() > 2", PLAIN_NUMBER),
+        ("norm(s) > 2.0", PLAIN_LIST),
+        ("'a' in s", PLAIN_LIST),
+        ("s.exists(x, x == 'a')", PLAIN_LIST),
+        ("s.map(x, x)[0] == 'a'", PLAIN_LIST),
+        ("3 in s", UNKNOWN),
+        ("s in [3, 4]", UNKNOWN),
+        ("s in ['a']", PLAIN_LIST),
+        ("s.exists(x, x > 2)", UNKNOWN),
+        ("s.filter(x, x > 2).size() > 1", UNKNOWN),
+        ("s.all(x, x.ok)", UNKNOWN),
+    ],
+)
+def test_a_plain_value_is_neither_a_list_nor_a_number(source, shapes):
+    (told,) = mistakes(source, BOOL, shapes)
+    assert "such as 5, is read as s.value" in told
+
+
+@pytest.mark.parametrize("source", ["'a' in s", "s.exists(x, x == 'a')", "size(s) > 2", "norm(s) > 2.0", "s.l in [3]"])
+def test_what_may_be_a_map_is_not_refused(source):
+    assert mistakes(source, BOOL, UNKNOWN) == []
+
+
+@pytest.mark.parametrize(
+    "source", ["3 in s.value", "s.value.exists(x, x > 2)", "size(s.value) > 2", "norm(s.value) > 2.0"]
+)
+def test_its_value_is(source):
+    assert mistakes(source, BOOL, PLAIN_LIST) == []
+
+
+@pytest.mark.parametrize("source", ["'a' in s.l", "s.x in [1, 2]"])
+def test_what_is_in_no_such_list_is_reported(source):
+    shapes = {"s": of_example({"l": [1, 2], "x": "a"}, "its example")}
+    (told,) = mistakes(source, BOOL, shapes)
+    assert "is a text, and all in" in told

@@ -222,7 +222,7 @@ def claimed(first: dict[str, Any], second: dict[str, Any], *, together: bool = T
                 "spec": {
                     "streams": [{"name": "imu", "key": "imu"}],
                     "tasks": [
-                        {"name": "slam", "selector": selector, "activity": [{"stream": "imu"}]},
+                        {"name": "slam", "selector": selector, "activity": [{"stream": "imu", "hold": "1s"}]},
                     ],
                 },
             }
@@ -274,6 +274,7 @@ def test_two_files_may_be_alternatives() -> None:
         (("spec", "tasks", 0, "max"), "500m", "spec.tasks[0].needs.cores"),
         (("spec", "tasks", 0, "activity", 0, "score"), 0, "spec.tasks[0].activity[0].score"),
         (("spec", "contexts", 0, "tasks"), {}, "spec.contexts[0]"),
+        (("spec", "contexts", 0, "tasks"), {"slam": {"suspend": False}}, "spec.contexts[0].tasks.slam.suspend"),
     ],
 )
 def test_what_cannot_be_meant_is_a_warning(path: tuple[Any, ...], value: Any, field: str) -> None:

@@ -43,7 +43,7 @@ def test_every_pattern_has_words_and_is_anchored() -> None:
     assert [part for part in alternatives if not re.fullmatch(r"\^.*\$", part)] == []
 
 
-def told(path: tuple[Any, ...], value: Any) -> list[tuple[str, object, str | None]]:
+def expected(path: tuple[Any, ...], value: Any) -> list[tuple[str, object, str | None]]:
     return [(problem.field, problem.value, problem.allowed) for problem in problems(changed(path, value))]
 
 
@@ -53,61 +53,61 @@ def told(path: tuple[Any, ...], value: Any) -> list[tuple[str, object, str | Non
         ((*TASK, "min"), 0.5, 'a fraction in quotes ("0.5") or in thousandths (500m)'),
         ((*TASK, "container"), "slam\n", "lower-case letters, digits and '-', no '-' at either end"),
         ((*TASK, "priority"), 1e7, "a number from 0 to 1000000"),
-        ((*STREAM, "minDwell"), "1s", "known fields: "),
+        ((*STREAM, "minDwell"), "1s", "one of the fields "),
         ((*STREAM, "staleAfter"), "0s", "must be longer than 0s; leave it out to let a silent stream count forever"),
         ((*STREAM, "debounce"), "1m" * 17, "at most 32 characters"),
         (("spec", "force", "until"), "2027-01-01T00:00+01:00", "a date and time as in RFC 3339, such as"),
         ((*GROUP, "subtasks"), [], "a selector for a task in a container, subtasks for one without"),
         (("spec", "streams"), [], "at least one stream"),
-        (("speck",), {}, "known fields: apiVersion, kind, metadata, spec, status"),
+        (("speck",), {}, "one of the fields apiVersion, kind, metadata, spec, status"),
     ],
 )
 def test_what_is_allowed_is_said_in_words(path: tuple[Any, ...], value: Any, allowed: str) -> None:
-    assert any(words is not None and words.startswith(allowed) for _, _, words in told(path, value))
+    assert any(words is not None and words.startswith(allowed) for _, _, words in expected(path, value))
 
 
-def test_a_missing_field_is_told_where_it_belongs() -> None:
-    assert told((*STREAM, "features", 0, "over"), KeyError)[0][:2] == ("spec.streams[0].features[0].over", None)
+def test_a_missing_field_is_reported_where_it_belongs() -> None:
+    assert expected((*STREAM, "features", 0, "over"), KeyError)[0][:2] == ("spec.streams[0].features[0].over", None)
 
 
 def test_what_is_null_was_not_given() -> None:
-    assert told((*STREAM, "debounce"), None) == []
+    assert expected((*STREAM, "debounce"), None) == []
 
 
 def test_a_name_that_stands_twice_is_named() -> None:
     feature = {"name": "mean", "op": "mean", "of": "imu.orientation.x", "over": "1s"}
-    assert told((*STREAM, "features"), [feature] * 2) == [("spec.streams[0].features", "mean", "each name once")]
+    assert expected((*STREAM, "features"), [feature] * 2) == [("spec.streams[0].features", "mean", "each name once")]
 
 
-def test_of_a_list_that_is_too_long_nothing_else_is_told() -> None:
-    assert {field for field, _, _ in told(("spec", "contexts"), ["x"] * 1000)} >= {"spec.contexts"}
-    assert "spec.contexts[64]" not in {field for field, _, _ in told(("spec", "contexts"), ["x"] * 1000)}
+def test_an_overlong_list_reports_only_its_length() -> None:
+    assert {field for field, _, _ in expected(("spec", "contexts"), ["x"] * 1000)} >= {"spec.contexts"}
+    assert "spec.contexts[64]" not in {field for field, _, _ in expected(("spec", "contexts"), ["x"] * 1000)}
 
 
 @pytest.mark.parametrize(
-    ("told", "findings"),
+    ("expected", "findings"),
     [
         (set(), [("spec", {"a": 1}, "b must be larger")]),
         ({"other"}, [("spec", {"a": 1}, "b must be larger")]),
         ({"spec.c"}, []),
     ],
 )
-def test_a_rule_without_a_value_is_broken_unless_its_object_is(told: set[str], findings: list[Any]) -> None:
+def test_a_rule_without_a_value_is_broken_unless_its_object_is(expected: set[str], findings: list[Any]) -> None:
     rule = {"rule": "self.a < self.b", "message": "b must be larger"}
     node = {"properties": {"spec": {"x-kubernetes-validations": [rule]}}}
-    found = crd_rules.findings({"spec": {"a": 1}}, node, told)
+    found = crd_rules.findings({"spec": {"a": 1}}, node, expected)
     assert [(finding.field, finding.value, finding.allowed) for finding in found] == findings
 
 
 def test_a_rule_about_a_field_that_is_wrong_already_adds_nothing() -> None:
-    assert [field for field, _, _ in told((*TASK, "max"), "much")] == ["spec.tasks[0].max"]
+    assert [field for field, _, _ in expected((*TASK, "max"), "much")] == ["spec.tasks[0].max"]
 
 
-def test_a_ros_type_that_is_none_is_told_once() -> None:
-    assert [field for field, _, _ in told((*STREAM, "type"), "Imu")] == ["spec.streams[0].type"]
+def test_an_invalid_ros_type_is_reported_once() -> None:
+    assert [field for field, _, _ in expected((*STREAM, "type"), "Imu")] == ["spec.streams[0].type"]
 
 
-def test_rules_about_other_fields_are_told_at_once() -> None:
+def test_rules_about_other_fields_are_reported_at_once() -> None:
     body = changed((*STREAM, "debounce"), "soon")
     body["spec"]["streams"][0]["staleAfter"] = "0s"
     assert [problem.field for problem in problems(body)] == ["spec.streams[0].debounce", "spec.streams[0].staleAfter"]

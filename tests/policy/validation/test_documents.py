@@ -59,14 +59,19 @@ def test_merge_keys_and_aliases_are_expanded() -> None:
         ("[" * 5000, 1, "nested deeper than 64"),
         ("a: [1", 1, "expected ',' or ']'"),
         ("a: 1\nb: *x", 2, "undefined alias"),
-        ("? [a]\n: 1", 1, "a key that is no text"),
-        ("a: !!int x", 1, "no value"),
+        ("? [a]\n: 1", 1, "a key that is not a text"),
+        ("a: !!int x", 1, "not a valid value"),
         ("a: !!python/object:os.system x", 1, "constructor"),
         ("a: \x00", 1, "unacceptable character"),
-        ("x" * (2**20 + 1), 1, "allowed: 1048576"),
+        ("x" * (2**20 + 1), 1, "expected at most 1048576"),
     ],
 )
 def test_what_cannot_be_read_is_refused_with_its_line(text: str, line: int, message: str) -> None:
     with pytest.raises(DocumentError, match=message) as caught:
         list(read(text))
     assert caught.value.position.line == line
+
+
+def test_all_keys_that_yaml_reads_as_one_are_named():
+    (document,) = read("on: 1\ny: 2\nno: 3\n")
+    assert document.yes_and_no_keys == {"true": "on and y", "false": "no"}

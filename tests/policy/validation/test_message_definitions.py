@@ -47,27 +47,27 @@ def folder(tmp_path):
 
 @pytest.mark.parametrize("text", [f"{POLICY}---{CONFIG_MAP}", f"{CONFIG_MAP}---{POLICY}"])
 def test_a_config_map_in_the_files_defines_them(validate, text):
-    code, told = validate(text)
+    code, reported = validate(text)
     assert code == 0
-    assert "1 policy, 0 errors, 0 warnings" in told
-    code, told = validate(text.replace("bool glad", "bool"))
+    assert "1 policy, 0 errors, 0 warnings" in reported
+    code, reported = validate(text.replace("bool glad", "bool"))
     assert code == 1
-    assert "spec.streams[0].types: 'robot-types' is not allowed: message definitions without mistakes; " in told
-    assert "my_msgs.msg.Mood.msg: can't be read from line 1 on" in told
+    assert "spec.streams[0].types: invalid value 'robot-types': expected valid message definitions; " in reported
+    assert "my_msgs.msg.Mood.msg: can't be read from line 1 on" in reported
 
 
 def test_a_config_map_of_another_namespace_does_not(validate):
-    code, told = validate(f"{POLICY}---{CONFIG_MAP.replace('lab', 'attic')}")
+    code, reported = validate(f"{POLICY}---{CONFIG_MAP.replace('lab', 'attic')}")
     assert code == 0
-    assert "ConfigMap robot-types is in none of the files, its messages are unchecked" in told
+    assert "ConfigMap robot-types is in none of the files, its messages are unchecked" in reported
 
 
 def test_a_folder_defines_what_no_file_does(validate, folder):
     assert validate(POLICY, "--types", str(folder)) == (0, "1 policy, 0 errors, 0 warnings\n")
     (folder / "my_msgs/msg/Mood.msg").rename(folder / "my_msgs/msg/Temper.msg")
-    code, told = validate(POLICY, "--types", str(folder))
+    code, reported = validate(POLICY, "--types", str(folder))
     assert code == 1
-    assert "'my_msgs/msg/Mood' is not allowed: a message of ROS 2 latest or robot-types" in told
+    assert "invalid value 'my_msgs/msg/Mood': expected a message of ROS 2 latest or robot-types" in reported
 
 
 def test_a_folder_without_definitions_is_a_mistake(validate, tmp_path):

@@ -78,7 +78,23 @@ REFUSED = [
         id="no encoding",
     ),
     pytest.param([(WHEN, "1")], "true or false; this is a number", id="a number"),
-    pytest.param([(WHEN, 'mic.word.matches("(")')], '"(" is no regular expression', id="no pattern"),
+    pytest.param([(WHEN, "mic > 5")], "such as 5, is read as mic.value", id="a stream as a number"),
+    pytest.param([(WHEN, "mic == 5")], "such as 5, is read as mic.value", id="a stream beside a number"),
+    pytest.param([(WHEN, "mic")], "such as 5, is read as mic.value", id="a stream as a condition"),
+    pytest.param([(WHEN, "5 in mic")], "such as 5, is read as mic.value", id="a stream as a list"),
+    pytest.param([(WHEN, "mic in [3, 4]")], "such as 5, is read as mic.value", id="a stream in a list"),
+    pytest.param([(WHEN, "mic.exists(x, x > 2)")], "such as 5, is read as mic.value", id="a loop over a stream"),
+    pytest.param([(WHEN, "duration('1 hour') > duration('1s')")], "as in duration('1m30s')", id="no duration"),
+    pytest.param([(WHEN, "timestamp('2026-13-01') < timestamp(mic.t)")], "'2026-11-21T12:00:00Z'", id="no time"),
+    pytest.param([(WHEN, "int('x') > 1")], "int('x') has no value", id="no number"),
+    pytest.param(
+        [(WHEN, "timestamp(mic.t).getHours('Europe/Berlin') > 1")], "no time zone, such as 'Europe/B", id="time zone"
+    ),
+    pytest.param([(WHEN, "abs(mic.x, 1) > 1")], "a call such as abs(imu.speed)", id="one argument too many"),
+    pytest.param([(WHEN, "min() > 1")], "a call such as min(imu.speed, 2.0)", id="no argument"),
+    pytest.param([(WHEN, "[1, 2].contains(mic.x)")], "for a list, write x in list", id="contains of a list"),
+    pytest.param([(WHEN, "mic.list.contains(1)")], "for a list, write x in list", id="contains of maybe a list"),
+    pytest.param([(WHEN, 'mic.word.matches("(")')], '"(" is not a valid regular expression', id="no pattern"),
     pytest.param([((*TASK, "activity", 0, "scoreFrom"), "mic.level > 1")], "a number; this is true or", id="score"),
     pytest.param([(("spec", "tasks", 2, "min"), "100m")], "a group has subtasks", id="min of a group"),
     pytest.param([(("spec", "tasks", 2, "max"), 1)], "a group has subtasks", id="max of a group"),
@@ -95,6 +111,7 @@ REFUSED = [
     pytest.param([((*TASK, "min"), 0.5)], '"0.5"', id="a fraction without quotes"),
     pytest.param([((*TASK, "name"), "x" * 64)], "at most 63 lower-case letters", id="a long name"),
     pytest.param([(WHEN, "mic.level > 1 and mic.ok")], "in CEL and is written &&", id="and"),
+    pytest.param([(WHEN, "mic.level > 99999999999999999999")], "write 99999999999999999999.0", id="a large number"),
     pytest.param([(WHEN, "mic.level = 1")], "in CEL equality is written ==", id="one equals sign"),
     pytest.param([(WHEN, "mic.level >")], "a CEL expression; it ends too early", id="half an expression"),
 ]
@@ -129,15 +146,47 @@ def test_yaml_reads_y_as_true():
     assert problem.message.endswith("YAML reads y as true: put it in quotes")
 
 
-def test_a_context_that_nothing_makes_hold_is_told():
+@pytest.mark.parametrize(("word", "read"), [("y", "true"), ("N", "false"), ("off", "false"), ("Yes", "true")])
+def test_yaml_reads_a_key_y_as_true(word, read):
+    text = yaml.safe_dump(BASE).replace("slam: {weight", f"{word}: {{weight").replace("slam:", f"{word}:")
+    problems = [p for p in check([("p.yaml", text)]).problems if f"the key {word} " in p.message]
+    assert [(p.severity, p.message) for p in problems] == [
+        (Severity.WARNING, f"YAML reads the key {word} as {read}: put it in quotes")
+    ]
+    assert problems[0].field == f"spec.contexts[0].tasks.{read}"
+
+
+def test_a_label_and_an_example_may_not_mean_true_either():
+    body = yaml.safe_dump(BASE).replace("app: slam", "y: slam")
+    assert [p.message for p in check([("p.yaml", body)]).problems if "the key y" in p.message]
+
+
+def test_quoted_keys_are_what_they_are():
+    body = yaml.safe_dump(BASE).replace("app: slam", "'y': slam")
+    assert [p.message for p in check([("p.yaml", body)]).problems if "the key" in p.message] == []
+
+
+@pytest.mark.parametrize("when", ["true", "1 < 2"])
+def test_a_constant_condition_does_not_change_with_samples(when):
+    assert [words for _, _, words in told((WHEN, when)) if "every sample" in words] == []
+
+
+@pytest.mark.parametrize("change", [{"weight": -1}, {"scale": "much"}, {"weight": -1, "suspend": False}])
+def test_a_bad_number_is_not_also_a_missing_one(change):
+    problems = told(((*WHEN[:-1], "tasks", "slam"), change))
+    assert problems
+    assert [words for _, _, words in problems if "exactly one of" in words] == []
+
+
+def test_a_context_that_nothing_makes_hold_is_reported():
     assert [(severity, field) for severity, field, _ in told((WHEN, "false"))] == [
         (Severity.WARNING, "spec.contexts[0]")
     ]
     assert told((WHEN, "false"), (("spec", "fallback"), "moving")) == []
 
 
-def test_names_that_are_refused_are_told_once_each():
-    """They were also told as '' that appears twice, and offered as ''."""
+def test_refused_names_are_reported_once():
+    """They were also reported as '' that appears twice, and suggested as ''."""
     problems = told((("spec", "streams", 0, "name"), "theImu"), (("spec", "streams", 1, "name"), "theMic"))
     assert [field for _, field, _ in problems if field.startswith("spec.streams")] == [
         "spec.streams[0].name",
@@ -163,7 +212,7 @@ EXAMPLE = ("spec", "streams", 1, "example")
     [
         ({"level": 0.2}, "mic.levle > 1", "mic has no field levle: its example has level; did you mean level?"),
         ({"ok": True}, "mic.ok == 1", "mic.ok == 1 has true or false and a number: never equal"),
-        (0.5, "mic.level > 1", "mic has no field level: its example has value"),
+        (0.5, "mic.level > 1", "mic has no field level: its example, a plain value, has value"),
     ],
 )
 def test_an_example_lets_every_expression_be_checked(example, when, message):

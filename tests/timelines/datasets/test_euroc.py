@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from modules.slam.calibration import Rectifier, load_rig
-from modules.slam.features import detect, measure
+from modules.slam.features import Picture, measure
 from robotkit.euroc import rows as euroc_rows
 from timelines.datasets import corridor, euroc
 from timelines.datasets.motion import Motion
@@ -69,9 +69,10 @@ def depths(mav0):
     """Places of the first pictures' corners in the rectified left camera's frame."""
     rectifier = Rectifier(load_rig(mav0))
     left, right = (first_picture(mav0 / camera) for camera in ("cam0", "cam1"))
-    image = rectifier.left(left)
-    points = measure(rectifier, image, rectifier.right(right), detect(image, 800))
-    return points[np.isfinite(points[:, 2])]
+    picture = Picture(rectifier.left(left), 800)
+    disparities = measure(picture, Picture(rectifier.right(right), 800))
+    known = np.isfinite(disparities)
+    return rectifier.in_space(picture.features.pixels[known], disparities[known])
 
 
 def test_stereo_depth_is_that_of_the_corridor(mav0):

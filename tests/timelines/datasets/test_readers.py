@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import shutil
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from contextpolicy.streams.timeline import parse
 from robotkit.euroc import DatasetError
 from robotkit.stereo import decode
 from tests.modules.sounds import write
-from timelines.datasets.readers import positions, read
+from timelines.datasets.readers import read
 
 START = 1403636579763555584
 
@@ -58,20 +59,15 @@ def test_real_names_are_read(recorded, name):
 def test_without_ground_truth_there_is_no_speed(recorded):
     shutil.rmtree(recorded / "real/mav0/state_groundtruth_estimate0")
     assert list(read(recorded, "real/imu")) == [(0.0, {"gyro": [1.0, 2.0, 3.0], "accel": [4.0, 5.0, 6.0]})]
-    with pytest.raises(DatasetError, match="no ground truth"):
-        positions(recorded / "real/mav0", [START])
 
 
-def test_truth_is_interpolated_at_the_asked_stamps(recorded):
-    assert positions(recorded / "real/mav0", [START + 25_000_000])[0].tolist() == pytest.approx([0.25, 0, 0])
-
-
-def test_before_and_after_the_ground_truth_nothing_is_known(recorded):
-    known = positions(recorded / "real/mav0", [START - 1, START, START + 10_000_000_000])
-    assert np.isnan(known[:, 0]).tolist() == [True, False, True]
+def test_true_speed_is_unknown_outside_the_ground_truth(recorded):
+    truth = recorded / "real/mav0/state_groundtruth_estimate0/data.csv"
+    truth.write_text("".join(f"{START + t},0,0,0,1,0,0,0,{speed},0,0\n" for t, speed in ((0, 1), (100_000_000, 3))))
     imu = recorded / "real/mav0/imu0/data.csv"
-    imu.write_text(f"{START - 5},1,2,3,4,5,6\n{START},1,2,3,4,5,6\n")
-    assert ["speed" in sample for _, sample in read(recorded, "real/imu")] == [False, True]
+    imu.write_text("".join(f"{START + t},1,2,3,4,5,6\n" for t in (-5, 0, 25_000_000, 100_000_001)))
+    samples: list[Any] = [sample for _, sample in read(recorded, "real/imu")]
+    assert [sample.get("speed") for sample in samples] == [None, 1.0, 1.5, None]
 
 
 def test_audio_comes_in_chunks_when_they_have_been_heard(tmp_path):

@@ -53,7 +53,16 @@ def test_a_container_is_found_by_its_id_and_read(root, container):
     assert (cgroup.limit(), cgroup.usage(), cgroup.processes()) == (0.3, 1.5, [17, 18])
 
 
-def test_a_limit_that_moves_is_read_anew(root):
+def test_a_pods_weight_is_read_beside_its_containers(root):
+    cgroup = find(ID, root)
+    assert cgroup is not None
+    assert cgroup.weight() is None
+    name = "cpu.shares" if cgroup.version == 1 else "cpu.weight"
+    write(quota_file(root).parent.parent / name, "512\n")
+    assert cgroup.weight() == 512
+
+
+def test_a_limit_that_moves_is_read_again(root):
     cgroup = find(ID, root)
     assert cgroup is not None
     quota_file(root).write_text("100000 100000\n" if "cpu.max" in str(quota_file(root)) else "100000\n")

@@ -34,14 +34,14 @@ TASKS = ("slam", "signs", "speech", "imu", "navigation", "arm")
 
 @pytest.fixture
 def judge(tmp_path):
-    """Accuracies of a run whose tasks told `results`: by key, (seconds of the run, message)."""
+    """Accuracies of a run whose tasks reported `results`: by key, (seconds of the run, message)."""
     story = {"name": "walk", "duration": 20.0, "phases": PHASES, "inputs": INPUTS}
     (tmp_path / TIMELINE).write_text(json.dumps(story), encoding="utf-8")
 
     def judged(results, pace=1.0, plans=()):
         run = RunData("x", "X", BEGIN, BEGIN + 20 / pace, pace=pace, inputs={task: {} for task in TASKS})
-        for key, told in results.items():
-            run.results[key] = [Result(BEGIN + at, BEGIN + at, value) for at, value in told]
+        for key, reported in results.items():
+            run.results[key] = [Result(BEGIN + at, BEGIN + at, value) for at, value in reported]
         run.published = {"robot/arm/order": [round((BEGIN + at / pace) * S) for at in (3, 14)]}
         run.plans = list(plans)
         return accuracy(run, tmp_path, tmp_path)
@@ -49,8 +49,8 @@ def judge(tmp_path):
     return judged
 
 
-def keywords(*told):
-    return {"robot/speech/keyword": [(at + 1, {"keyword": word, "at": BEGIN + at}) for at, word in told]}
+def keywords(*reported):
+    return {"robot/speech/keyword": [(at + 1, {"keyword": word, "at": BEGIN + at}) for at, word in reported]}
 
 
 def plan(sequence, at, suspended=()):
@@ -74,27 +74,33 @@ def test_at_twice_the_pace_the_story_is_over_in_half_the_time(judge):
     assert (found.value, found.count) == (100, 3)
 
 
-def test_a_sign_is_told_while_it_is_in_view_or_soon_after(judge):
-    told = [(1.5, {"text": "204"}), (16.0, {"text": "206"})]
-    assert judge({"robot/signs/number": told})["signs"].value == 50
+def test_a_sign_is_reported_while_it_is_in_view_or_soon_after(judge):
+    reported = [(1.5, {"text": "204"}), (16.0, {"text": "206"})]
+    assert judge({"robot/signs/number": reported})["signs"].value == 50
 
 
 def test_motion_is_right_or_wrong_answer_by_answer(judge):
-    told = [(1, {"moving": False}), (6, {"moving": True}), (8, {"moving": False}), (13, {"moving": False}), (14, {})]
-    found = judge({"robot/imu/motion": told})["imu"]
+    reported = [
+        (1, {"moving": False}),
+        (6, {"moving": True}),
+        (8, {"moving": False}),
+        (13, {"moving": False}),
+        (14, {}),
+    ]
+    found = judge({"robot/imu/motion": reported})["imu"]
     assert (found.value, found.count) == (75, 4)
 
 
 def test_the_path_is_as_long_as_it_was_ordered(judge):
-    told = [(0, {"travelled": 1.0}), (19, {"travelled": 3.0})]
-    found = judge({"robot/navigation/odometry": told})["navigation"]
+    reported = [(0, {"travelled": 1.0}), (19, {"travelled": 3.0})]
+    found = judge({"robot/navigation/odometry": reported})["navigation"]
     assert found.value == pytest.approx(0.1)  # 2 m of 0.3 m/s in 7 s
     assert not found.more_is_better
 
 
 def test_an_order_is_carried_out_before_the_next_one_comes(judge):
-    told = [(4, {"doing": "moving"}), (15, {"doing": "arrived"})]
-    found = judge({"robot/arm/state": told})["arm"]
+    reported = [(4, {"doing": "moving"}), (15, {"doing": "arrived"})]
+    found = judge({"robot/arm/state": reported})["arm"]
     assert (found.value, found.count) == (50, 2)
 
 
@@ -115,7 +121,7 @@ def test_poses_are_compared_with_their_own_pictures_truth(judge, tmp_path):
     assert found.count == 18
 
 
-def test_what_told_nothing_is_not_judged_unless_it_should_have(judge):
+def test_a_task_without_results_is_not_judged_unless_it_should_have_some(judge):
     found = judge({})
     assert sorted(found) == ["arm", "signs", "speech"]
     assert {one.value for one in found.values()} == {0}

@@ -97,7 +97,7 @@ def test_static_requests_leave_room_for_what_runs_beside():
 def test_values_remove_limits_and_deepen_queues():
     slam = values(LINUX_DEFAULT, POLICY, 2)["modules"]["slam"]
     assert slam["cpu"] == {"limit": ""}
-    assert slam["env"] == {"PUBLISH_RUNS": "true", "INPUT_STEREO": f"{{depth: {DEPTH}}}"}
+    assert slam["env"] == {"PUBLISH_RUNS": "true", "ADAPT": "false", "INPUT_STEREO": f"{{depth: {DEPTH}}}"}
     assert values(STATIC, POLICY, 2)["modules"]["slam"]["cpu"] == by_priority(POLICY, 2)["slam"]
 
 

@@ -25,7 +25,7 @@ def judged(tmp_path):
 SPEEDUP = "exp1 at 6 times the pace: total time at least 1.42 x as short as Linux default's"
 
 
-def test_the_speedup_is_told_with_what_is_possible(judged):
+def test_the_speedup_is_reported_with_what_is_possible(judged):
     found = judged(("exp1-x6", "linux-default", 0, 0.2), ("exp1-x6", "cfs-ca", 0, 0.1))
     assert found[SPEEDUP].met
     assert found[SPEEDUP].measured == "2 x; at most 2 x is possible"

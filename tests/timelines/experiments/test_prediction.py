@@ -28,7 +28,7 @@ def test_at_twice_the_rate_the_same_inputs_come_in_half_the_time():
     story = load(STORY)
     twice = story.at_rate(2.0)
     assert twice.duration == story.duration / 2
-    before, after = ([one for one in told.inputs() if one.dataset is None] for told in (story, twice))
+    before, after = ([one for one in reported.inputs() if one.dataset is None] for reported in (story, twice))
     assert [one.key for one in after] == [one.key for one in before]
     assert [one.at for one in after] == pytest.approx([one.at / 2 for one in before])
 

@@ -36,7 +36,7 @@ TIMELINE: dict[str, Any] = {
 
 
 class Busy(Task):
-    """Takes its time, so that inputs queue up, and tells nothing."""
+    """Takes its time, so that inputs queue up, and publishes nothing."""
 
     def process(self, received):
         del received
@@ -55,7 +55,7 @@ def node(monkeypatch):
         monkeypatch.setattr(installation, "cgroups", dict)
         monkeypatch.setattr(run_module, "CALM", 0.0)
         monkeypatch.setattr(installation, "session", lambda *_: client(address))
-        running = pool.submit(Runner(inside, SLAM, Busy()).run, stop, publish_runs=True)
+        running = pool.submit(Runner(inside, SLAM, Busy(), shared_memory=False).run, stop, publish_runs=True)
         yield
         stop.set()
         running.result()

@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import foxglove
-import pytest
 from mcap.reader import make_reader
 
 from contextpolicy.bus.decision_bus import plan_key
+from contextpolicy.explain.task_colors import task_colors
 from contextpolicy.planning.plan_json import plan_json
 from contextpolicy.policy.validation.policy_file import load_policy
+from contextpolicy.simulation.robot import NODE, Robot
 from contextpolicy.simulation.run import simulate
 from contextpolicy.streams.timeline import load
 from robotkit.health import Health, Queue, Snapshot
-from timelines.demo.cgroup import Cgroup
 from timelines.recording import layout
 from timelines.recording.live import LiveChannels
 from timelines.recording.mcap_file import McapWriter
@@ -55,16 +55,17 @@ def find(message, fields):
     return message
 
 
-@pytest.fixture
-def cgroup(tmp_path):
-    (tmp_path / "cpu.max").write_text("50000 100000")
-    (tmp_path / "cpu.stat").write_text("usage_usec 2000000\nnr_periods 9\nnr_throttled 3\nthrottled_usec 500000")
-    return Cgroup(tmp_path / "cpu.max", None, tmp_path / "cpu.stat")
+def test_a_task_has_the_live_pages_colour_in_every_plot():
+    shown = panels(json.loads(LAYOUT.read_text(encoding="utf-8"))["content"])
+    drawn = [path for panel in shown for path in panel["config"].get("paths", ()) if "color" in path]
+    colors = task_colors(leaf.name for leaf in ROBOT.leaves)
+    assert {path["label"] for path in drawn} == colors.keys()
+    assert all(path["color"] == colors[path["label"]] for path in drawn)
 
 
-def told():
-    """What the robot's bus says in ten seconds: plans as the operator makes them, health as robotkit tells it."""
-    for plan in simulate(ROBOT, load(ROOT / "timelines" / "exp2.json"), cores=2, until=10.0).plans:
+def reported():
+    """What the robot's bus says in ten seconds: plans as the operator makes them, health as robotkit reports it."""
+    for plan in simulate(ROBOT, load(ROOT / "timelines" / "exp2.json"), robot=Robot({NODE: 2000}), until=10.0).plans:
         yield plan_key("robot", "whole-robot"), json.dumps({**plan_json(ROBOT, plan), "targets": []}).encode()
     for task in ROBOT.leaves:
         health = Health(Snapshot(0, 0)).message(Snapshot(10**9, 0, done=9), Queue(), suspended=False)
@@ -75,7 +76,7 @@ def record(sink, cgroup):
     """As the recorder does it, but for the bus."""
     nowhere: Any = None
     recorder = BusRecorder(nowhere, sink, {task.name: cgroup for task in ROBOT.leaves})
-    for key, payload in told():
+    for key, payload in reported():
         sink.heard(key, "json", payload, received=1, stamp=1)
     recorder._count()
 
@@ -115,7 +116,7 @@ def decided(file):
                 yield channel.topic, schema.name, message.data
 
 
-def test_who_looks_on_gets_what_a_recording_has(tmp_path, cgroup):
+def test_a_live_viewer_receives_what_a_recording_contains(tmp_path, cgroup):
     """Channels of Foxglove's own library, written to a file instead of a WebSocket."""
     context = foxglove.Context()
     with foxglove.open_mcap(tmp_path / "live.mcap", context=context):

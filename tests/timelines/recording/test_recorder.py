@@ -9,11 +9,12 @@ import threading
 import pytest
 from mcap.reader import make_reader
 
-from contextpolicy.streams.recordings import Excerpt, bridge_key
+from contextpolicy.policy.ros_types import type_store
+from contextpolicy.streams.recorded_message import NO_DAMAGE
+from contextpolicy.streams.recordings import Excerpt, timeline_key
 from contextpolicy.streams.timeline import parse
 from robotkit.stereo import StereoFrame, encode
 from tests.modules.robotkit.bus import Matching, client, router
-from timelines.demo.cgroup import Cgroup
 from timelines.recording.foxglove import schema_of, shown
 from timelines.recording.mcap_file import McapWriter
 from timelines.recording.recorder import BusRecorder, encoding_of, targets
@@ -54,13 +55,6 @@ def read(path):
         return [(channel, message) for _, channel, message in make_reader(file).iter_messages()]
 
 
-@pytest.fixture
-def cgroup(tmp_path):
-    (tmp_path / "cpu.max").write_text("50000 100000")
-    (tmp_path / "cpu.stat").write_text("usage_usec 2000000\nnr_periods 9\nnr_throttled 3\nthrottled_usec 500000")
-    return Cgroup(tmp_path / "cpu.max", None, tmp_path / "cpu.stat")
-
-
 def test_what_is_recorded_plays_again_byte_for_byte(tmp_path, cgroup):
     path = tmp_path / "run.mcap"
     with (
@@ -79,8 +73,9 @@ def test_what_is_recorded_plays_again_byte_for_byte(tmp_path, cgroup):
     assert json.loads(imu[0])["speed"] == 0.3
     counters = [json.loads(message.data) for channel, message in heard if channel.topic == "cgroup/slam"]
     assert counters[0] == {"limit": 0.5, "usage": 2.0, "periods": 9.0, "throttled": 3.0, "throttledTime": 0.5}
-    inputs = RecordedInputs(path, Excerpt(topics=["robot/imu", f"{SCAN}"]), bridge_key)
-    assert inputs.encodings == {"robot/imu": "json", SCAN: "cdr"}
+    inputs = RecordedInputs(path, Excerpt(topics=["robot/imu", "scan"]), timeline_key, NO_DAMAGE)
+    scan = SCAN.replace("TypeHashNotSupported", type_store().hash_rihs01("sensor_msgs/msg/LaserScan"))
+    assert inputs.encodings == {"robot/imu": "json", scan: "cdr"}
     again = list(inputs.timed(0))
     assert [payload for _, key, payload in again if key == "robot/imu"] == imu
     assert [at for at, _, _ in again] == sorted(at for at, _, _ in again)
@@ -109,7 +104,9 @@ def test_ros_messages_have_their_definition(tmp_path):
     assert (scan.name, scan.encoding) == ("sensor_msgs/msg/LaserScan", "ros2msg")
     assert b"float32[] ranges" in scan.data
     assert b"MSG: std_msgs/Header" in scan.data
-    assert own is None
+    assert b"time stamp" not in scan.data  # as ROS 1 has it
+    assert own is not None
+    assert (own.name, own.encoding, own.data) == ("my_robot/msg/Own", "", b"")
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from contextpolicy.policy.spec import Encoding, Stream
+from contextpolicy.streams.backlog import PER_STREAM, TOTAL, Backlog
 from contextpolicy.streams.loop import Loop
 from contextpolicy.streams.subscription import inputs
 from contextpolicy.streams.timeline import parse
 from robotkit.euroc import DatasetError
 from tests.modules.robotkit.bus import Matching, client, router
 from tests.modules.sounds import write
+from tests.streams.heard import Heard
 from tests.waiting import PATIENCE
 from timelines.replay.__main__ import main
 from timelines.replay.player import Options, Report, TimelineInputs, _window, play
@@ -123,12 +125,13 @@ def test_a_ros_policys_streams_hear_a_timeline_as_they_hear_the_robot(bus):
     scan = Stream("scan", SCAN_KEY.rpartition("/")[0] + "/*", Encoding.CDR, type="sensor_msgs/msg/LaserScan")
     light = Stream("light", "0/light", Encoding.CDR, type="std_msgs/msg/Bool")
     heard: queue.Queue[Any] = queue.Queue()
-    drops, loop = [], Loop()
+    listener, loop = Heard(), Loop()
     source = inputs(
         robot,
         [replace(scan, timestamp="header.stamp"), light],
         loop,
-        lambda *drop: drops.append(drop),
+        listener,
+        backlog=Backlog(PER_STREAM, TOTAL),
     )
     subscription = source.subscribe(heard.put)
     for key in (SCAN_KEY, "0/light"):
@@ -139,7 +142,7 @@ def test_a_ros_policys_streams_hear_a_timeline_as_they_hear_the_robot(bus):
         samples.append(heard.get(timeout=PATIENCE))
     subscription.dispose()
     loop.dispose()
-    assert drops == []
+    assert listener.drops == []
     scans = [sample for sample in samples if sample.stream == "scan"]
     assert scans[0].value["ranges"][:2] == [1.5, float("inf")]
     stamps = [sample.timestamp for sample in samples]
@@ -156,13 +159,13 @@ def test_stop_ends_a_loop_at_once(bus, datasets):
     assert report.published == {}
 
 
-def test_a_missing_data_set_is_told_before_anything_is_played(bus, tmp_path):
+def test_a_missing_data_set_is_reported_before_anything_is_played(bus, tmp_path):
     _, player, _ = bus
     with pytest.raises(DatasetError, match="speech/x"):
         play(parse(TIMELINE), player, stop=threading.Event(), datasets=tmp_path)
 
 
-def test_the_report_tells_how_late_inputs_were():
+def test_the_report_reports_how_late_inputs_were():
     report = Report("x", started=1.0, lateness=[index / 1000 for index in range(200)])
     assert report.as_json()["lateness_ms"] == {"p50": 100.0, "p99": 198.0, "max": 199.0}
 
@@ -204,6 +207,6 @@ def test_the_command_plays_ones_own_messages(bus, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("flag", [["--rate", "0"], ["--rate", "nan"], ["--start-offset", "-1"]])
-def test_numbers_that_make_no_sense_are_refused(flag):
+def test_numbers_that_are_invalid_are_refused(flag):
     with pytest.raises(SystemExit):
         main(["x.json", *flag])

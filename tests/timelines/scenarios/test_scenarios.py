@@ -1,4 +1,4 @@
-"""Scenarios become timelines that tell the same story as the recordings that they name."""
+"""Scenarios become timelines with the same story as the recordings that they name."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_a_lidar_in_the_corridor_sees_its_walls():
     assert 5 < first[0] < 8  # the far wall
 
 
-def test_all_mistakes_are_told_at_once():
+def test_all_mistakes_are_reported_at_once():
     bad = {
         "name": "Bad Name",
         "phases": [
@@ -139,9 +139,9 @@ def test_all_mistakes_are_told_at_once():
     ]
 
 
-def test_a_file_that_is_no_yaml_is_told_with_its_line(tmp_path):
+def test_invalid_yaml_is_reported_with_its_line(tmp_path):
     (tmp_path / "x.yaml").write_text("name: x\nphases: [", encoding="utf-8")
-    with pytest.raises(ScenarioError, match="is no YAML"):
+    with pytest.raises(ScenarioError, match="is not valid YAML"):
         load(tmp_path / "x.yaml")
 
 

@@ -51,3 +51,13 @@ def sensors(session):
         robot.drive(sensors, 0.0)
         robot.start(*robot.TASKS)
         yield sensors
+
+
+@pytest.fixture
+def governed(sensors):
+    robot.drive(sensors, 0.0)
+    robot.govern()
+    robot.agreed(**robot.STANDING)
+    yield sensors
+    robot.drive(sensors, 0.0)
+    robot.let_go()

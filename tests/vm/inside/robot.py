@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 POLICIES = "contextpolicy.dev/v1alpha1/contextpolicies"
 ADMISSION = "admissionregistration.k8s.io/v1"
 TASKS = ("slam", "speech")
+STANDING, MOVING = {"slam": 200, "speech": 200}, {"slam": 390, "speech": 10}
 STREAM = {"name": "imu", "key": f"{ROBOT}/imu", "staleAfter": "60s"}
 
 

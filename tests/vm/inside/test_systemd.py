@@ -38,10 +38,12 @@ class Agent(Limits):
 
     def __init__(self, journal):
         self.heard: list[str] = []
-        watch = WriteWatch(self._hear)
-        super().__init__(ControlFiles(CFS[2], watch.add, watch.remove), Ledger(journal))
+        super().__init__(ControlFiles(CFS[2], WriteWatch(self)), Ledger(journal))
 
-    def _hear(self, path, heard):
+    def plan(self, group):
+        self.apply(POLICY, {group: 390}, (), {group: 500})
+
+    def on_write(self, path, heard):
         self.heard.append(path.read_text().strip())
         self.on_other_write(path, heard)
 
@@ -55,7 +57,7 @@ def agent(tmp_path):
 
 def test_a_property_that_somebody_sets_takes_no_limit_back(group, agent):
     """systemd writes all that it knows of the unit's CPU, and so the limit from before ours."""
-    agent.apply(POLICY, {group: 390})
+    agent.plan(group)
     assert limit(group) == OURS
     systemctl("set-property", "--runtime", group.name, "CPUWeight=50")
     until("systemd has written what it knew", lambda: BEFORE in agent.heard or agent.heard)
@@ -65,15 +67,15 @@ def test_a_property_that_somebody_sets_takes_no_limit_back(group, agent):
 
 
 def test_reloading_systemd_takes_no_limit_back(group, agent):
-    agent.apply(POLICY, {group: 390})
+    agent.plan(group)
     systemctl("daemon-reload")
     systemctl("daemon-reexec")
     until("ours is in force", lambda: limit(group) == OURS or limit(group))
 
 
-def test_a_limit_that_systemd_is_told_is_the_owners(group, agent):
+def test_a_limit_set_through_systemd_is_the_owners(group, agent):
     """As a resize that decides otherwise: it stays until the next plan."""
-    agent.apply(POLICY, {group: 390})
+    agent.plan(group)
     systemctl("set-property", "--runtime", group.name, "CPUQuota=20%")
     until("the owner's is in force", lambda: limit(group) == "20000 100000" or limit(group))
     agent.release(POLICY)

@@ -1,0 +1,239 @@
+"""After a restart: originals that the operator signed count, others only as far as the pod's owner says the same."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from contextpolicy.actuators.resize.originals import Originals
+from contextpolicy.actuators.resize.stored_originals import Signatures, StoredPod, signatures_with, write
+from contextpolicy.actuators.resize.vetting import Vetted, Vetting
+from contextpolicy.cluster.pods import Cpu, view
+from contextpolicy.policy.parsing import parse
+from tests.actuators.resize.fake_cluster import FakeCluster
+from tests.cluster.builders import a_pod, cpu
+from tests.policies.builders import a_policy
+
+KEY, POLICY, OTHER = b"k" * 32, "lab/robot", "lab/other"
+SIGNATURES = Signatures(KEY)
+OWNER = {"apiVersion": "apps/v1", "kind": "ReplicaSet", "name": "slam-7d9f", "uid": "uid-owner", "controller": True}
+PATH = "/apis/apps/v1/namespaces/lab/replicasets/slam-7d9f"
+BY_US = "contextpolicy"
+
+
+def a_resized_pod(name: str = "slam", *, manager: str = BY_US, owner: dict[str, Any] | None = OWNER) -> dict[str, Any]:
+    """It has 990m by order of a policy."""
+    fields: dict[str, Any] = {
+        "f:spec": {"f:containers": {f'k:{{"name":"{name}"}}': {"f:resources": {"f:limits": {"f:cpu": {}}}}}}
+    }
+    managed = [{"manager": manager, "subresource": "resize", "time": "2026-01-01T00:00:00Z", "fieldsV1": fields}]
+    owners: dict[str, Any] = {"ownerReferences": [owner]} if owner else {}
+    return a_pod(name, {name: cpu("100m", "990m")}, managedFields=managed, **owners)
+
+
+def an_owner(limit: str | None = "500m", uid: str = "uid-owner") -> dict[str, Any]:
+    container = {"name": "slam", "resources": cpu("100m", limit)}
+    return {"metadata": {"uid": uid}, "spec": {"template": {"spec": {"containers": [container]}}}}
+
+
+def signed(limit: int, policy: str = POLICY, uid: str = "uid-slam", key: bytes = KEY) -> dict[str, Any]:
+    entry = StoredPod("slam", {"slam": Cpu(100, limit)})
+    return {uid: write(entry._replace(signature=Signatures(key).of(policy, uid, entry)))}
+
+
+def unsigned(limit: str) -> dict[str, Any]:
+    return {"uid-slam": {"pod": "slam", "containers": {"slam": {"request": "100m", "limit": limit}}}}
+
+
+class Case:
+    """A cluster in which no operator ran for a while."""
+
+    def __init__(self, *pods: dict[str, Any], owner: dict[str, Any] | None = None, key: bytes | None = KEY) -> None:
+        self.cluster = FakeCluster(*pods)
+        if owner is not None:
+            self.cluster.owners[PATH] = owner
+        self.vetting = Vetting(signatures_with(key), self.cluster)
+        for pod in pods:
+            self.vetting.observe(view(pod))
+
+    def vet(self, originals: object, *, spec: bool = True) -> Vetted:
+        body = a_policy()
+        body = {**body, "metadata": {**body["metadata"], "resourceVersion": "7"}, "status": {"originals": originals}}
+        self.cluster.policies.setdefault(POLICY, {})
+        found = self.vetting.vet(body, parse(body) if spec else None)
+        assert found.stored.version == 7
+        assert found.stored.raw == (originals if isinstance(originals, dict) else {})
+        return found
+
+
+def limits(vetted: Vetted) -> dict[str, int | None]:
+    return {uid: entry.containers["slam"].limit for uid, entry in vetted.stored.pods.items()}
+
+
+def test_what_we_signed_counts_whatever_the_template_says():
+    """Somebody resized the pod in place before any policy."""
+    found = Case(a_resized_pod(), owner=an_owner("700m")).vet(signed(500))
+    assert (limits(found), found.doubts) == ({"uid-slam": 500}, ())
+
+
+FORGED = {
+    "not signed": unsigned("50m"),
+    "signed by another key": signed(50, key=b"x" * 32),
+    "signed for another policy": signed(50, policy=OTHER),
+    "signed for another pod": {"uid-slam": signed(50, uid="uid-other")["uid-other"]},
+    "signed for another limit": {"uid-slam": {**signed(500)["uid-slam"], "containers": {"slam": {"limit": "50m"}}}},
+    "said to be an agent's": {"uid-slam": {**signed(500)["uid-slam"], "agent": True}},
+    "no entry": {"uid-slam": 5},
+    "no signature": {"uid-slam": {**signed(50)["uid-slam"], "signature": ["\ud800"]}},
+}
+
+
+@pytest.mark.parametrize("originals", FORGED.values(), ids=FORGED)
+def test_what_we_did_not_sign_gives_way_to_the_template(originals):
+    found = Case(a_resized_pod(), owner=an_owner()).vet(originals)
+    assert limits(found) == {"uid-slam": 500}
+    assert all(doubt.settled for doubt in found.doubts)
+
+
+def test_a_forgery_is_reported_with_both_values():
+    [doubt] = Case(a_resized_pod(), owner=an_owner()).vet(unsigned("50m")).doubts
+    assert doubt.text == (
+        "lab/slam/slam: status.originals says request 100m, limit 50m, not signed by the operator; "
+        "ReplicaSet slam-7d9f says request 100m, limit 500m, which counts"
+    )
+
+
+def test_an_unsigned_but_correct_original_is_not_reported():
+    assert Case(a_resized_pod(), owner=an_owner()).vet(unsigned("500m")).doubts == ()
+
+
+@pytest.mark.parametrize(("originals", "news"), [({}, False), (unsigned("50m"), True)])
+def test_a_container_that_has_what_its_template_says_misses_no_entry_but_a_forged_one_is_news(originals, news):
+    assert bool(Case(a_resized_pod(), owner=an_owner("990m")).vet(originals).doubts) is news
+
+
+UNKNOWN = {
+    "no owner": (a_resized_pod(owner=None), None),
+    "an owner of another kind": (a_resized_pod(owner={**OWNER, "kind": "Robot"}), an_owner()),
+    "an owner that is gone": (a_resized_pod(), None),
+    "another owner of that name": (a_resized_pod(), an_owner(uid="uid-new")),
+    "no such container": (a_resized_pod("map"), an_owner()),
+    "an owner without a template": (a_resized_pod(), {"metadata": {"uid": "uid-owner"}, "spec": {}}),
+}
+
+
+@pytest.mark.parametrize(("pod", "owner"), UNKNOWN.values(), ids=UNKNOWN)
+def test_an_unknown_original_is_reported_and_left(pod, owner):
+    name = pod["metadata"]["name"]
+    forged = {f"uid-{name}": {"pod": name, "containers": {name: {"request": "100m", "limit": "50m"}}}}
+    found = Case(pod, owner=owner).vet(forged)
+    [doubt] = found.doubts
+    assert not doubt.settled
+    assert (found.stored.pods, found.stored.unproven) == ({}, {f"uid-{name}": doubt.text})
+    assert doubt.text.endswith(
+        "no owner of the pod states its original, so it keeps request 100m, limit 990m, and the entry stays; "
+        "replace the pod"
+    )
+
+
+def test_an_entry_by_another_release_is_not_written_over():
+    """A standby took over while the first one's operator was away: its entry is true, and we have another key."""
+    entry = signed(500, key=b"x" * 32)
+    case = Case(a_resized_pod(owner=None))
+    found = case.vet(entry)
+    assert "says request 100m, limit 500m, signed with another key than this release's" in found.doubts[0].text
+    assert found.doubts[0].text.endswith("let the release that signed it serve the namespace, or replace the pod")
+    originals = Originals(SIGNATURES)
+    originals.recall(POLICY, found.stored, lambda _: True)
+    assert originals.changes(POLICY) == {}
+    assert originals.doubt("uid-slam") == found.doubts[0].text
+    originals.drop_pod("uid-slam")
+    assert originals.changes(POLICY) == {"uid-slam": None}
+
+
+def test_a_pod_is_left_alone_even_where_its_owner_states_one_of_its_containers():
+    """An injected container is in no template, and the signature is over both."""
+    pod = a_resized_pod()
+    beside = a_resized_pod("map")
+    pod["spec"]["containers"] += beside["spec"]["containers"]
+    pod["metadata"]["managedFields"] += beside["metadata"]["managedFields"]
+    found = Case(pod, owner=an_owner("700m")).vet(signed(500, key=b"x" * 32))
+    assert (found.stored.pods, list(found.stored.unproven)) == ({}, ["uid-slam"])
+    assert [(doubt.name, doubt.settled) for doubt in found.doubts] == [("map", False)]
+
+
+@pytest.mark.parametrize("spec", [True, False])
+def test_an_emptied_status_of_what_the_policy_selects_is_noticed(spec):
+    found = Case(a_resized_pod(), owner=an_owner()).vet({}, spec=spec)
+    assert limits(found) == ({"uid-slam": 500} if spec else {})
+    assert [doubt.text.partition("; ")[0] for doubt in found.doubts] == (
+        ["lab/slam/slam: status.originals no longer has an entry"] if spec else []
+    )
+
+
+@pytest.mark.parametrize("manager", ["contextpolicy-restore", "vpa-updater", "kubelet"])
+def test_restored_or_foreign_originals_are_not_missed(manager):
+    found = Case(a_resized_pod(manager=manager), owner=an_owner()).vet({})
+    assert (found.stored.pods, found.doubts) == ({}, ())
+
+
+def test_what_nobody_resized_needs_no_original():
+    found = Case(a_pod("slam")).vet(unsigned("50m"))
+    assert (found.stored.pods, found.doubts) == ({}, ())
+
+
+def test_what_another_policy_keeps_is_not_missed():
+    case = Case(a_resized_pod(), owner=an_owner())
+    case.cluster.policies[OTHER] = signed(500, OTHER)
+    assert case.vet({}) == Case().vet({})
+
+
+def test_what_is_forged_in_another_policys_status_keeps_nothing():
+    case = Case(a_resized_pod(), owner=an_owner())
+    case.cluster.policies[OTHER] = unsigned("50m")
+    assert limits(case.vet({})) == {"uid-slam": 500}
+
+
+@pytest.mark.parametrize("change", [{"mode": "DryRun"}, {"mode": "Paused"}, {"shadow": {"of": "other"}}])
+def test_a_policy_that_resizes_nothing_misses_nothing(change):
+    case, body = Case(a_resized_pod(), owner=an_owner()), a_policy(**change)
+    body["metadata"]["resourceVersion"] = "7"
+    assert case.vetting.vet(body, parse(body)).stored.pods == {}
+
+
+def test_pods_of_other_namespaces_are_none_of_its_business():
+    pod = a_resized_pod()
+    pod["metadata"]["namespace"] = "far"
+    found = Case(pod, owner=an_owner()).vet(unsigned("50m"))
+    assert (found.stored.pods, found.doubts) == ({}, ())
+
+
+def test_a_pod_that_is_gone_or_put_back_is_forgotten():
+    case = Case(a_resized_pod(), owner=an_owner())
+    case.vetting.forget("uid-slam")
+    assert case.vet(unsigned("50m")).stored.pods == {}
+    case = Case(a_resized_pod(), owner=an_owner())
+    case.vetting.observe(view(a_resized_pod(manager="contextpolicy-restore")))
+    assert case.vet(unsigned("50m")).stored.pods == {}
+
+
+def test_without_a_key_what_the_status_says_counts():
+    found = Case(a_resized_pod(), owner=an_owner("700m"), key=None).vet(unsigned("500m"))
+    assert (limits(found), found.doubts) == ({"uid-slam": 500}, ())
+
+
+def test_each_owner_is_read_once():
+    case = Case(*(a_resized_pod(f"slam-{index}") for index in range(5)), owner=an_owner())
+    asked: list[str] = []
+
+    class Api:
+        def read(self, path: str) -> dict[str, Any]:
+            asked.append(path)
+            return case.cluster.read(path)
+
+    case.vetting = Vetting(SIGNATURES, Api())
+    for pod in case.cluster.pods.values():
+        case.vetting.observe(view(pod))
+    case.vet(dict.fromkeys(case.cluster.pods, 5))
+    assert asked == [PATH]

@@ -1,0 +1,120 @@
+"""Sources are asked for their plans until they say them, and of plans that wait the newest counts."""
+
+from __future__ import annotations
+
+import json
+import threading
+from typing import Any, cast
+
+import pytest
+import zenoh
+from reactivex.testing import TestScheduler
+
+from contextpolicy.agent.bus_link import AgentBus
+from contextpolicy.bus import agent_watch as agents
+from contextpolicy.bus.agent_watch import AgentWatch
+from contextpolicy.bus.decision_bus import agent_key, plan_key
+from contextpolicy.cluster.agent_reports import AgentReport
+from tests.agent.builders import NODE
+from tests.agent.bus_link.listening import KEY, POLICY, Asked, Listener
+from tests.modules.robotkit.bus import client
+from tests.waiting import PATIENCE, until
+
+
+def test_a_source_is_asked_for_its_plan_and_missed_when_it_is_gone(bus, operator, listener, sign):  # noqa: ARG001
+    def answer(query):
+        query.reply(query.key_expr, b"in force", attachment=sign(b"in force"))
+
+    with operator.declare_queryable(KEY, answer):
+        token = operator.liveliness().declare_token(KEY)
+        listener.expect((POLICY, "found"), (POLICY, b"in force"))
+        token.undeclare()
+        listener.expect((POLICY, "found"), (POLICY, b"in force"), (POLICY, "lost"))
+
+
+def test_an_agent_that_did_not_answer_in_time_is_asked_again(address, operator, scheduler, close, monkeypatch):
+    monkeypatch.setattr(agents, "PATIENCE", 0.05)
+    monkeypatch.setattr(agents, "PAUSE", 0.01)
+    held: list[zenoh.Query] = []
+    watcher = Listener()
+    watch = AgentWatch(operator, scheduler, watcher, {NODE})
+    with client(address) as session:
+
+        def answer(query):
+            if not held:
+                held.append(query)
+                return
+            with query:
+                query.reply(query.key_expr, json.dumps(Listener().report()).encode())
+
+        queryable = session.declare_queryable(agent_key(NODE), answer)
+        token = session.liveliness().declare_token(agent_key(NODE))
+        watcher.expect("changed", "changed")
+        assert watch.reports == {NODE: AgentReport("", "")}
+        held.pop().drop()
+        token.undeclare()
+        queryable.undeclare()
+    close(watch)
+
+
+@pytest.fixture
+def asked(verifier, listener):
+    """The session of an agent in virtual time."""
+    scheduler = TestScheduler()
+    session = Asked(scheduler)
+    session.bus = AgentBus(cast("Any", session), NODE, scheduler, listener, verifier)
+    session.say_token(zenoh.SampleKind.PUT)
+    return session
+
+
+def test_a_source_is_asked_until_it_says_its_plan(asked):
+    asked.wait(10)
+    assert [(key, round(at)) for key, at in asked.asked] == [(KEY, at) for at in (0, 1, 3, 7)]
+    asked.bus._put(POLICY, b"plan", 1)
+    asked.wait(1000)
+    assert len(asked.asked) == 4
+
+
+def test_a_source_that_is_gone_is_not_asked(asked):
+    asked.wait(2)
+    asked.say_token(zenoh.SampleKind.DELETE)
+    asked.wait(1000)
+    assert len(asked.asked) == 2
+
+
+def test_an_agent_that_left_the_bus_asks_nobody(asked):
+    asked.wait(2)
+    asked.bus.close()
+    asked.wait(1000)
+    assert len(asked.asked) == 2
+
+
+def test_the_last_signed_of_waiting_plans_counts(bus, scheduler, listener):
+    """Saying an older plan again must not take the place of a newer one."""
+    go = threading.Event()
+    scheduler.schedule(lambda *_: go.wait(PATIENCE))
+    bus._put(POLICY, b"newer", 2)
+    bus._put(POLICY, b"older", 1)
+    go.set()
+    listener.expect((POLICY, b"newer"))
+
+
+def test_replayed_plans_are_refused_while_newer_ones_wait(bus, operator, scheduler, listener, sign):
+    """All arrive before the loop has time for one: only the newest is carried out, and none is lost unseen."""
+    go = threading.Event()
+    said = [(payload, sign(payload)) for payload in (b"older", b"newer")]
+    for number, (payload, attachment) in enumerate(said, 1):
+        operator.put(KEY, payload, attachment=attachment)
+        listener.wait(number)
+    scheduler.schedule(lambda *_: go.wait(PATIENCE))
+    withdrawal = sign(None)
+    operator.delete(KEY, attachment=withdrawal)
+    for payload, attachment in said:
+        operator.put(KEY, payload, attachment=attachment)
+    operator.delete(KEY, attachment=withdrawal)
+    operator.put(plan_key("robot", "last"), b"plan", attachment=sign(b"plan", plan_key("robot", "last")))
+    until(lambda: "robot/last" in bus._waiting)
+    go.set()
+    listener.wait(7)
+    assert listener.events.count("Repeated") == 3
+    assert set(listener.events[2:]) == {(POLICY, None), "Repeated", ("robot/last", b"plan")}

@@ -1,0 +1,112 @@
+"""What an agent hears and refuses, and what the operator learns of its node."""
+
+from __future__ import annotations
+
+import json
+import threading
+
+import pytest
+
+from contextpolicy.agent.bus_link import AgentBus
+from contextpolicy.bus.agent_watch import AgentWatch
+from contextpolicy.bus.decision_bus import LARGEST_PLAN, agent_key, confirmed_key, plan_key
+from contextpolicy.cluster.agent_reports import AgentReport
+from contextpolicy.streams.loop import Loop
+from tests.agent.builders import NODE
+from tests.agent.bus_link.listening import FAILED, KEY, POLICY, STAMP, Listener
+from tests.modules.robotkit.bus import ask, client
+from tests.waiting import PATIENCE
+
+
+def test_a_plan_and_its_withdrawal_arrive(bus, operator, listener, sign):  # noqa: ARG001
+    operator.put(KEY, b"plan", attachment=sign(b"plan"))
+    listener.expect((POLICY, b"plan"))
+    operator.delete(KEY, attachment=sign(None))
+    listener.expect((POLICY, b"plan"), (POLICY, None))
+
+
+def test_what_is_not_a_plan_is_not_heard(bus, operator, listener, sign):  # noqa: ARG001
+    operator.put("contextpolicy/robot/delivery/applied", b"no plan")
+    operator.put("robot/imu", b"no plan")
+    operator.put(KEY, b"plan", attachment=sign(b"plan"))
+    listener.expect((POLICY, b"plan"))
+
+
+@pytest.mark.usefixtures("_impatient")
+def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(
+    address, operator, scheduler, close, verifier
+):
+    agent, watcher = Listener(), Listener()
+    watch = AgentWatch(operator, scheduler, watcher, {NODE})
+    assert watch.reports == {}
+    agent.lacks = ["no kernel option"]
+    with client(address) as session:
+        bus = AgentBus(session, NODE, scheduler, agent, verifier)
+        watcher.expect("changed")
+        assert watch.reports == {NODE: AgentReport("", "no kernel option")}
+        close(bus)
+        watcher.expect("changed", "changed")
+        assert watch.reports == {}
+    close(watch)
+
+
+def test_anybody_may_ask_what_the_node_can_do(bus, operator):  # noqa: ARG001
+    [answer] = ask(operator, agent_key(NODE))
+    assert json.loads(answer) == {"missing": {"CFS": [], "Realtime": []}}
+
+
+def test_forged_plans_are_refused_and_hide_no_real_one(bus, operator, listener, sign):  # noqa: ARG001
+    good = sign(b"plan")
+    operator.put(KEY, b"forged")
+    operator.put(KEY, b"forged", attachment=good)
+    operator.put(plan_key("kube-system", "x"), b"plan", attachment=good)
+    operator.put("*/robot/delivery/plan", b"plan", attachment=good)
+    operator.delete(KEY)
+    operator.put(KEY, b"plan", attachment=good)
+    listener.expect("Unsigned", "Forged", "Forged", "Forged", "Unsigned", (POLICY, b"plan"))
+
+
+def test_what_is_too_large_for_a_plan_is_not_even_looked_at(bus, operator, listener, sign):  # noqa: ARG001
+    operator.put(KEY, b"x" * (LARGEST_PLAN + 1))
+    operator.put(KEY, b"plan", attachment=sign(b"plan"))
+    listener.expect((POLICY, b"plan"))
+
+
+def test_an_answer_is_checked_as_a_plan_is(bus, operator, listener):  # noqa: ARG001
+    def answer(query):
+        query.reply(query.key_expr, b"forged")
+
+    with operator.declare_queryable(KEY, answer), operator.liveliness().declare_token(KEY):
+        listener.expect((POLICY, "found"), "Unsigned")
+
+
+def test_what_goes_wrong_with_one_policys_plan_loses_no_others(address, verifier):
+    class Failing(Listener):
+        def hear(self, policy, payload, signed):
+            super().hear(policy, payload, signed)
+            raise RuntimeError(policy)
+
+    listener, loop = Failing(), Loop()
+    go = threading.Event()
+    with client(address) as session:
+        bus = AgentBus(session, NODE, loop, listener, verifier)
+        loop.schedule(lambda *_: go.wait(PATIENCE))
+        for number in range(3):
+            bus._put(f"robot/{number}", b"plan", 1)
+        go.set()
+        listener.expect(*((f"robot/{number}", b"plan") for number in range(3)))
+        bus.close()
+    loop.dispose()
+
+
+def test_what_is_carried_out_is_confirmed(bus, operator, sign):  # noqa: ARG001
+    confirmed, heard = [], threading.Event()
+
+    def hear(sample):
+        confirmed.append(json.loads(sample.payload.to_bytes()))
+        heard.set()
+
+    with operator.declare_subscriber(confirmed_key(NODE), hear):
+        while not heard.wait(0.01):
+            operator.put(KEY, b"plan", attachment=sign(b"plan"))
+    assert confirmed[0] == {"policy": POLICY, "stamp": list(STAMP), "failed": FAILED}

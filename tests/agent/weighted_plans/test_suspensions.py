@@ -1,0 +1,97 @@
+"""Weights are written at once; a suspended task is capped once the input that it is at is done."""
+
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.agent.drains import DRAIN
+from contextpolicy.agent.weight_units import of_pod
+from tests.agent.weighted_plans.node import ACTIVE, ASLEEP
+
+
+def test_weights_are_written_at_once_and_limits_stay(node):
+    assert node.plan(ACTIVE, (0.3, 0.5)).failed == {}
+    assert node.weights() == node.expected(1500, 300)
+    assert node.limits() == (500, 500)
+    assert node.tree.weight(node.slam.parent) == of_pod(1500, node.tree.version)
+
+
+def test_a_suspended_task_has_the_least_weight_at_once_and_is_capped_later(node):
+    node.plan(ACTIVE, (0.3, 0.5))
+    node.plan(ACTIVE, ASLEEP)
+    assert (node.weights(), node.limits()) == (node.expected(1500, 0), (500, 500))
+    node.wait(DRAIN - 0.01)
+    assert node.limits() == (500, 500)
+    node.wait(0.02)
+    assert node.limits() == (500, 10)
+
+
+def test_plans_that_come_meanwhile_put_nothing_off(node):
+    node.plan(ACTIVE, (0.3, 0.5))
+    for _ in range(4):
+        node.plan(ACTIVE, ASLEEP)
+        node.wait(DRAIN / 3)
+    assert node.limits() == (500, 10)
+
+
+def test_a_task_that_wakes_meanwhile_is_never_capped(node):
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(DRAIN / 2)
+    node.plan(ACTIVE, (0.3, 0.5))
+    node.wait(2 * DRAIN)
+    assert node.limits() == (500, 500)
+
+
+def test_a_task_wakes_at_once(node):
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(1)
+    node.plan(ACTIVE, (0.3, 0.5))
+    assert (node.weights(), node.limits()) == (node.expected(1500, 300), (500, 500))
+
+
+def test_what_is_suspended_stays_so_when_another_task_is(node):
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(1)
+    node.plan(ASLEEP, ASLEEP)
+    assert node.limits() == (500, 10)
+    node.wait(1)
+    assert node.limits() == (10, 10)
+
+
+def test_without_weights_a_quota_comes_at_once(node):
+    node.plan((None, 0.5), (None, 0.01))
+    assert (node.limits(), node.weights()) == ((500, 10), (100, 100) if node.tree.version == 2 else (1024, 1024))
+
+
+def test_every_suspended_task_has_its_time(node):
+    node.plan(ACTIVE, (0.3, 0.5))
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(DRAIN - 0.02)
+    node.plan(ASLEEP, ASLEEP)
+    node.wait(0.05)
+    assert node.limits() == (500, 10)
+    node.wait(DRAIN)
+    assert node.limits() == (10, 10)
+
+
+def test_a_task_that_was_awake_in_between_has_its_time_again(node):
+    node.plan(ASLEEP, ACTIVE)
+    node.wait(0.3)
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(0.15)
+    node.plan(ASLEEP, ACTIVE)
+    node.wait(0.1)
+    assert node.limits() == (500, 500)
+
+
+@pytest.mark.parametrize("agreed", [False, True])
+def test_a_suspended_task_stays_so_when_the_agent_starts_again(node, agreed):
+    node.plan(ACTIVE, ASLEEP)
+    node.wait(1)
+    if agreed:
+        node.kubelet(node.speech, 10)
+    node.start()
+    node.plan(ACTIVE, ASLEEP, limit=0.01 if agreed else 0.5)
+    assert node.limits() == (500, 10)
+    node.wait(1)
+    assert node.limits() == (500, 10)

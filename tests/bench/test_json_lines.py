@@ -1,0 +1,44 @@
+import json
+
+import pytest
+
+from tests.bench.json_lines import JsonLines, OtherRunError
+
+OPTIONS = {"rounds": 20}
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "bench" / "run.jsonl"
+
+
+def test_what_was_added_is_on_disk_and_there_again(file):
+    JsonLines(file, OPTIONS, resume=False).add({"step": "a"})
+    assert [json.loads(line) for line in file.read_text().splitlines()] == [OPTIONS, {"step": "a"}]
+    assert JsonLines(file, OPTIONS, resume=True).found == [{"step": "a"}]
+
+
+def test_a_line_that_was_cut_off_is_left_out_and_the_file_stays_readable(file):
+    JsonLines(file, OPTIONS, resume=False).add({"step": "a"})
+    with file.open("a") as text:
+        text.write('{"step": "b", "res')
+    again = JsonLines(file, OPTIONS, resume=True)
+    assert again.found == [{"step": "a"}]
+    again.add({"step": "c"})
+    assert JsonLines(file, OPTIONS, resume=True).found == [{"step": "a"}, {"step": "c"}]
+
+
+def test_a_run_with_other_options_is_not_gone_on_with(file):
+    JsonLines(file, OPTIONS, resume=False)
+    with pytest.raises(OtherRunError, match=r'rounds": 20.*rounds": 30'):
+        JsonLines(file, {"rounds": 30}, resume=True)
+
+
+def test_without_resume_it_starts_over(file):
+    JsonLines(file, OPTIONS, resume=False).add({"step": "a"})
+    assert JsonLines(file, OPTIONS, resume=False).found == []
+    assert JsonLines(file, OPTIONS, resume=True).found == []
+
+
+def test_there_is_nothing_to_go_on_with(file):
+    assert JsonLines(file, OPTIONS, resume=True).found == []

@@ -1,0 +1,190 @@
+"""What a plan tells modules, agents and recorders."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from contextpolicy.bus.decision_bus import (
+    MOST_CORES,
+    message,
+)
+from contextpolicy.cluster.pods import view
+from contextpolicy.planning.allocation.placement import Container, Placement
+from contextpolicy.policy.spec import Control, Enforcement, Scheduler
+from tests.bus.deciding import POLICY
+from tests.cluster.builders import NODE, a_pod, cpu
+from tests.planning.builders import START, Story, a_context, a_policy, a_stream, a_task
+
+CONTAINERS = tuple(Container(f"lab/{name}/{name}", name, NODE, limit=500) for name in ("slam", "speech"))
+
+
+@pytest.fixture
+def story():
+    story = Story(POLICY, Placement({NODE: 2000}, CONTAINERS))
+    story.sample("imu", at=1, speed=0.3)
+    return story
+
+
+def pods(*names):
+    return [view(a_pod(name)) for name in names]
+
+
+def test_a_message_has_all_that_modules_agents_and_recorders_read(story):
+    made = message(POLICY, 17, story.last, CONTAINERS, pods("slam", "speech"))
+    assert json.loads(json.dumps(made)) == {
+        "policy": "lab/robot",
+        "run": 17,
+        "sequence": story.last.sequence,
+        "time": START + 1,
+        "mode": "Enforce",
+        "scheduler": "CFS",
+        "realtime": {"policy": "RR", "period": 0.1},
+        "control": "Limit",
+        "cause": "imu: context moving entered",
+        "contexts": ["moving"],
+        "tasks": {
+            "slam": {
+                "score": 1.0,
+                "weight": 10.0,
+                "share": 1.99,
+                "suspended": False,
+                "because": made_because(story, "slam"),
+            },
+            "speech": {
+                "score": 1.0,
+                "weight": 0.0,
+                "share": 0.01,
+                "suspended": True,
+                "because": made_because(story, "speech"),
+            },
+        },
+        "nodes": {
+            NODE: {
+                "capacity": 2.0,
+                "scheduler": "CFS",
+                "dividedBy": "Weight",
+                "tasks": {"slam": 1.99, "speech": 0.01},
+            }
+        },
+        "shortfalls": [],
+        "targets": [
+            {
+                "task": task,
+                "node": NODE,
+                "namespace": "lab",
+                "pod": task,
+                "uid": f"uid-{task}",
+                "qos": "Burstable",
+                "container": task,
+                "containerId": f"containerd://{task}",
+                "cores": cores,
+                "weight": None,
+                "quota": cores,
+                "held": False,
+                "original": 0.5,
+                "limit": 0.5,
+            }
+            for task, cores in (("slam", 1.99), ("speech", 0.01))
+        ],
+    }
+
+
+def made_because(story, task):
+    return story.last.tasks[task].because
+
+
+def written(control, container, pod=None, *, speed=0.3):
+    """What an agent is to write for speech, which is suspended while the robot moves: weight, quota, held."""
+    policy = replace(POLICY, enforcement=Enforcement(control=control))
+    story = Story(policy, Placement({NODE: 2000}, (CONTAINERS[0], container), agents=frozenset({NODE})))
+    story.sample("imu", at=1, speed=speed)
+    containers, shown = (CONTAINERS[0], container), view(pod or a_pod("speech"))
+    [target] = message(policy, 1, story.last, containers, [shown])["targets"]
+    return target["weight"], target["quota"], target["held"]
+
+
+SPEECH = CONTAINERS[1]
+
+
+@pytest.mark.parametrize(
+    ("control", "moving", "standing"),
+    [
+        (Control.LIMIT, (None, 0.01, False), (None, 0.18, False)),
+        (Control.WEIGHT, (0, 0.01, False), (0.18, 0.5, False)),
+        (Control.SUSPEND, (None, 0.01, False), (None, 0.5, False)),
+    ],
+)
+def test_what_an_agent_writes(control, moving, standing):
+    assert written(control, SPEECH) == moving
+    assert written(control, SPEECH, speed=0.0) == standing
+
+
+@pytest.mark.parametrize("control", list(Control))
+def test_a_quota_that_the_api_cannot_have_is_held(control):
+    assert written(control, replace(SPEECH, request=300))[1:] == (0.01, True)
+    assert written(control, replace(SPEECH, limit=None))[1:] == (0.01, True)
+
+
+def test_a_limit_of_zero_is_none():
+    assert written(Control.WEIGHT, replace(SPEECH, limit=0)) == (0, 0.01, True)
+    assert written(Control.WEIGHT, replace(SPEECH, limit=0), speed=0.0) == (0.18, None, False)
+
+
+def test_a_limit_that_binds_nowhere_is_sent_as_the_most(story):
+    containers = (CONTAINERS[0], replace(SPEECH, limit=1_500_000))
+    pod = a_pod("speech", {"speech": cpu("10m", "1500")})
+    [target] = message(POLICY, 1, story.last, containers, [view(pod)])["targets"]
+    assert (target["original"], target["limit"]) == (MOST_CORES, MOST_CORES)
+    assert written(Control.WEIGHT, containers[1], speed=0.0)[1] == MOST_CORES
+
+
+def test_without_a_limit_there_is_no_quota_while_the_task_is_active():
+    assert written(Control.WEIGHT, replace(SPEECH, limit=None), speed=0.0) == (0.18, None, False)
+
+
+@pytest.mark.parametrize("qos", ["Guaranteed", "BestEffort"])
+def test_weights_compare_among_burstable_pods_only(qos):
+    assert written(Control.WEIGHT, SPEECH, a_pod("speech", qos=qos))[0] is None
+
+
+def test_under_realtime_only_what_is_suspended_has_a_quota():
+    tasks = tuple(replace(task, suspended_cpu=50) for task in POLICY.tasks)
+    policy = replace(POLICY, tasks=tasks, enforcement=Enforcement(scheduler=Scheduler.REALTIME))
+    story = Story(policy, Placement({NODE: 2000}, CONTAINERS))
+    story.sample("imu", at=1, speed=0.3)
+    targets = message(policy, 1, story.last, CONTAINERS, pods("slam", "speech"))["targets"]
+    assert {target["task"]: target["quota"] for target in targets} == {"slam": 0.5, "speech": 0.05}
+    assert targets[1]["cores"] < 0.01, "a suspended task leaves realtime, so it takes no part of that budget"
+
+
+def test_only_containers_with_a_share_are_targets(story):
+    targets = message(POLICY, 1, story.last, CONTAINERS[:1], pods("slam", "speech", "other"))["targets"]
+    assert [target["container"] for target in targets] == ["slam"]
+
+
+def test_a_pod_that_came_back_on_another_node_than_the_plan_knows_is_not_a_failure(story):
+    moved = [replace(container, node="elsewhere") for container in CONTAINERS]
+    targets = message(POLICY, 1, story.last, moved, pods("slam", "speech"))["targets"]
+    assert [target["task"] for target in targets] == ["slam", "speech"]
+
+
+def test_under_weight_the_quota_is_the_cap_of_the_context_that_holds():
+    tasks = [a_task("slam", max="1500m"), a_task("speech")]
+    contexts = [a_context("moving", "imu.speed > 0.1", {"slam": {"max": "700m"}})]
+    policy = a_policy(streams=[a_stream("imu")], tasks=tasks, contexts=contexts, enforcement={"control": "Weight"})
+    story = Story(policy, Placement({NODE: 2000}, CONTAINERS))
+    quotas = []
+    for at, speed in ((1, 0.0), (2, 0.3), (3, 0.0)):
+        story.sample("imu", at=at, speed=speed)
+        quotas.append(message(policy, 1, story.last, CONTAINERS, pods("slam"))["targets"][0]["quota"])
+    assert quotas == [1.5, 0.7, 1.5]
+
+
+def test_a_container_that_does_not_run_has_no_limit_in_force(story):
+    pod = a_pod("slam")
+    del pod["status"]["containerStatuses"]
+    [target] = message(POLICY, 1, story.last, CONTAINERS, [view(pod)])["targets"]
+    assert (target["limit"], target["containerId"]) == (None, "")

@@ -1,0 +1,45 @@
+"""Which files may replace those that a router listens with."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from contextpolicy.bus.issuing import LIFETIME, found_authority, pem
+from contextpolicy.bus.replacement import flaw
+
+NOW = datetime(2026, 11, 24, tzinfo=UTC)
+DAY = timedelta(days=1)
+ISSUER = found_authority("bus", NOW)
+
+
+def files(now=NOW):
+    return {"ca.crt": pem([ISSUER.certificate]), **ISSUER.issue("router", ["localhost"], now)}
+
+
+def test_a_renewed_certificate_may():
+    assert flaw(files(NOW + DAY), files(), NOW) == ""
+
+
+@pytest.mark.parametrize("name", ["tls.crt", "tls.key", "ca.crt"])
+@pytest.mark.parametrize("content", [None, b"", b"garbage", b"-----BEGIN nonsense", b"\xff\xfe"])
+def test_files_that_are_missing_or_broken_may_not(name, content):
+    broken = files() | ({} if content is None else {name: content})
+    if content is None:
+        del broken[name]
+    assert flaw(broken, files(), NOW).startswith(f"{name}: no ")
+
+
+def test_a_key_of_another_certificate_may_not():
+    assert flaw(files() | {"tls.key": files()["tls.key"]}, files(), NOW) == "tls.key: not the key of tls.crt"
+
+
+def test_one_that_has_ended_may_only_if_it_ends_later():
+    ended = files(NOW - LIFETIME)
+    assert flaw(ended, files(), NOW) == "tls.crt: ended at 2026-11-24T00:00:00+00:00"
+    assert flaw(ended, files(NOW - LIFETIME - DAY), NOW) == ""
+
+
+def test_passwords_without_a_certificate_may():
+    assert flaw({"users.txt": b"a:c"}, {"users.txt": b"a:b"}, NOW) == ""

@@ -1,0 +1,51 @@
+"""The room that weights have as requests."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from contextpolicy.cluster.pods import view
+from contextpolicy.policy.spec import Mode
+from tests.cluster.builders import NODE, a_pod, cpu
+from tests.cluster.claimants import NODES, policy_of, views
+from tests.cluster.claiming import claim
+
+WEIGHTED = {"enforcement": {"control": "Weight"}}
+
+
+def room_of(*policies, pods, **more):
+    found = claim(policies, pods, NODES, **more)
+    return {policy.name: found[policy.reference].room.get(NODE) for policy in policies}
+
+
+def test_requests_have_the_room_that_those_of_others_leave():
+    pods = views("slam", "driver")
+    robot = policy_of("robot", "slam", **WEIGHTED)
+    assert room_of(robot, pods=pods, elsewhere={NODE: 500}) == {"robot": 2000 - 100 - 500}
+    assert room_of(policy_of("robot", "slam", reserve="1500m", **WEIGHTED), pods=pods) == {"robot": 500}
+    assert room_of(robot, pods=pods, elsewhere={NODE: 3000}) == {"robot": 0}
+
+
+def test_a_request_that_the_policy_moved_takes_no_room():
+    moved = [view(a_pod("slam", {"slam": cpu("900m", "1")}))]
+    assert room_of(policy_of("robot", "slam", **WEIGHTED), pods=moved) == {"robot": 2000}
+
+
+def test_only_where_weights_are_requests():
+    pods = views("slam")
+    assert room_of(policy_of("robot", "slam", enforcement={"control": "Limit"}), pods=pods) == {"robot": None}
+    assert room_of(policy_of("robot", "slam", **WEIGHTED), pods=pods, agents={NODE}) == {"robot": None}
+
+
+def test_policies_that_meet_keep_the_ratio_of_their_parts():
+    first = policy_of("first", "slam", reserve="500m", **WEIGHTED)
+    second = policy_of("second", "speech", **WEIGHTED)
+    pods = views("slam", "speech", "driver")
+    assert room_of(first, second, pods=pods, elsewhere={NODE: 900}) == {"first": 750, "second": 250}
+
+
+def test_a_policy_that_is_tried_out_is_reported_the_room_that_it_would_have():
+    first = policy_of("first", "slam", reserve="1", **WEIGHTED)
+    dry = replace(policy_of("dry", "speech", **WEIGHTED), mode=Mode.DRY_RUN)
+    pods = views("slam", "speech", "driver")
+    assert room_of(first, dry, pods=pods) == {"first": 1000, "dry": 950}

@@ -1,0 +1,46 @@
+"""The generated reference pages are up to date and complete."""
+
+from __future__ import annotations
+
+import pytest
+
+from contextpolicy.cli import IN_THE_CLUSTER, ON_THE_CLUSTER, ON_THE_DESK
+from docs.generator import messages
+from docs.generator.__main__ import PAGES, REFERENCE
+from docs.generator.markdown import escaped
+from docs.generator.values import rows
+from tests.crds.schema import nodes, schema
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_is_what_its_source_says(name):
+    assert (REFERENCE / name).read_text(encoding="utf-8") == PAGES[name](), "make docs"
+
+
+def test_every_field_has_a_row():
+    page = PAGES["policy.md"]()
+    fields = [path.rpartition(".")[2].removesuffix("[]") for path, _ in nodes(schema()) if "." in path]
+    assert len(fields) > 100
+    assert [name for name in fields if name != "*" and f"| `{name}`" not in page] == []
+
+
+def test_every_command_shows_its_help():
+    page = PAGES["commands.md"]()
+    modules = {*ON_THE_CLUSTER, *ON_THE_DESK, *IN_THE_CLUSTER} - {"mode"}
+    assert [name for name in modules if f"\n## {name.replace('_', '-')}\n" not in page] == []
+    assert "\n## pause\n" in page
+
+
+@pytest.mark.parametrize("chart", ["contextpolicy", "robot"])
+def test_every_value_is_explained(chart):
+    assert [path for path, _, meaning in rows(chart) if not meaning] == []
+
+
+def test_the_tables_of_the_bus_are_whole():
+    page = messages.page()
+    for cell in ("| `policy` |", "| `shortfalls` |", "| `run` |", "| `trigger` |", "| viewer |"):
+        assert page.count(cell) == 1
+
+
+def test_text_stands_in_a_table_as_it_was_written():
+    assert escaped("a|b `c|d<1` *e* [f] < 1\n\ng\nh") == r"a\|b `c\|d<1` \*e\* \[f\] &lt; 1<br><br>g h"

@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import pytest
+
+from robotkit import Input, Module, Needs
+from robotkit.observed import Heard, Observed
+from robotkit.profile import Profile
+
+MS = 1_000_000
+NOW = 1_700_000_000_000_000_000
+SCAN = "0/scan/sensor_msgs::msg::dds_::LaserScan_/*"
+NODE = Module(
+    "slam", inputs={"scan": Input(SCAN, "cdr", "sensor_msgs/msg/LaserScan", depth=2)}, needs=Needs(deadline=0.1)
+)
+
+
+class Node:
+    """A node whose inputs and answers come when the test says so: milliseconds for time, and for stamps."""
+
+    def __init__(self, *, answers_all=True):
+        self.cpu = 5 * MS
+        self.profile = Profile(NODE, lambda: self.cpu)
+        self.observed = Observed(NODE.inputs, self.profile, lambda: self.cpu, answers_all=answers_all)
+
+    def takes(self, stamp, at):
+        self.observed.came("scan", Heard(NOW + stamp * MS, NOW + (at - 1) * MS, NOW + at * MS))
+
+    def answers(self, stamp, at, cpu=0):
+        self.cpu += cpu * MS
+        self.observed.answered(NOW + stamp * MS, NOW + at * MS)
+
+    @property
+    def waiting(self):
+        return [(received - NOW) // MS for _, received in self.observed.unfinished]
+
+    @property
+    def scan(self):
+        return self.profile.inputs["scan"]
+
+    def means(self):
+        document = self.scan.as_json(self.observed.dropped["scan"])
+        return {name: round(document[name]["mean"] * 1000) for name in ("cpu", "wait", "service", "latency")}
+
+
+def test_an_input_waits_until_an_answer_has_its_stamp():
+    node = Node()
+    node.takes(0, at=2)
+    node.answers(7, at=3)
+    assert (node.waiting, node.scan.done, node.observed.strange) == ([2], 0, 1)
+    node.answers(0, at=40, cpu=30)
+    assert (node.waiting, node.scan.done, node.observed.matched) == ([], 1, 1)
+    assert node.means() == {"cpu": 30, "wait": 0, "service": 38, "latency": 39}
+
+
+def test_the_second_of_two_begins_when_the_first_is_done():
+    node = Node()
+    node.takes(0, at=2)
+    node.takes(10, at=12)
+    node.answers(0, at=40, cpu=20)
+    node.answers(10, at=60, cpu=10)
+    assert node.means() == {"cpu": 15, "wait": 14, "service": 29, "latency": 44}  # waits 0 and 28, works 38 and 20
+
+
+def test_a_late_answer_is_a_miss():
+    node = Node()
+    node.takes(0, at=2)
+    node.answers(0, at=200)
+    assert (node.scan.done, node.scan.missed) == (1, 1)
+
+
+def test_what_an_answer_passes_over_is_dropped():
+    node = Node()
+    node.takes(0, at=2)
+    node.takes(10, at=12)
+    node.answers(10, at=30)
+    assert (node.waiting, node.observed.dropped) == ([], {"scan": 1})
+
+
+def test_a_node_keeps_one_in_hand_and_as_many_as_its_queue_is_deep():
+    node = Node()
+    for at in range(0, 50, 10):
+        node.takes(at, at=at)
+    assert (node.waiting, node.observed.dropped) == ([20, 30, 40], {"scan": 2})
+
+
+def test_only_answers_count_for_a_node_that_skips_inputs():
+    node = Node(answers_all=False)
+    for at in range(0, 50, 10):
+        node.takes(at, at=at)
+    assert (node.waiting, node.observed.dropped) == ([], {"scan": 0})
+    node.answers(40, at=200)
+    assert (node.scan.done, node.scan.missed, node.observed.dropped) == (1, 1, {"scan": 0})
+
+
+def test_while_it_is_suspended_nothing_waits():
+    node = Node()
+    node.takes(0, at=2)
+    node.observed.forget()
+    node.answers(0, at=500)
+    assert (node.waiting, node.scan.missed, node.observed.dropped) == ([], 0, {"scan": 0})
+
+
+@pytest.mark.parametrize("at", [1, 3])
+def test_an_answer_of_another_clock_takes_no_negative_time(at):
+    node = Node()
+    node.takes(0, at=2)
+    node.answers(0, at=at)
+    assert node.means()["service"] >= 0

@@ -1,0 +1,156 @@
+"""What modules say becomes what ROS expects, with its header and its covariance; what can't is refused at the start."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robotkit import ConfigurationError, Input, Module, Output
+from robotkit.module import KINDS, load_module
+from robotkit.outputs import _payload
+from robotkit.ros import decode, stamp_of
+from robotkit.ros_check import check
+from robotkit.ros_outputs import _MAKERS, allowed
+from robotkit.task import Result
+
+MODULES = Path(__file__).parents[3] / "modules"
+STAMP = 1_700_000_000_123_456_789
+POSE, ODOMETRY = "geometry_msgs/msg/PoseStamped", "nav_msgs/msg/Odometry"
+LOCATED = {"position": [1.0, 2.0, 3.0], "orientation": [0.0, 0.0, 0.6, 0.8], "inliers": 80, "state": "tracking"}
+DRIVEN = {"position": [1.5, -0.5], "heading": math.pi / 2, "travelled": 3.0, "forward": 0.2, "turn": -0.3}
+COVARIANCE = np.diag([0.01, 0.02, 0.03, 0.1, 0.2, 0.3])
+
+
+def message(kind, type_name, value, **options):
+    output = Output("x", "cdr", type_name, "odom", kind, **options)
+    payload = _payload(Result("x", value), output, STAMP, {"input": "in"})
+    assert isinstance(payload, bytes)
+    found = decode(payload, type_name)
+    if hasattr(found, "header"):
+        assert (found.header.frame_id, stamp_of(found)) == ("odom", STAMP)
+    return found
+
+
+def test_a_pose_is_a_pose_stamped():
+    pose = message("pose", POSE, LOCATED).pose
+    assert (pose.position.x, pose.position.z, pose.orientation.z, pose.orientation.w) == (1.0, 3.0, 0.6, 0.8)
+
+
+@pytest.mark.parametrize("covariance", [COVARIANCE, COVARIANCE.tolist(), COVARIANCE.ravel().tolist()])
+def test_a_poses_covariance_goes_along(covariance):
+    value = {**LOCATED, "covariance": covariance}
+    odometry = message("pose", ODOMETRY, value)
+    assert odometry.child_frame_id == "base_link"
+    assert odometry.pose.covariance.tolist() == COVARIANCE.ravel().tolist()
+    stamped = message("pose", "geometry_msgs/msg/PoseWithCovarianceStamped", value)
+    assert stamped.pose.covariance[35] == 0.3
+
+
+def test_a_covariance_that_nobody_knows_is_zero():
+    assert not message("pose", ODOMETRY, LOCATED).pose.covariance.any()
+    assert not message("pose", ODOMETRY, {**LOCATED, "covariance": None}).pose.covariance.any()
+
+
+def test_a_covariance_of_another_size_is_refused():
+    with pytest.raises(ValueError, match="has 9 numbers, allowed: 36"):
+        message("pose", ODOMETRY, {**LOCATED, "covariance": np.eye(3)})
+
+
+def test_odometry_has_pose_and_speeds():
+    odometry = message("odometry", ODOMETRY, DRIVEN, child_frame="base_footprint")
+    position, orientation = odometry.pose.pose.position, odometry.pose.pose.orientation
+    assert (position.x, position.y, position.z) == (1.5, -0.5, 0.0)
+    assert (orientation.z, orientation.w) == pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
+    assert (odometry.twist.twist.linear.x, odometry.twist.twist.angular.z) == (0.2, -0.3)
+    assert odometry.child_frame_id == "base_footprint"
+
+
+def test_speeds_are_a_twist():
+    twist = message("odometry", "geometry_msgs/msg/Twist", DRIVEN)
+    stamped = message("odometry", "geometry_msgs/msg/TwistStamped", DRIVEN).twist
+    assert (twist.linear.x, twist.angular.z) == (stamped.linear.x, stamped.angular.z) == (0.2, -0.3)
+
+
+def test_a_scan_is_a_laser_scan_in_which_nothing_is_infinitely_far():
+    value = {"start_angle": 0.0, "end_angle": 3.0, "ranges": [1.5, 0, 2.5, 0], "range_min": 0.15, "range_max": 12.0}
+    scan = message("scan", "sensor_msgs/msg/LaserScan", value)
+    assert scan.ranges.tolist() == [1.5, math.inf, 2.5, math.inf]
+    assert (scan.angle_min, scan.angle_max, scan.angle_increment) == (0.0, 3.0, 1.0)
+    assert (round(scan.range_min, 3), scan.range_max) == (0.15, 12.0)
+
+
+@pytest.mark.parametrize(("data", "form"), [(b"\x89PNG\r\n", "png"), (b"\xff\xd8\xff", "jpeg")])
+def test_a_picture_is_a_compressed_image(data, form):
+    image = message("picture", "sensor_msgs/msg/CompressedImage", data)
+    assert (image.format, image.data.tobytes()) == (form, data)
+
+
+def test_bytes_are_no_message_without_a_kind():
+    with pytest.raises(TypeError, match="3 bytes are not the fields of"):
+        message("", POSE, b"abc")
+
+
+def test_every_kind_can_become_something():
+    assert set(KINDS) == _MAKERS.keys()
+    assert all(allowed(kind) for kind in KINDS)
+
+
+# ------------------------------------------------------------------------------------------------------- at the start
+
+OURS = [
+    ("slam", "OUTPUT_POSE", POSE),
+    ("slam", "OUTPUT_POSE", ODOMETRY),
+    ("navigation", "OUTPUT_ODOMETRY", ODOMETRY),
+    ("navigation", "OUTPUT_ODOMETRY", "geometry_msgs/msg/Twist"),
+    ("lidar", "OUTPUT_SCAN", "sensor_msgs/msg/LaserScan"),
+    ("camera", "OUTPUT_PICTURE", "sensor_msgs/msg/CompressedImage"),
+]
+
+
+@pytest.mark.parametrize(("module", "variable", "type_name"), OURS)
+def test_our_modules_speak_ros(module, variable, type_name):
+    override = {variable: f"{{key: out, encoding: cdr, type: {type_name}, frame: map}}"}
+    loaded = load_module(MODULES / module / "module.yaml", override)
+    check(loaded)
+    (output,) = (one for one in loaded.outputs.values() if one.encoding == "cdr")
+    assert type_name in allowed(output.kind)
+
+
+@pytest.mark.parametrize(
+    ("module", "override", "words"),
+    [
+        (
+            "slam",
+            {"OUTPUT_POSE": "sensor_msgs/msg/Imu"},
+            "invalid value 'sensor_msgs/msg/Imu': a pose becomes geometry",
+        ),
+        ("slam", {"OUTPUT_POSE": "sensor_msgs/msg/Nothing"}, "a message of ROS 2 latest; `types` names a folder"),
+        ("camera", {"OUTPUT_STEREO": "sensor_msgs/msg/Image"}, "an output with a kind, which this one has not"),
+        ("imu", {"INPUT_RAW": "my/msg/Own"}, "inputs.raw.type: invalid value 'my/msg/Own'"),
+    ],
+)
+def test_what_cannot_work_is_refused_at_the_start(module, override, words):
+    overridden = {name: f"{{encoding: cdr, type: {kind}}}" for name, kind in override.items()}
+    with pytest.raises(ConfigurationError, match=words):
+        check(load_module(MODULES / module / "module.yaml", overridden))
+
+
+def test_all_errors_are_reported_at_once():
+    module = Module(
+        "m", inputs={"a": Input("a", "cdr", "no/msg/A")}, outputs={"b": Output("b", "cdr", POSE, kind="picture")}
+    )
+    with pytest.raises(ConfigurationError, match=r"(?s)inputs\.a\.type.*outputs\.b\.type"):
+        check(module)
+
+
+def test_an_unknown_kind_and_an_unknown_release_are_refused(tmp_path):
+    path = tmp_path / "module.yaml"
+    path.write_text("name: m\noutputs: {a: {key: a, kind: smell, ros: noetic}}\n")
+    with pytest.raises(
+        ConfigurationError,
+        match=r"(?s)kind: invalid value 'smell'.*ros: invalid value 'noetic': expected one of latest",
+    ):
+        load_module(path)

@@ -1,0 +1,100 @@
+"""Numbers that are not finite, or too large, in conditions."""
+
+from __future__ import annotations
+
+import math
+from itertools import islice
+from types import SimpleNamespace
+
+import pytest
+
+from contextpolicy.planning.conditions.expressions import Guarded
+from contextpolicy.planning.conditions.scope import MAX_TRIALS, Scope, trials
+
+
+@pytest.mark.parametrize(
+    ("source", "truth"),
+    [
+        ("scan.near < 1.0", False),
+        ("scan.near > 1.0", False),
+        ("abs(scan.near) >= 0.0", True),
+        ("!(scan.near < 1.0)", False),
+        ("scan.near < 1.0 || scan.far > 1.0", True),
+        ("scan.ranges.exists(r, r < 1.0)", True),
+        ("scan.ranges.all(r, r > 0.1)", False),
+        ("scan.near < -0.5 || scan.near > 0.5", False),
+        ("scan.near < 5.0 || scan.near > 6.0", False),
+        ("abs(scan.near) > 0.5", False),
+        ("norm([scan.near, 0.0]) > 0.1", False),
+        ("norm([scan.near, 3.0]) > 2.0", True),
+        ("sqrt(scan.near) > 1.0", False),
+        ("min(scan.ranges) < 0.6", True),
+        ("min(0.5, scan.near) > 0.3", False),
+        ("max([3.0, scan.near]) < 4.0", False),
+        ("scan.far > 100.0 && !(scan.far < 100.0)", True),
+        ("-scan.far < 0.0 && max(scan.far, 1.0) > 1.0", True),
+    ],
+)
+def test_numbers_that_are_not_finite_compare_as_such_and_are_not_a_failure(source, truth):
+    reported: list[str] = []
+    listener = SimpleNamespace(
+        on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
+    )
+    scope = Scope()
+    guarded, unknown = Guarded(scope.compile(source), scope, listener), scope.compile("scan.near != scan.near")
+    scope.bind("scan", {"near": math.nan, "far": math.inf, "ranges": [math.nan, math.inf, 0.5]})
+    assert (guarded.truth(0.0), reported) == (truth, [])
+    assert unknown.truth(scope), "the sample itself is as it was"
+
+
+@pytest.mark.parametrize(
+    ("source", "truth"),
+    [
+        ("scan.left == scan.right", False),
+        ("scan.left != scan.right", True),
+        ("scan.left <= scan.right", False),
+        ("scan.left == scan.left", False),
+        ("scan.left < 3.0 || scan.right >= 3.0", False),
+        ("scan.left < 10.0 || scan.right > 3.0", False),
+        ("scan.left < 3.0 || scan.left >= 3.0", True),
+        ("scan.left < 3.0 || scan.left >= 3.0 || scan.right > 1.0", True),
+        ("imu.x == scan.left", False),
+        ("scan.ranges[0] == scan.ranges[1]", False),
+        ("scan.ranges.exists(r, r < 1.0) && scan.ranges[0] <= scan.ranges[1]", False),
+        ("scan.ranges.exists(r, r < 1.0)", True),
+        ("abs(scan.left) + abs(scan.right) >= 0.0", True),
+    ],
+)
+def test_each_unknown_number_is_one_of_its_own(source, truth):
+    reported: list[str] = []
+    listener = SimpleNamespace(
+        on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
+    )
+    scope = Scope()
+    guarded = Guarded(scope.compile(source), scope, listener)
+    scope.bind("scan", {"left": math.nan, "right": math.nan, "ranges": [math.nan, math.nan, 0.5]})
+    scope.bind("imu", {"x": math.nan})
+    assert (guarded.truth(0.0), reported) == (truth, [])
+
+
+@pytest.mark.parametrize("numerals", [1, 2, 3, 16])
+@pytest.mark.parametrize("unknown", [1, 2, 1000])
+def test_how_often_unknown_numbers_are_tried_is_bounded(numerals, unknown):
+    numbers = [float(number) for number in range(4 * numerals + 3)]
+    tried = [tuple(islice(trial, 2)) for trial in trials(numbers, unknown)]
+    assert len(tried) <= MAX_TRIALS + len(numbers)
+    assert {one[0] for one in tried} == set(numbers)
+    if unknown == 2 and numerals <= 3:
+        assert set(tried) == {(first, second) for first in numbers for second in numbers}
+
+
+def test_a_real_mistake_is_reported_beside_a_number_that_is_unknown():
+    reported: list[str] = []
+    listener = SimpleNamespace(
+        on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
+    )
+    scope = Scope()
+    guarded = Guarded(scope.compile("scan.nearest < 1.0"), scope, listener)
+    scope.bind("scan", {"near": math.nan})
+    assert not guarded.truth(0.0)
+    assert reported == ["the sample has no field 'nearest'"]

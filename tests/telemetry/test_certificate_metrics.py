@@ -1,0 +1,57 @@
+"""When a certificate ends, as a metric; one that can't be read must not look like none."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+
+import pytest
+from prometheus_client import REGISTRY
+
+from contextpolicy.bus.issuing import LIFETIME, found_authority
+from contextpolicy.telemetry import certificate_metrics
+
+NOW = datetime(2026, 11, 24, tzinfo=UTC)
+
+
+@pytest.fixture(autouse=True)
+def _forget():
+    yield
+    certificate_metrics.EXPIRY.clear()
+
+
+def expiry():
+    name = "contextpolicy_certificate_expiry_timestamp_seconds"
+    return REGISTRY.get_sample_value(name, {"component": "operator"})
+
+
+@pytest.mark.parametrize("text", ["", "no certificate"])
+def test_a_certificate_that_cannot_be_read_is_no_number(tmp_path, text):
+    (tmp_path / "tls.crt").write_text(text)
+    certificate_metrics.publish_expiry("operator", tmp_path)
+    assert math.isnan(expiry())
+
+
+def test_nor_is_one_that_is_gone(tmp_path):
+    (tmp_path / "tls.crt").write_text("")
+    certificate_metrics.publish_expiry("operator", tmp_path)
+    (tmp_path / "tls.crt").unlink()
+    assert math.isnan(expiry())
+
+
+def test_there_is_none_on_an_open_bus_nor_where_a_password_stands_for_it(tmp_path):
+    certificate_metrics.publish_expiry("operator", None)
+    (tmp_path / "username").write_text("operator")
+    certificate_metrics.publish_expiry("operator", tmp_path)
+    assert expiry() is None
+
+
+def test_a_certificate_without_its_key_is_no_number(tmp_path):
+    issuer = found_authority("bus", NOW)
+    files = issuer.issue("operator", (), NOW)
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    certificate_metrics.publish_expiry("operator", tmp_path)
+    assert expiry() == (NOW + LIFETIME).timestamp()
+    (tmp_path / "tls.key").write_bytes(issuer.issue("operator", (), NOW)["tls.key"])
+    assert math.isnan(expiry())
