@@ -1,0 +1,96 @@
+"""The reference page of a ContextPolicy's fields, from the resource definition."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from docs.generator.markdown import escaped, table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+DEFINITION = Path(__file__).parents[2] / "crds" / "contextpolicies.contextpolicy.dev.yaml"
+_INTRODUCTION = """\
+# The fields of a ContextPolicy
+
+`make docs` writes this page from `crds/contextpolicies.contextpolicy.dev.yaml`; `kubectl explain ctxp.spec` shows the
+same descriptions. `[]` stands for an item of a list, `.*` for an entry of a map. The
+[cookbook](../../config/policies/README.md) and the [examples](../../config/examples) use every field.
+"""
+_BOUNDS = (
+    ("", "minimum", "maximum"),
+    (" characters", "minLength", "maxLength"),
+    (" items", "minItems", "maxItems"),
+    (" entries", "minProperties", "maxProperties"),
+)
+
+
+def page() -> str:
+    """The page as Markdown."""
+    (version,) = yaml.safe_load(DEFINITION.read_text(encoding="utf-8"))["spec"]["versions"]
+    properties = version["schema"]["openAPIV3Schema"]["properties"]
+    sections = (line for name in ("spec", "status") for line in _section(name, properties[name]))
+    return "\n".join([_INTRODUCTION, *sections])
+
+
+def _section(path: str, schema: dict[str, Any]) -> Iterator[str]:
+    """The fields of one object, what is checked across them, then the objects in them."""
+    fields, required = schema["properties"], schema.get("required", [])
+    yield from (f"## `{path}`", "", schema.get("description", "").strip(), "")
+    yield from table(
+        ("field", "type", "default", "meaning"),
+        [
+            (f"`{name}`" + (" (required)" if name in required else ""), _type(field), _default(field), _meaning(field))
+            for name, field in fields.items()
+        ],
+    )
+    yield from _rules(schema)
+    for name, field in fields.items():
+        yield from _inner(f"{path}.{name}", field)
+
+
+def _inner(path: str, schema: dict[str, Any]) -> Iterator[str]:
+    if "properties" in schema:
+        yield from _section(path, schema)
+    if "items" in schema:
+        yield from _inner(f"{path}[]", schema["items"])
+    if isinstance(schema.get("additionalProperties"), dict):
+        yield from _inner(f"{path}.*", schema["additionalProperties"])
+
+
+def _rules(schema: dict[str, Any]) -> Iterator[str]:
+    messages = [escaped(rule["message"]) for rule in schema.get("x-kubernetes-validations", []) if "message" in rule]
+    if messages:
+        yield from ("The API server refuses it with:", "", *(f"- {message}" for message in messages), "")
+
+
+def _type(schema: dict[str, Any]) -> str:
+    if "enum" in schema:
+        return ", ".join(f"`{value}`" for value in schema["enum"])
+    if "items" in schema:
+        return f"list of {schema['items'].get('type', 'values')}s"
+    if isinstance(schema.get("additionalProperties"), dict):
+        return f"map of {schema['additionalProperties'].get('type', 'value')}s"
+    if schema.get("x-kubernetes-int-or-string"):
+        return "integer or string"
+    return str(schema.get("type", "any"))
+
+
+def _default(schema: dict[str, Any]) -> str:
+    return f"`{json.dumps(schema['default'])}`" if "default" in schema else ""
+
+
+def _meaning(schema: dict[str, Any]) -> str:
+    bounds = "; ".join(_bounds(schema))
+    return escaped(schema.get("description", "")) + (f" ({bounds})" if bounds else "")
+
+
+def _bounds(schema: dict[str, Any]) -> Iterator[str]:
+    for unit, least, most in _BOUNDS:
+        words = [f"{word} {schema[name]}" for word, name in (("at least", least), ("at most", most)) if name in schema]
+        if words:
+            yield " and ".join(words) + unit
