@@ -97,7 +97,7 @@ class Tree:
         """In thousandths of the group's period."""
         form = REALTIME[self.version]
         text = (group / form.file).read_text().split()
-        period = (group / form.period_file).read_text() if form.period_file else text[1]
+        period = (group / form.period_file).read_text().split()[0] if form.period_file else text[1]
         return int(text[0]) * 1000 // int(period)
 
     def threads(self, group: Path, *threads: int):

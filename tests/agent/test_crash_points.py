@@ -52,7 +52,7 @@ class Fuse:
 
     def __init__(self, monkeypatch):
         self.left, self.moment, self.writes, self.lines = None, BEFORE, 0, 0
-        for owner, name in ((os, "pwrite"), (os, "write"), (os, "ftruncate"), (Path, "write_text"), (Path, "replace")):
+        for owner, name in ((os, "pwrite"), (os, "write"), (os, "ftruncate"), (Path, "replace")):
             monkeypatch.setattr(owner, name, self._fused(getattr(owner, name)))
 
     def _fused(self, call):

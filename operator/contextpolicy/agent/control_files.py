@@ -148,7 +148,8 @@ class ControlFile(OpenFile):
         """Set the period in microseconds: at once in version 1, with the next `write` in version 2."""
         if self.period_path is not None:
             try:
-                self.period_path.write_text(f"{period}\n")
+                with self.period_path.open("r+b") as file:  # not truncated, so nobody reads an empty file
+                    os.pwrite(file.fileno(), f"{period}\n".encode(), 0)
             except OSError as error:
                 raise _failure(self.period_path, error) from error
         self.period = period
