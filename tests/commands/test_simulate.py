@@ -269,7 +269,7 @@ def test_an_invalid_robot(options: tuple[str, str], message: str, capsys: pytest
         (("--rate", "0"), "a factor of 0.001 to 1000"),
         (("--cores", "0.0001"), "a CPU quantity"),
         (("--node", "arm"), "NAME=VALUE"),
-        (("--replicas", "slam=0"), "a whole number from 1 to 100"),
+        (("--replicas", "slam=0"), "an integer from 1 to 100"),
     ],
 )
 def test_wrong_usage_says_what_is_allowed(

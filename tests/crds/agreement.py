@@ -87,7 +87,7 @@ def _kind(_, reading, node):
 
 
 def _pattern(reading, node):
-    """What a text must match, where the parser says it; a lookahead says its length."""
+    """What a string must match, where the parser says it; a lookahead says its length."""
     pattern = reading.arguments.get("pattern", ANY_TEXT)
     text = pattern.pattern if isinstance(pattern, re.Pattern) else pattern
     if text == ANY_TEXT:

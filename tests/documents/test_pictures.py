@@ -1,4 +1,4 @@
-"""Pictures are legible on white and on dark pages, and have a text for those who do not see them."""
+"""Pictures are legible on white and on dark pages, and have alternative text for those who do not see them."""
 
 from __future__ import annotations
 

@@ -238,7 +238,7 @@ exact_trees = st.recursive(
 
 @given(exact_trees, st.fixed_dictionaries({"a": small, "b": small, "c": small}), st.booleans(), st.data())
 def test_it_is_the_value_that_real_numbers_have(tree, sample, functions, data):
-    """Both by the library's arithmetic and by ours, which a whole number from 2^53 on switches to."""
+    """Both by the library's arithmetic and by ours, which an integer from 2^53 on switches to."""
     expected = value_of(tree, sample)
     source = written(tree, lambda options: data.draw(st.sampled_from(options)))
     if expected is not None:

@@ -24,7 +24,7 @@ WORDS = r"(\\w+\\w+)+(\\w+\\w+)+(\\w+\\w+)+(\\w+\\w+)+"
         (r'x.s.matches("(\\w\x7b60\x7d)\x7b60\x7d")', "counted repetitions"),
         (r'x.s.matches("(?i)[\u0100-\uffff]+[\u0100-\uffff]+[\u0100-\uffff]+[\u0100-\uffff]+")', "too long to compile"),
         (f'x.s.matches("{"a" * 65}")', "more than 64 characters"),
-        ('x.s.matches(b"a")', "not a text in quotes"),
+        ('x.s.matches(b"a")', "not a string in quotes"),
     ],
 )
 def test_a_pattern_that_takes_long_to_compile_is_refused(source, reason):

@@ -52,7 +52,7 @@ def test_an_expression_that_fails_has_the_value_and_its_kind_also_if_it_recovers
     policy = a_policy(S, contexts=[a_context("s.value > 1.0", **DOUBLES)])
     (note,) = reported(policy, at(0, "loud"), at(1, "louder"), at(2, 2.0))
     assert note.startswith("s.value > 1.0: ")
-    assert note.endswith('; s.value is "loud", a text; 2 times')
+    assert note.endswith('; s.value is "loud", a string; 2 times')
     assert "CEL does not coerce" not in note
 
 

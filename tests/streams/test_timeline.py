@@ -248,7 +248,7 @@ def test_what_does_not_fit_a_message_is_reported_by_its_path():
         "inputs[0].value.orientation_covariance": "a list of 9",
         "inputs[0].value.angular_velocity.x": numbers,
         "inputs[0].value.angular_velocity.y": numbers,
-        "inputs[1].value.data": "a whole number from -128 to 127",
+        "inputs[1].value.data": "an integer from -128 to 127",
         "inputs[2].value.data": numbers,
         "inputs[3].type": "a message of ROS 2 latest, or of --types DIR",
     }

@@ -133,7 +133,7 @@ class _Reader:
         environment = self._object("environment", fields.get("environment") or {})
         for variable, meaning in environment.items():
             if not isinstance(meaning, str):
-                self._refuse(f"environment.{variable}", meaning, "a text that explains the variable")
+                self._refuse(f"environment.{variable}", meaning, "a string that explains the variable")
         return Module(
             name=self._text("name", fields.get("name"), NAME, "lower-case letters, digits and dashes"),
             description=str(fields.get("description", "")),
@@ -165,7 +165,7 @@ class _Reader:
         fields = self._known(path, self._object(path, entry), {*_STREAM, "depth"})
         depth = fields.get("depth", 1)
         if not isinstance(depth, int) or isinstance(depth, bool) or depth < 1:
-            self._refuse(f"{path}.depth", depth, "a whole number of 1 or more")
+            self._refuse(f"{path}.depth", depth, "an integer of 1 or more")
             depth = 1
         return Input(**self._stream(path, fields), depth=depth)
 

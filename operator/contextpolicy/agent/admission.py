@@ -127,7 +127,7 @@ class Admission:
             raise OrderError("Outdated", f"{policy}: signed {later / 1e9:.3f} s before the latest one accepted")
 
     def _check_parts(self, order: NodeOrder) -> None:
-        """A realtime share is a whole number of thousandths of the period, the same on each processor."""
+        """A realtime share is an integer of thousandths of the period, the same on each processor."""
         for target in order.targets if order.scheduler is Scheduler.REALTIME else ():
             if target.share % self._cpus:
                 raise OrderError("Unreadable", f"{order.policy}: {target.share}m is uneven on {self._cpus} processors")

@@ -140,5 +140,5 @@ def _named_cpu(text: str) -> tuple[str, int]:
 def _named_count(text: str) -> tuple[str, int]:
     name, value = _named(text)
     if not value.isdecimal() or not 0 < int(value) <= MAX_REPLICAS:
-        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected a whole number from 1 to {MAX_REPLICAS}")
+        raise argparse.ArgumentTypeError(f"invalid value {text!r}: expected an integer from 1 to {MAX_REPLICAS}")
     return name, int(value)

@@ -38,7 +38,7 @@ def _check_characters(source: str) -> None:
         if not (character.isprintable() or character in "\n\t"):
             raise ValueError(
                 f"has the invisible character U+{ord(character):04X} at character {at + 1}; "
-                f"in a text, write \\u{ord(character):04x}"
+                f"in a string, write \\u{ord(character):04x}"
             )
 
 
@@ -47,7 +47,7 @@ class Bindings(Protocol):
 
     context: cel.Context
     whole: set[str]
-    """The streams that hold a whole number which is no double."""
+    """The streams that hold an integer that is not a double."""
 
     def size(self, stream: str) -> int:
         """How many values expressions see of the stream."""

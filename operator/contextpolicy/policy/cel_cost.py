@@ -95,7 +95,7 @@ class _Cost:
         return _Cost(self.size, max(self.work, int(self.reads)), self.reads)
 
     def scalar(self) -> _Cost:
-        """After an operation whose result is a number, a text or a truth value."""
+        """After an operation whose result is a number, a string or a truth value."""
         return _Cost(0, self.work, self.reads)
 
 
@@ -172,7 +172,7 @@ class _Walk:
 
     def _pattern(self, pattern: Node) -> None:
         if pattern.kind is not Construct.TEXT:
-            raise ValueError("matches a pattern that is not a text in quotes")
+            raise ValueError("matches a pattern that is not a string in quotes")
         steps = cel_patterns.steps(pattern.text)
         self.matches += 1
         self.compiling += steps

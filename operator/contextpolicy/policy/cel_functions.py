@@ -88,11 +88,11 @@ def root(number: float) -> float:
 
 
 def size(value: str | bytes | Sequence[object] | dict[str, object]) -> int:
-    """Code points of a text, as CEL counts them, where the library counts bytes; else bytes, items or entries."""
+    """Code points of a string, as CEL counts them, where the library counts bytes; else bytes, items or entries."""
     try:
         return len(value)
     except TypeError as error:
-        raise TypeError(f"size of {value!r}; expected a text, bytes, a list or a map") from error
+        raise TypeError(f"size of {value!r}; expected a string, bytes, a list or a map") from error
 
 
 HEARD = Function(

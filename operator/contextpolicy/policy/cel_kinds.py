@@ -16,12 +16,12 @@ class ValueKind(StrEnum):
     ANY = "anything"
     BOOL = "true or false"
     NUMBER = "a number"
-    WHOLE = "a whole number"
+    WHOLE = "an integer"
     """A result that the library keeps apart from doubles and does not add to them."""
     DOUBLE = "a double"
-    TEXT = "a text"
+    TEXT = "a string"
     PATTERN = "a regular expression"
-    """A text that stands in the expression itself."""
+    """A string that stands in the expression itself."""
     BYTES = "bytes"
     NULL = "null"
     TIME = "a time"
@@ -70,7 +70,7 @@ class Function:
     """What it returns, as the manual says after the example."""
     example: str
     constant: str = ""
-    """A call on a text that has a value, for one that has none; empty where each text has one."""
+    """A call on a string that has a value, for one that has none; empty where each text has one."""
     run: Callable[..., Any] | None = None
     """What computes it, in the library's place; None for what the library or `cel_rewriting` does."""
 

@@ -48,7 +48,7 @@ def explain(source: str, error: ValueError) -> str:
         return "in CEL " + ", ".join(dict.fromkeys(hints))
     large = [literal for literal in _WHOLE.findall(bare) if LARGEST_WHOLE < int(literal) <= sys.float_info.max]
     if large:
-        return f"a whole number is at most {LARGEST_WHOLE}: write {large[0]}.0, a double"
+        return f"an integer is at most {LARGEST_WHOLE}: write {large[0]}.0, a double"
     try:
         cel_syntax.parse(source)
     except ValueError as own:

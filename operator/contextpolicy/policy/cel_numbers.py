@@ -1,9 +1,9 @@
 """Numbers as expressions see them: real numbers, however a sensor or a policy spelled them.
 
-CEL keeps whole numbers and doubles apart and converts neither. Here each number has one form that depends on its value
-alone, so no expression distinguishes `1` from `1.0`: a double, except whole numbers from 2^53 up to 64 bits (stamps in
-nanoseconds, identifiers), which doubles can't hold. The library compares them correctly: two whole numbers exactly, and
-next to a double it rounds the whole number to one, which leaves it at 2^53 or more, above every smaller double.
+CEL keeps integers and doubles apart and converts neither. Here each number has one form that depends on its value
+alone, so no expression distinguishes `1` from `1.0`: a double, except integers from 2^53 up to 64 bits (stamps in
+nanoseconds, identifiers), which doubles can't hold. The library compares them correctly: two integers exactly, and
+next to a double it rounds the integer to one, which leaves it at 2^53 or more, above every smaller double.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 EXACT = 1 << 53
-"""Below it a double holds every whole number, and no other whole number is rounded to one of them."""
+"""A double holds every integer below it, and no larger one is rounded to one of them."""
 _LEAST, _MOST = -(1 << 63), (1 << 64) - 1
 
 Number = int | float
 
 
 class Normal:
-    """Brings samples into the one form; `whole` says whether a whole number was found that is no double."""
+    """Brings samples into the one form; `whole` says whether an integer was found that is not a double."""
 
     __slots__ = ("whole",)
 
@@ -61,7 +61,7 @@ def literal(number: Number) -> str:
 
 
 def key(value: Any) -> Any:
-    """An index or a map's key: a whole number as the integer that CEL requires, anything else as it is."""
+    """An index or a map's key: a whole double as the integer that CEL requires, anything else as it is."""
     return int(value) if isinstance(value, float) and value.is_integer() and _LEAST <= value <= _MOST else value
 
 
@@ -99,7 +99,7 @@ def divide(left: Any, right: Any) -> Any:
 
 
 def remainder(left: Any, right: Any) -> Number:
-    """The remainder, with the sign of `left` as in C; TypeError unless both are whole numbers."""
+    """The remainder, with the sign of `left` as in C; TypeError unless both are integers."""
     _check(left, right, "%")
     whole, divisor = _whole(left), _whole(right)
     if divisor == 0:
@@ -126,7 +126,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 def _exact(left: Number, right: Number) -> tuple[Number, Number]:
-    """Operands of one type stay; next to a whole number a double becomes one, too, if it can."""
+    """Operands of one type stay; next to an integer a double becomes one, too, if it can."""
     return (left, right) if type(left) is type(right) else (key(left), key(right))
 
 
@@ -141,7 +141,7 @@ def _check(left: Any, right: Any, operator: str) -> None:
 
 def _whole(number: Number) -> int:
     if isinstance(number, float) and not number.is_integer():
-        raise TypeError(f"{number!r} is an operand of %; expected whole numbers")
+        raise TypeError(f"{number!r} is an operand of %; expected integers")
     return int(number)
 
 

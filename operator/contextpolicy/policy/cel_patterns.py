@@ -18,7 +18,7 @@ one whose case is ignored (12 us; in a range beyond ASCII 2.5 ms)."""
 
 
 def steps(literal: str) -> int:
-    """The steps that compiling a pattern takes, given as a text literal; ValueError when it is none or too large."""
+    """The steps that compiling a pattern takes, given as a string literal; ValueError when it is none or too large."""
     pattern = _text(literal)
     if len(pattern) > MAX_PATTERN or "{" in pattern:
         raise ValueError(f"matches a pattern of more than {MAX_PATTERN} characters or with counted repetitions")
@@ -30,7 +30,7 @@ def _text(literal: str) -> str:
     """What the literal means, for an escape can hide a repetition."""
     text = cel.compile(literal).execute(cel.Context())
     if not isinstance(text, str):
-        raise ValueError("matches a pattern that is not a text in quotes")  # noqa: TRY004 - it is the policy's mistake
+        raise ValueError("matches a pattern that is not a string in quotes")  # noqa: TRY004 - it is the policy's mistake
     return text
 
 

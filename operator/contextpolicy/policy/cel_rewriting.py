@@ -1,10 +1,10 @@
 """Writes a tree as text for the CEL library, so that policies mean what they appear to mean.
 
-- Numbers get their one form (see `cel_numbers`); indices, keys and `%` need whole numbers, and get them.
+- Numbers get their one form (see `cel_numbers`); indices, keys and `%` need integers, and get them.
 - Arithmetic stays the library's own on doubles, which is what nearly all samples have. Where an operand may be a whole
   number that is no double, our own functions are called instead, five times slower. The `exact` text does so
   everywhere, for samples with such numbers.
-- `size` is ours, which counts a text's code points where the library counts bytes.
+- `size` is ours, which counts a string's code points where the library counts bytes.
 - `has(imu.gyro)` is false for a stream without a value, and `heard` and `age` ask what the scope knows about it.
 """
 
@@ -179,7 +179,7 @@ class _Writer:
 
 
 def _may_be_whole(node: Node) -> bool:
-    """Whether the library may see a whole number in its value even when no sample holds one."""
+    """Whether the library may see an integer in its value even when no sample holds one."""
     if node.kind is Construct.NUMBER:
         return isinstance(cel_numbers.normal(number(node.text)), int)
     function = FUNCTIONS.get(node.text) if node.kind in {Construct.CALL, Construct.METHOD} else None

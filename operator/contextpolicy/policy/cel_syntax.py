@@ -44,7 +44,7 @@ class Construct(Enum):
 
     NUMBER = auto()
     TEXT = auto()
-    """A text or bytes, quotes included."""
+    """A string or bytes, quotes included."""
     CONSTANT = auto()
     NAME = auto()
     SELECT = auto()

@@ -54,7 +54,7 @@ class Environment:
         return self.whole(name, default, most=65535, expected="a port from 1 to 65535")
 
     def whole(self, name: str, default: int, *, most: int, expected: str) -> int:
-        """A whole number from 1 to `most`."""
+        """An integer from 1 to `most`."""
         text = self.text(name, str(default))
         if text.isdecimal() and 0 < int(text) <= most:
             return int(text)

@@ -28,7 +28,7 @@ OBJECT_NAME = re.compile(r"(?=.{1,253}$)[a-z0-9]([a-z0-9-]*[a-z0-9])?(\.[a-z0-9]
 ROS_TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_]*/msg/[A-Z][A-Za-z0-9]*")
 FIELD_PATH = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*")
 LARGEST = 1e308
-"""Close to the largest float; whole numbers can be larger and would overflow."""
+"""Close to the largest float; integers can be larger and would overflow."""
 LARGEST_WEIGHT = 1_000_000
 """The greatest priority, score, weight or scale, as in the definition."""
 
@@ -70,7 +70,7 @@ class Fields:
         name: str,
         default: str | None = None,
         *,
-        allowed: str = "a text",
+        allowed: str = "a string",
         pattern: str | re.Pattern[str] = r"(?s).+",
     ) -> str:
         """A string that matches the whole pattern; required when there is no default."""
@@ -83,7 +83,7 @@ class Fields:
         return value
 
     def optional_text(
-        self, name: str, *, allowed: str = "a text", pattern: str | re.Pattern[str] = r"(?s).+"
+        self, name: str, *, allowed: str = "a string", pattern: str | re.Pattern[str] = r"(?s).+"
     ) -> str | None:
         """As `text`, None when the field is absent."""
         return self.text(name, allowed=allowed, pattern=pattern) if name in self else self.raw(name)
@@ -118,12 +118,12 @@ class Fields:
         return float(value)
 
     def whole(self, name: str, *, most: int) -> int | None:
-        """A whole number from 1 to `most`."""
+        """An integer from 1 to `most`."""
         value = self.raw(name)
         if value is None:
             return None
         if type(value) is not int or not 1 <= value <= most:
-            self.refuse(name, value, f"a whole number from 1 to {most}")
+            self.refuse(name, value, f"an integer from 1 to {most}")
             return None
         return value
 
@@ -191,7 +191,7 @@ class Fields:
         items = self._list(name, limit)
         for index, item in enumerate(items):
             if not isinstance(item, str) or not item:
-                self.refuse(f"{name}[{index}]", item, "a text")
+                self.refuse(f"{name}[{index}]", item, "a string")
         return tuple(item for item in items if isinstance(item, str))
 
     def mapping(self, name: str, *, limit: int) -> dict[str, Fields]:
@@ -206,7 +206,7 @@ class Fields:
         entries = self._entries(name)
         for key, value in entries.items():
             if not isinstance(value, str):
-                self.refuse(f"{name}.{key}", value, "a text")
+                self.refuse(f"{name}.{key}", value, "a string")
         return {str(key): str(value) for key, value in entries.items()}
 
     def close(self) -> None:

@@ -91,7 +91,7 @@ def read_tenants(text: str, findings: list[Finding]) -> Tenants:
 def _tenant(fields: Fields) -> Tenant:
     priority = fields.number("priority") or 0.0
     if not priority.is_integer():
-        fields.refuse("priority", priority, "a whole number")
+        fields.refuse("priority", priority, "an integer")
     prefixes = fields.texts("streamPrefixes", limit=64) if "streamPrefixes" in fields else fields.raw("streamPrefixes")
     for prefix in prefixes or ():
         if set(prefix) & set("*$?#") or prefix != prefix.strip("/"):

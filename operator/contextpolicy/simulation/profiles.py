@@ -122,7 +122,7 @@ def _input(fields: Fields, seconds: float) -> tuple[Cost | None, float]:
     came = sum(fields.number(count) or 0.0 for count in ("done", "dropped", "broken"))
     key, depth = fields.key_expression("key"), fields.number("depth")
     if depth is None or depth < 1 or depth % 1:
-        fields.refuse("depth", depth, "how many samples wait at most: a whole number of 1 or more")
+        fields.refuse("depth", depth, "how many samples wait at most: an integer of 1 or more")
     cpu, service = fields.nested("cpu"), fields.nested("service")
     wait = fields.nested("wait")
     on_the_bus = max(_quantile(fields.nested("latency"), 0.5) - _quantile(wait, 0.5) - _quantile(service, 0.5), 0.0)

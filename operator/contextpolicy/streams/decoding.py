@@ -153,7 +153,7 @@ def _refusal(tag: int) -> Callable[[object, object], object]:
 
 
 _NO_REFERENCES = {tag: _refusal(tag) for tag in (25, 28, 29, 256)}
-"""Tags that refer to what was said before. A text of 900 kB and a thousand references to it fit into a payload, and
+"""Tags that refer to what was said before. A string of 900 kB and a thousand references to it fit into a payload, and
 take 900 MB as soon as something copies the value."""
 
 

@@ -135,12 +135,12 @@ def _whole(bits: int, dtype: str, *, signed: bool = False) -> _Plain:
     def read(value: object) -> int | None:
         return value if isinstance(value, int) and not isinstance(value, bool) and low <= value <= high else None
 
-    return _Plain(0, read, f"a whole number from {low} to {high}", dtype)
+    return _Plain(0, read, f"an integer from {low} to {high}", dtype)
 
 
 _REAL_WORDS = 'a number, "NaN", "Infinity" or "-Infinity"'
 _PLAIN = {
-    "string": _Plain("", _text, "a text", "str"),
+    "string": _Plain("", _text, "a string", "str"),
     "bool": _Plain(default=False, read=_flag, allowed="true or false", dtype="bool"),
     "float32": _Plain(0.0, _real(3.4028234663852886e38), _REAL_WORDS, "float32"),
     "float64": _Plain(0.0, _real(1.7976931348623157e308), _REAL_WORDS, "float64"),

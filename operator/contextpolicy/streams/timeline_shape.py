@@ -57,8 +57,8 @@ _TIMELINE: Mapping[str, Check] = {
     "inputs": (lambda value: isinstance(value, list) and len(value) > 0, "a list of at least one input"),
 }
 _TIMELINE_OPTIONS: Mapping[str, Check] = {
-    "$schema": (_is_text, "a text"),
-    "description": (_is_text, "a text"),
+    "$schema": (_is_text, "a string"),
+    "description": (_is_text, "a string"),
     "phases": (lambda value: isinstance(value, list), "a list of phases"),
 }
 _PHASE: Mapping[str, Check] = {"name": _LINE, "from": _SECONDS, "to": _SECONDS}

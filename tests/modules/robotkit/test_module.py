@@ -65,8 +65,8 @@ def test_all_problems_are_reported_at_once(file):
     lines = [line.removeprefix(f"{file}: ") for line in str(caught.value).splitlines()]
     assert lines == [
         "speed: invalid value 9: expected only description, environment, inputs, name, needs, outputs",
-        "environment.of cameras: invalid value None: expected a text that explains the variable",
-        "inputs.stereo.depth: invalid value 0: expected a whole number of 1 or more",
+        "environment.of cameras: invalid value None: expected a string that explains the variable",
+        "inputs.stereo.depth: invalid value 0: expected an integer of 1 or more",
         "inputs.imu.key: invalid value '/imu': expected a Zenoh key expression such as robot/camera/stereo",
         "needs.cores: invalid value 'x': expected a CPU quantity such as \"300m\" or 2",
         "needs.memory: invalid value 'much': expected a memory quantity such as \"150Mi\"",

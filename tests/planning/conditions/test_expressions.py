@@ -44,7 +44,7 @@ def test_values(source, value):
         ("imu.word > 1", "overload"),
         ("norm(imu.word)", "expected a list or a map of numbers"),
         ("1 % imu.zero", "% by zero"),
-        ("1 % 1.5", "1.5 is an operand of %; expected whole numbers"),
+        ("1 % 1.5", "1.5 is an operand of %; expected integers"),
         ("imu.word + 1", "string + float"),
         ("imu.list[9]", "9"),
         ("sqrt(-1.0)", "expected a number of 0 or more"),
@@ -133,7 +133,7 @@ def test_a_failing_guard_reports_each_time_and_recovery_once():
 @pytest.mark.parametrize(
     ("source", "reason"),
     [
-        ("size(imu.a) > 1", "size of True; expected a text, bytes, a list or a map"),
+        ("size(imu.a) > 1", "size of True; expected a string, bytes, a list or a map"),
         ("norm(imu.a) > 1.0", "norm: of True; expected a list or a map of numbers"),
         ("min(imu.l) > 1.0", "min: of []; expected at least one number"),
         ("max(imu.l) > 1.0", "max: of []; expected at least one number"),
@@ -150,7 +150,7 @@ def test_functions_say_what_they_expected(source, reason):
 
 @pytest.mark.parametrize("character", ["\r", "\x1b", "\x00", "\u202e", "\u2028", "\xa0"])
 def test_an_invisible_character_is_refused_and_named(character):
-    with pytest.raises(ValueError, match=rf"U\+{ord(character):04X} at character 10; in a text, write \\u"):
+    with pytest.raises(ValueError, match=rf"U\+{ord(character):04X} at character 10; in a string, write \\u"):
         Expression(f"x.s == '1{character}2'")
 
 

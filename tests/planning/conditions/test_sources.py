@@ -160,10 +160,10 @@ def test_an_edit_keeps_the_sources():
     ("fields", "expected"),
     [
         ({"key": "lift/left"}, "sources beside a key with wildcards"),
-        ({"sources": 0}, "a whole number from 1 to 16"),
-        ({"sources": 17}, "a whole number from 1 to 16"),
-        ({"sources": 2.5}, "a whole number from 1 to 16"),
-        ({"sources": True}, "a whole number from 1 to 16"),
+        ({"sources": 0}, "an integer from 1 to 16"),
+        ({"sources": 17}, "an integer from 1 to 16"),
+        ({"sources": 2.5}, "an integer from 1 to 16"),
+        ({"sources": True}, "an integer from 1 to 16"),
         ({"debounce": "1s"}, "sources without debounce"),
         ({"sampleEvery": "1s"}, "sources without sampleEvery"),
         ({"features": [{"name": "sources", "op": "count", "over": "1s"}]}, "another name"),
@@ -178,7 +178,7 @@ def test_sources_exclude_debounce_and_sample_every(fields, expected):
     ("when", "expected"),
     [
         ("lift.sources.exists(l, l.lode > 1.0)", "lode"),
-        ("lift.source == 1", "a text"),
+        ("lift.source == 1", "a string"),
         ("lift.sources.exists(l, l.source)", "true or false"),
         ("lift.sources > 1", "a list"),
     ],

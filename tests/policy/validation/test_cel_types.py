@@ -78,16 +78,16 @@ def test_nothing_that_compiles_crashes_it(source):
             "imu.header.stamp has no field secs: builtin_interfaces/msg/Time has sec,",
         ),
         ("imu.orientation_covariance.x > 1.0", "imu.orientation_covariance is a list, which has no field x"),
-        ("s.t > 1", "s.t > 1 has a text and a number: > takes two of a kind"),
+        ("s.t > 1", "s.t > 1 has a string and a number: > takes two of a kind"),
         ("s.n ? true : false", "s.n is a number, expected true or false"),
-        ("'a' in s.t", "s.t is a text, expected a list or a map"),
-        ("s.x.startsWith('a')", "s.x is a number, expected a text"),
+        ("'a' in s.t", "s.t is a string, expected a list or a map"),
+        ("s.x.startsWith('a')", "s.x is a number, expected a string"),
         ("s.any.matches('[')", "'[' is not a valid regular expression"),
         ("s.n[0] > 1", "s.n is a number, expected a list or a map"),
         ("s['tt'] == 'go'", "s has no field tt: its example has"),
         ("norm(s.l, s.l) > 1", "expected a call such as norm(imu.gyro), not norm(s.l, s.l)"),
         ("contains(s.t, 'a')", "expected a call such as imu.frame.contains('link'), not contains(s.t, 'a')"),
-        ("s.l.contains('a')", "s.l is a list, expected a text"),
+        ("s.l.contains('a')", "s.l is a list, expected a string"),
     ],
 )
 def test_each_mistake_names_the_operand(source, message):
@@ -145,4 +145,4 @@ def test_its_value_is(source):
 def test_what_is_in_no_such_list_is_reported(source):
     shapes = {"s": of_example({"l": [1, 2], "x": "a"}, "its example")}
     (told,) = mistakes(source, BOOL, shapes)
-    assert "is a text, and all in" in told
+    assert "is a string, and all in" in told

@@ -59,7 +59,7 @@ def test_merge_keys_and_aliases_are_expanded() -> None:
         ("[" * 5000, 1, "nested deeper than 64"),
         ("a: [1", 1, "expected ',' or ']'"),
         ("a: 1\nb: *x", 2, "undefined alias"),
-        ("? [a]\n: 1", 1, "a key that is not a text"),
+        ("? [a]\n: 1", 1, "a key that is not a string"),
         ("a: !!int x", 1, "not a valid value"),
         ("a: !!python/object:os.system x", 1, "constructor"),
         ("a: \x00", 1, "unacceptable character"),

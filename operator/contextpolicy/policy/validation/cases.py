@@ -1,6 +1,6 @@
 """What conditions may be together: every case that their comparisons with constants tell apart.
 
-A case gives each operand a value: a number or a text below, at, between or above the constants that it is compared
+A case gives each operand a value: a number or a string below, at, between or above the constants that it is compared
 with, or none, as a stream may have. Operands are taken for independent. So what holds in no case never holds, and
 what holds in each case surely does; the opposite is not certain.
 """
@@ -305,7 +305,7 @@ def _row(parts: Sequence[Callable[[Case], Truth]], *, decides: bool) -> Callable
 
 
 def _comparison(value: Value, sign: str, constant: Constant) -> Truth:
-    """A number and a text are unequal, and neither is less: CEL fails to order them."""
+    """A number and a string are unequal, and neither is less: CEL fails to order them."""
     if value is None:
         return None
     if isinstance(value, str) is not isinstance(constant, str):

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from jsonschema import ValidationError
 
 _TYPES = {
-    "string": "a text",
+    "string": "a string",
     "array": "a list",
     "object": "an object",
     "number": "a number",
-    "integer": "a whole number",
+    "integer": "an integer",
     "boolean": "true or false",
 }
 
@@ -51,7 +51,7 @@ def allowed(error: ValidationError, field: str) -> str:  # noqa: PLR0911 - one s
         case "properties":
             return "one of the fields " + ", ".join(sorted(node["properties"]))
         case "minLength":
-            return "a text that is not empty"
+            return "a string that is not empty"
         case "maxLength":
             return f"at most {node['maxLength']} characters"
         case "maxItems":

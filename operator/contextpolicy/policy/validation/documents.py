@@ -167,7 +167,7 @@ class _Builder:
                 continue
             key = _key(key_node)
             if not key:
-                raise DocumentError("has a key that is not a text", _position(key_node.start_mark))
+                raise DocumentError("has a key that is not a string", _position(key_node.start_mark))
             inner = f"{path}.{key}" if path else key
             if key in result:
                 self._duplicates.append(inner)

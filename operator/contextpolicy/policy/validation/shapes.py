@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 PLAIN = "its example, a plain value,"
-"""What declares the one field of a sample that is a number, a text or a list."""
+"""What declares the one field of a sample that is a number, a string or a list."""
 MAX_FIELDS = 12
 """Fields that an error message lists."""
 MAX_DEPTH = 32
