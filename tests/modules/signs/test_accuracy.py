@@ -45,7 +45,7 @@ def test_the_same_signs_are_drawn_each_time(tmp_path):
             assert (one.parent / "1.png").read_bytes() == (other.parent / "1.png").read_bytes()
 
 
-def test_digits_are_paired_with_what_was_read():
+def test_digits_are_aligned_with_the_reading():
     assert aligned("214", "274") == [("2", "2"), ("1", "7"), ("4", "4")]
     assert aligned("214", "24") == [("2", "2"), ("1", NOTHING), ("4", "4")]
     assert aligned("24", "214") == [("2", "2"), (NOTHING, "1"), ("4", "4")]
@@ -71,7 +71,7 @@ class Scripted(Watcher):
         return [type("Sign", (), {"text": text}) for text in self.texts.get(self.at, ())]
 
 
-def test_a_drive_counts_what_is_reported_once_again_wrongly_and_never(monkeypatch):
+def test_a_drive_counts_correct_repeated_wrong_and_missed_signs(monkeypatch):
     monkeypatch.setattr(drives, "_picture", lambda *_: None)
     monkeypatch.setattr(drives, "any_number", Numbers())
     reported = drives.drive(Scripted({3: ["11"], 9: ["22"], 12: ["22"], 20: ["99"], 70: ["33", "22"]}), 1)

@@ -17,7 +17,7 @@ def columns(*reported):
     return table
 
 
-def test_runs_are_one_character_and_blanks_part_equal_ones():
+def test_ctc_decoding_merges_runs_and_splits_at_blanks():
     reading = decode(
         columns((10, 0.9), (1, 0.6), (1, 0.9), (10, 0.8), (1, 0.7), (10, 1), (10, 1), (4, 0.8)), "0123456789", 10
     )
@@ -26,12 +26,12 @@ def test_runs_are_one_character_and_blanks_part_equal_ones():
     assert [round(one.position, 2) for one in reading.characters] == [0.25, 0.56, 0.94]
 
 
-def test_nothing_is_read_where_nothing_is():
+def test_blank_columns_decode_to_empty_text():
     reading = decode(columns((10, 0.9), (10, 0.9)), "0123456789", 10)
     assert (reading.text, reading.confidence) == ("", 0)
 
 
-def test_positions_are_those_in_the_text_that_was_padded():
+def test_positions_refer_to_the_unpadded_text():
     reading = decode(columns((3, 0.9), (10, 0.9), (10, 0.9), (10, 0.9)), "0123456789", 10).stretched(2)
     assert [one.position for one in reading.characters] == [0.25]
 
@@ -82,7 +82,7 @@ def test_corners_begin_at_the_upper_left_whatever_the_tilt(angle):
     assert np.degrees(np.arctan2(along[1], along[0])) == pytest.approx(angle, abs=3)
 
 
-def test_what_is_doubtful_or_tiny_is_no_text():
+def test_unlikely_or_tiny_regions_are_not_text():
     assert boxes(likely_at(((100, 50), (60, 10), 0, 0.4))) == []
     assert boxes(likely_at(((100, 50), (1, 1), 0, 0.9))) == []
     assert boxes(np.zeros((32, 32), np.float32)) == []

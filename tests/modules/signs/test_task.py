@@ -96,7 +96,7 @@ def test_corners_do_not_depend_on_the_size_that_is_looked_at(detector):
     assert np.abs(coarse - fine).max() < 20
 
 
-def test_a_scene_that_stands_still_is_not_looked_at_again(task, detector, monkeypatch):
+def test_a_static_scene_is_rarely_searched_again(task, detector, monkeypatch):
     picture, find, looks = sign(), detector.find, 0
 
     def look(seen):
@@ -111,7 +111,7 @@ def test_a_scene_that_stands_still_is_not_looked_at_again(task, detector, monkey
 
 
 @pytest.mark.parametrize(("quality", "side"), [(1.0, LARGEST), (0.5, 520), (0.1, SMALLEST)])
-def test_it_looks_as_closely_as_its_quality_says(task, detector, quality, side):
+def test_quality_sets_the_detector_resolution(task, detector, quality, side):
     task.set_quality(quality)
     assert detector.side == side
 

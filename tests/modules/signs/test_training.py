@@ -47,7 +47,7 @@ def test_the_strip_has_the_same_contrast_in_any_light(sign):
     assert np.abs(bright - dim).mean() < 0.1
 
 
-def test_what_is_written_computes_what_was_trained(tmp_path):
+def test_saved_network_gives_the_trained_probabilities(tmp_path):
     parameters = [(np.asarray(weights), np.asarray(bias)) for weights, bias in training.initial(1)]
     training.save(parameters, tmp_path / "digits.onnx")
     seen = np.random.default_rng(1).normal(0, 1, (HEIGHT, 64)).astype(np.float32)
@@ -58,7 +58,7 @@ def test_what_is_written_computes_what_was_trained(tmp_path):
     assert np.allclose(reported, likely / likely.sum(axis=1, keepdims=True), atol=1e-4)
 
 
-def test_it_learns(monkeypatch):
+def test_training_reduces_the_loss(monkeypatch):
     monkeypatch.setattr(examples, "fonts", lambda: list(TEST_FONTS))
     drawn: list[int] = []
     seen = examples.examples(64, 1, drawn.append)
@@ -70,7 +70,7 @@ def test_it_learns(monkeypatch):
     )
 
 
-def test_without_the_fonts_it_says_so(monkeypatch):
+def test_missing_fonts_are_reported(monkeypatch):
     monkeypatch.setattr(examples, "fonts", list)
     with pytest.raises(SystemExit, match="liberation"):
         examples.examples(1, 1, lambda _: None)

@@ -24,7 +24,7 @@ def test_rectified_rotations_stay_rotations():
 
 
 @pytest.mark.parametrize("before", ["%YAML:1.0\n", "\ufeff", "\ufeff%YAML:1.0\n", "# by hand\n%YAML:1.0\n---\n"])
-def test_what_other_programs_write_first_is_skipped(tmp_path, before):
+def test_byte_order_mark_and_yaml_header_are_skipped(tmp_path, before):
     original = RIG / "cam0/sensor.yaml"
     copy = tmp_path / "sensor.yaml"
     copy.write_text(before + original.read_text(encoding="utf-8"), encoding="utf-8")
@@ -149,7 +149,7 @@ def test_an_invalid_camchain_is_refused(tmp_path, change, expected):
         load_rig(tmp_path)
 
 
-def test_two_lenses_that_differ_are_no_pair():
+def test_different_lens_models_are_refused():
     rig = load_rig(RIG)
     with pytest.raises(CalibrationError, match="differ"):
         Rectifier(replace(rig, right=replace(rig.right, fisheye=True)))

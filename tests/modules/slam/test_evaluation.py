@@ -55,7 +55,7 @@ def test_the_figures_are_readable(files, capsys):
         (["truth.tum", "--run"], "no EuRoC sequence"),
     ],
 )
-def test_what_cannot_be_compared_is_one_clear_line(files, capsys, monkeypatch, arguments, wanted):
+def test_unusable_arguments_are_reported_in_one_line(files, capsys, monkeypatch, arguments, wanted):
     monkeypatch.delenv("ZENOH_CONNECT", raising=False)
     monkeypatch.chdir(files)
     save(files / "late.tum", trajectory(row(index, index, start=99 * SECOND) for index in range(20)))
@@ -69,7 +69,7 @@ def message(**changes):
     return json.dumps(whole | {"timing": {"dropped": 4, "cpu": 20_000_000}} | changes).encode()
 
 
-def test_poses_are_heard_and_lost_ones_are_counted():
+def test_live_poses_are_collected_and_lost_ones_counted():
     heard = Estimate()
     for payload in (message(), message(state="lost"), message(state="adrift"), message(frame=4, state="degraded")):
         heard.hear(payload)

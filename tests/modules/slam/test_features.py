@@ -37,5 +37,5 @@ def test_disparities_are_exact_to_a_part_of_a_pixel():
 
 
 @pytest.mark.parametrize("wrong", [{"near": 0, "far": 0}, {"near": -6, "far": -6}, {"rows": 8}])
-def test_what_is_not_at_a_distance_has_no_disparity(wrong):
+def test_implausible_matches_have_no_disparity(wrong):
     assert np.isfinite(measure(*pair(**wrong))).mean() < 0.05

@@ -37,7 +37,7 @@ def test_points_are_turned_then_shifted():
     assert apply(transform(QUARTER, np.array([0, 0, 1.0])), np.array([[1.0, 0, 0]])).tolist() == [[0, 1, 1]]
 
 
-def test_how_far_a_transform_goes():
+def test_angle_and_distance_of_a_transform():
     assert angle(transform(QUARTER, np.zeros(3))) == pytest.approx(np.pi / 2)
     assert angle(np.eye(4)) == 0
     assert moved(transform(QUARTER, np.array([3.0, 4, 0]))) == 5

@@ -63,7 +63,7 @@ def test_a_loop_between_places_that_only_look_alike_is_refused():
 
 
 @pytest.mark.parametrize("newer_first", [False, True])
-def test_a_loop_joins_what_came_after_the_camera_was_lost(newer_first):
+def test_a_loop_joins_segments_after_a_loss_of_tracking(newer_first):
     known = Map(30)
     old = row(known, 3)
     new = row(known, 3, start=100.0)

@@ -42,5 +42,5 @@ def test_a_place_can_be_forgotten(places):
     assert 5 not in places.alike(PLACES[5], range(20), 20)
 
 
-def test_a_picture_without_corners_is_like_nothing(places):
+def test_a_picture_without_corners_matches_no_place(places):
     assert places.alike(np.empty((0, 32), np.uint8), range(20), 3) == []

@@ -35,7 +35,7 @@ def test_a_loop_spreads_the_drift_over_the_path():
     assert worst < before / 2
 
 
-def test_poses_that_fit_stay_and_strain_nothing():
+def test_consistent_poses_stay_and_have_no_residual():
     graph, truth, _ = ring(5, np.eye(4))
     assert graph.strain(truth) == pytest.approx(0, abs=1e-9)
     fitted = graph.fitted(truth, [0])
@@ -52,7 +52,7 @@ def test_parts_that_are_not_connected_need_an_anchor_each():
     assert fitted[3][:3, 3] == pytest.approx([11, 9, 9], abs=1e-6)
 
 
-def test_near_is_by_edges_and_ends_with_the_part():
+def test_near_keyframes_are_ordered_by_graph_distance():
     graph, *_ = ring(6, np.eye(4))
     assert graph.near(2, 3) == [2, 1, 3]
     assert graph.near(0, 100) == [0, 1, 2, 3, 4, 5]
@@ -69,7 +69,7 @@ def test_a_keyframe_is_taken_out_without_breaking_the_path():
     assert joined.inliers == 50  # as uncertain as both edges together
 
 
-def test_a_loop_can_be_taken_back():
+def test_a_loop_can_be_removed():
     graph, truth, _ = ring(5, np.eye(4))
     loop = Edge(0, 4, np.eye(4), 100, Kind.LOOP)
     graph.add(loop)

@@ -68,7 +68,7 @@ def test_far_landmarks_do_not_stretch_the_path(refiner):
     assert np.mean(lengths) == pytest.approx(AHEAD[2, 3], rel=0.01)
 
 
-def test_landmarks_elsewhere_do_not_count(refiner):
+def test_outlier_landmarks_are_ignored(refiner):
     whole = sightings(np.random.default_rng(4))
     whole.seen[:60] += 25
     fitted = refiner.fit(whole, AHEAD)
@@ -77,7 +77,7 @@ def test_landmarks_elsewhere_do_not_count(refiner):
     assert fitted.keyframe_from_camera == pytest.approx(AHEAD, abs=0.05)
 
 
-def test_a_second_picture_at_the_other_end_makes_it_surer(refiner):
+def test_a_second_stereo_picture_reduces_the_covariance(refiner):
     one, two = (
         refiner.fit(sightings(np.random.default_rng(5), both=both), np.eye(4)).covariance[2, 2]
         for both in (False, True)

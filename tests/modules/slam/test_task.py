@@ -113,7 +113,7 @@ def test_loops_are_looked_for_only_when_no_picture_waits():
     assert counts == [1, 1, 2]
 
 
-def test_a_picture_that_became_a_keyframe_has_no_time_left():
+def test_no_loop_search_after_a_new_keyframe():
     idle = Idle()
     idle.keyframe = True
     Slam(idle, now=lambda: 0).process(Received(encode(StereoFrame(1, BLACK_PNG, BLACK_PNG)), 1, 1))

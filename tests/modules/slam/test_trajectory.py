@@ -15,7 +15,7 @@ def path(*stamps):
     return trajectory((stamp, (float(index), 0, 0, *IDENTITY)) for index, stamp in enumerate(stamps))
 
 
-def test_what_is_saved_is_loaded_to_the_last_digit(tmp_path):
+def test_saved_values_round_trip_exactly(tmp_path):
     poses = trajectory([(START + 1, (1.5, -2, 3, 0, 0, 0.6, 0.8)), (START, (0, 0, 0, *IDENTITY))])
     save(tmp_path / "poses.tum", poses)
     first, second = (tmp_path / "poses.tum").read_text().splitlines()
@@ -26,7 +26,7 @@ def test_what_is_saved_is_loaded_to_the_last_digit(tmp_path):
     assert again.positions.tolist() == [[0, 0, 0], [1.5, -2, 3]]
 
 
-def test_comments_blank_lines_and_other_ends_of_line_are_read(tmp_path):
+def test_comments_blank_lines_and_crlf_are_accepted(tmp_path):
     (tmp_path / "a").write_bytes(b"\xef\xbb\xbf# timestamp tx\r\n\r\n1.5 1 2 3 0 0 0 1\r\n1e-1 0 0 0 0 0 0 2\r\n")
     assert load(tmp_path / "a").stamps.tolist() == [100_000_000, 1_500_000_000]
 
@@ -49,7 +49,7 @@ def test_an_invalid_pose_is_reported_with_its_line(tmp_path, line):
         load(tmp_path / "a.tum")
 
 
-def test_a_file_that_is_missing_empty_or_no_text_is_refused(tmp_path):
+def test_missing_empty_and_binary_files_are_refused(tmp_path):
     (tmp_path / "empty").write_text("# nothing\n")
     (tmp_path / "picture").write_bytes(b"\x89PNG\xff\xfe")
     for name, expected in (("missing", "cannot be read"), ("empty", "no poses"), ("picture", "cannot be read")):

@@ -26,7 +26,7 @@ COVARIANCE = np.diag([1, 2, 3, 0.5, 0.7, 0.9]) * 1e-6
 DRAWS = np.random.default_rng(1).multivariate_normal(np.zeros(6), COVARIANCE, 4000)
 
 
-def test_a_pose_that_is_fixed_to_another_is_as_uncertain_as_drawing_says():
+def test_carried_covariance_matches_sampling():
     moved = [inverse(BETWEEN) @ twist(draw) @ BETWEEN for draw in DRAWS]
     assert carried(COVARIANCE, inverse(BETWEEN)) == pytest.approx(spread(moved), rel=0.1, abs=2e-7)
 
@@ -38,7 +38,7 @@ def test_uncertainty_adds_up_along_a_chain():
     assert chained(COVARIANCE, COVARIANCE, BETWEEN) == pytest.approx(spread(errors), rel=0.1, abs=3e-7)
 
 
-def test_what_is_uncertain_ahead_of_a_body_that_looks_left_is_the_worlds_y():
+def test_covariance_rotates_into_the_world_frame():
     left = pose((0, 0, np.pi / 2), (5, 5, 5))
     upright = turned(np.diag([4.0, 0, 0, 0, 1, 0]), left)
     assert np.diag(upright) == pytest.approx([0, 4, 0, 1, 0, 0])
