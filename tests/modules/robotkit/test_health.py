@@ -42,7 +42,7 @@ def test_a_broken_sample_is_not_a_miss():
     assert (message["misses"], message["broken"], message["failures"]) == (0.0, 3, 1)
 
 
-def test_what_was_is_forgotten_after_the_window():
+def test_misses_before_the_window_are_forgotten():
     bad = [Snapshot(second * S, 0, done=10 * second, missed=10 if second else 0) for second in range(WINDOW + 1)]
     assert after(*bad)["misses"] == 0.2
     later = Snapshot((WINDOW + 1) * S, 0, done=10 * (WINDOW + 1), missed=10)

@@ -19,7 +19,7 @@ values = some.recursive(
 
 
 @given(values)
-def test_every_reader_accepts_it(value):
+def test_output_is_strict_json(value):
     json.loads(dumps(value), parse_constant=pytest.fail)
 
 
@@ -38,14 +38,14 @@ def test_nan_and_numpy_numbers_are_encoded(value, text):
 
 
 @given(values)
-def test_what_is_written_can_be_read(value):
+def test_encoded_values_can_be_decoded(value):
     assert json.dumps(loads(dumps(value))) == dumps(value)
 
 
 @pytest.mark.parametrize(
     "text", [b"", b"\xff", b"{", "NaN", "[-Infinity]", b"[" * 100_000, b'{"a":' * 100_000, b"1" * 21, "-1" + "0" * 400]
 )
-def test_whatever_is_not_json_is_a_value_error(text):
+def test_invalid_json_is_a_value_error(text):
     with pytest.raises(ValueError):  # noqa: PT011 - of any kind
         loads(text)
 

@@ -53,7 +53,7 @@ def test_nothing_to_read_is_an_empty_answer():
         assert line.read(0) == b""
 
 
-def test_a_device_speaks_by_itself_and_to_one_user_after_the_other():
+def test_a_device_serves_successive_users_unprompted():
     device = Echo()
     with on_a_pseudo_terminal(device) as port:
         for tick in (b"one", b"two"):
@@ -92,7 +92,7 @@ def test_a_closed_line_is_a_device_error():
 
 
 @pytest.mark.parametrize("wire", ["dtr", "rts"])
-def test_a_pseudo_terminal_has_no_other_wires_and_nobody_minds(wire):
+def test_setting_dtr_and_rts_on_a_pseudo_terminal_is_ignored(wire):
     with on_a_pseudo_terminal(Echo()) as port, open_line(port, BAUD) as line:
         line.set_wire(wire, on=True)
         line.write(b"data still pass")

@@ -22,7 +22,7 @@ def file(tmp_path):
     return tmp_path / "module.yaml"
 
 
-def test_a_module_says_what_it_takes_gives_and_needs(file):
+def test_a_module_file_declares_inputs_outputs_and_needs(file):
     file.write_text(GOOD, encoding="utf-8")
     module = load_module(file)
     assert module.inputs == {

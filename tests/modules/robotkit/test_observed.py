@@ -42,7 +42,7 @@ class Node:
         return {name: round(document[name]["mean"] * 1000) for name in ("cpu", "wait", "service", "latency")}
 
 
-def test_an_input_waits_until_an_answer_has_its_stamp():
+def test_an_input_waits_for_an_answer_with_its_stamp():
     node = Node()
     node.takes(0, at=2)
     node.answers(7, at=3)
@@ -68,7 +68,7 @@ def test_a_late_answer_is_a_miss():
     assert (node.scan.done, node.scan.missed) == (1, 1)
 
 
-def test_what_an_answer_passes_over_is_dropped():
+def test_inputs_older_than_the_answered_one_are_dropped():
     node = Node()
     node.takes(0, at=2)
     node.takes(10, at=12)
@@ -76,7 +76,7 @@ def test_what_an_answer_passes_over_is_dropped():
     assert (node.waiting, node.observed.dropped) == ([], {"scan": 1})
 
 
-def test_a_node_keeps_one_in_hand_and_as_many_as_its_queue_is_deep():
+def test_inputs_beyond_the_queue_depth_are_dropped():
     node = Node()
     for at in range(0, 50, 10):
         node.takes(at, at=at)
@@ -92,7 +92,7 @@ def test_only_answers_count_for_a_node_that_skips_inputs():
     assert (node.scan.done, node.scan.missed, node.observed.dropped) == (1, 1, {"scan": 0})
 
 
-def test_while_it_is_suspended_nothing_waits():
+def test_suspension_clears_waiting_inputs():
     node = Node()
     node.takes(0, at=2)
     node.observed.forget()
@@ -101,7 +101,7 @@ def test_while_it_is_suspended_nothing_waits():
 
 
 @pytest.mark.parametrize("at", [1, 3])
-def test_an_answer_of_another_clock_takes_no_negative_time(at):
+def test_service_time_is_never_negative(at):
     node = Node()
     node.takes(0, at=2)
     node.answers(0, at=at)

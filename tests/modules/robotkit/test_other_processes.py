@@ -33,7 +33,7 @@ class Pod:
         return self.used[pid]
 
 
-def test_what_others_used_counts_from_the_start_on(tmp_path):
+def test_usage_of_other_processes_counts_from_the_start(tmp_path):
     pod = Pod(tmp_path, _7=500)
     others = OtherProcesses(tmp_path, pod.of)
     assert others() == 0
@@ -42,7 +42,7 @@ def test_what_others_used_counts_from_the_start_on(tmp_path):
     assert others() == 150
 
 
-def test_what_a_process_used_stays_when_it_ends(tmp_path):
+def test_usage_of_an_ended_process_is_kept(tmp_path):
     pod = Pod(tmp_path, _7=500)
     others = OtherProcesses(tmp_path, pod.of)
     pod.runs(7, 700)
@@ -59,7 +59,7 @@ def test_a_process_that_ends_while_it_is_read_is_left_out(tmp_path):
     assert OtherProcesses(tmp_path, pod.of)() == 0
 
 
-def test_alone_in_its_pod_it_says_what_is_missing(tmp_path):
+def test_missing_process_namespace_sharing_is_reported(tmp_path):
     with pytest.raises(ConfigurationError, match="shareProcessNamespace: true"):
         OtherProcesses(tmp_path, Pod(tmp_path).of)
 

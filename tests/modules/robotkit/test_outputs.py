@@ -18,7 +18,7 @@ from robotkit.session import SHARED_FROM
     ("shared_memory", "size", "expected"),
     [(True, SHARED_FROM, True), (True, SHARED_FROM - 1, False), (False, SHARED_FROM, False)],
 )
-def test_what_may_go_by_shared_memory_has_a_checksum(shared_memory, size, expected):
+def test_shared_memory_payloads_carry_a_checksum(shared_memory, size, expected):
     session, payload = Mock(), b"7" * size
     outputs = Outputs(session, {"frame": Output("test/frame", "raw")}, shared_memory=shared_memory)
     outputs.publish(Result("frame", payload))

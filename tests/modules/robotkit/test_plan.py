@@ -35,7 +35,7 @@ UNREADABLE = [
 ]
 
 
-def test_a_task_hears_its_own_part():
+def test_a_task_reads_its_own_share():
     assert Decisions("slam").hear(KEY, a_plan(share=1.25)) == Decision(1.25, 10.0, suspended=False)
 
 
@@ -136,7 +136,7 @@ def test_a_plan_that_was_made_while_the_router_was_gone_is_heard_when_it_is_back
         token.undeclare()
 
 
-def test_a_plan_on_a_key_with_wildcards_is_nobodys():
+def test_a_plan_on_a_wildcard_key_is_ignored():
     """Who may publish samples, and no plans, may still publish on such a key."""
     heard: queue.Queue[Decision] = queue.Queue()
     with router() as address, client(address) as policy, client(address) as module:

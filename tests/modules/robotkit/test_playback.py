@@ -27,7 +27,7 @@ def clock():
     return Clock()
 
 
-def test_everything_comes_when_it_is_due(clock):
+def test_recorded_items_are_played_on_time(clock):
     recorded = [(500 * S, "a"), (501 * S, "b"), (503 * S, "c")]
     played = [(due - 1_000 * S, value, clock.now - due) for due, value in Playback(clock).play(recorded, clock)]
     assert played == [(0, "a", 0), (1 * S, "b", 0), (3 * S, "c", 0)]
@@ -41,7 +41,7 @@ def test_a_source_that_is_a_little_late_catches_up(clock):
     assert played == ["a", "b", "c"]
 
 
-def test_what_happens_during_a_suspension_is_missed(clock):
+def test_items_during_a_suspension_are_skipped(clock):
     playback, recorded = Playback(clock), [(second * S, second) for second in range(10)]
     clock.end = clock.now + 2 * S
     assert [value for _, value in playback.play(recorded, clock)] == [0, 1]

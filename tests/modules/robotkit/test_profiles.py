@@ -11,7 +11,7 @@ from tests.modules.robotkit.bus import client, router
 from tests.modules.robotkit.world import ECHO, Echo, running
 
 
-def test_all_tasks_answer_a_question_to_all(capsys):
+def test_a_query_to_all_collects_every_profile(capsys):
     with running(ECHO, Echo()) as world, client(world.address) as second, ThreadPoolExecutor(1) as pool:
         stop = threading.Event()
         done = pool.submit(Runner(second, replace(ECHO, name="twin"), Echo(), shared_memory=False).run, stop)
@@ -27,7 +27,7 @@ def test_all_tasks_answer_a_question_to_all(capsys):
     assert "note: echo has not done any input yet" in printed.err
 
 
-def test_nobody_answers(capsys, monkeypatch):
+def test_missing_answers_are_reported(capsys, monkeypatch):
     monkeypatch.setattr(profiles, "PATIENCE_S", 0.1)
     with router() as address:
         assert profiles.main(["--connect", address]) == 1

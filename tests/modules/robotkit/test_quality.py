@@ -33,7 +33,7 @@ def test_a_small_share_on_an_idle_processor_costs_no_quality(share):
     assert set(after(quality, 100, 0.05)) == {1.0}
 
 
-def test_a_task_that_is_late_does_less_until_it_is_in_time():
+def test_quality_falls_until_the_deadline_is_met():
     quality = Quality(DEADLINE)
     quality.hint(0.2, 1.0)
     taken = after(quality, 50, 0.3)
@@ -56,7 +56,7 @@ def test_one_late_result_of_a_task_with_its_full_share_costs_little():
     assert quality.value == pytest.approx(0.9)
 
 
-def test_the_share_is_how_far_it_goes_at_once():
+def test_one_late_result_lowers_quality_at_most_to_the_share():
     quality = Quality(DEADLINE)
     quality.hint(0.4, 1.0)
     quality.done(result(5.0))
@@ -66,7 +66,7 @@ def test_the_share_is_how_far_it_goes_at_once():
     assert quality.value == pytest.approx(0.2)
 
 
-def test_when_the_load_has_gone_quality_comes_back():
+def test_quality_recovers_when_the_load_ends():
     quality = Quality(DEADLINE)
     quality.hint(0.2, 1.0)
     after(quality, 20, 0.5)
@@ -74,8 +74,8 @@ def test_when_the_load_has_gone_quality_comes_back():
     assert after(quality, 100, 0.02)[-1] == 1.0
 
 
-def test_it_does_not_swing_between_two_qualities_for_ever():
-    """What takes longer at the next step than it seems it would: tried more and more seldom."""
+def test_quality_does_not_oscillate():
+    """A step up that turns out too slow is tried again less and less often."""
     quality = Quality(DEADLINE)
     falls = 0
     for _ in range(1000):

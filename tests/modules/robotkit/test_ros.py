@@ -29,7 +29,7 @@ def test_a_topics_key_is_that_of_rmw_zenoh():
     assert topic_key("/imu/data", IMU) == f"0/imu/data/sensor_msgs::msg::dds_::Imu_/{imu_hash}"
 
 
-def test_what_a_result_leaves_out_is_zero():
+def test_omitted_fields_default_to_zero():
     odometry = decode(encode({}, "nav_msgs/msg/Odometry", stamp=STAMP), "nav_msgs/msg/Odometry")
     assert odometry.child_frame_id == ""
     assert odometry.pose.covariance.tolist() == [0.0] * 36
@@ -70,7 +70,7 @@ def test_an_imu_sample_is_the_same_from_json_and_from_ros():
 
 
 @pytest.mark.parametrize("payload", [b"", b"[]", b"{}", b'{"gyro": [1, 2], "accel": [1, 2, 3]}', b'{"gyro": "xyz"}'])
-def test_no_imu_sample(payload):
+def test_invalid_imu_samples_are_refused(payload):
     with pytest.raises(MessageError, match="not an IMU sample"):
         imu(Received(payload, 1, 2))
 
@@ -82,7 +82,7 @@ def test_sound_from_ros(type_name):
 
 
 @pytest.mark.parametrize("sample", [Received(b"abc", 1, 2), Received(b"", 1, 2, "in", "cdr", IMU)])
-def test_no_sound(sample):
+def test_invalid_sound_is_refused(sample):
     with pytest.raises(MessageError):
         sound(sample)
 
@@ -137,6 +137,6 @@ def test_a_compressed_picture_from_ros_and_as_it_is():
         received(IMU),
     ],
 )
-def test_no_picture(sample):
+def test_invalid_pictures_are_refused(sample):
     with pytest.raises(MessageError):
         picture(sample)

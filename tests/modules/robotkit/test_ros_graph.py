@@ -67,7 +67,7 @@ def test_the_examples_of_rmw_zenohs_design_document():
 
 @pytest.mark.parametrize("count", [1, 7, 10, 42, 1000])
 @pytest.mark.parametrize("kind", [PUBLISHER, SUBSCRIPTION])
-def test_tokens_are_those_of_an_independent_reading(kind, count):
+def test_tokens_match_an_independent_implementation(kind, count):
     node = GraphNode("c0ffee", "slam")
     described = ("/robot1/slam/pose", "geometry_msgs::msg::dds_::PoseStamped_", hash_of(POSE))
     assert node.token() == token("c0ffee", 0, "NN", "slam")
@@ -76,7 +76,7 @@ def test_tokens_are_those_of_an_independent_reading(kind, count):
     )
 
 
-def test_a_key_says_its_topic_and_its_own_hash_counts():
+def test_a_key_gives_topic_type_and_hash():
     assert topic_of(topic_key("/slam/pose", POSE), type_hash="RIHS01_other") == GraphTopic(
         0, "/slam/pose", "geometry_msgs::msg::dds_::PoseStamped_", hash_of(POSE)
     )
@@ -87,11 +87,11 @@ def test_a_key_says_its_topic_and_its_own_hash_counts():
 @pytest.mark.parametrize(
     "key", ["robot/imu", "imu/data", "*/scan/sensor_msgs::msg::dds_::LaserScan_/x", "0/*/a::msg::dds_::B_/x"]
 )
-def test_other_keys_are_no_topics_of_ros(key):
+def test_other_keys_are_not_ros_topics(key):
     assert topic_of(key, type_hash="x") is None
 
 
-def test_a_nodes_name_is_one_that_ros_allows():
+def test_node_names_are_made_valid_for_ros():
     assert node_name("front-camera.2") == "front_camera_2"
 
 

@@ -49,7 +49,7 @@ def test_a_poses_covariance_goes_along(covariance):
     assert stamped.pose.covariance[35] == 0.3
 
 
-def test_a_covariance_that_nobody_knows_is_zero():
+def test_an_unknown_covariance_is_zero():
     assert not message("pose", ODOMETRY, LOCATED).pose.covariance.any()
     assert not message("pose", ODOMETRY, {**LOCATED, "covariance": None}).pose.covariance.any()
 
@@ -88,12 +88,12 @@ def test_a_picture_is_a_compressed_image(data, form):
     assert (image.format, image.data.tobytes()) == (form, data)
 
 
-def test_bytes_are_no_message_without_a_kind():
+def test_bytes_without_a_kind_are_refused():
     with pytest.raises(TypeError, match="3 bytes are not the fields of"):
         message("", POSE, b"abc")
 
 
-def test_every_kind_can_become_something():
+def test_every_kind_has_a_message_type():
     assert set(KINDS) == _MAKERS.keys()
     assert all(allowed(kind) for kind in KINDS)
 
@@ -111,7 +111,7 @@ OURS = [
 
 
 @pytest.mark.parametrize(("module", "variable", "type_name"), OURS)
-def test_our_modules_speak_ros(module, variable, type_name):
+def test_our_modules_can_publish_ros_messages(module, variable, type_name):
     override = {variable: f"{{key: out, encoding: cdr, type: {type_name}, frame: map}}"}
     loaded = load_module(MODULES / module / "module.yaml", override)
     check(loaded)
@@ -132,7 +132,7 @@ def test_our_modules_speak_ros(module, variable, type_name):
         ("imu", {"INPUT_RAW": "my/msg/Own"}, "inputs.raw.type: invalid value 'my/msg/Own'"),
     ],
 )
-def test_what_cannot_work_is_refused_at_the_start(module, override, words):
+def test_unsupported_message_types_are_refused_at_the_start(module, override, words):
     overridden = {name: f"{{encoding: cdr, type: {kind}}}" for name, kind in override.items()}
     with pytest.raises(ConfigurationError, match=words):
         check(load_module(MODULES / module / "module.yaml", overridden))

@@ -37,7 +37,7 @@ def test_a_result_carries_its_times():
     assert timing["missed"] is False  # the stamp is no time of this clock, so the arrival counts
 
 
-def test_runs_are_published_where_asked_for_without_any_result_too():
+def test_requested_runs_are_published_even_without_results():
     runs: queue.Queue[bytes] = queue.Queue()
     with running(WATCHER, Watcher(), publish_runs=True) as world:
         world.session.declare_subscriber("robot/watcher/runs", lambda sample: runs.put(sample.payload.to_bytes()))
@@ -125,7 +125,7 @@ def test_a_running_task_is_alive_on_the_bus():
     assert alive == ["robot/echo/alive"]
 
 
-def test_the_profile_answers_who_asks():
+def test_the_profile_can_be_queried():
     with running(ECHO, Echo()) as world:
         for word in (b"one", b"bad", b"two"):
             world.say(word)
@@ -159,7 +159,7 @@ SLOW = Module(
 )
 
 
-def test_a_task_that_is_late_is_asked_for_less():
+def test_a_late_task_gets_a_lower_quality():
     task = Slow()
     with running(SLOW, task) as world:
         world.say(b"a")
@@ -169,6 +169,6 @@ def test_a_task_that_is_late_is_asked_for_less():
 
 
 @pytest.mark.parametrize(("task", "adaptive"), [(Slow(), False), (Echo(), True)])
-def test_a_task_that_must_not_or_cannot_do_less_keeps_its_quality(task, adaptive):
+def test_quality_is_fixed_if_disabled_or_unsupported(task, adaptive):
     with router() as address, client(address) as session:
         assert not Runner(session, SLOW, task, shared_memory=False, adaptive=adaptive)._quality.adaptive

@@ -30,7 +30,7 @@ class Adapting(Echo):
             raise self.in_close
 
 
-def test_a_failing_source_of_another_kind_ends_the_module_loudly():
+def test_an_unexpected_source_error_ends_the_module():
     with running(SENSOR, Sensor(RuntimeError("bug"))) as world, pytest.raises(RuntimeError, match="bug"):
         world.running.result(PATIENCE)
 
@@ -42,7 +42,7 @@ def test_a_bad_sample_does_not_end_the_module():
         assert world.next_result()["heard"] == "good"
 
 
-def test_any_other_failure_ends_the_module_loudly_and_safely():
+def test_an_unexpected_error_closes_and_ends_the_module():
     task = Echo()
     with running(ECHO, task) as world:
         world.say(b"fatal")
@@ -51,7 +51,7 @@ def test_any_other_failure_ends_the_module_loudly_and_safely():
     assert task.closed
 
 
-def test_a_task_that_fails_to_adapt_ends_loudly_and_safely():
+def test_an_unexpected_error_in_adapt_closes_and_ends_the_module():
     task = Adapting(TypeError("no number"))
     with running(ECHO, task) as world:
         world.decide(sequence=1, task="echo", share=0.3)
@@ -60,7 +60,7 @@ def test_a_task_that_fails_to_adapt_ends_loudly_and_safely():
     assert task.closed
 
 
-def test_a_task_that_fails_to_adapt_to_its_suspension_has_been_paused():
+def test_inputs_are_paused_before_adapt_fails_on_suspension():
     task = Adapting(TypeError("no number"))
     with running(ECHO, task) as world:
         world.decide(sequence=1, task="echo", suspended=True)
@@ -77,7 +77,7 @@ def test_a_device_lost_in_adapt_is_a_failure_and_the_next_plan_counts(failure):
         assert world.ask("robot/echo/profile")["failures"] == 2
 
 
-def test_a_configuration_that_fails_later_is_a_lost_device():
+def test_a_late_configuration_error_is_treated_as_a_device_error():
     class Careless(Echo):
         def process(self, received):
             if received.payload == b"bad row":
@@ -91,7 +91,7 @@ def test_a_configuration_that_fails_later_is_a_lost_device():
         assert world.next_result()["heard"] == "good"
 
 
-def test_a_failing_close_hides_no_failure_before_it():
+def test_an_error_in_close_does_not_mask_an_earlier_error():
     with running(ECHO, Adapting(in_close=ValueError("later"))) as world:
         world.say(b"fatal")
         with pytest.raises(RuntimeError, match="fatal"):
@@ -104,7 +104,7 @@ def test_a_device_that_is_lost_in_close_does_not_end_the_module_loudly():
         world.running.result(PATIENCE)
 
 
-def test_any_other_failure_in_close_is_loud_once_all_is_closed():
+def test_an_unexpected_error_in_close_is_raised_after_cleanup():
     with running(ECHO, Adapting(in_close=ValueError("bug"))) as world:
         world.stop()
         with pytest.raises(ValueError, match="bug"):
@@ -112,7 +112,7 @@ def test_any_other_failure_in_close_is_loud_once_all_is_closed():
         until(lambda: list(world.session.liveliness().get("robot/*/alive")) == [])
 
 
-def test_a_task_that_hangs_in_adapt_does_not_keep_a_failed_module():
+def test_a_hanging_adapt_does_not_block_a_failed_module():
     hung, freed = threading.Event(), threading.Event()
 
     class Hanging(Echo):

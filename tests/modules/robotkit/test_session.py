@@ -94,7 +94,7 @@ def test_stop_ends_the_wait_for_a_router():
     assert soon(connect) is None
 
 
-def test_a_module_says_who_it_is(tmp_path):
+def test_a_module_authenticates_with_its_certificate(tmp_path):
     authority, address = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
     secret = credentials({"ZENOH_CREDENTIALS": str(authority.issue("module"))})
     stop = threading.Event()
@@ -111,7 +111,7 @@ def test_a_module_has_its_password_from_a_file(tmp_path):
     assert config.get_json("transport/link/tls/enable_mtls") in ("null", "false")
 
 
-def test_without_credentials_a_module_is_nobody():
+def test_credentials_are_optional_but_must_exist():
     assert credentials({}) is None
     with pytest.raises(ConfigurationError, match="ZENOH_CREDENTIALS"):
         credentials({"ZENOH_CREDENTIALS": "/no/such/secret"})

@@ -35,7 +35,7 @@ with client(sys.argv[1], shared_memory=True) as camera:
 
 
 @pytest.mark.parametrize("both", [True, False])
-def test_a_frame_stays_where_it_is_when_all_share_memory(both):
+def test_frames_use_shared_memory_only_if_both_peers_do(both):
     with ExitStack() as stack:
         address = stack.enter_context(router())
         camera = stack.enter_context(client(address, shared_memory=True))
@@ -79,7 +79,7 @@ def test_a_containers_process_may_lock_enough_memory():
 
 
 @pytest.mark.parametrize("both", [True, False])
-def test_a_frame_that_is_not_what_its_sender_says_is_dropped(both):
+def test_a_frame_with_a_wrong_checksum_is_dropped(both):
     with (
         router() as address,
         client(address, shared_memory=True) as camera,

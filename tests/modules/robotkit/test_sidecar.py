@@ -116,7 +116,7 @@ def test_a_message_without_a_stamp_is_broken(module):
         assert robot.told(lambda message: message["broken"])["queue"] == 0
 
 
-def test_answers_that_answer_nothing_are_reported(module, caplog):
+def test_answers_without_a_matching_input_are_reported(module, caplog):
     with watched(module) as (robot, _, _):
         for stamp in range(STRANGE):
             robot.pose(STAMP + stamp)
@@ -141,7 +141,7 @@ def test_the_stamp_is_read_in_both_byte_orders():
         (NODE.partition("outputs:")[0] + "needs: {cores: 1}\n", "outputs: expected at least one"),
     ],
 )
-def test_what_cannot_be_overheard_is_refused(tmp_path, text, said):
+def test_unobservable_inputs_and_outputs_are_refused(tmp_path, text, said):
     path = tmp_path / "module.yaml"
     path.write_text(text)
     with pytest.raises(ConfigurationError, match=said):
