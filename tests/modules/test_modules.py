@@ -54,7 +54,7 @@ def test_its_readme_begins_with_what_it_is_good_for_and_what_it_was_measured_on(
     assert re.search(r"measured (only )?(on|for)", beginning, re.IGNORECASE)
 
 
-def test_its_image_runs_as_nobody_and_starts_the_module(module):
+def test_its_image_runs_unprivileged_and_starts_the_module(module):
     lines = (module / "Dockerfile").read_text(encoding="utf-8").splitlines()
     assert "USER 65532:65532" in lines
     assert lines[-1] == f'ENTRYPOINT ["/opt/module/bin/python", "-m", "modules.{module.name}"]'

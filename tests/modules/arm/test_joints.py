@@ -38,7 +38,7 @@ def test_pulses_are_inverted_as_in_the_mearms_own_driver(joint, angle, pulse):
 
 
 @given(POSTURES)
-def test_an_angle_survives_its_way_through_the_servo(posture):
+def test_angles_round_trip_through_servo_pulses(posture):
     for name, joint in ARM.joints.items():
         assert joint.angle_at(joint.pulse_at(posture[name])) == pytest.approx(posture[name])
 
@@ -53,7 +53,7 @@ def test_within_the_workspace_inverse_undoes_forward(posture):
 
 
 @given(st.tuples(*[st.floats(-300, 300)] * 3))
-def test_what_is_not_refused_keeps_every_limit(point):
+def test_accepted_points_keep_every_limit(point):
     try:
         posture = ARM.posture_at(point, grip=0)
     except Unreachable:

@@ -21,7 +21,7 @@ LINKS = Links(upper_arm=80, forearm=80, offset=68)
         (Angles(0, 90, 90), (68, 0, 160)),
     ],
 )
-def test_postures_whose_place_is_obvious(angles, point):
+def test_forward_kinematics_of_simple_postures(angles, point):
     assert forward(LINKS, angles) == pytest.approx(point, abs=1e-9)
 
 

@@ -63,7 +63,7 @@ def test_invalid_json_is_reported():
 
 
 @given(JSON)
-def test_no_json_whatever_leads_outside_of_the_limits(document):
+def test_arbitrary_json_stays_within_the_limits(document):
     try:
         goal = parsed(document)
     except MessageError:

@@ -36,7 +36,7 @@ def test_the_crc_of_pololus_examples(message, remainder):
     assert crc7(bytes.fromhex(message)) == remainder
 
 
-def test_a_speed_limit_is_never_rounded_to_none():
+def test_a_small_speed_limit_is_not_rounded_to_unlimited():
     assert servos.set_speed(0, 0.1)[2:4] == bytes([1, 0])
 
 
@@ -47,7 +47,7 @@ def test_a_pulse_that_does_not_fit_is_refused(pulse):
 
 
 @given(st.lists(COMMANDS, max_size=8), st.data())
-def test_what_was_encoded_is_decoded_however_it_is_cut(sent, data):
+def test_commands_round_trip_however_they_are_split(sent, data):
     wire = b"".join(command.encode() for command in sent)
     cut = data.draw(st.integers(0, len(wire)))
     parser = CommandParser()
@@ -56,14 +56,14 @@ def test_what_was_encoded_is_decoded_however_it_is_cut(sent, data):
 
 
 @given(st.binary(max_size=200), COMMANDS)
-def test_after_any_noise_the_next_command_is_heard(noise, command):
+def test_the_next_command_after_noise_is_decoded(noise, command):
     parser = CommandParser()
     parser.feed(noise)
     assert parser.feed(command.encode()) == [command]
 
 
 @given(COMMANDS, st.data())
-def test_a_byte_that_was_hit_moves_nothing(command, data):
+def test_a_corrupted_byte_fails_the_crc(command, data):
     packet = bytearray(command.encode())
     at = data.draw(st.integers(1, len(packet) - 1))
     packet[at] ^= data.draw(st.integers(1, 127))

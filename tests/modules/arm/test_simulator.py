@@ -62,7 +62,7 @@ def test_a_servo_needs_half_a_second_for_half_a_turn():
 
 
 @given(st.binary(max_size=300))
-def test_no_bytes_whatever_crash_it(noise):
+def test_arbitrary_bytes_do_not_crash_it(noise):
     maestro = Maestro()
     maestro.receive(noise)
     maestro.advance(maestro.period)

@@ -109,7 +109,7 @@ def test_it_moves_to_a_point_and_publishes_where_it_is():
     ],
     ids=["stop order", "suspended", "closed", "ended"],
 )
-def test_what_stops_it_leaves_no_target_further_away_than_one_step(stop):
+def test_stopping_leaves_no_target_beyond_one_step(stop):
     with an_arm(Witness()) as world:
         world.next("resting")
         world.order(AWAY)

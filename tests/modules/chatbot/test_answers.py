@@ -72,7 +72,7 @@ def test_what_are_you_doing(chatbot):
     assert ask(chatbot, "what are you doing", 6) == "Context moving: I run slam with 1.69 cores. Paused: speech."
 
 
-def test_why_did_you_stop_listening_is_answered_when_it_listens_again(chatbot):
+def test_a_past_pause_is_explained(chatbot):
     send(chatbot, "plan", plan(1, BOTH), 0)
     send(chatbot, "plan", plan(2, MOVING, ["moving"], "imu: context moving entered"), 10)
     send(chatbot, "plan", plan(3, MOVING, ["moving"], "mic: level"), 12)
@@ -86,17 +86,17 @@ def test_why_did_you_stop_listening_is_answered_when_it_listens_again(chatbot):
 @pytest.mark.parametrize(
     "question", ["why are you not listening", "why is speech suspended", "why have you stopped hearing"]
 )
-def test_a_pause_that_lasts(chatbot, question):
+def test_a_current_pause_is_explained(chatbot, question):
     send(chatbot, "plan", plan(1, MOVING, ["moving"]), 10)
     assert ask(chatbot, question, 13).startswith("speech has been paused for 3 seconds, because context moving")
 
 
-def test_what_never_stopped(chatbot):
+def test_a_task_that_never_paused_is_stated(chatbot):
     send(chatbot, "plan", plan(1, BOTH), 0)
     assert ask(chatbot, "why did you stop listening", 1).startswith("I did not stop: speech has 0.85 cores")
 
 
-def test_what_the_robot_does_not_do(chatbot):
+def test_an_unknown_task_is_answered_with_known_ones(chatbot):
     send(chatbot, "plan", plan(1, BOTH), 0)
     assert ask(chatbot, "why did you stop dancing", 1) == 'I have no task for "dancing". I know slam and speech.'
 
@@ -110,14 +110,14 @@ def test_how_are_you(chatbot):
     assert ask(chatbot, "how are you", 4) == "I am well: slam and speech are on time."
 
 
-def test_an_older_plan_and_a_dry_run_say_nothing(chatbot):
+def test_older_plans_and_dry_runs_are_ignored(chatbot):
     send(chatbot, "plan", plan(5, BOTH), 0)
     send(chatbot, "plan", plan(4, MOVING), 1)
     send(chatbot, "plan", plan(6, MOVING, mode="DryRun"), 2)
     assert "I run slam with 0.85 cores and speech with 0.85 cores." in ask(chatbot, "what are you doing", 3)
 
 
-def test_it_answers_that_it_did_not_understand():
+def test_an_unclear_question_is_answered_with_help():
     assert answer("", Memory(), 0).startswith("I did not understand")
     assert "Ask me where I am" in answer("sing a song", Memory(), 0)
 

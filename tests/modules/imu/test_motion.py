@@ -56,11 +56,11 @@ def test_the_command_prints_the_table(sequence, capsys):
     assert accuracy.main([str(sequence / "nowhere")]) == 2
 
 
-def test_too_little_reports_nothing():
+def test_too_few_samples_give_no_result():
     assert after(samples(7)) is None
 
 
-def test_a_robot_that_stands_has_any_small_bias():
+def test_a_small_gyro_bias_still_counts_as_standing():
     motion = after(samples(200, gyro=(0.01, -0.02, 0.08), noise=0.002))
     assert motion.state is State.STILL
     assert motion.rate == pytest.approx(0, abs=0.002)

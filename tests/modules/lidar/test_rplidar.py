@@ -133,7 +133,7 @@ def test_requests_are_heard_however_they_are_cut(sent, data):
 
 
 @given(st.binary(max_size=300))
-def test_noise_on_the_way_to_the_lidar_is_never_an_error(noise):
+def test_noise_in_requests_is_not_an_error(noise):
     RequestParser().feed(noise)
 
 

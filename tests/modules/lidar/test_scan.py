@@ -40,7 +40,7 @@ def test_after_lost_and_added_bytes_it_finds_the_nodes_again(at, lost, noise):
 
 
 @given(st.binary(max_size=600))
-def test_noise_alone_is_never_an_error_and_is_not_kept(noise):
+def test_noise_is_discarded_without_an_error(noise):
     parser = NodeParser()
     parser.feed(noise)
     assert len(parser._buffer) < RUN * 5
@@ -50,7 +50,7 @@ def capsules(count):
     return [Capsule(index * 16.0 % 360, (1000 + index,) * 32, (0,) * 32, index == 0) for index in range(count)]
 
 
-def test_capsules_give_nodes_one_capsule_late():
+def test_nodes_are_delayed_by_one_capsule():
     parser = CapsuleParser()
     heard = [parser.feed(capsule.encode()) for capsule in capsules(3)]
     assert [len(nodes) for nodes in heard] == [0, 32, 32]
@@ -95,7 +95,7 @@ def test_a_scan_that_begins_with_a_start_mark_is_whole():
 
 
 @pytest.mark.parametrize("hole", [slice(100, 130), slice(0, 30), slice(330, 360)])
-def test_a_turn_with_a_hole_is_counted_and_not_given(hole):
+def test_an_incomplete_turn_is_counted_and_dropped(hole):
     torn = a_turn()
     del torn[hole]
     turns = Turns()

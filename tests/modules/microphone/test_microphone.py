@@ -98,7 +98,7 @@ def test_a_device_that_is_missing_is_named():
         list(Device("missing", PortAudio()).chunks(threading.Event()))
 
 
-def test_a_driver_never_waits_for_us():
+def test_a_full_queue_drops_the_oldest_chunk():
     device = Device("", PortAudio())
     for number in range(60):
         device._hear(bytes([number]), 1, None, None)

@@ -20,7 +20,7 @@ from tests import waiting
 FORWARD = oi.drive_direct(right=200, left=200)
 
 
-def test_a_controller_that_steers_is_not_lost():
+def test_a_steering_controller_is_not_lost():
     watch = Watch()
     for step in range(20):
         now = step * PATIENCE / 2
@@ -37,14 +37,14 @@ def test_silence_while_the_wheels_turn_is_reported_once():
     assert watch.patience(PATIENCE + 1) is None
 
 
-def test_silence_while_the_wheels_stand_is_no_concern():
+def test_silence_with_stopped_wheels_is_not_a_loss():
     watch = Watch()
     watch.hear(FORWARD + oi.HALT, 0.0)
     assert watch.patience(1.0) is None
     assert not watch.lost(100.0)
 
 
-def test_to_ask_for_sensors_is_not_to_steer():
+def test_sensor_queries_do_not_count_as_steering():
     watch = Watch()
     watch.hear(FORWARD, 0.0)
     watch.hear(oi.sensors(7), PATIENCE)
@@ -52,18 +52,18 @@ def test_to_ask_for_sensors_is_not_to_steer():
 
 
 @pytest.mark.parametrize("command", [oi.FULL, oi.RESET, oi.drive(200, oi.STRAIGHT), Command(Opcode.CLEAN).encode()])
-def test_what_is_not_needed_does_not_pass(command):
+def test_other_commands_are_blocked(command):
     assert Watch().hear(command, 0.0) == b""
 
 
-def test_half_a_command_does_not_pass():
+def test_an_incomplete_command_is_held_back():
     watch = Watch()
     assert watch.hear(FORWARD[:3], 0.0) == b""
     assert watch.hear(FORWARD[3:], 0.0) == FORWARD
 
 
 @given(st.lists(st.binary(max_size=50), max_size=5))
-def test_whatever_is_said_only_whole_commands_of_the_list_pass(pieces):
+def test_only_whole_allowed_commands_pass(pieces):
     watch = Watch()
     parser = CommandParser()
     passed = b"".join(watch.hear(piece, 0.0) for piece in pieces)
@@ -122,7 +122,7 @@ def a_guarded_robot():
             assert not thread.is_alive()
 
 
-def test_wheels_that_a_dead_controller_left_turning_stand():
+def test_wheels_stop_when_the_controller_disconnects():
     with a_guarded_robot() as (robot, _, connect):
         with connect() as controller:
             controller.sendall(FORWARD)
@@ -139,7 +139,7 @@ def test_wheels_stop_while_the_controller_is_silent():
         robot.wait_for(turning=True)
 
 
-def test_wheels_stand_when_the_guard_ends():
+def test_wheels_stop_when_the_guard_ends():
     with a_guarded_robot() as (robot, guard, connect), connect() as controller:
         controller.sendall(FORWARD)
         robot.wait_for(turning=True)
@@ -147,7 +147,7 @@ def test_wheels_stand_when_the_guard_ends():
         robot.wait_for(turning=False)
 
 
-def test_wheels_that_a_dead_guard_left_turning_in_the_middle_of_a_command_stand():
+def test_a_new_guard_stops_wheels_left_turning():
     robot = Witness()
     robot.receive(FORWARD + FORWARD[:3])
     robot.wait_for(turning=True)
@@ -160,7 +160,7 @@ def test_wheels_that_a_dead_guard_left_turning_in_the_middle_of_a_command_stand(
         thread.join(waiting.PATIENCE)
 
 
-def test_a_robot_that_is_not_there_is_looked_for_until_the_end(caplog):
+def test_the_guard_retries_a_missing_robot_until_it_ends(caplog):
     with socket.create_server(("127.0.0.1", 0)) as server:
         guard = Guard(server, threading.Event())
         thread = threading.Thread(target=guard.run, args=("/dev/nowhere",))

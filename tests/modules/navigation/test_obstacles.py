@@ -18,19 +18,19 @@ def scan(**seen):
     return ranges
 
 
-def test_what_is_ahead_counts_from_the_edge_of_the_robot():
+def test_the_gap_is_measured_from_the_robots_edge():
     assert gap(scan(at_0=1.0)) == pytest.approx(1.0 - RADIUS)
 
 
-def test_what_is_aside_or_behind_is_not_in_the_way():
+def test_obstacles_beside_or_behind_are_ignored():
     assert gap(scan(at_90=0.25, at_180=0.3, at_270=0.25, at_30=1.0)) == math.inf
 
 
-def test_backward_looks_behind():
+def test_driving_backward_uses_the_gap_behind():
     assert gap(scan(at_180=0.5, at_0=0.3), backward=True) == pytest.approx(0.5 - RADIUS)
 
 
-def test_nothing_seen_and_no_scan_are_free():
+def test_an_empty_scan_means_free_space():
     assert gap(scan()) == gap([]) == math.inf
 
 

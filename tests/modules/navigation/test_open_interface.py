@@ -96,7 +96,7 @@ def test_a_speed_that_the_robot_does_not_know_is_refused(build, problem):
 
 
 @given(st.lists(commands(), max_size=8), st.data())
-def test_what_was_encoded_is_decoded_however_it_is_cut(sent, data):
+def test_commands_round_trip_however_they_are_split(sent, data):
     wire = b"".join(command.encode() for command in sent)
     cut = data.draw(st.integers(0, len(wire)))
     parser = CommandParser()
@@ -105,7 +105,7 @@ def test_what_was_encoded_is_decoded_however_it_is_cut(sent, data):
 
 
 @given(st.binary(max_size=400))
-def test_noise_is_never_an_error_and_zeros_end_what_it_began(noise):
+def test_zeros_resynchronise_the_parser_after_noise(noise):
     parser = CommandParser()
     parser.feed(noise)
     parser.feed(oi.RESYNC * 3)  # a song of 255 notes has 513 bytes

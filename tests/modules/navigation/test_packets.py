@@ -78,7 +78,7 @@ def test_a_lost_byte_costs_one_frame(stream, data):
 
 
 @given(st.binary(max_size=500))
-def test_noise_alone_is_never_an_error_and_is_not_kept(noise):
+def test_noise_is_discarded_without_an_error(noise):
     parser = StreamParser([7, 43, 44])
     parser.feed(noise)
     assert len(parser._buffer) < Frame([7, 43, 44]).size

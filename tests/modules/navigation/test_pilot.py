@@ -28,7 +28,7 @@ def a_pilot(order=None, ranges=CLEAR):
     return pilot
 
 
-def test_without_an_order_it_stands():
+def test_it_stands_still_without_an_order():
     assert Pilot().move(ORIGIN, [sensors()], 0.0) == STILL
 
 
@@ -40,7 +40,7 @@ def test_it_drives_to_a_waypoint_and_arrives():
     assert (pilot.doing, pilot.wanted) == ("arrived", False)
 
 
-def test_blind_it_stands_until_it_sees_again():
+def test_it_waits_while_scans_are_missing():
     pilot = a_pilot()
     late = SCAN_PATIENCE + 0.01
     assert pilot.move(ORIGIN, [sensors()], late) == STILL
@@ -55,7 +55,7 @@ def test_the_robot_does_not_drive_before_a_scan():
     assert pilot.move(ORIGIN, [sensors()], 0.0) == STILL
 
 
-def test_before_an_obstacle_it_stands_until_the_way_is_free():
+def test_it_waits_until_an_obstacle_is_gone():
     pilot = a_pilot(ranges=BLOCKED)
     assert pilot.move(ORIGIN, [sensors()], 0.1) == STILL
     assert (pilot.doing, pilot.wanted) == ("obstacle", True)
@@ -97,7 +97,7 @@ def test_after_a_bump_it_may_be_driven_backward_by_hand():
     assert pilot.move(ORIGIN, [sensors(bumped=True)], 0.1) == Motion(-0.1)
 
 
-def test_backward_it_looks_behind():
+def test_obstacles_behind_stop_backward_driving():
     behind = [0.0] * 360
     behind[180] = 0.3
     pilot = a_pilot(Drive(Motion(-0.1), until=1.0), ranges=behind)

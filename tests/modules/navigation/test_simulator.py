@@ -28,7 +28,7 @@ def run(robot, seconds):
     return b"".join(robot.advance(robot.period) for _ in range(round(seconds / robot.period)))
 
 
-def test_it_is_off_until_start_and_hears_nothing():
+def test_commands_before_start_are_ignored():
     robot = Create2()
     assert robot.receive(oi.SAFE + FORWARD + oi.sensors(35)) == b""
     assert robot.wheels == (0, 0)
@@ -82,7 +82,7 @@ def test_a_wheel_drop_and_a_cliff_end_safe_mode_with_the_wheels_stopped():
         assert (robot.mode, robot.wheels) == (packets.PASSIVE, (0, 0))
 
 
-def test_full_mode_has_no_such_care():
+def test_full_mode_ignores_a_cliff():
     robot = a_robot(mode=oi.FULL)
     robot.receive(FORWARD)
     robot.cliff = True
@@ -99,7 +99,7 @@ def test_a_bump_does_not_stop_the_wheels():
     assert robot.body.pose.x < 0.5
 
 
-def test_without_commands_it_drives_on_for_ever():
+def test_it_keeps_driving_without_further_commands():
     robot = a_robot()
     robot.receive(FORWARD)
     run(robot, 600)
@@ -107,7 +107,7 @@ def test_without_commands_it_drives_on_for_ever():
 
 
 @pytest.mark.parametrize("command", [oi.STOP, oi.RESET, oi.START, oi.HALT])
-def test_what_stops_the_wheels(command):
+def test_stop_reset_start_and_halt_stop_the_wheels(command):
     robot = a_robot()
     robot.receive(FORWARD)
     robot.receive(command)
@@ -153,7 +153,7 @@ def test_encoders_roll_over():
 
 
 @given(st.binary(max_size=300))
-def test_no_bytes_whatever_crash_it(noise):
+def test_arbitrary_bytes_do_not_crash_it(noise):
     robot = a_robot()
     robot.receive(noise)
     robot.advance(robot.period)
@@ -193,7 +193,7 @@ def test_distance_and_angle_count_since_they_were_last_sent():
     assert asked(robot, packets.DISTANCE) < 0
 
 
-def test_nothing_is_lost_between_two_answers():
+def test_distance_adds_up_over_many_queries():
     robot = a_robot()
     robot.receive(oi.drive_direct(right=100, left=100))
     reported = 0
@@ -210,7 +210,7 @@ def test_a_distance_that_no_packet_holds_is_capped():
     assert asked(robot, packets.DISTANCE) == 32767
 
 
-def test_what_was_asked_for_is_what_was_asked_and_not_what_the_wheels_do():
+def test_requested_speeds_are_reported_as_requested():
     robot = a_robot()
     robot.receive(oi.drive(velocity=203, radius=500))
     assert (asked(robot, packets.REQUESTED_VELOCITY), asked(robot, packets.REQUESTED_RADIUS)) == (203, 500)

@@ -106,7 +106,7 @@ def watch(world):
         world.navigation.process(received("scan", {"ranges": free}))
 
 
-def test_it_drives_and_publishes_how_far():
+def test_it_drives_and_publishes_odometry():
     with a_driving_robot() as world:
         where = world.next("odometry", forward=0.2)
         state = world.next("state", doing="driving")
@@ -125,7 +125,7 @@ def test_it_drives_and_publishes_how_far():
     ],
     ids=["stop order", "suspended", "closed", "ended"],
 )
-def test_what_stops_the_wheels_at_once(stop):
+def test_wheels_stop_at_once(stop):
     with a_driving_robot() as world:
         stop(world)
         world.robot.wait_for(turning=False)
@@ -139,7 +139,7 @@ def test_a_smaller_share_does_not_stop_it():
         assert world.navigation._pilot.wanted
 
 
-def test_before_a_wall_it_stands_without_touching_it():
+def test_it_stops_before_a_wall():
     with a_driving_robot(Body(walls=[(0.5, -1, 0.5, 1)])) as world:
         world.robot.wait_for(turning=False)
         world.next("state", doing="obstacle")
@@ -147,7 +147,7 @@ def test_before_a_wall_it_stands_without_touching_it():
         assert 0.05 < world.robot.body.pose.x < 0.5 - 0.174
 
 
-def test_lifted_it_stands_until_the_next_order():
+def test_a_lifted_robot_stops_until_the_next_order():
     with a_driving_robot() as world:
         world.robot.drops = packets.DROP_LEFT | packets.DROP_RIGHT
         world.next("state", doing="lifted", mode="passive")

@@ -36,7 +36,7 @@ def test_straight_ahead_it_cruises():
     assert Route([(5, 0)]).next_motion(Pose()) == Motion(CRUISE, 0)
 
 
-def test_what_lies_behind_is_turned_to_on_the_spot():
+def test_it_turns_on_the_spot_to_a_waypoint_behind():
     motion = Route([(-1, 0.1)]).next_motion(Pose())
     assert motion is not None
     assert motion.forward == 0

@@ -35,5 +35,5 @@ def test_a_command_inside_another_word_is_found(word):
 
 
 @pytest.mark.parametrize("word", ["stock", "light", "ward", "lift"])
-def test_what_only_sounds_alike_holds_none(word):
+def test_similar_words_do_not_contain_a_command(word):
     assert not holds_command(word)

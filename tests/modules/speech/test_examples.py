@@ -34,7 +34,7 @@ def test_the_middle_of_a_word_is_found_in_its_clip(at):
     assert middle(at_speed(bell(at), 0.8)) == pytest.approx(at / 0.8, abs=0.03)
 
 
-def test_what_few_people_said_is_heard_often_and_other_words_once(tmp_path):
+def test_rare_commands_are_augmented_and_other_words_used_once(tmp_path):
     clips = [Clip(write(tmp_path / f"{word}.wav", bell(0.5)), word) for word in ("left", "bird")]
     done: list[int] = []
     examples = examine(clips, 1, done.append)

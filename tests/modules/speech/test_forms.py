@@ -52,7 +52,7 @@ def test_a_named_form_is_converted_without_seams(khz, channels):
     assert heard[100:] == pytest.approx(expected[100:], abs=80)
 
 
-def test_what_16_khz_cannot_hold_is_silent():
+def test_frequencies_above_8_khz_are_filtered_out():
     down = converter("pcm-s16le-48khz-mono")
     assert down is not None
     loud = down.convert(tone(48_000, 11_000).astype("<i2").tobytes())

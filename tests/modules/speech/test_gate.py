@@ -48,7 +48,7 @@ def test_silence_has_no_utterance():
     assert cut(Gate(), sound(5.0)) == []
 
 
-def test_steady_noise_is_no_voice():
+def test_steady_noise_is_not_speech():
     hum = np.convolve(np.random.default_rng(2).normal(0, 3000, 10 * RATE), np.ones(8) / 4, "same")
     assert cut(Gate(), sound(hum)) == []
 

@@ -31,7 +31,7 @@ def test_probabilities_sum_to_one(windows):
     assert np.exp(network(1).log_probabilities(windows)).sum(axis=1) == pytest.approx(np.ones(3), abs=1e-5)
 
 
-def test_evidence_is_the_log_odds_of_the_mean_opinion(windows):
+def test_evidence_is_the_log_odds_of_the_averaged_networks(windows):
     networks = network(1), network(2)
     mean = np.exp(np.mean([one.log_probabilities(windows) for one in networks], axis=0))
     likely = mean[:, 1] / mean.sum(axis=1)
@@ -39,7 +39,7 @@ def test_evidence_is_the_log_odds_of_the_mean_opinion(windows):
     assert evidence[:, 0] == pytest.approx(np.log(likely / (1 - likely)), abs=1e-3)
 
 
-def test_weights_are_kept(tmp_path, windows):
+def test_saved_weights_can_be_loaded(tmp_path, windows):
     Committee(("other", "left"), (network(1), network(2))).save(tmp_path / "weights.npz")
     loaded = Committee.load(tmp_path / "weights.npz")
     assert loaded.labels == ("other", "left")

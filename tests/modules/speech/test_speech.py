@@ -70,7 +70,7 @@ def test_other_words_are_not_commands():
 
 
 @pytest.mark.parametrize("keyword", KEYWORDS)
-def test_what_is_less_likely_than_not_is_not_a_command(keyword):
+def test_a_detection_below_even_odds_is_not_a_command(keyword):
     assert Announcer(THRESHOLDS).announce([Heard(keyword, 1.0, 1.5, -0.1)]) == []
 
 

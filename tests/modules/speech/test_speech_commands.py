@@ -77,7 +77,7 @@ def test_a_clip_is_heard_between_silences_in_chunks(folder):
     assert sum(map(len, chunks(sound))) == 2 * (len(sound) + 16_000)
 
 
-def test_a_score_counts_what_was_heard_and_what_was_invented_in_other_sound():
+def test_a_score_counts_hits_confusions_and_false_alarms():
     score, other = Score(), Score()
     score.count("left", ["left", "stop"], 60)
     other.count("right", [], 60)

@@ -75,7 +75,7 @@ def loss(layers, windows, labels, weights):
     return -(logarithms * wanted).sum(axis=1) @ weights / len(labels)
 
 
-def test_phrases_teach_each_command_beside_words_that_are_none_and_such_words_beside_each_other():
+def test_phrases_place_each_command_beside_other_words():
     words = [Spoken(text, None, "rms", 1, 1) for text in ("seven", "bird", *KEYWORDS)]
     made = [*phrases(words, np.random.default_rng(1), 20)]
     taught = Counter(training._said(phrase.words[phrase.place]) for phrase in made)

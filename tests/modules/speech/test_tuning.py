@@ -33,18 +33,18 @@ def test_the_threshold_is_the_highest_with_which_nine_of_ten_clips_are_heard():
     assert counted.heard("left", 2.0) == 8
 
 
-def test_what_is_seldom_heard_needs_the_least_and_no_less_than_a_confidence_of_a_half(evidence):
+def test_a_rarely_heard_command_gets_the_lowest_threshold(evidence):
     assert evidence.threshold("left") == LOWEST
     assert heard("left", LOWEST).confidence == 0.5
 
 
-def test_what_is_always_heard_needs_the_most():
+def test_a_reliably_heard_command_gets_the_highest_threshold():
     counted = Evidence()
     counted.count("stop", [heard("stop", 20.0)], 1)
     assert counted.threshold("stop") == HIGHEST
 
 
-def test_what_two_overlapping_pieces_of_speech_hold_is_invented_once():
+def test_a_false_alarm_in_overlapping_pieces_counts_once():
     counted = Evidence()
     counted.count(None, [heard("left", 2.0, at=1.5), heard("left", 3.0, at=1.6), heard("left", 2.0, at=2.2)], 60)
     assert counted.rate("left", 1.0) == 2

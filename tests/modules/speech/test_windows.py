@@ -22,13 +22,13 @@ def test_a_second_has_fifty_columns_and_loudness_does_not_matter():
 
 
 @pytest.mark.parametrize("samples", [np.zeros(0), np.zeros(100), np.zeros(RATE)])
-def test_silence_and_what_is_too_short_can_be_seen(samples):
+def test_silence_and_short_sound_give_finite_columns(samples):
     seen = columns(samples, PhoneModel())
     assert seen.shape[1] == SEEN
     assert np.isfinite(seen).all()
 
 
-def test_beyond_the_ends_no_phone_sounds():
+def test_windows_are_padded_beyond_the_ends():
     seen = np.ones((10, SEEN), np.float32)
     first, last = stretches(seen, [0, 9])
     assert (first[:, :BANDS] == 1).all()

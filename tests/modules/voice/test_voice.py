@@ -57,7 +57,7 @@ def test_an_unknown_voice_is_refused():
         Flite("hal")
 
 
-def test_without_flite_there_is_a_clear_line(monkeypatch):
+def test_missing_flite_is_reported(monkeypatch):
     monkeypatch.setenv("PATH", "")
     with pytest.raises(ConfigurationError, match="install Debian's package flite"):
         Flite()
