@@ -8,7 +8,7 @@ from tests.node.test_components import flags
 PARTS = (autoscaler.metrics_server(Path("/bin"), 10), *autoscaler.parts(Path("/bin"), 10))
 
 
-def test_its_programs_are_none_of_the_nodes_components():
+def test_its_programs_are_not_node_components():
     names = [one.name for one in PARTS]
     assert names == ["metrics-server", "recommender", "updater", "admission-controller"]
     assert not {*names} & {*components.names()}
@@ -21,5 +21,5 @@ def test_every_file_that_a_program_names_is_below_the_root(part):
     assert all(path.startswith(f"{layout.ROOT}/") for path in paths)
 
 
-def test_the_metrics_server_is_never_asked_for_more_than_it_does():
+def test_metrics_resolution_has_a_minimum_of_ten_seconds():
     assert flags(autoscaler.metrics_server(Path("/bin"), 5))["metric-resolution"] == "10s"

@@ -45,7 +45,7 @@ def test_key_changes_with_the_values(sources):
     assert key_of(sources, "v1") != key_of(sources, "v2")
 
 
-def test_what_git_ignores_does_not_count(sources):
+def test_gitignored_files_are_skipped(sources):
     subprocess.run(["git", "init", "--quiet", str(sources)], check=True)
     (sources / ".gitignore").write_text("*.log\n")
     (sources / "noise.log").touch()
@@ -70,7 +70,7 @@ def test_a_folder_whose_filling_fails_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_faster_of_two_runs_wins(tmp_path):
+def test_the_first_of_two_concurrent_fills_wins(tmp_path):
     def slow(draft):
         (draft / "slow").touch()
         (tmp_path / "x").mkdir()

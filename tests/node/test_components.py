@@ -12,7 +12,7 @@ def flags(component: components.Component) -> dict[str, str]:
     return dict(word.removeprefix("--").split("=", 1) for word in component.argv if "=" in word)
 
 
-def test_the_kubelet_starts_after_what_it_needs_and_so_stops_before():
+def test_the_kubelet_starts_after_its_dependencies():
     order = components.names()
     assert order.index("kine") < order.index("apiserver") < order.index("kubelet")
     assert order.index("containerd") < order.index("kubelet")
@@ -76,7 +76,7 @@ def test_pods_get_addresses_from_the_range_that_the_proxy_knows():
     assert bridge["ipam"]["ranges"] == [[{"subnet": flags(components.proxy())["cluster-cidr"]}]]
 
 
-def test_kubelet_and_containerd_agree_on_who_makes_cgroups(monkeypatch):
+def test_kubelet_and_containerd_use_the_same_cgroup_driver(monkeypatch):
     def agreed():
         toml = tomllib.loads(configuration.containerd())["plugins"]["io.containerd.cri.v1.runtime"]
         options = toml["containerd"]["runtimes"]["runc"]["options"]
@@ -87,7 +87,7 @@ def test_kubelet_and_containerd_agree_on_who_makes_cgroups(monkeypatch):
     assert agreed() == ("systemd", True)
 
 
-def test_where_systemd_runs_the_node_its_components_stay_in_its_service(monkeypatch):
+def test_components_stay_in_the_systemd_service(monkeypatch):
     monkeypatch.setenv(layout.CGROUP_DRIVER_VARIABLE, "systemd")
     assert cgroups.components_folder() == cgroups.MOUNT / "system.slice" / "contextpolicy-node.service"
 

@@ -7,7 +7,7 @@ global.index-url='https://index.example/simple?a=b'
 """
 
 
-def test_pips_environment_goes_before_its_files():
+def test_pips_environment_overrides_its_files():
     assert host.pip_settings(LISTING)["cert"] == "/from/environment.crt"
 
 

@@ -45,7 +45,7 @@ def test_another_build_is_imported(containerd):
     assert len(containerd.imported) == 2
 
 
-def test_what_the_kubelet_removed_is_imported_again(containerd):
+def test_an_image_removed_by_the_kubelet_is_imported_again(containerd):
     """It does when the disk fills up."""
     images._deliver(NAME, BUILT)
     images._deliver(NAME, BUILT)

@@ -24,7 +24,7 @@ def test_another_process_with_the_same_id_is_not_the_component(sleeper, tmp_path
     assert processes.alive("sleeper") is None
 
 
-def test_stop_ends_the_process_even_while_its_parent_has_not_noticed(sleeper):
+def test_stop_counts_an_unreaped_process_as_ended(sleeper):
     processes.stop("sleeper")
     assert processes.alive("sleeper") is None
     assert processes.start_time(sleeper.pid) is None
@@ -35,7 +35,7 @@ def test_stop_of_a_stopped_component_does_nothing(tmp_path, monkeypatch):
     processes.stop("nobody")
 
 
-def test_what_was_started_is_known_whatever_the_environment_says(sleeper):
+def test_started_processes_are_found_again(sleeper):
     assert processes.alive("sleeper") == sleeper.pid
     assert processes.started() == ["sleeper"]
 
@@ -50,7 +50,7 @@ def test_a_missing_program_is_named():
         shell.run(["no-such-program"])
 
 
-def test_waiting_ends():
+def test_wait_until_returns_at_the_timeout():
     assert shell.wait_until(lambda: True, timeout=0)
     assert not shell.wait_until(lambda: False, timeout=0)
 

@@ -6,7 +6,7 @@ from tests.node import processes, shell
 from tests.node.errors import ClusterError
 
 
-def test_a_program_that_takes_too_long_is_ended_with_all_that_it_started(tmp_path, monkeypatch):
+def test_a_timeout_kills_the_program_and_its_children(tmp_path, monkeypatch):
     """A builder that was killed alone left an emulated installation behind, which went on for an hour."""
     monkeypatch.setattr(shell, "HEARTBEAT", 0.05)
     said = tmp_path / "log"
@@ -17,7 +17,7 @@ def test_a_program_that_takes_too_long_is_ended_with_all_that_it_started(tmp_pat
     assert shell.wait_until(lambda: processes.start_time(child) is None, timeout=10)
 
 
-def test_every_bound_is_longer_on_a_machine_that_is_slow(tmp_path, monkeypatch):
+def test_timeouts_scale_with_patience(tmp_path, monkeypatch):
     monkeypatch.setattr(shell, "PATIENCE", 0.0)
     monkeypatch.setattr(shell, "HEARTBEAT", 0.05)
     with pytest.raises(ClusterError, match="sleeping: not done after 0 s"):

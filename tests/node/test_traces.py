@@ -15,7 +15,7 @@ def host(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_what_the_node_changed_is_undone_and_the_rest_is_kept(host):
+def test_only_changes_of_the_node_are_undone(host):
     traces.remember(host / "memory.json")
     (host / "absent").mkdir()
     (host / "sys" / "panic").write_text("10")
@@ -25,7 +25,7 @@ def test_what_the_node_changed_is_undone_and_the_rest_is_kept(host):
     assert (host / "sys" / "panic").read_text() == "0"
 
 
-def test_a_second_start_does_not_overwrite_the_memory(host):
+def test_a_second_start_keeps_the_recorded_originals(host):
     traces.remember(host / "memory.json")
     (host / "sys" / "panic").write_text("10")
     traces.remember(host / "memory.json")
@@ -33,6 +33,6 @@ def test_a_second_start_does_not_overwrite_the_memory(host):
     assert (host / "sys" / "panic").read_text() == "0"
 
 
-def test_nothing_is_undone_without_a_memory(host):
+def test_nothing_is_undone_without_a_record(host):
     traces.undo(host / "memory.json")
     assert (host / "sys" / "panic").read_text() == "0\n"

@@ -182,5 +182,5 @@ STORIES = {
 
 
 @pytest.mark.parametrize("name", STORIES)
-def test_they_agree_now(name):
+def test_planner_and_model_agree_on_past_differences(name):
     assert difference(STORIES[name]) is None
