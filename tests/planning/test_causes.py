@@ -32,7 +32,7 @@ def test_a_decay_below_idle_is_not_a_cause():
     assert (story.last.tasks["slam"].score, story.last.cause) == (5.0, "mic: mic.on is 1")
 
 
-def test_the_step_that_falls_below_says_what_counts_instead():
+def test_the_cause_of_the_last_decay_step_names_the_idle_score():
     story = falling(idle=5.5)
     story.wait(7)
     assert story.last.cause == "imu: imu.hit is 5, below the 5.5 that slam scores anyway"

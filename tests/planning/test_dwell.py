@@ -15,7 +15,7 @@ class TestFirstPlan:
     def test_it_waits_for_no_stream(self):
         assert [plan.time for plan in Story(self.policy()).plans][:1] == [START]
 
-    def test_a_stream_that_an_edit_adds_holds_nothing_up(self):
+    def test_a_stream_added_by_an_edit_delays_no_plan(self):
         story = Story(a_policy(streams=[a_stream("mic")], tasks=[a_task("slam")]))
         planner = Planner(
             a_policy(streams=[a_stream("mic"), a_stream("imu", staleAfter="1m")], tasks=[a_task("slam")]),
@@ -45,7 +45,7 @@ class TestMinDwell:
         assert story.planner.decided.time == START + 3
         assert story.planner.held_back == 1
 
-    def test_until_then_weights_and_contexts_are_shown_as_they_are(self):
+    def test_weights_and_contexts_are_current_during_the_dwell(self):
         story = self.story()
         story.sample("imu", at=2, speed=1.0)
         before = story.last

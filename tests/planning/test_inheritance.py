@@ -70,7 +70,7 @@ UNRELATED = [
 
 
 @pytest.mark.parametrize("changes", UNRELATED)
-def test_what_did_not_change_goes_on_as_if_nothing_had_happened(changes):
+def test_an_unrelated_edit_changes_nothing(changes):
     story, unedited = edited(**changes)
     unedited.wait(8)
     assert story.planner.active_contexts() != []
@@ -84,14 +84,14 @@ def test_what_did_not_change_goes_on_as_if_nothing_had_happened(changes):
     }
 
 
-def test_the_first_plan_after_an_edit_stands_where_the_last_stood():
+def test_the_first_plan_after_an_edit_continues_the_last():
     story, _ = edited(reserve="10m")
     assert story.last.contexts == ("moving", "shaken")
     assert story.last.tasks["slam"].weight == 10.0
     assert not story.last.tasks["speech"].suspended
 
 
-def test_a_stream_that_was_edited_starts_over_with_all_that_reads_it():
+def test_an_edited_stream_and_its_readers_start_over():
     streams = [a_stream("imu", key="robot/other", staleAfter="20s"), SPEC["streams"][1]]
     contexts = [context for context in SPEC["contexts"] if context["name"] != "shaken"]
     story, _ = edited(streams=streams, contexts=contexts)
@@ -102,7 +102,7 @@ def test_a_stream_that_was_edited_starts_over_with_all_that_reads_it():
     assert [context.spec.name for context in story.planner.active_contexts()] == ["loud", "late"]
 
 
-def test_an_activity_that_was_edited_is_decided_again():
+def test_an_edited_activity_is_evaluated_again():
     tasks = [a_task("slam", activity=[{"when": "imu.speed >= 0", "score": 7}]), SPEC["tasks"][1]]
     story, _ = edited(tasks=tasks)
     assert story.planner.scores()["slam"] == 7.0
@@ -116,7 +116,7 @@ def test_a_task_that_was_edited_elsewhere_keeps_its_events():
     assert story.planner.scores()["slam"] == 4.5
 
 
-def test_a_context_whose_effects_were_edited_holds_on():
+def test_editing_effects_keeps_a_context_active():
     contexts = [a_context("moving", "imu.speed > 0", {"slam": {"scale": 3}}, exitAfter="8s"), *SPEC["contexts"][1:]]
     story, _ = edited(contexts=contexts)
     assert story.last.tasks["slam"].weight == 15.0
@@ -124,7 +124,7 @@ def test_a_context_whose_effects_were_edited_holds_on():
     assert "moving" not in story.last.contexts
 
 
-def test_a_context_whose_delay_was_edited_holds_on_and_waits_again():
+def test_editing_a_delay_keeps_the_context_and_restarts_the_delay():
     contexts = [a_context("moving", "imu.speed > 0", exitAfter="30s"), *SPEC["contexts"][1:]]
     story, _ = edited(contexts=contexts)
     story.wait(60)
@@ -143,13 +143,13 @@ def test_silence_and_the_fallback_last_through_an_edit():
     assert planner.next_due() == START + UNHEARD
 
 
-def test_what_new_expressions_read_of_an_old_sample_they_see_at_once():
+def test_new_expressions_see_the_last_sample_at_once():
     contexts = [*SPEC["contexts"], a_context("slow", "imu.speed < 1 && heard(imu)")]
     story, _ = edited(contexts=contexts)
     assert "slow" in story.last.contexts
 
 
-def test_a_version_that_never_began_leaves_nothing():
+def test_a_version_that_never_started_leaves_no_state():
     policy = parsing.parse(a_body(**SPEC))
     planner = Planner(policy, Quiet(), {})
     planner.start(START, Planner(policy, Quiet(), {}))

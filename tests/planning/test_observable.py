@@ -64,7 +64,7 @@ def due(scheduler):
     return [scheduler.to_seconds(item.duetime) for item, _ in scheduler._queue.items if not item.is_cancelled()]
 
 
-def test_nothing_is_scheduled_but_the_hour_without_samples_while_nothing_is_due():
+def test_only_the_unheard_timer_is_armed_when_idle():
     scheduler = TestScheduler()
     inputs: Subject[Input] = Subject()
     seen: list[Plan] = []
@@ -87,7 +87,7 @@ def test_one_timer_is_armed_however_many_samples_feed_the_watchdog():
     assert len(scheduler._queue) == 1
 
 
-def test_an_observer_that_raises_disarms_nothing():
+def test_a_raising_observer_keeps_timers_armed():
     scheduler, inputs = TestScheduler(), Subject[Any]()
     planner = Planner(moving_policy(staleAfter="2s"), Quiet(), {})
     broken: list[Plan] = []
@@ -119,7 +119,7 @@ def test_disposal_disarms_the_timer():
     assert [plan.contexts for plan in seen] == [()]
 
 
-def test_the_end_of_the_inputs_does_not_end_what_is_due():
+def test_timers_continue_after_the_inputs_complete():
     policy = moving_policy(staleAfter="3s")
     scheduler = TestScheduler()
     source = scheduler.create_hot_observable(
@@ -261,7 +261,7 @@ class TestFailingInitiatives:
             inputs.on_next(Sample("imu", {"speed": 1.0}))
         assert calls == pytest.approx([0.0, 0.1, 1.1, 2.1])
 
-    def test_what_it_left_behind_when_it_failed_hears_nothing_more(self):
+    def test_leftover_observers_of_a_failed_function_are_disposed(self):
         heard: list[list[dict[str, float]]] = []
 
         def leaves_an_observer(*, streams, scheduler):  # noqa: ARG001 - the contract's signature

@@ -47,6 +47,6 @@ def test_every_field_is_documented_and_no_other():
     assert a_message().keys() <= own | added
 
 
-def test_what_falls_short_is_reported_with_its_task():
+def test_shortfalls_are_reported_with_their_task():
     reported = [{"task": "slam", "message": "needs 4 cores, gets 1"}]
     assert plan_json(POLICY, a_plan())["shortfalls"] == reported

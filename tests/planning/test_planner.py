@@ -51,7 +51,7 @@ def test_a_sample_evaluates_only_what_reads_its_stream(evaluated):
     assert evaluated == {"imu.speed > 0.1": 1, "imu.speed > 0.2": 1, "imu.speed > 0.3 && mic.level > 0.3": 1}
 
 
-def test_time_evaluates_nothing(evaluated):
+def test_passing_time_evaluates_no_expressions(evaluated):
     story = Story(two_streams())
     story.sample("imu", at=1, speed=1.0)
     evaluated.clear()
@@ -66,7 +66,7 @@ def test_a_plan_equal_to_the_last_is_not_emitted():
     assert [plan.time for plan in story.plans] == [START, START, START + 1]
 
 
-def test_a_change_that_shows_nowhere_makes_no_plan():
+def test_an_invisible_change_makes_no_plan():
     """The weaker of two activities begins."""
     activities = [{"when": "imu.near", "score": 5}, {"when": "imu.far"}]
     story = Story(a_policy(streams=[a_stream("imu")], tasks=[a_task("slam", activity=activities), a_task("rest")]))
@@ -142,7 +142,7 @@ class TestNothingActive:
         story = self.story()
         assert story.shares() == {"slam": 740, "speech": 250, "arm": 10}
 
-    def test_the_plan_says_who_is_suspended_and_who_rests(self):
+    def test_the_plan_distinguishes_suspended_and_resting_tasks(self):
         story = self.story()
         assert {name: task.suspended for name, task in story.last.tasks.items()} == {
             "slam": False,
@@ -177,7 +177,7 @@ class TestNothingActive:
     ],
     ids=repr,
 )
-def test_no_input_raises_and_the_last_plan_stands(event):
+def test_invalid_input_never_raises_and_keeps_the_last_plan(event):
     story = Story(two_streams())
     last = story.last
     story.take(event, at=1)

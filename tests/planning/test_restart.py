@@ -81,14 +81,14 @@ def test_a_task_that_depends_on_a_stream_not_heard_yet_keeps_its_state(spec):
 
 
 @pytest.mark.parametrize("spec", READERS.values(), ids=READERS.keys())
-def test_the_stream_ends_that_when_it_is_heard(spec):
+def test_hearing_the_stream_ends_the_wait(spec):
     robot = Restarted({"slam": HEAVY}, **spec)
     robot.sample("btn", 0.5, a=False)
     robot.sample("imu", 1, speed=0.0, on=False)
     assert robot.weights(2)["slam"] != 7.0
 
 
-def test_what_was_suspended_stays_suspended():
+def test_a_suspended_task_stays_suspended_until_its_stream_is_heard():
     tasks = [a_task("slam"), a_task("rest")]
     contexts = [a_context("fast", "imu.speed > 1", {"slam": {"suspend": True}})]
     robot = Restarted({"slam": SUSPENDED, "rest": HEAVY}, tasks=tasks, contexts=contexts)
@@ -99,14 +99,14 @@ def test_what_was_suspended_stays_suspended():
     assert robot.weights(10)["slam"] == 1.0
 
 
-def test_an_infinite_age_moves_nothing_until_the_sensor_had_its_time():
+def test_an_infinite_age_has_no_effect_until_the_wait_is_over():
     contexts = [a_context("blind", "age(imu) > 1.0", {"slam": {"suspend": True}})]
     robot = Restarted({"slam": HEAVY}, tasks=[a_task("slam")], contexts=contexts)
     assert robot.weights(9.9)["slam"] == 7.0
     assert robot.weights(10)["slam"] == 0.0
 
 
-def test_without_staleness_two_seconds_are_enough():
+def test_without_stale_after_the_wait_is_two_seconds():
     robot = Restarted({"slam": HEAVY}, tasks=[a_task("slam", activity=[{"when": "btn.pressed"}])])
     assert robot.weights(1.9)["slam"] == 7.0
     assert robot.weights(2.0)["slam"] == 0.0
@@ -120,7 +120,7 @@ def test_each_task_waits_for_all_of_its_streams():
     assert robot.weights(6)["slam"] == 0.0
 
 
-def test_a_stream_that_is_gone_is_known_to_be_silent():
+def test_a_lost_token_ends_the_wait():
     robot = Restarted({"slam": HEAVY}, tasks=[a_task("slam", activity=[{"when": "imu.speed > 1"}])])
     robot.planner.handle(Gone("imu"), START + 1)
     assert robot.weights(1)["slam"] == 0.0
@@ -135,7 +135,7 @@ def test_the_fallback_starts_no_earlier_than_it_would():
     assert [context.spec.name for context in robot.planner.active_contexts()] == ["blind", "lost"]
 
 
-def test_a_forced_context_waits_for_nothing():
+def test_a_forced_context_does_not_wait():
     contexts = [a_context("halt", "imu.halt", {"slam": {"suspend": True}})]
     force = {"context": "halt", "until": "2100-01-01T00:00:00Z"}
     robot = Restarted({"slam": HEAVY}, tasks=[a_task("slam")], contexts=contexts, force=force)
@@ -156,7 +156,7 @@ def test_a_new_policy_keeps_nothing():
 
 
 @pytest.mark.parametrize(("stream", "ends"), [("imu", 10.0), ("btn", 2.0)])
-def test_an_edit_meanwhile_does_not_end_it(stream, ends):
+def test_an_edit_does_not_end_the_wait(stream, ends):
     tasks = [a_task("slam", activity=[{"when": f"{stream}.speed > 1"}])]
     robot = Restarted({"slam": HEAVY}, tasks=tasks)
     former, robot.planner = robot.planner, Planner(a_policy(streams=STREAMS, tasks=tasks, reserve="10m"), Quiet(), {})
@@ -181,7 +181,7 @@ def test_an_idle_task_is_not_suspended_by_an_unknown_stream():
     assert robot.planner.last.tasks["slam"].suspended
 
 
-def test_an_edit_lets_no_task_wait_again_for_a_stream_whose_time_is_over():
+def test_an_edit_does_not_restart_an_expired_wait():
     tasks = [a_task("slam", activity=[{"when": "imu.on || btn.on"}])]
     robot = Restarted({"slam": HEAVY}, tasks=tasks)
     robot.weights(9)

@@ -67,7 +67,7 @@ def test_a_task_without_max_may_be_capped() -> None:
 
 
 @pytest.mark.parametrize("control", ["Weight", "Suspend"])
-def test_a_cap_is_the_quota_where_shares_are_none(control: str) -> None:
+def test_a_cap_is_the_quota_under_weight_and_suspend(control: str) -> None:
     policy = policy_of({"max": "500m"}, control=control)
     story = heated(policy, (1, 80), (2, 60))
     quotas = []
@@ -78,7 +78,7 @@ def test_a_cap_is_the_quota_where_shares_are_none(control: str) -> None:
     assert quotas == [1500, 500, 1500]
 
 
-def test_a_cap_alone_makes_a_plan_to_carry_out() -> None:
+def test_a_cap_that_changes_no_share_makes_a_new_plan() -> None:
     """Under Weight the share may be the same, below the cap: the quota must follow nevertheless."""
     story = heated(policy_of({"max": "1200m"}, control="Weight"), (1, 80))
     first, second = story.plans[-2:]

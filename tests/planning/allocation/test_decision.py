@@ -34,7 +34,7 @@ class TestNeedsThatDecide:
         assert slam.because == "yields to the others: it needs 2 cores, gets 500m"
         assert [s.message for s in story.last.shortfalls] == ["is suspended: it needs 2 cores, gets 500m"]
 
-    def test_a_need_that_is_met_suspends_nobody(self):
+    def test_a_met_need_suspends_no_task(self):
         assert shares(yielding("slam", 1), a_task("rest")) == {"slam": 1000, "rest": 1000}
 
     def test_the_lightest_yields_first_and_that_may_be_enough(self):
@@ -66,7 +66,7 @@ class TestNeedsThatDecide:
         assert {name: task.share for name, task in story.last.tasks.items()}["x"] == 980
         assert story.last.tasks["transcript"].suspended
 
-    def test_what_is_decided_does_not_depend_on_what_was(self):
+    def test_the_decision_does_not_depend_on_history(self):
         policy = a_policy(tasks=[yielding("slam", 1), a_task("rest")])
         story = Story(policy, on_node("slam", "rest", cores=2))
         story.place(on_node("slam", "rest", cores=1), at=1)

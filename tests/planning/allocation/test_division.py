@@ -66,7 +66,7 @@ def test_a_request_is_a_floor_of_its_own_container_under_limit_control():
 
 
 @pytest.mark.parametrize("spec", [{"control": "Weight"}, {"control": "Suspend"}, {"scheduler": "Realtime"}])
-def test_a_request_holds_nothing_up_where_it_moves_or_does_not_count(spec):
+def test_a_request_is_no_floor_under_other_controls(spec):
     placement = Placement(
         {"robot": 1000},
         (
@@ -151,7 +151,7 @@ def test_a_node_that_cannot_do_realtime_divides_its_cores():
     assert (node.capacity, node.scheduler) == (4000, Scheduler.CFS)
 
 
-def test_what_is_suspended_does_not_rest_with_the_others():
+def test_a_suspended_task_is_not_counted_as_resting():
     seating = seat_tasks(two_tasks(), on_node("slam", "speech"))
     at_rest = {"slam": Weight(0, 1, ""), "speech": Weight(0, 0, "", able=False)}
     division = divide_nodes(seating, dict.fromkeys(at_rest, Weight(0, 0, "")), {}, lambda: at_rest)
@@ -189,7 +189,7 @@ def test_a_container_on_a_node_of_unknown_size_waits():
     assert divided(two_tasks(), placement).nodes == {}
 
 
-def test_containers_of_other_tasks_are_no_part_of_it():
+def test_containers_of_other_tasks_are_ignored():
     placement = on_node("slam", "speech", "arm")
     assert divided(two_tasks(), placement).nodes["robot"].containers == {"slam@robot": 500, "speech@robot": 500}
 

@@ -16,7 +16,7 @@ def shortfalls(needs, other="1", **container):
     return [shortfall.message for shortfall in story.last.shortfalls if shortfall.task == "slam"]
 
 
-def test_enough_is_not_a_shortfall():
+def test_met_needs_are_not_reported():
     assert shortfalls({"cores": 1, "memory": "100Mi", "deadline": "50ms"}) == []
 
 
@@ -41,7 +41,7 @@ def test_a_suspended_task_needs_nothing():
     assert Story(a_policy(tasks=tasks)).last.shortfalls == ()
 
 
-def test_where_there_is_no_plan_no_need_is_judged():
+def test_needs_are_not_checked_without_a_plan():
     tasks = [a_task("slam", needs={"cores": 2}), a_task("rest")]
     [shortfall] = Story(a_policy(tasks=tasks), on_node("slam", "rest", cores=0.01)).last.shortfalls
     assert shortfall.message.startswith("node robot keeps its last plan")
@@ -74,7 +74,7 @@ class TestRealtime:
     def test_a_min_of_two_of_four_cores_is_half_of_each_period(self):
         assert self.story({"min": 2}).shares() == {"slam": 2000, "rest": 1800}
 
-    def test_so_is_a_max(self):
+    def test_a_max_of_two_of_four_cores_is_half_of_each_period(self):
         assert self.story({"max": 2, "priority": 99}).shares() == {"slam": 2000, "rest": 1800}
 
     def test_needs_are_cores_too(self):

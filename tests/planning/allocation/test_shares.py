@@ -46,7 +46,7 @@ def crowded(draw):
 
 
 @given(st.one_of(divisible(), crowded()))
-def test_the_sum_is_exactly_what_there_is_or_what_is_wanted(case):
+def test_shares_sum_to_the_total_or_the_sum_of_ceilings(case):
     total, made = case
     assert sum(divide(total, made).values()) == min(total, sum(claim.ceiling for claim in made))
 
@@ -141,7 +141,7 @@ def test_less_than_a_unit_each_is_refused(data, made):
         divide(total, made)
 
 
-def test_nobody_gets_nothing():
+def test_dividing_among_no_claims_gives_an_empty_result():
     assert divide(100, []) == {}
 
 

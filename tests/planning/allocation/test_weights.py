@@ -41,7 +41,7 @@ def test_a_parents_weight_is_split_over_its_subtasks_in_proportion(satisfied_by)
     assert values(a_graph(satisfied_by)) == {"speech": 6.0, "keyword": 2.0, "transcript": 4.0, "slam": 10.0}
 
 
-def test_a_subtask_at_rest_says_why_it_is_itself():
+def test_a_resting_subtask_explains_its_own_reason():
     got = weights(a_graph("All"), transcript=0.0)
     assert got["transcript"].because == "part of speech's 6; priority 2 times score 0"
     got = weights(a_graph("All"), transcript=0.0, keyword=0.0)
@@ -87,7 +87,7 @@ def test_suspending_one_step_of_a_compound_suspends_all_of_it(effect):
     assert got["transcript"].because == "speech: needs all its subtasks; keyword: context quiet suspends it"
 
 
-def test_a_missing_pod_is_inability():
+def test_a_task_without_a_pod_is_suspended():
     policy = a_graph("All")
     scores = {task.name: 1.0 for task in policy.tasks}
     for satisfied_by, expected in (("All", SUSPENDED), ("Any", {**SUSPENDED, "speech": 6.0, "transcript": 6.0})):
@@ -251,7 +251,7 @@ class TestContextsInListOrder:
             ([{"weight": 0}, {"suspend": False, "scale": 2}], 10.0),
         ],
     )
-    def test_each_takes_what_the_earlier_ones_left(self, effects, expected):
+    def test_effects_apply_in_list_order(self, effects, expected):
         contexts = [a_context(f"c{i}", tasks={"slam": effect}) for i, effect in enumerate(effects)]
         policy = a_policy(tasks=[a_task("slam", priority=5)], contexts=contexts)
         got = weights(policy, contexts=[context["name"] for context in contexts])["slam"]
@@ -263,7 +263,7 @@ class TestContextsInListOrder:
         got = weights(policy, contexts=["c0", "c1"])["slam"]
         assert got.because == "context c0 sets its weight to 8, context c1 scales its weight by 0.5"
 
-    def test_letting_a_part_run_does_not_let_its_group_run(self):
+    def test_unsuspending_a_part_does_not_unsuspend_its_group(self):
         contexts = [
             a_context("off", tasks={"speech": {"suspend": True}}),
             a_context("on", tasks={"keyword": {"suspend": False}}),

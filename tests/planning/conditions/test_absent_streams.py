@@ -61,7 +61,7 @@ def test_an_expression_that_cannot_be_decided_is_false_and_no_error():
         ("[{'a': 1}].exists(n, has(n.a))", True, True, True),
     ],
 )
-def test_presence_can_be_asked_for(when, unheard, heard_without, heard_with):
+def test_has_and_heard_test_for_presence(when, unheard, heard_without, heard_with):
     story = watching(when, stale="1m")
     assert holds(story) is unheard
     story.sample("button", at=1, held=1)
@@ -70,7 +70,7 @@ def test_presence_can_be_asked_for(when, unheard, heard_without, heard_with):
     assert holds(story) is heard_with
 
 
-def test_a_silent_stream_is_no_longer_heard_and_has_nothing():
+def test_a_silent_stream_is_not_heard_and_has_no_fields():
     story = watching("!heard(mic) && !has(mic.peak)")
     assert story.contexts_over_time() == [(0, ())]
     story.wait(10)
@@ -100,7 +100,7 @@ AGES = [
 
 
 @pytest.mark.parametrize(("when", "expected"), AGES)
-def test_an_age_decides_by_itself_as_time_passes(when, expected):
+def test_an_age_changes_contexts_as_time_passes(when, expected):
     story = watching(when)
     story.sample("mic", at=1, peak=0.0)
     story.wait(30)
@@ -145,7 +145,7 @@ def test_an_age_scores_too():
     assert story.planner.scores() == {"slam": 0.0}
 
 
-def test_it_is_known_what_a_condition_waits_for_and_since_when():
+def test_a_condition_reports_which_stream_it_waits_for():
     story = watching("mic.peak > 0.8 && button.pressed")
     context = story.planner.contexts[0].when
     assert context is not None

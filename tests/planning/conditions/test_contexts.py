@@ -26,7 +26,7 @@ def speeds(story, *readings):
         story.sample("imu", at=at, speed=speed)
 
 
-def test_enter_after_waits_and_a_break_starts_the_wait_again():
+def test_an_interruption_restarts_enter_after():
     story = story_with(a_context("moving", MOVING, enterAfter="1s"))
     speeds(story, (1, 1.0), (1.5, 0.0), (2, 1.0), (2.5, 1.0))
     story.wait(9)
@@ -177,12 +177,12 @@ class TestForce:
         assert story.contexts_over_time() == [(0, ("care",)), (60, ())]
         assert "care exited" in story.last.cause
 
-    def test_an_expired_one_is_no_force(self):
+    def test_an_expired_force_is_ignored(self):
         story = self.story(-1)
         assert story.contexts_over_time() == [(0, ())]
         assert story.next_decision() is None
 
-    def test_it_holds_whatever_its_own_condition_says(self):
+    def test_it_holds_regardless_of_its_condition(self):
         story = self.story(60, when=MOVING)
         speeds(story, (1, 0.0))
         assert story.last.contexts == ("care",)

@@ -147,7 +147,7 @@ def test_an_edit_keeps_what_reads_only_what_it_did_not_change(contexts: Any, *, 
     assert planner.scores()["slam"] == (1 if kept else 0)
 
 
-def test_an_edit_shows_contexts_as_they_were() -> None:
+def test_an_edit_keeps_active_contexts() -> None:
     story = Story(policy_of(MOVING, DOCKED, FREE))
     drive(story, (1, 1.0))
     planner = Planner(policy_of(FREE, MOVING, DOCKED, a_context("new", "contexts.free")), Quiet(), {})

@@ -59,7 +59,7 @@ def test_failures_are_expression_errors_that_name_the_source(source, why):
 
 
 @pytest.mark.parametrize("value", [1, "true", None, 1.0])
-def test_a_condition_is_true_or_false_and_nothing_else(value):
+def test_a_condition_must_be_a_boolean(value):
     scope = Scope()
     condition = scope.compile("imu.a")
     scope.bind("imu", {"a": value})
@@ -68,7 +68,7 @@ def test_a_condition_is_true_or_false_and_nothing_else(value):
 
 
 @pytest.mark.parametrize("source", ["", " ", "imu.", "a b", "(", "imu.x = 1", "1 +", "\x00", "👾", "imu.`x`"])
-def test_what_does_not_compile_is_a_value_error(source):
+def test_an_invalid_expression_is_a_value_error(source):
     with pytest.raises(ValueError, match=r"."):
         Expression(source)
 
@@ -94,11 +94,11 @@ def test_unknown_functions_are_named():
         ("true && null != 1.5e-3", set()),
     ],
 )
-def test_what_an_expression_reads(source, reads):
+def test_reads_of_an_expression(source, reads):
     assert {".".join(path) for path in Expression(source).reads} == reads
 
 
-def test_only_what_is_read_reaches_cel():
+def test_only_fields_that_are_read_reach_cel():
     scope = Scope()
     scope.compile("imu.a.b > 1.0")
     scope.bind("imu", {"a": {"b": 2.0, "c": object()}, "d": object()})

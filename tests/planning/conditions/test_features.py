@@ -47,7 +47,7 @@ def test_a_window_slides_with_time():
     assert seen == {1.1: 2.0, 1.2: 1.0, 1.9: 0.0}
 
 
-def test_readers_are_asked_only_when_a_feature_changes():
+def test_readers_are_evaluated_only_when_a_feature_changes():
     feature = {"name": "top", "op": "max", "of": "imu.speed", "over": "1s"}
     story = watching(a_stream("imu", features=[feature]), "imu.top > 0.5")
     asked = []
@@ -66,7 +66,7 @@ def test_readers_are_asked_only_when_a_feature_changes():
         *((op, "!has(imu.f) && imu.speed == 1") for op in ("mean", "min", "max")),
     ],
 )
-def test_an_empty_window_has_count_and_rate_and_nothing_else(op, when):
+def test_an_empty_window_has_only_count_and_rate(op, when):
     story = watching(a_stream("imu", features=[{"name": "f", "op": op, "of": "imu.speed", "over": "1s"}]), when)
     story.sample("imu", at=1, speed=1.0)
     story.wait(5)
@@ -85,7 +85,7 @@ def test_an_empty_window_is_waited_for_and_is_no_error():
     assert not story.drops()
 
 
-def test_a_silent_streams_window_waits_for_nothing():
+def test_the_window_of_a_silent_stream_sets_no_timer():
     stream = a_stream("imu", staleAfter="1s", features=[{"name": "f", "op": "count", "over": "1m"}])
     story = watching(stream, "imu.f > 1")
     story.sample("imu", at=1, speed=1.0)
@@ -126,7 +126,7 @@ INF, NAN = float("inf"), float("nan")
         ([NAN], {"mean": None, "min": None, "max": None, "rate": 1.0, "count": 1.0}),
     ],
 )
-def test_a_lidar_that_sees_nothing_leaves_the_features_what_they_are(numbers, features):
+def test_non_finite_samples_do_not_corrupt_features(numbers, features):
     """Infinity is nothing in range, and NaN unknown; both leave the window as they came."""
     specs = [{"name": op, "op": op, "of": "scan.near", "over": "1s"} for op in features]
     story = watching(a_stream("scan", features=specs), "scan.min < 2.0")

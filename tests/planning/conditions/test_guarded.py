@@ -43,7 +43,7 @@ def counted(source, scope):
     return Guarded(counting, scope, Recorder()), evaluations
 
 
-def test_a_sample_that_says_the_same_again_is_not_evaluated_again():
+def test_an_unchanged_sample_is_not_evaluated_again():
     scope = Scope()
     guarded, evaluations = counted("imu.speed > 0.1", scope)
     for number in range(3):

@@ -81,7 +81,7 @@ def test_a_decaying_score_stops_at_idle(hold):
     assert values == [1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.45]
 
 
-def test_an_activity_weaker_than_idle_takes_nothing_away():
+def test_an_activity_below_idle_does_not_lower_the_score():
     story = scoring({"when": "imu.hit", "score": 0.1}, idle=0.2)
     story.sample("imu", at=1, hit=True)
     assert story.planner.scores()["slam"] == 0.2
@@ -96,7 +96,7 @@ def test_the_strongest_held_event_counts_until_it_ends_then_the_next():
     assert scores(story) == [(1, 5.0), (11, 3.0), (13, 2.0), (14, 0.0)]
 
 
-def test_an_event_decays_no_lower_than_the_next_one_that_is_held():
+def test_a_decaying_event_stops_at_the_next_held_one():
     story = scoring({"scoreFrom": "imu.risk", "hold": "2s", "decay": "10s"})
     story.sample("imu", at=1, risk=10.0)
     story.sample("imu", at=2.5, risk=8.5)
@@ -105,7 +105,7 @@ def test_an_event_decays_no_lower_than_the_next_one_that_is_held():
     assert scores(story)[-1] == (14.5, 0.0)
 
 
-def test_an_event_that_falls_counts_until_a_later_one_is_ahead_of_it_for_good():
+def test_a_decaying_event_counts_until_permanently_overtaken():
     story = scoring({"scoreFrom": "imu.risk", "hold": "500ms", "decay": "5s"})
     story.sample("imu", at=1, risk=3.0)
     story.sample("imu", at=2.25, risk=2.0)
@@ -115,7 +115,7 @@ def test_an_event_that_falls_counts_until_a_later_one_is_ahead_of_it_for_good():
     assert scores(story)[8:10] == [(4.75, 1.2), (5.25, 1.0)]
 
 
-def test_events_that_fall_stay_few():
+def test_number_of_decaying_events_is_bounded():
     story = scoring({"scoreFrom": "imu.risk", "hold": "10ms", "decay": "1s"})
     for tick in range(3000):
         story.sample("imu", at=1 + tick / 1000, risk=30_000.0 - tick)
@@ -123,14 +123,14 @@ def test_events_that_fall_stay_few():
     assert len(story.planner.initiatives["slam"][0]._events) <= 211
 
 
-def test_an_event_weaker_than_what_is_left_of_a_stronger_one_takes_nothing_away():
+def test_a_weaker_event_does_not_lower_a_decaying_score():
     story = scoring({"scoreFrom": "imu.risk", "decay": "10s"})
     for at, risk in ((1, 10.0), (2, 0.0), (4.5, 4.0), (6.5, 7.0), (6.6, 6.5), (8.5, 0.0)):
         story.sample("imu", at=at, risk=risk)
     assert scores(story) == [(1, 10.0), (3, 9.0), (4, 8.0), (5, 7.0), (6, 6.0), (6.5, 7.0), (6.6, 6.5)]
 
 
-def test_events_without_end_stay_few():
+def test_number_of_held_events_is_bounded():
     story = scoring({"scoreFrom": "imu.risk", "hold": "60s"})
     for tick in range(3000):
         story.sample("imu", at=1 + tick / 1000, risk=3001.0 - tick)
@@ -147,7 +147,7 @@ def test_an_event_is_held_through_silence():
     assert scores(story) == [(1, 1.0), (61.0, 0.0)]
 
 
-def test_without_hold_silence_is_the_end_and_the_score_decays():
+def test_without_hold_silence_starts_the_decay():
     story = scoring({"stream": "imu", "when": "imu.hit", "score": 10, "decay": "10s"})
     story.sample("imu", at=1, hit=True)
     story.wait(100)
@@ -219,7 +219,7 @@ def test_an_activity_over_no_stream_is_in_force_from_the_start():
     assert story.planner.scores()["slam"] == 4.0
 
 
-def test_an_expression_without_a_value_is_reported_and_ends_nothing():
+def test_an_expression_error_is_reported_and_recovers():
     story = scoring({"when": "norm(imu.gyro) > 0.1"})
     for gyro in ("abc", [1, "x"], None, 5, {"x": "y"}):
         story.sample("imu", at=1, gyro=gyro)
@@ -230,7 +230,7 @@ def test_an_expression_without_a_value_is_reported_and_ends_nothing():
     assert scores(story)[-1] == (2, 1.0)
 
 
-def test_a_failing_function_does_not_write_to_the_log(caplog, capfd):
+def test_a_failing_function_does_not_log(caplog, capfd):
     story = scoring({"when": "norm(imu.gyro) > 0.1"})
     story.sample("imu", at=1, gyro="abc")
     assert story.drops() == {("", "expression"): 1}
@@ -271,7 +271,7 @@ class TestPluggedIn:
         story.wait(9)
         assert scores(story)[-1] == (2, 0.0)
 
-    def test_its_stream_ends_it_by_silence_but_does_not_score_itself(self):
+    def test_its_stream_does_not_score_but_its_silence_ends_the_score(self):
         story = self.story(stream="imu")
         story.sample("imu", at=1, speed=1.0)
         assert story.planner.scores()["slam"] == 0.0
@@ -282,7 +282,7 @@ class TestPluggedIn:
         assert scores(story)[-1] == (13, 0.0)
 
     @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), "high", None, [1]])
-    def test_a_score_that_is_not_a_finite_number_is_counted_and_the_last_one_stands(self, value):
+    def test_a_non_finite_score_is_dropped_and_counted(self, value):
         story = self.story()
         story.take(Score("slam", 0, 2.5), at=1)
         story.take(Score("slam", 0, value), at=2)

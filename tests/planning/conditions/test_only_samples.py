@@ -40,13 +40,13 @@ def press(policy, *moments, until):
         {"requires": [{"when": "btn.pressed", "hold": "2s"}]},
     ],
 )
-def test_a_window_that_slides_starts_nothing(task):
+def test_a_sliding_window_starts_no_activity(task):
     policy = a_policy(streams=[COUNTED], tasks=[a_task("slam", **task)])
     assert intervals(press(policy, 1, until=60)) == [(1, 3)]
 
 
 @pytest.mark.parametrize("field", ["activity", "requires"])
-def test_a_window_of_another_task_stretches_no_hold(field):
+def test_a_window_of_another_task_does_not_extend_a_hold(field):
     holding = {"when": "btn.pressed", "hold": "5s"}
     stream = a_stream("btn", features=[{"name": "presses", "op": "count", "over": "3s"}])
     other = a_task("other", activity=[{"when": "btn.presses > 1"}])
@@ -54,7 +54,7 @@ def test_a_window_of_another_task_stretches_no_hold(field):
     assert intervals(press(policy, 1, until=60)) == [(1, 6)]
 
 
-def test_a_condition_that_a_window_makes_true_begins_no_hold():
+def test_a_sliding_window_starts_no_hold():
     policy = a_policy(
         streams=[COUNTED],
         tasks=[a_task("slam", activity=[{"when": "btn.presses == 1", "hold": "2s"}])],
@@ -62,7 +62,7 @@ def test_a_condition_that_a_window_makes_true_begins_no_hold():
     assert intervals(press(policy, 1, 5, until=100)) == [(1, 3)], "from 31 to 35 s the window holds one press again"
 
 
-def test_a_window_that_slides_still_moves_what_has_no_hold():
+def test_a_sliding_window_changes_conditions_without_hold():
     policy = a_policy(
         streams=[COUNTED],
         tasks=[a_task("slam", activity=[{"when": "btn.presses == 1"}])],
@@ -91,7 +91,7 @@ def test_the_end_of_a_hold_is_no_end_of_its_condition():
         ("btn.presses < 1", {}),
     ],
 )
-def test_without_hold_it_is_a_state_whatever_brings_that_about(field, when, fields):
+def test_without_hold_any_change_counts(field, when, fields):
     policy = a_policy(
         streams=[COUNTED | fields],
         tasks=[a_task("slam", **{field: [{"when": when}]})],
@@ -136,7 +136,7 @@ def test_an_edit_is_not_an_event():
         ("!contexts.busy", []),
     ],
 )
-def test_a_context_that_turns_is_an_event_only_where_no_stream_is_read(when, expected):
+def test_a_context_change_is_an_event_if_no_stream_is_read(when, expected):
     activity = {"when": when, "hold": "2s"}
     contexts = [a_context("busy", "btn.presses > 0")]
     policy = a_policy(streams=[COUNTED], tasks=[a_task("slam", activity=[activity])], contexts=contexts)
@@ -161,7 +161,7 @@ def test_a_fallback_that_continues_by_its_condition_does_not_change():
 
 @pytest.mark.parametrize("field", ["activity", "requires"])
 @pytest.mark.parametrize("when", ["btn.presses == 0", "age(btn) > 3.0", "!heard(btn)"])
-def test_a_context_that_time_or_silence_turns_is_not_an_event(field, when):
+def test_context_changes_by_time_or_silence_are_not_events(field, when):
     task = a_task("slam", **{field: [{"when": "contexts.quiet", "hold": "2s"}]})
     contexts = [a_context("quiet", "contexts.still"), a_context("still", when, enterAfter="1s")]
     streams = [COUNTED | {"staleAfter": "10s"}]
@@ -169,13 +169,13 @@ def test_a_context_that_time_or_silence_turns_is_not_an_event(field, when):
 
 
 @pytest.mark.parametrize(("delay", "expected"), [({}, [(1, 3)]), ({"enterAfter": "4s"}, [(5, 7)])])
-def test_a_context_that_a_sample_begins_is_one_after_its_delay_too(delay, expected):
+def test_a_context_begun_by_a_sample_is_an_event_even_after_a_delay(delay, expected):
     task = a_task("slam", activity=[{"when": "contexts.pressed", "hold": "2s"}])
     contexts = [a_context("pressed", "contexts.down"), a_context("down", "btn.pressed", **delay)]
     assert intervals(press(a_policy(streams=[COUNTED], tasks=[task], contexts=contexts), 1, until=60)) == expected
 
 
-def test_a_context_that_a_hand_turns_is_not_an_event():
+def test_a_forced_context_is_not_an_event():
     task = a_task("slam", activity=[{"when": "contexts.manual", "hold": "2s"}])
     force = {"context": "manual", "until": "1970-01-01T00:16:45Z"}
     story = Story(a_policy(streams=[COUNTED], tasks=[task], contexts=[a_context("manual")], force=force))

@@ -29,7 +29,7 @@ RUNAWAYS = [
 
 
 @pytest.mark.parametrize("source", RUNAWAYS)
-def test_an_expression_that_runs_away_on_any_sample_is_refused(source):
+def test_an_expression_of_unbounded_cost_is_refused(source):
     with pytest.raises(ValueError, match=r"deep|adds|pattern|characters"):
         Expression(source)
 
@@ -61,7 +61,7 @@ COSTLY = [
 
 
 @pytest.mark.parametrize("source", COSTLY)
-def test_what_compiles_is_bounded_on_the_largest_sample_it_accepts(source):
+def test_accepted_expressions_have_bounded_cost(source):
     """The worst found is some 50 ms of CPU on the machine that this was written on; a runaway takes minutes."""
     scope = Scope()
     expression = scope.compile(source)
@@ -100,7 +100,7 @@ def test_no_source_crashes(source):
 
 
 @given(st.lists(TOKENS, max_size=60).map("".join))
-def test_the_scan_ends_on_anything(source):
+def test_the_cost_scan_terminates_on_any_input(source):
     """It runs after the compiler, but must not depend on its mercy."""
     with suppress(ValueError):
         cel_cost.read(cel_syntax.parse(source))

@@ -14,7 +14,7 @@ from tests.planning.conditions.watching import watching
 LISTING_1 = Path(__file__).parents[3] / "config/policies/paper-listing1.yaml"
 
 
-def test_debounce_waits_for_rest_and_passes_the_newest():
+def test_debounce_passes_the_newest_after_a_quiet_period():
     story = watching(a_stream("imu", debounce="100ms"))
     for at, speed in ((1.0, 1.0), (1.05, 0.0), (1.1, 2.0)):
         story.sample("imu", at=at, speed=speed)

@@ -70,13 +70,13 @@ def test_a_recording_of_yesterday_may_be_played_at_any_speed(speed):
     assert all(play(story, range(40), offset=-24 * HOUR, speed=speed)[12:])
 
 
-def test_a_stamp_that_nobody_sets_is_another_clock_too():
+def test_an_unset_stamp_counts_as_another_clock():
     """Drivers leave `header.stamp` at 0."""
     story = listening()
     assert all(play(story, range(40), offset=SIMULATED, speed=0.0)[12:])
 
 
-def test_one_late_sample_proves_nothing():
+def test_late_samples_alone_do_not_indicate_another_clock():
     story = listening()
     play(story, range(20), offset=0.0)
     for at in (2.0, 2.3, 2.6, 2.9, 3.2, 3.5, 3.8):
@@ -86,7 +86,7 @@ def test_one_late_sample_proves_nothing():
     assert story.drops()["imu", "too old"] == 7
 
 
-def test_a_burst_of_old_samples_proves_nothing():
+def test_a_burst_of_old_samples_does_not_indicate_another_clock():
     """A late listener is sent what was kept for it."""
     story = listening()
     for index in range(EVIDENCE * 4):
@@ -96,7 +96,7 @@ def test_a_burst_of_old_samples_proves_nothing():
 
 
 @pytest.mark.parametrize("speed", [1.5, 3.0, 20.0])
-def test_a_backlog_that_catches_up_is_too_old_and_no_other_clock(speed):
+def test_a_shrinking_backlog_is_too_old_but_not_another_clock(speed):
     story = listening()
     heard = play(story, range(300), offset=-25.0, speed=speed)
     assert story.planner.streams["imu"].clock.behind is None
@@ -104,7 +104,7 @@ def test_a_backlog_that_catches_up_is_too_old_and_no_other_clock(speed):
     assert not any(fresh for fresh, age in zip(heard, ages, strict=True) if age > 0.51)
 
 
-def test_a_clock_that_becomes_ours_is_believed_at_once():
+def test_a_clock_that_gets_synchronised_is_accepted_at_once():
     """NTP has set it: from here on a late sample is a late one."""
     story = listening()
     play(story, range(30), offset=-HOUR)
@@ -123,7 +123,7 @@ def test_a_recording_that_begins_again_continues(length):
     assert all(heard[round(EVIDENCE_TIME / PERIOD) + 1 :])
 
 
-def test_the_policy_may_know_better():
+def test_the_clock_field_overrides_detection():
     """`Source`: our clock, whatever it says. `Arrival`: timestamps count for nothing."""
     source, arrival = listening(clock="Source"), listening(clock="Arrival")
     assert not any(play(source, range(40), offset=-HOUR))
@@ -133,7 +133,7 @@ def test_the_policy_may_know_better():
     assert arrival.drops() == {}
 
 
-def test_the_status_hears_of_another_clock_once_each_way():
+def test_the_status_is_notified_once_per_clock_change():
     reported = []
     story = listening(staleAfter=None)
     story.on_each_health(lambda: reported.append(story.planner.streams["imu"].clock.behind))
@@ -155,7 +155,7 @@ late = st.lists(st.integers(0, 8), min_size=60, max_size=60)
 
 
 @given(overtaken=late, offset=st.sampled_from([SIMULATED, -HOUR, 40.0, 1e9]))
-def test_order_and_rates_are_those_of_the_same_samples_on_our_clock(overtaken, offset):
+def test_order_and_rates_do_not_depend_on_the_clock(overtaken, offset):
     """Each sample may be overtaken by some; which ones count must not depend on whose clock stamps them."""
     lead_in = 2.0
     ours, other = listening(staleAfter="20s"), listening(staleAfter="20s")

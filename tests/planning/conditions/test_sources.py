@@ -33,7 +33,7 @@ def active(story: Story) -> list[str]:
     return [context.spec.name for context in story.planner.active_contexts()]
 
 
-def test_any_all_and_how_many():
+def test_any_all_and_count_over_sources():
     story = lifts(ANY, ALL, TWO)
     says(story, "left", at=1, load=20)
     assert active(story) == ["ctx0", "ctx1"], "the only one that is known"
@@ -54,7 +54,7 @@ def test_without_the_field_the_latest_sample_of_all_counts():
     assert active(story) == []
 
 
-def test_a_sample_says_its_source():
+def test_a_sample_names_its_source():
     story = lifts(tasks=[a_task("slam", activity=[{"when": "lift.source == 'left'", "hold": "1s"}])])
     says(story, "right", at=1)
     assert story.weights() == {"slam": 0}

@@ -38,7 +38,7 @@ def active(story: Story) -> list[str]:
     return [context.spec.name for context in story.planner.active_contexts()]
 
 
-def test_each_stream_calls_its_own_and_the_others_that_of_the_policy() -> None:
+def test_streams_without_a_fallback_use_that_of_the_policy() -> None:
     story = heard(policy_of(), radio=1, imu=1.5)
     assert active(story) == []
     story.wait(2.6)
@@ -72,7 +72,7 @@ def test_explanations_say_that_it_is_a_fallback() -> None:
     assert context_sentences(explain(story.planner, START + 9))[0] == "Context return-home holds: fallback."
 
 
-def test_another_fallback_keeps_what_is_known_of_the_stream() -> None:
+def test_editing_a_fallback_keeps_the_state_of_the_stream() -> None:
     story = heard(policy_of(), radio=1.0, imu=1.0)
     streams = [{**STREAMS[0], "fallback": "hover"}, *STREAMS[1:]]
     planner = Planner(policy_of(streams), Quiet(), {})

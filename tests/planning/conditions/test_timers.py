@@ -23,7 +23,7 @@ def bells(*names: str) -> tuple[list[tuple[str, float]], list[Bell]]:
     return rung, [Bell(name, rung) for name in names]
 
 
-def test_only_what_is_due_by_then_counts():
+def test_next_due_ignores_later_deadlines():
     _, (early, late) = bells("early", "late")
     timers = Timers()
     timers.set(early, 1.0)
@@ -63,7 +63,7 @@ def test_one_instant_keeps_the_order_of_first_setting():
     assert [name for name, _ in rung] == ["first", "second"]
 
 
-def test_what_is_set_while_firing_and_due_acts_too():
+def test_a_due_timer_set_while_firing_fires_too():
     timers = Timers()
     rung: list[tuple[str, float]] = []
     after = Bell("after", rung)
@@ -115,11 +115,11 @@ def test_a_far_deadline_between_near_ones_does_not_grow_the_heap():
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.sampled_from(["set", "clear", "fire"]), st.integers(0, 9))))
-def test_it_behaves_as_a_plain_table_of_deadlines_would(steps):
+def test_it_matches_a_simple_model(steps):
     compare(steps)
 
 
-def test_it_does_so_in_the_long_run_too():
+def test_it_matches_a_simple_model_over_many_steps():
     chance = random.Random(1)  # noqa: S311 - not a secret
     steps = ["set", "set", "set", "clear", "fire"]
     compare((chance.choice("abcdefgh"), chance.choice(steps), tick // 2 + chance.randrange(50)) for tick in range(2000))

@@ -50,7 +50,7 @@ def test_while_until_holds_the_context_does_not_begin() -> None:
 
 
 @pytest.mark.parametrize(("until", "lasts"), [(CHARGED, None), (f"{CHARGED} || !heard(battery)", 12)])
-def test_a_lost_stream_leaves_it_as_it_is_unless_until_asks(until: str, lasts: float | None) -> None:
+def test_a_lost_stream_keeps_the_context_unless_until_tests_for_it(until: str, lasts: float | None) -> None:
     story = Story(policy_of(until=until))
     levels(story, (1, 19), (2, 21))
     story.wait(30)
@@ -136,7 +136,7 @@ def test_explanations_of_an_activity_name_until() -> None:
     assert "Activity `battery.level < 20` on battery is in force with score 1 until `battery.level > 25`." in reported
 
 
-def test_what_a_context_waits_for_is_what_its_end_waits_for() -> None:
+def test_an_active_context_waits_for_the_streams_of_until() -> None:
     story = Story(policy_of(until="imu.speed > 1"))
     levels(story, (1, 19))
     assert [(owner, waiting.stream) for owner, waiting in waits(story.planner)] == [("context low", "imu")]

@@ -35,7 +35,7 @@ from contextpolicy.planning.conditions.scope import MAX_TRIALS, Scope, trials
         ("-scan.far < 0.0 && max(scan.far, 1.0) > 1.0", True),
     ],
 )
-def test_numbers_that_are_not_finite_compare_as_such_and_are_not_a_failure(source, truth):
+def test_nan_and_infinity_compare_without_an_error(source, truth):
     reported: list[str] = []
     listener = SimpleNamespace(
         on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
@@ -65,7 +65,7 @@ def test_numbers_that_are_not_finite_compare_as_such_and_are_not_a_failure(sourc
         ("abs(scan.left) + abs(scan.right) >= 0.0", True),
     ],
 )
-def test_each_unknown_number_is_one_of_its_own(source, truth):
+def test_each_nan_is_unknown_independently(source, truth):
     reported: list[str] = []
     listener = SimpleNamespace(
         on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
@@ -88,7 +88,7 @@ def test_how_often_unknown_numbers_are_tried_is_bounded(numerals, unknown):
         assert set(tried) == {(first, second) for first in numbers for second in numbers}
 
 
-def test_a_real_mistake_is_reported_beside_a_number_that_is_unknown():
+def test_a_real_error_is_reported_despite_nan():
     reported: list[str] = []
     listener = SimpleNamespace(
         on_expression_error=lambda _, reason: reported.append(reason), on_expression_recovery=reported.append
