@@ -19,7 +19,7 @@ def test_a_node_that_changes_its_size_changes_n(running):
     assert running.limits() == {"slam": 250, "speech": 250}
 
 
-def test_nothing_on_a_node_that_is_gone_is_claimed(running):
+def test_containers_on_a_removed_node_are_released(running):
     running.operator.node_gone(f"uid-{NODE}")
     running.settle()
     assert running.limits() == {"slam": 400, "speech": 400}
@@ -28,7 +28,7 @@ def test_nothing_on_a_node_that_is_gone_is_claimed(running):
     assert running.limits() == {"slam": 500, "speech": 500}
 
 
-def test_a_node_that_was_registered_again_outlives_the_one_before(running):
+def test_removal_of_an_old_node_keeps_its_reregistered_successor(running):
     """A list may have the new one before it is noticed that the old one is gone."""
     running.node("2", uid="uid-again")
     running.settle()

@@ -37,7 +37,7 @@ def failing(monkeypatch):
 
 
 @pytest.mark.parametrize("output", OUTPUTS)
-def test_the_planners_timers_stay(output, failing):
+def test_planner_timers_survive_a_failing_output(output, failing):
     due, robot = failing(PolicyRunner, output), Robot(**SILENT).begin()
     robot.loop.advance_by(5.0)
     due.set()
@@ -49,7 +49,7 @@ def test_the_planners_timers_stay(output, failing):
 
 @pytest.mark.parametrize("agents", [{}, {NODE: CAPABLE}])
 @pytest.mark.parametrize("output", OUTPUTS)
-def test_all_that_a_plan_causes_happens_in_the_end(output, agents, failing):
+def test_all_outputs_of_a_plan_are_eventually_delivered(output, agents, failing):
     due, robot = failing(PolicyRunner, output), Robot()
     robot.session.agents |= agents
     robot.begin()
@@ -82,7 +82,7 @@ def test_a_plan_that_could_not_be_sent_is_sent_later(unsent):
     assert [plan["contexts"] for plan in unsent.session.plans()] == [["moving"]]
 
 
-def test_so_is_one_whose_containers_are_gone(unsent):
+def test_a_failed_plan_is_sent_later_without_containers(unsent):
     unsent.runner.place(unsent.runner.claim, [])
     unsent.loop.advance_by(10.0)
     assert [plan["targets"] for plan in unsent.session.plans()] == [[]]

@@ -49,7 +49,7 @@ def fleet():
     return operator
 
 
-def test_thirty_policies_decide_each_for_itself(fleet):
+def test_thirty_policies_decide_independently(fleet):
     moving = set(range(0, POLICIES, 3))
     for number in range(POLICIES):
         fleet.sample(f"robot-{number}/imu", speed=0.3 if number in moving else 0.0)

@@ -63,7 +63,7 @@ def test_without_the_config_map_the_policy_waits_and_says_so_once(operator):
     assert operator.condition("Accepted")[0] == "True"
 
 
-def test_what_is_wrong_in_it_is_reported_and_the_last_good_version_continues(operator):
+def test_an_invalid_definition_is_reported_and_the_last_version_kept(operator):
     operator.cluster.config_maps["lab/robot-types"] = DEFINITION
     operator.apply(moody())
     operator.cluster.config_maps["lab/robot-types"] = {"my_msgs.msg.Mood.msg": "bool glad\nbool"}
@@ -113,7 +113,7 @@ def operator_answer(operator):
     return query.answers
 
 
-def test_everything_is_loaded_before_the_loop_is_asked_for_anything(operator, monkeypatch):
+def test_types_are_loaded_outside_the_loop(operator, monkeypatch):
     """A robot's first ROS 2 types took 163 ms, in which no sample was heard."""
     kind = "sensor_msgs/msg/MagneticField"
     contexts = [a_context("lost", "mood.magnetic_field.x > 1.0", {"slam": {"weight": 8}})]

@@ -38,7 +38,7 @@ def test_an_edit_that_only_the_bus_refuses_keeps_the_last_good_plan_too(running,
     assert running.limits() == {"slam": 800, "speech": 200}
 
 
-def test_a_good_edit_after_an_invalid_one_is_all_well_again(running):
+def test_a_good_edit_after_an_invalid_one_restores_ready(running):
     running.apply(a_policy(generation=2, tasks=[]))
     running.apply(a_policy(generation=3))
     running.settle()
@@ -54,7 +54,7 @@ def test_an_edit_keeps_what_the_streams_reported_and_moves_only_what_it_changes(
 
 
 @pytest.mark.parametrize("streams", [[a_stream("imu", staleAfter="10s")], [a_stream("imu")]], ids=["watched", "plain"])
-def test_an_edit_that_changes_nothing_moves_nothing(operator, streams):
+def test_an_edit_without_effect_resizes_nothing(operator, streams):
     """Least of all does it put containers back for a moment."""
     operator.govern(a_policy(streams=streams))
     operator.react(IMU, speed=0.3)
@@ -67,7 +67,7 @@ def test_an_edit_that_changes_nothing_moves_nothing(operator, streams):
     assert all(len(plan["targets"]) == 2 for plan in operator.session.plans()), "agents act on every message"
 
 
-def test_a_new_operator_moves_nothing_that_is_right(running):
+def test_a_restarted_operator_resizes_nothing_if_limits_are_right(running):
     running.react(IMU, speed=0.3)
     running.turn(2 * STATUS_INTERVAL)
     calls = len(running.cluster.calls)
@@ -92,7 +92,7 @@ def test_a_policy_without_a_watched_stream_starts_without_a_restore(running):
     assert running.limits() == {"slam": 800, "speech": 200}
 
 
-def test_deletion_is_done_when_all_is_as_it_was(running):
+def test_deletion_completes_when_originals_are_restored(running):
     running.react(IMU, speed=0.3)
     done = running.delete(a_policy())
     assert not done.done()
@@ -109,7 +109,7 @@ def measured():
     return {s.name for s in samples if (s.labels.get("namespace"), s.labels.get("name")) == ("lab", "robot")}
 
 
-def test_what_was_measured_of_a_policy_goes_with_it(running):
+def test_metrics_of_a_deleted_policy_are_removed(running):
     running.react(IMU, speed=0.3)
     assert {"contextpolicy_task_weight", "contextpolicy_plans_total", "contextpolicy_resizes_total"} <= measured()
     running.delete(a_policy())
@@ -117,7 +117,7 @@ def test_what_was_measured_of_a_policy_goes_with_it(running):
     assert measured() == set()
 
 
-def test_an_answer_that_comes_after_its_policy_is_gone_leaves_nothing(running):
+def test_a_resize_answer_after_deletion_leaves_no_state(running):
     """A release does not wait for pods that end."""
     running.react(IMU, speed=0.3)
     running.sample(IMU, speed=0.0)
@@ -166,7 +166,7 @@ def test_a_policy_that_is_deleted_while_the_router_is_away_is_restored(running):
     assert running.limits() == {"slam": 400, "speech": 400}
 
 
-def test_a_deletion_that_nobody_awaits_any_more_is_still_done(running):
+def test_a_cancelled_deletion_still_completes(running):
     done = running.delete(a_policy())
     done.cancel()
     again = running.delete(a_policy())
@@ -176,7 +176,7 @@ def test_a_deletion_that_nobody_awaits_any_more_is_still_done(running):
 
 
 @pytest.mark.parametrize("mode", ["Paused", "DryRun"])
-def test_a_policy_that_stops_enforcing_puts_all_back_and_takes_it_up_again(running, mode):
+def test_pausing_restores_originals_and_resuming_enforces_again(running, mode):
     running.react(IMU, speed=0.3)
     running.apply(a_policy(generation=2, mode=mode))
     running.settle()
@@ -188,7 +188,7 @@ def test_a_policy_that_stops_enforcing_puts_all_back_and_takes_it_up_again(runni
     assert running.limits() == {"slam": 800, "speech": 200}
 
 
-def test_a_paused_policy_hears_nothing(operator):
+def test_a_paused_policy_ignores_samples(operator):
     operator.govern(a_policy(mode="Paused"))
     assert [one.key for one in operator.session.subscribers] == ["contextpolicy/agents/*/confirmed"]
     operator.settle()

@@ -64,7 +64,7 @@ def test_each_plan_is_published_once():
     assert are_in_order(stamps(robot))
 
 
-def test_only_what_is_newest_is_ordered():
+def test_only_the_newest_plan_is_ordered():
     robot = with_agent()
     two_plans(robot)
     before, newest = (1000, 500, 500), (2000, 1600, 400)
@@ -96,7 +96,7 @@ def test_a_context_that_ends_by_a_timer_costs_no_more_messages():
     assert are_in_order(stamps(robot))
 
 
-def test_agents_that_vanish_meanwhile_leave_the_newest_plan_in_force():
+def test_the_newest_plan_is_applied_when_agents_vanish():
     robot = with_agent(enforcement={"control": "Weight"})
     robot.session.deliver(IMU, speed=0.3)
     robot.loop.advance_by(0.001)
@@ -155,7 +155,7 @@ class AgentAtWork:
             self._robot.session.deliver_bytes("contextpolicy/agents/*/confirmed", confirmed, key)
 
 
-def test_an_agent_refuses_nothing_and_counts_as_alive():
+def test_an_agent_accepts_all_plans_and_counts_as_alive():
     robot = Robot(tasks=SCORED, contexts=[BUSY])
     robot.session.agents[NODE] = CAPABLE
     agent = AgentAtWork(robot)

@@ -59,7 +59,7 @@ def test_missing_plug_ins_are_reported():
 
 
 @pytest.mark.parametrize("error", [ImportError("no numpy"), AttributeError("gone"), RuntimeError("at import")])
-def test_a_function_that_cannot_be_imported_is_the_policys_problem(installed, error):
+def test_a_plug_in_import_error_is_a_policy_error(installed, error):
     installed.append(Entry("bumps", error=error))
     with pytest.raises(PolicyError, match=f"{type(error).__name__}: {error}"):
         load(policy_with("bumps"))

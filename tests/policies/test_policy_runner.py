@@ -44,7 +44,7 @@ def with_agent(**spec):
     return robot
 
 
-def test_an_agent_has_the_processors_until_it_has_acted():
+def test_orders_wait_for_the_agents_head_start():
     robot = with_agent()
     orders, messages = len(robot.orders.all), len(robot.session.plans())
     robot.plans.clear()
@@ -111,7 +111,7 @@ def test_a_plan_that_no_sample_made_does_not_wait():
     assert [order.shares["lab/slam/slam"] for order in robot.orders.all[orders:]] == [500, 1000]
 
 
-def test_a_runner_that_was_stopped_carries_nothing_out():
+def test_a_stopped_runner_orders_nothing():
     robot, orders, _ = stormy()
     for speed in (1.0, 2.0):
         robot.session.deliver(IMU, speed=speed)
@@ -183,7 +183,7 @@ def test_stages_are_reported_with_the_plan_they_belong_to(monkeypatch):
 # editing and ending
 
 
-def test_the_version_before_hears_and_says_nothing_more():
+def test_the_previous_version_is_unsubscribed_after_an_edit():
     robot = Robot().begin()
     robot.edit()
     robot.place("slam", "speech")
@@ -223,7 +223,7 @@ def test_a_runner_that_never_started_can_be_stopped():
 # modes
 
 
-def test_a_paused_policy_hears_nothing():
+def test_a_paused_policy_has_no_subscribers():
     robot = Robot(mode="Paused")
     robot.begin()
     assert robot.session.subscribers == []
@@ -252,7 +252,7 @@ def test_a_sample_that_is_not_used_is_counted_and_reported_once():
     assert REGISTRY.get_sample_value("contextpolicy_samples_dropped_total", labels) == before + 3
 
 
-def test_a_plan_is_measured():
+def test_metrics_follow_the_plan():
     robot = Robot().begin()
     robot.sample(speed=0.3)
 
@@ -276,7 +276,7 @@ def test_health_is_published_although_no_plan_changes():
     assert robot.changes
 
 
-def test_on_plan_hears_of_each_new_plan_and_of_no_order_of_the_same_one():
+def test_on_plan_is_called_once_per_new_plan():
     robot = Robot().begin()
     robot.plans.clear()
     robot.sample(speed=0.3)

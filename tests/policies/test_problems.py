@@ -107,7 +107,7 @@ def test_an_external_resize_is_reported_and_reverted(running):
     assert running.condition("Applied")[0] == "True"
 
 
-def test_the_problems_of_a_pod_go_with_it(running):
+def test_problems_of_a_removed_pod_are_cleared(running):
     waits = {"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": "node is full"}
     running.cluster.pods["uid-slam"]["status"]["conditions"].append(waits)
     running.cluster._commit("uid-slam")
@@ -158,7 +158,7 @@ def test_a_rejected_edit_is_reported_again_after_a_good_one(running):
     assert [reason for reason, _ in running.reported() if reason == "Invalid"] == ["Invalid", "Invalid"]
 
 
-def test_an_error_inside_is_the_callers_and_the_loop_continues(running):
+def test_an_internal_error_reaches_the_caller_and_the_loop_continues(running):
     broken: dict[str, Any] = {"metadata": {"namespace": "lab", "name": "broken"}, "status": {"conditions": 5}}
     future = running.operator.policy_changed(broken)
     with pytest.raises(TypeError):
@@ -169,7 +169,7 @@ def test_an_error_inside_is_the_callers_and_the_loop_continues(running):
     assert running.limits() == {"slam": 800, "speech": 200}
 
 
-def test_a_caller_that_gave_up_waiting_harms_nobody(operator):
+def test_a_cancelled_caller_does_not_stop_the_change(operator):
     operator.list_all()
     operator.connect()
     operator.cluster.policies["lab/robot"] = {}

@@ -51,7 +51,7 @@ def shadow_of(operator):
     return operator.cluster.statuses["lab/robot-next"]["shadow"]
 
 
-def test_a_shadow_moves_nothing_and_says_what_it_would(beside):
+def test_a_shadow_resizes_nothing_and_reports_its_difference(beside):
     assert beside.limits() == {"slam": 800, "speech": 200}
     assert shadow_of(beside)["difference"] == "slam 800m -> 500m, speech 200m -> 500m"
     assert beside.condition("Ready", "lab/robot-next")[0] == "True"
@@ -64,7 +64,7 @@ def test_its_difference_follows_the_other_policy(beside):
     assert shadow_of(beside)["difference"] == ""
 
 
-def test_a_promoted_shadow_decides_in_the_others_place(promoted):
+def test_a_promoted_shadow_replaces_the_policys_spec(promoted):
     assert promoted.limits() == {"slam": 500, "speech": 500}
     assert promoted.condition("Applied", "lab/robot-next") == ("True", "Promoted", "")
     assert promoted.condition("Applied") == ("True", "InForce", "")
@@ -72,7 +72,7 @@ def test_a_promoted_shadow_decides_in_the_others_place(promoted):
     assert ("Promoted", "robot now runs with this spec") in promoted.reported()
 
 
-def test_modules_and_agents_hear_the_plan_where_they_always_did(promoted):
+def test_the_plan_key_stays_the_same_after_promotion(promoted):
     spoken = [(key, plan["mode"]) for key, plan in promoted.session.published if plan and key.endswith("/plan")]
     assert ("contextpolicy/lab/robot/plan", "Enforce") in spoken
     assert ("contextpolicy/lab/robot-next/plan", "Enforce") not in spoken
@@ -84,7 +84,7 @@ def test_a_promotion_moves_only_what_the_shadow_changes(beside):
     assert resized == [("slam", {"slam": "500m"}), ("speech", {"speech": "500m"})]
 
 
-def test_a_rise_of_misses_takes_it_back(promoted):
+def test_a_rise_in_misses_reverts_the_promotion(promoted):
     misses(promoted, 10, 0.9)
     assert promoted.limits() == {"slam": 800, "speech": 200}
     status, reason, message = promoted.condition("Applied", "lab/robot-next")
@@ -118,7 +118,7 @@ def test_its_status_reports_the_misses_before_as_soon_as_they_are_known(beside):
     assert shadow_of(beside)["tasks"] == [{"name": "slam", "missesBefore": pytest.approx(0.01)}]
 
 
-def test_what_was_taken_back_stays_back_until_it_is_edited(promoted):
+def test_a_reverted_shadow_stays_reverted_until_edited(promoted):
     misses(promoted, 10, 0.9)
     taken = promoted.cluster.statuses["lab/robot-next"]
     promoted.apply({**a_shadow("Enforce", generation=2), "status": taken})
@@ -149,7 +149,7 @@ def test_a_new_operator_moves_nothing_of_a_promoted_shadow(promoted):
     assert promoted.limits() == {"slam": 500, "speech": 500}, "it knows what was missed before"
 
 
-def test_a_new_operator_knows_what_was_taken_back(promoted):
+def test_a_restarted_operator_remembers_a_reverted_shadow(promoted):
     misses(promoted, 10, 0.9)
     assert restarted(promoted, a_shadow("Enforce", generation=2), a_policy()) == []
     assert promoted.condition("Applied", "lab/robot-next")[1] == "TakenBack"
@@ -169,7 +169,7 @@ def test_a_shadow_that_is_deleted_gives_the_policy_back_to_itself(promoted):
     assert promoted.limits() == {"slam": 800, "speech": 200}
 
 
-def test_what_is_kept_moves_nothing(promoted):
+def test_adopting_a_shadows_spec_resizes_nothing(promoted):
     """The policy gets the shadow's spec, then the shadow goes: as `kubectl ctxp adopt` does it, or two commits."""
     calls = len(promoted.cluster.calls)
     promoted.apply(a_policy(generation=2, contexts=[a_context("moving", "imu.speed > 0.1", HALF)]))
@@ -216,7 +216,7 @@ def test_shadow_of_an_unknown_policy_lists_the_running_ones(beside, of):
     assert beside.limits() == {"slam": 800, "speech": 200}
 
 
-def test_it_finds_what_it_waits_for_when_that_comes(operator):
+def test_a_shadow_is_accepted_once_its_policy_exists(operator):
     operator.govern(a_shadow("Enforce"))
     operator.settle()
     assert operator.condition("Accepted", "lab/robot-next")[0] == "False"
@@ -242,12 +242,12 @@ def test_an_invalid_edit_of_a_promoted_shadow_leaves_it_promoted(promoted):
     assert promoted.condition("Accepted", "lab/robot-next")[:2] == ("False", "Invalid")
 
 
-def test_a_policy_without_a_shadow_listens_to_nobody(running):
+def test_a_policy_without_a_shadow_subscribes_to_no_health(running):
     keys = [subscriber.key for subscriber in running.session.subscribers]
     assert keys == ["contextpolicy/agents/*/confirmed", IMU]
 
 
-def test_nobody_is_listened_to_once_the_shadow_is_gone(beside):
+def test_deleting_the_shadow_unsubscribes_from_health(beside):
     assert "robot/*/health" in [subscriber.key for subscriber in beside.session.subscribers]
     beside.delete(a_shadow())
     assert "robot/*/health" not in [subscriber.key for subscriber in beside.session.subscribers]

@@ -24,7 +24,7 @@ def shown(robot):
     ]
 
 
-def test_they_are_reported_and_order_nothing():
+def test_updates_are_reported_but_order_nothing():
     robot = robot_with_a_fixed_share()
     robot.sample(speed=0.3)
     robot.loop.advance_by(10)
@@ -54,7 +54,7 @@ def test_a_flutter_is_reported_at_a_bounded_rate_and_its_end_always():
     assert robot.changes == len(reported)
 
 
-def test_no_news_no_message():
+def test_no_message_without_a_change():
     robot = robot_with_a_fixed_share()
     robot.sample(speed=0.3)
     robot.loop.advance_by(10)
@@ -65,7 +65,7 @@ def test_no_news_no_message():
     assert len(robot.session.plans()) == before
 
 
-def test_an_answer_and_an_explanation_are_true_at_once():
+def test_queries_are_answered_with_current_values():
     robot = robot_with_a_fixed_share()
     for speed in (0.3, 0.4, 0.5):
         robot.sample(speed=speed)

@@ -27,7 +27,7 @@ def test_a_context_that_begins_and_ends_is_an_event(running):
     assert {event["type"] for event in running.cluster.events} == {"Normal"}
 
 
-def test_an_edit_does_not_report_again_what_holds(running):
+def test_an_edit_does_not_repeat_events_of_active_contexts(running):
     running.react(IMU, speed=0.3)
     running.apply(a_policy(generation=2, reserve="0"))
     running.settle()
@@ -61,7 +61,7 @@ def test_the_log_has_each_plan_with_its_cause(running, caplog):
 
 
 @pytest.mark.parametrize("step", [3600.0, -3600.0])
-def test_times_follow_a_clock_that_is_set(running, step):
+def test_times_follow_a_corrected_clock(running, step):
     """An operator that started before the first network time must not date its plans an hour back until it restarts."""
     running.step = step
     moved = running.wall_time()

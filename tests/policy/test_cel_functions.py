@@ -124,7 +124,7 @@ def test_it_takes_each_kind_and_returns_what_it_says(function):
 
 
 @pytest.mark.parametrize("function", by_name(each for each in FUNCTIONS.values() if each.constant))
-def test_a_text_without_a_value_is_refused_with_one_that_has_one(function):
+def test_an_invalid_constant_is_refused_with_a_valid_example(function):
     assert values([function.constant])
     assert refused([function.constant]) == []
     (reported,) = mistakes(f"{function.name}('imu')", ANY, SHAPES)
@@ -132,7 +132,7 @@ def test_a_text_without_a_value_is_refused_with_one_that_has_one(function):
 
 
 @pytest.mark.parametrize("function", CALLED)
-def test_it_takes_no_other_kind(function):
+def test_arguments_of_another_type_are_refused(function):
     for form, (place, kinds) in product(forms(function), enumerate(function.takes)):
         taken = {*map(of_kind, kinds)}
         for kind in (kind for kind in LITERALS if ANY not in {of_kind(kind), *taken} and of_kind(kind) not in taken):
@@ -161,7 +161,7 @@ def test_it_is_written_in_no_other_form(function):
 
 
 @pytest.mark.parametrize("function", [each for each in CALLED if each.values[0].cost is CallCost.WALK])
-def test_what_copies_nothing_returns_one_value(function):
+def test_functions_that_copy_nothing_return_scalars(function):
     for form, (place, kinds) in product(forms(function), enumerate(function.takes)):
         for kind in kinds:
             found = values(calls_with(function, form, place, kind))
@@ -174,7 +174,7 @@ def test_a_text_is_as_long_as_it_has_code_points(text, points):
 
 
 @pytest.mark.parametrize(("source", "size"), [("size(imu)", 4), ("imu.gyro.size()", 2), ("size(b'\\xc3\\xbc')", 2)])
-def test_whatever_else_is_counted_by_bytes_items_and_entries(source, size):
+def test_size_counts_bytes_items_and_entries(source, size):
     assert evaluate(source) == size
 
 
@@ -206,7 +206,7 @@ def test_no_other_file_names_a_function(path):
     assert {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)} & NAMES == set()
 
 
-def test_there_are_files_to_read():
+def test_the_files_to_check_exist():
     assert {"cel.py", "cel_cost.py", "cel_types.py", "scope.py"} <= {path.name for path in READERS}
 
 

@@ -88,7 +88,7 @@ def test_streams_cannot_read_contexts() -> None:
     assert refusals(a_context("moving", "imu.x > 0"), streams=streams) == [expected]
 
 
-def test_no_stream_may_be_named_so() -> None:
+def test_no_stream_may_be_named_contexts() -> None:
     assert any("reserved word of CEL" in expected for expected in refusals(streams=[a_stream("contexts")]))
 
 

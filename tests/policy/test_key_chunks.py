@@ -21,5 +21,5 @@ from contextpolicy.policy.key_chunks import matched
         ("lift/*", "lift/left/top", "lift/left/top"),
     ],
 )
-def test_what_wildcards_stand_for(expression, key, expected):
+def test_chunks_matched_by_wildcards(expression, key, expected):
     assert matched(expression, key) == expected

@@ -36,7 +36,7 @@ def test_expression_selects_key(expression: str, key: str, selected: bool) -> No
         ("robot/\ud800", "it has characters that UTF-8 can't encode"),
     ],
 )
-def test_what_zenoh_refuses_is_reported_in_its_words(key: str, reason: str) -> None:
+def test_invalid_keys_are_reported_with_zenohs_message(key: str, reason: str) -> None:
     assert refusal(key) == reason
     body = a_body(
         streams=[{"name": "imu", "key": key}, {"name": "mic", "key": "mic", "liveliness": key}], tasks=[a_task("slam")]

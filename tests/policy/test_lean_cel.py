@@ -9,7 +9,7 @@ UNUSED = {"prompt_toolkit", "pygments", "rich", "typer"}
 
 
 @pytest.mark.parametrize("module", ["contextpolicy.app.supervisor", "contextpolicy.agent.agent"])
-def test_a_process_of_a_robot_has_no_terminal_toolkit(module):
+def test_operator_and_agent_do_not_import_the_terminal_toolkit(module):
     reported = subprocess.run(
         [sys.executable, "-c", f"import sys, {module}; print(*sys.modules)"], capture_output=True, text=True, check=True
     )

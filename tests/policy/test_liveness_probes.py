@@ -36,7 +36,7 @@ def test_a_probed_task_that_may_be_suspended_is_warned_of(tasks):
     assert "set suspendedCpu" in warning
 
 
-def test_others_are_not():
+def test_tasks_without_the_probe_or_suspension_are_not():
     assert warned(a_task("slam"), probe=False) == {}
     assert warned(a_task("slam", suspendedCpu="50m")) == {}
     assert warned(a_task("slam", protected=True)) == {}

@@ -68,12 +68,12 @@ def test_invalid_durations(raw):
 
 
 @given(st.integers(0, 10**6))
-def test_a_formatted_cpu_reads_back(millis):
+def test_formatted_cpu_values_round_trip(millis):
     assert parse_cpu(format_cpu(millis)) == millis
 
 
 @given(st.one_of(st.text(max_size=20), st.integers(), st.floats(), st.none(), st.booleans()))
-def test_nothing_but_value_errors(raw):
+def test_arbitrary_input_raises_only_value_errors(raw):
     for parse in (parse_cpu, parse_memory, parse_duration):
         try:
             assert parse(raw) >= 0

@@ -61,7 +61,7 @@ def test_latest_knows_every_message_in_its_newest_form():
 
 
 @pytest.mark.parametrize("definitions", [(MOOD, NOTE), (IDL,)])
-def test_ones_own_messages_are_known_where_they_are_given_and_nowhere_else(definitions):
+def test_own_messages_are_known_only_to_their_policy(definitions):
     assert type_findings(Policy("lab", "robot", (), (a_stream(types="robot-types", definitions=definitions),))) == []
     assert not is_known("my_msgs/msg/Mood")
 

@@ -35,12 +35,12 @@ def refused(tenants, *keys, **more):
     return [finding.value for finding in tenants.findings(policy(*keys, **more))]
 
 
-def test_by_default_all_are_alike_and_read_everything():
+def test_by_default_every_namespace_reads_everything():
     assert Tenants().priority("lab") == 0
     assert refused(Tenants(), "robot/imu", "**") == []
 
 
-def test_a_priority_counts_for_those_that_are_listed():
+def test_a_priority_applies_only_to_listed_namespaces():
     tenants = of(lab={"priority": 10}, others={"priority": 2})
     assert [tenants.priority(name) for name in ("lab", "elsewhere")] == [10, 2]
     assert refused(tenants, "robot/imu") == [], "it says nothing about streams"
@@ -62,7 +62,7 @@ def test_a_refusal_names_the_field_and_what_is_allowed():
     )
 
 
-def test_the_liveliness_of_others_is_none_of_its_business_either():
+def test_liveliness_outside_the_prefixes_is_refused():
     [finding] = of(lab={"streamPrefixes": ["robot"]}).findings(policy("robot/imu", liveliness="other/imu"))
     assert (finding.field, finding.value) == ("spec.streams[0].liveliness", "other/imu")
 
@@ -73,12 +73,12 @@ def test_a_shadow_hears_of_misses_only_where_it_may_read():
     assert (finding.field, finding.value) == ("spec.shadow.health", "robot/*/health")
 
 
-def test_once_a_namespace_is_restricted_those_without_prefixes_read_nothing():
+def test_without_prefixes_nothing_is_readable_once_any_is_restricted():
     [finding] = of(lab={"streamPrefixes": ["robot"]}, dock={"priority": 1}).findings(policy("dock/x", namespace="dock"))
     assert finding.allowed == "a key that the administrator lets namespace dock read: no stream"
 
 
-def test_what_is_said_of_the_others_holds_for_each_under_its_own_name():
+def test_the_namespace_placeholder_expands_for_each_namespace():
     tenants = of(lab={"priority": 1}, others={"streamPrefixes": ["{namespace}"]})
     assert refused(tenants, "lab/imu", "dock/imu") == ["dock/imu"]
     assert refused(tenants, "lab/imu", "dock/imu", namespace="dock") == ["lab/imu"]
@@ -104,5 +104,5 @@ def test_invalid_input_is_named(text, field):
     assert [finding.field for finding in findings] == [field]
 
 
-def test_no_prefixes_at_all_are_not_the_same_as_none_listed():
+def test_an_empty_prefix_list_is_kept():
     assert Tenants({"lab": Tenant(stream_prefixes=())}).stream_prefixes("lab") == ()

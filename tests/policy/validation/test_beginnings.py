@@ -59,23 +59,23 @@ def reported(policy):
 
 
 @pytest.mark.parametrize("activity", NEVER, ids=str)
-def test_a_hold_that_nothing_begins_is_reported(activity):
+def test_a_hold_that_never_begins_is_reported(activity):
     (finding,) = reported(a_robot(**activity))
     assert (finding.field, finding.value) == ("spec.tasks[0].activity[0].hold", 1.0)
 
 
 @pytest.mark.parametrize("activity", SOMETIMES, ids=str)
-def test_a_hold_that_a_sample_may_begin_is_not(activity):
+def test_a_hold_that_a_sample_may_begin_is_not_reported(activity):
     assert reported(a_robot(**activity)) == []
 
 
 @pytest.mark.parametrize("activity", NEVER, ids=str)
-def test_reports_are_true(activity):
+def test_reported_activities_never_score(activity):
     assert highest_score(activity) == 0.0
 
 
 @pytest.mark.parametrize("activity", [one for one in SOMETIMES if one["when"] != "true"], ids=str)
-def test_and_an_unreported_context_may_begin(activity):
+def test_unreported_activities_may_score(activity):
     assert highest_score(activity) == 1.0
 
 
@@ -120,5 +120,5 @@ def test_force_is_not_an_event():
     assert max(plan.tasks["slam"].score for plan in Story(forced).plans) == 0.0
 
 
-def test_the_hold_is_not_to_blame_for_a_score_of_0():
+def test_a_hold_is_not_reported_if_the_score_is_0():
     assert reported(a_robot(when="imu.x > 1", scoreFrom="0.0")) == []

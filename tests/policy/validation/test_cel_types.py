@@ -49,7 +49,7 @@ bools: st.SearchStrategy[str] = st.one_of(
 
 
 @given(bools)
-def test_what_fits_is_never_refused(source):
+def test_well_typed_expressions_are_never_refused(source):
     assert mistakes(source, BOOL, SHAPES) == []
 
 
@@ -60,7 +60,7 @@ def test_mismatched_kinds_are_reported(number, text):
 
 
 @given(st.text("s.nxtbl()[]{}+-*/<>=!&|?:,' 12e", max_size=40))
-def test_nothing_that_compiles_crashes_it(source):
+def test_arbitrary_expressions_do_not_crash_it(source):
     try:
         Expression(source)
     except ValueError:
@@ -137,12 +137,12 @@ def test_what_may_be_a_map_is_not_refused(source):
 @pytest.mark.parametrize(
     "source", ["3 in s.value", "s.value.exists(x, x > 2)", "size(s.value) > 2", "norm(s.value) > 2.0"]
 )
-def test_its_value_is(source):
+def test_a_plain_list_may_be_used_as_a_list(source):
     assert mistakes(source, BOOL, PLAIN_LIST) == []
 
 
 @pytest.mark.parametrize("source", ["'a' in s.l", "s.x in [1, 2]"])
-def test_what_is_in_no_such_list_is_reported(source):
+def test_membership_of_another_type_is_reported(source):
     shapes = {"s": of_example({"l": [1, 2], "x": "a"}, "its example")}
     (told,) = mistakes(source, BOOL, shapes)
     assert "is a string, and all in" in told

@@ -164,7 +164,7 @@ def _is_refused(body: Any) -> bool:
 
 
 @pytest.mark.parametrize("path", list(places(FULL)), ids=lambda p: ".".join(map(str, p)))
-def test_what_the_schema_refuses_is_refused_here(path: tuple[Any, ...]) -> None:
+def test_everything_the_schema_refuses_is_refused(path: tuple[Any, ...]) -> None:
     accepted = [
         value
         for value in (*WRONG, KeyError)
@@ -174,13 +174,13 @@ def test_what_the_schema_refuses_is_refused_here(path: tuple[Any, ...]) -> None:
 
 
 @pytest.mark.parametrize("path", BAD, ids=lambda path: path.stem)
-def test_what_the_api_server_refuses_is_refused_here(path: Path) -> None:
+def test_everything_the_api_server_refuses_is_refused(path: Path) -> None:
     report = check([(path.name, path.read_text())])
     assert report.errors
     assert all(problem.position.line > 1 for problem in report.errors)
 
 
-def test_there_are_refused_policies_to_compare_with() -> None:
+def test_enough_refused_policies_are_compared() -> None:
     assert len(BAD) >= 40
 
 
@@ -277,7 +277,7 @@ def test_two_files_may_be_alternatives() -> None:
         (("spec", "contexts", 0, "tasks"), {"slam": {"suspend": False}}, "spec.contexts[0].tasks.slam.suspend"),
     ],
 )
-def test_what_cannot_be_meant_is_a_warning(path: tuple[Any, ...], value: Any, field: str) -> None:
+def test_implausible_values_are_warnings(path: tuple[Any, ...], value: Any, field: str) -> None:
     report = check([("policy.yaml", yaml.safe_dump(changed(path, value)))])
     assert not report.errors
     assert field in [problem.field for problem in report.problems]
@@ -316,7 +316,7 @@ spec:
     ]
 
 
-def test_what_only_zenoh_and_rosbags_refuse_is_refused_too():
+def test_invalid_keys_and_ros_types_are_refused():
     text = """
 apiVersion: contextpolicy.dev/v1alpha1
 kind: ContextPolicy
@@ -332,7 +332,7 @@ spec:
     assert fields == ["spec.streams[0].key", "spec.streams[1].type"]
 
 
-def test_restarts_that_nothing_bounds_are_warned_of():
+def test_unbounded_restarts_are_reported():
     text = """
 apiVersion: contextpolicy.dev/v1alpha1
 kind: ContextPolicy

@@ -62,7 +62,7 @@ def expected(path: tuple[Any, ...], value: Any) -> list[tuple[str, object, str |
         (("speck",), {}, "one of the fields apiVersion, kind, metadata, spec, status"),
     ],
 )
-def test_what_is_allowed_is_said_in_words(path: tuple[Any, ...], value: Any, allowed: str) -> None:
+def test_findings_describe_what_is_allowed(path: tuple[Any, ...], value: Any, allowed: str) -> None:
     assert any(words is not None and words.startswith(allowed) for _, _, words in expected(path, value))
 
 
@@ -70,11 +70,11 @@ def test_a_missing_field_is_reported_where_it_belongs() -> None:
     assert expected((*STREAM, "features", 0, "over"), KeyError)[0][:2] == ("spec.streams[0].features[0].over", None)
 
 
-def test_what_is_null_was_not_given() -> None:
+def test_null_counts_as_absent() -> None:
     assert expected((*STREAM, "debounce"), None) == []
 
 
-def test_a_name_that_stands_twice_is_named() -> None:
+def test_a_duplicate_name_is_named() -> None:
     feature = {"name": "mean", "op": "mean", "of": "imu.orientation.x", "over": "1s"}
     assert expected((*STREAM, "features"), [feature] * 2) == [("spec.streams[0].features", "mean", "each name once")]
 
@@ -99,7 +99,7 @@ def test_a_rule_without_a_value_is_broken_unless_its_object_is(expected: set[str
     assert [(finding.field, finding.value, finding.allowed) for finding in found] == findings
 
 
-def test_a_rule_about_a_field_that_is_wrong_already_adds_nothing() -> None:
+def test_rules_about_an_invalid_field_add_no_finding() -> None:
     assert [field for field, _, _ in expected((*TASK, "max"), "much")] == ["spec.tasks[0].max"]
 
 

@@ -66,7 +66,7 @@ def test_merge_keys_and_aliases_are_expanded() -> None:
         ("x" * (2**20 + 1), 1, "expected at most 1048576"),
     ],
 )
-def test_what_cannot_be_read_is_refused_with_its_line(text: str, line: int, message: str) -> None:
+def test_unreadable_documents_are_refused_with_their_line(text: str, line: int, message: str) -> None:
     with pytest.raises(DocumentError, match=message) as caught:
         list(read(text))
     assert caught.value.position.line == line

@@ -79,7 +79,7 @@ VAIN = [
 
 
 @pytest.mark.parametrize(("own", "later", "field"), VAIN)
-def test_what_a_context_undoes_that_always_holds_beside_it(own, later, field):
+def test_an_effect_always_overridden_by_a_later_context_is_reported(own, later, field):
     first, second = turning("far", "imu.x > 3", own), turning("moving", "imu.x > 1", later)
     policy = a_robot(first, second)
     message = f"{field} has no effect: moving, which comes later, holds whenever far does"
@@ -99,7 +99,7 @@ def test_what_a_context_undoes_that_always_holds_beside_it(own, later, field):
         ({"when": "imu.x > 3 && mic.x > 1"}, {"when": "imu.x > 1 && mic.x > 2"}),
     ],
 )
-def test_what_it_may_outlast_counts(first, second):
+def test_an_effect_that_may_outlast_the_override_is_not_reported(first, second):
     contexts = [
         turning(**{"name": "far", "when": "imu.x > 3", "effect": {"weight": 3}, **first}),
         turning(**{"name": "moving", "when": "imu.x > 1", "effect": {"weight": 1}, **second}),
@@ -161,7 +161,7 @@ def test_a_weight_for_a_task_that_the_same_context_stops(tasks, weighted, stoppe
         ([], {"rest": WEIGHT, "pump": STOP}, []),
     ],
 )
-def test_a_weight_that_counts(tasks, effects, later):
+def test_a_weight_with_effect_is_not_reported(tasks, effects, later):
     assert vain(of_parts(tasks, effects, *later)) == []
 
 

@@ -23,12 +23,12 @@ IF_LEVEL = "nothing else ends it, so once mic.level < 0.1 it holds for ever"
         ("imu.x > 1", "mic.level > 0.3 && imu.x < 0", None),
     ],
 )
-def test_until_is_read_with_what_began_the_context(when, until, ending):
+def test_until_is_evaluated_with_the_values_that_began_the_context(when, until, ending):
     told = warned(contexts=[a_context(when=when, until=until)])
     assert [one.rpartition(": ")[2] for one in told] == [ending] * bool(ending)
 
 
-def test_what_began_it_counts_only_if_its_producer_stops_at_once():
+def test_starting_values_count_only_if_the_producer_stops_at_once():
     context = a_context(when="mic.level < 0.1", until="mic.level > 0.3 && imu.x > 1")
     assert warned(contexts=[context], enforcement={"minDwell": "1s"}) == []
     late = {"name": "talk", "when": "imu.y > 1", "exitAfter": "1s", "tasks": {"speech": {"suspend": False}}}
@@ -65,7 +65,7 @@ def test_a_stream_stays_heard_unless_it_may_go_stale(imu, latches):
 
 
 @pytest.mark.parametrize("until", ["heard(imu)", "!heard(mic) || imu.x < 1", "!heard(imu) && heard(imu) || imu.x < 1"])
-def test_what_may_still_be_heard_or_change_ends_it(until):
+def test_a_stream_that_may_change_ends_the_context(until):
     assert warned(contexts=[a_context(when="mic.x > 1", suspends="slam", until=until)]) == []
 
 
@@ -113,11 +113,11 @@ def test_the_planner_empties_windows_the_same_way(op, kept):
         ("(mic.off ? 1 : 2) > 1", LATCHED),
     ],
 )
-def test_a_choice_by_has_needs_no_value(until, ending):
+def test_a_conditional_on_has_needs_no_value(until, ending):
     told = warned(streams=[STALE, IMU], contexts=[a_context(when="imu.x > 1", until=until)])
     assert [one.rpartition(": ")[2] for one in told] == [ending] * bool(ending)
 
 
-def test_silence_decides_a_choice():
+def test_silence_decides_a_conditional():
     (told,) = warned(streams=[STALE, IMU], contexts=[a_context(when="(has(mic.level) ? mic.level : 0) > 0.5")])
     assert told.endswith(COMES_AND_GOES)

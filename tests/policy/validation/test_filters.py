@@ -30,7 +30,7 @@ DROPPED = "never holds: the filter of stream mic drops what it asks for"
         ("imu.x > 1", "mic.level > 0.4", None),
     ],
 )
-def test_a_condition_on_what_the_filter_drops_is_reported(when, until, expected):
+def test_a_condition_on_filtered_values_is_reported(when, until, expected):
     fields = {} if until is None else {"until": until}
     told = warned(streams=[LOUD, IMU], contexts=[a_context(when=when, suspends="slam", **fields)])
     assert told == ([expected] if expected else [])
@@ -45,7 +45,7 @@ def test_a_condition_on_what_the_filter_drops_is_reported(when, until, expected)
         (MIC, False),
     ],
 )
-def test_a_latch_may_be_one_only_by_the_filter(stream, latches):
+def test_a_filter_may_make_a_context_latch(stream, latches):
     context = a_context(when="imu.x > 1", until="mic.level < 0.1 && imu.x < 1 || mic.level > 0.3")
     told = warned(streams=[stream, IMU], contexts=[context])
     assert [one.endswith(LATCHED) for one in told] == [True] * latches
@@ -56,7 +56,7 @@ def test_a_feature_that_hides_a_field_is_not_what_the_filter_reads():
     assert warned(streams=[hidden, IMU], contexts=[a_context(when="mic.level < 0.1", suspends="slam")]) == []
 
 
-def test_the_planner_drops_what_the_filter_does_not_let_pass():
+def test_the_planner_drops_filtered_samples():
     context = a_context(when="mic.level < 0.1", suspends="slam")
     story = Story(builders.a_policy(streams=[LOUD, IMU], tasks=TASKS, contexts=[context]))
     for second, level in enumerate((0.9, 0.05, 0.6, 0.0), start=1):

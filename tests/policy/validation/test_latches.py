@@ -72,7 +72,7 @@ def test_until_is_followed_through_what_begins_a_context():
     assert told.endswith(LATCHED)
 
 
-def test_silence_that_ends_a_context_is_not_a_latch():
+def test_a_context_that_silence_ends_is_not_a_latch():
     calm = a_context("calm", suspends="")
     context = a_context(when="imu.x > 1", until="!contexts.calm")
     assert warned(streams=[STALE, IMU], contexts=[calm, context]) == []
@@ -169,7 +169,7 @@ def test_two_contexts_that_suspend_each_others_producer_latch_together():
         a_context("hears", "mic.level > 1 && cam.people < 1", suspends="vision"),
     ],
 )
-def test_contexts_that_something_else_ends_or_that_exclude_each_other_do_not(second):
+def test_exclusive_or_otherwise_ended_contexts_do_not_latch(second):
     assert warned(streams=[MIC, CAM, IMU], tasks=TRIO, contexts=[SEES, second]) == []
 
 
@@ -219,7 +219,7 @@ def test_many_contexts_in_a_circle_are_named_together():
         ({"requires": [{"when": "cam.ok"}]}, False),
     ],
 )
-def test_it_is_followed_through_tasks_that_have_nothing_to_do(mapper, latches):
+def test_it_is_followed_through_idle_tasks(mapper, latches):
     seen = a_context("seen", "cam.people > 1", suspends="slam")
     busy = a_context("busy", "map.size > 3", suspends="vision")
     tasks = [a_task("vision"), a_task("mapper", **mapper), a_task("slam")]
@@ -228,7 +228,7 @@ def test_it_is_followed_through_tasks_that_have_nothing_to_do(mapper, latches):
     assert all(one.startswith("context busy ") and "mapper, which produces map" in one for one in told)
 
 
-def test_and_through_contexts_that_suspend_what_others_wait_for():
+def test_it_is_followed_through_contexts_that_suspend_producers():
     tidy = a_context("tidy", "contexts.full", suspends="mapper")
     full = a_context("full", "map.size > 3", suspends="")
     tasks = [a_task("mapper"), a_task("slam")]
@@ -350,7 +350,7 @@ def test_the_wildcard_of_mqtt_is_reported(key):
 
 
 @pytest.mark.parametrize("key", ["a+b/s", "a/*/s"])
-def test_a_plus_in_a_name_is_none(key):
+def test_a_plus_inside_a_name_is_not_reported(key):
     assert warned(streams=[MIC, {**IMU, "key": key}], contexts=()) == []
 
 
@@ -369,14 +369,14 @@ def test_settings_of_realtime_under_cfs_are_reported(field):
     assert warned(contexts=(), enforcement={**field, "scheduler": "Realtime"}) == []
 
 
-def test_an_earlier_context_lets_nothing_run():
+def test_an_earlier_context_does_not_lift_a_suspension():
     earlier = {"name": "talk", "when": "imu.x > 1", "exitAfter": "1s", "tasks": {"speech": {"suspend": False}}}
     told = warned(contexts=[earlier, a_context()])
     assert f"context quiet suspends speech, which produces mic: {LATCHED}" in told
 
 
 @pytest.mark.parametrize("when", ["age(mic) > 5.0", "!heard(mic)"])
-def test_a_task_that_its_own_silence_wakes_sleeps_not_for_ever(when):
+def test_a_task_woken_by_its_own_silence_is_not_reported(when):
     task = a_task("speech", activity=[{"when": when}])
     assert warned(tasks=[task, a_task("slam")], contexts=(), streams=[COUNTED, IMU]) == []
     held = a_task("speech", activity=[{"when": when, "hold": "1s"}])
@@ -427,7 +427,7 @@ def test_one_of_several_conditions_latches(other):
     ("until", "expected"),
     [("imu.x>1", "is the same as when"), ("true", "reads nothing"), ("1 > 2", "reads nothing"), ("imu.x > 2", None)],
 )
-def test_a_second_threshold_that_is_none_is_reported(until, expected):
+def test_an_until_without_effect_is_reported(until, expected):
     when = {"when": "imu.x > 1", "until": until}
     for told in (
         warned(contexts=[a_context(suspends="slam", **when)]),
@@ -480,7 +480,7 @@ def test_a_pre_condition_that_contradicts_itself_is_reported():
     assert warned(contexts=(), tasks=tasks) == ["never holds: it contradicts itself"]
 
 
-def test_too_many_cases_say_nothing():
+def test_conditions_with_too_many_cases_are_not_reported():
     many = " && ".join(f"imu.x{number} > 1" for number in range(12))
     assert warned(contexts=[a_context(suspends="slam", when=many, until="imu.x0 > 0")]) == []
 

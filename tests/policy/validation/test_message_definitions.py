@@ -56,13 +56,13 @@ def test_a_config_map_in_the_files_defines_them(validate, text):
     assert "my_msgs.msg.Mood.msg: can't be read from line 1 on" in reported
 
 
-def test_a_config_map_of_another_namespace_does_not(validate):
+def test_a_config_map_of_another_namespace_is_ignored(validate):
     code, reported = validate(f"{POLICY}---{CONFIG_MAP.replace('lab', 'attic')}")
     assert code == 0
     assert "ConfigMap robot-types is in none of the files, its messages are unchecked" in reported
 
 
-def test_a_folder_defines_what_no_file_does(validate, folder):
+def test_a_folder_provides_missing_definitions(validate, folder):
     assert validate(POLICY, "--types", str(folder)) == (0, "1 policy, 0 errors, 0 warnings\n")
     (folder / "my_msgs/msg/Mood.msg").rename(folder / "my_msgs/msg/Temper.msg")
     code, reported = validate(POLICY, "--types", str(folder))
@@ -70,6 +70,6 @@ def test_a_folder_defines_what_no_file_does(validate, folder):
     assert "invalid value 'my_msgs/msg/Mood': expected a message of ROS 2 latest or robot-types" in reported
 
 
-def test_a_folder_without_definitions_is_a_mistake(validate, tmp_path):
+def test_a_folder_without_definitions_is_an_error(validate, tmp_path):
     assert validate(POLICY, "--types", str(tmp_path / "nowhere"))[0] == 2
     assert "no .msg and no .idl files" in validate(POLICY, "--types", str(tmp_path))[1]

@@ -57,7 +57,7 @@ def test_the_base_is_sound():
 
 
 @pytest.mark.parametrize("key", ["**/mic", "*/*/mic", "contextpolicy/robot/delivery/plan"])
-def test_wildcards_and_the_plans_of_ones_own_namespace_are_fine(key):
+def test_wildcards_and_plans_of_the_own_namespace_are_accepted(key):
     assert told((("spec", "streams", 1, "key"), key)) == []
 
 
@@ -118,7 +118,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("changes", "message"), REFUSED)
-def test_what_is_never_meant_is_refused_with_what_to_write_instead(changes, message):
+def test_mistakes_are_refused_with_a_correction(changes, message):
     problems = told(*changes)
     assert any(severity is Severity.ERROR and message in words for severity, _, words in problems), problems
     assert all("expecting" not in words for _, _, words in problems), "no words of the parser's"
@@ -136,7 +136,7 @@ def test_what_is_never_meant_is_refused_with_what_to_write_instead(changes, mess
         [(WHEN, "mic.a == null || mic.b in [1, 2.0] && mic.c.exists(x, x.y > 1) ? true : size(mic.d) > 1")],
     ],
 )
-def test_what_may_be_meant_is_not_refused(changes):
+def test_plausible_values_are_not_refused(changes):
     assert told(*changes) == []
 
 
@@ -161,7 +161,7 @@ def test_a_label_and_an_example_may_not_mean_true_either():
     assert [p.message for p in check([("p.yaml", body)]).problems if "the key y" in p.message]
 
 
-def test_quoted_keys_are_what_they_are():
+def test_quoted_keys_are_accepted():
     body = yaml.safe_dump(BASE).replace("app: slam", "'y': slam")
     assert [p.message for p in check([("p.yaml", body)]).problems if "the key" in p.message] == []
 

@@ -40,25 +40,25 @@ def highest_weight(policy):
 
 @pytest.mark.parametrize("effect", [{"scale": 2}, {"max": "500m"}, {"suspend": True}, {"weight": 0}])
 @pytest.mark.parametrize("speech", [{}, {"idle": 1}, {"activity": [{"stream": "imu"}]}])
-def test_nothing_but_a_weight_wakes_it(speech, effect):
+def test_without_a_weight_priority_0_never_runs(speech, effect):
     policy = a_robot(speech, a_turn(effect))
     assert ("spec.tasks[0].priority", NEVER) in told(policy)
     assert highest_weight(policy) == 0
 
 
-def test_a_weight_does():
+def test_a_weight_from_a_context_lets_it_run():
     policy = a_robot({}, a_turn({"weight": 2}))
     assert told(policy) == []
     assert highest_weight(policy) == 2
 
 
-def test_a_protected_one_has_its_min():
+def test_a_protected_task_keeps_only_its_min():
     ((field, message),) = told(a_robot({"protected": True, "min": "200m"}))
     assert field == "spec.tasks[0].priority"
     assert message.endswith("never gets more than its min")
 
 
-def test_scores_and_scales_in_vain_are_reported():
+def test_scores_and_scales_without_effect_are_reported():
     policy = a_robot({"idle": 1, "activity": [{"when": "imu.x > 1"}]}, a_turn({"scale": 2}))
     assert [field for field, _ in told(policy)] == [
         "spec.tasks[0].priority",
@@ -81,7 +81,7 @@ def test_it_is_silent_until_a_context_weights_it():
     ("waiting", "field"),
     [({"requires": [{"when": "mic.x > 1"}]}, "requires[0].when"), ({"activity": [{"stream": "mic"}]}, "idle")],
 )
-def test_others_wait_for_it(waiting, field):
+def test_tasks_that_wait_for_its_stream_are_reported(waiting, field):
     message = dict(told(a_robot({}, tasks=[SLAM, a_task("chat", **waiting)])))[f"spec.tasks[2].{field}"]
     assert message.endswith("without mic, which speech produces")
 
@@ -102,7 +102,7 @@ def test_the_parts_of_a_group_of_priority_0_are_at_rest_with_it():
     assert dict(told(policy))["spec.tasks[3].requires[0].when"].endswith("which speech produces")
 
 
-def test_an_activity_that_never_counts_wakes_nobody():
+def test_an_activity_with_score_0_wakes_no_task():
     speech = a_task("speech", activity=[{"when": "imu.x > 1", "score": 0}])
     chat = a_task("chat", requires=[{"when": "mic.x > 1"}])
     policy = a_policy(streams=STREAMS, tasks=[speech, SLAM, chat])

@@ -33,7 +33,7 @@ FOR_EVER = "once imu is heard it counts for ever: hold, when, until or staleAfte
 
 
 @pytest.mark.parametrize("more", [{}, {"when": "true"}, {"decay": "2s"}])
-def test_an_activity_that_one_sample_begins_for_ever(more):
+def test_an_activity_that_never_ends_is_reported(more):
     policy = a_robot(activity={"stream": "imu", **more})
     assert told(policy) == [("spec.tasks[0].activity[0].stream", FOR_EVER)]
     assert scores(policy)[-1] == 1
@@ -49,7 +49,7 @@ def test_an_activity_that_one_sample_begins_for_ever(more):
         (STALE, {}),
     ],
 )
-def test_what_may_end_it(stream, activity):
+def test_an_activity_that_may_end_is_not_reported(stream, activity):
     policy = a_robot(stream, {"stream": "imu", **activity})
     assert told(policy) == []
     assert scores(policy)[-1] == 0
@@ -69,7 +69,7 @@ def test_an_activity_that_reads_nothing_has_no_end(more):
     assert told(a_robot(activity={"score": 2})) == []
 
 
-def test_an_activity_that_never_begins():
+def test_an_activity_that_never_begins_is_reported():
     policy = a_robot(activity={"stream": "imu", "when": "false"})
     assert told(policy) == [("spec.tasks[0].activity[0].when", "never holds, so the activity never counts")]
     assert set(scores(policy)) == {0}
@@ -100,7 +100,7 @@ def test_delays_of_a_context_without_condition():
         ("spec.shadow.health", {}, {"shadow": {"of": "other", "health": "+/*/health"}}),
     ],
 )
-def test_the_wildcard_of_mqtt(field, stream, spec):
+def test_the_mqtt_wildcard_is_reported(field, stream, spec):
     ((where, message),) = told(a_robot({**IMU, **stream}, **spec))
     assert where == field
     assert message.startswith("+ is MQTT's wildcard")

@@ -35,7 +35,7 @@ def told_story(policy, *, until=20):
 
 
 @pytest.mark.parametrize("mic", [MIC, STALE])
-def test_a_context_may_latch_as_another_that_reads_it_stops_what_ends_it(mic):
+def test_a_context_may_latch_through_one_that_reads_it(mic):
     wary = a_context("wary", "imu.x > 1", OTHER, until="mic.level > 0.3")
     policy = a_robot(wary, a_context("quiet", "contexts.wary", QUIET), mic=mic)
     assert told(policy) == [
@@ -48,7 +48,7 @@ def test_a_context_may_latch_as_another_that_reads_it_stops_what_ends_it(mic):
 
 
 @pytest.mark.parametrize("quiet", ["contexts.wary && imu.x > 1", "imu.x > 1", "contexts.other"])
-def test_it_does_not_where_that_may_end_before(quiet):
+def test_no_latch_if_the_other_context_may_end_first(quiet):
     wary = a_context("wary", "imu.x > 1", OTHER, until="mic.level > 0.3")
     other = a_context("other", "imu.x > 1", OTHER)
     policy = a_robot(wary, other, a_context("quiet", quiet, QUIET))
@@ -87,7 +87,7 @@ def test_a_last_value_meets_a_pre_condition_while_its_producer_is_suspended():
         ([{"when": "mic.level > 0.05 && age(mic) < 2.0"}], MIC),
     ],
 )
-def test_what_ends_it_is_no_such_value(requires, mic):
+def test_a_pre_condition_that_can_end_is_not_reported(requires, mic):
     policy = a_robot(TURNED, slam={"requires": requires}, mic=mic)
     assert frozen(policy) == []
     during = [plan for plan in told_story(policy).plans if plan.contexts]

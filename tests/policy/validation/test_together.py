@@ -42,13 +42,13 @@ def test_contexts_that_exclude_each_other_do_not_keep_each_other(sees, hears, ke
     assert bool(rings(sees, hears)) is keep
 
 
-def test_a_filter_may_exclude_them():
+def test_a_filter_may_make_contexts_exclusive():
     spec = {"streams": [MIC, {**CAM, "filter": "cam.people < 1 || cam.people > 3"}, IMU], "tasks": TASKS}
     two = {**HEARS, "when": "mic.level > 1 && cam.people < 3"}
     assert [one for one in warned(contexts=[SEES, two], **spec) if "keep each other" in one] == []
 
 
-def test_a_context_that_a_person_forces_may_meet_any():
+def test_a_forced_context_may_coincide_with_any():
     force = {"context": "hears", "until": "2030-01-01T00:00:00Z"}
     assert rings({}, {"when": "mic.level > 1 && cam.people < 1"}, force=force)
 

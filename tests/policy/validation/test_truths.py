@@ -47,7 +47,7 @@ NOTHING_IS_SO = [
 
 
 @pytest.mark.parametrize("when", NOTHING_IS_SO)
-def test_what_a_value_cannot_be(when):
+def test_impossible_conditions_are_reported(when):
     assert [one in NEVER for one in told(a_robot(when))] == [True]
     assert told(a_robot(f"!({when})")) == [ALWAYS]
 
@@ -76,12 +76,12 @@ def test_what_a_value_cannot_be(when):
         "imu.job == 0 || imu.job == 'ready'",
     ],
 )
-def test_what_it_can_be(when):
+def test_possible_conditions_are_not_reported(when):
     assert told(a_robot(when)) == []
 
 
 @pytest.mark.parametrize("when", ["imu.x > 1 || imu.x < 5", "imu.m != 'a' || imu.m != 'b'", "age(imu) >= 0.0"])
-def test_what_always_holds(when):
+def test_conditions_that_always_hold_are_reported(when):
     assert told(a_robot(when)) == [ALWAYS]
 
 
@@ -130,20 +130,20 @@ def contexts_seen(policy):
 
 
 @pytest.mark.parametrize(("when", "contexts", "spec"), EXCLUDED)
-def test_what_the_contexts_that_it_reads_exclude(when, contexts, spec):
+def test_conditions_excluded_by_their_contexts_are_reported(when, contexts, spec):
     policy = a_robot(when, *contexts, **spec)
     assert [one.startswith("never holds, as ") for one in told(policy)] == [True]
     assert "asked" not in contexts_seen(policy)
 
 
 @pytest.mark.parametrize(("when", "contexts", "spec"), POSSIBLE)
-def test_and_what_they_do_not(when, contexts, spec):
+def test_conditions_allowed_by_their_contexts_are_not_reported(when, contexts, spec):
     policy = a_robot(when, *contexts, **spec)
     assert told(policy) == []
     assert "asked" in contexts_seen(policy)
 
 
-def test_the_contexts_are_named():
+def test_the_excluding_contexts_are_named():
     policy = a_robot("contexts.moving && contexts.docked", MOVING, DOCKED)
     assert told(policy) == ["never holds, as docked and moving are defined"]
 

@@ -19,6 +19,6 @@ SHAKING = {"name": "shaking", "op": "count", "over": "1s"}
         ("imu['x'] > 2", False),
     ],
 )
-def test_a_feature_is_read_by_either_way_to_write_a_field(when, read):
+def test_a_feature_is_read_by_dot_or_index(when, read):
     told = advised(streams=[{**IMU, "features": [SHAKING]}], contexts=[a_context(when=when)])
     assert ("nothing reads imu.shaking; it costs with every sample" not in told) is read

@@ -65,7 +65,7 @@ def test_a_probe_of_a_task_that_may_be_suspended_is_warned_of(workload):
     assert "set suspendedCpu of the task" in problem.message
 
 
-def test_others_are_not():
+def test_tasks_without_the_probe_or_suspension_are_not():
     bare = {**TEMPLATE, "spec": {"containers": [{"name": "slam"}, {"name": "log", "livenessProbe": PROBE}]}}
     assert warned(a_workload(template=bare)) == []
     assert warned(a_workload(namespace="elsewhere")) == []
@@ -74,7 +74,7 @@ def test_others_are_not():
     assert warned(a_workload(), contexts=[]) == []
 
 
-def test_one_in_the_policys_own_file_counts_too():
+def test_a_workload_in_the_policys_file_is_checked_too():
     assert len(warnings([a_workload(), written(a_task("slam"))])) == 1
 
 
@@ -94,7 +94,7 @@ def test_objects_without_pods_are_left_out(body):
     assert list(workloads(body)) == []
 
 
-def test_what_is_half_a_workload_does_no_harm():
+def test_an_incomplete_workload_is_tolerated():
     [odd] = workloads(
         {"kind": "Pod", "metadata": {"labels": {"app": [1]}}, "spec": {"containers": [None, {"name": 1}]}}
     )
