@@ -38,20 +38,20 @@ def test_a_large_payload_takes_the_place_of_many(recorder, records):
     assert len(records.samples) == 5
 
 
-def test_one_that_is_larger_than_everything_is_not_kept(recorder, records):
+def test_a_sample_larger_than_the_memory_is_dropped(recorder, records):
     recorder.take_sample(records, sample(1.0))
     recorder.take_sample(records, sample(2.0, "scan", size=100 * OVERHEAD))
     assert [one.stream for one in records.samples] == ["imu"]
     assert records.before == {}
 
 
-def test_what_is_older_than_the_window_goes(recorder, records):
+def test_samples_older_than_the_window_are_dropped(recorder, records):
     recorder.take_sample(records, sample(0.0))
     recorder.take_sample(records, sample(61.0))
     assert [one.arrived for one in records.samples] == [61.0]
 
 
-def test_what_an_edit_removes_is_kept_no_longer_than_the_window(recorder, records):
+def test_samples_of_a_removed_stream_expire(recorder, records):
     for at in range(40):
         recorder.take_sample(records, sample(float(at), "scan" if at < 20 else "imu"))
     assert records.before["scan"].arrived == 9.0
@@ -62,14 +62,14 @@ def test_what_an_edit_removes_is_kept_no_longer_than_the_window(recorder, record
     assert records.before.keys() == {"imu"}
 
 
-def test_policies_share_what_there_is(recorder, records):
+def test_policies_share_the_memory(recorder, records):
     recorder.begin("lab/other", ["imu"])
     for at in range(50):
         recorder.take_sample(records, sample(float(at)))
     assert len(records.samples) == 15
 
 
-def test_samples_do_not_push_out_plans(recorder, records):
+def test_samples_do_not_evict_plans(recorder, records):
     recorder.take_plan("lab/robot", PlanRecord(0.0, b"{}"))
     for at in range(50):
         recorder.take_sample(records, sample(float(at)))
@@ -110,7 +110,7 @@ def test_an_edit_continues_with_the_same_records(recorder, records):
 
 
 @pytest.mark.parametrize("field", ["attachment", "key"])
-def test_all_that_came_with_a_sample_counts(recorder, records, field):
+def test_key_and_attachment_count_towards_the_size(recorder, records, field):
     large = b"x" * 9 * OVERHEAD if field == "attachment" else "x" * 9 * OVERHEAD
     for at in range(10):
         recorder.take_sample(records, sample(float(at))._replace(**{field: large}))

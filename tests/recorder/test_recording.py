@@ -45,7 +45,7 @@ def test_it_is_a_timeline_that_simulate_reads(flight):
     assert [(plan.time, plan.contexts) for plan in run.plans] == [(0.0, ()), (5.0, ("moving",)), (10.0, ())]
 
 
-def test_a_part_begins_with_what_was_known_then(flight):
+def test_an_excerpt_begins_with_the_last_known_values(flight):
     _, records, take = flight
     take(100.0, speed=0.3)
     take(190.0, "other", a=1)
@@ -55,7 +55,7 @@ def test_a_part_begins_with_what_was_known_then(flight):
     assert "1 of a stream that the policy no longer has" in made["description"]
 
 
-def test_plans_are_as_they_were_with_the_timelines_time(flight):
+def test_plans_are_unchanged_but_use_the_timelines_time(flight):
     recorder, records, take = flight
     take(100.0, speed=0.0)
     recorder.take_plan("lab/robot", PlanRecord(101.5, b'{"sequence": 3, "cause": "imu"}'))
@@ -89,5 +89,5 @@ def test_nan_is_null_and_reported(flight):
     ("key", "plain"),
     [("robot/imu", "robot/imu"), ("robot/*/imu", "robot/any/imu"), ("robot/**", "robot/any"), ("r/cam$*", "r/any")],
 )
-def test_a_key_for_an_expression(key, plain):
+def test_wildcards_of_an_expression_are_replaced(key, plain):
     assert key_without_wildcards(key) == plain

@@ -21,7 +21,7 @@ def differing(policy, shadow, since, until):
     return found
 
 
-def test_plans_that_are_alike_do_not_differ():
+def test_equal_plans_do_not_differ():
     found = differing([STANDS, DRIVES], [STANDS, DRIVES], 0.0, 20.0)
     assert (found.part, found.stretches) == (0.0, [])
     assert found.tasks["slam"].share == pytest.approx((0.65, 0.65))
@@ -50,11 +50,11 @@ def test_it_begins_when_both_had_a_plan(since, start):
 
 
 @pytest.mark.parametrize(("policy", "shadow"), [([], [STANDS]), ([STANDS], []), ([STANDS], [plan(30.0)])])
-def test_without_both_there_is_nothing_to_compare(policy, shadow):
+def test_comparison_needs_plans_of_both(policy, shadow):
     assert difference(policy, shadow, 0.0, 20.0) is None
 
 
-def test_a_pause_is_no_plan_to_compare_with():
+def test_a_pause_is_left_out_of_the_comparison():
     """From 10 to 16 the policy was paused: of the other 14 s the shares differ in 6 and 4."""
     other = plan(0.0, slam=0.3, speech=0.7)
     paused, resumed = {**STANDS, "until": 10.0}, {**STANDS, "published": 16.0}

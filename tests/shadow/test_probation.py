@@ -32,16 +32,16 @@ def seconds_until_back(probation, misses, contexts=STANDS, most=3600):
 
 
 @pytest.mark.parametrize(("misses", "seconds"), [(1.0, 6), (0.5, 12), (0.18, 46), (0.07, None), (0.02, None)])
-def test_the_more_is_missed_the_sooner_it_is_taken_back(misses, seconds):
+def test_more_misses_revert_sooner(misses, seconds):
     assert seconds_until_back(learned(stands=0.02), misses) == seconds
 
 
-def test_what_a_context_always_costs_is_nobodys_fault():
+def test_usual_misses_of_a_context_do_not_revert():
     assert seconds_until_back(learned(stands=0.0, drives=0.3), 0.3, DRIVES) is None
     assert seconds_until_back(learned(stands=0.0, drives=0.3), 0.3, STANDS) is not None
 
 
-def test_a_context_that_is_new_is_judged_by_the_worst_that_is_known():
+def test_a_new_context_is_judged_by_the_worst_baseline():
     assert seconds_until_back(learned(stands=0.0, drives=0.3), 0.3, ("docking",)) is None
     assert seconds_until_back(learned(stands=0.0, drives=0.3), 0.5, ("docking",)) is not None
 
@@ -59,7 +59,7 @@ def test_a_task_that_recovers_starts_over():
         assert not probation.judge(SHADOW, "slam", 0.8 if starved else 0.0, STANDS, 1000 + second)
 
 
-def test_another_task_has_its_own_patience():
+def test_each_task_has_its_own_misses():
     probation = learned(stands=0.0)
     probation.rest("slam")
     for second in range(4):
@@ -67,7 +67,7 @@ def test_another_task_has_its_own_patience():
         assert not probation.judge(SHADOW, "signs", 1.0, STANDS, 1000 + second)
 
 
-def test_a_suspended_task_misses_nothing_however_long_it_rests():
+def test_time_suspended_does_not_count_as_misses():
     probation = learned(stands=0.0)
     probation.judge(SHADOW, "slam", 0.0, STANDS, 1000)
     probation.rest("slam")
@@ -80,7 +80,7 @@ def test_a_late_report_counts_for_the_time_since_the_last():
     assert probation.judge(SHADOW, "slam", 1.0, STANDS, 1006)
 
 
-def test_a_new_operator_continues_with_what_the_last_one_knew():
+def test_a_restarted_operator_keeps_the_baseline():
     assert seconds_until_back(Probation({"slam": 0.3}), 0.3) is None
     assert seconds_until_back(Probation({"slam": 0.3}), 0.5) is not None
     assert Probation({"slam": 0.3}).before("slam") == 0.3
@@ -95,7 +95,7 @@ def test_a_task_that_is_no_longer_there_is_forgotten():
     assert probation.before("slam") == pytest.approx(0.02)
 
 
-def test_it_reports_what_was_missed_before_and_since():
+def test_it_reports_misses_before_and_since():
     probation = learned(stands=0.0, drives=0.3)
     assert probation.before("slam") == pytest.approx(0.3)
     assert (probation.since("slam"), probation.before("signs")) == (None, None)

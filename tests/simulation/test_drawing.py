@@ -49,14 +49,14 @@ def test_a_task_has_its_own_colour_in_lines_and_areas(tmp_path):
     assert all(f"stroke: {color}" in drawn and f"fill: {color}" in drawn for color in colors)
 
 
-def test_no_plan_at_all_is_said_in_the_picture(tmp_path):
+def test_a_picture_without_plans_says_so(tmp_path):
     path = tmp_path / "none.svg"
     draw_shares({}, [], path, until=2, weights={}, title="none")
     assert "no plan" in texts(path)
 
 
 @pytest.mark.parametrize("title", ["bell \x07", "half a pair \ud800", "null \x00"])
-def test_a_title_of_any_characters_is_a_sound_picture(title, tmp_path):
+def test_any_title_gives_a_valid_picture(title, tmp_path):
     path = tmp_path / "x.svg"
     draw_shares(FLAT, [], path, until=0, title=title)
     assert title[:4] in " ".join(texts(path))

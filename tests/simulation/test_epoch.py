@@ -28,18 +28,18 @@ ROS = {"sec": NOW + 2, "nanosec": 500_000_000}
     ],
     ids=["nothing", "no stamp", "nanoseconds", "ros", "the earliest", "simulated time", "no time", "no map"],
 )
-def test_the_first_real_stamp_is_of_its_own_moment(values, epoch):
+def test_the_epoch_follows_from_the_first_real_stamp(values, epoch):
     line = a_timeline(*(at(time, value) for time, value in values.items()), at(0, 1, "other"))
     assert epoch_of(a_policy(S), line) == epoch
 
 
-def test_stamps_that_no_stream_reads_do_not_count():
+def test_unread_stamps_do_not_set_the_epoch():
     line = a_timeline(at(0, {"stamp": NOW}))
     assert epoch_of(a_policy({"name": "s", "key": "s"}), line) == EPOCH
     assert epoch_of(a_policy({**S, "key": "other"}), line) == EPOCH
 
 
-def test_a_recording_with_real_stamps_plays_as_it_was():
+def test_a_recording_with_real_stamps_is_replayed_unchanged():
     samples = [at(i / 10, {"stamp": (NOW + i / 10) * 1e9, "v": i}) for i in range(20)]
     late = at(2.0, {"stamp": (NOW + 0.5) * 1e9, "v": 99})
     policy = a_policy(S, contexts=[a_context("s.v > 50", a={"weight": 2})])
@@ -50,7 +50,7 @@ def test_a_recording_with_real_stamps_plays_as_it_was():
     assert run.planner.streams["s"].silent
 
 
-def test_the_samples_without_stamp_get_that_of_the_moment():
+def test_samples_without_a_stamp_get_the_current_time():
     line = a_timeline(at(1.0, {"stamp": (NOW + 1) * 10**9}), at(1.5, {"v": 1}))
     run = simulate(a_policy(S), line, robot=Robot({NODE: 1000}), until=2)
     assert run.planner.streams["s"].value == {"stamp": (NOW * 10 + 15) * 10**8, "v": 1}

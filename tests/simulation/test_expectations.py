@@ -30,7 +30,7 @@ def compare(text: str) -> list[str]:
         '[{"at": 12, "contexts": ["moving"]}]',
     ],
 )
-def test_as_expected(text: str) -> None:
+def test_met_expectations_give_no_difference(text: str) -> None:
     assert compare(text) == []
 
 
@@ -48,7 +48,7 @@ def test_as_expected(text: str) -> None:
         ("- {from: 11, to: 20, plans: 1}", ["expected 1 plans, 0 began"]),
     ],
 )
-def test_differences_say_what_was_expected_and_what_is(text: str, messages: list[str]) -> None:
+def test_differences_state_expected_and_actual(text: str, messages: list[str]) -> None:
     assert compare(text) == messages
 
 

@@ -57,7 +57,7 @@ def predict(policy, cost, cores=1000):
     return run, forecast(policy, TIMELINE, run.plans, cost, until=run.until)
 
 
-def test_half_a_core_is_too_little_for_slam_until_it_moves():
+def test_slam_misses_deadlines_at_half_a_core():
     """60 ms of work every 100 ms: at 0.5 cores it falls behind and drops; at 0.99 it is always in time."""
     _, predicted = predict(a_policy(), profiles())
     slam = predicted.tasks["slam"]
@@ -70,7 +70,7 @@ def test_half_a_core_is_too_little_for_slam_until_it_moves():
     assert slam[ALL].inputs == 200
 
 
-def test_a_suspended_task_misses_nothing_and_does_nothing():
+def test_a_suspended_task_has_no_misses_and_no_work():
     _, predicted = predict(a_policy(), profiles())
     speech = predicted.tasks["speech"]
     assert speech[NONE].misses == 0
@@ -78,13 +78,13 @@ def test_a_suspended_task_misses_nothing_and_does_nothing():
     assert speech["moving"].dropped == 0
 
 
-def test_what_the_tasks_leave_is_idle():
+def test_unused_cpu_is_idle():
     _, predicted = predict(a_policy(), profiles(slam=0.02, speech=0.01), cores=2000)
     assert predicted.idle[NONE] == pytest.approx(2.0 - 0.3, abs=0.02)
     assert predicted.idle["moving"] == pytest.approx(2.0 - 0.2, abs=0.02)
 
 
-def test_weights_lend_what_nobody_uses_and_limits_do_not():
+def test_weights_lend_unused_cpu_and_limits_do_not():
     """Speech hardly works, so under weights slam has nearly the whole core."""
     _, limited = predict(a_policy(), profiles(speech=0.001))
     _, weighted = predict(a_policy(enforcement={"control": "Weight"}), profiles(speech=0.001))

@@ -34,11 +34,11 @@ def test_a_key_that_no_stream_reads_and_a_recording():
     ]
 
 
-def test_null_is_a_value_that_somebody_wrote():
+def test_an_explicit_null_is_a_value():
     assert reported(a_policy(S, contexts=[a_context("s.value == null", **DOUBLES)]), at(0, None)) == []
 
 
-def test_a_drop_has_the_decoders_words():
+def test_a_drop_quotes_the_decoder():
     policy = a_policy({**S, "timestamp": "stamp"})
     message = "stream s: the json payload has the timestamp 'noon', allowed: a number, or a map of sec and nanosec"
     assert reported(policy, at(0, {"stamp": "noon"}), at(1, {"stamp": "noon"})) == [f"{message}, 2 times"]
@@ -69,7 +69,7 @@ def test_a_stream_whose_own_expression_fails_says_how():
     assert note.endswith("; 2 times")
 
 
-def test_what_is_not_feasible_has_its_first_moment():
+def test_a_shortfall_is_reported_with_its_first_time():
     policy = a_policy(S, tasks=("a", "b"), needs={"cores": 3}, contexts=[a_context("s.value > 1.0", b={"weight": 9})])
     assert reported(policy, at(0, 0.0), at(5, 2.0)) == [
         "not feasible from 0 s on: a needs 3 cores, gets 2",
@@ -87,7 +87,7 @@ def test_a_long_list_of_shortfalls_ends():
     assert notes(policy, Robot(), run)[-1] == "not feasible in 3 more ways"
 
 
-def test_no_plan_on_a_node_that_is_too_small_says_so():
+def test_a_node_too_small_for_a_plan_is_reported():
     policy = a_policy(S, tasks=("a", "b"))
     (note,) = reported(policy, at(0, 1), robot=Robot({"robot": 10}))
     assert note.startswith("there is no plan: node robot keeps its last plan: 1 units cannot be divided over 2 tasks")

@@ -35,7 +35,7 @@ def measured(*, runs=10, came=0, waited=(0,)):
     return profile.as_json("slam", {"stereo": 0}, {"stereo": 0})
 
 
-def test_what_robotkit_measures_is_understood_and_satisfies_the_schema():
+def test_robotkits_profiles_satisfy_parser_and_schema():
     body = document([measured()], datetime(2026, 11, 22, tzinfo=UTC))
     SCHEMA.validate(body)
     task = parse_profiles(body).tasks["slam"]
@@ -59,7 +59,7 @@ def test_a_task_that_did_nothing_has_no_cost_and_is_reported():
     assert idle([measured(runs=0), measured()]) == ["slam"]
 
 
-def test_what_a_task_produces_unasked_is_background():
+def test_unrequested_output_counts_as_background():
     produced = {"done": 100, "cpu": {"mean": 0.01, "quantiles": [0.01]}}
     body = {"tasks": {"imu": {"seconds": 10.0, "background": 0.02, "inputs": {}, "produced": produced}}}
     assert parse_profiles(body).tasks["imu"].background == pytest.approx(0.12)

@@ -90,7 +90,7 @@ def test_a_value_stands_for_the_decoded_message_whatever_the_encoding() -> None:
     assert simulate(policy, line, robot=SMALL).planner.scores() == {"a": 3}
 
 
-def test_inputs_that_nobody_can_read_are_reported() -> None:
+def test_unread_and_valueless_inputs_are_reported() -> None:
     line = a_timeline(
         {"key": "robot/imu", "encoding": "binary", "from": 0, "to": 1, "dataset": "euroc/imu"},
         {"key": "other", "encoding": "json", "at": 0, "value": 1},
@@ -123,7 +123,7 @@ def test_a_forced_context_holds_throughout() -> None:
     assert [plan.contexts for plan in run.plans] == [("careful",)]
 
 
-def test_weights_and_scores_are_true_at_every_instant_also_when_no_share_moved() -> None:
+def test_weights_and_scores_are_current_without_share_changes() -> None:
     """One task has the whole node whatever it weighs; its score follows the sensor and then decays."""
     activity = [{"stream": "s", "scoreFrom": "s.x", "hold": "1s", "decay": "1s"}]
     policy = a_policy([{"name": "s", "key": "k"}], activity=activity)
@@ -144,7 +144,7 @@ def test_weights_and_scores_are_true_at_every_instant_also_when_no_share_moved()
     assert ",a,6.0,6.0,1.0,False" in as_csv(run.plans)
 
 
-def test_the_panel_of_weights_moves_although_the_shares_do_not() -> None:
+def test_normalised_weights_change_while_shares_do_not() -> None:
     """Figure 5: both tasks are held by their bounds, and their weights still change places."""
     tasks = [
         {"name": name, "selector": {"matchLabels": {"app": name}}, "min": 1, "max": 1, "idle": 1, "activity": activity}

@@ -51,14 +51,14 @@ def decoded(value, at):
 
 
 @given(VALUES.filter(lambda value: value is not None))
-def test_each_sample_is_what_the_robots_decoder_makes_of_the_payload(value):
+def test_samples_match_the_robots_decoder(value):
     found, _, drops = read(repeated(value, rate=3))
     expected = [(at, sample) for at in (0.0, 1 / 3, 2 / 3) if (sample := decoded(value, at)) is not None]
     assert found == expected
     assert sum(drops.values()) == 3 - len(expected)
 
 
-def test_a_value_that_repeats_is_written_as_json_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_repeated_value_is_encoded_once(monkeypatch: pytest.MonkeyPatch) -> None:
     encode = Mock(wraps=msgspec.json.encode)
     monkeypatch.setattr("contextpolicy.simulation.samples.msgspec.json.encode", encode)
     found, _, _ = read(repeated({"gyro": [0.1, 0.0, 0.0]}))
@@ -74,7 +74,7 @@ def test_a_value_that_repeats_is_written_as_json_once(monkeypatch: pytest.Monkey
         (1e999, "stream imu: the json payload holds Infinity, which is not a JSON number"),
     ],
 )
-def test_what_the_decoder_refuses_is_reported_in_its_words_with_a_count(value, wanted):
+def test_decoder_errors_are_quoted_and_counted(value, wanted):
     found, skipped, drops = read(repeated(value, rate=5))
     assert found == []
     (message,) = skipped.undecodable

@@ -41,7 +41,7 @@ def paths(demand, *, delays=False):
     return [str(knob) for knob in knobs(RESOURCE, demand, delays=delays)]
 
 
-def test_only_numbers_are_turned_bounds_first():
+def test_only_numbers_are_varied_bounds_first():
     assert paths({"slam": 0.4}) == [
         "/spec/tasks/0/min",
         "/spec/tasks/0/max",
@@ -52,7 +52,7 @@ def test_only_numbers_are_turned_bounds_first():
     ]
 
 
-def test_delays_and_holds_only_where_asked_for():
+def test_delays_and_holds_are_varied_on_request():
     assert paths({"slam": 0.4}, delays=True)[-3:] == [
         "/spec/contexts/0/enterAfter",
         "/spec/contexts/0/exitAfter",
@@ -68,7 +68,7 @@ def test_a_floor_is_lowered_to_the_least_that_suffices(start, least):
     assert lowered == {floor.path: f"{10 * least}m", A: 1}
 
 
-def test_a_floor_that_was_lowered_stays():
+def test_an_unchanged_floor_is_not_lowered():
     floor = knobs(RESOURCE, {"slam": 0.4})[0]
     assert lowest_floors([floor], {A: 1}, lambda _: True) == {A: 1}
 
@@ -79,7 +79,7 @@ def test_bounds_follow_from_what_a_task_needs():
 
 
 @pytest.mark.parametrize("knob", knobs(RESOURCE, {"slam": 0.4, "speech": 0.001}, delays=True), ids=str)
-def test_every_turn_is_a_policy_and_leaves_the_resource_alone(knob):
+def test_every_variation_is_valid_and_keeps_the_original(knob):
     for value in knob.values:
         policy = parse(turned(RESOURCE, {knob.path: value}))
         assert [task.name for task in policy.tasks] == ["slam", "speech"]
@@ -96,7 +96,7 @@ def test_a_patch_replaces_what_is_there_and_adds_what_is_not():
     ]
 
 
-def test_it_finds_what_helps_and_leaves_the_rest():
+def test_it_changes_only_what_helps():
     asked = []
 
     def judge(values):
@@ -108,7 +108,7 @@ def test_it_finds_what_helps_and_leaves_the_rest():
     assert found.tries == len(asked)
 
 
-def test_changes_that_became_useless_are_taken_back():
+def test_changes_that_became_useless_are_reverted():
     """a helps only until b is there."""
     costs: dict[frozenset[Path], int] = {frozenset(): 10, frozenset({A}): 5, frozenset({A, B}): 1, frozenset({B}): 1}
     found = search([Knob(A, (1,)), Knob(B, (1,))], lambda values: costs[frozenset(values)], 100)
@@ -153,7 +153,7 @@ def test_misses_count_by_priority_and_above_the_goal_a_hundredfold():
     assert cost([a_forecast(slam=(0, 10, 0), speech=(1, 9, 0))], before, goals) == pytest.approx(0.1 * 0.1)
 
 
-def test_nobody_gets_better_by_doing_less():
+def test_unfinished_inputs_count_as_misses():
     goals = {"slam": Goal(1, 0.0)}
     before = [a_forecast(slam=(5, 5, 0))]
     assert cost([a_forecast(slam=(0, 5, 5))], before, goals) == pytest.approx(cost(before, before, goals))

@@ -44,7 +44,7 @@ def responses(server, task="a"):
     return [one.response for one in sorted(done, key=lambda one: one.work)]
 
 
-def test_an_answer_is_later_by_the_way_of_its_input():
+def test_transport_delay_adds_to_the_response_time():
     assert responses(serve([Work(1.0, "a", 0, 0.25, 0.1), Work(1.1, "a", 0, 0.25)])) == pytest.approx([0.35, 0.4])
 
 
@@ -54,18 +54,18 @@ def test_a_quota_stops_a_task_for_the_rest_of_each_period():
     assert responses(server) == pytest.approx([8 * PERIOD + 0.01])
 
 
-def test_a_task_that_comes_in_the_middle_of_a_period_has_its_whole_quota():
+def test_a_task_arriving_mid_period_has_its_full_quota():
     assert responses(serve([Work(0.05, "a", 0, 0.04)], [quota(a=0.3)])) == pytest.approx([0.03 + 0.02 + 0.01])
 
 
-def test_periods_may_have_begun_before():
+def test_periods_may_start_before_time_zero():
     """60 ms are left of the first period: its 30 ms, then 10 of the next."""
     server = Server(2.0, {"a": Worker([1])}, PERIOD, offset=0.04)
     server.serve([Work(0.0, "a", 0, 0.04)], [quota(a=0.3)], END)
     assert responses(server) == pytest.approx([0.06 + 0.01])
 
 
-def test_a_quota_is_whole_again_after_idle_periods():
+def test_a_quota_is_refilled_after_idle_periods():
     server = serve([Work(0.0, "a", 0, 0.03), Work(5.05, "a", 0, 0.03)], [quota(a=0.3)])
     assert responses(server) == pytest.approx([0.03, 0.03])
 
@@ -82,7 +82,7 @@ def test_tasks_that_compete_divide_the_node_by_weight():
     assert responses(server, "b") == pytest.approx([0.6])
 
 
-def test_what_one_task_cannot_use_goes_to_the_others():
+def test_unused_cpu_goes_to_other_tasks():
     weights = Change(0.0, {"a": Allowance(100.0), "b": Allowance(1.0), "c": Allowance(1.0)})
     server = serve([Work(0.0, task, 0, 0.2) for task in TASKS], [weights], cores=2.0)
     assert responses(server, "a") == pytest.approx([0.2])
@@ -120,7 +120,7 @@ def test_the_background_is_taken_off_quota_and_node():
     assert responses(serve([Work(0.0, "a", 0, 0.1)], cores=1.1, background=0.2)) == pytest.approx([0.2])
 
 
-def test_what_is_not_done_at_the_end_is_unfinished():
+def test_inputs_pending_at_the_end_are_unfinished():
     server = serve([Work(0.0, "a", 0, 5.0), Work(0.5, "a", 0, 0.1)], until=1.0)
     assert [(one.fate, one.response) for one in server.outcomes] == [(Fate.UNFINISHED, 1.0), (Fate.UNFINISHED, 0.5)]
 
@@ -150,7 +150,7 @@ def test_every_input_has_one_fate_and_no_time_is_negative(arrivals, parts, depth
 
 @settings(max_examples=50)
 @given(works, shares, shares, shares)
-def test_nobody_gets_more_than_the_node_or_its_quota(arrivals, a, b, c):
+def test_usage_never_exceeds_node_or_quota(arrivals, a, b, c):
     server = serve(arrivals, [quota(a=a, b=b, c=c)])
     assert all(stretch.cores <= 2.0 + 1e-9 and stretch.end >= stretch.start for stretch in server.used)
     for task, share in zip(TASKS, (a, b, c), strict=True):

@@ -13,7 +13,7 @@ def life(pid=1, hours=1.0, threads=lambda _: 20, sockets=lambda _: 10, memory=la
     return [Size(part * hours * 3600, pid, threads(part), sockets(part), round(memory(part) * MIB)) for part in moments]
 
 
-def test_what_stays_as_it_is_does_not_leak():
+def test_constant_sizes_are_not_a_leak():
     assert growth.leaks("operator", life()) == []
     assert growth.slope(life()) == pytest.approx(0)
 
@@ -26,7 +26,7 @@ def test_what_stays_as_it_is_does_not_leak():
         ({"memory": lambda part: 90 + part * 20}, "memory went from"),
     ],
 )
-def test_what_grows_all_the_time_leaks(grown, words):
+def test_steady_growth_is_a_leak(grown, words):
     [reported] = growth.leaks("operator", life(**grown))
     assert words in reported
 
@@ -43,7 +43,7 @@ def test_the_slope_is_in_mebibytes_an_hour():
     assert growth.slope(life(memory=lambda part: 90 + 6 * part)) == pytest.approx(6, rel=0.01)
 
 
-def test_only_the_last_life_counts_and_only_when_it_has_settled():
+def test_only_the_settled_part_of_the_last_process_counts():
     sizes = [*life(pid=1), *(Size(3600 + 10 * n, 2, 20, 10, 90 * MIB) for n in range(7))]
     own = growth.last_life(sizes)
     assert {size.pid for size in own} == {2}
@@ -57,7 +57,7 @@ def test_a_flight_recorder_that_fills_is_not_a_leak():
     assert growth.leaks("operator", growth.last_life(filling)) == []
 
 
-def test_a_life_that_is_too_short_is_said_to_be():
+def test_a_process_that_lived_too_briefly_is_reported():
     assert growth.reported("router", []) == "router: lived too briefly to judge"
     assert growth.leaks("router", []) == []
 

@@ -14,11 +14,11 @@ POLICY = {
 READINGS: tuple[dict[str, Any], ...] = ({}, {"imu": {"speed": 0.0}}, {"imu": {"speed": 0.3}})
 
 
-def test_the_limits_are_those_of_any_pods_and_any_readings():
+def test_possible_limits_cover_all_pods_and_readings():
     assert oracle.plans(POLICY, 2, READINGS) == {"slam": {500, 990, 1000}, "speech": {10, 500, 1000}}
 
 
-def test_a_limit_is_right_when_a_plan_or_its_pod_says_so():
+def test_a_limit_matching_a_plan_or_the_pod_is_right():
     assert not oracle.wrong(990, 300, {500, 990})
     assert not oracle.wrong(300, 300, {500, 990})
     assert not oracle.wrong(989, 300, {500, 990})

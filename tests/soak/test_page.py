@@ -11,7 +11,7 @@ SOAK = Soak(
 )
 
 
-def test_it_says_what_happened_and_what_was_seen():
+def test_the_page_lists_events_and_measurements():
     told = section(SOAK)
     assert "`make soak SEED=7` for 3600 s on 2026-11-24, 2 cores" in told
     assert "(kine 2, router 1)" in told
@@ -26,7 +26,7 @@ def test_a_soak_that_failed_says_so():
     assert "No limit" not in told
 
 
-def test_the_page_has_the_last_soak_in_the_place_of_the_one_before():
+def test_the_page_replaces_the_previous_soak():
     page = PAGE.read_text(encoding="utf-8")
     once = replaced(page, section(SOAK))
     assert once.count(HEADING) == 1

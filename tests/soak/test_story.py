@@ -24,12 +24,12 @@ def test_an_hour_kills_every_part_and_replaces_every_task():
     assert {event.task for event in reported if isinstance(event, Coming)} == set(story.TASKS)
 
 
-def test_an_hour_has_every_trouble():
+def test_an_hour_has_every_kind_of_trouble():
     told = story.story(1, 3600)
     assert {event.kind for event in told if isinstance(event, Trouble)} == set(story.TROUBLES)
 
 
-def test_the_second_half_shows_whether_our_own_processes_grow():
+def test_our_pods_are_not_killed_in_the_second_half():
     late = [event for event in story.story(1, 3600) if isinstance(event, Killing) and event.at > 1800]
     assert late
     assert not {event.part for event in late} & set(story.PODS)
