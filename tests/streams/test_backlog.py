@@ -14,7 +14,7 @@ def test_the_order_of_arrival_holds_across_streams() -> None:
     assert [backlog.take([imu, mic]) for _ in range(5)] == ["a", "b", "c", "d", None]
 
 
-def test_a_lane_takes_only_what_is_its_own() -> None:
+def test_take_returns_only_items_of_the_given_lanes() -> None:
     backlog = Backlog[str](PER_STREAM, TOTAL)
     ours, others = backlog.lane(), backlog.lane()
     backlog.put(others, "theirs", 1)
@@ -22,7 +22,7 @@ def test_a_lane_takes_only_what_is_its_own() -> None:
     assert len(others.waiting) == 1
 
 
-def test_beyond_the_total_the_stream_that_takes_most_loses_its_oldest() -> None:
+def test_beyond_the_total_the_largest_stream_drops_its_oldest() -> None:
     backlog = Backlog[str](1_000_000, 5 * PLACE)
     quiet, loud = backlog.lane(), backlog.lane()
     backlog.put(quiet, "quiet", 0)
@@ -32,7 +32,7 @@ def test_beyond_the_total_the_stream_that_takes_most_loses_its_oldest() -> None:
     assert (backlog.overrun(quiet), backlog.overrun(loud), backlog.overrun(loud)) == (0, 6, 0)
 
 
-def test_whatever_is_sent_the_total_holds() -> None:
+def test_the_total_is_never_exceeded() -> None:
     """The largest payloads on more streams than have room for one each, and all their bytes are free afterwards."""
     backlog = Backlog[bytes](PER_STREAM, TOTAL)
     lanes = [backlog.lane() for _ in range(40)]
@@ -47,7 +47,7 @@ def test_whatever_is_sent_the_total_holds() -> None:
     assert sum(one.weight for one in lanes) == 0
 
 
-def test_a_closed_lane_gives_its_room_back_and_takes_nothing() -> None:
+def test_a_closed_lane_frees_its_room_and_accepts_nothing() -> None:
     backlog = Backlog[str](1_000_000, 2 * PLACE)
     gone, stays = backlog.lane(), backlog.lane()
     backlog.put(gone, "x", 0)

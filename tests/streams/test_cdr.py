@@ -78,7 +78,7 @@ class TestCdr:
         values = decode(payload, "cdr", type="diagnostic_msgs/msg/DiagnosticStatus").value
         assert values["values"] == [{"key": "temperature", "value": "hot"}]
 
-    def test_a_picture_is_no_reading(self):
+    def test_an_image_is_refused(self):
         picture = {"data": np.zeros(640 * 480, dtype=np.uint8)}
         text = refused(cdr("sensor_msgs/msg/Image", **picture), "cdr", type="sensor_msgs/msg/Image")
         assert "holds a list of 307200 values, allowed: 10000" in text
@@ -106,12 +106,12 @@ class TestCdr:
     def test_unknown_messages_are_refused(self, payload):
         refused(payload, "cdr", type=IMU)
 
-    def test_a_length_beyond_the_payload_is_not_believed(self):
+    def test_a_length_beyond_the_payload_is_refused(self):
         payload = bytearray(cdr("sensor_msgs/msg/LaserScan", ranges=np.zeros(4, dtype=np.float32)))
         payload[-24:-20] = struct.pack("<I", 2**31)
         refused(bytes(payload), "cdr", type="sensor_msgs/msg/LaserScan")
 
-    def test_ones_own_messages_are_read_like_any(self):
+    def test_own_messages_are_decoded(self):
         definitions = (
             ("my_msgs.msg.Mood.msg", "Note[] notes\nfloat32[2] pair"),
             ("my_msgs.msg.Note.msg", "string text"),
@@ -131,7 +131,7 @@ class TestCdr:
         refused(payload, "cdr", type="sensor_msgs/msg/Range", ros=RosRelease.JAZZY)
 
     @pytest.mark.parametrize("little_endian", [True, False])
-    def test_the_first_sample_finds_everything_made(self, monkeypatch, little_endian):
+    def test_no_converters_are_built_for_the_first_sample(self, monkeypatch, little_endian):
         """Making converters took 163 ms; the loop has other things to do."""
         payload = cdr("sensor_msgs/msg/Temperature", temperature=36.6, little_endian=little_endian)
         decoder = Decoder(Stream("t", "robot/t", Encoding.CDR, type="sensor_msgs/msg/Temperature"))

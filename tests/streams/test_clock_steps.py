@@ -46,14 +46,14 @@ def drive(robot, seconds, *, lag=0.0):
 
 
 @pytest.mark.parametrize("step", [3600.0, -3600.0, 5.0, -5.0, 50 * 365 * 86400.0, -START])
-def test_a_clock_that_is_set_neither_drops_a_sample_nor_ends_a_context(robot, step):
+def test_a_clock_step_drops_no_sample_and_ends_no_context(robot, step):
     assert drive(robot, 1) == {"moving"}
     robot.step = step
     assert drive(robot, 3) == {"moving"}
     assert not robot.runner.planner.drops
 
 
-def test_a_sample_that_was_long_under_way_is_too_old_before_and_after_a_step(robot):
+def test_a_delayed_sample_is_too_old_even_after_a_clock_step(robot):
     drive(robot, 1)
     robot.step = -3600.0
     drive(robot, 1)
@@ -104,7 +104,7 @@ def test_a_force_whose_end_the_corrected_clock_has_passed_ends_within_a_second(f
     assert not is_forced(robot)
 
 
-def test_a_clock_that_is_set_back_holds_a_force_until_it_shows_the_end(forced):
+def test_a_clock_set_back_extends_a_force(forced):
     robot = forced(0.0)
     robot.step = -60.0
     robot.loop.advance_by(630)
@@ -125,7 +125,7 @@ def test_a_force_begins_after_a_fast_clock_is_set_back(forced):
     assert not is_forced(robot)
 
 
-def test_once_a_force_is_over_the_clock_is_looked_at_twice_a_minute(forced, monkeypatch):
+def test_the_clock_is_checked_every_30_s_after_a_force(forced, monkeypatch):
     robot, looks, ahead = forced(0.0), [], wall_clock.ahead
     robot.loop.advance_by(700)
 
@@ -148,7 +148,7 @@ def test_displayed_times_follow_a_corrected_clock(robot):
 
 
 @pytest.mark.parametrize("step", [3600.0, -3600.0])
-def test_times_on_the_bus_follow_a_clock_that_is_set(robot, step):
+def test_times_on_the_bus_follow_a_corrected_clock(robot, step):
     """An operator that started an hour behind must not date its plans an hour back until it restarts."""
     robot.step = step
     set_at = now(robot) + step

@@ -29,7 +29,7 @@ def a_bag(request, tmp_path):
     return bag(tmp_path / "bag", request.param)
 
 
-def test_a_bag_without_metadata_says_what_writes_it(a_bag):
+def test_a_bag_without_metadata_suggests_reindexing(a_bag):
     assert read(a_bag) == (COUNT, [])
     (a_bag / "metadata.yaml").unlink()
     text = refusal(a_bag)
@@ -58,7 +58,7 @@ def test_a_bare_file_of_a_bag_is_read(a_bag):
     assert read(storage) == (COUNT, [])
 
 
-def test_a_split_without_messages_is_no_damage(tmp_path):
+def test_a_split_without_messages_is_not_damage(tmp_path):
     folder = bag(tmp_path / "bag", StoragePlugin.MCAP)
     bag(tmp_path / "empty", StoragePlugin.MCAP, count=0)
     shutil.move(tmp_path / "empty" / "empty.mcap", folder / "bag_1.mcap")
@@ -67,7 +67,7 @@ def test_a_split_without_messages_is_no_damage(tmp_path):
     assert read(folder) == (COUNT, [])
 
 
-def test_an_empty_last_split_is_what_a_power_cut_leaves(tmp_path):
+def test_an_empty_last_split_is_damage(tmp_path):
     folder = bag(tmp_path / "bag", StoragePlugin.MCAP)
     (folder / "bag_1.mcap").write_bytes(b"")
     (folder / "metadata.yaml").unlink()
@@ -76,7 +76,7 @@ def test_an_empty_last_split_is_what_a_power_cut_leaves(tmp_path):
     assert (count, len(notes)) == (COUNT, 2)
 
 
-def test_a_damaged_database_is_read_up_to_there(tmp_path):
+def test_a_damaged_database_is_read_up_to_the_damage(tmp_path):
     folder = bag(tmp_path / "bag", StoragePlugin.SQLITE3, 2000)
     (storage,) = folder.glob("*.db3")
     content = storage.read_bytes()
@@ -86,13 +86,13 @@ def test_a_damaged_database_is_read_up_to_there(tmp_path):
     assert SENTENCE.search(text) or "nothing was read" in text
 
 
-def test_no_message_at_all_is_reported(tmp_path):
+def test_a_bag_without_messages_is_refused(tmp_path):
     assert "has no message" in refusal(bag(tmp_path / "bag", StoragePlugin.MCAP, count=0))
 
 
 @settings(max_examples=60)
 @given(at=st.floats(0, 1, exclude_max=True), byte=st.integers(0, 255), length=st.integers(1, 2000))
-def test_whatever_is_damaged_in_a_database_the_reader_never_crashes(tmp_path_factory, at, byte, length):
+def test_arbitrary_database_damage_never_crashes_the_reader(tmp_path_factory, at, byte, length):
     folder = bag(tmp_path_factory.mktemp("fuzz") / "bag", StoragePlugin.SQLITE3, 50)
     (storage,) = folder.glob("*.db3")
     content = bytearray(storage.read_bytes())

@@ -24,7 +24,7 @@ def chunks(content):
         at += 9 + length
 
 
-def test_a_whole_file_is_read_without_a_word(tmp_path):
+def test_an_undamaged_file_gives_no_notes(tmp_path):
     assert read(write(tmp_path / "run.mcap")) == (COUNT, [])
 
 
@@ -51,7 +51,7 @@ def test_a_wrong_checksum_of_an_uncompressed_chunk_is_noticed(tmp_path):
 
 
 @pytest.mark.parametrize("part", [0.1, 0.5, 0.9])
-def test_a_file_that_is_cut_off_is_read_up_to_there(tmp_path, part):
+def test_a_truncated_file_is_read_up_to_the_cut(tmp_path, part):
     path = write(tmp_path / "run.mcap")
     content = path.read_bytes()
     path.write_bytes(content[: int(len(content) * part)])
@@ -70,7 +70,7 @@ def test_a_file_without_its_last_bytes_has_all_its_messages(tmp_path):
     assert read(path, skip=True)[0] == COUNT
 
 
-def test_a_record_of_impossible_length_is_no_riddle(tmp_path):
+def test_a_record_of_impossible_length_is_reported(tmp_path):
     path = write(tmp_path / "run.mcap")
     content = bytearray(path.read_bytes())
     start, _ = list(chunks(content))[3]
@@ -145,7 +145,7 @@ def test_a_file_that_is_not_there_or_is_no_file(tmp_path):
 
 @settings(max_examples=150)
 @given(data=st.data())
-def test_whatever_is_damaged_the_reader_never_crashes(tmp_path_factory, data):
+def test_arbitrary_damage_never_crashes_the_reader(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("fuzz")
     compression = data.draw(st.sampled_from(list(CompressionType)))
     path = write(folder / "run.mcap", compression, use_chunking=data.draw(st.booleans()))

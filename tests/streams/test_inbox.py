@@ -60,7 +60,7 @@ def test_each_sample_carries_the_time_of_its_arrival(monkeypatch):
     assert heard.inputs == [Sample("imu", {"n": 0}, arrived=5.0), Sample("imu", {"n": 1}, arrived=6.0)]
 
 
-def test_beyond_its_bound_a_streams_oldest_are_dropped_and_counted_and_no_others():
+def test_overrun_drops_only_the_oldest_of_that_stream():
     scheduler, heard = TestScheduler(), Heard()
     inbox, imu, mic = an_inbox(scheduler, heard, Backlog(10 * (PLACE + 9), TOTAL)), Decoder(IMU), Decoder(MIC)
     inbox.put(mic, b'{"level": 1}')
@@ -82,7 +82,7 @@ def test_large_payloads_count_with_their_bytes():
     assert len(heard.drops) == 21
 
 
-def test_what_is_too_large_to_be_read_is_counted():
+def test_oversized_samples_are_counted():
     scheduler, heard = TestScheduler(), Heard()
     inbox = an_inbox(scheduler, heard)
     inbox.refuse("imu")
@@ -91,7 +91,7 @@ def test_what_is_too_large_to_be_read_is_counted():
     assert heard.drops == [("imu", "oversized")] * 2
 
 
-def test_a_closed_inbox_holds_nothing_and_delivers_nothing():
+def test_a_closed_inbox_is_empty_and_delivers_nothing():
     scheduler, heard, backlog = TestScheduler(), Heard(), Backlog[Waiting](PER_STREAM, TOTAL)
     inbox = an_inbox(scheduler, heard, backlog)
     inbox.put(Decoder(IMU), b"{}")
@@ -102,7 +102,7 @@ def test_a_closed_inbox_holds_nothing_and_delivers_nothing():
     assert not inbox.lane("imu").waiting
 
 
-def test_a_storm_leaves_others_their_turn(monkeypatch):
+def test_a_storm_does_not_starve_other_actions(monkeypatch):
     """A new sample for each that is taken: timers and finished patches still act."""
     scheduler, heard = TestScheduler(), Heard()
     inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
@@ -122,7 +122,7 @@ def test_a_storm_leaves_others_their_turn(monkeypatch):
     assert len(heard.inputs) == 2
 
 
-def test_a_backlog_leaves_others_their_turn_after_each_batch():
+def test_a_backlog_yields_to_other_actions_after_each_batch():
     scheduler, heard, turns = TestScheduler(), Heard(), []
     inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
     for n in range(2 * BATCH + 1):
@@ -191,7 +191,7 @@ def test_a_wall_clock_that_is_set_shifts_timestamps(stamped):
     assert [stamped(wall) for wall in (0.0, 60.0, 60.0, 0.0)] == [17.0, -43.0, -43.0, 17.0]
 
 
-def test_an_interruption_between_two_looks_at_the_clocks_sets_no_clock(stamped):
+def test_an_interruption_between_clock_reads_shifts_no_timestamp(stamped):
     assert [stamped(0.1, 0.0), stamped(0.0)] == [17.0, 17.0]
 
 

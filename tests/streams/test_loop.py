@@ -22,7 +22,7 @@ def settle(loop):
     assert done.wait(PATIENCE)
 
 
-def test_everything_happens_in_order_on_one_thread_that_is_not_the_callers(loop):
+def test_actions_run_in_order_on_one_thread(loop):
     seen = []
     for n in range(100):
         loop.schedule(lambda *_, n=n: seen.append((n, current_thread().name)))
@@ -48,7 +48,7 @@ def test_timers_act_by_the_order_of_their_deadlines(monkeypatch):
     assert seen == ["now", "early", "late"]
 
 
-def test_an_action_that_fails_is_logged_and_the_others_have_their_turn(loop, caplog):
+def test_a_failing_action_is_logged_and_others_still_run(loop, caplog):
     seen = []
 
     def fail(*_):
@@ -74,7 +74,7 @@ def test_its_clock_follows_the_monotonic_clock_from_the_wall_clocks_time(monkeyp
     assert loop.to_seconds(loop.now) - loop.to_seconds(began) == 12.5
 
 
-def test_a_loop_that_was_disposed_takes_nothing_more(loop):
+def test_a_disposed_loop_refuses_actions(loop):
     loop.dispose()
     with pytest.raises(RuntimeError, match="the loop has ended"):
         loop.schedule(lambda *_: None)
@@ -102,7 +102,7 @@ def test_a_far_timer_that_is_set_again_and_again_waits_once(loop, on_thread):
     assert 1 <= len(kept) <= 2 * FEW
 
 
-def test_after_a_crowd_of_timers_the_few_that_follow_take_little_room_again(loop):
+def test_cancelled_timers_are_freed_after_a_burst(loop):
     kept: weakref.WeakSet[Reminder] = weakref.WeakSet()
     crowd = [loop.schedule_relative(3600, Reminder()) for _ in range(20 * FEW)]
     for timer in crowd:
@@ -115,7 +115,7 @@ def test_after_a_crowd_of_timers_the_few_that_follow_take_little_room_again(loop
     assert len(kept) <= 2 * FEW
 
 
-def test_what_was_not_cancelled_still_happens_in_order(monkeypatch):
+def test_remaining_timers_fire_in_order_after_cancellations(monkeypatch):
     clock = [100.0]
     monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
     loop, seen, done = Loop(), [], Event()

@@ -48,7 +48,7 @@ def test_a_flood_emits_the_newest_once_per_interval_and_the_last(story):
     assert story.seen == [(10, 10), (11, 10.75), (12, 11.75), (13, 12.25)]
 
 
-def test_an_item_that_cannot_wait_takes_the_place_of_the_one_that_waits(story):
+def test_an_urgent_item_replaces_the_waiting_one(story):
     story.items(1, 1.5, -1.75)
     assert story.seen == [(1, 1), (1.75, -1.75)]
     story.items(2.5)
@@ -62,7 +62,7 @@ def test_no_timer_runs_without_items(story):
     assert len(story.scheduler._queue) == 0
 
 
-def test_nothing_goes_on_after_the_end_of_the_subscription(story):
+def test_disposal_stops_pending_items(story):
     story.items(1, 1.5)
     story.end.dispose()
     story.scheduler.advance_to(60)

@@ -32,7 +32,7 @@ def story():
     return Story()
 
 
-def test_what_fails_is_reported_and_tried_again_until_it_succeeds(story, caplog):
+def test_a_failure_is_logged_and_retried_until_success(story, caplog):
     story.failures = 2
     story.source.on_next("a")
     assert (story.taken, caplog.messages) == ([], [f"internal error; next attempt in {RETRY:g} s"])
@@ -49,7 +49,7 @@ def test_a_newer_item_takes_the_place_of_the_one_that_failed(story):
     assert story.taken == ["b"]
 
 
-def test_subscribers_after_it_get_the_item(story):
+def test_later_subscribers_get_the_item_despite_a_failure(story):
     heard: list[str] = []
     story.source.subscribe(heard.append)
     story.failures = 1
@@ -57,7 +57,7 @@ def test_subscribers_after_it_get_the_item(story):
     assert heard == ["a"]
 
 
-def test_its_end_ends_the_attempts(story):
+def test_disposal_stops_retries(story):
     story.failures = 1
     story.source.on_next("a")
     story.end.dispose()

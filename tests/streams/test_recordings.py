@@ -144,7 +144,7 @@ def a_policy(*keys):
     return parse_policy({"metadata": {"name": "p", "namespace": "n"}, "spec": {"streams": streams, "tasks": [task]}})
 
 
-def test_a_topic_is_played_where_subscriptions_look_for_its_types_hash():
+def test_a_topics_key_contains_its_type_hash():
     topic = Topic("/imu/data", "cdr", "sensor_msgs/msg/Imu", 1, "RIHS01_ab")
     assert timeline_key(topic) == "0/imu/data/sensor_msgs::msg::dds_::Imu_/RIHS01_ab"
     assert timeline_key(topic._replace(hash="")).endswith("/TypeHashNotSupported")
@@ -181,7 +181,7 @@ def test_a_part_of_a_recording_becomes_a_timeline(mcap, excerpt, numbers):
     assert {timed.encoding for timed in timeline.inputs()} <= {RECORDED}
 
 
-def test_what_nobody_reads_is_named_but_not_loaded(mcap):
+def test_unread_topics_are_named_but_not_loaded(mcap):
     timeline = timeline_of(open_recording(mcap, Excerpt()), Excerpt(), bridge_key, name="run", wanted=["robot/imu"])
     assert [timed.key for timed in timeline.inputs() if timed.payload is None] == ["robot/other"]
 

@@ -47,29 +47,29 @@ def _is_possible(steps):
 
 
 @pytest.mark.parametrize("steps", orders("left", "right", ".", "-left"))
-def test_one_of_two_ends(steps):
+def test_a_stream_is_not_gone_while_one_sender_remains(steps):
     assert Story(steps).gone == 0
     assert Story([*steps, "-right"]).gone == 1
 
 
 @pytest.mark.parametrize("steps", orders("left", "right", ".", "-left", "-right"))
-def test_both_end(steps):
+def test_a_stream_is_gone_when_both_senders_end(steps):
     assert Story(steps).gone == 1
 
 
 @pytest.mark.parametrize(
     "steps", [["."], ["+left", "."], ["left", "."], [".", "+left"], ["-left", "+left", "left", "."]]
 )
-def test_nobody_is_gone_who_lives(steps):
+def test_a_live_sender_is_not_reported_gone(steps):
     assert Story(steps).gone == 0
     assert Story([*steps, "+left", "-left"]).gone == 1
 
 
-def test_a_sender_that_came_back_ends_again():
+def test_a_returned_sender_can_end_again():
     assert Story([".", "+left", "-left", "+left", "-left"]).gone == 2
 
 
-def test_an_answer_that_is_an_error_is_nobody():
+def test_an_error_answer_is_ignored():
     senders = Senders(story := Story(["."]))
     senders.on_answer(found(ok=None))
     senders.on_token(found(key_expr="left", kind=zenoh.SampleKind.DELETE))
@@ -77,14 +77,14 @@ def test_an_answer_that_is_an_error_is_nobody():
     assert story.gone == 1
 
 
-def test_a_token_with_an_endless_key_is_nobodys():
+def test_a_token_with_an_overlong_key_is_ignored():
     endless = "x" * (LONGEST + 1)
     assert Story([".", "+left", f"+{endless}", "-left"]).gone == 1
     assert Story([".", f"+{endless}", f"-{endless}"]).gone == 0
     assert Story([endless, f"-{endless}", "."]).gone == 0
 
 
-def test_tokens_without_number_are_not_kept():
+def test_the_number_of_tokens_is_bounded():
     many = [f"+{number}" for number in range(2 * MOST)]
     ends = [step.replace("+", "-") for step in many]
     assert Story([".", *many, *ends[:MOST]]).gone == 1

@@ -37,7 +37,7 @@ def test_all_get_each_item_in_the_order_in_which_they_subscribed():
     assert events == ["subscribed"]
 
 
-def test_the_source_is_left_with_the_last_subscriber():
+def test_the_source_is_disposed_with_the_last_subscriber():
     subject, events, shared = counted()
     seen: list[object] = []
     one, other = shared.subscribe(seen.append), shared.subscribe()
@@ -48,7 +48,7 @@ def test_the_source_is_left_with_the_last_subscriber():
     assert events == ["subscribed", "disposed"]
 
 
-def test_one_that_leaves_while_an_item_is_handed_out_takes_it_from_nobody():
+def test_unsubscribing_during_emission_does_not_affect_others():
     subject, _, shared = counted()
     seen: list[int] = []
     leaving = SerialDisposable()
@@ -70,7 +70,7 @@ def test_the_end_and_errors_reach_all():
     assert ends == ["end", "broken", "broken"]
 
 
-def test_what_a_subscriber_raises_reaches_the_emitter():
+def test_a_subscribers_error_reaches_the_emitter():
     subject, _, shared = counted()
     shared.subscribe(lambda _: 1 / 0)
     with pytest.raises(ZeroDivisionError):

@@ -127,7 +127,7 @@ def test_a_deletion_is_not_a_sample(listen, robot_and_operator, publish, imu):
     assert (heard.values(), heard.drops) == ([{"n": 1}, {"n": 2}], [])
 
 
-def test_a_sender_that_dies_is_gone(listen, robot_and_operator, mic):
+def test_a_lost_liveliness_token_is_reported(listen, robot_and_operator, mic):
     robot, operator = robot_and_operator
     token = robot.liveliness().declare_token(mic.liveliness)
     seen = Event()
@@ -203,7 +203,7 @@ def test_a_type_without_a_header_has_the_time_of_its_publication(listen, robot_a
     assert stamps == [pytest.approx(1763712350.25, abs=1.0), None, None]
 
 
-def test_after_the_end_of_the_subscription_nothing_arrives(robot_and_operator, loop, publish, imu, mic):
+def test_disposal_stops_delivery(robot_and_operator, loop, publish, imu, mic):
     _, operator = robot_and_operator
     ended, other = Heard(), Heard()
     # First, so that the robot always knows of one: else it may look just when the ended one is gone.

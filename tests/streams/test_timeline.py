@@ -70,7 +70,7 @@ def test_a_data_set_is_announced_once():
     assert list(timeline.inputs()) == [expected]
 
 
-def test_a_data_sets_rate_and_offset_are_kept_for_who_needs_them():
+def test_rate_and_offset_of_a_data_set_are_kept():
     (entry,) = parse(a_document({**RECORDED, "rate": 10, "offset": 1.5})).entries
     assert (entry.rate, entry.dataset_rate, entry.offset) == (None, 10, 1.5)
     assert len(list(entry.inputs())) == 1
@@ -115,7 +115,7 @@ def at(time, key="a"):
         ([at(0.0), REPEATED, at(0.5), at(1.0)], 3),
     ],
 )
-def test_a_recording_in_time_order_is_one_run_that_needs_no_merging(inputs, count):
+def test_inputs_in_time_order_form_one_run(inputs, count):
     assert len(list(_runs(parse(a_document(*inputs)).entries))) == count
 
 

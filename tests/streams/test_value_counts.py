@@ -50,7 +50,7 @@ def test_the_count_is_exact(encoding: str, seed: int) -> None:
     assert exceeds(payload, count(value) - 1)
 
 
-def test_an_extension_and_indefinite_lengths_are_passed_over() -> None:
+def test_extensions_and_indefinite_lengths_are_skipped() -> None:
     assert not cbor_exceeds(bytes.fromhex("9f7f6161ff5f4101ffff"), 8)
     assert cbor_exceeds(bytes.fromhex("9f7f6161ff5f4101ffff"), 7)
     long = bytes.fromhex("825b000000000000000161f6")
@@ -77,7 +77,7 @@ def test_too_many_empty_maps_are_refused_before_they_are_built(
         decoder.decode(payload)
 
 
-def test_a_payload_that_is_cut_off_ends_the_walk() -> None:
+def test_a_truncated_payload_ends_the_walk() -> None:
     for exceeds in (cbor_exceeds, msgpack_exceeds):
         for head in range(256):
             with suppress(DecodeError):  # a tag that no plain payload has
