@@ -26,27 +26,27 @@ def expiry():
 
 
 @pytest.mark.parametrize("text", ["", "no certificate"])
-def test_a_certificate_that_cannot_be_read_is_no_number(tmp_path, text):
+def test_the_expiry_of_an_unreadable_certificate_is_nan(tmp_path, text):
     (tmp_path / "tls.crt").write_text(text)
     certificate_metrics.publish_expiry("operator", tmp_path)
     assert math.isnan(expiry())
 
 
-def test_nor_is_one_that_is_gone(tmp_path):
+def test_the_expiry_of_a_removed_certificate_is_nan(tmp_path):
     (tmp_path / "tls.crt").write_text("")
     certificate_metrics.publish_expiry("operator", tmp_path)
     (tmp_path / "tls.crt").unlink()
     assert math.isnan(expiry())
 
 
-def test_there_is_none_on_an_open_bus_nor_where_a_password_stands_for_it(tmp_path):
+def test_no_expiry_without_a_certificate(tmp_path):
     certificate_metrics.publish_expiry("operator", None)
     (tmp_path / "username").write_text("operator")
     certificate_metrics.publish_expiry("operator", tmp_path)
     assert expiry() is None
 
 
-def test_a_certificate_without_its_key_is_no_number(tmp_path):
+def test_the_expiry_without_a_matching_key_is_nan(tmp_path):
     issuer = found_authority("bus", NOW)
     files = issuer.issue("operator", (), NOW)
     for name, content in files.items():

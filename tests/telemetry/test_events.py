@@ -27,7 +27,7 @@ def test_an_event_names_its_policy():
     assert made["metadata"]["namespace"] == "lab"
 
 
-def test_good_news_is_no_warning():
+def test_good_news_is_a_normal_event():
     assert event(POLICY, reason="Recovered", message="", now=NOW, warning=False)["type"] == "Normal"
 
 
@@ -35,7 +35,7 @@ def test_a_long_message_is_cut_to_what_the_api_accepts():
     assert len(event(POLICY, reason="Invalid", message="x" * 5000, now=NOW)["message"]) == MAX_MESSAGE == 1024
 
 
-def test_names_are_equal_for_the_same_news_and_differ_for_any_other():
+def test_equal_events_have_equal_names():
     def name(reason="Invalid", message="a", now=NOW):
         return event(POLICY, reason=reason, message=message, now=now)["metadata"]["name"]
 

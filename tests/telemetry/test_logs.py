@@ -37,7 +37,7 @@ def test_text_lines_have_the_whole_name_of_the_logger(written):
     assert line.endswith(f"WARNING {NAME}: slow: bus\n")
 
 
-def test_a_record_stays_on_one_line_whatever_it_quotes(written):
+def test_control_characters_do_not_break_the_line(written):
     quoted = "b > 1\n[2026-11-25 21:00:00,000] ERROR forged: \x1b[31mfire\r"
     line = written("text", lambda: logging.getLogger(NAME).warning("cause: %s", quoted))
     assert line.endswith("cause: b > 1 [2026-11-25 21:00:00,000] ERROR forged: \N{REPLACEMENT CHARACTER}[31mfire\n")

@@ -57,7 +57,7 @@ def of(name):
     }
 
 
-def test_what_a_policy_will_count_is_there_from_the_start():
+def test_counters_of_a_policy_exist_from_the_start():
     """`increase()` and a rate over buckets see nothing of a series that appears with its first count."""
     metrics.begin("gone/new")
     counted = {name for name, _ in of("new") if name.endswith(("_total", "_count"))}
@@ -70,7 +70,7 @@ def test_what_a_policy_will_count_is_there_from_the_start():
     assert of("new") == set()
 
 
-def test_what_was_measured_goes_with_its_policy():
+def test_metrics_of_a_deleted_policy_are_removed():
     for name in ("one", "two"):
         metrics.PLANS.labels("gone", name).inc()
         metrics.TASK_SHARE.labels("gone", name, "slam").set(1)

@@ -35,19 +35,19 @@ def test_each_stage_of_what_a_sample_changed_is_measured_once(reactions):
     assert reached(reactions, "speech", 100) == [7.0, 7.0]
 
 
-def test_what_the_plan_left_alone_is_not_a_reaction(reactions):
+def test_an_unchanged_share_is_not_a_reaction(reactions):
     reactions.plan(POLICY, a_plan(2, {"slam": 400, "speech": 500}, arrived=7.0), 7.5)
     assert reached(reactions, "speech", 500) == [None, None]
 
 
-def test_a_limit_on_the_way_or_of_an_older_plan_is_not_what_the_sample_asked_for(reactions):
+def test_an_older_plans_limit_is_not_a_reaction(reactions):
     reactions.plan(POLICY, a_plan(2, {"slam": 900, "speech": 100}, arrived=7.0), 7.5)
     reactions.plan(POLICY, a_plan(3, {"slam": 700, "speech": 300}, arrived=8.0), 7.5)
     assert reached(reactions, "slam", 900) == [None, None]
     assert reached(reactions, "slam", 700) == [8.0, 8.0]
 
 
-def test_requests_count_where_they_are_what_moves(reactions):
+def test_a_resized_request_is_a_reaction(reactions):
     reactions.plan(POLICY, a_plan(2, {"slam": 900}, arrived=7.0), 7.5)
     assert reactions.reach(POLICY, "slam", "patch", Cpu(900, 1000)).arrived == 7.0
 
@@ -59,13 +59,13 @@ def test_a_scaled_request_is_the_reaction_where_requests_are_weights(reactions, 
     assert reactions.reach(POLICY, "slam", "patch", Cpu(requested, limit)).arrived == 7.0
 
 
-def test_a_later_plan_leaves_under_way_what_it_does_not_change(reactions):
+def test_a_later_plan_keeps_pending_reactions_it_does_not_change(reactions):
     reactions.plan(POLICY, a_plan(2, {"slam": 900, "speech": 100}, arrived=7.0), 7.5)
     reactions.plan(POLICY, a_plan(3, {"slam": 900, "speech": 50}, arrived=8.0), 7.5)
     assert reached(reactions, "slam", 900) == [7.0, 7.0]
 
 
-def test_a_plan_of_a_timer_ends_what_it_changes(reactions):
+def test_a_timers_plan_cancels_the_reactions_it_changes(reactions):
     reactions.plan(POLICY, a_plan(2, {"slam": 900, "speech": 500}, arrived=7.0), 7.5)
     reactions.plan(POLICY, a_plan(3, {"slam": 500, "speech": 500}), 7.5)
     reactions.plan(POLICY, a_plan(4, {"slam": 900, "speech": 500}), 7.5)
@@ -78,7 +78,7 @@ def test_the_first_plan_of_a_run_may_change_nothing(reactions):
     assert reached(reactions, "slam", 900) == [None, None]
 
 
-def test_a_new_container_got_its_share_because_it_came(reactions):
+def test_a_new_containers_share_is_not_a_reaction(reactions):
     reactions.plan(POLICY, a_plan(2, {"slam": 500, "speech": 500, "planner": 100}, arrived=7.0), 7.5)
     assert reached(reactions, "planner", 100) == [None, None]
 
@@ -94,7 +94,7 @@ def test_realtime_is_not_resized(reactions):
     assert reached(reactions, "slam", 400) == [None, None]
 
 
-def test_a_policy_that_is_gone_leaves_nothing(reactions):
+def test_reactions_of_a_deleted_policy_are_forgotten(reactions):
     reactions.plan(POLICY, a_plan(2, {"slam": 900}, arrived=7.0), 7.5)
     reactions.forget(POLICY)
     reactions.drop(POLICY, "slam")
@@ -105,7 +105,7 @@ def ended(reactions):
     return [(reaction.arrived, at) for reaction, at in reactions.confirmed(POLICY)]
 
 
-def test_what_an_agent_confirms_is_in_force_once(reactions):
+def test_an_agents_confirmation_counts_once(reactions):
     reactions.plan(POLICY, a_plan(2, {"slam": 900, "speech": 500}, arrived=7.0), 7.5)
     assert ended(reactions) == []
     reactions.confirm(POLICY, "robot", 2, 7.6)
@@ -123,7 +123,7 @@ def test_an_agent_may_confirm_a_plan_before_it_is_taken(reactions):
 
 
 @pytest.mark.parametrize(("node", "sequence", "failed"), [("robot", 1, ()), ("other", 2, ()), ("robot", 2, ("slam",))])
-def test_what_no_agent_has_written_is_not_in_force(reactions, node, sequence, failed):
+def test_unconfirmed_or_failed_targets_are_not_in_force(reactions, node, sequence, failed):
     reactions.plan(POLICY, a_plan(2, {"slam": 900, "speech": 500}, arrived=7.0), 7.5)
     reactions.confirm(POLICY, node, sequence, 7.6, failed)
     assert ended(reactions) == []
@@ -145,7 +145,7 @@ def test_a_task_that_is_released_reacts_even_if_its_share_moves_on(reactions):
     assert reached(reactions, "speech", 300) == [7.0, 7.0]
 
 
-def test_a_task_that_is_released_gets_what_it_had_and_that_is_the_reaction(reactions):
+def test_restoring_a_released_tasks_original_is_its_reaction(reactions):
     """Under control Suspend: 700m before any policy, whatever its share."""
     reactions.plan(POLICY, a_plan(2, {"slam": 990, "speech": 10}, arrived=7.0), 7.5, ["slam"])
     reactions.plan(POLICY, a_plan(3, {"slam": 500, "speech": 500}, arrived=9.0), 9.5, ["slam", "speech"])
@@ -159,7 +159,7 @@ def moved(sequence, node):
     return replace(plan, nodes={node: plan.nodes["robot"]})
 
 
-def test_confirmations_of_nodes_that_went_are_forgotten(reactions):
+def test_confirmations_of_removed_nodes_are_forgotten(reactions):
     """Nodes come and go under new names, where they are virtual machines."""
     sizes = set()
     for number in range(2, 50):

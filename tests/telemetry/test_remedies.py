@@ -38,7 +38,7 @@ from contextpolicy.telemetry import remedies
         ("Pod QOS Class may not change as a result of resizing", ""),
     ],
 )
-def test_what_to_do_about_a_refusal(message, remedy):
+def test_remedy_for_a_refusal(message, remedy):
     reported = remedies.for_refusal(ActuationError("Forbidden", message, retriable=False))
     assert reported.startswith(remedy)
     assert bool(reported) == bool(remedy)
@@ -57,7 +57,7 @@ def test_what_to_do_about_a_refusal(message, remedy):
         ("", ""),
     ],
 )
-def test_what_to_do_about_a_resize_that_is_held_back(pending, remedy):
+def test_remedy_for_a_deferred_resize(pending, remedy):
     reported = remedies.for_pending(pending)
     assert reported.startswith(remedy)
     assert bool(reported) == bool(remedy)
@@ -76,5 +76,5 @@ def test_what_to_do_about_a_resize_that_is_held_back(pending, remedy):
         ("contextpolicy-exporter", "let one of them decide"),
     ],
 )
-def test_what_to_do_about_another_writer(manager, remedy):
+def test_remedy_for_another_writer(manager, remedy):
     assert remedies.for_writer(manager).startswith(remedy)

@@ -12,7 +12,7 @@ from tests.actuators.resize.rig import MOMENT
 from tests.telemetry.reporting import POLICY
 
 
-def test_a_status_lets_the_resizes_of_its_plan_go_first(desk):
+def test_a_status_is_delayed_behind_its_plans_resizes(desk):
     desk.status(1)
     assert desk.worker.jobs == []
     desk.wait(1)
@@ -81,7 +81,7 @@ def test_a_newer_status_takes_the_place_of_one_that_could_not_be_written(desk):
     assert [n for _, _, n in desk.statuses] == [2]
 
 
-def test_so_does_one_that_came_while_it_was_being_written(desk):
+def test_a_newer_status_during_a_failing_write_replaces_it(desk):
     desk.faults += [UNREACHABLE]
     desk.status(1)
     desk.scheduler.advance_by(STATUS_DELAY + 0.01)
@@ -101,7 +101,7 @@ def test_a_status_that_is_refused_is_given_up(desk, reason):
     assert [n for _, _, n in desk.statuses] == [2]
 
 
-def test_nothing_more_is_written_about_a_policy_that_is_gone(desk):
+def test_no_status_is_written_for_a_deleted_policy(desk):
     desk.status(1)
     desk.wait(STATUS_DELAY + 0.05)
     desk.status(2)
@@ -110,7 +110,7 @@ def test_nothing_more_is_written_about_a_policy_that_is_gone(desk):
     assert [n for _, _, n in desk.statuses] == [1]
 
 
-def test_nor_is_what_could_not_be_written_before(desk):
+def test_a_failed_status_of_a_deleted_policy_is_not_retried(desk):
     desk.faults += [UNREACHABLE]
     desk.status(1)
     desk.reporter.forget(POLICY)
@@ -128,7 +128,7 @@ def test_a_policy_of_the_same_name_starts_over(desk):
 
 
 @pytest.mark.parametrize("running", [False, True], ids=["waits", "fails"])
-def test_nor_does_it_wait_because_of_what_was_left_to_write(desk, running):
+def test_a_recreated_policy_does_not_wait_for_old_writes(desk, running):
     desk.faults += [UNREACHABLE] * running
     desk.status(1)
     desk.scheduler.advance_by((STATUS_DELAY + 0.01) * running)
@@ -139,7 +139,7 @@ def test_nor_does_it_wait_because_of_what_was_left_to_write(desk, running):
     assert [n for _, _, n in desk.statuses] == [2]
 
 
-def test_the_caller_deduplicates(desk):
+def test_equal_events_are_not_deduplicated(desk):
     for _ in range(2):
         desk.event("no tasks")
     desk.wait(0.1)
@@ -158,7 +158,7 @@ def test_an_unexpected_failure_is_retried_like_any_other(desk):
     assert [message for _, _, message in desk.events] == ["b"]
 
 
-def test_an_event_that_is_refused_hinders_nothing(desk):
+def test_a_refused_event_does_not_block_the_status(desk):
     desk.faults += [refusal("Forbidden")]
     desk.event("a")
     desk.status(1)

@@ -98,7 +98,7 @@ def test_an_agent_may_be_faster_than_the_answer_of_the_api(reported, clock):
     assert [count(leg) - n for leg, n in zip(LEGS, before, strict=True)] == [1, 1, 0, 1]
 
 
-def test_a_policy_that_is_gone_leaves_no_reactions(reported):
+def test_reactions_of_a_deleted_policy_are_forgotten(reported):
     reported.watch.planned(POLICY, a_plan(1, slam=500), 1.0)
     reported.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300), 2.0)
     reported.watch.on_in_force(POLICY, "lab/slam/slam", 300)
@@ -143,7 +143,7 @@ def test_a_failure_is_reported_once_and_its_end_too(reported):
     assert reported.watch.problems(POLICY) == {}
 
 
-def test_another_failure_of_the_same_pod_is_news(reported):
+def test_a_different_failure_of_the_same_pod_is_reported(reported):
     reported.watch.on_problem(POLICY, "slam", refusal("Forbidden"))
     reported.watch.on_problem(POLICY, "slam", refusal("Invalid"))
     assert [message for _, message in reported.problems] == ["slam: Forbidden: no", "slam: Invalid: no"]
@@ -159,7 +159,7 @@ def test_deferred_resizes_are_reported_to_their_policies(reported):
     assert reported.watch.problems("lab/other") == {}
 
 
-def test_what_the_kubelet_holds_back_no_more_is_reported_too(reported):
+def test_the_end_of_a_deferred_resize_is_reported(reported):
     reported.watch.observe(held_back(), {POLICY})
     for _ in range(2):
         reported.watch.observe(view(a_pod("slam")), {POLICY})
@@ -172,7 +172,7 @@ def test_a_resize_of_another_writer_that_is_held_back_is_ignored(reported):
     assert (reported.problems, reported.watch.problems(POLICY)) == ([], {})
 
 
-def test_a_contest_is_reported_with_who_did_what(reported):
+def test_a_conflict_is_reported_with_writer_and_change(reported):
     before = conflicts()
     conflict = Conflict("vpa-updater", Cpu(100, 300), Cpu(150, 700))
     reported.watch.on_conflict(POLICY, "lab/slam/slam", conflict)
@@ -186,7 +186,7 @@ def test_a_contest_is_reported_with_who_did_what(reported):
     assert conflicts() == before + 1
 
 
-def test_a_writer_who_does_the_same_again_is_counted_and_reported_once(reported):
+def test_a_repeated_conflict_is_counted_but_reported_once(reported):
     before = conflicts()
     for _ in range(3):
         reported.watch.on_conflict(POLICY, "lab/slam/slam", Conflict("", Cpu(100, 300), Cpu(100, 700)))
@@ -197,7 +197,7 @@ def test_a_writer_who_does_the_same_again_is_counted_and_reported_once(reported)
     assert [reason for reason, _ in reported.problems] == ["ResizedByOther", "ResizeRecovered", "ResizedByOther"]
 
 
-def test_a_contest_that_is_over_is_no_longer_a_problem(reported):
+def test_a_resolved_conflict_is_no_longer_a_problem(reported):
     reported.watch.on_conflict(POLICY, "lab/slam/slam", Conflict("", Cpu(None, 300), Cpu(None, None)))
     for _ in range(2):
         reported.watch.on_conflict(POLICY, "lab/slam/slam", None)
@@ -206,7 +206,7 @@ def test_a_contest_that_is_over_is_no_longer_a_problem(reported):
     assert reported.watch.problems(POLICY) == {}
 
 
-def test_a_pod_takes_its_problems_along(reported):
+def test_problems_of_a_removed_pod_are_cleared(reported):
     reported.watch.on_problem(POLICY, "slam", refusal())
     reported.watch.on_problem("elsewhere/other", "slam", refusal())
     reported.watch.on_conflict(POLICY, "lab/slam/slam", Conflict("", Cpu(100, 300), Cpu(100, 700)))
@@ -216,13 +216,13 @@ def test_a_pod_takes_its_problems_along(reported):
     assert reported.watch.problems("elsewhere/other") == {"slam": "slam: Invalid: no"}
 
 
-def test_a_policy_takes_its_problems_along(reported):
+def test_problems_of_a_deleted_policy_are_cleared(reported):
     reported.watch.on_problem(POLICY, "slam", refusal())
     reported.watch.forget(POLICY)
     assert reported.watch.problems(POLICY) == {}
 
 
-def test_a_contest_that_we_yield_is_reported_once_more(reported):
+def test_a_yielded_conflict_is_reported_once_more(reported):
     conflict = Conflict("vpa-updater", Cpu(100, 300), Cpu(100, 700))
     for one in (conflict, conflict, replace(conflict, yielded=True), replace(conflict, yielded=True)):
         reported.watch.on_conflict(POLICY, "lab/slam/slam", one)

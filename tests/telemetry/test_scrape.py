@@ -54,7 +54,7 @@ def test_before_there_is_a_bus_or_a_policy(operator, page):
     assert value(page, "condition", type="Ready") is None or value(page, "condition", type="Ready") == 0
 
 
-def test_what_is_the_case_while_a_robot_moves(operator, page):
+def test_metrics_of_a_moving_robot(operator, page):
     govern(operator)
     operator.turn(2.0)
     assert page.get_sample_value("contextpolicy_bus_connected") == 1
@@ -76,7 +76,7 @@ def test_a_router_that_is_gone_and_a_stream_that_is_silent(operator, page):
     assert value(page, "condition", type="StreamsHealthy") == 0
 
 
-def test_what_an_old_kubelet_may_take(operator, page):
+def test_delay_of_old_kubelets_is_exported(operator, page):
     """An alert on slow reactions leaves a policy that; an old node without the policy's pods excuses nothing."""
     govern(operator)
 
@@ -126,7 +126,7 @@ def lose_agent(operator):
     operator.turn(RETURN + 1)
 
 
-def test_an_agent_that_was_there_and_is_gone_is_not_ready(operator, page):
+def test_a_lost_agent_is_not_ready(operator, page):
     """A series that ends raises no alert."""
     operator.session.agents[NODE] = AGENT
     operator.connect()
@@ -137,7 +137,7 @@ def test_an_agent_that_was_there_and_is_gone_is_not_ready(operator, page):
 
 
 @pytest.mark.parametrize("status", ["False", "Unknown"])
-def test_nobody_misses_the_agent_of_a_node_that_is_switched_off(operator, page, status):
+def test_the_agent_of_a_node_that_is_not_ready_is_not_missed(operator, page, status):
     operator.session.agents[NODE] = AGENT
     operator.connect()
     lose_agent(operator)

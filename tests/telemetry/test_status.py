@@ -19,7 +19,7 @@ from tests.planning.quiet import Quiet
 from tests.telemetry.made_status import NOW, SCHEMA, a_robot, condition, made, moving
 
 
-def test_a_robot_at_work():
+def test_the_status_of_a_running_robot():
     content = made(moving())
     assert content["observedGeneration"] == 3
     assert (content["activeContexts"], content["contexts"], content["boundTasks"]) == (["moving"], "moving", "2/2")
@@ -73,14 +73,14 @@ def test_needs_that_are_not_met():
     assert content["tasks"][0]["message"] == "needs 4 cores, gets 990m"
 
 
-def test_what_cannot_be_resized_and_what_is_refused():
+def test_obstacles_and_refused_resizes_are_reported():
     content = made(moving(), obstacles={"speech": "no limit"}, unmet_actuation={"slam": "slam: Invalid: no"})
     assert condition(content, "Applied") == ("False", "NotApplied", "no limit; slam: Invalid: no")
     assert [task["message"] for task in content["tasks"]][1] == "no limit"
 
 
 @pytest.mark.parametrize(("mode", "reason"), [("Enforce", "InForce"), ("DryRun", "DryRun"), ("Paused", "Paused")])
-def test_what_applied_means_is_the_modes_business(mode, reason):
+def test_the_reason_of_applied_depends_on_the_mode(mode, reason):
     assert condition(made(moving(mode=mode)), "Applied") == ("True", reason, "")
 
 

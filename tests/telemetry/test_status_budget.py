@@ -28,7 +28,7 @@ def test_the_first_status_may_take_the_last_write():
     assert reserve(None, a_status()) == 0
 
 
-def test_contexts_leave_some_to_conditions():
+def test_contexts_leave_writes_for_conditions():
     assert reserve(a_status(), a_status(contexts="moving", tasks=[])) == FOR_CONDITIONS > 0
 
 

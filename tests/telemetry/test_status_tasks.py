@@ -16,7 +16,7 @@ from tests.planning.quiet import Quiet
 from tests.telemetry.made_status import NOW, a_robot, condition, made, moving
 
 
-def test_the_next_operator_reads_what_the_tasks_had():
+def test_a_restarted_operator_reads_the_tasks_last_state():
     content, policy = made(moving()), a_robot()
     slam, speech = Remembered(1.0, suspended=False), Remembered(0.0, suspended=True)
     assert remembered(content, policy) == {"slam": slam, "speech": speech}

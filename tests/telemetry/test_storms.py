@@ -13,7 +13,7 @@ from tests.telemetry.reporting import POLICY
 
 
 @pytest.mark.parametrize("contexts", [("-",), ("moving", "reading")])
-def test_constantly_changing_statuses_are_written_occasionally(desk, contexts):
+def test_constantly_changing_statuses_are_rate_limited(desk, contexts):
     desk.storm(300, contexts=contexts)
     assert len(desk.statuses) <= BURST + 300 / REFILL
     times = [at for at, _, _ in desk.statuses]
@@ -29,7 +29,7 @@ def test_the_last_of_a_storm_is_written(desk):
     assert len(desk.statuses) == written
 
 
-def test_what_waits_is_made_when_it_is_due_and_not_before(desk):
+def test_a_waiting_status_is_built_when_due(desk):
     for n in range(BURST - FOR_CONTEXTS):
         desk.status(n)
         desk.wait(STATUS_INTERVAL + STATUS_DELAY + 0.1)
@@ -76,14 +76,14 @@ def test_after_a_quiet_time_a_status_is_written_at_once(desk):
     assert desk.statuses[-1][2] == -1
 
 
-def test_what_fails_costs_nothing(desk):
+def test_failed_writes_do_not_use_the_budget(desk):
     desk.faults += [UNREACHABLE] * 2 * BURST
     desk.status(1)
     desk.wait(2 * BURST * STATUS_RETRY + 1)
     assert [n for _, _, n in desk.statuses] == [1]
 
 
-def test_nothing_is_made_any_more_for_a_policy_that_is_gone(desk):
+def test_no_status_is_built_for_a_deleted_policy(desk):
     desk.storm(120)
     desk.reporter.status(POLICY, lambda: pytest.fail("the policy is gone"))
     desk.reporter.forget(POLICY)
