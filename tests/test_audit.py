@@ -19,6 +19,6 @@ FOUND = {"name": "one", "version": "1.0", "vulns": [{"id": "PYSEC-1", "fix_versi
         ([], {}, 0, "0 advisories"),
     ],
 )
-def test_it_fails_on_what_has_no_reason_and_on_reasons_without_a_finding(packages, known, code, said, capsys):
+def test_unexplained_findings_and_stale_reasons_fail(packages, known, code, said, capsys):
     assert judge(json.dumps({"dependencies": packages}), known) == code
     assert said in capsys.readouterr().out

@@ -152,7 +152,7 @@ def test_a_field_is_added_to_the_definition_and_to_the_parser(copy):
         pytest.param(IN_THE_DEFINITION, "spec.tasks[].pinned: the parser refuses it", id="the definition"),
     ],
 )
-def test_a_field_that_only_one_of_them_knows_fails_the_comparison(copy, known_to, expected):
+def test_a_field_known_only_to_parser_or_definition_fails(copy, known_to, expected):
     copy.edit(known_to)
     copy.make_crds()
     assert expected in copy.failures("tests/crds/test_agreement.py", "-k", "agree_on_every_field")
@@ -184,6 +184,6 @@ def test_a_function_is_added_to_the_table(copy):
     assert "'clamp'" in (copy.folder / DEFINITION).read_text(encoding="utf-8")
 
 
-def test_a_function_that_nothing_computes_is_found(copy):
+def test_a_function_without_an_implementation_is_found(copy):
     copy.edit({FUNCTIONS: ("        run=root,\n", "")})
     assert "example_is_right_and_works[sqrt]" in copy.failures("tests/policy/test_cel_functions.py", "-k", "example")

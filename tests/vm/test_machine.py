@@ -20,19 +20,19 @@ def a_machine(script):
     return [sys.executable, "-c", script]
 
 
-def test_a_machine_that_powers_itself_off_has_said_all(tmp_path, monkeypatch, caplog):
+def test_console_output_is_complete_after_power_off(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(machine, "LOOK", 0.01)
     caplog.set_level("INFO")
     machine.run(a_machine("print('the last words')"), tmp_path / "console.log", timeout=60)
     assert "the last words" in caplog.text
 
 
-def test_a_machine_that_stays_on_is_ended(tmp_path):
+def test_a_machine_that_stays_on_times_out(tmp_path):
     with pytest.raises(ClusterError, match="still on after 0 s"):
         machine.run(a_machine("import threading; threading.Event().wait()"), tmp_path / "console.log", timeout=0)
 
 
-def test_a_machine_that_is_no_longer_wanted_is_ended(tmp_path, monkeypatch):
+def test_a_machine_is_killed_when_its_command_is_terminated(tmp_path, monkeypatch):
     before, started = signal.getsignal(signal.SIGTERM), []
     monkeypatch.setattr(build, "install_packages", lambda _: None)
     monkeypatch.setattr(command_line, "held", lambda _: contextlib.nullcontext())
@@ -84,18 +84,18 @@ def test_everything_runs_when_nothing_is_chosen():
     assert stages([]) == {stage: list(files) for stage, files in STAGES.items()}
 
 
-def test_a_stage_of_which_nothing_is_chosen_does_not_run(logs):
+def test_a_stage_without_chosen_tests_is_skipped(logs):
     chosen = ["test_running.py::test_weights_move_too_and_are_restored"]
     assert stages(chosen) == {"running": chosen}
     (logs / "running").write_text("0")
     assert command_line._verdict(stages(chosen)) == ""
 
 
-def test_files_that_can_be_chosen_are_all_there_are():
+def test_all_test_files_can_be_chosen():
     assert sorted(FILES) == sorted(file.name for file in TESTS.glob("test_*.py"))
 
 
-def test_an_unknown_file_is_refused_with_those_there_are(capsys):
+def test_an_unknown_file_is_refused_with_the_known_ones(capsys):
     with pytest.raises(SystemExit):
         command_line.parser().parse_args(["test_runing.py"])
     assert f"test_runing.py: its file is none of {', '.join(FILES)}" in capsys.readouterr().err

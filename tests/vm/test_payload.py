@@ -31,7 +31,7 @@ def test_the_machine_receives_the_tests_to_run():
 
 
 @pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.stem)
-def test_what_units_start_and_name_exists(unit):
+def test_modules_and_units_named_by_units_exist(unit):
     text = unit.read_text()
     for module in re.findall(r"python3 -m (\S+)", text):
         assert (REPOSITORY / f"{module.replace('.', '/')}.py").is_file()
@@ -39,13 +39,13 @@ def test_what_units_start_and_name_exists(unit):
     assert named <= {other.name for other in UNITS}
 
 
-def test_the_node_outlives_what_started_it_as_k3s_does():
+def test_the_node_survives_its_starter():
     text = next(unit for unit in UNITS if unit.stem == "contextpolicy-node").read_text()
     assert "KillMode=process" in text
     assert "Delegate=yes" in text
 
 
-def test_the_system_has_what_the_node_calls():
+def test_the_system_has_the_packages_the_node_needs():
     """All but what only builds need."""
     builds = {"buildah", "gcc", "libc6-dev", "libseccomp-dev", "mmdebstrap", "pkg-config"}
     assert set(DEBIAN_PACKAGES) - builds <= set(system.PACKAGES)

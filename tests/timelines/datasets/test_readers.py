@@ -48,7 +48,7 @@ def test_imu_samples_have_gyro_accel_and_speed(recorded):
 
 
 @pytest.mark.parametrize("name", ["MH_01_easy", "V1_02_medium"])
-def test_real_names_are_read(recorded, name):
+def test_original_euroc_names_are_read(recorded, name):
     (recorded / "real").rename(recorded / name)
     timeline = {"key": "robot/imu", "encoding": "json", "from": 0, "to": 1, "dataset": f"{name}/imu"}
     (entry,) = parse({"name": "real", "duration": 1, "inputs": [timeline]}).entries
@@ -70,13 +70,13 @@ def test_true_speed_is_unknown_outside_the_ground_truth(recorded):
     assert [sample.get("speed") for sample in samples] == [None, 1.0, 1.5, None]
 
 
-def test_audio_comes_in_chunks_when_they_have_been_heard(tmp_path):
+def test_audio_chunks_are_stamped_at_their_end(tmp_path):
     write(tmp_path / "speech/x/audio.wav", np.zeros(4000))
     chunks = [(round(at, 3), len(payload)) for at, payload in read(tmp_path, "speech/x")]
     assert chunks == [(0.1, 3200), (0.2, 3200)]
 
 
 @pytest.mark.parametrize("name", ["euroc/stereo", "speech/x", "real/stereo", "nonsense"])
-def test_a_data_set_that_is_not_there_says_how_to_make_it(tmp_path, name):
+def test_a_missing_data_set_says_how_to_generate_it(tmp_path, name):
     with pytest.raises(DatasetError, match=r"python -m timelines\.datasets"):
         read(tmp_path, name)

@@ -13,7 +13,7 @@ def a_sample(kind, payload=b""):
     return SimpleNamespace(kind=kind, payload=SimpleNamespace(to_bytes=lambda: payload))
 
 
-def test_messages_are_collected_and_a_withdrawal_is_none():
+def test_plans_are_collected_and_deletions_ignored():
     plans: list[dict[str, Any]] = []
     take = _collect(plans)
     take(a_sample(zenoh.SampleKind.PUT, json.dumps({"sequence": 1}).encode()))

@@ -82,7 +82,7 @@ def test_reactions_are_timed_from_what_triggered_them():
     assert third.patch_ms == pytest.approx(20)
 
 
-def test_a_patch_that_was_accepted_before_the_plan_is_of_another():
+def test_a_patch_accepted_before_the_plan_is_ignored():
     """A step is shown with the number of the newest plan, which may have been made while the patch was under way."""
     recording = a_recording()
     recording.applied.insert(0, accepted(2, 4.9))
@@ -95,13 +95,13 @@ def test_a_plan_that_moves_no_share_is_not_a_reaction():
     assert [reaction.at for reaction in reactions(recording, STARTED, LIMITED)] == [1, 5, 9]
 
 
-def test_a_limit_that_comes_after_the_next_plan_is_not_this_ones():
+def test_a_limit_after_the_next_plan_is_ignored():
     recording = a_recording()
     recording.limits["slam"] = [(STARTED + 1.2, 0.5), (STARTED + 9.5, 0.99)]
     assert reactions(recording, STARTED, LIMITED)[1].cgroup_ms is None
 
 
-def test_medians_count_only_what_got_there():
+def test_medians_ignore_reactions_that_never_arrived():
     found = medians(reactions(a_recording(), STARTED, LIMITED))
     assert found["sample to plan"] == pytest.approx(2)
     assert found["sample to patch"] == pytest.approx(15)
@@ -132,13 +132,13 @@ def test_a_plan_that_never_reached_the_kernel_is_named():
     )
 
 
-def test_a_plan_that_stood_too_short_need_not_have_arrived():
+def test_a_short_lived_plan_need_not_reach_the_kernel():
     recording = a_recording()
     recording.plans.insert(2, a_plan(9, 8.5, {"slam": 0.2, "speech": 0.8}))
     assert mismatches(recording, set(), LIMITED) == []
 
 
-def test_shares_that_never_changed_prove_nothing():
+def test_shares_that_never_changed_are_a_mismatch():
     recording = Recording(
         plans=[a_plan(1, 1, {"slam": 0.5})], limits=limits(slam=[(1.1, 0.5)]), patched=limits(slam=[(1.1, 0.5)])
     )
@@ -157,12 +157,12 @@ def test_spans_with_a_pause_stay_apart():
     assert spans(Recording(plans=plans), STARTED) == [("a", 1, 2), ("a", 3, 4), ("b", 3, 4)]
 
 
-def test_the_value_at_a_moment():
+def test_value_of_a_step_function_at_a_time():
     steps = [(1.0, 0.5), (2.0, 0.9)]
     assert [at(steps, moment) for moment in (0.5, 1.0, 1.9, 2.0, 9.0)] == [None, 0.5, 0.5, 0.9, 0.9]
 
 
-def test_what_a_recording_knows_last():
+def test_last_limit_and_usage_of_a_recording():
     recording = Recording(
         limits={"slam": [(1.0, 0.5), (2.0, 0.9)]}, usage={"slam": [(1.0, 0.2), (1.5, 0.6), (2.0, 0.8)]}
     )

@@ -58,12 +58,12 @@ def plan(sequence, at, suspended=()):
     return {"run": 1, "sequence": sequence, "time": BEGIN + at, "contexts": [], "tasks": tasks}
 
 
-def test_commands_are_heard_by_their_word_and_time(judge):
+def test_commands_are_matched_by_word_and_time(judge):
     found = judge(keywords((2.1, "left"), (8.1, "left"), (19.8, "stop")))["speech"]
     assert (found.value, found.count) == (pytest.approx(100 / 3), 3)
 
 
-def test_what_was_said_while_the_policy_did_not_listen_does_not_count(judge):
+def test_speech_while_suspended_does_not_count(judge):
     plans = [plan(1, -1), plan(2, 5, ["speech"]), plan(3, 12)]
     found = judge(keywords((2.1, "left"), (16.1, "stop")), plans=plans)["speech"]
     assert (found.value, found.count) == (100, 2)
@@ -91,20 +91,20 @@ def test_motion_is_right_or_wrong_answer_by_answer(judge):
     assert (found.value, found.count) == (75, 4)
 
 
-def test_the_path_is_as_long_as_it_was_ordered(judge):
+def test_path_length_is_compared_with_the_order(judge):
     reported = [(0, {"travelled": 1.0}), (19, {"travelled": 3.0})]
     found = judge({"robot/navigation/odometry": reported})["navigation"]
     assert found.value == pytest.approx(0.1)  # 2 m of 0.3 m/s in 7 s
     assert not found.more_is_better
 
 
-def test_an_order_is_carried_out_before_the_next_one_comes(judge):
+def test_an_order_must_finish_before_the_next(judge):
     reported = [(4, {"doing": "moving"}), (15, {"doing": "arrived"})]
     found = judge({"robot/arm/state": reported})["arm"]
     assert (found.value, found.count) == (50, 2)
 
 
-def test_poses_are_compared_with_their_own_pictures_truth(judge, tmp_path):
+def test_poses_are_compared_with_the_truth_of_their_frame(judge, tmp_path):
     folder = tmp_path / POSES
     (tmp_path / "walk" / "mav0" / "imu0").mkdir(parents=True)
     (tmp_path / "walk" / "mav0" / "imu0" / "data.csv").touch()  # what makes it a sequence

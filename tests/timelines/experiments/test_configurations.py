@@ -36,7 +36,7 @@ def test_every_variant_is_a_policy(configuration, pace):
     assert (policy.enforcement.scheduler == "Realtime") == configuration.realtime
 
 
-def test_at_four_times_the_pace_pauses_are_shorter_and_what_others_depend_on_has_its_max():
+def test_a_faster_pace_scales_delays_and_bounds():
     spec = at_pace(POLICY, 4.0)["spec"]
     tasks = {task["name"]: task for task in spec["tasks"]}
     assert (tasks["imu"]["min"], tasks["imu"]["max"]) == ("400m", "400m")
@@ -47,7 +47,7 @@ def test_at_four_times_the_pace_pauses_are_shorter_and_what_others_depend_on_has
 
 
 @pytest.mark.parametrize("pace", [1.0, 6.0])
-def test_no_task_is_given_cpu_that_it_has_no_use_for(pace):
+def test_no_task_gets_more_cpu_than_it_needs(pace):
     """Navigation needs 13m at real pace, 28m at six times: at 600m, a third of the node would lie idle."""
     shares = {task: parse_cpu(cpu["limit"]) for task, cpu in by_priority(at_pace(POLICY, pace), 2).items()}
     assert shares["navigation"] == 100
@@ -87,7 +87,7 @@ def test_static_limits_divide_the_node_by_priority_within_bounds():
     assert shares["slam"] > shares["arm"]  # priorities 10 and 5, none at a bound
 
 
-def test_static_requests_leave_room_for_what_runs_beside():
+def test_static_requests_leave_room_for_other_pods():
     """Operator and router request 100m each, drivers and guards 250m: the scheduler must find room for all."""
     requests = {task: parse_cpu(cpu["request"]) for task, cpu in by_priority(POLICY, 2).items()}
     assert sum(requests.values()) < 2000 - 2 * 100 - 250
@@ -120,5 +120,5 @@ def test_autoscalers_move_cpu_in_place_within_the_policys_bounds():
         ({"stamp": 3 * 10**9, "queue": 2, "suspended": True}, True),
     ],
 )
-def test_a_task_is_idle_once_it_says_so(health, expected):
+def test_a_task_is_idle_when_its_health_reports_it(health, expected):
     assert idle(health, 2.0) is expected

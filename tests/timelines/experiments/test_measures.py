@@ -40,7 +40,7 @@ def test_response_and_misses_by_what_the_robot_does(run):
     assert measures.response(found, "speech").missed == 0
 
 
-def test_what_was_published_or_waited_when_the_task_was_suspended_counts_apart(run):
+def test_inputs_during_a_suspension_are_counted_separately(run):
     skipped = [("speech", index) for index in (3, 4, 5, 6)]  # 3 waits at 0.35 s, 7 comes after 0.65 s
     plans = [(-1.0, (), 1.0), (0.35, ("speech",), 1.5), (0.65, (), 1.0)]
     found = run(service=FAST, skipped=skipped, plans=plans)
@@ -53,18 +53,18 @@ def test_what_was_published_or_waited_when_the_task_was_suspended_counts_apart(r
     assert measures.response(found, "speech").due == 6
 
 
-def test_what_vanished_without_suspension_is_lost_and_missed(run):
+def test_an_input_lost_without_suspension_is_a_miss(run):
     found = run(service=FAST, skipped=[("slam", 2)])
     assert measures.counts(found, "slam")[Fate.LOST] == 1
     assert (measures.response(found, "slam").due, measures.response(found, "slam").missed) == (10, 1)
 
 
-def test_what_still_waits_when_the_run_is_given_up_is_unfinished(run):
+def test_inputs_waiting_at_an_abort_are_unfinished(run):
     found = run(service=FAST, skipped=[("slam", 8), ("slam", 9)], drained=False)
     assert measures.counts(found, "slam")[Fate.UNFINISHED] == 2
 
 
-def test_equal_work_leaves_out_what_only_one_run_did(run):
+def test_equal_work_counts_only_inputs_done_in_both_runs(run):
     everything = run("b", service=SLOW)
     half = run("c", service=SLOW, skipped=[("slam", index) for index in range(5, 10)])
     assert measures.equal_work(everything, half) == pytest.approx((1.0, 1.0))

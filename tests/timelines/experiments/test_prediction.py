@@ -41,7 +41,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_what_a_run_kept_predicts_it(folder):
+def test_a_finished_run_can_be_predicted(folder):
     slam = prediction.predict(folder, 1.0, 2).tasks["slam"][ALL]
     assert slam.inputs == 150
     assert slam.suspended > 50  # 1 s after the robot stands still

@@ -75,7 +75,7 @@ def test_goals_come_first_and_each_figure_is_kept_for_programs(kept, text):
     assert figures["cfs-ca", 0] == figures["cfs-ca", 1] == pytest.approx(1.0)
 
 
-def test_the_ideal_is_what_response_times_are_multiples_of(text):
+def test_response_times_are_multiples_of_the_ideal(text):
     rows = [line.split("|") for line in text.splitlines() if line.startswith("| CFS CA |")]
     assert any(row[-2].strip().startswith("2 ") for row in rows)  # 0.1 s, which takes 0.05 s alone
 
@@ -102,7 +102,7 @@ def test_figures_label_directly_and_say_what_they_show(kept, text):
     assert "legend" not in "".join(path.read_text(encoding="utf-8") for path in (kept / "figures").glob("*.svg"))
 
 
-def test_without_runs_there_is_nothing_to_report(tmp_path):
+def test_a_report_without_runs_is_refused(tmp_path):
     with pytest.raises(DeployError, match="no finished run"):
         write_report(tmp_path, tmp_path, tmp_path)
 

@@ -83,7 +83,7 @@ def test_every_input_of_a_run_is_accounted_for(node, tmp_path):  # noqa: ARG001
     assert profile["inputs"]["stereo"]["done"] == done
 
 
-def test_a_run_of_a_silent_robot_fails_and_leaves_nothing_to_resume(monkeypatch, tmp_path):
+def test_a_run_without_health_fails_and_is_not_kept(monkeypatch, tmp_path):
     timeline = tmp_path / "short.json"
     timeline.write_text(json.dumps(TIMELINE), encoding="utf-8")
     monkeypatch.setattr(run_module, "PATIENCE", 0.1)

@@ -92,7 +92,7 @@ def test_all_mistakes_are_reported_at_once(tmp_path):
     ]
 
 
-def test_what_cannot_be_read_is_reported(recorded, capsys):
+def test_missing_labels_are_reported(recorded, capsys):
     (recorded / "labels.yaml").unlink()
     assert convert(recorded) == 2
     assert "readable YAML" in capsys.readouterr().err

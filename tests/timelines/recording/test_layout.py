@@ -81,14 +81,14 @@ def record(sink, cgroup):
     recorder._count()
 
 
-def test_it_is_the_one_of_the_whole_robot(capsys):
+def test_the_committed_layout_matches_the_sample_policy(capsys):
     assert layout.main([str(POLICY)]) == 0
     assert capsys.readouterr().out == LAYOUT.read_text(encoding="utf-8"), (
         f"python -m timelines.recording.layout {POLICY}"
     )
 
 
-def test_every_path_that_it_asks_for_is_in_a_recording(tmp_path, cgroup):
+def test_every_path_of_the_layout_is_in_a_recording(tmp_path, cgroup):
     file = tmp_path / "run.mcap"
     with McapWriter(file) as writer:
         record(writer, cgroup)
@@ -126,7 +126,7 @@ def test_a_live_viewer_receives_what_a_recording_contains(tmp_path, cgroup):
     assert sorted(decided(tmp_path / "live.mcap")) == sorted(decided(tmp_path / "run.mcap"))
 
 
-def test_a_policy_that_is_refused(tmp_path, capsys):
+def test_an_invalid_policy_is_refused(tmp_path, capsys):
     (tmp_path / "policy.yaml").write_text("kind: ContextPolicy")
     assert layout.main([str(tmp_path / "policy.yaml")]) == 2
     assert "policy.yaml" in capsys.readouterr().err

@@ -50,7 +50,7 @@ def test_a_viewer_hears_of_topics_as_they_come(viewed):
     assert heard.startswith(b"HTTP/1.1 101")
 
 
-def test_without_a_bus_there_is_nothing_to_see():
+def test_a_missing_router_address_is_reported():
     program = [sys.executable, "-m", "timelines.recording.live", "--connect", ""]
     ended = subprocess.run(program, capture_output=True, text=True, timeout=2 * PATIENCE, check=False)
     assert ended.returncode == 2

@@ -55,7 +55,7 @@ def read(path):
         return [(channel, message) for _, channel, message in make_reader(file).iter_messages()]
 
 
-def test_what_is_recorded_plays_again_byte_for_byte(tmp_path, cgroup):
+def test_a_recording_replays_identical_payloads(tmp_path, cgroup):
     path = tmp_path / "run.mcap"
     with (
         router() as address,
@@ -83,7 +83,7 @@ def test_what_is_recorded_plays_again_byte_for_byte(tmp_path, cgroup):
     assert len(list(_window(inputs, Options()))) == len(again)
 
 
-def test_the_file_says_what_it_is_of(tmp_path):
+def test_the_file_has_metadata_and_attachments(tmp_path):
     with McapWriter(tmp_path / "run.mcap") as file:
         file.describe({"timeline": "demo"})
         file.attach("demo.json", "application/json", b"{}", 5)
@@ -135,7 +135,7 @@ def test_viewers_get_standard_schemas(key, payload, schema, field, value):
 
 @pytest.mark.parametrize("payload", [b"", b"{", b"[]", b"null", b'{"ranges": 7}', b'{"position": []}', b'{"tasks": 1}'])
 @pytest.mark.parametrize("key", ["a/lidar/scan", "a/slam/pose", "a/camera/stereo", "contextpolicy/a/b/plan"])
-def test_what_is_broken_is_not_drawn(key, payload):
+def test_invalid_payloads_are_not_drawn(key, payload):
     assert list(shown(key, payload, 0)) == []
 
 
@@ -144,7 +144,7 @@ def test_containers_are_those_of_the_plan():
     assert [list(targets(payload)) for payload in (b"", b"[]", b"7", b'{"targets": [{}, 1]}')] == [[], [], [], []]
 
 
-def test_encodings_are_mcaps_words():
+def test_encodings_use_mcaps_names():
     assert encoding_of("application/json", "a", b"{") == "json"
     assert encoding_of("zenoh/bytes", "a", b'{"x": 1}') == "json"
     assert encoding_of("zenoh/bytes", "a", b"{binary") == "zenoh/bytes"

@@ -103,7 +103,7 @@ def test_a_file_of_ros_topics_opens_in_both_libraries(tmp_path):
     assert channel.metadata == {"offered_qos_profiles": "[]", "topic_type_hash": STORE.hash_rihs01(POSE)}
 
 
-def test_a_folder_opens_in_both_libraries_whatever_else_is_heard(tmp_path):
+def test_a_folder_with_other_topics_opens_in_both_libraries(tmp_path):
     folder = tmp_path / "run"
     with BagWriter(folder, RosTopics()) as writer:
         heard(writer, key("slam/pose", POSE), a_pose(1.5))
@@ -161,7 +161,7 @@ def test_an_older_releases_message_has_its_own_definition(tmp_path):
     assert reported.range == 1.25
 
 
-def test_a_type_that_nobody_knows_keeps_its_name_and_hash(tmp_path):
+def test_an_unknown_type_keeps_its_name_and_hash(tmp_path):
     with McapWriter(tmp_path / "run.mcap") as writer:
         heard(writer, key("mood", MOOD, "RIHS01_ab"), b"\x00\x01\x00\x00")
         heard(writer, key("scan", SCAN, "RIHS01_of_a_fork"), b"\x00\x01\x00\x00")

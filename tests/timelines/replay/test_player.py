@@ -120,7 +120,7 @@ ROS = {
 }
 
 
-def test_a_ros_policys_streams_hear_a_timeline_as_they_hear_the_robot(bus):
+def test_ros_streams_receive_a_played_timeline(bus):
     _, player, robot = bus
     scan = Stream("scan", SCAN_KEY.rpartition("/")[0] + "/*", Encoding.CDR, type="sensor_msgs/msg/LaserScan")
     light = Stream("light", "0/light", Encoding.CDR, type="std_msgs/msg/Bool")
@@ -184,7 +184,7 @@ def test_the_command_plays_and_reports(bus, datasets, capsys):
     ("arguments", "message"),
     [(["missing.json", "--connect", "tcp/127.0.0.1:1"], "missing.json"), (["FILE", "--connect", ""], "ZENOH_CONNECT")],
 )
-def test_the_command_refuses_with_a_sentence(datasets, capsys, arguments, message):
+def test_the_command_reports_bad_arguments(datasets, capsys, arguments, message):
     path = datasets / "short.json"
     path.write_text(json.dumps(TIMELINE), encoding="utf-8")
     assert main([str(path) if argument == "FILE" else argument for argument in arguments]) == 1

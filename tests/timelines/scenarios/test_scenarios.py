@@ -145,7 +145,7 @@ def test_invalid_yaml_is_reported_with_its_line(tmp_path):
         load(tmp_path / "x.yaml")
 
 
-def test_people_make_timelines_of_their_own(tmp_path, capsys):
+def test_users_can_generate_their_own_timelines(tmp_path, capsys):
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(SHORT), encoding="utf-8")
     assert main([str(tmp_path / "mine.yaml"), "--out", str(tmp_path)]) == 0
     assert load_timeline(tmp_path / "short.json").duration == 6

@@ -41,7 +41,7 @@ def refused(session, *reasons):
     return sum(said.get(reason, 0) for reason in reasons)
 
 
-def test_a_signed_plan_for_a_container_of_another_namespace_moves_nothing(governed, session, tmp_path):  # noqa: ARG001
+def test_a_signed_plan_for_a_foreign_container_is_refused(governed, session, tmp_path):  # noqa: ARG001
     start(STRANGER, namespace=OTHER)
     uid, container = api.get("pods", STRANGER, OTHER)["metadata"]["uid"], container_id(STRANGER, OTHER)
     signer = Signer(files("signing", tmp_path / "signing"))
@@ -58,7 +58,7 @@ def test_a_signed_plan_for_a_container_of_another_namespace_moves_nothing(govern
     api.delete("pods", STRANGER, OTHER)
 
 
-def test_a_captured_withdrawal_undoes_no_later_plan(sensors, session, tmp_path):
+def test_a_replayed_withdrawal_is_refused(sensors, session, tmp_path):
     withdrawn = []
     with (
         session.declare_subscriber(KEY, lambda sample: withdrawn.append(sample.attachment)),

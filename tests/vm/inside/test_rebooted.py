@@ -6,7 +6,7 @@ from tests.vm.inside.conftest import all_ready
 from tests.vm.inside.robot import TASKS, agreed, let_go, ready
 
 
-def test_the_policy_holds_and_everything_can_still_be_put_back():
+def test_limits_hold_after_a_reboot_and_can_be_restored():
     until("operator, router and agent are ready", all_ready, patience=1200)
     for name in TASKS:
         until(f"pod {name} is ready", lambda name=name: ready(name, ROBOT))

@@ -80,14 +80,14 @@ def test_the_agent_is_ahead_of_the_resize_which_agrees(governed):
 
 
 @pytest.mark.usefixtures("ahead")
-def test_systemd_writes_all_units_again_and_the_agents_limits_stay():
+def test_agent_limits_survive_a_systemd_reload():
     systemctl("daemon-reload")
     time.sleep(5)
     in_force(**MOVING)
 
 
 @pytest.mark.usefixtures("ahead")
-def test_somebody_sets_a_property_of_the_units_and_the_agents_limits_stay():
+def test_agent_limits_survive_set_property():
     group = scope("slam", ROBOT)
     for unit in (group, group.parent):
         systemctl("set-property", "--runtime", unit.name, "IOAccounting=yes", "CPUWeight=50")
@@ -98,7 +98,7 @@ def test_somebody_sets_a_property_of_the_units_and_the_agents_limits_stay():
 
 
 @pytest.mark.usefixtures("ahead")
-def test_a_killed_agent_continues_where_it_was():
+def test_a_killed_agent_restores_its_limits():
     [agent] = api.items("pods", NAMESPACE, **{"app.kubernetes.io/component": "agent"})
     name = agent["metadata"]["name"]
     restarts = container(name)["restartCount"]
@@ -113,7 +113,7 @@ def container(pod):
     return api.get("pods", pod, NAMESPACE)["status"]["containerStatuses"][0]
 
 
-def test_deleting_the_policy_undoes_what_no_resize_confirmed(governed):
+def test_deleting_the_policy_restores_limits_despite_refused_resizes(governed):
     with resizes_refused():
         drive(governed, 0.3)
         in_force(**MOVING)
@@ -122,7 +122,7 @@ def test_deleting_the_policy_undoes_what_no_resize_confirmed(governed):
     agreed(**ORIGINAL)
 
 
-def test_systemd_knows_what_a_resize_has_confirmed(governed):
+def test_confirmed_resizes_survive_a_systemd_reload(governed):
     drive(governed, 0.3)
     agreed(**MOVING)
     systemctl("daemon-reload")
@@ -174,7 +174,7 @@ def test_weights_are_written_at_every_level_and_restored(sensors):
     until("the weights are as they were", lambda: {name: weights(name)[:2] for name in TASKS} == before)
 
 
-def test_realtime_is_refused_in_words_that_help(sensors):
+def test_unsupported_realtime_names_the_remedy(sensors):
     drive(sensors, 0.0)
     govern(enforcement={"scheduler": "Realtime"})
     wanted = "cgroup v2 has no realtime budgets (cpu.rt.max) in this kernel: boot with cgroup v1"
@@ -189,7 +189,7 @@ def test_realtime_is_refused_in_words_that_help(sensors):
     let_go()
 
 
-def test_last_of_all_the_machine_is_left_under_a_policy(sensors):
+def test_the_machine_is_left_governed_for_the_reboot(sensors):
     drive(sensors, None)
     govern(tasks=[task("slam", priority=3), task("speech")])
     agreed(slam=300, speech=100)

@@ -55,7 +55,7 @@ def agent(tmp_path):
     limits.release(POLICY)
 
 
-def test_a_property_that_somebody_sets_takes_no_limit_back(group, agent):
+def test_setting_a_unit_property_keeps_the_agents_limit(group, agent):
     """systemd writes all that it knows of the unit's CPU, and so the limit from before ours."""
     agent.plan(group)
     assert limit(group) == OURS
@@ -66,14 +66,14 @@ def test_a_property_that_somebody_sets_takes_no_limit_back(group, agent):
     assert [limit(group), limit(group.parent)] == [BEFORE, BEFORE]
 
 
-def test_reloading_systemd_takes_no_limit_back(group, agent):
+def test_reloading_systemd_keeps_the_agents_limit(group, agent):
     agent.plan(group)
     systemctl("daemon-reload")
     systemctl("daemon-reexec")
     until("ours is in force", lambda: limit(group) == OURS or limit(group))
 
 
-def test_a_limit_set_through_systemd_is_the_owners(group, agent):
+def test_a_limit_set_through_systemd_is_kept(group, agent):
     """As a resize that decides otherwise: it stays until the next plan."""
     agent.plan(group)
     systemctl("set-property", "--runtime", group.name, "CPUQuota=20%")
