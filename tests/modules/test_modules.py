@@ -48,7 +48,7 @@ def test_its_readme_documents_streams_settings_cost_and_what_a_suspension_does(m
 
 
 def test_its_readme_begins_with_what_it_is_good_for_and_what_it_was_measured_on(module):
-    """In its first lines, before anybody trusts it; where that is only what we made ourselves, that is said too."""
+    """In its first lines; measurements on nothing but our own data are declared as such."""
     beginning = " ".join((module / "README.md").read_text(encoding="utf-8").splitlines()[:9])
     assert re.search(r"good for|demonstration", beginning, re.IGNORECASE)
     assert re.search(r"measured (only )?(on|for)", beginning, re.IGNORECASE)

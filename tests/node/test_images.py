@@ -46,7 +46,7 @@ def test_another_build_is_imported(containerd):
 
 
 def test_an_image_removed_by_the_kubelet_is_imported_again(containerd):
-    """It does when the disk fills up."""
+    """The kubelet removes images when the disk fills up."""
     images._deliver(NAME, BUILT)
     images._deliver(NAME, BUILT)
     assert len(containerd.imported) == 2

@@ -184,7 +184,7 @@ class TestInitiatives:
         assert self.scores(late, 2.0) == [(2.0, 0.0), (3.5, 2.0)]
 
     def test_a_plan_that_its_score_makes_reports_when_the_sample_behind_it_arrived(self):
-        """Not so when it speaks up later, by itself."""
+        """Not when it emits later, by itself."""
 
         def faster(speed):
             return speed + 1

@@ -109,8 +109,8 @@ def test_a_score_that_changes_no_share_is_reported_and_not_carried_out():
     story = Story(policy)
     for tick in range(1, 5):
         story.sample("imu", at=tick, risk=float(max(2, tick)))
-    told = [(plan.sequence, plan.time - START, plan.tasks["slam"].weight, plan.cause) for plan in story.plans[2:]]
-    assert told == [(3, 1, 2.0, "imu: true is 2"), (3, 3, 3.0, "imu: true is 3"), (3, 4, 4.0, "imu: true is 4")]
+    shown = [(plan.sequence, plan.time - START, plan.tasks["slam"].weight, plan.cause) for plan in story.plans[2:]]
+    assert shown == [(3, 1, 2.0, "imu: true is 2"), (3, 3, 3.0, "imu: true is 3"), (3, 4, 4.0, "imu: true is 4")]
     assert story.planner.decided == story.plans[2]
     assert story.planner.last == story.plans[-1]
 

@@ -29,7 +29,7 @@ def test_containers_on_a_removed_node_are_released(running):
 
 
 def test_removal_of_an_old_node_keeps_its_reregistered_successor(running):
-    """A list may have the new one before it is noticed that the old one is gone."""
+    """A list may contain the new node before the deletion of the old one is noticed."""
     running.node("2", uid="uid-again")
     running.settle()
     assert running.limits() == {"slam": 1000, "speech": 1000}

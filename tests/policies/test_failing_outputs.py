@@ -1,4 +1,4 @@
-"""An output that raises takes nothing from the others, from the planner's timers, or from what it is to do itself."""
+"""An output that raises affects neither the others nor the planner's timers, and is tried again."""
 
 from __future__ import annotations
 

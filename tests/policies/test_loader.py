@@ -1,4 +1,4 @@
-"""Messages of one's own: a ConfigMap that the policy names."""
+"""Message types of one's own, from a ConfigMap that the policy names."""
 
 from __future__ import annotations
 

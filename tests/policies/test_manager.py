@@ -55,7 +55,7 @@ def test_an_edit_keeps_what_the_streams_reported_and_moves_only_what_it_changes(
 
 @pytest.mark.parametrize("streams", [[a_stream("imu", staleAfter="10s")], [a_stream("imu")]], ids=["watched", "plain"])
 def test_an_edit_without_effect_resizes_nothing(operator, streams):
-    """Least of all does it put containers back for a moment."""
+    """In particular, it doesn't restore the originals for a moment."""
     operator.govern(a_policy(streams=streams))
     operator.react(IMU, speed=0.3)
     calls = len(operator.cluster.calls)
@@ -118,7 +118,7 @@ def test_metrics_of_a_deleted_policy_are_removed(running):
 
 
 def test_a_resize_answer_after_deletion_leaves_no_state(running):
-    """A release does not wait for pods that end."""
+    """Deletion does not wait for terminating pods."""
     running.react(IMU, speed=0.3)
     running.sample(IMU, speed=0.0)
     for uid in running.cluster.pods:

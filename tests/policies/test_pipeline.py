@@ -1,4 +1,4 @@
-"""Several plans and updates under way at once: everybody gets what is newest, once and in order."""
+"""Several plans and updates in flight: each receiver gets the newest, once and in order."""
 
 from __future__ import annotations
 

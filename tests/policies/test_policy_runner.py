@@ -1,4 +1,4 @@
-"""One policy alive: what it orders and publishes, and what it hands over to its next version."""
+"""One running policy: what it orders and publishes, and what it hands over to its next version."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ def test_the_plan_key_stays_the_same_after_promotion(promoted):
 
 
 def test_a_promotion_moves_only_what_the_shadow_changes(beside):
-    """Nothing is put back on the way, and the context that holds goes on to hold."""
+    """Originals are not restored in between, and active contexts stay active."""
     resized = beside.resizes_while(lambda: beside.apply(a_shadow("Enforce", generation=2)))
     assert resized == [("slam", {"slam": "500m"}), ("speech", {"speech": "500m"})]
 
@@ -267,7 +267,7 @@ def test_there_is_no_recording_of_a_policy_that_does_not_run(promoted):
 
 
 def test_a_stream_that_only_the_shadow_has_is_known_when_it_is_promoted(running):
-    """It was heard beside the policy: the promoted plan is at once the one that was shown."""
+    """The shadow has read it before: the promoted plan is at once the one that was shown."""
     streams = [a_stream("imu", staleAfter="10s"), a_stream("mode", staleAfter="1h")]
     contexts = [a_context("careful", "mode.careful", HALF)]
     running.apply(a_shadow(streams=streams, contexts=contexts))

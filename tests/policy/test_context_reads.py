@@ -1,4 +1,4 @@
-"""What conditions over contexts may be, and what people read when they are not."""
+"""Which conditions over contexts are allowed, and the findings for others."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ def test_a_definition_that_is_given_twice_must_be_the_same():
 
 
 def test_definitions_are_never_code(monkeypatch):
-    """The library turns them into Python: whatever is in them, it stays a definition."""
+    """The library turns definitions into Python; nothing in them is executed."""
     planted: list[int] = []
     monkeypatch.setattr(sys, "planted", planted, raising=False)
     evil = '__import__("sys").planted.append(1)'

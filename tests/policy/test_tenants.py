@@ -1,4 +1,4 @@
-"""What administrators decide about namespaces, and what is said to policies that go beyond it."""
+"""What administrators allow namespaces, and the findings for policies that exceed it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bounded memory, whatever comes."""
+"""The flight recorder's memory stays bounded."""
 
 from __future__ import annotations
 

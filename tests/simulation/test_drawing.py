@@ -1,4 +1,4 @@
-"""Pictures are whole whatever there is to draw."""
+"""Pictures are complete whatever there is to draw."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def test_only_the_settled_part_of_the_last_process_counts():
 
 
 def test_a_flight_recorder_that_fills_is_not_a_leak():
-    """As one was seen to, in the first minutes of a soak."""
+    """As seen in the first minutes of a soak."""
     filling = life(hours=0.5, memory=lambda part: min(113.0, 98 + part * 1800 * 0.05))
     assert growth.leaks("operator", growth.last_life(filling)) == []
 

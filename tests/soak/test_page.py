@@ -12,18 +12,18 @@ SOAK = Soak(
 
 
 def test_the_page_lists_events_and_measurements():
-    told = section(SOAK)
-    assert "`make soak SEED=7` for 3600 s on 2026-11-24, 2 cores" in told
-    assert "(kine 2, router 1)" in told
-    assert "(flood 1). No limit was ever wrong" in told
-    assert "| operator, 29 minutes | 34 to 36 | 11 to 12 | 98 to 113 MiB |\n| router | too short a life" in told
+    text = section(SOAK)
+    assert "`make soak SEED=7` for 3600 s on 2026-11-24, 2 cores" in text
+    assert "(kine 2, router 1)" in text
+    assert "(flood 1). No limit was ever wrong" in text
+    assert "| operator, 29 minutes | 34 to 36 | 11 to 12 | 98 to 113 MiB |\n| router | too short a life" in text
 
 
 def test_a_soak_that_failed_says_so():
-    told = section(Soak(7, 3600, date(2026, 11, 24), 2, failed=["test_nothing_leaked"]))
-    assert "**Failed: test_nothing_leaked.**" in told
-    assert "never" not in told
-    assert "No limit" not in told
+    text = section(Soak(7, 3600, date(2026, 11, 24), 2, failed=["test_nothing_leaked"]))
+    assert "**Failed: test_nothing_leaked.**" in text
+    assert "never" not in text
+    assert "No limit" not in text
 
 
 def test_the_page_replaces_the_previous_soak():

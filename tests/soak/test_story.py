@@ -25,8 +25,8 @@ def test_an_hour_kills_every_part_and_replaces_every_task():
 
 
 def test_an_hour_has_every_kind_of_trouble():
-    told = story.story(1, 3600)
-    assert {event.kind for event in told if isinstance(event, Trouble)} == set(story.TROUBLES)
+    events = story.story(1, 3600)
+    assert {event.kind for event in events if isinstance(event, Trouble)} == set(story.TROUBLES)
 
 
 def test_our_pods_are_not_killed_in_the_second_half():

@@ -1,4 +1,4 @@
-"""What waits for the loop stays in bounds, however much is sent on however many streams."""
+"""The backlog of the loop stays bounded, however much is sent on however many streams."""
 
 from __future__ import annotations
 

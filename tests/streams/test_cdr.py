@@ -132,7 +132,7 @@ class TestCdr:
 
     @pytest.mark.parametrize("little_endian", [True, False])
     def test_no_converters_are_built_for_the_first_sample(self, monkeypatch, little_endian):
-        """Making converters took 163 ms; the loop has other things to do."""
+        """Building the converters took 163 ms, in which the loop was blocked."""
         payload = cdr("sensor_msgs/msg/Temperature", temperature=36.6, little_endian=little_endian)
         decoder = Decoder(Stream("t", "robot/t", Encoding.CDR, type="sensor_msgs/msg/Temperature"))
         monkeypatch.setattr(builtins, "compile", None)

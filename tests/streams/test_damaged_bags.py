@@ -1,4 +1,4 @@
-"""A damaged rosbag2 ends in one sentence, or is read up to there."""
+"""A damaged rosbag2 is refused in one sentence, or read up to the damage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A damaged recording ends in one sentence: what is wrong, how much was read, what repairs it; or is read so far."""
+"""A damaged recording is refused with what is wrong, how much was read and what repairs it, or read to the damage."""
 
 from __future__ import annotations
 

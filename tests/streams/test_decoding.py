@@ -1,4 +1,4 @@
-"""Payloads of senders who may be wrong: JSON, CBOR and MessagePack."""
+"""Payloads of untrusted senders: JSON, CBOR and MessagePack."""
 
 from __future__ import annotations
 

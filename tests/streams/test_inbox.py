@@ -49,7 +49,7 @@ def an_inbox(scheduler, heard, backlog=None):
 
 
 def test_each_sample_carries_the_time_of_its_arrival(monkeypatch):
-    """Not that at which the loop gets to it."""
+    """Not the time at which the loop handles it."""
     clock = iter([5.0, 6.0])
     monkeypatch.setattr(time, "monotonic", lambda: next(clock))
     scheduler, heard = TestScheduler(), Heard()
@@ -103,7 +103,7 @@ def test_a_closed_inbox_is_empty_and_delivers_nothing():
 
 
 def test_a_storm_does_not_starve_other_actions(monkeypatch):
-    """A new sample for each that is taken: timers and finished patches still act."""
+    """Each handled sample is followed by a new one: timers and finished patches still run."""
     scheduler, heard = TestScheduler(), Heard()
     inbox, decoder = an_inbox(scheduler, heard), Decoder(IMU)
     others: list[str] = []
@@ -263,7 +263,7 @@ def test_many_threads_may_put_at_once(loop):
 @pytest.mark.parametrize("closed", ["before", "after"])
 @pytest.mark.parametrize("lost", ["oversized", "overrun"])
 def test_a_closed_inbox_reports_nothing_though_a_drain_was_queued(closed, lost):
-    """Its policy is gone, and a handler of the loss would make the policy's figures again."""
+    """Its policy is gone, and reporting the loss would create the policy's metrics again."""
     scheduler, heard = TestScheduler(), Heard()
     inbox = an_inbox(scheduler, heard, Backlog(PLACE + 2, TOTAL))
     inbox.put(Decoder(IMU), b"{}")

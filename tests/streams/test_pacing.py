@@ -1,4 +1,4 @@
-"""Often enough, not too often, and the newest item always."""
+"""Items are emitted at a bounded rate, and the newest always."""
 
 from __future__ import annotations
 

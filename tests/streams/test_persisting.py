@@ -1,4 +1,4 @@
-"""A subscriber that fails gets its item again, and keeps it from nobody else."""
+"""A failing subscriber gets its item again, and others are not affected."""
 
 from __future__ import annotations
 

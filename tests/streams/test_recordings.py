@@ -1,4 +1,4 @@
-"""Strangers' recordings become inputs, byte for byte, in their own time or in simulated time."""
+"""Recordings of other tools become inputs, byte for byte, in their own time or in simulated time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who is the last sender to end, in whatever order tokens and answers come."""
+"""A stream is gone with its last sender, in whatever order tokens and answers arrive."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The time that a sample says it is of."""
+"""The timestamp of a sample."""
 
 from __future__ import annotations
 

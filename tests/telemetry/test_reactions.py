@@ -160,7 +160,7 @@ def moved(sequence, node):
 
 
 def test_confirmations_of_removed_nodes_are_forgotten(reactions):
-    """Nodes come and go under new names, where they are virtual machines."""
+    """Nodes that are virtual machines come and go under new names."""
     sizes = set()
     for number in range(2, 50):
         reactions.plan(POLICY, moved(number, f"node-{number}"), 7.5)

@@ -107,7 +107,7 @@ def test_reactions_of_a_deleted_policy_are_forgotten(reported):
 
 
 def test_a_resize_that_no_sample_asked_for_is_reported_and_not_measured(reported):
-    """An hour after the sample somebody changes the limit, and it is put back."""
+    """Another writer changes the limit an hour after the sample, and it is restored."""
     reported.watch.planned(POLICY, a_plan(1, slam=500), 1.0)
     reported.watch.planned(POLICY, a_plan(2, arrived=1.0, slam=300), 2.0)
     reported.watch.on_conflict(POLICY, "lab/slam/slam", Conflict("vpa-updater", Cpu(100, 300), Cpu(100, 700)))

@@ -77,7 +77,7 @@ def test_a_router_that_is_gone_and_a_stream_that_is_silent(operator, page):
 
 
 def test_delay_of_old_kubelets_is_exported(operator, page):
-    """An alert on slow reactions leaves a policy that; an old node without the policy's pods excuses nothing."""
+    """An alert on slow reactions allows for that delay; an old node without the policy's pods does not count."""
     govern(operator)
 
     def delay():
@@ -160,7 +160,7 @@ def test_an_agent_that_never_came_is_missed_where_every_node_is_to_have_one(oper
 
 
 def test_a_policy_whose_containers_cannot_be_restored_is_not_ready(operator, page):
-    """It is on its way out for as long as that takes: nobody would hear of it."""
+    """Its deletion lasts as long as that takes, and would go unnoticed."""
     govern(operator)
     operator.cluster.faults += [refusal("Forbidden")] * 9
     operator.delete(a_policy())
@@ -172,7 +172,7 @@ def test_a_policy_whose_containers_cannot_be_restored_is_not_ready(operator, pag
 
 
 def test_a_policy_that_is_created_again_while_the_old_one_leaves_has_only_its_own_series(operator):
-    """Somebody gave up on its restoration and removed the finalizer."""
+    """A user gave up on its restoration and removed the finalizer."""
     govern(operator)
     operator.cluster.faults += [refusal("Forbidden")] * 9
     operator.delete(a_policy())

@@ -1,4 +1,4 @@
-"""Since when a condition is as it is."""
+"""The transition times of conditions."""
 
 from __future__ import annotations
 

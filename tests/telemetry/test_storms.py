@@ -1,4 +1,4 @@
-"""Changes without end: when a status is written, and when it is made."""
+"""Constant changes: when a status is written, and when it is built."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ UNITS = sorted(payload.UNITS.glob("*.service"))
 
 
 def test_pods_of_one_node_reach_each_other_through_a_service(tmp_path):
-    """The kernel of the machine has as a module what others have built in."""
+    """The machine's kernel has as modules what others have built in."""
     for folder in ("systemd/system", "modules-load.d"):
         (tmp_path / "etc" / folder).mkdir(parents=True)
     (tmp_path / "var" / "log").mkdir(parents=True)
@@ -46,7 +46,7 @@ def test_the_node_survives_its_starter():
 
 
 def test_the_system_has_the_packages_the_node_needs():
-    """All but what only builds need."""
+    """Except for the packages that only builds need."""
     builds = {"buildah", "gcc", "libc6-dev", "libseccomp-dev", "mmdebstrap", "pkg-config"}
     assert set(DEBIAN_PACKAGES) - builds <= set(system.PACKAGES)
 

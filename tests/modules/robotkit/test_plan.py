@@ -118,7 +118,7 @@ def test_a_module_queries_the_plan_of_a_later_operator():
 
 
 def test_a_plan_that_was_made_while_the_router_was_gone_is_heard_when_it_is_back():
-    """Nobody repeats it: a task would stay suspended until the next one."""
+    """Plans are not repeated: a task would stay suspended until the next one."""
     heard: queue.Queue[Decision] = queue.Queue()
     plans = [a_plan(sequence=1, suspended=True)]
     port = free_port()
@@ -137,7 +137,7 @@ def test_a_plan_that_was_made_while_the_router_was_gone_is_heard_when_it_is_back
 
 
 def test_a_plan_on_a_wildcard_key_is_ignored():
-    """Who may publish samples, and no plans, may still publish on such a key."""
+    """A peer that may publish samples, but no plans, can still publish on such a key."""
     heard: queue.Queue[Decision] = queue.Queue()
     with router() as address, client(address) as policy, client(address) as module:
         listener = PlanListener(module, "slam", heard.put, lambda work: work)

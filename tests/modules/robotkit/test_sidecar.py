@@ -57,7 +57,7 @@ class Robot:
     def pose(self, stamp):
         self.node.put(ros.encode({}, POSE, stamp=stamp, frame="map"))
 
-    def told(self, wanted):
+    def wait_for_health(self, wanted):
         """The first health message of which this holds."""
         while not wanted(message := self.health.get(timeout=PATIENCE)):
             pass
@@ -78,9 +78,9 @@ def watched(module):
 def test_health_and_profile_are_those_of_the_node(module):
     with watched(module) as (robot, _, session):
         robot.scan(STAMP)
-        robot.told(lambda message: message["queue"] == 1)
+        robot.wait_for_health(lambda message: message["queue"] == 1)
         robot.pose(STAMP)
-        health = robot.told(lambda message: message["rate"] > 0)
+        health = robot.wait_for_health(lambda message: message["rate"] > 0)
         assert (health["queue"], health["waiting"], health["throttled"]) == (0, 0.0, None)
         assert health["misses"] == 1.0  # a health message is further away than the deadline
         assert health["cpu"] > 0
@@ -92,28 +92,28 @@ def test_health_and_profile_are_those_of_the_node(module):
 def test_a_scan_without_an_answer_waits_longer_and_longer(module):
     with watched(module) as (robot, _, _):
         robot.scan(STAMP)
-        first = robot.told(lambda message: message["queue"] == 1)
-        later = robot.told(lambda message: message["waiting"] > first["waiting"])
+        first = robot.wait_for_health(lambda message: message["queue"] == 1)
+        later = robot.wait_for_health(lambda message: message["waiting"] > first["waiting"])
         assert later["misses"] == 1.0
 
 
 def test_a_suspended_node_misses_nothing(module):
     with watched(module) as (robot, sidecar, _):
         robot.scan(STAMP)
-        robot.told(lambda message: message["queue"] == 1)
+        robot.wait_for_health(lambda message: message["queue"] == 1)
         sidecar.decide(Decision(0.01, 0.0, suspended=True))
-        assert robot.told(lambda message: message["suspended"])["queue"] == 0
+        assert robot.wait_for_health(lambda message: message["suspended"])["queue"] == 0
         Matching(robot.lidar).wait(expected=False)
         sidecar.decide(Decision(1.0, 1.0))
         Matching(robot.lidar).wait(expected=True)
         robot.scan(STAMP)
-        robot.told(lambda message: message["queue"] == 1 and not message["suspended"])
+        robot.wait_for_health(lambda message: message["queue"] == 1 and not message["suspended"])
 
 
 def test_a_message_without_a_stamp_is_broken(module):
     with watched(module) as (robot, _, _):
         robot.lidar.put(b"\x00\x01")
-        assert robot.told(lambda message: message["broken"])["queue"] == 0
+        assert robot.wait_for_health(lambda message: message["broken"])["queue"] == 0
 
 
 def test_answers_without_a_matching_input_are_reported(module, caplog):
@@ -164,7 +164,7 @@ def test_it_runs_as_a_program_and_ends_on_sigterm(tmp_path):
         environment = {**os.environ, "ZENOH_CONNECT": address, "POLICY_TASK": "slam"}
         with subprocess.Popen([sys.executable, "-m", "robotkit.sidecar", str(path)], env=environment) as process:
             try:
-                robot.told(lambda message: message["queue"] == 0)
+                robot.wait_for_health(lambda message: message["queue"] == 0)
                 process.terminate()
                 assert process.wait(PATIENCE) == 0
             finally:

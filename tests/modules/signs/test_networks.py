@@ -1,4 +1,4 @@
-"""Where the networks come from, and what is said when they are not there."""
+"""Where the networks come from, and the errors when they are missing."""
 
 from __future__ import annotations
 

@@ -36,8 +36,8 @@ def test_a_network_learns_to_distinguish_labels():
     known = examples(256)
     network = fit(known, epochs=70)
     middle = slice((CONTEXT - WIDTH) // 2, (CONTEXT + WIDTH) // 2)
-    told = network.log_probabilities(known.seen[:, middle].astype(np.float32)).argmax(axis=1)
-    assert (told == known.labels).mean() > 0.95
+    predicted = network.log_probabilities(known.seen[:, middle].astype(np.float32)).argmax(axis=1)
+    assert (predicted == known.labels).mean() > 0.95
 
 
 def test_gradients_are_those_of_the_loss():

@@ -1,4 +1,4 @@
-"""How many words are wrong, counted as everybody counts them."""
+"""The word error rate, counted in the usual way."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class TestNeedsThatDecide:
         assert got == {"a": 10, "b": 10, "c": 1980}
 
     def test_a_task_comes_back_when_a_heavier_one_cannot_be_met_in_any_case(self):
-        """`light` alone can be met: that it yielded to `heavy` helped nobody."""
+        """`light` alone can be met: yielding to `heavy` would help no task."""
         got = shares(yielding("light", 1), yielding("heavy", 8, priority=9))
         assert got == {"light": 1990, "heavy": 10}
 

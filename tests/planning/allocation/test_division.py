@@ -1,4 +1,4 @@
-"""Weights meet nodes, pods and bounds."""
+"""Weights are turned into shares of nodes, among pods and within bounds."""
 
 from __future__ import annotations
 

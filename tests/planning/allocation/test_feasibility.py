@@ -1,4 +1,4 @@
-"""What running tasks need and do not get."""
+"""Needs of running tasks that are not met."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a suspended task keeps."""
+"""The CPU that a suspended task keeps."""
 
 from __future__ import annotations
 

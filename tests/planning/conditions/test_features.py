@@ -127,7 +127,7 @@ INF, NAN = float("inf"), float("nan")
     ],
 )
 def test_non_finite_samples_do_not_corrupt_features(numbers, features):
-    """Infinity is nothing in range, and NaN unknown; both leave the window as they came."""
+    """Infinity means nothing in range and NaN unknown; neither outlasts the window."""
     specs = [{"name": op, "op": op, "of": "scan.near", "over": "1s"} for op in features]
     story = watching(a_stream("scan", features=specs), "scan.min < 2.0")
     for number in numbers:

@@ -101,6 +101,6 @@ def test_no_source_crashes(source):
 
 @given(st.lists(TOKENS, max_size=60).map("".join))
 def test_the_cost_scan_terminates_on_any_input(source):
-    """It runs after the compiler, but must not depend on its mercy."""
+    """It runs after the compiler, but must not rely on it."""
     with suppress(ValueError):
         cel_cost.read(cel_syntax.parse(source))

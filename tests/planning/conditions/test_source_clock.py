@@ -87,7 +87,7 @@ def test_late_samples_alone_do_not_indicate_another_clock():
 
 
 def test_a_burst_of_old_samples_does_not_indicate_another_clock():
-    """A late listener is sent what was kept for it."""
+    """A late subscriber receives cached samples."""
     story = listening()
     for index in range(EVIDENCE * 4):
         story.sample("imu", at=1 + index / 1000, stamp=-HOUR + index, number=1)

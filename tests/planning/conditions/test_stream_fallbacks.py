@@ -1,4 +1,4 @@
-"""A silent stream calls the policy's fallback, or its own instead."""
+"""A silent stream activates the policy's fallback, or its own instead."""
 
 from __future__ import annotations
 

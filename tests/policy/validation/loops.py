@@ -25,7 +25,7 @@ def a_context(name="quiet", when="mic.level < 0.1", *, suspends="speech", **fiel
 
 QUIET = a_context()
 NO_LOOP = ("nothing reads", "counts for ever", "said last")
-"""What is told of policies that are as short as these."""
+"""What is reported for policies as short as these."""
 
 
 def warned(**spec):

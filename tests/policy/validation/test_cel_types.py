@@ -91,14 +91,14 @@ def test_arbitrary_expressions_do_not_crash_it(source):
     ],
 )
 def test_each_mistake_names_the_operand(source, message):
-    (told,) = mistakes(source, BOOL, SHAPES)
-    assert told.startswith(message)
+    (reported,) = mistakes(source, BOOL, SHAPES)
+    assert reported.startswith(message)
 
 
 @pytest.mark.parametrize("source", ["s[0] > 5", "s.m[0] > 5"])
 def test_a_map_of_a_sample_has_no_items(source):
-    (told,) = mistakes(source, BOOL, SHAPES)
-    assert "is a map, whose fields have names, not numbers" in told
+    (reported,) = mistakes(source, BOOL, SHAPES)
+    assert "is a map, whose fields have names, not numbers" in reported
     assert mistakes("{0: 7}[0] > 5 && s.l[0] > 5", BOOL, SHAPES) == []
 
 
@@ -125,8 +125,8 @@ UNKNOWN = {"s": MAP}
     ],
 )
 def test_a_plain_value_is_neither_a_list_nor_a_number(source, shapes):
-    (told,) = mistakes(source, BOOL, shapes)
-    assert "such as 5, is read as s.value" in told
+    (reported,) = mistakes(source, BOOL, shapes)
+    assert "such as 5, is read as s.value" in reported
 
 
 @pytest.mark.parametrize("source", ["'a' in s", "s.exists(x, x == 'a')", "size(s) > 2", "norm(s) > 2.0", "s.l in [3]"])
@@ -144,5 +144,5 @@ def test_a_plain_list_may_be_used_as_a_list(source):
 @pytest.mark.parametrize("source", ["'a' in s.l", "s.x in [1, 2]"])
 def test_membership_of_another_type_is_reported(source):
     shapes = {"s": of_example({"l": [1, 2], "x": "a"}, "its example")}
-    (told,) = mistakes(source, BOOL, shapes)
-    assert "is a string, and all in" in told
+    (reported,) = mistakes(source, BOOL, shapes)
+    assert "is a string, and all in" in reported

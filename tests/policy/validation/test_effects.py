@@ -1,4 +1,4 @@
-"""What contexts do to tasks in vain, or against what others promise: what `validate` says, and that plans show it."""
+"""Effects that are useless or contradict other contexts: what `validate` says, and that plans agree."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def a_robot(*contexts, slam=(), **spec):
     return a_policy(streams=[a_stream("imu"), a_stream("mic")], tasks=tasks, contexts=[*contexts], **spec)
 
 
-def told(policy):
+def reported(policy):
     found = ((one.field, one.allowed) for one in advice(policy))
     return [(field.removeprefix("spec.contexts"), message) for field, message in found if ".tasks.slam." in field]
 
@@ -43,15 +43,15 @@ HOT = turning("hot", "imu.x > 1", {"max": "500m"})
 )
 def test_a_max_below_what_the_task_needs(needs, message):
     policy = a_robot(HOT, slam={"needs": needs})
-    assert told(policy) == [("[0].tasks.slam.max", message)]
+    assert reported(policy) == [("[0].tasks.slam.max", message)]
     assert at_both(policy).shortfalls
     assert at_both(policy).tasks["slam"].suspended is ("enforce" in needs)
-    assert told(a_robot(HOT, slam={"needs": {"cores": "500m", "deadline": "50ms"}})) == []
+    assert reported(a_robot(HOT, slam={"needs": {"cores": "500m", "deadline": "50ms"}})) == []
 
 
 def test_a_need_that_the_tasks_own_max_breaks_is_reported_once():
     policy = a_robot(HOT, slam={"max": "900m", "needs": {"cores": 1}})
-    assert told(policy) == []
+    assert reported(policy) == []
     assert "never feasible" in next(one.allowed for one in advice(policy) if one.field == "spec.tasks[0].needs.cores")
 
 
@@ -60,12 +60,12 @@ FAST = turning("fast", "mic.x > 1", {"min": "1"})
 
 @pytest.mark.parametrize("contexts", [[FAST, HOT], [HOT, FAST]])
 def test_a_later_bound_replaces_an_earlier_one(contexts):
-    assert told(a_robot(*contexts)) == []
+    assert reported(a_robot(*contexts)) == []
 
 
 @pytest.mark.parametrize("never", ["abs(imu.x) < 0", "imu.x > 1 && imu.x < 0"])
 def test_a_context_that_never_holds_changes_nothing(never):
-    assert told(a_robot(turning("far", never, {"weight": 3}), turning("moving", "imu.x > 1", {"weight": 1}))) == []
+    assert reported(a_robot(turning("far", never, {"weight": 3}), turning("moving", "imu.x > 1", {"weight": 1}))) == []
 
 
 VAIN = [
@@ -83,7 +83,7 @@ def test_an_effect_always_overridden_by_a_later_context_is_reported(own, later, 
     first, second = turning("far", "imu.x > 3", own), turning("moving", "imu.x > 1", later)
     policy = a_robot(first, second)
     message = f"{field} has no effect: moving, which comes later, holds whenever far does"
-    assert (f"[0].tasks.slam.{field}", message) in told(policy)
+    assert (f"[0].tasks.slam.{field}", message) in reported(policy)
     assert at_both(policy).contexts == ("far", "moving")
     assert at_both(policy).tasks["slam"].share == at_both(a_robot(second)).tasks["slam"].share
 
@@ -104,20 +104,20 @@ def test_an_effect_that_may_outlast_the_override_is_not_reported(first, second):
         turning(**{"name": "far", "when": "imu.x > 3", "effect": {"weight": 3}, **first}),
         turning(**{"name": "moving", "when": "imu.x > 1", "effect": {"weight": 1}, **second}),
     ]
-    assert told(a_robot(*contexts)) == []
+    assert reported(a_robot(*contexts)) == []
 
 
 def test_a_forced_context_may_hold_without_the_other():
     contexts = [turning("far", "imu.x > 3", {"weight": 3}), turning("moving", "imu.x > 1", {"weight": 1})]
-    assert told(a_robot(*contexts, force={"context": "far", "until": "2100-01-01T00:00:00Z"})) == []
-    assert told(a_robot(*contexts, force={"context": "moving", "until": "2100-01-01T00:00:00Z"})) != []
+    assert reported(a_robot(*contexts, force={"context": "far", "until": "2100-01-01T00:00:00Z"})) == []
+    assert reported(a_robot(*contexts, force={"context": "moving", "until": "2100-01-01T00:00:00Z"})) != []
 
 
 @pytest.mark.parametrize(("far", "vain"), [({"exitAfter": "0s"}, True), ({}, False)])
 def test_a_context_holds_beside_one_that_reads_it(far, vain):
     reader = turning("far", "contexts.moving && mic.x > 1", {"weight": 3}, **far)
     policy = a_robot(reader, turning("moving", "imu.x > 1", {"weight": 1}, until="imu.x < 0"))
-    assert bool(told(policy)) is vain
+    assert bool(reported(policy)) is vain
 
 
 WEIGHT, STOP = {"weight": 9}, {"suspend": True}
@@ -179,7 +179,7 @@ def test_only_a_suspension_that_may_hold_beside_it_can_be_taken_back(night, vain
     day = a_context("day", "imu.lux > 100", {"slam": STOP})
     policy = a_robot(day, a_context("night", tasks={"slam": {"suspend": False}}, **night))
     message = "suspend: false has no effect: no context before night suspends slam beside it"
-    assert told(policy) == [("[1].tasks.slam.suspend", message)] * vain
+    assert reported(policy) == [("[1].tasks.slam.suspend", message)] * vain
 
 
 @pytest.mark.parametrize(
@@ -196,5 +196,6 @@ def test_a_scale_of_a_score_that_is_0(slam, later, vain):
     docked = a_context("docked", "imu.x > 1", {"slam": {"scale": 3}})
     other = turning("other", "mic.x > 1", later or {"max": "1"})
     policy = a_robot(docked, other, slam={"activity": [{"when": "imu.x < 1"}], **slam})
-    assert told(policy) == [("[0].tasks.slam.scale", "scale has no effect: slam scores 0 while docked holds")] * vain
+    message = "scale has no effect: slam scores 0 while docked holds"
+    assert reported(policy) == [("[0].tasks.slam.scale", message)] * vain
     assert not (vain and at_both(policy).tasks["slam"].weight)

@@ -24,8 +24,8 @@ IF_LEVEL = "nothing else ends it, so once mic.level < 0.1 it holds for ever"
     ],
 )
 def test_until_is_evaluated_with_the_values_that_began_the_context(when, until, ending):
-    told = warned(contexts=[a_context(when=when, until=until)])
-    assert [one.rpartition(": ")[2] for one in told] == [ending] * bool(ending)
+    reported = warned(contexts=[a_context(when=when, until=until)])
+    assert [one.rpartition(": ")[2] for one in reported] == [ending] * bool(ending)
 
 
 def test_starting_values_count_only_if_the_producer_stops_at_once():
@@ -53,15 +53,15 @@ def test_the_planner_never_ends_what_validate_calls_a_latch():
     [(IMU, True), ({**IMU, "staleAfter": "1s"}, False), ({**IMU, "liveliness": "robot/imu"}, False)],
 )
 def test_a_stream_stays_heard_unless_it_may_go_stale(imu, latches):
-    told = warned(streams=[MIC, imu], contexts=[a_context(when="heard(imu) && mic.level < 0.1")])
-    assert [one.endswith(LATCHED) for one in told] == [True] * latches
+    reported = warned(streams=[MIC, imu], contexts=[a_context(when="heard(imu) && mic.level < 0.1")])
+    assert [one.endswith(LATCHED) for one in reported] == [True] * latches
     ends = {"when": "imu.x > 1", "until": "!heard(imu)"}
-    for told in (
+    for reported in (
         warned(streams=[MIC, imu], contexts=[a_context(suspends="slam", **ends)]),
         warned(streams=[MIC, imu], contexts=(), tasks=[a_task("speech", activity=[ends]), a_task("slam")]),
     ):
         expected = "never holds once when did: without staleAfter and liveliness imu stays heard for ever"
-        assert told == [expected] * latches
+        assert reported == [expected] * latches
 
 
 @pytest.mark.parametrize("until", ["heard(imu)", "!heard(mic) || imu.x < 1", "!heard(imu) && heard(imu) || imu.x < 1"])
@@ -85,8 +85,8 @@ def windows(op):
     ],
 )
 def test_the_least_of_an_emptying_window_only_rises_and_the_greatest_falls(op, until, latches):
-    told = warned(streams=[windows(op), IMU], contexts=[a_context(when="imu.x > 1", until=until)])
-    assert [one.endswith(LATCHED) for one in told] == [True] * latches
+    reported = warned(streams=[windows(op), IMU], contexts=[a_context(when="imu.x > 1", until=until)])
+    assert [one.endswith(LATCHED) for one in reported] == [True] * latches
 
 
 @pytest.mark.parametrize(("op", "kept"), [("min", [3.0, None]), ("max", [5.0, None]), ("mean", [4.0, None])])
@@ -114,10 +114,10 @@ def test_the_planner_empties_windows_the_same_way(op, kept):
     ],
 )
 def test_a_conditional_on_has_needs_no_value(until, ending):
-    told = warned(streams=[STALE, IMU], contexts=[a_context(when="imu.x > 1", until=until)])
-    assert [one.rpartition(": ")[2] for one in told] == [ending] * bool(ending)
+    reported = warned(streams=[STALE, IMU], contexts=[a_context(when="imu.x > 1", until=until)])
+    assert [one.rpartition(": ")[2] for one in reported] == [ending] * bool(ending)
 
 
 def test_silence_decides_a_conditional():
-    (told,) = warned(streams=[STALE, IMU], contexts=[a_context(when="(has(mic.level) ? mic.level : 0) > 0.5")])
-    assert told.endswith(COMES_AND_GOES)
+    (reported,) = warned(streams=[STALE, IMU], contexts=[a_context(when="(has(mic.level) ? mic.level : 0) > 0.5")])
+    assert reported.endswith(COMES_AND_GOES)

@@ -32,8 +32,8 @@ DROPPED = "never holds: the filter of stream mic drops what it asks for"
 )
 def test_a_condition_on_filtered_values_is_reported(when, until, expected):
     fields = {} if until is None else {"until": until}
-    told = warned(streams=[LOUD, IMU], contexts=[a_context(when=when, suspends="slam", **fields)])
-    assert told == ([expected] if expected else [])
+    reported = warned(streams=[LOUD, IMU], contexts=[a_context(when=when, suspends="slam", **fields)])
+    assert reported == ([expected] if expected else [])
 
 
 @pytest.mark.parametrize(
@@ -47,8 +47,8 @@ def test_a_condition_on_filtered_values_is_reported(when, until, expected):
 )
 def test_a_filter_may_make_a_context_latch(stream, latches):
     context = a_context(when="imu.x > 1", until="mic.level < 0.1 && imu.x < 1 || mic.level > 0.3")
-    told = warned(streams=[stream, IMU], contexts=[context])
-    assert [one.endswith(LATCHED) for one in told] == [True] * latches
+    reported = warned(streams=[stream, IMU], contexts=[context])
+    assert [one.endswith(LATCHED) for one in reported] == [True] * latches
 
 
 def test_a_feature_that_hides_a_field_is_not_what_the_filter_reads():

@@ -1,4 +1,4 @@
-"""Loops that a policy makes of itself: what it stops, and then waits for."""
+"""Loops within a policy: it stops what it then waits for."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def test_a_context_that_suspends_what_it_waits_for_holds_for_ever():
 
 
 def test_a_stream_that_goes_stale_makes_it_come_and_go():
-    (told,) = warned(streams=[STALE, IMU])
-    assert told.endswith(COMES_AND_GOES)
+    (reported,) = warned(streams=[STALE, IMU])
+    assert reported.endswith(COMES_AND_GOES)
 
 
 @pytest.mark.parametrize("streams", [[MIC, IMU], [STALE, IMU]])
 def test_until_waits_for_the_stream_too(streams):
     context = a_context(when="imu.x > 1", until="mic.level > 0.3")
-    (told,) = warned(streams=streams, contexts=[context])
-    assert told.endswith(LATCHED)
+    (reported,) = warned(streams=streams, contexts=[context])
+    assert reported.endswith(LATCHED)
 
 
 @pytest.mark.parametrize(
@@ -59,8 +59,8 @@ def test_until_waits_for_the_stream_too(streams):
     ],
 )
 def test_each_alternative_of_until_may_end_it(until, streams, latches):
-    told = warned(streams=streams, contexts=[a_context(when="imu.x > 1", until=until)])
-    assert [one.endswith(LATCHED) for one in told] == [True] * latches
+    reported = warned(streams=streams, contexts=[a_context(when="imu.x > 1", until=until)])
+    assert [one.endswith(LATCHED) for one in reported] == [True] * latches
 
 
 def test_until_is_followed_through_what_begins_a_context():
@@ -68,16 +68,16 @@ def test_until_is_followed_through_what_begins_a_context():
     until = {"when": "imu.x > 1", "until": "contexts.docked"}
     assert warned(contexts=[docked, a_context(**until)]) == []
     docked = a_context("docked", "mic.level > 0.3", suspends="")
-    (told,) = warned(contexts=[docked, a_context(**until)])
-    assert told.endswith(LATCHED)
+    (reported,) = warned(contexts=[docked, a_context(**until)])
+    assert reported.endswith(LATCHED)
 
 
 def test_a_context_that_silence_ends_is_not_a_latch():
     calm = a_context("calm", suspends="")
     context = a_context(when="imu.x > 1", until="!contexts.calm")
     assert warned(streams=[STALE, IMU], contexts=[calm, context]) == []
-    (told,) = warned(contexts=[calm, context])
-    assert told.endswith(LATCHED)
+    (reported,) = warned(contexts=[calm, context])
+    assert reported.endswith(LATCHED)
 
 
 @pytest.mark.parametrize(
@@ -91,24 +91,24 @@ def test_a_context_that_silence_ends_is_not_a_latch():
     ],
 )
 def test_silence_ends_what_needs_a_value(when, ending):
-    (told,) = warned(streams=[STALE, IMU], contexts=[a_context(when=when)])
-    assert told.endswith(ending)
+    (reported,) = warned(streams=[STALE, IMU], contexts=[a_context(when=when)])
+    assert reported.endswith(ending)
 
 
 def test_it_is_followed_through_the_contexts_that_are_read():
     calm = a_context("calm", suspends="")
-    (told,) = warned(contexts=[calm, a_context(when="contexts.calm")])
-    assert told.endswith(LATCHED)
+    (reported,) = warned(contexts=[calm, a_context(when="contexts.calm")])
+    assert reported.endswith(LATCHED)
 
 
 @pytest.mark.parametrize("parent", [{}, {"satisfiedBy": "Any"}])
 def test_it_is_followed_through_the_task_graph(parent):
     group = {"name": "talk", "subtasks": ["speech"], **parent}
-    (told,) = warned(tasks=[*TASKS, group], contexts=[a_context(suspends="talk")])
-    assert told.endswith(LATCHED)
+    (reported,) = warned(tasks=[*TASKS, group], contexts=[a_context(suspends="talk")])
+    assert reported.endswith(LATCHED)
     tasks = [a_task("speech", requires=[{"task": "slam"}]), a_task("slam")]
-    (told,) = warned(tasks=tasks, contexts=[a_context(suspends="slam")])
-    assert told.endswith(LATCHED)
+    (reported,) = warned(tasks=tasks, contexts=[a_context(suspends="slam")])
+    assert reported.endswith(LATCHED)
 
 
 @pytest.mark.parametrize(
@@ -139,8 +139,8 @@ AVERAGE = {**MIC, "features": [{"name": "mean", "op": "mean", "of": "mic.level",
     ],
 )
 def test_a_window_that_empties_and_an_age_that_grows_end_it_too(stream, when, ending):
-    (told,) = warned(streams=[stream, IMU], contexts=[a_context(when=when)])
-    assert told.endswith(ending)
+    (reported,) = warned(streams=[stream, IMU], contexts=[a_context(when=when)])
+    assert reported.endswith(ending)
 
 
 CAM = {"name": "cam", "key": "robot/cam", "producedBy": "vision"}
@@ -176,8 +176,8 @@ def test_exclusive_or_otherwise_ended_contexts_do_not_latch(second):
 def test_a_stale_stream_breaks_the_circle_and_a_fallback_may_be_part_of_one():
     assert warned(streams=[STALE, CAM, IMU], tasks=TRIO, contexts=[SEES, HEARS]) == []
     safe = {"name": "safe", "tasks": {"vision": {"suspend": True}}}
-    told = warned(streams=[STALE, CAM, IMU], tasks=TRIO, contexts=[SEES, safe], fallback="safe")
-    assert told == [
+    reported = warned(streams=[STALE, CAM, IMU], tasks=TRIO, contexts=[SEES, safe], fallback="safe")
+    assert reported == [
         "context sees suspends speech: its stream mic is silent then, which begins the fallback safe, beside sees",
         (
             "contexts sees and safe keep each other: sees suspends speech, which produces mic; "
@@ -190,8 +190,8 @@ def test_three_contexts_in_a_circle_latch_together():
     lidar = {"name": "lidar", "key": "robot/lidar", "producedBy": "slam"}
     third = a_context("blocked", "lidar.near < 1", suspends="vision")
     contexts = [SEES, a_context("hears", "mic.level > 1", suspends="slam"), third]
-    (told,) = warned(streams=[MIC, CAM, lidar], tasks=TRIO, contexts=contexts)
-    assert told.startswith("contexts sees and hears and blocked keep each other")
+    (reported,) = warned(streams=[MIC, CAM, lidar], tasks=TRIO, contexts=contexts)
+    assert reported.startswith("contexts sees and hears and blocked keep each other")
 
 
 def test_many_contexts_in_a_circle_are_named_together():
@@ -201,8 +201,8 @@ def test_many_contexts_in_a_circle_are_named_together():
         a_context(f"c{one}", f"s{one}.{'x' * 60} > 1", suspends=other)
         for one, other in zip(names, [*names[1:], names[0]], strict=True)
     ]
-    (told,) = warned(streams=streams, tasks=[*map(a_task, names), a_task("slam")], contexts=ring)
-    assert told.endswith(TOGETHER)
+    (reported,) = warned(streams=streams, tasks=[*map(a_task, names), a_task("slam")], contexts=ring)
+    assert reported.endswith(TOGETHER)
 
 
 @pytest.mark.parametrize(
@@ -223,17 +223,17 @@ def test_it_is_followed_through_idle_tasks(mapper, latches):
     seen = a_context("seen", "cam.people > 1", suspends="slam")
     busy = a_context("busy", "map.size > 3", suspends="vision")
     tasks = [a_task("vision"), a_task("mapper", **mapper), a_task("slam")]
-    told = warned(streams=[CAM, MAP, IMU], tasks=tasks, contexts=[seen, busy])
-    assert [one.endswith(LATCHED) for one in told] == [True] * latches
-    assert all(one.startswith("context busy ") and "mapper, which produces map" in one for one in told)
+    reported = warned(streams=[CAM, MAP, IMU], tasks=tasks, contexts=[seen, busy])
+    assert [one.endswith(LATCHED) for one in reported] == [True] * latches
+    assert all(one.startswith("context busy ") and "mapper, which produces map" in one for one in reported)
 
 
 def test_it_is_followed_through_contexts_that_suspend_producers():
     tidy = a_context("tidy", "contexts.full", suspends="mapper")
     full = a_context("full", "map.size > 3", suspends="")
     tasks = [a_task("mapper"), a_task("slam")]
-    (told,) = warned(streams=[MAP], tasks=tasks, contexts=[full, tidy])
-    assert told == f"context tidy suspends mapper, which produces map: {LATCHED}"
+    (reported,) = warned(streams=[MAP], tasks=tasks, contexts=[full, tidy])
+    assert reported == f"context tidy suspends mapper, which produces map: {LATCHED}"
 
 
 def test_a_later_context_may_let_it_run():
@@ -251,15 +251,15 @@ def test_a_suspended_producer_begins_the_fallback():
     assert warned(streams=[STALE, IMU], contexts=contexts, fallback="safe") == [
         "context quiet suspends speech: its stream mic is silent then, which begins the fallback safe, beside quiet"
     ]
-    (told,) = warned(streams=[{**STALE, "fallback": "safe"}, IMU], contexts=contexts)
-    assert told.endswith("which begins the fallback safe, beside quiet")
+    (reported,) = warned(streams=[{**STALE, "fallback": "safe"}, IMU], contexts=contexts)
+    assert reported.endswith("which begins the fallback safe, beside quiet")
     assert warned(contexts=contexts, fallback="safe", streams=[MIC, {**IMU, "staleAfter": "1s"}]) == []
 
 
 def test_a_fallback_that_suspends_the_producer_holds_for_ever():
     safe = {"name": "safe", "tasks": {"speech": {"suspend": True}}}
-    (told,) = warned(streams=[STALE, IMU], contexts=[safe], fallback="safe")
-    assert told.endswith("begins the fallback safe, which then holds for ever")
+    (reported,) = warned(streams=[STALE, IMU], contexts=[safe], fallback="safe")
+    assert reported.endswith("begins the fallback safe, which then holds for ever")
 
 
 @pytest.mark.parametrize("idle", [{"idle": 0}, {}])
@@ -288,10 +288,10 @@ def test_a_task_that_only_its_own_output_wakes(idle):
 )
 def test_its_own_output_may_be_part_of_a_condition(activity):
     loud = a_context("loud", "mic.level > 1", suspends="")
-    told = warned(
+    reported = warned(
         tasks=[a_task("speech", activity=[activity]), a_task("slam")], contexts=[loud], streams=[COUNTED, IMU]
     )
-    assert told == ["nothing wakes speech without mic, which speech itself produces"]
+    assert reported == ["nothing wakes speech without mic, which speech itself produces"]
     either = [activity, {"when": "contexts.loud || imu.x > 1"}]
     assert (
         warned(tasks=[a_task("speech", activity=either), a_task("slam")], contexts=[loud], streams=[COUNTED, IMU]) == []
@@ -313,8 +313,8 @@ def test_a_pre_condition_may_wait_for_the_task_itself_through_a_context():
     tasks = [a_task("speech", requires=[{"when": "contexts.loud"}]), a_task("slam")]
     assert warned(tasks=tasks, contexts=[loud]) == ["nothing lets speech run without mic, which speech itself produces"]
     tasks = [a_task("speech", requires=[{"when": "!contexts.loud"}]), a_task("slam")]
-    (told,) = warned(tasks=tasks, contexts=[loud])
-    assert told.endswith(LATCHED)
+    (reported,) = warned(tasks=tasks, contexts=[loud])
+    assert reported.endswith(LATCHED)
 
 
 def test_a_pre_condition_that_suspends_a_producer_begins_the_fallback():
@@ -327,26 +327,26 @@ def test_a_pre_condition_that_suspends_a_producer_begins_the_fallback():
         )
     ]
     group = {"name": "talk", "subtasks": ["speech"], "requires": [{"when": "imu.x > 1"}]}
-    told = warned(streams=[STALE, IMU], tasks=[*TASKS, group], contexts=[safe], fallback="safe")
-    assert len(told) == 1
+    reported = warned(streams=[STALE, IMU], tasks=[*TASKS, group], contexts=[safe], fallback="safe")
+    assert len(reported) == 1
     assert warned(streams=[STALE, IMU], tasks=[a_task("speech"), tasks[1]], contexts=[safe], fallback="safe") == []
 
 
 def test_a_task_that_sleeps_from_the_start_begins_the_fallback():
     asleep = a_task("speech", idle=0, activity=[{"stream": "imu"}])
     safe = {"name": "safe", "tasks": {"slam": {"weight": 1}}}
-    (told,) = warned(streams=[STALE, IMU], tasks=[asleep, a_task("slam")], contexts=[safe], fallback="safe")
-    assert told.endswith("its stream mic is silent, which begins the fallback safe, from the start on")
+    (reported,) = warned(streams=[STALE, IMU], tasks=[asleep, a_task("slam")], contexts=[safe], fallback="safe")
+    assert reported.endswith("its stream mic is silent, which begins the fallback safe, from the start on")
 
 
 def test_idle_zero_without_activity_is_reported():
-    (told,) = warned(tasks=[a_task("speech", idle=0), a_task("slam")], contexts=())
-    assert told == "nothing wakes speech: it has idle 0 and no activity"
+    (reported,) = warned(tasks=[a_task("speech", idle=0), a_task("slam")], contexts=())
+    assert reported == "nothing wakes speech: it has idle 0 and no activity"
 
 
 @pytest.mark.parametrize("key", ["a/+/s", "+", "a/+"])
 def test_the_wildcard_of_mqtt_is_reported(key):
-    assert [told for told in warned(streams=[MIC, {**IMU, "key": key}], contexts=()) if "MQTT" in told]
+    assert [reported for reported in warned(streams=[MIC, {**IMU, "key": key}], contexts=()) if "MQTT" in reported]
 
 
 @pytest.mark.parametrize("key", ["a+b/s", "a/*/s"])
@@ -358,21 +358,21 @@ def test_a_plus_inside_a_name_is_not_reported(key):
 def test_of_beside_a_counting_op_is_reported(op):
     features = [{"name": "often", "op": op, "over": "1s", "of": "mic.level"}]
     when = a_context(when="mic.often > 1.0", suspends="")
-    (told,) = warned(streams=[{**MIC, "features": features}, IMU], contexts=[when])
-    assert told.startswith(f"of does not change {op}")
+    (reported,) = warned(streams=[{**MIC, "features": features}, IMU], contexts=[when])
+    assert reported.startswith(f"of does not change {op}")
 
 
 @pytest.mark.parametrize("field", [{"realtimePolicy": "FIFO"}, {"realtimeFallback": "None"}])
 def test_settings_of_realtime_under_cfs_are_reported(field):
-    (told,) = warned(contexts=(), enforcement=field)
-    assert told.endswith("has no effect without scheduler: Realtime")
+    (reported,) = warned(contexts=(), enforcement=field)
+    assert reported.endswith("has no effect without scheduler: Realtime")
     assert warned(contexts=(), enforcement={**field, "scheduler": "Realtime"}) == []
 
 
 def test_an_earlier_context_does_not_lift_a_suspension():
     earlier = {"name": "talk", "when": "imu.x > 1", "exitAfter": "1s", "tasks": {"speech": {"suspend": False}}}
-    told = warned(contexts=[earlier, a_context()])
-    assert f"context quiet suspends speech, which produces mic: {LATCHED}" in told
+    reported = warned(contexts=[earlier, a_context()])
+    assert f"context quiet suspends speech, which produces mic: {LATCHED}" in reported
 
 
 @pytest.mark.parametrize("when", ["age(mic) > 5.0", "!heard(mic)"])
@@ -402,25 +402,25 @@ def test_a_context_that_cannot_hold_is_explained():
     assert warned(contexts=[{"name": "z", "when": "false", **effects}]) == [
         "context z can't hold: its condition is false, and it is neither the fallback nor forced"
     ]
-    (told,) = warned(contexts=[{"name": "z", **effects}])
-    assert "it has no condition" in told
-    (told,) = warned(contexts=[{"name": "z", **effects}], fallback="z")
-    assert told.startswith("never holds: no stream")
+    (reported,) = warned(contexts=[{"name": "z", **effects}])
+    assert "it has no condition" in reported
+    (reported,) = warned(contexts=[{"name": "z", **effects}], fallback="z")
+    assert reported.startswith("never holds: no stream")
 
 
 @pytest.mark.parametrize("streams", [[MIC, IMU], [STALE, IMU]])
 @pytest.mark.parametrize("when", ["age(mic) > 5.0", "age(mic) >= 5.0"])
 def test_an_age_that_only_grows_while_the_producer_is_suspended_latches(when, streams):
-    (told,) = warned(streams=streams, contexts=[a_context(when=when)])
-    assert told.endswith(LATCHED)
+    (reported,) = warned(streams=streams, contexts=[a_context(when=when)])
+    assert reported.endswith(LATCHED)
     assert warned(streams=streams, contexts=[a_context(when="imu.x > 1", until=when)]) == []
 
 
 @pytest.mark.parametrize("other", ["imu.x > 1", "contexts.still"])
 def test_one_of_several_conditions_latches(other):
     still = a_context("still", "imu.x > 1", suspends="")
-    (told,) = warned(contexts=[still, a_context(when=f"{other} || mic.level > 5")])
-    assert told.endswith("nothing else ends it, so once mic.level > 5 it holds for ever")
+    (reported,) = warned(contexts=[still, a_context(when=f"{other} || mic.level > 5")])
+    assert reported.endswith("nothing else ends it, so once mic.level > 5 it holds for ever")
 
 
 @pytest.mark.parametrize(
@@ -429,12 +429,12 @@ def test_one_of_several_conditions_latches(other):
 )
 def test_an_until_without_effect_is_reported(until, expected):
     when = {"when": "imu.x > 1", "until": until}
-    for told in (
+    for reported in (
         warned(contexts=[a_context(suspends="slam", **when)]),
         warned(contexts=(), tasks=[a_task("speech", activity=[when]), a_task("slam")]),
     ):
-        assert [one for one in told if expected and expected in one] == told
-        assert bool(told) is bool(expected)
+        assert [one for one in reported if expected and expected in one] == reported
+        assert bool(reported) is bool(expected)
 
 
 NEVER_BEGINS = "holds whenever when does: nothing begins while until holds, so this never does"
@@ -468,11 +468,11 @@ NEVER_BEGINS = "holds whenever when does: nothing begins while until holds, so t
 )
 def test_conditions_that_exclude_each_other_are_reported(when, until, expected):
     conditions = {"when": when, "until": until}
-    for told in (
+    for reported in (
         warned(contexts=[a_context(suspends="slam", **conditions)]),
         warned(contexts=(), tasks=[a_task("speech", activity=[conditions]), a_task("slam")]),
     ):
-        assert told == ([expected] if expected else [])
+        assert reported == ([expected] if expected else [])
 
 
 def test_a_pre_condition_that_contradicts_itself_is_reported():
@@ -489,8 +489,8 @@ def test_conditions_with_too_many_cases_are_not_reported():
 def test_sources_that_are_not_kept_apart_are_reported(when):
     lift = {"name": "lift", "key": "lift/*"}
     context = a_context(when=when, suspends="")
-    (told,) = warned(streams=[lift], contexts=[context])
-    assert told.endswith("since stream lift has no sources, which would keep them apart")
+    (reported,) = warned(streams=[lift], contexts=[context])
+    assert reported.endswith("since stream lift has no sources, which would keep them apart")
     assert warned(streams=[{**lift, "sources": 2}], contexts=[context]) == []
     assert warned(streams=[{**lift, "key": "lift"}], contexts=[context]) == []
 
@@ -498,8 +498,8 @@ def test_sources_that_are_not_kept_apart_are_reported(when):
 @pytest.mark.parametrize("when", ["size(imu) > 2", "norm(imu) > 2.0", "'a' in imu", "imu.exists(x, x == 'a')"])
 def test_a_sample_that_is_walked_over_may_be_a_list(when):
     context = a_context(when=when, suspends="")
-    (told,) = warned(contexts=[context])
-    assert told.startswith("reads the fields of imu; a sample that is a list, such as [1, 2], is read as imu.value")
+    (reported,) = warned(contexts=[context])
+    assert reported.startswith("reads the fields of imu; a sample that is a list, such as [1, 2], is read as imu.value")
     assert warned(streams=[MIC, {**IMU, "example": {"x": 1, "z": 2}}], contexts=[context]) == []
-    told = warned(streams=[MIC, {**IMU, "filter": when}], contexts=[a_context(when="imu.x > 1", suspends="")])
-    assert told[0].startswith("reads the fields of imu")
+    reported = warned(streams=[MIC, {**IMU, "filter": when}], contexts=[a_context(when="imu.x > 1", suspends="")])
+    assert reported[0].startswith("reads the fields of imu")

@@ -46,19 +46,19 @@ def changed(*changes):
     return body
 
 
-def told(*changes):
+def reported(*changes):
     """Field and message of each problem of the changed policy."""
     report = check([("p.yaml", yaml.safe_dump(changed(*changes)))])
     return [(problem.severity, problem.field, problem.message) for problem in report.problems]
 
 
 def test_the_base_is_sound():
-    assert told() == []
+    assert reported() == []
 
 
 @pytest.mark.parametrize("key", ["**/mic", "*/*/mic", "contextpolicy/robot/delivery/plan"])
 def test_wildcards_and_plans_of_the_own_namespace_are_accepted(key):
-    assert told((("spec", "streams", 1, "key"), key)) == []
+    assert reported((("spec", "streams", 1, "key"), key)) == []
 
 
 RMW = "0/imu/data/sensor_msgs::msg::dds_::Imu_"
@@ -119,7 +119,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("changes", "message"), REFUSED)
 def test_mistakes_are_refused_with_a_correction(changes, message):
-    problems = told(*changes)
+    problems = reported(*changes)
     assert any(severity is Severity.ERROR and message in words for severity, _, words in problems), problems
     assert all("expecting" not in words for _, _, words in problems), "no words of the parser's"
 
@@ -137,7 +137,7 @@ def test_mistakes_are_refused_with_a_correction(changes, message):
     ],
 )
 def test_plausible_values_are_not_refused(changes):
-    assert told(*changes) == []
+    assert reported(*changes) == []
 
 
 def test_yaml_reads_y_as_true():
@@ -168,26 +168,26 @@ def test_quoted_keys_are_accepted():
 
 @pytest.mark.parametrize("when", ["true", "1 < 2"])
 def test_a_constant_condition_does_not_change_with_samples(when):
-    assert [words for _, _, words in told((WHEN, when)) if "every sample" in words] == []
+    assert [words for _, _, words in reported((WHEN, when)) if "every sample" in words] == []
 
 
 @pytest.mark.parametrize("change", [{"weight": -1}, {"scale": "much"}, {"weight": -1, "suspend": False}])
 def test_a_bad_number_is_not_also_a_missing_one(change):
-    problems = told(((*WHEN[:-1], "tasks", "slam"), change))
+    problems = reported(((*WHEN[:-1], "tasks", "slam"), change))
     assert problems
     assert [words for _, _, words in problems if "exactly one of" in words] == []
 
 
 def test_a_context_that_nothing_makes_hold_is_reported():
-    assert [(severity, field) for severity, field, _ in told((WHEN, "false"))] == [
+    assert [(severity, field) for severity, field, _ in reported((WHEN, "false"))] == [
         (Severity.WARNING, "spec.contexts[0]")
     ]
-    assert told((WHEN, "false"), (("spec", "fallback"), "moving")) == []
+    assert reported((WHEN, "false"), (("spec", "fallback"), "moving")) == []
 
 
 def test_refused_names_are_reported_once():
     """They were also reported as '' that appears twice, and suggested as ''."""
-    problems = told((("spec", "streams", 0, "name"), "theImu"), (("spec", "streams", 1, "name"), "theMic"))
+    problems = reported((("spec", "streams", 0, "name"), "theImu"), (("spec", "streams", 1, "name"), "theMic"))
     assert [field for _, field, _ in problems if field.startswith("spec.streams")] == [
         "spec.streams[0].name",
         "spec.streams[1].name",
@@ -216,27 +216,27 @@ EXAMPLE = ("spec", "streams", 1, "example")
     ],
 )
 def test_an_example_lets_every_expression_be_checked(example, when, message):
-    problems = told((EXAMPLE, example), (WHEN, when))
+    problems = reported((EXAMPLE, example), (WHEN, when))
     assert any(message in words for _, _, words in problems), problems
 
 
 def test_has_says_that_not_every_sample_has_the_field():
     guarded = (WHEN, "has(mic.word) && mic.word == 'go' || mic.level > 1")
-    assert told((EXAMPLE, {"level": 1}), guarded) == []
-    assert told((EXAMPLE, {"level": 1}), (WHEN, "mic.word == 'go' || mic.level > 1")) != []
+    assert reported((EXAMPLE, {"level": 1}), guarded) == []
+    assert reported((EXAMPLE, {"level": 1}), (WHEN, "mic.word == 'go' || mic.level > 1")) != []
     imu = ((*TASK, "activity", 0, "when"), "has(imu.gyro) && imu.gyro > 1")
-    assert any("imu has no field gyro" in words for _, _, words in told(imu)), "a ROS type has its fields always"
+    assert any("imu has no field gyro" in words for _, _, words in reported(imu)), "a ROS type has its fields always"
 
 
 @pytest.mark.parametrize("example", [{"level": 1}, {"level": 0.2, "more": None}, {"level": None}])
 def test_an_example_that_fits_refuses_nothing(example):
-    assert told((EXAMPLE, example)) == []
+    assert reported((EXAMPLE, example)) == []
 
 
 def test_features_are_fields_too_but_not_for_the_stream_itself():
     feature = {"name": "peak", "op": "max", "of": "mic.level", "over": "1s"}
     features = (("spec", "streams", 1, "features"), [feature])
-    assert told((EXAMPLE, {"level": 1}), features, (WHEN, "mic.peak > 1")) == []
+    assert reported((EXAMPLE, {"level": 1}), features, (WHEN, "mic.peak > 1")) == []
     filtered = (("spec", "streams", 1, "filter"), "mic.peak > 1")
-    problems = told((EXAMPLE, {"level": 1}), features, filtered, (WHEN, "mic.peak > 1"))
+    problems = reported((EXAMPLE, {"level": 1}), features, filtered, (WHEN, "mic.peak > 1"))
     assert [field for _, field, _ in problems] == ["spec.streams[1].filter"]

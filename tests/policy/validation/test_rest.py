@@ -13,8 +13,8 @@ IDLE = a_task("speech", idle=0)
 SLAM = a_task("slam")
 
 
-def sleeps(told):
-    return [one for one in told if one.startswith("nothing wakes speech")]
+def sleeps(reported):
+    return [one for one in reported if one.startswith("nothing wakes speech")]
 
 
 @pytest.mark.parametrize("speech", [ASLEEP, IDLE])
@@ -36,8 +36,8 @@ def sleeps(told):
     ],
 )
 def test_a_task_at_rest_sleeps_only_if_something_is_always_active(speech, others, contexts, rests):
-    told = sleeps(warned(tasks=[speech, *others], contexts=contexts))
-    assert bool(told) is rests
+    reported = sleeps(warned(tasks=[speech, *others], contexts=contexts))
+    assert bool(reported) is rests
 
 
 @pytest.mark.parametrize("others", [[], [SLAM]])
@@ -63,8 +63,8 @@ MAP = {"name": "map", "key": "robot/map", "producedBy": "mapper"}
 def test_an_activity_may_go_on_through_the_silence(activity, latches):
     busy = a_context("busy", "map.size > 3")
     tasks = [a_task("speech"), a_task("mapper", activity=[activity]), SLAM]
-    told = warned(streams=[STALE, MAP, IMU], tasks=tasks, contexts=[busy])
-    assert [one.endswith(LATCHED) for one in told] == [True] * latches
+    reported = warned(streams=[STALE, MAP, IMU], tasks=tasks, contexts=[busy])
+    assert [one.endswith(LATCHED) for one in reported] == [True] * latches
 
 
 def test_the_planner_lets_it_go_on():
@@ -87,14 +87,14 @@ def test_the_planner_lets_it_go_on():
     ],
 )
 def test_a_suspended_module_reports_its_health(stream, latches):
-    told = warned(streams=[{**MIC, **stream}, IMU], contexts=[a_context(when="mic.misses > 0.1")])
-    assert [one.endswith(LATCHED) for one in told] == [True] * latches
+    reported = warned(streams=[{**MIC, **stream}, IMU], contexts=[a_context(when="mic.misses > 0.1")])
+    assert [one.endswith(LATCHED) for one in reported] == [True] * latches
 
 
 def test_health_wakes_the_task_and_never_begins_its_fallback():
     health = {**STALE, "key": "robot/speech/health"}
     safe = {"name": "safe", "tasks": {"slam": {"weight": 1}}}
-    told = warned(streams=[health], tasks=[ASLEEP, SLAM], contexts=[safe], fallback="safe")
-    assert told == []
-    told = warned(streams=[health, IMU], contexts=[a_context(when="imu.x > 1"), safe], fallback="safe")
-    assert told == []
+    reported = warned(streams=[health], tasks=[ASLEEP, SLAM], contexts=[safe], fallback="safe")
+    assert reported == []
+    reported = warned(streams=[health, IMU], contexts=[a_context(when="imu.x > 1"), safe], fallback="safe")
+    assert reported == []

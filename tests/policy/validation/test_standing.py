@@ -1,4 +1,4 @@
-"""Settings that read like something and do nothing: what `validate` says, and what plans show."""
+"""Settings without effect: what `validate` says, and what plans show."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def a_robot(stream=IMU, activity=(), **spec):
     return a_policy(streams=[stream], tasks=[slam, asked, a_task("rest")], **spec)
 
 
-def told(policy):
+def reported(policy):
     return [(one.field, one.allowed) for one in advice(policy)]
 
 
@@ -35,7 +35,7 @@ FOR_EVER = "once imu is heard it counts for ever: hold, when, until or staleAfte
 @pytest.mark.parametrize("more", [{}, {"when": "true"}, {"decay": "2s"}])
 def test_an_activity_that_never_ends_is_reported(more):
     policy = a_robot(activity={"stream": "imu", **more})
-    assert told(policy) == [("spec.tasks[0].activity[0].stream", FOR_EVER)]
+    assert reported(policy) == [("spec.tasks[0].activity[0].stream", FOR_EVER)]
     assert scores(policy)[-1] == 1
 
 
@@ -51,27 +51,27 @@ def test_an_activity_that_never_ends_is_reported(more):
 )
 def test_an_activity_that_may_end_is_not_reported(stream, activity):
     policy = a_robot(stream, {"stream": "imu", **activity})
-    assert told(policy) == []
+    assert reported(policy) == []
     assert scores(policy)[-1] == 0
 
 
 def test_a_token_of_liveliness_may_end_it():
-    assert told(a_robot({**IMU, "liveliness": "robot/imu"}, {"stream": "imu"})) == []
+    assert reported(a_robot({**IMU, "liveliness": "robot/imu"}, {"stream": "imu"})) == []
 
 
 @pytest.mark.parametrize("more", [{"hold": "1s"}, {"decay": "1s"}])
 def test_an_activity_that_reads_nothing_has_no_end(more):
     policy = a_robot(activity={"score": 2, **more})
-    ((field, message),) = told(policy)
+    ((field, message),) = reported(policy)
     assert field == f"spec.tasks[0].activity[0].{next(iter(more))}"
     assert message.endswith("has no effect: an activity that reads no stream is always in force")
     assert scores(policy)[-1] == 2
-    assert told(a_robot(activity={"score": 2})) == []
+    assert reported(a_robot(activity={"score": 2})) == []
 
 
 def test_an_activity_that_never_begins_is_reported():
     policy = a_robot(activity={"stream": "imu", "when": "false"})
-    assert told(policy) == [("spec.tasks[0].activity[0].when", "never holds, so the activity never counts")]
+    assert reported(policy) == [("spec.tasks[0].activity[0].when", "never holds, so the activity never counts")]
     assert set(scores(policy)) == {0}
 
 
@@ -82,14 +82,15 @@ def test_delays_of_a_context_without_condition():
     lost = a_context("lost", tasks=REST, enterAfter="5s", exitAfter="3s")
     policy = a_robot(STALE, contexts=[lost], fallback="lost")
     has_none = "has no effect without when: silence and force begin and end lost at once"
-    assert told(policy) == [(f"spec.contexts[0].{name}", f"{name} {has_none}") for name in ("enterAfter", "exitAfter")]
+    expected = [(f"spec.contexts[0].{name}", f"{name} {has_none}") for name in ("enterAfter", "exitAfter")]
+    assert reported(policy) == expected
     story = Story(policy)
     story.sample("imu", at=1, x=1.0)
     story.sample("imu", at=9, x=1.0)
     story.wait(9.5)
     assert story.contexts_over_time() == [(0.0, ()), (2.0, ("lost",)), (9.0, ())]
     conditional = a_context("lost", "imu.x > 1", REST, enterAfter="5s", exitAfter="3s")
-    assert told(a_robot(STALE, contexts=[conditional], fallback="lost")) == []
+    assert reported(a_robot(STALE, contexts=[conditional], fallback="lost")) == []
 
 
 @pytest.mark.parametrize(
@@ -101,7 +102,7 @@ def test_delays_of_a_context_without_condition():
     ],
 )
 def test_the_mqtt_wildcard_is_reported(field, stream, spec):
-    ((where, message),) = told(a_robot({**IMU, **stream}, **spec))
+    ((where, message),) = reported(a_robot({**IMU, **stream}, **spec))
     assert where == field
     assert message.startswith("+ is MQTT's wildcard")
 
@@ -109,9 +110,9 @@ def test_the_mqtt_wildcard_is_reported(field, stream, spec):
 @pytest.mark.parametrize("name", ["source", "sources"])
 def test_fields_of_samples_that_sources_hide(name):
     stream = {**IMU, "key": "robot/*/imu", "example": {"x": 1.0, name: 3}}
-    ((field, message),) = told(a_robot({**stream, "sources": 2}))
+    ((field, message),) = reported(a_robot({**stream, "sources": 2}))
     assert field == "spec.streams[0].sources"
     assert message == f"its samples' own field {name} can't be read: sources gives them another one of this name"
-    assert told(a_robot(stream)) == []
+    assert reported(a_robot(stream)) == []
     apart = a_context("left", f"size(imu.{name}) > 0 && imu.x > 1", REST, exitAfter="1s")
-    assert told(a_robot({**stream, "example": {"x": 1.0}, "sources": 2}, contexts=[apart])) == []
+    assert reported(a_robot({**stream, "example": {"x": 1.0}, "sources": 2}, contexts=[apart])) == []

@@ -1,4 +1,4 @@
-"""What one context stops that another one waits for, and conditions that read what they know is stopped."""
+"""Contexts that stop what another one waits for, and conditions on streams that are known to be stopped."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def a_robot(*contexts, mic=MIC, slam=()):
     return a_policy(streams=[a_stream("imu"), mic], tasks=tasks, contexts=own)
 
 
-def told(policy):
+def reported(policy):
     return [one.allowed for one in advice(policy)]
 
 
-def told_story(policy, *, until=20):
+def run_story(policy, *, until=20):
     """Speech publishes a loud level each second while it is not suspended; the imu turns once and back."""
     story = Story(policy)
     for at in range(until):
@@ -38,13 +38,13 @@ def told_story(policy, *, until=20):
 def test_a_context_may_latch_through_one_that_reads_it(mic):
     wary = a_context("wary", "imu.x > 1", OTHER, until="mic.level > 0.3")
     policy = a_robot(wary, a_context("quiet", "contexts.wary", QUIET), mic=mic)
-    assert told(policy) == [
+    assert reported(policy) == [
         (
             "context wary, beside which quiet holds, suspends speech, which produces mic: "
             "nothing else ends it, so once begun it holds for ever"
         )
     ]
-    assert told_story(policy).last.contexts == ("wary", "quiet")
+    assert run_story(policy).last.contexts == ("wary", "quiet")
 
 
 @pytest.mark.parametrize("quiet", ["contexts.wary && imu.x > 1", "imu.x > 1", "contexts.other"])
@@ -52,13 +52,13 @@ def test_no_latch_if_the_other_context_may_end_first(quiet):
     wary = a_context("wary", "imu.x > 1", OTHER, until="mic.level > 0.3")
     other = a_context("other", "imu.x > 1", OTHER)
     policy = a_robot(wary, other, a_context("quiet", quiet, QUIET))
-    assert told(policy) == []
-    assert told_story(policy).last.contexts == ()
+    assert reported(policy) == []
+    assert run_story(policy).last.contexts == ()
 
 
 def test_it_is_reported_once():
     loud = a_context("loud", "mic.level > 0.3", OTHER)
-    (one,) = [one for one in told(a_robot(loud, a_context("quiet", "contexts.loud", QUIET))) if "for ever" in one]
+    (one,) = [one for one in reported(a_robot(loud, a_context("quiet", "contexts.loud", QUIET))) if "for ever" in one]
     assert one.startswith("context quiet suspends speech")
 
 
@@ -67,14 +67,14 @@ TURNED = a_context("quiet", "imu.x > 1", QUIET)
 
 
 def frozen(policy):
-    return [one for one in told(policy) if "said last" in one]
+    return [one for one in reported(policy) if "said last" in one]
 
 
 def test_a_last_value_meets_a_pre_condition_while_its_producer_is_suspended():
     policy = a_robot(TURNED, slam={"requires": ASKS})
     (one,) = frozen(policy)
     assert one.startswith("context quiet suspends speech, which produces mic: without staleAfter slam runs on")
-    during = [plan for plan in told_story(policy).plans if plan.contexts]
+    during = [plan for plan in run_story(policy).plans if plan.contexts]
     assert {plan.tasks["slam"].suspended for plan in during} == {False}
 
 
@@ -90,7 +90,7 @@ def test_a_last_value_meets_a_pre_condition_while_its_producer_is_suspended():
 def test_a_pre_condition_that_can_end_is_not_reported(requires, mic):
     policy = a_robot(TURNED, slam={"requires": requires}, mic=mic)
     assert frozen(policy) == []
-    during = [plan for plan in told_story(policy).plans if plan.contexts]
+    during = [plan for plan in run_story(policy).plans if plan.contexts]
     assert during[-1].tasks["slam"].suspended
 
 
@@ -110,10 +110,10 @@ NEEDS = "needs quiet, which suspends speech, which produces mic: holds at most u
 
 def test_a_condition_that_needs_the_context_that_silences_its_stream():
     loud = a_context("loud", "contexts.quiet && mic.level > 0.5", OTHER)
-    assert told(a_robot(TURNED, loud, mic=STALE)) == [NEEDS]
-    assert told(a_robot(TURNED, loud)) == []
+    assert reported(a_robot(TURNED, loud, mic=STALE)) == [NEEDS]
+    assert reported(a_robot(TURNED, loud)) == []
     either = a_context("either", "contexts.quiet && (imu.x > 1 || mic.level > 0.5)", OTHER)
-    assert told(a_robot(TURNED, either, mic=STALE)) == []
+    assert reported(a_robot(TURNED, either, mic=STALE)) == []
 
 
 @pytest.mark.parametrize(
@@ -130,8 +130,8 @@ def test_a_task_that_scores_0_in_a_context_rests_in_it(scores, rests):
     tasks = [a_task("speech", activity=[{"scoreFrom": scores}]), a_task("slam"), a_task("rest")]
     policy = a_policy(streams=[MIC, a_stream("imu")], tasks=tasks, contexts=[wary])
     message = "context wary leaves at rest speech, which produces mic: nothing else ends it, so once begun it holds"
-    assert [one.startswith(message) for one in told(policy) if "for ever" in one] == [True] * rests
-    assert (told_story(policy).last.tasks["speech"].weight == 0) is rests
+    assert [one.startswith(message) for one in reported(policy) if "for ever" in one] == [True] * rests
+    assert (run_story(policy).last.tasks["speech"].weight == 0) is rests
 
 
 STARVED = {"needs": {"cores": "500m", "enforce": "Suspend"}}
@@ -150,7 +150,7 @@ def test_a_max_below_what_a_task_must_have_suspends_it(speech, later, suspends):
     tasks = [a_task("speech", **speech), a_task("slam")]
     contexts = [CAPPED, a_context("later", "imu.x < 9", later, exitAfter="1ms")]
     policy = a_policy(streams=[MIC, a_stream("imu")], tasks=tasks, contexts=contexts)
-    found = [one for one in told(policy) if "for ever" in one]
+    found = [one for one in reported(policy) if "for ever" in one]
     message = "context hot suspends speech, which produces mic: nothing else ends it, so once begun it holds for ever"
     assert found == [message] * suspends
-    assert told_story(policy).last.tasks["speech"].suspended is suspends
+    assert run_story(policy).last.tasks["speech"].suspended is suspends

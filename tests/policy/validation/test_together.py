@@ -13,10 +13,10 @@ HEARS = a_context("hears", "mic.level > 1", suspends="vision")
 
 
 def rings(sees, hears, *others, **spec):
-    told = warned(
+    reported = warned(
         streams=[MIC, CAM, IMU], tasks=TASKS, contexts=[{**SEES, **sees}, {**HEARS, **hears}, *others], **spec
     )
-    return [one for one in told if one.startswith("contexts sees and hears keep each other")]
+    return [one for one in reported if one.startswith("contexts sees and hears keep each other")]
 
 
 SUDDEN = {"exitAfter": "0s"}
@@ -59,6 +59,6 @@ def test_a_forced_context_may_coincide_with_any():
 )
 def test_only_a_context_that_may_hold_beside_it_lets_a_task_run(when, latches):
     talk = {"name": "talk", "when": when, "tasks": {"speech": {"suspend": False}}}
-    told = warned(contexts=[a_context(), talk])
-    assert [one for one in told if one.endswith(LATCHED)] != [] or not latches
-    assert bool([one for one in told if one.endswith(LATCHED)]) is latches
+    reported = warned(contexts=[a_context(), talk])
+    assert [one for one in reported if one.endswith(LATCHED)] != [] or not latches
+    assert bool([one for one in reported if one.endswith(LATCHED)]) is latches

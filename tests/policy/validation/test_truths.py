@@ -20,7 +20,7 @@ def a_robot(when, *contexts, stream=IMU, **spec):
     return a_policy(streams=[stream, a_stream("mic")], contexts=[*contexts, own], **spec)
 
 
-def told(policy):
+def reported(policy):
     return [one.allowed for one in advice(policy) if one.field == f"spec.contexts[{len(policy.contexts) - 1}].when"]
 
 
@@ -48,8 +48,8 @@ NOTHING_IS_SO = [
 
 @pytest.mark.parametrize("when", NOTHING_IS_SO)
 def test_impossible_conditions_are_reported(when):
-    assert [one in NEVER for one in told(a_robot(when))] == [True]
-    assert told(a_robot(f"!({when})")) == [ALWAYS]
+    assert [one in NEVER for one in reported(a_robot(when))] == [True]
+    assert reported(a_robot(f"!({when})")) == [ALWAYS]
 
 
 @pytest.mark.parametrize(
@@ -77,17 +77,17 @@ def test_impossible_conditions_are_reported(when):
     ],
 )
 def test_possible_conditions_are_not_reported(when):
-    assert told(a_robot(when)) == []
+    assert reported(a_robot(when)) == []
 
 
 @pytest.mark.parametrize("when", ["imu.x > 1 || imu.x < 5", "imu.m != 'a' || imu.m != 'b'", "age(imu) >= 0.0"])
 def test_conditions_that_always_hold_are_reported(when):
-    assert told(a_robot(when)) == [ALWAYS]
+    assert reported(a_robot(when)) == [ALWAYS]
 
 
 def test_a_window_holds_no_more_samples_than_may_come():
     slow = {**IMU, "sampleEvery": "1s"}
-    assert told(a_robot("imu.often > 6", stream=slow)) == [NEVER[0]]
+    assert reported(a_robot("imu.often > 6", stream=slow)) == [NEVER[0]]
     story = Story(a_robot("imu.often > 4", stream=slow))
     for number in range(100):
         story.sample("imu", at=number / 10, x=1.0)
@@ -132,20 +132,20 @@ def contexts_seen(policy):
 @pytest.mark.parametrize(("when", "contexts", "spec"), EXCLUDED)
 def test_conditions_excluded_by_their_contexts_are_reported(when, contexts, spec):
     policy = a_robot(when, *contexts, **spec)
-    assert [one.startswith("never holds, as ") for one in told(policy)] == [True]
+    assert [one.startswith("never holds, as ") for one in reported(policy)] == [True]
     assert "asked" not in contexts_seen(policy)
 
 
 @pytest.mark.parametrize(("when", "contexts", "spec"), POSSIBLE)
 def test_conditions_allowed_by_their_contexts_are_not_reported(when, contexts, spec):
     policy = a_robot(when, *contexts, **spec)
-    assert told(policy) == []
+    assert reported(policy) == []
     assert "asked" in contexts_seen(policy)
 
 
 def test_the_excluding_contexts_are_named():
     policy = a_robot("contexts.moving && contexts.docked", MOVING, DOCKED)
-    assert told(policy) == ["never holds, as docked and moving are defined"]
+    assert reported(policy) == ["never holds, as docked and moving are defined"]
 
 
 def test_activities_and_pre_conditions_read_contexts_too():

@@ -1,4 +1,4 @@
-"""What is said of pods and their controllers in the files beside a policy."""
+"""Warnings about pods and their controllers in the files beside a policy."""
 
 from __future__ import annotations
 

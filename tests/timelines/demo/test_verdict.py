@@ -1,4 +1,4 @@
-"""What a recording proves, from recordings that were made up."""
+"""What a recording proves, on made-up recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How right tasks were in runs whose results are made up, against a story that is known."""
+"""The accuracy of tasks in runs whose results are made up, against a known story."""
 
 from __future__ import annotations
 

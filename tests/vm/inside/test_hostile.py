@@ -1,4 +1,4 @@
-"""Somebody has the operator's certificate and the key of the plans: under cgroup v2 it moves nothing it may not."""
+"""An attacker with the operator's certificate and signing key changes no foreign limit, under cgroup v2."""
 
 import base64
 import json

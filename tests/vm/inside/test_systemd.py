@@ -1,4 +1,4 @@
-"""Two that write the same file: the agent's limits on units of systemd's own, without a node."""
+"""The agent and systemd write the same file: limits on systemd's own units, without a node."""
 
 import subprocess
 import uuid
@@ -56,7 +56,7 @@ def agent(tmp_path):
 
 
 def test_setting_a_unit_property_keeps_the_agents_limit(group, agent):
-    """systemd writes all that it knows of the unit's CPU, and so the limit from before ours."""
+    """systemd rewrites all CPU settings of the unit, and so the limit from before ours."""
     agent.plan(group)
     assert limit(group) == OURS
     systemctl("set-property", "--runtime", group.name, "CPUWeight=50")
@@ -74,7 +74,7 @@ def test_reloading_systemd_keeps_the_agents_limit(group, agent):
 
 
 def test_a_limit_set_through_systemd_is_kept(group, agent):
-    """As a resize that decides otherwise: it stays until the next plan."""
+    """Like another writer's resize, it stays until the next plan."""
     agent.plan(group)
     systemctl("set-property", "--runtime", group.name, "CPUQuota=20%")
     until("the owner's is in force", lambda: limit(group) == "20000 100000" or limit(group))
