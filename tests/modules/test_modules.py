@@ -28,7 +28,7 @@ def test_it_has_the_same_files(module):
     assert {path.name for path in module.iterdir()} >= FILES
 
 
-def test_it_says_what_it_takes_gives_and_needs(module):
+def test_it_declares_inputs_outputs_and_needs(module):
     said = load_module(module / "module.yaml")
     assert said.name == module.name
     assert all(entry.key.startswith(("robot/", "contextpolicy/")) for entry in said.inputs.values())
@@ -47,7 +47,7 @@ def test_its_readme_documents_streams_settings_cost_and_what_a_suspension_does(m
     assert "uspended" in readme
 
 
-def test_its_readme_begins_with_what_it_is_good_for_and_what_it_was_measured_on(module):
+def test_its_readme_begins_with_purpose_and_measurements(module):
     """In its first lines; measurements on nothing but our own data are declared as such."""
     beginning = " ".join((module / "README.md").read_text(encoding="utf-8").splitlines()[:9])
     assert re.search(r"good for|demonstration", beginning, re.IGNORECASE)

@@ -47,7 +47,7 @@ def test_a_decay_below_another_activity_is_not_a_cause():
     assert (story.last.tasks["slam"].score, story.last.cause) == (20.0, "mic: mic.on is 20; mic: mic.on is 1")
 
 
-def test_a_plan_held_back_is_caused_by_what_counts_at_last():
+def test_a_held_back_plan_names_the_final_cause():
     tasks = [a_task("slam", activity=[FALLING, {"when": "mic.on", "score": 20}]), a_task("rest")]
     policy = a_policy(streams=[a_stream("imu"), a_stream("mic")], tasks=tasks, enforcement={"minDwell": "9s"})
     story = Story(policy)

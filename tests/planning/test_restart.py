@@ -150,7 +150,7 @@ def test_a_forced_context_reaches_the_parts_of_a_group():
     assert robot.weights(0)["slam"] == 0.0
 
 
-def test_a_new_policy_keeps_nothing():
+def test_a_new_policy_has_no_state_to_keep():
     robot = Restarted({}, tasks=[a_task("slam", activity=[{"when": "imu.speed > 1"}])])
     assert robot.weights(0)["slam"] == 0.0
 

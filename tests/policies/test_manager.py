@@ -152,7 +152,7 @@ def test_a_policy_that_leaves_is_forgotten_too_when_another_operator_serves_its_
     assert running.operator.queries._registry.find("lab/robot") is None
 
 
-def test_deletion_before_the_first_sample_has_nothing_to_do(operator):
+def test_deletion_before_the_first_sample_completes_at_once(operator):
     operator.govern(a_policy())
     assert operator.delete(a_policy()).done()
 

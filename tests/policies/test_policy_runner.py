@@ -287,7 +287,7 @@ def test_on_plan_is_called_once_per_new_plan():
     assert plan.arrived is not None
 
 
-def test_the_bus_hears_when_what_triggered_a_plan_arrived(monkeypatch):
+def test_plan_messages_carry_the_arrival_time_of_their_trigger(monkeypatch):
     robot = Robot().begin()
     clock = iter([10.0, 12.5])
     monkeypatch.setattr("contextpolicy.policies.plan_publisher.time.monotonic", lambda: next(clock, 12.5))

@@ -67,7 +67,7 @@ def test_a_ros_stream_says_whose_messages_and_which_clock():
     assert (unsaid.ros, unsaid.types, unsaid.clock) == (RosRelease.LATEST, None, Clock.AUTO)
 
 
-def test_what_only_ros_streams_have_is_refused_elsewhere():
+def test_ros_fields_are_refused_on_other_streams():
     findings = refused(
         streams=[a_stream("imu", ros="foxy", types="Robot Types", clock="sim"), a_stream("mic", ros="jazzy")]
     )

@@ -97,7 +97,7 @@ def test_a_deadline_is_the_policys_or_else_the_modules():
     assert predicted.deadlines == {"slam": 0.1, "speech": 1.0}
 
 
-def test_what_cannot_be_predicted_is_reported():
+def test_unpredicted_tasks_are_reported():
     cost = parse_profiles(
         {"tasks": {"slam": {"inputs": {"x": {"key": "lost", "depth": 1, "cpu": {"quantiles": [1]}}}}, "arm": {}}}
     )

@@ -130,7 +130,7 @@ def test_a_chunk_that_claims_to_be_huge_takes_no_memory(tmp_path):
         (b"\x89MCAP0\r\n" * 3, "0 messages were read"),
     ],
 )
-def test_a_file_with_nothing_in_it_says_so(tmp_path, content, words):
+def test_a_file_without_messages_is_refused(tmp_path, content, words):
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
     assert words in refusal(path)
@@ -138,7 +138,7 @@ def test_a_file_with_nothing_in_it_says_so(tmp_path, content, words):
         read(path, skip=True)
 
 
-def test_a_file_that_is_not_there_or_is_no_file(tmp_path):
+def test_a_missing_file_is_refused(tmp_path):
     assert "No such file" in refusal(tmp_path / "run.mcap")
     assert "can't be read" in refusal(tmp_path / "run.db3")
 

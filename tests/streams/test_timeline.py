@@ -230,7 +230,7 @@ def test_the_stamps_of_headers_move_unless_they_are_given():
         assert moving == {"sec": at // 10**9, "nanosec": at % 10**9}
 
 
-def test_what_does_not_fit_a_message_is_reported_by_its_path():
+def test_values_that_do_not_fit_a_message_are_reported_by_path():
     value = {"gyro": 1, "orientation_covariance": [1], "angular_velocity": {"x": "fast", "y": True}, "header": 5}
     entries = [
         {**ONCE, "encoding": "cdr", "type": "sensor_msgs/msg/Imu", "value": value},
@@ -254,7 +254,7 @@ def test_what_does_not_fit_a_message_is_reported_by_its_path():
     }
 
 
-def test_a_timeline_may_speak_in_ones_own_messages_and_those_of_a_release():
+def test_a_timeline_may_use_own_message_types_and_releases():
     mood = {**ONCE, "encoding": "cdr", "type": "my_msgs/msg/Mood", "value": {"glad": True}}
     assert parse(a_document(mood), (("my_msgs.msg.Mood.msg", "bool glad"),)).entries[0].message
     with pytest.raises(TimelineError, match=r"inputs\[0\]\.type.*my_msgs\.msg\.Mood\.msg: can't be read"):

@@ -43,7 +43,7 @@ def test_a_loop_that_hangs_is_seen_without_its_answer(monkeypatch):
     loop.dispose()
 
 
-def test_before_there_are_loops_there_is_only_the_name():
+def test_without_loops_no_delay_is_exported():
     registry = CollectorRegistry()
     registry.register(LoopDelays(dict))
     assert b"\ncontextpolicy_loop_delay_seconds{" not in generate_latest(registry)

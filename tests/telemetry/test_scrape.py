@@ -48,7 +48,7 @@ def value(page, name, **labels):
     return page.get_sample_value(f"contextpolicy_{name}", {**POLICY, **labels})
 
 
-def test_before_there_is_a_bus_or_a_policy(operator, page):
+def test_metrics_before_the_bus_is_connected(operator, page):
     assert page.get_sample_value("contextpolicy_bus_connected") == 0
     operator.apply(a_policy())
     assert value(page, "condition", type="Ready") is None or value(page, "condition", type="Ready") == 0
@@ -66,7 +66,7 @@ def test_metrics_of_a_moving_robot(operator, page):
     assert value(page, "container_limit_cores", task="slam", pod="slam", container="slam") == 0.8
 
 
-def test_a_router_that_is_gone_and_a_stream_that_is_silent(operator, page):
+def test_metrics_of_a_lost_router_and_a_silent_stream(operator, page):
     govern(operator)
     operator.turn(11.0)
     operator.session.lose_router()

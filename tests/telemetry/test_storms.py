@@ -13,7 +13,7 @@ from tests.telemetry.reporting import POLICY
 
 
 @pytest.mark.parametrize("contexts", [("-",), ("moving", "reading")])
-def test_constantly_changing_statuses_are_rate_limited(desk, contexts):
+def test_constantly_changing_statuses_are_written_at_the_refill_rate(desk, contexts):
     desk.storm(300, contexts=contexts)
     assert len(desk.statuses) <= BURST + 300 / REFILL
     times = [at for at, _, _ in desk.statuses]

@@ -24,13 +24,13 @@ def body(answer, descriptor):
     return answer[find_answer(answer, descriptor) :]
 
 
-def test_it_says_what_it_is_and_how_it_is():
+def test_it_reports_info_and_health():
     lidar = a_lidar()
     assert decode_info(body(lidar.receive(rplidar.GET_INFO), rplidar.INFO_DESCRIPTOR)) == INFO
     assert decode_health(body(lidar.receive(rplidar.GET_HEALTH), rplidar.HEALTH_DESCRIPTOR)) == Health(0, 0)
 
 
-def test_it_is_idle_until_it_is_asked_and_after_a_stop():
+def test_it_is_idle_before_a_scan_and_after_a_stop():
     lidar = a_lidar()
     assert run(lidar, 1) == b""
     assert lidar.receive(rplidar.SCAN) == rplidar.SCAN_DESCRIPTOR.encode()

@@ -232,7 +232,7 @@ def test_a_song_plays_as_long_as_its_notes():
     assert asked(robot, packets.SONG_PLAYING, "B") == 0
 
 
-def test_in_passive_mode_nothing_plays_and_nothing_is_requested():
+def test_passive_mode_ignores_songs_and_drive_commands():
     robot = Create2()
     robot.receive(oi.START + Command(Opcode.SONG, (0, 60, 64)).encode() + Command(Opcode.PLAY, (0,)).encode())
     robot.receive(oi.drive_direct(right=100, left=100))

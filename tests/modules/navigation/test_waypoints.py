@@ -52,7 +52,7 @@ def test_wheels_are_in_mm_per_s_left_first():
 
 
 @given(st.floats(-2, 2), st.floats(-10, 10))
-def test_wheels_stay_within_what_the_robot_takes_and_on_the_same_curve(forward, turn):
+def test_wheel_speeds_are_limited_without_changing_the_curve(forward, turn):
     left, right = Motion(forward, turn).wheels()
     assert max(abs(left), abs(right)) <= 500
     free = (forward - turn * 0.1175, forward + turn * 0.1175)

@@ -15,7 +15,7 @@ def after(*snapshots, queue=IDLE, suspended=False):
     return messages[-1]
 
 
-def test_a_task_that_has_nothing_to_do_misses_nothing():
+def test_an_idle_task_has_no_misses():
     message = after(Snapshot(0, 0), Snapshot(S, S // 100))
     assert (message["misses"], message["latency"], message["rate"], message["cpu"]) == (0.0, None, 0.0, 0.01)
 

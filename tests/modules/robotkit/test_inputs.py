@@ -47,7 +47,7 @@ def test_a_sample_without_a_stamp_has_that_of_its_arrival(sensor_and_input, fore
     assert received.stamp == received.received
 
 
-def test_a_slow_task_gets_the_newest_samples_and_knows_what_it_missed(sensor_and_input):
+def test_a_slow_task_gets_the_newest_samples_and_counts_drops(sensor_and_input):
     publisher, _, source = sensor_and_input
     for number in range(5):
         publisher.put(bytes([number]))
@@ -57,7 +57,7 @@ def test_a_slow_task_gets_the_newest_samples_and_knows_what_it_missed(sensor_and
     assert [soon(source.take).payload for _ in range(2)] == [b"\x03", b"\x04"]
 
 
-def test_a_paused_input_takes_nothing_from_the_bus(sensor_and_input):
+def test_a_paused_input_is_unsubscribed(sensor_and_input):
     publisher, matching, source = sensor_and_input
     source.pause()
     matching.wait(expected=False)

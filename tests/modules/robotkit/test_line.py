@@ -48,7 +48,7 @@ def test_bytes_of_every_value_pass_unchanged():
         assert heard(line, 256) == everything
 
 
-def test_nothing_to_read_is_an_empty_answer():
+def test_reading_without_data_returns_empty_bytes():
     with on_a_pseudo_terminal(Echo()) as port, open_line(port, BAUD) as line:
         assert line.read(0) == b""
 

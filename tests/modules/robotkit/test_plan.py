@@ -117,7 +117,7 @@ def test_a_module_queries_the_plan_of_a_later_operator():
             assert heard.get(timeout=PATIENCE).share == 0.2
 
 
-def test_a_plan_that_was_made_while_the_router_was_gone_is_heard_when_it_is_back():
+def test_a_plan_missed_during_a_router_outage_is_queried():
     """Plans are not repeated: a task would stay suspended until the next one."""
     heard: queue.Queue[Decision] = queue.Queue()
     plans = [a_plan(sequence=1, suspended=True)]

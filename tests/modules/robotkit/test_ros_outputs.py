@@ -74,7 +74,7 @@ def test_speeds_are_a_twist():
     assert (twist.linear.x, twist.angular.z) == (stamped.linear.x, stamped.angular.z) == (0.2, -0.3)
 
 
-def test_a_scan_is_a_laser_scan_in_which_nothing_is_infinitely_far():
+def test_a_laser_scan_has_infinity_where_nothing_was_measured():
     value = {"start_angle": 0.0, "end_angle": 3.0, "ranges": [1.5, 0, 2.5, 0], "range_min": 0.15, "range_max": 12.0}
     scan = message("scan", "sensor_msgs/msg/LaserScan", value)
     assert scan.ranges.tolist() == [1.5, math.inf, 2.5, math.inf]

@@ -90,7 +90,7 @@ def test_a_gap_starts_afresh_and_times_stay_right():
     assert reported == [pytest.approx(100.8, abs=0.2), pytest.approx(500.8, abs=0.2)]
 
 
-def test_a_gap_ends_what_was_being_said():
+def test_a_gap_discards_an_unfinished_utterance():
     stream = SoundStream(Gate())
     assert stream.feed(Received(sound(1.0, babble(0.5)), 10_000_000_000, 0)) == []
     assert stream.feed(Received(sound(1.0), 20_000_000_000, 0)) == []

@@ -37,7 +37,7 @@ def test_the_reserve_is_kept_back_on_each_node_and_capacity_is_whole_quanta():
 
 
 @pytest.mark.parametrize(("left", "capacity"), [(705, 700), (1900, 1690)])
-def test_what_other_policies_leave_bounds_n_as_the_reserve_does(left, capacity):
+def test_capacity_is_limited_by_what_other_policies_leave(left, capacity):
     placement = replace(on_node("slam", "speech", cores=2), left={"robot": left})
     assert divided(two_tasks(reserve="305m"), placement).nodes["robot"].capacity == capacity
 
@@ -89,7 +89,7 @@ def test_requests_hold_a_task_of_little_weight_up_and_beyond_its_max():
     assert divided(policy, placement).nodes["robot"].shares == {"slam": 300, "speech": 700}
 
 
-def test_a_suspended_task_keeps_what_its_request_holds_up():
+def test_a_suspended_task_keeps_its_request():
     placement = together(on_node("slam"), Placement({}, (Container("s", "speech", "robot", request=250),)))
     assert divided(two_tasks(), placement, speech=0).nodes["robot"].shares == {"slam": 750, "speech": 250}
 

@@ -82,7 +82,7 @@ class TestRealtime:
         [shortfall] = self.story({"min": 1, "needs": {"cores": 2}}).last.shortfalls
         assert shortfall.message == "needs 2 cores, gets 1"
 
-    def test_processors_count_and_not_what_is_allocatable(self):
+    def test_the_budget_counts_processors_not_allocatable_cpu(self):
         placement = replace(on_node("slam", "rest", cores=3.8), processors={"robot": 4})
         policy = a_policy(
             tasks=[a_task("slam", min=2), a_task("rest", priority=9)], enforcement={"scheduler": "Realtime"}
@@ -97,7 +97,7 @@ class TestRealtime:
 
 
 @pytest.mark.parametrize(("found", "gap"), [({"robot": 0.02}, None), ({"elsewhere": 0.02}, "0.2"), ({}, "0.2")])
-def test_under_cfs_the_kubelets_period_counts_and_else_what_the_policy_says(found, gap):
+def test_cfs_uses_the_kubelets_period_if_known(found, gap):
     policy = a_policy(
         tasks=[a_task("slam", needs={"deadline": "30ms"}), a_task("rest")], enforcement={"period": "400ms"}
     )

@@ -138,7 +138,7 @@ EDITS: list[tuple[Any, bool]] = [
 
 
 @pytest.mark.parametrize(("contexts", "kept"), EDITS)
-def test_an_edit_keeps_what_reads_only_what_it_did_not_change(contexts: Any, *, kept: bool) -> None:
+def test_an_edit_keeps_activities_of_unchanged_contexts(contexts: Any, *, kept: bool) -> None:
     alert = {"when": "contexts.free", "hold": "60s"}
     story = Story(policy_of(MOVING, DOCKED, FREE, activity=[alert]))
     drive(story, (1, 1.0), (2, 0.0))

@@ -130,7 +130,7 @@ def test_a_plain_value_is_neither_a_list_nor_a_number(source, shapes):
 
 
 @pytest.mark.parametrize("source", ["'a' in s", "s.exists(x, x == 'a')", "size(s) > 2", "norm(s) > 2.0", "s.l in [3]"])
-def test_what_may_be_a_map_is_not_refused(source):
+def test_values_that_may_be_maps_are_not_refused(source):
     assert mistakes(source, BOOL, UNKNOWN) == []
 
 

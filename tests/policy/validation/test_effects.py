@@ -175,7 +175,7 @@ def test_a_weight_with_effect_is_not_reported(tasks, effects, later):
         ({}, False),
     ],
 )
-def test_only_a_suspension_that_may_hold_beside_it_can_be_taken_back(night, vain):
+def test_lifting_a_suspension_that_never_coincides_is_reported(night, vain):
     day = a_context("day", "imu.lux > 100", {"slam": STOP})
     policy = a_robot(day, a_context("night", tasks={"slam": {"suspend": False}}, **night))
     message = "suspend: false has no effect: no context before night suspends slam beside it"

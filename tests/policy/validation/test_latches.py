@@ -355,7 +355,7 @@ def test_a_plus_inside_a_name_is_not_reported(key):
 
 
 @pytest.mark.parametrize("op", ["rate", "count"])
-def test_of_beside_a_counting_op_is_reported(op):
+def test_an_of_field_on_a_counting_feature_is_reported(op):
     features = [{"name": "often", "op": op, "over": "1s", "of": "mic.level"}]
     when = a_context(when="mic.often > 1.0", suspends="")
     (reported,) = warned(streams=[{**MIC, "features": features}, IMU], contexts=[when])
