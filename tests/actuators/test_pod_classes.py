@@ -49,13 +49,13 @@ class Row(NamedTuple):
     suspended: str
 
 
-def the_table() -> list[Row]:
+def table_rows() -> list[Row]:
     _, _, after = PAGE.read_text(encoding="utf-8").partition(f"{HEADER}\n")
     lines = after.partition("\n\n")[0].splitlines()[1:]
     return [Row(*(cell.strip() for cell in line.strip("|").split("|"))) for line in lines]
 
 
-def what_happens(pod_class: str, control: str, agent: str, speed: float) -> str:
+def outcome(pod_class: str, control: str, agent: str, speed: float) -> str:
     """Policy, claim, plan, then what the operator asks of the API and what the agent is to write, in words."""
     policy = a_policy(
         streams=[a_stream("imu")],
@@ -110,7 +110,7 @@ def amount(value: int | None) -> str:
     return "= share" if value == SHARE else f"{value}m"
 
 
-ROWS = the_table()
+ROWS = table_rows()
 
 
 def test_the_table_has_a_row_for_each_case():
@@ -120,9 +120,9 @@ def test_the_table_has_a_row_for_each_case():
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.pod}-{row.control}-{row.agent}")
 def test_an_active_task(row):
-    assert what_happens(row.pod, row.control, row.agent, ACTIVE) == row.active
+    assert outcome(row.pod, row.control, row.agent, ACTIVE) == row.active
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.pod}-{row.control}-{row.agent}")
 def test_a_suspended_task(row):
-    assert what_happens(row.pod, row.control, row.agent, SUSPENDED) == row.suspended
+    assert outcome(row.pod, row.control, row.agent, SUSPENDED) == row.suspended

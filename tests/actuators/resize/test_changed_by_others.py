@@ -38,7 +38,7 @@ def resized() -> Rig:
 
 
 @pytest.mark.parametrize("forgery", FORGERIES.values(), ids=FORGERIES)
-def test_they_are_written_again_at_once(forgery):
+def test_changed_originals_are_rewritten_at_once(forgery):
     rig = resized()
     rig.cluster.change_originals(POLICY, forgery)
     rig.show()
@@ -49,7 +49,7 @@ def test_they_are_written_again_at_once(forgery):
 
 
 @pytest.mark.parametrize("forgery", FORGERIES.values(), ids=FORGERIES)
-def test_a_deleted_policy_restores_what_there_was(forgery):
+def test_deleted_policy_restores_the_true_originals(forgery):
     rig = resized()
     rig.cluster.change_originals(POLICY, forgery)
     rig.show()
@@ -59,7 +59,7 @@ def test_a_deleted_policy_restores_what_there_was(forgery):
     assert (rig.cluster.limit("slam"), rig.released) == (500, [POLICY])
 
 
-def test_no_container_is_resized_before_they_are_back():
+def test_no_resize_happens_before_the_originals_are_rewritten():
     rig = Rig(a_pod("slam"), stores=True)
     rig.enforce(slam=300)
     rig.cluster.change_originals(POLICY, {"uid-slam": None})
@@ -71,7 +71,7 @@ def test_no_container_is_resized_before_they_are_back():
     assert rig.cluster.limit("slam") == 200
 
 
-def test_what_the_watch_shows_late_is_no_change():
+def test_stale_watch_event_is_not_a_foreign_change():
     rig = Rig(a_pod("slam"))
     rig.enforce(slam=300)
     calls = len(rig.cluster.calls)
@@ -80,7 +80,7 @@ def test_what_the_watch_shows_late_is_no_change():
     assert (len(rig.cluster.calls), rig.witness.changed_by_others) == (calls, [])
 
 
-def test_what_is_changed_while_we_write_is_noticed_when_the_answer_comes():
+def test_foreign_change_during_our_write_is_detected():
     rig = Rig(a_pod("slam"), a_pod("speech"), stores=True)
     rig.enforce(slam=300)
     rig.plan(slam=300, speech=300)
@@ -92,7 +92,7 @@ def test_what_is_changed_while_we_write_is_noticed_when_the_answer_comes():
     assert rig.witness.changed_by_others == [POLICY]
 
 
-def test_a_write_whose_answer_was_lost_is_not_taken_for_another_writers():
+def test_lost_answer_is_not_a_foreign_change():
     rig = Rig(a_pod("slam"), stores=True)
     rig.plan(slam=300)
     rig.cluster.faults.append(Unanswered(UNREACHABLE))
@@ -102,7 +102,7 @@ def test_a_write_whose_answer_was_lost_is_not_taken_for_another_writers():
     assert (rig.cluster.policies, rig.witness.changed_by_others) == ({POLICY: TRUE}, [])
 
 
-def test_a_policy_that_wants_nothing_yet_is_watched_too():
+def test_originals_are_guarded_before_the_first_plan():
     rig = resized()
     rig.kill()
     rig.cluster.faults.append(UNREACHABLE)
@@ -130,7 +130,7 @@ STEPS = st.lists(
 
 @settings(max_examples=300)
 @given(STEPS)
-def test_in_the_end_the_status_holds_what_it_should(steps):  # noqa: C901, PLR0912 - one line for each kind of step
+def test_status_converges_to_the_noted_originals(steps):  # noqa: C901, PLR0912 - one line for each kind of step
     originals, sent = Originals(Signatures(b"k" * 32)), None
     history: list[dict[str, Any]] = [{}]
     originals.recall(POLICY, StoredOriginals(), lambda _: True)
@@ -174,7 +174,7 @@ def test_in_the_end_the_status_holds_what_it_should(steps):  # noqa: C901, PLR09
 
 
 def test_a_policy_with_an_unproven_entry_is_released_only_when_the_pod_is_gone():
-    """Its containers could not be put back: who deletes it is told, and may let the release that knows do it."""
+    """Its containers could not be put back: the user who deletes it sees why, and may let the right release do it."""
     rig = Rig(a_pod("slam"))
     rig.resizer.recall(
         POLICY,

@@ -69,7 +69,7 @@ def test_a_persistent_writer_wins_and_is_reported():
     assert "over" not in [what for _, what in rig.witness.conflicts]
 
 
-def test_new_plans_do_not_wake_a_contest_that_is_over():
+def test_new_plans_do_not_reopen_a_yielded_conflict():
     rig = governed_rig()
     for _ in range(STRIKES + 1):
         take(rig)
@@ -87,7 +87,7 @@ def test_new_plans_do_not_wake_a_contest_that_is_over():
     assert rig.cluster.limit("slam") == 600
 
 
-def test_a_writer_who_takes_it_back_and_comes_again_has_struck_twice():
+def test_foreign_writer_that_reverts_and_returns_counts_twice():
     rig = governed_rig()
     take(rig)
     rig.work()
@@ -115,7 +115,7 @@ def test_new_plans_do_not_shorten_a_pause():
     assert rig.cluster.limit("slam") == 600
 
 
-def test_a_foreign_limit_takes_its_room_from_the_node():
+def test_foreign_limit_reduces_the_headroom_of_the_node():
     rig = Rig(a_pod("slam"), a_pod("speech"))
     rig.enforce(slam=800, speech=200)
     for _ in range(2):
@@ -130,7 +130,7 @@ def test_a_foreign_limit_takes_its_room_from_the_node():
     assert (rig.cluster.limit("slam"), rig.cluster.limit("speech")) == (900, 100)
 
 
-def test_a_foreign_limit_that_was_replaced_before_it_was_reported_still_counts():
+def test_foreign_limit_reverted_before_the_kubelet_reports_it_still_counts():
     rig = Rig(a_pod("slam"), a_pod("speech"))
     rig.enforce(slam=300, speech=200)
     take(rig, "700m")
@@ -143,7 +143,7 @@ def test_a_foreign_limit_that_was_replaced_before_it_was_reported_still_counts()
     assert rig.cluster.limit("speech") == 600
 
 
-def test_a_foreign_limit_is_never_what_comes_back():
+def test_foreign_limit_is_never_restored():
     rig = governed_rig()
     for _ in range(3):
         take(rig)
@@ -154,7 +154,7 @@ def test_a_foreign_limit_is_never_what_comes_back():
     assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam"), rig.released) == (500, {}, [POLICY])
 
 
-def test_what_the_plan_left_as_it_was_is_governed_too():
+def test_foreign_write_is_reverted_where_the_share_equals_the_original():
     """Its share is what it has, so nothing was ever noted in the pod."""
     rig = governed_rig(share=500)
     take(rig, request="200m")
@@ -165,14 +165,14 @@ def test_what_the_plan_left_as_it_was_is_governed_too():
     assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
 
 
-def test_what_was_never_resized_is_not_ours_yet():
+def test_container_that_was_never_resized_is_not_owned():
     pod = view(a_pod("slam"))
     tracked, [container] = TrackedPod(PodState(pod)), pod.containers
     target = Target(SLAM, tracked, container, OURS, tracked.state.spec(container.name), container.spec, original=None)
     assert (guard.look(POLICY, target, 0.0), tracked.owned) == (None, {})
 
 
-def test_what_was_there_before_the_policy_is_nobodys_fault():
+def test_limit_set_before_the_policy_is_not_a_conflict():
     rig = Rig(a_pod("slam"))
     take(rig)
     rig.enforce(slam=300)
@@ -182,7 +182,7 @@ def test_what_was_there_before_the_policy_is_nobodys_fault():
     assert rig.cluster.limit("slam") == 700
 
 
-def test_after_the_policy_everybody_may_do_what_they_like():
+def test_limit_set_after_release_is_not_a_conflict():
     for share in (300, 500):
         rig = governed_rig(share)
         rig.release()
@@ -192,7 +192,7 @@ def test_after_the_policy_everybody_may_do_what_they_like():
         assert rig.witness.conflicts == []
 
 
-def test_a_foreign_limit_that_the_plan_wants_by_now_is_the_plans():
+def test_foreign_limit_equal_to_the_new_plan_stays():
     rig = governed_rig()
     rig.cluster.edit("uid-slam", "slam", cpu="700m")
     rig.plan(slam=700)
@@ -201,7 +201,7 @@ def test_a_foreign_limit_that_the_plan_wants_by_now_is_the_plans():
     assert rig.cluster.limit("slam") == 700
 
 
-def test_an_answer_that_was_lost_is_not_taken_for_somebody_else():
+def test_lost_answer_is_not_a_conflict():
     rig = governed_rig()
     rig.cluster.faults.append(Unanswered(UNREACHABLE))
     rig.plan(slam=400)
@@ -212,7 +212,7 @@ def test_an_answer_that_was_lost_is_not_taken_for_somebody_else():
 
 
 @pytest.mark.parametrize("control", list(Control))
-def test_nobody_is_accused_while_all_goes_well(control):
+def test_no_conflict_is_reported_without_foreign_writes(control):
     rig = Rig(a_pod("slam", {"slam": cpu("100m", "500m", None), "map": cpu("100m", "500m", None)}))
     for slam in (300, 400, 200):
         rig.enforce(slam__slam=slam, slam__map=600 - slam, control=control)
@@ -241,7 +241,7 @@ def test_a_foreign_request_while_no_operator_ran_is_reported():
     assert rig.witness.conflicts != []
 
 
-def test_a_patch_that_the_watch_shows_before_it_is_answered_accuses_nobody():
+def test_own_patch_watched_before_its_answer_is_not_a_conflict():
     rig = governed_rig()
     rig.plan(slam=400)
     rig.workers.run()
@@ -250,7 +250,7 @@ def test_a_patch_that_the_watch_shows_before_it_is_answered_accuses_nobody():
     assert (rig.cluster.limit("slam"), rig.witness.conflicts) == (450, [])
 
 
-def test_a_note_without_its_resize_accuses_nobody():
+def test_stored_original_without_a_resize_is_not_a_conflict():
     """The operator before died between the two."""
     rig = Rig(a_pod("slam"))
     rig.cluster.policies[POLICY] = {
@@ -263,7 +263,7 @@ def test_a_note_without_its_resize_accuses_nobody():
     assert (rig.cluster.limit("slam"), rig.witness.conflicts) == (300, [])
 
 
-def test_a_contest_ends_when_the_other_writer_stops():
+def test_conflict_ends_once_when_the_other_writer_stops():
     rig = governed_rig()
     for _ in range(3):
         take(rig)

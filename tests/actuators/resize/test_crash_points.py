@@ -62,7 +62,7 @@ def test_the_story_has_this_many_calls():
 
 
 @pytest.mark.parametrize(("call", "effect"), POINTS)
-def test_killed_at_a_call_the_next_operator_ends_where_the_policy_wants(call, effect):
+def test_operator_killed_at_any_call_still_converges(call, effect):
     story = Story()
     story.rig.cluster.faults.extend([None] * call + [Unanswered(Killed()) if effect else Killed()])
     story.run()
@@ -70,7 +70,7 @@ def test_killed_at_a_call_the_next_operator_ends_where_the_policy_wants(call, ef
 
 
 @pytest.mark.parametrize(("call", "effect"), POINTS)
-def test_killed_at_a_call_and_deleted_meanwhile_all_is_as_it_was(call, effect):
+def test_deleted_policy_is_restored_after_a_kill_at_any_call(call, effect):
     story = Story()
     story.rig.cluster.faults.extend([None] * call + [Unanswered(Killed()) if effect else Killed()])
     for story.target in (FIRST, SECOND, None):
@@ -83,7 +83,7 @@ def test_killed_at_a_call_and_deleted_meanwhile_all_is_as_it_was(call, effect):
 
 @pytest.mark.parametrize("second", range(CALLS))
 @pytest.mark.parametrize("first", range(CALLS))
-def test_killed_twice(first, second):
+def test_two_kills_in_a_row_still_converge(first, second):
     """The next operator dies as well, after as many calls of its own."""
     story = Story()
     story.rig.cluster.faults.extend([None] * first + [Unanswered(Killed())] + [None] * second + [Killed()])

@@ -25,7 +25,7 @@ def test_an_increase_waits_until_the_decrease_is_in_force():
     assert limits(rig) == (800, 200)
 
 
-def test_what_the_driver_rounds_up_counts_as_in_force():
+def test_limit_rounded_up_by_the_cgroup_driver_counts_as_in_force():
     rig = two_pods()
     rig.plan(slam=500, speech=333)
     rig.work()
@@ -37,7 +37,7 @@ def test_what_the_driver_rounds_up_counts_as_in_force():
     assert len(rig.workers.jobs) == 1
 
 
-def test_nothing_rises_beside_a_container_that_was_never_seen():
+def test_increase_waits_for_a_container_not_yet_seen():
     """A new pod starts with the limit of its template; the plan counts on it already."""
     rig = Rig(a_pod("slam"))
     rig.plan(slam=800, speech=200)
@@ -50,7 +50,7 @@ def test_nothing_rises_beside_a_container_that_was_never_seen():
     assert limits(rig) == (800, 200)
 
 
-def test_a_container_that_was_never_seen_holds_back_rises_on_its_own_node_only():
+def test_unseen_container_holds_back_increases_on_its_own_node_only():
     rig = Rig(a_pod("slam"))
     shares, far = {"lab/slam/slam": 800, "lab/speech/speech": 200}, "robot-2"
     nodes = {"lab/slam/slam": NODE, "lab/speech/speech": far}

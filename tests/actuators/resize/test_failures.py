@@ -35,7 +35,7 @@ def times_of_calls(rig: Rig, seconds: float, step: float = 0.01) -> list[float]:
         *((reason, True) for reason in ("Unreachable", "ServerError", "Unreadable")),
     ],
 )
-def test_a_failure_that_may_pass_is_tried_again_ever_more_slowly(reason, in_doubt):
+def test_transient_failures_are_retried_with_backoff(reason, in_doubt):
     """Where the answer was lost, what is tried again is the question what became of it."""
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, *[ActuationError(reason, "no", retriable=True, in_doubt=in_doubt)] * 8]
@@ -68,7 +68,7 @@ def test_an_answer_about_an_unclaimed_pod_is_ignored(leave, failure):
     assert (rig.witness.problems, rig.witness.accepted, rig.workers.jobs) == ([], [], [])
 
 
-def test_neither_news_nor_plans_shorten_the_pause():
+def test_updates_and_plans_do_not_shorten_the_backoff():
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, refusal("Conflict", retriable=True)]
     rig.plan(slam=300)
@@ -82,7 +82,7 @@ def test_neither_news_nor_plans_shorten_the_pause():
     assert rig.cluster.limit("slam") == 400
 
 
-def test_an_answer_that_is_lost_is_asked_for_again_and_the_note_is_not_spoilt():
+def test_lost_answers_are_recovered_and_keep_the_original():
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [Unanswered(UNREACHABLE), None, Unanswered(UNREACHABLE)]
     rig.enforce(slam=300)
@@ -91,7 +91,7 @@ def test_an_answer_that_is_lost_is_asked_for_again_and_the_note_is_not_spoilt():
 
 
 @pytest.mark.parametrize("reason", ["Invalid", "Forbidden", "BadRequest", "Refused"])
-def test_a_refusal_is_tried_again_at_a_slow_pace(reason):
+def test_refusals_are_retried_slowly(reason):
     """A quota, a LimitRange or a role can change without any change of the pod, and nothing notifies us."""
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, *[refusal(reason)] * 6]
@@ -103,7 +103,7 @@ def test_a_refusal_is_tried_again_at_a_slow_pace(reason):
     assert rig.witness.problems == [(POLICY, "slam", reason)] * 6 + [(POLICY, "slam", "recovered")]
 
 
-def test_neither_news_nor_the_same_plan_repeat_a_refusal():
+def test_updates_and_equal_plans_do_not_retry_a_refusal():
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, refusal("Forbidden")]
     rig.plan(slam=300)
@@ -114,7 +114,7 @@ def test_neither_news_nor_the_same_plan_repeat_a_refusal():
     assert rig.workers.jobs == []
 
 
-def test_the_api_says_when_it_wants_to_be_asked_again():
+def test_retry_after_is_honoured():
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None]
     rig.cluster.faults.append(ActuationError("TooManyRequests", "busy", retriable=True, retry_after=7.0))
@@ -122,7 +122,7 @@ def test_the_api_says_when_it_wants_to_be_asked_again():
     assert times_of_calls(rig, 10, step=1.0) == pytest.approx([0.0, 7.0], abs=1.0)
 
 
-def test_a_refusal_is_tried_again_when_the_wish_changes():
+def test_refusal_is_retried_when_the_plan_changes():
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, refusal()]
     rig.plan(slam=300)
@@ -133,7 +133,7 @@ def test_a_refusal_is_tried_again_when_the_wish_changes():
     assert rig.witness.problems[-1] == (POLICY, "slam", "recovered")
 
 
-def test_a_refusal_is_tried_again_when_the_pod_changes():
+def test_refusal_is_retried_when_the_pod_changes():
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, refusal()]
     rig.plan(slam=300)
@@ -143,7 +143,7 @@ def test_a_refusal_is_tried_again_when_the_pod_changes():
     assert rig.cluster.limit("slam") == 300
 
 
-def test_a_withdrawn_wish_is_no_longer_a_problem():
+def test_problem_clears_when_no_resize_is_needed_any_more():
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, refusal()]
     rig.plan(slam=300)
@@ -152,7 +152,7 @@ def test_a_withdrawn_wish_is_no_longer_a_problem():
     assert rig.witness.problems[-1] == (POLICY, "slam", "recovered")
 
 
-def test_a_refused_restore_is_tried_again_when_somebody_asks_again():
+def test_refused_restore_is_retried_on_the_next_release():
     rig = Rig(a_pod("slam"))
     rig.enforce(slam=300)
     rig.cluster.faults.append(refusal("Forbidden"))
@@ -177,7 +177,7 @@ def test_an_unexpected_failure_is_reported_and_retried():
     ]
 
 
-def test_the_subresource_is_missing_but_the_pod_lives():
+def test_missing_resize_subresource_is_reported_and_retried():
     """A cluster older than Kubernetes 1.33, or a proxy in between."""
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, refusal("NotFound")]
@@ -191,7 +191,7 @@ def test_the_subresource_is_missing_but_the_pod_lives():
     assert rig.witness.problems[-1] == (POLICY, "slam", "recovered")
 
 
-def test_another_pod_that_has_taken_the_name_is_not_taken_for_this_one():
+def test_new_pod_of_the_same_name_gets_its_own_original():
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, UNREACHABLE]
     rig.plan(slam=300)
@@ -207,7 +207,7 @@ def test_another_pod_that_has_taken_the_name_is_not_taken_for_this_one():
 
 
 @pytest.mark.parametrize("effect", [True, False])
-def test_a_lost_answer_is_settled_by_asking(effect):
+def test_lost_answer_is_resolved_by_reading_the_pod(effect):
     rig = Rig(a_pod("slam"))
     rig.cluster.faults += [None, Unanswered(UNREACHABLE) if effect else UNREACHABLE]
     rig.plan(slam=300)
@@ -235,7 +235,7 @@ def test_a_manual_change_after_a_restore_survives_a_lost_answer():
     assert (rig.cluster.limit("slam"), rig.released) == (700, [POLICY])
 
 
-def test_a_pod_that_is_not_found_is_forgotten_without_a_word():
+def test_deleted_pod_is_forgotten_without_a_problem():
     rig = two_pods()
     rig.plan(slam=300, speech=300)
     rig.cluster.remove("uid-slam")
@@ -248,7 +248,7 @@ def test_a_pod_that_is_not_found_is_forgotten_without_a_word():
     assert rig.released == [POLICY]
 
 
-def test_a_patch_that_ends_after_its_pod_changes_nothing():
+def test_patch_that_outlives_its_pod_is_ignored():
     rig = Rig(a_pod("slam"))
     rig.plan(slam=300)
     rig.remove("uid-slam")

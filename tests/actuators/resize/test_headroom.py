@@ -23,7 +23,7 @@ def test_increases_are_allowed_as_far_as_they_fit():
     assert strict(1000, [holding("a", 400, 601), holding("b", 400, 400)]) == {"b"}
 
 
-def test_room_is_only_there_when_a_decrease_is_in_force():
+def test_decrease_frees_headroom_only_once_in_force():
     assert strict(1000, [holding("a", 500, 800), holding("b", 500, 200)]) == {"b"}
     assert strict(1000, [holding("a", 500, 800), holding("b", 200, 200, peak=500)]) == {"b"}
     assert strict(1000, [holding("a", 500, 800), holding("b", 200, 200)]) == {"a", "b"}
@@ -34,15 +34,15 @@ def test_small_increases_go_first():
     assert strict(600, holdings) == {"small", "medium"}
 
 
-def test_back_up_to_a_peak_that_may_still_hold_takes_no_room():
+def test_increase_up_to_the_current_peak_needs_no_headroom():
     assert strict(1000, [holding("a", 200, 500, peak=500), holding("b", 500, 500)]) == {"a", "b"}
 
 
-def test_but_not_while_the_peaks_are_more_than_there_is():
+def test_increase_up_to_the_peak_waits_while_peaks_exceed_capacity():
     assert strict(900, [holding("a", 200, 500, peak=500), holding("b", 400, 400, peak=500)]) == {"b"}
 
 
-def test_nothing_claimed_nothing_strict():
+def test_strict_allows_nothing_without_holdings():
     assert strict(1000, []) == set()
 
 
@@ -53,14 +53,14 @@ sets_of_holdings = st.lists(st.tuples(amounts, amounts, amounts), max_size=8).ma
 
 
 @given(amounts, sets_of_holdings)
-def test_what_is_strict_never_takes_the_sum_above_the_capacity_or_any_higher(capacity, holdings):
+def test_strict_never_raises_the_sum_above_the_capacity(capacity, holdings):
     may = strict(capacity, holdings)
     after = sum(max(h.peak, h.wanted) if h.id in may else h.peak for h in holdings)
     assert after <= max(capacity, sum(h.peak for h in holdings))
 
 
 @given(sets_of_holdings)
-def test_what_fits_as_a_whole_is_allowed_as_soon_as_the_decreases_are_in_force(holdings):
+def test_strict_allows_a_plan_that_fits_once_decreases_are_in_force(holdings):
     capacity = sum(h.wanted for h in holdings)
     settled = [Holding(h.id, min(h.spec, h.wanted), min(h.spec, h.wanted), h.wanted) for h in holdings]
     assert strict(capacity, settled) == {h.id for h in holdings}
@@ -74,24 +74,24 @@ def plan(*rows):
     return [Holding(name, spec, max(spec, before), wanted, before, stuck) for name, before, spec, wanted, stuck in rows]
 
 
-def test_promptly_everything_goes_at_once():
+def test_prompt_applies_the_whole_plan_at_once():
     holdings = plan(("a", 500, 500, 800, False), ("b", 500, 500, 200, False))
     assert prompt(1000, holdings) == ({"a", "b"}, set())
 
 
-def test_promptly_what_a_stuck_decrease_was_to_pay_for_is_taken_back():
+def test_prompt_reverts_an_increase_whose_decrease_is_stuck():
     holdings = plan(("a", 300, 700, 700, False), ("b", 300, 300, 310, False), ("c", 400, 400, 100, True))
     go, back = prompt(1010, holdings)
     assert ("a" in back, "b" in go, "c" in go) == (True, True, True)
 
 
-def test_promptly_what_has_not_risen_yet_just_waits():
+def test_prompt_holds_back_an_increase_whose_decrease_is_stuck():
     holdings = plan(("a", 300, 300, 700, False), ("c", 700, 700, 300, True))
     assert prompt(1000, holdings) == ({"c"}, set())
 
 
 @given(amounts, sets_of_holdings, st.lists(st.tuples(amounts, st.booleans()), min_size=8, max_size=8))
-def test_promptly_the_sum_fits_again_when_all_that_is_not_stuck_is_done(capacity, holdings, more):
+def test_prompt_ends_within_capacity_apart_from_stuck_decreases(capacity, holdings, more):
     holdings = [replace(h, before=b, stuck=stuck) for h, (b, stuck) in zip(holdings, more, strict=False)]
     go, back = prompt(capacity, holdings)
 

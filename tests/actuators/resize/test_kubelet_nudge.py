@@ -41,7 +41,7 @@ def asked(rig):
 
 
 @pytest.mark.parametrize(("share", "beside"), [(300, 301), (800, 799)], ids=["lower", "higher"])
-def test_the_kubelet_is_made_to_look_again_and_gets_the_plan(share, beside):
+def test_overlooked_resize_is_nudged_and_then_applied(share, beside):
     """With a value between what is and what should be, so that nothing ever sums to more."""
     rig = planned(share)
     overlook(rig)
@@ -53,7 +53,7 @@ def test_the_kubelet_is_made_to_look_again_and_gets_the_plan(share, beside):
     assert rig.witness.in_force == [("lab/slam/slam", share)]
 
 
-def test_a_request_that_is_overlooked_counts_as_well():
+def test_overlooked_request_is_nudged_too():
     rig = planned(300, control=Control.WEIGHT)
     overlook(rig)
     rig.wait(OVER)
@@ -76,7 +76,7 @@ def test_a_container_that_a_resize_restarts_is_not_nudged():
     assert asked(rig) == [300]
 
 
-def test_a_kubelet_that_goes_on_overlooking_is_nudged_less_and_less_often():
+def test_repeated_nudges_back_off():
     rig, moments = planned(300), []
     for _ in range(600):
         overlook(rig)
@@ -92,20 +92,20 @@ def test_a_kubelet_that_goes_on_overlooking_is_nudged_less_and_less_often():
 
 
 @pytest.mark.parametrize("condition", [IN_PROGRESS, DEFERRED], ids=["at it", "held back"])
-def test_a_kubelet_that_says_what_it_does_is_left_alone(condition):
+def test_kubelet_with_a_resize_condition_is_not_nudged(condition):
     rig = planned(300)
     overlook(rig, condition=condition)
     rig.wait(60)
     assert asked(rig) == [300]
 
 
-def test_a_kubelet_that_has_not_seen_it_yet_is_left_alone():
+def test_kubelet_that_has_not_observed_the_resize_is_not_nudged():
     rig = planned(300)
     rig.wait(60)
     assert asked(rig) == [300]
 
 
-def test_a_kubelet_that_does_not_report_what_it_has_seen_is_left_alone():
+def test_kubelet_without_observed_generation_is_not_nudged():
     rig = Rig(a_pod("slam", {"slam": cpu("100m", "500m")}), observed_generation=False)
     rig.plan(slam=300)
     rig.work()
@@ -116,7 +116,7 @@ def test_a_kubelet_that_does_not_report_what_it_has_seen_is_left_alone():
     assert asked(rig) == [300]
 
 
-def test_a_new_plan_is_nudge_enough():
+def test_new_plan_replaces_the_nudge():
     rig = planned(300)
     overlook(rig)
     rig.wait(1.0)

@@ -23,16 +23,16 @@ def test_merge_patch_turns_held_values_into_the_wanted_ones(wanted, held):
 
 
 @given(OBJECTS, OBJECTS, OBJECTS)
-def test_it_does_so_whichever_of_several_is_held(wanted, one, other):
+def test_merge_patch_works_for_either_held_value(wanted, one, other):
     patch = merge_patch(wanted, either(one, other))
     assert [merged(held, patch) for held in (one, other)] == [wanted, wanted]
 
 
 @given(OBJECTS)
-def test_nothing_is_written_where_nothing_differs(wanted):
+def test_equal_objects_give_an_empty_patch(wanted):
     assert merge_patch(wanted, wanted) == {}
     assert merge_patch(wanted, either(wanted, wanted)) == {}
 
 
-def test_what_only_one_has_is_unsure():
+def test_field_in_only_one_object_is_unsure():
     assert either({"a": "1", "b": {"c": "1"}}, {"a": "1"}) == {"a": "1", "b": {"c": UNSURE}}

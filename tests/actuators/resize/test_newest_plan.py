@@ -1,4 +1,4 @@
-"""The newest plan wins over patches and resizes under way, and what the watch shows is told."""
+"""The newest plan wins over patches and resizes under way, and what the watch shows is reported."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.actuators.resize.rig import MOMENT, POLICY, Rig, by_id, limits, two_p
 from tests.cluster.builders import a_pod
 
 
-def test_plans_during_a_patch_become_one_patch_the_newest():
+def test_plans_during_a_patch_collapse_into_the_newest():
     rig = Rig(a_pod("slam"))
     for share in (300, 350, 400, 450):
         rig.plan(slam=share)
@@ -39,7 +39,7 @@ def test_a_newer_plan_does_not_queue_up_behind_the_kubelets_last_resize():
     assert [limits["slam"] for _, limits in rig.cluster.resizes()] == ["300m", "450m"]
 
 
-def test_a_kubelet_that_says_nothing_holds_the_newest_plan_up_for_a_moment_only():
+def test_silent_kubelet_delays_the_newest_plan_only_briefly():
     rig = Rig(a_pod("slam"))
     rig.plan(slam=300)
     rig.work()
@@ -101,18 +101,18 @@ def test_restored_limits_are_reported_too():
     assert rig.witness.accepted == [("lab/slam/slam", 300), ("lab/slam/slam", 500)]
 
 
-def test_pods_of_nobody_cost_nothing(monkeypatch):
+def test_changes_of_unclaimed_pods_trigger_no_reconcile(monkeypatch):
     rig = Rig(a_pod("slam"), *(a_pod(f"other-{n}") for n in range(5)))
     rig.enforce(slam=300)
-    looks = looks_of(rig, monkeypatch)
+    looks = reconciles_of(rig, monkeypatch)
     for n in range(5):
         rig.cluster.report(f"uid-other-{n}")
     rig.watch()
     assert looks == []
 
 
-def looks_of(rig, monkeypatch):
-    """When the policy's containers are looked at, all of them each time."""
+def reconciles_of(rig, monkeypatch):
+    """When the policy is reconciled: each time, all of its containers are looked at."""
     looks: list[float] = []
     reconciler = rig.resizer._reconcilers[POLICY]
     reconcile = reconciler.reconcile
@@ -125,14 +125,14 @@ def looks_of(rig, monkeypatch):
     return looks
 
 
-def test_many_limits_that_fall_at_once_cost_one_look(monkeypatch):
+def test_simultaneous_decreases_trigger_one_reconcile(monkeypatch):
     names = [f"task-{n}" for n in range(10)]
     rig = Rig(*(a_pod(name) for name in names))
     rig.order(POLICY, by_id(dict.fromkeys(names, 300)))
     while rig.workers.jobs:
         rig.work()
     rig.watch()
-    looks = looks_of(rig, monkeypatch)
+    looks = reconciles_of(rig, monkeypatch)
     rig.cluster.confirm()
     for feed in rig.cluster.feeds.values():
         rig.resizer.observe(view(feed.popleft()))
@@ -140,13 +140,13 @@ def test_many_limits_that_fall_at_once_cost_one_look(monkeypatch):
     assert len(looks) == 1
 
 
-def test_answers_that_free_nothing_cost_one_look_for_all_of_them(monkeypatch):
+def test_answers_that_free_no_headroom_share_one_reconcile(monkeypatch):
     names = [f"task-{n}" for n in range(10)]
     rig = Rig(*(a_pod(name) for name in names))
     for share in (300, 200):
         rig.order(POLICY, by_id(dict.fromkeys(names, share)))
         with monkeypatch.context() as patched:
-            looks = looks_of(rig, patched)
+            looks = reconciles_of(rig, patched)
             while rig.workers.jobs:
                 rig.work()
                 rig.watch()
@@ -156,7 +156,7 @@ def test_answers_that_free_nothing_cost_one_look_for_all_of_them(monkeypatch):
         rig.settle()
 
 
-def test_a_plan_that_takes_a_patch_back_does_not_wait_for_bookkeeping():
+def test_plan_that_reverts_a_patch_is_sent_without_delay():
     """While the patch is under way, the API has what the new plan wants: only its end shows that it must be undone."""
     rig = two_pods()
     rig.plan(slam=800)
@@ -180,7 +180,7 @@ def test_a_new_operator_knows_the_originals_and_restores_them():
     assert rig.released == [POLICY]
 
 
-def test_a_new_operator_moves_nothing_before_a_policy_speaks():
+def test_new_operator_resizes_nothing_before_the_first_plan():
     rig = two_pods()
     rig.enforce(slam=800, speech=200)
     rig.kill()

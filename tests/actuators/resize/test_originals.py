@@ -32,7 +32,7 @@ def note(originals, policy=POLICY, cpu=BEFORE, name="slam"):
     originals.note(policy, "uid", "slam", name, cpu)
 
 
-def test_a_note_is_what_is_missing_until_it_is_stored(originals):
+def test_noted_original_is_pending_until_stored(originals):
     note(originals)
     assert originals.changes(POLICY) == STORED
     assert not originals.is_stored(POLICY, "uid", "slam")
@@ -49,7 +49,7 @@ def test_the_first_note_counts(originals):
     assert originals.at("uid", "slam") == Original(POLICY, BEFORE)
 
 
-def test_what_is_dropped_is_taken_out(originals):
+def test_dropped_original_is_removed_from_the_status(originals):
     note(originals)
     note(originals, name="map")
     store(originals)
@@ -60,7 +60,7 @@ def test_what_is_dropped_is_taken_out(originals):
     assert originals.changes(POLICY) == {"uid": None}
 
 
-def test_what_was_dropped_while_it_was_written_is_taken_out_afterwards(originals):
+def test_original_dropped_during_its_write_is_removed_afterwards(originals):
     note(originals)
     originals.send(POLICY)
     originals.drop("uid", "slam")
@@ -68,7 +68,7 @@ def test_what_was_dropped_while_it_was_written_is_taken_out_afterwards(originals
     assert originals.changes(POLICY) == {"uid": None}
 
 
-def test_after_a_lost_answer_all_of_it_is_written_again(originals):
+def test_everything_is_rewritten_after_a_lost_answer(originals):
     note(originals)
     originals.send(POLICY)
     originals.fail(POLICY)
@@ -80,7 +80,7 @@ def test_after_a_lost_answer_all_of_it_is_written_again(originals):
     assert originals.changes(POLICY)["uid"]["containers"].keys() == {"slam", "map"}
 
 
-def test_what_changes_hands_stays_where_it_was_until_the_next_has_stored_it(originals):
+def test_handed_over_original_stays_until_the_new_policy_stores_it(originals):
     note(originals)
     store(originals)
     note(originals, OTHER, LATER)
@@ -111,20 +111,20 @@ def test_a_status_is_recalled_once(originals):
     assert originals.at("uid", "slam") is None
 
 
-def test_what_two_statuses_hold_belongs_to_one(originals):
+def test_original_in_two_statuses_belongs_to_one_policy(originals):
     for policy in (POLICY, OTHER):
         recall(originals, policy)
     assert originals.at("uid", "slam") == Original(OTHER, BEFORE)
     assert originals.changes(POLICY) == {"uid": None}
 
 
-def test_a_policy_that_is_gone_keeps_nothing(originals):
+def test_forgotten_policy_holds_no_originals(originals):
     note(originals)
     originals.forget(POLICY)
     assert (originals.in_pod("uid"), list(originals.of(POLICY)), originals.changes(POLICY)) == ({}, [], {})
 
 
-def test_a_pod_that_is_gone_is_taken_out(originals):
+def test_originals_of_a_deleted_pod_are_removed(originals):
     note(originals)
     store(originals)
     originals.drop_pod("uid")

@@ -70,7 +70,7 @@ def test_every_phase_is_reached_and_every_event_happens():
 
 
 @pytest.mark.parametrize(("phase", "event"), list(product(Phase, Event)))
-def test_the_table_says_what_may_happen_and_where_it_leads(state, phase, event):
+def test_each_event_leads_to_the_phase_in_the_table(state, phase, event):
     happen(state, *WAYS[phase])
     assert state.phase is phase
     if event in TRANSITIONS[phase]:
@@ -82,7 +82,7 @@ def test_the_table_says_what_may_happen_and_where_it_leads(state, phase, event):
 
 
 @pytest.mark.parametrize("phase", Phase)
-def test_questions_change_nothing(state, phase):
+def test_reading_the_state_changes_nothing(state, phase):
     happen(state, *WAYS[phase])
 
     def ask():
@@ -93,7 +93,7 @@ def test_questions_change_nothing(state, phase):
 
 
 @pytest.mark.parametrize("phase", Phase)
-def test_nobody_knows_the_spec_while_an_answer_is_missing(state, phase):
+def test_spec_is_unknown_while_an_answer_is_missing(state, phase):
     happen(state, *WAYS[phase])
     assert (state.spec("slam") is None) is (phase in (Phase.UNSURE, Phase.ASKING))
 
@@ -131,27 +131,27 @@ def test_a_resize_that_is_held_back_has_not_passed(state):
     assert state.highest("slam") == 500
 
 
-def test_old_news_changes_nothing(state):
+def test_stale_watch_events_are_ignored(state):
     send(state)
     state.accept(200, NOW)
     assert not shown(state, spec=OLD, generation=1, version=199)
     assert state.spec("slam") == NEW
 
 
-def test_news_that_overtook_the_answer_is_believed(state):
+def test_watch_event_ahead_of_the_answer_counts(state):
     send(state)
     shown(state, actual=NEW, version=110)
     state.accept(105, NOW)
     assert (state.spec("slam"), state.highest("slam")) == (NEW, 300)
 
 
-def test_a_refusal_leaves_what_was(state):
+def test_refused_patch_leaves_the_state_unchanged(state):
     send(state, MORE)
     state.refuse()
     assert (state.spec("slam"), state.highest("slam"), state.originator) == (OLD, 500, None)
 
 
-def test_what_is_in_doubt_counts_until_it_is_found_out(state):
+def test_unanswered_patch_counts_until_resolved(state):
     send(state, MORE)
     state.lose(UNREACHABLE, NOW)
     assert (state.highest("slam"), state.originator) == (900, POLICY)
@@ -160,7 +160,7 @@ def test_what_is_in_doubt_counts_until_it_is_found_out(state):
     assert (state.highest("slam"), state.originator, state.spec("slam")) == (500, None, OLD)
 
 
-def test_a_patch_that_is_found_to_have_taken_effect_is_as_good_as_accepted(state):
+def test_patch_found_in_effect_counts_as_accepted(state):
     happen(state, *WAYS[Phase.ASKING])
     [container] = state.view.containers
     found = replace(state.view, containers=(replace(container, spec=NEW),), generation=2, version=110)
@@ -168,7 +168,7 @@ def test_a_patch_that_is_found_to_have_taken_effect_is_as_good_as_accepted(state
     assert (state.spec("slam"), state.highest("slam"), state.settles_at > NOW) == (NEW, 500, True)
 
 
-def test_what_was_lowered_to_its_original_is_put_back_once_the_kubelet_says_so(state):
+def test_lowered_original_is_restored_once_the_kubelet_confirms(state):
     send(state)
     state.accept(102, NOW)
     state.expect_back("slam", POLICY)
@@ -189,7 +189,7 @@ def test_failures_in_a_row_make_the_pauses_longer_until_one_is_accepted(state):
     assert [*pauses, state.postpone(BUSY, NOW)] == [0.1, 0.2, 0.4, 0.8, FAILED.first]
 
 
-def test_what_is_put_back_is_so_until_it_is_in_force(state):
+def test_container_is_putting_back_until_in_force(state):
     send(state, restore=True)
     state.accept(102, NOW)
     assert state.putting_back == {"slam": POLICY}
@@ -207,12 +207,12 @@ def test_a_container_that_never_ran_counts_by_its_spec():
 # the order of what is put back
 
 
-def test_what_goes_back_to_no_limit_at_all_does_not_fall(state):
+def test_restoring_to_no_limit_is_not_a_decrease(state):
     assert not is_falling(state, POLICY, {"slam": Cpu(100, None)})
     assert is_falling(state, POLICY, {"slam": Cpu(100, 400)})
 
 
-def test_what_goes_back_to_no_limit_at_all_takes_no_room(state):
+def test_restoring_to_no_limit_needs_no_headroom(state):
     back = {"slam": Cpu(100, None)}
     assert without_rises(state, back) == back
     assert without_rises(state, {"slam": Cpu(100, 501)}) == {}

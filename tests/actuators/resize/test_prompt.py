@@ -16,7 +16,7 @@ def prompt(rig: Rig, n: int = 1000, **shares: int) -> None:
     rig.apply(Order(POLICY, frozenset(named), named, {NODE: n}, nodes=nodes, transition=Transition.PROMPT))
 
 
-def test_rises_do_not_wait_and_falls_are_first_in_line():
+def test_increases_do_not_wait_and_decreases_go_first():
     rig = two_pods()
     prompt(rig, slam=800, speech=200)
     assert len(rig.workers.jobs) == 2
@@ -34,7 +34,7 @@ def test_the_task_that_gains_the_most_is_the_first_to_rise():
     assert [pod for call, pod, _ in rig.cluster.calls if call == "resize"] == ["nav", "slam", "arm"]
 
 
-def test_a_rise_whose_fall_was_refused_is_taken_back_and_comes_again():
+def test_increase_whose_decrease_was_refused_is_reverted_and_retried():
     rig = two_pods()
     prompt(rig, slam=800, speech=200)
     rig.cluster.faults.append(refusal())
@@ -52,7 +52,7 @@ def test_a_rise_whose_fall_was_refused_is_taken_back_and_comes_again():
     assert limits(rig) == (800, 200)
 
 
-def test_a_rise_that_needs_no_refused_fall_stays():
+def test_increase_that_does_not_need_the_refused_decrease_stays():
     rig = Rig(a_pod("slam"), a_pod("speech"), a_pod("nav"))
     prompt(rig, n=1500, slam=700, speech=300, nav=500)
     rig.settle()
@@ -65,7 +65,7 @@ def test_a_rise_that_needs_no_refused_fall_stays():
     assert (rig.cluster.limit("slam"), *limits(rig)[1:], rig.cluster.limit("nav")) == (710, 490, 300)
 
 
-def test_in_the_end_both_ways_lead_to_the_same():
+def test_prompt_and_strict_converge_to_the_same_limits():
     for transition in Transition:
         rig = two_pods()
         for slam in (800, 100, 600):

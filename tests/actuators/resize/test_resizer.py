@@ -33,7 +33,7 @@ def test_several_containers_of_a_pod_move_in_one_patch_and_sidecars_with_them():
     assert rig.cluster.limits("uid-slam") == {"slam": 300, "map": 200}
 
 
-def test_a_container_that_the_order_does_not_name_is_left_alone():
+def test_container_not_named_in_the_order_is_unchanged():
     rig = one_pod_for_two()
     rig.enforce(slam__slam=300)
     assert rig.cluster.limits("uid-slam") == {"slam": 300, "map": 500}
@@ -96,7 +96,7 @@ def test_a_container_that_is_left_alone_is_never_written():
     assert not rig.cluster.originals("uid-slam")
 
 
-def test_what_its_owner_sets_meanwhile_stays():
+def test_owner_may_change_an_unenforced_limit():
     rig = Rig(a_pod("slam"))
     rig.apply(free("slam"))
     rig.settle()
@@ -106,7 +106,7 @@ def test_what_its_owner_sets_meanwhile_stays():
     assert rig.witness.conflicts == []
 
 
-def test_a_container_wakes_with_the_limit_it_had():
+def test_resumed_container_regains_its_original_limit():
     rig = Rig(a_pod("slam", {"slam": cpu("1m", "500m", None)}))
     rig.apply(free(slam=10))
     rig.settle()

@@ -20,7 +20,7 @@ def about_to_release() -> Rig:
     return rig
 
 
-def test_what_is_put_back_rises_when_what_falls_is_in_force():
+def test_restored_limit_rises_once_the_decreases_are_in_force():
     rig = about_to_release()
     rig.release()
     rig.work()
@@ -32,7 +32,7 @@ def test_what_is_put_back_rises_when_what_falls_is_in_force():
     assert (limits(rig), rig.released) == ((500, 500), [POLICY])
 
 
-def test_originals_that_sum_above_the_capacity_are_put_back_all_the_same():
+def test_originals_above_the_capacity_are_restored_too():
     rig = Rig(a_pod("slam", {"slam": cpu("10m", "1500m")}), a_pod("speech", {"speech": cpu("10m", "900m")}))
     rig.enforce(slam=20, speech=980)
     rig.release()
@@ -41,7 +41,7 @@ def test_originals_that_sum_above_the_capacity_are_put_back_all_the_same():
 
 
 @pytest.mark.parametrize("fault", [None, refusal(), UNREACHABLE], ids=["kubelet gone", "refused", "unreachable"])
-def test_what_does_not_fall_keeps_nothing_from_rising_for_long(fault):
+def test_failed_decrease_delays_restored_increases_only_briefly(fault):
     rig = about_to_release()
     rig.cluster.faults += [fault] if fault is None else [fault] * 20
     rig.release()
@@ -55,7 +55,7 @@ def test_what_does_not_fall_keeps_nothing_from_rising_for_long(fault):
     assert rig.cluster.limit("slam") == 500
 
 
-def test_a_pod_that_goes_keeps_nothing_from_rising():
+def test_deleted_pod_does_not_block_restored_increases():
     rig = about_to_release()
     rig.release()
     rig.cluster.terminate("uid-speech")
@@ -70,18 +70,18 @@ def test_a_pod_that_goes_keeps_nothing_from_rising():
 
 
 @pytest.mark.parametrize(("original", "falls"), [(499, True), (500, False), (None, False)])
-def test_what_may_have_more_than_its_original_falls(original, falls):
+def test_limit_above_its_original_counts_as_a_decrease(original, falls):
     state = PodState(view(a_pod("slam")))
     assert is_falling(state, POLICY, {"slam": Cpu(100, original)}) is falls
 
 
-def test_what_had_no_limit_is_not_a_rise():
+def test_restoring_to_no_limit_is_not_an_increase():
     back = {"slam": Cpu(100, None), "map": Cpu(100, 500), "nav": Cpu(100, 501)}
     state = PodState(view(a_pod("slam", dict.fromkeys(back, cpu("100m", "500m")))))
     assert without_rises(state, back).keys() == {"slam", "map"}
 
 
-def test_containers_of_one_pod_are_put_back_in_order_too():
+def test_restore_order_applies_within_one_pod():
     rig = one_pod_for_two()
     rig.enforce(slam__slam=300, slam__map=700)
     rig.release()

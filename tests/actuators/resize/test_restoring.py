@@ -45,7 +45,7 @@ def test_nothing_is_resized_before_its_original_is_stored():
     assert rig.witness.problems == [(POLICY, "its status", "Unreachable"), (POLICY, "its status", "recovered")]
 
 
-def test_a_release_puts_all_back_and_then_takes_the_note_away():
+def test_release_restores_limits_before_it_removes_the_originals():
     rig = two_pods()
     rig.enforce(slam=300, speech=700)
     rig.cluster.calls.clear()
@@ -88,7 +88,7 @@ def test_a_release_after_a_first_patch_without_an_answer_restores():
     assert (rig.cluster.limit("slam"), rig.cluster.originals("uid-slam"), rig.released) == (500, {}, [POLICY])
 
 
-def test_a_release_takes_away_the_note_of_a_resize_that_was_refused():
+def test_release_removes_the_original_of_a_refused_resize():
     rig = Rig(a_pod("slam"))
     rig.plan(slam=300)
     rig.cluster.faults += [None, refusal()]
@@ -109,7 +109,7 @@ def test_a_release_does_not_wait_for_pods_that_vanish_or_end():
     assert rig.released == [POLICY]
 
 
-def test_a_container_that_is_no_longer_claimed_is_put_back():
+def test_unclaimed_container_is_restored():
     rig = two_pods()
     rig.enforce(slam=300, speech=700)
     rig.enforce(slam=300)
@@ -117,7 +117,7 @@ def test_a_container_that_is_no_longer_claimed_is_put_back():
     assert rig.cluster.originals("uid-speech") == {}
 
 
-def test_a_plan_that_is_ordered_late_does_not_hold_what_is_no_longer_claimed():
+def test_late_plan_does_not_hold_an_unclaimed_container():
     """It still has a share for a container that the policy has lost, and for one whose pod is gone."""
     rig = two_pods()
     rig.enforce(slam=300, speech=300)
@@ -166,7 +166,7 @@ def known_or_back(rig):
     assert known["slam"].cpu == Cpu(100, 500) if known else rig.cluster.limit("slam") == 500
 
 
-def test_a_late_view_is_not_taken_for_what_was_there_before():
+def test_stale_watch_is_not_recorded_as_the_original():
     """Claimed again while the watch still shows what the container had by the policy."""
     rig = Rig(a_pod("slam"))
     rig.enforce(slam=300)
@@ -194,7 +194,7 @@ def test_a_damaged_status_does_not_keep_the_pod_from_being_resized(stored):
     assert rig.cluster.originals("uid-slam") == {"slam": Original(POLICY, Cpu(100, 500))}
 
 
-def test_a_status_is_believed_about_pods_of_its_own_namespace_only():
+def test_status_counts_only_for_pods_of_its_own_namespace():
     rig = Rig(a_pod("slam"))
     stored = {"uid-slam": {"pod": "slam", "containers": {"slam": {"limit": "64"}}}}
     rig.resizer.recall("attack/robot", believed({"metadata": {}, "status": {"originals": stored}}))
@@ -212,7 +212,7 @@ def test_pod_annotations_change_nothing():
     assert (rig.cluster.limit("slam"), rig.released) == (500, [POLICY])
 
 
-def test_originals_of_pods_that_are_gone_are_taken_out_of_the_status():
+def test_originals_of_deleted_pods_leave_the_status():
     rig = two_pods()
     rig.enforce(slam=300, speech=300)
     rig.remove("uid-slam")
@@ -227,7 +227,7 @@ def test_originals_of_pods_that_are_gone_are_taken_out_of_the_status():
 # two policies in one pod
 
 
-def test_policies_that_share_a_pod_do_not_wait_for_news_of_each_others_patch():
+def test_policies_sharing_a_pod_do_not_wait_for_each_other():
     rig = one_pod_for_two()
     rig.plan(slam__slam=300)
     rig.plan(OTHER, slam__map=300)

@@ -11,7 +11,7 @@ from tests.actuators.resize.taking_over import FAR, HERE, NOWHERE, OVER, an_orde
 from tests.cluster.builders import a_pod, cpu
 
 
-def test_limits_that_the_api_has_are_written_once_more_when_an_agent_is_gone():
+def test_limits_are_rewritten_once_when_the_agent_is_gone():
     rig = in_force(slam=300)
     rig.apply(an_order(NOWHERE, slam=300))
     rig.wait(REWRITE_AFTER - 0.1)
@@ -24,7 +24,7 @@ def test_limits_that_the_api_has_are_written_once_more_when_an_agent_is_gone():
     assert len(asked(rig)) == 2
 
 
-def test_the_way_back_waits_until_the_kubelet_has_written():
+def test_second_rewrite_waits_until_the_kubelet_confirms_the_first():
     """Of two changes at once a kubelet sees only the sum, which is none."""
     rig = in_force(slam=300)
     rig.apply(an_order(NOWHERE, slam=300))
@@ -39,7 +39,7 @@ def test_the_way_back_waits_until_the_kubelet_has_written():
     assert [limit for *_, limit in asked(rig)] == ["300m", "300m"]
 
 
-def test_a_kubelet_that_is_at_it_is_waited_for():
+def test_second_rewrite_waits_while_a_resize_is_in_progress():
     rig = in_force(slam=300)
     rig.apply(an_order(NOWHERE, slam=300))
     rig.wait(OVER)
@@ -51,7 +51,7 @@ def test_a_kubelet_that_is_at_it_is_waited_for():
     assert not rig.workers.jobs
 
 
-def test_an_agent_that_is_back_in_time_writes_itself():
+def test_agent_that_returns_in_time_prevents_the_rewrite():
     rig = in_force(slam=10)
     rig.apply(an_order(NOWHERE, slam=10))
     rig.wait(5)
@@ -62,7 +62,7 @@ def test_an_agent_that_is_back_in_time_writes_itself():
 
 
 @pytest.mark.parametrize("agents", [HERE, NOWHERE])
-def test_where_no_agent_is_lost_nothing_is_written_twice(agents):
+def test_limits_are_written_once_while_no_agent_is_lost(agents):
     rig = Rig(a_pod("slam"))
     for _ in range(3):
         rig.apply(an_order(agents, slam=10))
@@ -82,7 +82,7 @@ def test_another_nodes_agent_does_not_count():
     assert len(asked(rig)) == 1
 
 
-def test_an_untouched_container_may_still_have_a_frozen_agents_limit():
+def test_untouched_container_is_rewritten_too():
     rig = Rig(a_pod("slam"))
     rig.apply(an_order(HERE, slam=500, limits={"slam": None}))
     rig.settle()
@@ -94,7 +94,7 @@ def test_an_untouched_container_may_still_have_a_frozen_agents_limit():
     assert "slam" in rig.cluster.originals("uid-slam"), "an operator killed in between must know the request"
 
 
-def test_all_of_a_node_are_rewritten_and_no_limit_moves():
+def test_rewrite_covers_the_whole_node_and_changes_no_limit():
     rig = in_force(slam=600, speech=300, chat=100)
     rig.apply(an_order(NOWHERE, slam=600, speech=300, chat=100))
     rig.wait(OVER)
@@ -107,7 +107,7 @@ def test_all_of_a_node_are_rewritten_and_no_limit_moves():
     assert len(asked(rig)) == 6
 
 
-def test_a_plan_that_changes_meanwhile_is_written_and_rewritten():
+def test_plan_that_changes_before_the_rewrite_is_rewritten_too():
     rig = in_force(slam=10)
     rig.apply(an_order(NOWHERE, slam=10))
     rig.wait(5)
@@ -129,7 +129,7 @@ def test_a_container_that_every_resize_restarts_is_left():
     assert asked(rig) == []
 
 
-def test_an_operator_killed_in_the_middle_leaves_no_thousandth():
+def test_operator_killed_during_a_rewrite_restores_the_request():
     rig = in_force(slam=300)
     before = rig.cluster.pods["uid-slam"]["spec"]["containers"][0]["resources"]["requests"]["cpu"]
     rig.apply(an_order(NOWHERE, slam=300))

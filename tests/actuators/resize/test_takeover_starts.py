@@ -28,7 +28,7 @@ def test_an_operator_without_the_agent_rewrites_what_the_agent_wrote(died_before
     assert asked(rig) == [("slam", "99m", "300m"), ("slam", "100m", "300m")]
 
 
-def test_an_operator_that_starts_beside_the_agent_leaves_the_writing_to_it():
+def test_operator_restart_beside_a_live_agent_rewrites_nothing():
     rig = in_force(slam=300)
     rig.kill()
     rig.apply(an_order(HERE, slam=300))
@@ -47,7 +47,7 @@ def test_an_empty_first_order_still_remembers_the_agent():
     assert asked(rig)[-1] == ("slam", "100m", "300m")
 
 
-def test_where_no_agent_ever_was_a_start_writes_nothing():
+def test_operator_restart_rewrites_nothing_without_an_agent():
     rig = Rig(a_pod("slam"))
     rig.apply(an_order(NOWHERE, slam=300))
     rig.settle()
@@ -59,7 +59,7 @@ def test_where_no_agent_ever_was_a_start_writes_nothing():
     assert asked(rig) == []
 
 
-def test_an_agent_that_came_after_the_first_resize_is_remembered_too():
+def test_agent_that_joined_after_the_first_resize_is_remembered():
     rig = Rig(a_pod("slam"))
     rig.apply(an_order(NOWHERE, slam=300))
     rig.settle()
@@ -73,7 +73,7 @@ def test_an_agent_that_came_after_the_first_resize_is_remembered_too():
     assert len(asked(rig)) == 2
 
 
-def test_a_frozen_agent_that_is_killed_after_the_takeover_has_it_written_again():
+def test_killing_a_frozen_agent_after_takeover_triggers_a_second_rewrite():
     """Its supervisor undoes then what it wrote before it froze, over what the operator has put in its place."""
     rig = in_force(slam=300)
     rig.apply(an_order(NOWHERE, attended=HERE, slam=300))

@@ -71,7 +71,7 @@ def limits(vetted: Vetted) -> dict[str, int | None]:
     return {uid: entry.containers["slam"].limit for uid, entry in vetted.stored.pods.items()}
 
 
-def test_what_we_signed_counts_whatever_the_template_says():
+def test_signed_original_overrides_the_pod_template():
     """Somebody resized the pod in place before any policy."""
     found = Case(a_resized_pod(), owner=an_owner("700m")).vet(signed(500))
     assert (limits(found), found.doubts) == ({"uid-slam": 500}, ())
@@ -90,7 +90,7 @@ FORGED = {
 
 
 @pytest.mark.parametrize("originals", FORGED.values(), ids=FORGED)
-def test_what_we_did_not_sign_gives_way_to_the_template(originals):
+def test_pod_template_overrides_an_unsigned_original(originals):
     found = Case(a_resized_pod(), owner=an_owner()).vet(originals)
     assert limits(found) == {"uid-slam": 500}
     assert all(doubt.settled for doubt in found.doubts)
@@ -109,7 +109,7 @@ def test_an_unsigned_but_correct_original_is_not_reported():
 
 
 @pytest.mark.parametrize(("originals", "news"), [({}, False), (unsigned("50m"), True)])
-def test_a_container_that_has_what_its_template_says_misses_no_entry_but_a_forged_one_is_news(originals, news):
+def test_template_match_excuses_a_missing_but_not_a_forged_entry(originals, news):
     assert bool(Case(a_resized_pod(), owner=an_owner("990m")).vet(originals).doubts) is news
 
 
@@ -124,7 +124,7 @@ UNKNOWN = {
 
 
 @pytest.mark.parametrize(("pod", "owner"), UNKNOWN.values(), ids=UNKNOWN)
-def test_an_unknown_original_is_reported_and_left(pod, owner):
+def test_unprovable_original_is_reported_and_kept(pod, owner):
     name = pod["metadata"]["name"]
     forged = {f"uid-{name}": {"pod": name, "containers": {name: {"request": "100m", "limit": "50m"}}}}
     found = Case(pod, owner=owner).vet(forged)
@@ -137,7 +137,7 @@ def test_an_unknown_original_is_reported_and_left(pod, owner):
     )
 
 
-def test_an_entry_by_another_release_is_not_written_over():
+def test_entry_signed_by_another_release_is_not_overwritten():
     """A standby took over while the first one's operator was away: its entry is true, and we have another key."""
     entry = signed(500, key=b"x" * 32)
     case = Case(a_resized_pod(owner=None))
@@ -152,7 +152,7 @@ def test_an_entry_by_another_release_is_not_written_over():
     assert originals.changes(POLICY) == {"uid-slam": None}
 
 
-def test_a_pod_is_left_alone_even_where_its_owner_states_one_of_its_containers():
+def test_pod_with_an_injected_container_stays_unproven():
     """An injected container is in no template, and the signature is over both."""
     pod = a_resized_pod()
     beside = a_resized_pod("map")
@@ -164,7 +164,7 @@ def test_a_pod_is_left_alone_even_where_its_owner_states_one_of_its_containers()
 
 
 @pytest.mark.parametrize("spec", [True, False])
-def test_an_emptied_status_of_what_the_policy_selects_is_noticed(spec):
+def test_emptied_status_is_detected_for_selected_pods(spec):
     found = Case(a_resized_pod(), owner=an_owner()).vet({}, spec=spec)
     assert limits(found) == ({"uid-slam": 500} if spec else {})
     assert [doubt.text.partition("; ")[0] for doubt in found.doubts] == (
@@ -173,36 +173,36 @@ def test_an_emptied_status_of_what_the_policy_selects_is_noticed(spec):
 
 
 @pytest.mark.parametrize("manager", ["contextpolicy-restore", "vpa-updater", "kubelet"])
-def test_restored_or_foreign_originals_are_not_missed(manager):
+def test_missing_entry_is_ignored_if_another_writer_resized_last(manager):
     found = Case(a_resized_pod(manager=manager), owner=an_owner()).vet({})
     assert (found.stored.pods, found.doubts) == ({}, ())
 
 
-def test_what_nobody_resized_needs_no_original():
+def test_pod_that_was_never_resized_needs_no_original():
     found = Case(a_pod("slam")).vet(unsigned("50m"))
     assert (found.stored.pods, found.doubts) == ({}, ())
 
 
-def test_what_another_policy_keeps_is_not_missed():
+def test_original_held_by_another_policy_is_not_missing():
     case = Case(a_resized_pod(), owner=an_owner())
     case.cluster.policies[OTHER] = signed(500, OTHER)
     assert case.vet({}) == Case().vet({})
 
 
-def test_what_is_forged_in_another_policys_status_keeps_nothing():
+def test_forged_entry_in_another_policy_does_not_count_as_held():
     case = Case(a_resized_pod(), owner=an_owner())
     case.cluster.policies[OTHER] = unsigned("50m")
     assert limits(case.vet({})) == {"uid-slam": 500}
 
 
 @pytest.mark.parametrize("change", [{"mode": "DryRun"}, {"mode": "Paused"}, {"shadow": {"of": "other"}}])
-def test_a_policy_that_resizes_nothing_misses_nothing(change):
+def test_policy_that_does_not_enforce_has_no_missing_originals(change):
     case, body = Case(a_resized_pod(), owner=an_owner()), a_policy(**change)
     body["metadata"]["resourceVersion"] = "7"
     assert case.vetting.vet(body, parse(body)).stored.pods == {}
 
 
-def test_pods_of_other_namespaces_are_none_of_its_business():
+def test_pods_of_other_namespaces_are_ignored():
     pod = a_resized_pod()
     pod["metadata"]["namespace"] = "far"
     found = Case(pod, owner=an_owner()).vet(unsigned("50m"))
@@ -218,7 +218,7 @@ def test_a_pod_that_is_gone_or_put_back_is_forgotten():
     assert case.vet(unsigned("50m")).stored.pods == {}
 
 
-def test_without_a_key_what_the_status_says_counts():
+def test_status_is_trusted_without_a_key():
     found = Case(a_resized_pod(), owner=an_owner("700m"), key=None).vet(unsigned("500m"))
     assert (limits(found), found.doubts) == ({"uid-slam": 500}, ())
 
