@@ -41,12 +41,12 @@ def test_orders_move_forward(admission, later):
     assert refusal(admission, an_order(sequence=2)) == "Outdated"
 
 
-def test_the_same_order_again_is_nothing_new(admission):
+def test_repeated_order_is_ignored(admission):
     assert admission.admit(an_order(sequence=2))
     assert admission.admit(an_order(sequence=2)) is None
 
 
-def test_an_edition_counts_when_it_wants_something_else(admission):
+def test_edition_counts_only_if_its_targets_differ(admission):
     assert admission.admit(an_order(a_target(), sequence=2))
     assert admission.admit(an_order(a_target(limit=0.5), sequence=2, edition=1)) is None
     assert admission.admit(an_order(a_target(SPEECH), sequence=2, edition=2))
@@ -78,14 +78,14 @@ def test_the_same_source_continues_where_it_was(admission):
     assert refusal(admission, an_order(sequence=4)) == "Outdated"
 
 
-def test_what_was_under_way_when_the_policy_went_is_out_of_turn(admission):
+def test_order_in_flight_when_its_policy_is_dropped_is_ignored(admission):
     admission.admit(an_order(sequence=5))
     admission.lose_source(POLICY)
     admission.drop(POLICY)
     assert admission.admit(an_order(sequence=5)) is None
 
 
-def test_after_a_long_silence_everything_is_news(admission):
+def test_forgotten_policy_may_repeat_its_sequence(admission):
     admission.admit(an_order(sequence=5))
     admission.forget(POLICY)
     assert admission.admit(an_order(sequence=5))
@@ -107,7 +107,7 @@ def test_a_refused_order_does_not_count(admission):
         ((1.0, 0.5), 1.4, "Realtime"),
     ],
 )
-def test_more_than_there_is_is_refused(admission, cores, capacity, scheduler):
+def test_order_beyond_the_capacity_is_refused(admission, cores, capacity, scheduler):
     targets = [a_target(identity, share) for identity, share in zip((SLAM, SPEECH), cores, strict=False)]
     assert refusal(admission, an_order(*targets, capacity=capacity, scheduler=scheduler)) == "TooMuch"
 
@@ -132,7 +132,7 @@ def test_a_container_of_another_policy_is_not_touched(admission):
     assert admission.admit(an_order(a_target(SLAM), policy=OTHER))
 
 
-def test_a_container_is_named_once(admission):
+def test_duplicate_container_is_refused(admission):
     assert refusal(admission, an_order(a_target(CHAT, 0.1), a_target(CHAT, 0.2))) == "Twice"
 
 
@@ -143,7 +143,7 @@ def test_containers_that_start_are_not_mistaken_for_each_other(admission):
 
 
 @pytest.mark.parametrize("changes", [{"mode": "DryRun"}, {"mode": "Paused"}])
-def test_what_moves_no_limits_wants_nothing(admission, changes):
+def test_dry_run_and_paused_orders_have_no_targets(admission, changes):
     admitted = admission.admit(an_order(a_target(), **changes))
     assert admitted is not None
     assert admitted.targets == ()
@@ -198,7 +198,7 @@ def test_a_withdrawn_policy_has_no_containers_any_more(admission):
     assert admission.admit(an_order(a_target(SLAM), policy=OTHER))
 
 
-def test_a_clock_that_was_set_back_locks_nobody_out(admission):
+def test_clock_set_back_does_not_lock_out_new_orders(admission):
     """Messages signed that far apart do not both pass for fresh, unless the clock was set."""
     now = next(TIMES)
     admission.admit(an_order(run=5), now)

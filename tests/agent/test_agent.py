@@ -84,7 +84,7 @@ def test_an_invalid_plan_changes_nothing_and_is_counted(tree, agent, slam, paylo
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(st.sampled_from(sorted(a_target())), JSON)
-def test_no_message_ends_the_agent(agent, field, value):
+def test_invalid_fields_do_not_crash_the_agent(agent, field, value):
     message = json.loads(a_message(a_target()))
     message["targets"][0][field] = value
     agent.hear(POLICY, json.dumps(message).encode())
@@ -98,7 +98,7 @@ def test_refusals_are_logged_once_per_reason(agent, caplog):
     assert len(caplog.records) == 2
 
 
-def test_a_container_that_is_not_here_is_left_out(tree, agent, slam):
+def test_container_missing_on_the_node_is_skipped(tree, agent, slam):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.4), a_target("d" * 64, 0.4, task="ghost")))
     assert tree.limit(slam) == 400
     assert agent.report()["refused"] == {"NotHere": 1}
@@ -110,7 +110,7 @@ def test_a_container_of_another_pod_is_not_found_under_this_one(tree, agent, sla
 
 
 @pytest.mark.parametrize("mode", ["DryRun", "Paused"])
-def test_a_policy_that_leaves_enforce_is_undone(tree, agent, slam, mode):
+def test_policy_is_undone_when_it_leaves_enforce_mode(tree, agent, slam, mode):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
     agent.hear(POLICY, a_message(a_target(SLAM, 0.9), sequence=2, mode=mode))
     assert tree.limit(slam) == 500
@@ -151,7 +151,7 @@ def test_a_source_that_is_back_but_whose_answer_is_lost_keeps_its_plan(tree, age
     assert tree.limit(slam) == 900
 
 
-def test_a_source_that_says_nothing_keeps_no_killed_agents_writes(start, tree, agent, scheduler, slam):
+def test_silent_source_does_not_keep_a_killed_agents_writes(start, tree, agent, scheduler, slam):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
     start().find_source(POLICY)
     wait(scheduler, 2 * GRACE)
@@ -184,7 +184,7 @@ def test_confirmed_limits_are_undone_without_an_operator_and_rewritten_when_it_r
     assert tree.limit(slam) == 10
 
 
-def test_what_the_api_confirmed_is_undone_with_the_policy(tree, agent, slam):
+def test_confirmed_limits_are_undone_with_the_policy(tree, agent, slam):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.01)))
     confirm(tree, agent, slam, 10)
     agent.hear(POLICY, None)
@@ -241,7 +241,7 @@ def test_realtime_budgets_and_the_limit_of_the_suspended(tree, agent, slam, spee
     assert (tree.budget(speech), tree.limit(speech)) == (450, 500)
 
 
-def test_what_is_suspended_under_realtime_goes_back_to_the_original(tree, agent, slam):
+def test_suspended_realtime_task_regains_its_original_limit(tree, agent, slam):
     tree.set(slam, 300)
     agent.hear(POLICY, realtime(a_target(SLAM, 0.002), suspended=("slam",)))
     assert tree.limit(slam) == 10
@@ -261,7 +261,7 @@ def test_entering_realtime_undoes_limits(tree, agent, slam):
     assert (tree.budget(slam), tree.limit(slam)) == (500, 500)
 
 
-def test_a_node_without_realtime_says_what_it_lacks_and_refuses(tmp_path, start):
+def test_node_without_realtime_reports_why_and_refuses(tmp_path, start):
     bare = Tree(tmp_path / "bare", realtime=False)
     group = bare.container(SLAM)
     agent = start(bare)
@@ -271,7 +271,7 @@ def test_a_node_without_realtime_says_what_it_lacks_and_refuses(tmp_path, start)
     assert agent.report()["refused"] == {"Incapable": 1}
 
 
-def test_the_kubelet_may_come_after_the_agent(tmp_path, start):
+def test_agent_may_start_before_the_kubelet(tmp_path, start):
     mount = tmp_path / "late"
     (mount / "cpu").mkdir(parents=True)
     agent = start(SimpleNamespace(mount=mount, logs=tmp_path / "late-pods"))
@@ -293,7 +293,7 @@ def test_a_policy_reaches_no_container_outside_its_namespace(tree, agent, slam, 
     assert (agent.report()["refused"], said.failed) == ({"Foreign": 1}, {f"containerd://{SLAM}": "Foreign"})
 
 
-def test_a_pod_that_came_after_the_agent_looked_is_found(tree, agent, slam):
+def test_pod_created_after_the_first_plan_is_found(tree, agent, slam):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.4)))
     later = tree.container(CHAT)
     agent.hear(POLICY, a_message(a_target(SLAM, 0.4), a_target(CHAT, 0.2, task="chat"), sequence=2))

@@ -14,7 +14,7 @@ ALL = NodeFacts(1, limits=True, writable=True, budgets=True, may_schedule=True, 
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_a_node_that_has_it_all_lacks_nothing(version):
+def test_fully_capable_node_lacks_nothing(version):
     assert missing(replace(ALL, version=version)) == {"CFS": [], "Realtime": []}
 
 
@@ -37,11 +37,11 @@ def test_limits_work_without_realtime(change, hint):
 @pytest.mark.parametrize(
     ("change", "hint"), [({"limits": False}, "CONFIG_CFS_BANDWIDTH"), ({"writable": False}, "root")]
 )
-def test_what_limits_lack_is_reported(change, hint):
+def test_missing_requirement_for_limits_is_reported(change, hint):
     assert hint in missing(replace(ALL, **change))["CFS"][0]
 
 
-def test_without_pods_nothing_is_possible_yet():
+def test_missing_kubepods_group_is_reported():
     assert all("kubepods" in lacks[0] for lacks in missing(NodeFacts(None)).values())
 
 
@@ -71,7 +71,7 @@ def test_the_right_to_schedule_is_read_from_the_process(tmp_path, monkeypatch, e
     assert probe(Tree(tmp_path).layout).may_schedule is found
 
 
-def test_the_kernel_names_capabilities_where_they_are_looked_for():
+def test_proc_status_has_the_effective_capabilities():
     assert [line for line in capabilities.STATUS.read_text().splitlines() if line.startswith("CapEff:\t")]
 
 

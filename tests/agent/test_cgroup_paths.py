@@ -82,12 +82,12 @@ def test_before_the_kubelet_there_is_no_layout(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "../..", "a/b", "x" * 64, "a b", "a\x00"])
-def test_what_could_leave_the_pods_tree_is_no_uid(text):
+def test_path_traversal_is_not_a_uid(text):
     assert not is_uid(text)
 
 
 @pytest.mark.parametrize(
     "text", ["", ID, f"containerd://{ID}/..", "containerd://../../x", "containerd://", f"a/b://{ID}"]
 )
-def test_what_could_leave_the_pods_tree_is_not_a_container_id(text):
+def test_path_traversal_is_not_a_container_id(text):
     assert not is_container_id(text)

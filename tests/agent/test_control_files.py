@@ -65,7 +65,7 @@ def test_a_text_is_an_amount_rounded_up(make, kind, text, amount):
 
 
 @pytest.mark.parametrize("kind", FILES)
-def test_what_is_written_is_read_also_when_it_is_shorter(make, kind):
+def test_shorter_value_overwrites_a_longer_one(make, kind):
     file = make(kind)
     for amount in (990, 10, 700):
         file.write(file.text(amount))
@@ -105,7 +105,7 @@ def test_the_kernels_refusal_has_a_reason(make, monkeypatch, code, reason):
     assert caught.value.reason == reason
 
 
-def test_files_open_once_and_close_when_nobody_needs_them(tmp_path, make):
+def test_files_open_once_and_close_when_unused(tmp_path, make):
     make("cfs v1").close()
     watch = Watch()
     files = ControlFiles(CFS[1], watch)
@@ -116,7 +116,7 @@ def test_files_open_once_and_close_when_nobody_needs_them(tmp_path, make):
     assert watch.paths == set()
 
 
-def test_children_of_what_is_gone_are_none(tmp_path):
+def test_missing_directory_has_no_children(tmp_path):
     (tmp_path / "child").mkdir()
     (tmp_path / "file").touch()
     assert children(tmp_path) == [tmp_path / "child"]
@@ -145,7 +145,7 @@ def test_a_group_that_is_gone_has_no_children(tmp_path):
     assert Children().of(tmp_path / "none") == []
 
 
-def test_children_of_groups_that_nobody_wants_are_forgotten(tmp_path):
+def test_children_of_unused_groups_are_forgotten(tmp_path):
     known = Children()
     for name in ("a/x", "b/y"):
         (tmp_path / name).mkdir(parents=True)

@@ -112,7 +112,7 @@ def test_the_group_of_all_pods_is_left_alone(tree, weights, slam, speech):
 
 
 @pytest.mark.usefixtures("klass")
-def test_a_pod_counts_what_its_other_containers_ask_for(tree, weights, slam):
+def test_pod_weight_includes_its_other_containers(tree, weights, slam):
     sidecar = tree.container(CHAT, uid="uid-a")
     tree.set_weight(sidecar, of_container(500, tree.version))
     weights.apply(POLICY, {slam: 1000})
@@ -141,7 +141,7 @@ def test_a_pod_of_two_policies_has_both(tree, weights, slam):
 
 
 @pytest.mark.parametrize("level", ["container", "pod", "class"])
-def test_what_the_kubelet_writes_is_replaced_and_comes_back_in_the_end(tree, weights, slam, klass, level):
+def test_weight_written_by_the_kubelet_is_overridden_and_restored_at_release(tree, weights, slam, klass, level):
     group = {"container": slam, "pod": slam.parent, "class": klass}[level]
     weights.apply(POLICY, {slam: 990})
     ours = everything(tree)
@@ -152,7 +152,7 @@ def test_what_the_kubelet_writes_is_replaced_and_comes_back_in_the_end(tree, wei
 
 
 @pytest.mark.usefixtures("klass")
-def test_the_kubelet_may_write_our_own_text(tree, weights, slam, speech):
+def test_equal_kubelet_write_becomes_the_restored_weight(tree, weights, slam, speech):
     weights.apply(POLICY, {slam: 990, speech: 50})
     ours = tree.weight(slam)
     write(tree, weights, slam, ours)
@@ -162,7 +162,7 @@ def test_the_kubelet_may_write_our_own_text(tree, weights, slam, speech):
 
 
 @pytest.mark.usefixtures("klass")
-def test_a_plan_overtakes_a_report(tree, weights, slam, speech):
+def test_plan_applied_before_a_write_report_wins(tree, weights, slam, speech):
     weights.apply(POLICY, {slam: 990, speech: 50})
     tree.set_weight(slam, 77)
     weights.apply(POLICY, {slam: 500, speech: 50})
@@ -205,7 +205,7 @@ def test_a_container_that_no_plan_names_gets_its_weight_back(tree, weights, slam
 
 
 @pytest.mark.usefixtures("klass")
-def test_the_next_run_knows_what_was_there(tree, weights, slam, speech, restarted):
+def test_restarted_agent_restores_the_original_weights(tree, weights, slam, speech, restarted):
     before = everything(tree)
     weights.apply(POLICY, {slam: 990, speech: 50})
     after = restarted()
@@ -231,7 +231,7 @@ def test_external_writes_without_an_agent_are_kept(tree, weights, slam, speech, 
 
 
 @pytest.mark.usefixtures("klass")
-def test_a_container_that_is_gone_is_a_failure_and_stops_nothing(tree, weights, slam, speech):
+def test_missing_container_fails_alone(tree, weights, slam, speech):
     shutil.rmtree(slam)
     failed = weights.apply(POLICY, {slam: 990, speech: 50})
     assert {group: error.reason for group, error in failed.items()} == {slam: "Gone"}
@@ -239,7 +239,7 @@ def test_a_container_that_is_gone_is_a_failure_and_stops_nothing(tree, weights, 
 
 
 @pytest.mark.usefixtures("klass")
-def test_nothing_is_written_twice(tree, weights, slam, speech):
+def test_equal_weights_are_not_rewritten(tree, weights, slam, speech):
     weights.apply(POLICY, {slam: 990, speech: 50})
     times = {path: path.stat().st_mtime_ns for path in everything(tree)}
     weights.apply(POLICY, {slam: 990, speech: 50})

@@ -206,7 +206,7 @@ def test_the_story_has_this_many_writes_and_leaves_nothing(tell_story, fuse, sch
 
 
 @pytest.mark.parametrize(("scheduler", "write", "moment"), POINTS)
-def test_killed_at_a_write_and_nobody_plans_any_more(tell_story, fuse, scheduler, write, moment):
+def test_kill_at_any_write_is_undone_without_a_plan(tell_story, fuse, scheduler, write, moment):
     story = tell_story(scheduler)
     kill(story, fuse, write, moment)
     story.start()
@@ -215,7 +215,7 @@ def test_killed_at_a_write_and_nobody_plans_any_more(tell_story, fuse, scheduler
 
 
 @pytest.mark.parametrize(("scheduler", "write", "moment"), POINTS)
-def test_the_next_agent_completes_the_plan_after_a_kill_at_any_write(tell_story, fuse, scheduler, write, moment):
+def test_restarted_agent_completes_the_plan_after_a_kill_at_any_write(tell_story, fuse, scheduler, write, moment):
     story = tell_story(scheduler)
     kill(story, fuse, write, moment)
     story.start()
@@ -228,7 +228,7 @@ def test_the_next_agent_completes_the_plan_after_a_kill_at_any_write(tell_story,
 
 
 @pytest.mark.parametrize(("scheduler", "write", "moment"), POINTS)
-def test_killed_at_a_write_and_again_at_the_next_ones_start(tell_story, fuse, scheduler, write, moment):
+def test_second_kill_during_restart_is_undone(tell_story, fuse, scheduler, write, moment):
     story = tell_story(scheduler)
     kill(story, fuse, write, moment)
     fuse.left, fuse.moment = write % 5, moment
@@ -244,7 +244,7 @@ def test_killed_at_a_write_and_again_at_the_next_ones_start(tell_story, fuse, sc
 
 
 @pytest.mark.parametrize(("scheduler", "write", "moment"), POINTS)
-def test_killed_at_a_write_and_again_while_the_supervisor_undoes(tell_story, fuse, scheduler, write, moment):
+def test_second_kill_while_the_supervisor_undoes_is_undone(tell_story, fuse, scheduler, write, moment):
     story = tell_story(scheduler)
     kill(story, fuse, write, moment)
     fuse.left, fuse.moment = write % 5, moment

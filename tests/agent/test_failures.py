@@ -18,7 +18,7 @@ def test_a_failure_concerns_every_container_below():
     assert by_container({}, CONTAINERS) == {}
 
 
-def test_what_depends_on_an_action_fails_with_it():
+def test_failed_action_fails_its_dependents():
     def fail():
         raise BUSY
 

@@ -38,7 +38,7 @@ def file(tmp_path):
     return path
 
 
-def test_others_are_heard_and_an_open_file_of_ours_is_not(watch, heard, file, tmp_path):
+def test_own_writes_are_not_reported_but_others_are(watch, heard, file, tmp_path):
     own, fence = os.open(file, os.O_RDWR), tmp_path / "fence"
     fence.touch()
     watch.add(file)
@@ -51,7 +51,7 @@ def test_others_are_heard_and_an_open_file_of_ours_is_not(watch, heard, file, tm
     os.close(own)
 
 
-def test_a_removed_file_is_not_heard(watch, heard, file, tmp_path):
+def test_unwatched_file_is_not_reported(watch, heard, file, tmp_path):
     fence = tmp_path / "fence"
     fence.touch()
     watch.add(file)
@@ -62,7 +62,7 @@ def test_a_removed_file_is_not_heard(watch, heard, file, tmp_path):
     assert heard.get(timeout=PATIENCE) == fence
 
 
-def test_a_file_that_is_gone_ends_nothing(watch, heard, file, tmp_path):
+def test_deleted_file_does_not_end_the_watch(watch, heard, file, tmp_path):
     watch.add(file)
     file.unlink()
     watch.remove(file)
@@ -78,7 +78,7 @@ def test_a_file_that_is_not_there_cannot_be_watched(watch, tmp_path):
         watch.add(tmp_path / "no")
 
 
-def test_when_the_kernels_queue_ran_over_all_files_count_as_written(watch, file, tmp_path):
+def test_queue_overflow_reports_every_file_as_written(watch, file, tmp_path):
     other = tmp_path / "other"
     other.touch()
     watch.add(file)
@@ -94,7 +94,7 @@ class Refusing:
         return -1
 
 
-def test_a_user_without_watches_learns_which_setting_to_raise(watch, file, monkeypatch):
+def test_exhausted_watches_name_the_sysctl_to_raise(watch, file, monkeypatch):
     monkeypatch.setattr(watch, "_libc", Refusing())
     with pytest.raises(OSError, match=r"raise fs\.inotify\.max_user_watches") as caught:
         watch.add(file)

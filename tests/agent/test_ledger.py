@@ -19,7 +19,7 @@ def disk(tmp_path):
     return tmp_path / "agent.journal"
 
 
-def test_another_life_knows_it_all(disk):
+def test_journal_survives_a_restart(disk):
     ledger = Ledger(disk)
     ledger.intend(FILE, "robot/delivery", now="50000", ours="1000", held=True, original="70000")
     ledger.save()
@@ -28,7 +28,7 @@ def test_another_life_knows_it_all(disk):
     assert heir.entries == {FILE: Entry("robot/delivery", "50000", "1000", held=True, inherited=True, original="70000")}
 
 
-def test_only_the_first_write_finds_theirs(disk):
+def test_first_write_records_the_external_value(disk):
     ledger = Ledger(disk)
     ledger.intend(FILE, "robot/delivery", now="50000", ours="1000")
     ledger.intend(FILE, "robot/delivery", now="1000", ours="70000")
@@ -36,7 +36,7 @@ def test_only_the_first_write_finds_theirs(disk):
     assert (entry.theirs, entry.ours, entry.earlier) == ("50000", "70000", {"1000"})
 
 
-def test_the_first_life_has_no_file(disk):
+def test_missing_journal_is_empty(disk):
     ledger = Ledger(disk)
     ledger.load()
     assert ledger.entries == {}
@@ -69,7 +69,7 @@ def test_a_damaged_line_is_left_out_and_reported(disk, damage, caplog):
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_line_does_not_stay_when_nothing_is_left_to_undo(disk, damage):
+def test_damaged_lines_alone_leave_nothing_to_undo(disk, damage):
     disk.write_text(damage)
     Ledger(disk).load()
     assert not StateDirectory(disk.parent).anything_left
@@ -106,7 +106,7 @@ def test_the_newest_line_counts(disk):
     assert (heir.entries[FILE].theirs, heir.entries[FILE].ours) == ("60000", "70000")
 
 
-def test_a_second_life_carries_on_the_first_ones_entries(disk):
+def test_restarted_agent_keeps_inherited_entries(disk):
     first_life(disk)
     heir, other = Ledger(disk), FILE.with_name("other")
     heir.load()

@@ -41,7 +41,7 @@ def test_every_policy_is_undone_at_once(tree, state, groups):
     assert (state / "agent.journal").read_text() == ""
 
 
-def test_what_the_api_agreed_to_is_undone_as_well(tree, state, groups):
+def test_confirmed_limits_are_undone_too(tree, state, groups):
     """Nobody knows whether the operator lives. If it does, it has the kubelet write the API's limits once more."""
     heir = an_agent(tree, state, VirtualTimeScheduler())
     heir.start()
@@ -51,7 +51,7 @@ def test_what_the_api_agreed_to_is_undone_as_well(tree, state, groups):
     assert (state / "agent.journal").read_text() == ""
 
 
-def test_a_node_that_has_no_watches_left_does_not_keep_it_from_undoing(tree, state, groups, monkeypatch):
+def test_exhausted_inotify_watches_do_not_prevent_undo(tree, state, groups, monkeypatch):
     monkeypatch.setattr(WriteWatch, "_checked", no_space)
     undo(agent_settings(tree.mount, state))
     assert [tree.limit(group) for group in groups] == [500, 500]

@@ -64,18 +64,18 @@ def test_an_order_has_what_this_node_must_do():
     )
 
 
-def test_the_manner_of_realtime_is_the_policys():
+def test_realtime_period_and_policy_come_from_the_message():
     order = read(a_message(a_target(), realtime={"period": 1, "policy": "FIFO"}), POLICY, NODE)
     assert order.manner == Manner(1_000_000, RealtimePolicy.FIFO)
 
 
 @pytest.mark.parametrize("wrong", [{"period": 1.5}, {"period": 0.001}, {"period": "1s"}, {"policy": "IDLE"}])
-def test_a_manner_that_the_kernel_does_not_know_is_refused(wrong):
+def test_invalid_realtime_settings_are_refused(wrong):
     with pytest.raises(OrderError):
         read(a_message(a_target(), realtime={"period": 0.1, "policy": "RR"} | wrong), POLICY, NODE)
 
 
-def test_the_nodes_own_scheduler_counts():
+def test_scheduler_of_the_node_overrides_the_policys():
     nodes = {NODE: {"capacity": 1.0, "scheduler": "CFS"}}
     assert read(a_message(scheduler="Realtime", nodes=nodes), POLICY, NODE).scheduler is Scheduler.CFS
 
@@ -102,7 +102,7 @@ def test_a_share_in_cores_comes_back_as_the_same_part_of_the_period(processors, 
     assert Admission(processors).admit(heard, signed=1) == heard
 
 
-def test_a_message_without_this_node_wants_nothing_of_it():
+def test_message_without_this_node_has_no_targets():
     assert read(a_message(a_target(node="node-2")), POLICY, "node-3").targets == ()
 
 
@@ -128,7 +128,7 @@ def test_a_container_that_starts_has_no_id_yet():
         {"limit": "lots"},
     ],
 )
-def test_an_invalid_target_spoils_the_message(changes):
+def test_invalid_target_rejects_the_message(changes):
     good = json.loads(a_message(a_target()))
     good["targets"][0] |= changes
     with pytest.raises(OrderError) as caught:
@@ -167,7 +167,7 @@ def test_an_invalid_message_is_refused(changes):
 @pytest.mark.parametrize(
     ("cores", "taken"), [(1500.0, 1_024_000), (1024.0, 1_024_000), (0.0, None), (0.0001, 1), (None, None)]
 )
-def test_a_limit_beyond_what_binds_spoils_no_plan(field, cores, taken):
+def test_excessive_limit_does_not_reject_the_plan(field, cores, taken):
     good, odd = a_target(SLAM, 0.9), a_target(SPEECH, 0.01, task="speech") | {field: cores}
     first, second = read(a_message(good, odd), POLICY, NODE).targets
     assert (first.quota, getattr(second, field)) == (900, taken)

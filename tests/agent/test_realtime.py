@@ -90,7 +90,7 @@ def test_containers_have_a_shorter_period_and_get_the_kernels_back(tree, realtim
 SECOND, FIFO = Manner(1_000_000), Manner(policy=RealtimePolicy.FIFO)
 
 
-def test_the_period_can_be_the_papers(tree, realtime, slam):
+def test_period_of_one_second_is_supported(tree, realtime, slam):
     realtime.apply(POLICY, {slam: 600}, SECOND)
     assert (tree.budget(slam), period(tree, slam)) == (600, 1_000_000)
     realtime.release(POLICY)
@@ -114,7 +114,7 @@ def seen(tree, slam, monkeypatch):
 
 @pytest.mark.parametrize("share", [600, 300, 900])
 @pytest.mark.parametrize("change", [(MANNER, SECOND), (SECOND, MANNER)])
-def test_another_period_never_gives_more_on_the_way(tree, realtime, seen, share, change):
+def test_changing_the_period_never_exceeds_either_budget(tree, realtime, seen, share, change):
     slam = tree.layout.container("Burstable", "uid-a", f"containerd://{SLAM}")
     realtime.apply(POLICY, {slam: 600}, change[0])
     realtime.apply(POLICY, {slam: share}, change[1])
@@ -133,7 +133,7 @@ def test_policies_have_periods_of_their_own(tree, realtime, slam, speech):
     assert budgets(tree, slam, speech, tree.layout.top) == [500, 350, 850]
 
 
-def test_threads_can_queue_instead_of_taking_turns(realtime, scheduled, slam):
+def test_threads_can_use_fifo_instead_of_round_robin(realtime, scheduled, slam):
     realtime.apply(POLICY, {slam: 600}, MANNER)
     realtime.apply(POLICY, {slam: 600}, FIFO)
     assert scheduled == {slam: QUEUE}
@@ -171,7 +171,7 @@ def test_guaranteed_pods_are_directly_below_the_top(tree, realtime, slam):
     assert budgets(tree, chat.parent, slam.parent.parent, tree.layout.top) == [350, 600, 950]
 
 
-def test_what_others_gave_the_groups_above_stays(tree, realtime, slam):
+def test_external_budget_of_parent_groups_is_kept(tree, realtime, slam):
     name = REALTIME[tree.version].file
     text = "400000\n" if tree.version == 1 else "400000 1000000\n"
     (tree.layout.top / name).write_text(text)
@@ -183,7 +183,7 @@ def test_what_others_gave_the_groups_above_stays(tree, realtime, slam):
     assert tree.budget(tree.layout.top) == 400
 
 
-def test_policies_add_up_and_end_one_by_one(tree, realtime, scheduled, slam, speech):
+def test_budgets_of_policies_add_up_and_end_separately(tree, realtime, scheduled, slam, speech):
     realtime.apply(POLICY, {slam: 600}, MANNER)
     realtime.apply(OTHER, {speech: 350}, MANNER)
     assert tree.budget(tree.layout.top) == 950
@@ -211,7 +211,7 @@ def test_a_refusal_of_the_kernel_is_reported_and_the_rest_continues(realtime, sc
     assert scheduled == {slam: TURNS}
 
 
-def test_a_thread_born_in_the_last_moment_is_caught(tree, realtime, monkeypatch, slam):
+def test_thread_created_during_release_is_retried(tree, realtime, monkeypatch, slam):
     def busy(file, text):
         if text.startswith("0") and file.path.parent == slam and refusals_left:
             refusals_left.pop()

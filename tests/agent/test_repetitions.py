@@ -28,21 +28,21 @@ def repeated(heard, attachment):
     return False
 
 
-def test_a_refusal_says_what_was_repeated(heard):
+def test_refusal_names_the_repeated_key(heard):
     heard.check(KEY, b"plan")
     with pytest.raises(OrderError, match=KEY) as caught:
         heard.check(KEY, b"plan")
     assert caught.value.reason == "Repeated"
 
 
-def test_each_message_counts_once_whatever_came_between(heard):
+def test_replayed_message_is_detected_after_newer_ones(heard):
     assert not repeated(heard, b"older")
     assert not repeated(heard, b"newest")
     assert repeated(heard, b"older")
     assert repeated(heard, b"newest")
 
 
-def test_saying_it_again_does_not_make_it_be_forgotten_later(heard, now):
+def test_repetition_does_not_extend_the_replay_window(heard, now):
     assert not repeated(heard, b"plan")
     now[0] += FRESH
     assert repeated(heard, b"plan")
@@ -50,7 +50,7 @@ def test_saying_it_again_does_not_make_it_be_forgotten_later(heard, now):
     assert not repeated(heard, b"plan")
 
 
-def test_what_cannot_pass_for_fresh_any_more_takes_no_memory(heard, now):
+def test_expired_messages_are_forgotten(heard, now):
     for number in range(1000):
         heard.check(KEY, str(number).encode())
         now[0] += 1

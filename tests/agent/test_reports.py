@@ -42,7 +42,7 @@ def governing_slam(**spec):
 ABLE, FAIR, USELESS = AgentReport("", ""), AgentReport("", "no kernel option"), AgentReport("read-only", "read-only")
 
 
-def test_an_agents_own_report_is_understood():
+def test_report_of_an_agent_is_parsed():
     able = NodeFacts(1, limits=True, writable=True, budgets=True, may_schedule=True, sees_processes=True)
     assert read_report(json.dumps({"missing": missing(able)}).encode()) == ABLE
     assert "kubepods" in read_report(json.dumps({"missing": missing(NodeFacts(None))}).encode()).limits
@@ -51,11 +51,11 @@ def test_an_agents_own_report_is_understood():
 @pytest.mark.parametrize(
     "report", [b"", b"{}", b"[]", b'{"missing": 5}', b'{"missing": {}}', b'{"missing": {"CFS": [5]}}', b"\xff"]
 )
-def test_a_report_that_cannot_be_read_lacks_everything(report):
+def test_unreadable_report_lacks_everything(report):
     assert read_report(report) == AgentReport(UNREADABLE, UNREADABLE)
 
 
-def test_what_an_agent_found_is_understood(tmp_path):
+def test_detected_node_facts_are_parsed(tmp_path):
     tree = Tree(tmp_path / "cgroup", 2, Driver.SYSTEMD)
     group = tree.container(SLAM)
     for one in (group, group.parent):
@@ -85,14 +85,14 @@ def test_agents_that_can_write_limits_are_ahead_of_resizes():
     assert (claim.placement, claim.realtime) == (replace(PLACEMENT, agents=frozenset({NODE})), [])
 
 
-def test_nodes_that_are_able_do_realtime():
+def test_capable_nodes_use_realtime():
     claim = with_agents(
         governing_slam(enforcement={"scheduler": "Realtime"}), Claim(PLACEMENT), {NODE: ABLE, "node-2": ABLE}
     )
     assert (claim.placement.fair_only, claim.realtime) == (frozenset(), [])
 
 
-def test_a_node_that_is_not_falls_back_and_says_why():
+def test_incapable_node_falls_back_to_cfs_with_a_reason():
     claim = with_agents(
         governing_slam(enforcement={"scheduler": "Realtime"}), Claim(PLACEMENT), {NODE: FAIR, "node-2": ABLE}
     )
@@ -120,7 +120,7 @@ def test_a_confirmation_is_read_as_it_was_written():
 
 
 @pytest.mark.parametrize(("number", "named"), [(MOST_NAMED, MOST_NAMED), (MOST_NAMED + 1, 1)])
-def test_a_confirmation_names_so_many_and_else_says_all(number, named):
+def test_confirmation_with_too_many_failures_reports_all(number, named):
     failed = {f"containerd://{n:064}": "OutOfBounds" for n in range(number)}
     payload = write_confirmation(Confirmation("lab/robot", (1, 2, 3), failed))
     said = read_confirmation(payload)
@@ -129,7 +129,7 @@ def test_a_confirmation_names_so_many_and_else_says_all(number, named):
     assert len(payload) < 12_000
 
 
-def test_what_an_agent_could_not_set_is_found_by_node_and_container_id():
+def test_failed_containers_are_matched_by_node_and_container_id():
     pods = [view(a_pod("slam")), view(a_pod("speech"))]
     node, known = pods[0].node, pods[0].containers[0].container_id
     assert not_set({node: {known}}, pods) == {"lab/slam/slam"}

@@ -124,7 +124,7 @@ UNDOING = [point for point in POINTS if point not in OVERTAKEN]
 
 
 @pytest.mark.parametrize(("last", "back"), OVERTAKEN)
-def test_what_the_kubelet_wrote_after_the_agents_death_stays(robot, last, back):
+def test_kubelet_writes_after_the_agents_death_are_kept(robot, last, back):
     live_and_die(robot, last, back)
     robot.supervise()
     assert robot.limit == (RESUMED if robot.original is not None else None)
@@ -132,7 +132,7 @@ def test_what_the_kubelet_wrote_after_the_agents_death_stays(robot, last, back):
 
 
 @pytest.mark.parametrize(("last", "back"), UNDOING)
-def test_its_supervisor_leaves_the_original(robot, last, back):
+def test_supervisor_restores_the_original(robot, last, back):
     live_and_die(robot, last, back)
     robot.supervise()
     assert robot.is_undone
@@ -171,7 +171,7 @@ WRITES, LINES = 8, 3
 
 @pytest.mark.parametrize("deleted", [False, True], ids=["alive", "deleted"])
 @pytest.mark.parametrize(("write", "moment"), points(WRITES, LINES))
-def test_killed_at_any_write_it_undoes_what_only_it_knows(robot, monkeypatch, write, moment, deleted):
+def test_agent_killed_at_any_write_undoes_unconfirmed_limits(robot, monkeypatch, write, moment, deleted):
     fuse = Fuse(monkeypatch)
     fuse.left, fuse.moment = write, moment
     for step in STEPS if deleted else STEPS[:-1]:

@@ -42,7 +42,7 @@ def test_pauses_grow_up_to_the_longest():
     assert tried.at == [1, 3, 7, 15, 31, 61, 91, 121]
 
 
-def test_more_failures_meanwhile_put_nothing_off():
+def test_further_failures_do_not_postpone_the_retry():
     tried = Tried(failures=1)
     for _ in range(4):
         tried.time.advance_by(0.4)
@@ -97,7 +97,7 @@ def node(request, tmp_path, monkeypatch):
 # undoing
 
 
-def test_a_dropped_container_is_undone_once_possible_and_named_until_then(node):
+def test_dropped_container_is_reported_until_undone(node):
     node.say("slam", "speech")
     node.refuse(node.speech)
     assert failed(node.say("slam", sequence=2)) == {"b": "Busy"}
@@ -108,7 +108,7 @@ def test_a_dropped_container_is_undone_once_possible_and_named_until_then(node):
     assert (node.tree.limit(node.speech), node.late[-1]) == (500, {})
 
 
-def test_after_that_nothing_is_tried_any_more(node):
+def test_successful_undo_ends_the_retries(node):
     node.say("slam", "speech")
     node.refuse(node.speech)
     node.say("slam", sequence=2)
@@ -153,7 +153,7 @@ def test_a_killed_agents_changes_are_undone_once_that_is_possible(node):
     assert node.tree.limit(node.slam) == 500
 
 
-def test_a_new_plan_ends_the_undoing(node):
+def test_new_plan_cancels_a_pending_undo(node):
     node.say("slam", "speech")
     node.refuse(node.speech)
     node.agent.hear(POLICY, None)
@@ -272,7 +272,7 @@ def test_an_unreadable_limit_after_an_external_write_is_restored_and_undoable(no
     assert node.tree.limit(node.slam) == 500
 
 
-def test_what_an_owner_wrote_stays_when_something_else_is_tried_again(node):
+def test_retry_keeps_an_external_limit_on_another_container(node):
     node.refuse(node.speech)
     node.say("slam", "speech")
     node.tree.set(node.slam, 300)
@@ -290,7 +290,7 @@ def test_a_container_that_has_ended_is_not_waited_for(node):
     assert node.late == []
 
 
-def test_an_agent_that_stops_tries_nothing_any_more(node):
+def test_stopped_agent_retries_nothing(node):
     node.say("slam")
     node.refuse(node.slam)
     node.agent.stop()

@@ -40,7 +40,7 @@ def test_a_container_without_limit_gets_one_among_the_decreases():
     assert limit_steps(pods) == [LimitStep(A, 200), LimitStep(C, 500)]
 
 
-def test_a_limit_that_goes_takes_the_pod_s_with_it():
+def test_removing_a_container_limit_removes_the_pods_first():
     pods = [PodLimits(POD, 500, 100, {A: (400, None)})]
     assert limit_steps(pods) == [LimitStep(POD, None), LimitStep(A, None)]
 
@@ -50,7 +50,7 @@ def test_correct_values_are_not_rewritten():
 
 
 @given(st.lists(st.tuples(LIMIT, LIMIT), min_size=1, max_size=6), st.integers(0, 300))
-def test_no_instant_breaks_a_limit_or_sums_above_what_was_or_will_be(shares, others):
+def test_no_step_breaks_a_pod_limit_or_exceeds_the_larger_sum(shares, others):
     containers = {POD / str(number): pair for number, pair in enumerate(shares)}
     now = {group: before for group, (before, _) in containers.items()}
     pod = None if None in now.values() else sum(now.values()) + others
@@ -70,13 +70,13 @@ def total(limits):
     return inf if None in limits.values() else sum(limits.values())
 
 
-def test_every_group_has_what_its_children_have():
+def test_group_budget_is_the_sum_of_its_children():
     qos = TOP / "burstable"
     leaves = {qos / "pod1" / "a": 100, qos / "pod1" / "b": 50, TOP / "pod3" / "c": 200}
     assert budgets(leaves, TOP, {}, {}) == leaves | {qos / "pod1": 150, qos: 150, TOP / "pod3": 200, TOP: 350}
 
 
-def test_a_group_keeps_what_it_had_and_what_strangers_have():
+def test_group_keeps_its_own_and_external_budgets():
     assert budgets({A: 100}, TOP, {POD: 30}, {TOP: 400})[POD] == 130
     assert budgets({A: 100}, TOP, {POD: 30}, {TOP: 400})[TOP] == 400
 

@@ -11,7 +11,7 @@ from contextpolicy.errors import ActuationError
 
 
 class Processes:
-    """Threads and their policies; a `birth` happens in the middle of somebody's look at them."""
+    """Threads and their policies; a `birth` happens while they are being listed."""
 
     def __init__(self, group, version):
         self.policies, self.births, self._file = {}, [], group / THREAD_FILES[version]
@@ -54,14 +54,14 @@ def test_all_threads_enter_and_leave_realtime(tmp_path, version, processes):
     assert set(processes.policies.values()) == {os.SCHED_OTHER}
 
 
-def test_threads_that_are_born_meanwhile_are_caught(tmp_path, version, processes):
+def test_threads_created_during_the_switch_are_included(tmp_path, version, processes):
     processes.start(11)
     processes.births = [22, 21, 20]
     make_realtime(tmp_path, version, 10)
     assert processes.policies == dict.fromkeys((11, 20, 21, 22), os.SCHED_RR)
 
 
-def test_a_thread_that_ends_meanwhile_is_no_trouble(tmp_path, version, processes):
+def test_thread_that_ends_during_the_switch_is_skipped(tmp_path, version, processes):
     processes.start(11)
     processes.start(12)
     del processes.policies[11]
@@ -75,7 +75,7 @@ def test_a_task_that_chose_realtime_itself_keeps_its_choice(tmp_path, version, p
     assert processes.policies == {11: os.SCHED_FIFO}
 
 
-def test_threads_can_queue(tmp_path, version, processes):
+def test_threads_can_use_fifo(tmp_path, version, processes):
     processes.start(11)
     make_realtime(tmp_path, version, 10, os.SCHED_FIFO)
     assert processes.policies == {11: os.SCHED_FIFO}

@@ -11,7 +11,7 @@ def write(file, text):
     file.write_text(text)
 
 
-def test_version_2_has_all_in_one_file(tmp_path):
+def test_cgroup_v2_reads_usage_from_one_file(tmp_path):
     group = tmp_path / "kubepods" / "slam"
     write(group / "cpu.stat", "usage_usec 2500000\nuser_usec 1\nnr_periods 40\nnr_throttled 10\nthrottled_usec 7\n")
     layout = CgroupPaths(tmp_path, 2, Driver.CGROUPFS)
@@ -22,7 +22,7 @@ def test_version_2_has_all_in_one_file(tmp_path):
 
 
 @pytest.mark.parametrize("accounting", ["cpu", "cpuacct"])
-def test_version_1_counts_time_in_another_controller(tmp_path, accounting):
+def test_cgroup_v1_reads_time_from_cpuacct(tmp_path, accounting):
     group = tmp_path / "cpu" / "kubepods" / "slam"
     write(group / "cpu.stat", "nr_periods 40\nnr_throttled 10\nthrottled_time 7\n")
     write(tmp_path / accounting / "kubepods" / "slam" / "cpuacct.usage", "2500000000\n")

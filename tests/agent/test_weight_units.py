@@ -29,20 +29,20 @@ VERSIONS = (1, 2)
         (10**9, 2, 10_000, 10_000),
     ],
 )
-def test_what_the_kubelet_and_the_runtime_make_of_a_request(millicores, version, pod, container):
+def test_weights_match_those_of_kubelet_and_runtime(millicores, version, pod, container):
     assert units.of_pod(millicores, version) == pod
     assert units.of_container(millicores, version) == container
 
 
 @given(st.integers(1, 300_000), st.integers(1, 300_000), st.sampled_from(VERSIONS))
-def test_more_never_weighs_less(one, other, version):
+def test_weight_is_monotonic_in_the_request(one, other, version):
     less, more = sorted((one, other))
     assert units.of_pod(less, version) <= units.of_pod(more, version)
     assert units.of_container(less, version) <= units.of_container(more, version)
 
 
 @given(st.integers(10, 200_000), st.sampled_from(VERSIONS))
-def test_a_container_s_weight_gives_its_request_back(millicores, version):
+def test_container_weight_converts_back_to_the_request(millicores, version):
     back = units.millicores(units.of_container(millicores, version), version)
     assert abs(back - millicores) <= max(6, millicores * 0.07)
 

@@ -21,7 +21,7 @@ from tests.modules.robotkit.bus import client
 from tests.waiting import PATIENCE, until
 
 
-def test_a_source_is_asked_for_its_plan_and_missed_when_it_is_gone(bus, operator, listener, sign):  # noqa: ARG001
+def test_source_is_asked_for_its_plan_and_reported_lost(bus, operator, listener, sign):  # noqa: ARG001
     def answer(query):
         query.reply(query.key_expr, b"in force", attachment=sign(b"in force"))
 
@@ -67,7 +67,7 @@ def asked(verifier, listener):
     return session
 
 
-def test_a_source_is_asked_until_it_says_its_plan(asked):
+def test_source_is_asked_until_it_answers(asked):
     asked.wait(10)
     assert [(key, round(at)) for key, at in asked.asked] == [(KEY, at) for at in (0, 1, 3, 7)]
     asked.bus._put(POLICY, b"plan", 1)
@@ -82,14 +82,14 @@ def test_a_source_that_is_gone_is_not_asked(asked):
     assert len(asked.asked) == 2
 
 
-def test_an_agent_that_left_the_bus_asks_nobody(asked):
+def test_closed_agent_asks_no_source(asked):
     asked.wait(2)
     asked.bus.close()
     asked.wait(1000)
     assert len(asked.asked) == 2
 
 
-def test_the_last_signed_of_waiting_plans_counts(bus, scheduler, listener):
+def test_newest_signed_of_waiting_plans_wins(bus, scheduler, listener):
     """Saying an older plan again must not take the place of a newer one."""
     go = threading.Event()
     scheduler.schedule(lambda *_: go.wait(PATIENCE))

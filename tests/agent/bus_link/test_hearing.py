@@ -25,7 +25,7 @@ def test_a_plan_and_its_withdrawal_arrive(bus, operator, listener, sign):  # noq
     listener.expect((POLICY, b"plan"), (POLICY, None))
 
 
-def test_what_is_not_a_plan_is_not_heard(bus, operator, listener, sign):  # noqa: ARG001
+def test_messages_on_other_keys_are_ignored(bus, operator, listener, sign):  # noqa: ARG001
     operator.put("contextpolicy/robot/delivery/applied", b"no plan")
     operator.put("robot/imu", b"no plan")
     operator.put(KEY, b"plan", attachment=sign(b"plan"))
@@ -33,9 +33,7 @@ def test_what_is_not_a_plan_is_not_heard(bus, operator, listener, sign):  # noqa
 
 
 @pytest.mark.usefixtures("_impatient")
-def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(
-    address, operator, scheduler, close, verifier
-):
+def test_operator_sees_agent_reports_and_departures(address, operator, scheduler, close, verifier):
     agent, watcher = Listener(), Listener()
     watch = AgentWatch(operator, scheduler, watcher, {NODE})
     assert watch.reports == {}
@@ -50,12 +48,12 @@ def test_the_operator_learns_what_the_node_lacks_and_when_its_agent_is_gone(
     close(watch)
 
 
-def test_anybody_may_ask_what_the_node_can_do(bus, operator):  # noqa: ARG001
+def test_node_capabilities_can_be_queried(bus, operator):  # noqa: ARG001
     [answer] = ask(operator, agent_key(NODE))
     assert json.loads(answer) == {"missing": {"CFS": [], "Realtime": []}}
 
 
-def test_forged_plans_are_refused_and_hide_no_real_one(bus, operator, listener, sign):  # noqa: ARG001
+def test_forged_plans_are_refused_and_do_not_mask_a_genuine_one(bus, operator, listener, sign):  # noqa: ARG001
     good = sign(b"plan")
     operator.put(KEY, b"forged")
     operator.put(KEY, b"forged", attachment=good)
@@ -66,13 +64,13 @@ def test_forged_plans_are_refused_and_hide_no_real_one(bus, operator, listener, 
     listener.expect("Unsigned", "Forged", "Forged", "Forged", "Unsigned", (POLICY, b"plan"))
 
 
-def test_what_is_too_large_for_a_plan_is_not_even_looked_at(bus, operator, listener, sign):  # noqa: ARG001
+def test_oversized_plan_is_ignored(bus, operator, listener, sign):  # noqa: ARG001
     operator.put(KEY, b"x" * (LARGEST_PLAN + 1))
     operator.put(KEY, b"plan", attachment=sign(b"plan"))
     listener.expect((POLICY, b"plan"))
 
 
-def test_an_answer_is_checked_as_a_plan_is(bus, operator, listener):  # noqa: ARG001
+def test_unsigned_answer_is_refused(bus, operator, listener):  # noqa: ARG001
     def answer(query):
         query.reply(query.key_expr, b"forged")
 
@@ -80,7 +78,7 @@ def test_an_answer_is_checked_as_a_plan_is(bus, operator, listener):  # noqa: AR
         listener.expect((POLICY, "found"), "Unsigned")
 
 
-def test_what_goes_wrong_with_one_policys_plan_loses_no_others(address, verifier):
+def test_exception_in_one_plan_does_not_lose_the_others(address, verifier):
     class Failing(Listener):
         def hear(self, policy, payload, signed):
             super().hear(policy, payload, signed)
@@ -99,7 +97,7 @@ def test_what_goes_wrong_with_one_policys_plan_loses_no_others(address, verifier
     loop.dispose()
 
 
-def test_what_is_carried_out_is_confirmed(bus, operator, sign):  # noqa: ARG001
+def test_applied_plan_is_confirmed(bus, operator, sign):  # noqa: ARG001
     confirmed, heard = [], threading.Event()
 
     def hear(sample):

@@ -19,7 +19,7 @@ from tests.agent.failing_writes.node import OTHER, failed, plan, realtime
 
 
 @pytest.mark.parametrize("room", [0, 30])
-def test_once_there_is_room_the_next_plan_is_carried_out_and_can_be_undone(node, room):
+def test_next_plan_is_applied_and_undoable_once_the_disk_has_room(node, room):
     plan(node.agent)
     node.disk.full, node.disk.room = True, room
     assert failed(plan(node.agent, 0.8, 0.2, sequence=2)) == {"a": "Unsaved", "b": "Unsaved"}
@@ -33,7 +33,7 @@ def test_once_there_is_room_the_next_plan_is_carried_out_and_can_be_undone(node,
 
 @pytest.mark.parametrize("undo", [lambda node: node.agent.hear(POLICY, None), lambda node: node.start().stop()])
 @pytest.mark.parametrize("room", [0, 30])
-def test_what_was_written_while_there_was_room_is_undone(node, undo, room):
+def test_limits_written_before_the_disk_was_full_are_undone(node, undo, room):
     plan(node.agent)
     node.disk.full, node.disk.room = True, room
     plan(node.agent, 0.8, 0.2, sequence=2)
@@ -47,7 +47,7 @@ def test_a_plan_that_needs_no_write_needs_no_room(node):
     assert failed(plan(node.agent, sequence=2)) == {}
 
 
-def test_without_room_other_policies_plans_are_heard(node):
+def test_full_disk_does_not_block_other_policies(node):
     node.disk.full = True
     node.agent.hear(POLICY, a_message(a_target(SLAM, 0.9)))
     other = a_message(a_target(SPEECH, 0.2, task="speech"), policy=OTHER)
@@ -57,7 +57,7 @@ def test_without_room_other_policies_plans_are_heard(node):
     assert node.limits() == (500, 200)
 
 
-def test_without_room_a_limit_that_somebody_took_back_is_not_restored(node):
+def test_externally_reverted_limit_is_not_restored_on_a_full_disk(node):
     plan(node.agent)
     node.disk.full = True
     node.tree.set(node.slam, 500)
@@ -68,7 +68,7 @@ def test_without_room_a_limit_that_somebody_took_back_is_not_restored(node):
 
 @pytest.mark.usefixtures("_threads")
 @pytest.mark.parametrize("room", [0, 30])
-def test_without_room_budgets_stay_as_they_are_and_can_be_undone(node, room):
+def test_full_disk_keeps_budgets_and_they_can_be_undone(node, room):
     realtime(node.agent)
     node.disk.full, node.disk.room = True, room
     assert failed(realtime(node.agent, 0.4, 0.4, sequence=2)) == {"a": "Unsaved", "b": "Unsaved"}
@@ -79,7 +79,7 @@ def test_without_room_budgets_stay_as_they_are_and_can_be_undone(node, room):
 
 
 @pytest.mark.usefixtures("_threads")
-def test_budgets_that_are_undone_without_room_are_counted(node):
+def test_budget_undo_on_a_full_disk_is_counted_as_unsaved(node):
     for policy, target in ((POLICY, a_target(SLAM, 1.0)), (OTHER, a_target(SPEECH, 0.6, task="speech"))):
         node.agent.hear(policy, a_message(target, policy=policy, scheduler="Realtime", capacity=1.9))
     node.disk.full = True

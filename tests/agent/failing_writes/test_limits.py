@@ -42,7 +42,7 @@ def test_a_container_that_ends_after_it_was_found_is_named(node):
     assert node.agent.report()["refused"] == {}
 
 
-def test_a_container_that_is_not_here_is_named_but_not_one_that_starts(node):
+def test_missing_container_is_named_but_a_starting_one_is_not(node):
     shutil.rmtree(node.slam)
     starting = a_target(CHAT, 0.1, task="chat", containerId="")
     message = a_message(a_target(SLAM, 0.4), a_target(SPEECH, 0.2, task="speech"), starting)
@@ -72,7 +72,7 @@ def test_a_file_that_cannot_be_watched_is_not_written(node):
     assert node.tree.limit(node.slam) == 500
 
 
-def test_a_node_that_cannot_do_what_a_plan_wants_confirms_no_container(node, monkeypatch):
+def test_incapable_node_confirms_no_container(node, monkeypatch):
     monkeypatch.setattr(node.agent, "_missing", {"CFS": ["no CPU controller"]})
     assert failed(plan(node.agent)) == {"a": "Incapable", "b": "Incapable"}
 

@@ -12,7 +12,7 @@ from tests.agent.builders import (
 from tests.agent.failing_writes.node import failed, plan
 
 
-def test_once_it_is_carried_out_what_an_owner_writes_stays_when_it_is_repeated(node):
+def test_external_limit_survives_a_repeat_of_an_applied_plan(node):
     node.kernel.refuse("pwrite", node.slam_limit, errno.EBUSY)
     plan(node.agent)
     node.kernel.allow()
@@ -23,7 +23,7 @@ def test_once_it_is_carried_out_what_an_owner_writes_stays_when_it_is_repeated(n
     assert node.tree.limit(node.slam) == 300
 
 
-def test_a_write_that_failed_leaves_what_was_written_before_to_be_undone(node):
+def test_earlier_writes_are_undone_after_a_failed_write(node):
     plan(node.agent)
     node.kernel.refuse("pwrite", node.slam_limit, errno.EINVAL)
     plan(node.agent, 0.8, 0.2, sequence=2)
@@ -42,7 +42,7 @@ def test_a_failed_write_of_a_killed_agent_is_undone_to_the_original(node):
     assert node.tree.limit(node.slam) == 500
 
 
-def test_a_resize_that_does_what_the_agent_could_not_is_left_at_the_agents_end(node):
+def test_resize_that_replaces_a_failed_write_stays_after_stop(node):
     node.agent.find_source(POLICY)
     plan(node.agent)
     node.kernel.refuse("pwrite", node.slam_limit, errno.EINVAL)
@@ -54,7 +54,7 @@ def test_a_resize_that_does_what_the_agent_could_not_is_left_at_the_agents_end(n
     assert node.tree.limit(node.slam) == 800
 
 
-def test_what_is_still_to_be_undone_is_still_watched(node):
+def test_files_with_a_pending_undo_stay_watched(node):
     watch = Watch()
     plan(node.start(watch))
     node.kernel.refuse("pwrite", node.slam_limit, errno.EBUSY)

@@ -28,7 +28,7 @@ class Planned(Limits):
 def write(tree, limits, group, limit):
     """The kubelet writes and the watch reports it."""
     tree.set(group, limit)
-    told_late(tree, limits, group)
+    report_late(tree, limits, group)
 
 
 def resize(tree, limits, group, limit):
@@ -37,6 +37,6 @@ def resize(tree, limits, group, limit):
         write(tree, limits, each, limit)
 
 
-def told_late(tree, limits, group):
+def report_late(tree, limits, group):
     """The watch reports a write that the agent may have overwritten meanwhile."""
     limits.on_other_write(tree.limit_file(group), monotonic())

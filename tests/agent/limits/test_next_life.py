@@ -8,14 +8,14 @@ from tests.agent.builders import POLICY
 from tests.agent.limits.planned import OTHER, resize, write
 
 
-def test_the_next_life_undoes_what_the_api_had_before_the_first_was_killed(tree, limits, live, slam):
+def test_restarted_agent_undoes_limits_confirmed_before_the_kill(tree, limits, live, slam):
     limits.plan({slam: 10})
     resize(tree, limits, slam, 10)
     live().release(POLICY)
     assert (tree.limit(slam), tree.limit(slam.parent)) == (500, 500)
 
 
-def test_a_life_that_finds_the_plan_in_force_can_undo_it(tree, live, slam):
+def test_restarted_agent_can_undo_a_plan_already_in_force(tree, live, slam):
     tree.set(slam, 10)
     tree.set(slam.parent, 10)
     live().plan({slam: 10})
@@ -43,7 +43,7 @@ def test_after_a_kill_the_plan_shows_what_was_confirmed_meanwhile(tree, limits, 
 
 @pytest.mark.parametrize("confirmed", [False, True])
 @pytest.mark.parametrize("leave_agreed", [False, True])
-def test_an_owners_decision_while_no_agent_lived_is_not_undone(tree, live, slam, confirmed, leave_agreed):
+def test_external_limit_set_while_no_agent_ran_is_kept(tree, live, slam, confirmed, leave_agreed):
     limits = live()
     limits.plan({slam: 10})
     if confirmed:
@@ -85,20 +85,20 @@ def test_a_pod_that_only_an_earlier_run_wrote_is_kept_for_another_policy(tree, l
 
 
 @pytest.mark.parametrize("killed", [False, True])
-def test_an_earlier_limit_of_ours_is_not_taken_for_a_rounded_one(tree, limits, live, slam, killed):
+def test_own_earlier_limit_is_not_mistaken_for_rounding(tree, limits, live, slam, killed):
     limits.plan({slam: 20})
     (live() if killed else limits).plan({slam: 15})
     assert tree.limit(slam) == 15
 
 
-def test_an_earlier_limit_that_the_api_has_confirmed_is_none_either(tree, limits, slam):
+def test_confirmed_earlier_limit_is_not_mistaken_for_rounding(tree, limits, slam):
     limits.plan({slam: 20})
     write(tree, limits, slam, 20)
     limits.plan({slam: 15})
     assert tree.limit(slam) == 15
 
 
-def test_our_limit_that_systemd_has_rounded_is_left_as_it_is(tree, limits, slam):
+def test_limit_rounded_by_systemd_is_not_rewritten(tree, limits, slam):
     limits.plan({slam: 15})
     write(tree, limits, slam, 20)
     limits.plan({slam: 15})

@@ -17,7 +17,7 @@ def test_a_resize_of_an_earlier_plan_is_overwritten_and_remembered(tree, limits,
     assert tree.limit(slam) == 800
 
 
-def test_after_the_newest_plan_is_confirmed_nothing_is_fought(tree, limits, slam):
+def test_external_writes_stay_after_the_newest_plan_is_confirmed(tree, limits, slam):
     limits.plan({slam: 800})
     limits.plan({slam: 100})
     write(tree, limits, slam, 100)
@@ -35,7 +35,7 @@ def test_another_owners_value_stays_until_the_next_plan(tree, limits, slam):
     assert tree.limit(slam) == 300
 
 
-def test_an_owners_decision_is_not_undone(tree, limits, slam):
+def test_external_limit_is_not_undone(tree, limits, slam):
     limits.plan({slam: 10})
     resize(tree, limits, slam, 10)
     resize(tree, limits, slam, 300)
@@ -43,7 +43,7 @@ def test_an_owners_decision_is_not_undone(tree, limits, slam):
     assert tree.limit(slam) == 300
 
 
-def test_what_the_operator_puts_back_after_an_owners_decision_can_be_undone(tree, limits, slam):
+def test_limit_reapplied_after_an_external_write_can_be_undone(tree, limits, slam):
     limits.plan({slam: 10})
     for limit in (10, 300, 10):
         resize(tree, limits, slam, limit)
@@ -51,7 +51,7 @@ def test_what_the_operator_puts_back_after_an_owners_decision_can_be_undone(tree
     assert tree.limit(slam) == 500
 
 
-def test_what_was_there_before_is_no_new_decision(tree, limits, slam):
+def test_systemd_rewriting_the_old_limit_is_not_an_external_change(tree, limits, slam):
     """At `daemon-reload` and `set-property` systemd writes the value it was last given, from before our write."""
     limits.plan({slam: 800})
     for _ in range(2):
@@ -59,7 +59,7 @@ def test_what_was_there_before_is_no_new_decision(tree, limits, slam):
         assert (tree.limit(slam), tree.limit(slam.parent)) == (800, 800)
 
 
-def test_systemds_writes_in_the_middle_can_still_be_undone(tree, limits, slam):
+def test_limits_rewritten_by_systemd_can_still_be_undone(tree, limits, slam):
     limits.plan({slam: 800})
     write(tree, limits, slam.parent, 500)
     write(tree, limits, slam, 500)
@@ -68,7 +68,7 @@ def test_systemds_writes_in_the_middle_can_still_be_undone(tree, limits, slam):
 
 
 @pytest.mark.parametrize("already", [False, True])
-def test_a_held_limit_is_kept_against_anybody_and_goes_back_to_the_original(tree, limits, slam, already):
+def test_held_limit_survives_resizes_and_is_restored(tree, limits, slam, already):
     if already:
         tree.set(slam, 10)
     limits.plan({slam: 10}, [slam])
@@ -78,7 +78,7 @@ def test_a_held_limit_is_kept_against_anybody_and_goes_back_to_the_original(tree
     assert (tree.limit(slam), tree.limit(slam.parent)) == (500, 500)
 
 
-def test_what_the_api_cannot_have_is_held_beside_what_it_can(tree, limits, slam, speech):
+def test_held_and_unheld_limits_coexist(tree, limits, slam, speech):
     """The kubelet writes what the API has: the request of the one, the very limit of the other."""
     limits.plan({slam: 10, speech: 400}, [slam])
     write(tree, limits, slam, 300)

@@ -5,33 +5,33 @@ from __future__ import annotations
 import pytest
 
 from tests.agent.builders import POLICY
-from tests.agent.limits.planned import told_late, write
+from tests.agent.limits.planned import report_late, write
 
 
-def test_a_resize_that_a_plan_overtakes_is_not_a_confirmation(tree, limits, slam):
+def test_overtaken_resize_does_not_confirm_the_plan(tree, limits, slam):
     limits.plan({slam: 800})
     write(tree, limits, slam, 800)
     tree.set(slam, 500)
     limits.plan({slam: 1000})
-    told_late(tree, limits, slam)
+    report_late(tree, limits, slam)
     assert tree.limit(slam) == 1000
     limits.release(POLICY, leave_agreed=True)
     assert tree.limit(slam) == 500
 
 
 @pytest.mark.parametrize("held", [False, True])
-def test_a_resize_that_a_second_plan_overtakes_is_what_comes_back(tree, limits, slam, held):
+def test_resize_between_two_plans_becomes_the_restored_limit(tree, limits, slam, held):
     kept = [slam] if held else []
     limits.plan({slam: 20}, kept)
     tree.set(slam, 300)
     limits.plan({slam: 10}, kept)
-    told_late(tree, limits, slam)
+    report_late(tree, limits, slam)
     assert tree.limit(slam) == 10
     limits.release(POLICY, leave_agreed=True)
     assert tree.limit(slam) == 300
 
 
-def test_a_resize_between_ledger_and_write_is_what_comes_back(tree, limits, slam, monkeypatch):
+def test_resize_between_journal_and_write_becomes_the_restored_limit(tree, limits, slam, monkeypatch):
     save = limits.ledger.save
 
     def overtaken():
@@ -42,7 +42,7 @@ def test_a_resize_between_ledger_and_write_is_what_comes_back(tree, limits, slam
     limits.plan({slam: 900})
     monkeypatch.setattr(limits.ledger, "save", overtaken)
     limits.plan({slam: 800})
-    told_late(tree, limits, slam)
+    report_late(tree, limits, slam)
     assert tree.limit(slam) == 800
     limits.release(POLICY, leave_agreed=True)
     assert tree.limit(slam) == 300
@@ -57,7 +57,7 @@ def test_the_next_plan_shows_whether_the_overtaking_one_was_confirmed(tree, limi
     limits.plan({slam: 800})
     tree.set(slam, 300)
     limits.plan({slam: 900})
-    told_late(tree, limits, slam)
+    report_late(tree, limits, slam)
     write(tree, limits, slam, 900)
     assert not agreed(tree, limits, slam)
     limits.settle(slam, 900)
@@ -71,7 +71,7 @@ def test_after_an_overtaken_resize_the_next_one_confirms_the_next_plan(tree, lim
     limits.plan({slam: 800})
     tree.set(slam, 300)
     limits.plan({slam: 900})
-    told_late(tree, limits, slam)
+    report_late(tree, limits, slam)
     limits.plan({slam: 700})
     write(tree, limits, slam, 700)
     assert agreed(tree, limits, slam)
@@ -83,5 +83,5 @@ def test_an_external_value_is_kept_if_another_files_write_is_seen_first(tree, li
     tree.set(slam, 300)
     write(tree, limits, slam.parent, 500)
     assert tree.limit(slam) == 300
-    told_late(tree, limits, slam)
+    report_late(tree, limits, slam)
     assert tree.limit(slam) == 300

@@ -28,7 +28,7 @@ def test_a_container_that_joins_a_pod_between_two_plans_counts(tree, limits, sla
     assert tree.limit(slam.parent) == 900
 
 
-def test_a_pod_that_somebody_lowered_is_raised_again_where_no_container_rises(tree, limits, slam):
+def test_pod_limit_lowered_by_others_is_raised_again(tree, limits, slam):
     limits.plan({slam: 800})
     write(tree, limits, slam, 800)
     limits.plan({slam: 700})
@@ -63,14 +63,14 @@ def test_a_pod_is_not_lowered_below_its_containers(tree, limits, slam):
     assert (tree.limit(slam), tree.limit(slam.parent)) == (700, 700)
 
 
-def test_weights_in_the_journal_keep_no_limit_of_a_pod(tree, limits, slam):
+def test_journaled_weights_do_not_hold_the_pods_limit(tree, limits, slam):
     limits.plan({slam: 990})
     limits.ledger.intend(tree.weight_file(slam), POLICY, now="2", ours="100")
     write(tree, limits, slam, 990)
     assert tree.limit_file(slam.parent) not in limits.ledger.entries
 
 
-def test_a_pod_whose_container_the_api_agreed_on_is_the_kubelets(tree, limits, slam, journal):
+def test_pod_limit_is_left_to_the_kubelet_once_confirmed(tree, limits, slam, journal):
     """It does not write a pod's limit that is right already."""
     limits.plan({slam: 900})
     write(tree, limits, slam, 900)

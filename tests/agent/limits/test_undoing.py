@@ -13,7 +13,7 @@ def test_shares_become_limits_at_once(tree, limits, slam, speech):
     assert (tree.limit(slam), tree.limit(speech)) == (990, 10)
 
 
-def test_without_the_resize_it_is_undone(tree, limits, slam, speech):
+def test_unconfirmed_limits_are_undone(tree, limits, slam, speech):
     limits.plan({slam: 800, speech: 10})
     limits.release(POLICY)
     for group in (slam, speech, slam.parent, speech.parent):
@@ -22,7 +22,7 @@ def test_without_the_resize_it_is_undone(tree, limits, slam, speech):
 
 
 @pytest.mark.parametrize("limit", [10, 900])
-def test_what_the_api_has_is_undone_as_well(tree, limits, slam, journal, limit):
+def test_confirmed_limits_are_undone_too(tree, limits, slam, journal, limit):
     limits.plan({slam: limit})
     resize(tree, limits, slam, limit)
     limits.release(POLICY)
@@ -30,7 +30,7 @@ def test_what_the_api_has_is_undone_as_well(tree, limits, slam, journal, limit):
     assert journal.read_text() == ""
 
 
-def test_at_the_agents_end_what_the_api_has_stays_and_the_rest_is_undone(tree, limits, slam, speech, journal):
+def test_stopping_keeps_confirmed_limits_and_undoes_the_rest(tree, limits, slam, speech, journal):
     limits.plan({slam: 10, speech: 20}, original=400)
     resize(tree, limits, slam, 10)
     limits.release(POLICY, leave_agreed=True)
@@ -38,7 +38,7 @@ def test_at_the_agents_end_what_the_api_has_stays_and_the_rest_is_undone(tree, l
     assert journal.read_text() == ""
 
 
-def test_a_change_on_top_of_what_the_api_has(tree, limits, slam):
+def test_stopping_returns_to_the_last_confirmed_limit(tree, limits, slam):
     limits.plan({slam: 10})
     resize(tree, limits, slam, 10)
     limits.plan({slam: 300})
@@ -94,14 +94,14 @@ def test_a_container_without_a_limit_is_capped_and_freed_again(tree, limits):
         assert (tree.limit(free), tree.limit(free.parent)) == (limit, None)
 
 
-def test_a_container_that_had_no_limit_has_none_again(tree, limits):
+def test_container_without_a_limit_is_restored_to_none(tree, limits):
     free = tree.container(CHAT, limit=None)
     limits.plan({free: 10}, [free], original=None)
     limits.release(POLICY)
     assert (tree.limit(free), tree.limit(free.parent)) == (None, None)
 
 
-def test_beside_a_container_of_no_policy(tree, limits, slam):
+def test_pod_limit_is_restored_beside_an_unmanaged_container(tree, limits, slam):
     sidecar = tree.container(CHAT, limit=100, uid="uid-a")
     limits.plan({slam: 10})
     write(tree, limits, slam, 10)

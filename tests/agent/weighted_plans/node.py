@@ -1,4 +1,4 @@
-"""A node that is told weights, the kubelet's writes, and time."""
+"""A node that is sent weights, the kubelet's writes, and time."""
 
 from __future__ import annotations
 

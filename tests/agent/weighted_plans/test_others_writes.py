@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 from tests.agent.weighted_plans.node import ACTIVE, ASLEEP, refuse
 
 
-def test_the_kubelet_writes_what_the_api_has_and_ours_comes_back(node):
+def test_limits_and_weights_overwritten_by_the_kubelet_are_rewritten(node):
     node.plan(ACTIVE, ASLEEP, held=True)
     node.wait(1)
     node.tree.set(node.speech, 300)
@@ -26,14 +26,14 @@ def test_the_kubelet_writes_what_the_api_has_and_ours_comes_back(node):
     assert (node.limits(), node.weights()) == ((500, 10), node.expected(1500, 0))
 
 
-def test_everything_written_is_watched(node):
+def test_every_written_weight_file_is_watched(node):
     node.plan(ACTIVE, ASLEEP)
     groups = [node.slam, node.slam.parent, node.slam.parent.parent]
     assert {node.tree.weight_file(group) for group in groups} <= node.watch.paths
 
 
 @pytest.mark.parametrize("seconds", [0, 1])
-def test_a_policy_that_is_deleted_leaves_no_trace_whenever_it_is(node, seconds):
+def test_deleted_policy_leaves_no_trace_before_or_after_the_drain(node, seconds):
     before = node.limits(), node.weights(), node.tree.weight(node.slam.parent.parent)
     node.plan(ACTIVE, ASLEEP)
     node.wait(seconds)
@@ -42,7 +42,7 @@ def test_a_policy_that_is_deleted_leaves_no_trace_whenever_it_is(node, seconds):
     assert (node.limits(), node.weights(), node.tree.weight(node.slam.parent.parent)) == before
 
 
-def test_reports_of_what_was_overwritten_undo_nothing(node):
+def test_duplicate_write_reports_undo_nothing(node):
     """A resize writes twice, systemd for itself and the runtime; both reports wait while ours is put back."""
     before = node.everything()
     node.plan(ACTIVE, ASLEEP, held=True)
@@ -92,7 +92,7 @@ def test_a_value_that_cannot_be_put_back_is_reported_and_tried_again(node, monke
     assert node.limits() == (500, 10)
 
 
-def test_what_others_write_while_no_agent_runs_comes_back_in_the_end(node):
+def test_weights_written_while_no_agent_ran_are_restored(node):
     node.plan(ACTIVE, (0.3, 0.5))
     node.tree.set_weight(node.slam, 55)
     node.tree.set_weight(node.slam.parent, 56)
@@ -110,7 +110,7 @@ def test_weights_that_follow_a_score_leave_the_journal_small(node):
     assert node.journal.stat().st_size - before < 2000
 
 
-def test_a_weight_beside_the_classes_is_never_written(node):
+def test_guaranteed_pods_leave_the_top_weight_unwritten(node):
     before = node.tree.weight(node.tree.layout.top)
     node.plan((0.3, 0.5), (0.3, 0.5), qos="Guaranteed")
     assert node.tree.weight(node.tree.layout.top) == before

@@ -26,7 +26,7 @@ def test_a_suspended_task_has_the_least_weight_at_once_and_is_capped_later(node)
     assert node.limits() == (500, 10)
 
 
-def test_plans_that_come_meanwhile_put_nothing_off(node):
+def test_later_plans_do_not_postpone_the_cap(node):
     node.plan(ACTIVE, (0.3, 0.5))
     for _ in range(4):
         node.plan(ACTIVE, ASLEEP)
@@ -34,7 +34,7 @@ def test_plans_that_come_meanwhile_put_nothing_off(node):
     assert node.limits() == (500, 10)
 
 
-def test_a_task_that_wakes_meanwhile_is_never_capped(node):
+def test_task_resumed_before_the_drain_ends_is_never_capped(node):
     node.plan(ACTIVE, ASLEEP)
     node.wait(DRAIN / 2)
     node.plan(ACTIVE, (0.3, 0.5))
@@ -49,7 +49,7 @@ def test_a_task_wakes_at_once(node):
     assert (node.weights(), node.limits()) == (node.expected(1500, 300), (500, 500))
 
 
-def test_what_is_suspended_stays_so_when_another_task_is(node):
+def test_suspended_task_stays_capped_when_another_is_suspended(node):
     node.plan(ACTIVE, ASLEEP)
     node.wait(1)
     node.plan(ASLEEP, ASLEEP)
@@ -63,7 +63,7 @@ def test_without_weights_a_quota_comes_at_once(node):
     assert (node.limits(), node.weights()) == ((500, 10), (100, 100) if node.tree.version == 2 else (1024, 1024))
 
 
-def test_every_suspended_task_has_its_time(node):
+def test_each_suspended_task_has_its_own_drain_time(node):
     node.plan(ACTIVE, (0.3, 0.5))
     node.plan(ACTIVE, ASLEEP)
     node.wait(DRAIN - 0.02)
@@ -74,7 +74,7 @@ def test_every_suspended_task_has_its_time(node):
     assert node.limits() == (10, 10)
 
 
-def test_a_task_that_was_awake_in_between_has_its_time_again(node):
+def test_resuming_a_task_restarts_its_drain_time(node):
     node.plan(ASLEEP, ACTIVE)
     node.wait(0.3)
     node.plan(ACTIVE, ASLEEP)
@@ -85,7 +85,7 @@ def test_a_task_that_was_awake_in_between_has_its_time_again(node):
 
 
 @pytest.mark.parametrize("agreed", [False, True])
-def test_a_suspended_task_stays_so_when_the_agent_starts_again(node, agreed):
+def test_suspended_task_stays_capped_across_an_agent_restart(node, agreed):
     node.plan(ACTIVE, ASLEEP)
     node.wait(1)
     if agreed:
