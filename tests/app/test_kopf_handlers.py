@@ -38,20 +38,20 @@ def test_a_policy_is_handed_over_as_a_plain_object(reported):
     assert type(reported.operator.policy_changed.call_args.args[0]) is dict
 
 
-def test_a_policy_that_names_what_is_not_there_yet_comes_again(reported):
+def test_unreadable_policy_is_retried_later(reported):
     reported.readable = False
     with pytest.raises(kopf.TemporaryError) as caught:
         run(APPLY(body=kopf.Body({"metadata": {"name": "robot"}, "spec": {}}), memo=memo(reported)))
     assert caught.value.delay == kopf_handlers.REREAD
 
 
-def test_a_policy_goes_when_all_is_restored(reported):
+def test_finalizer_completes_once_everything_is_restored(reported):
     reported.restored.set_result(None)
     run(RELEASE(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(reported)))
     assert reported.calls == [("policy_deleted", "robot")]
 
 
-def test_a_restore_that_takes_long_is_asked_for_again(monkeypatch, reported):
+def test_slow_restore_is_retried(monkeypatch, reported):
     monkeypatch.setattr(kopf_handlers, "RESTORE_TIMEOUT", 0.01)
     with pytest.raises(kopf.TemporaryError, match="not restored yet"):
         run(RELEASE(body=kopf.Body({"metadata": {"name": "robot"}}), memo=memo(reported)))
@@ -73,7 +73,7 @@ def stored(body):
     return dict(patch.metadata.annotations)
 
 
-def test_kopf_stores_little_in_a_large_policy():
+def test_kopf_annotations_stay_small_for_a_large_policy():
     """Kubernetes refuses more than 256 KiB of annotations: the policy was not taken up, and could never be deleted."""
     large = {"metadata": {"annotations": {"notes": "x" * 200_000}}, "spec": {"streams": ["y" * 1_000_000]}}
     assert sum(map(len, stored(large).values())) < 1000

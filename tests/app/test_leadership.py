@@ -77,7 +77,7 @@ def test_interruptions_stay_counted_when_namespaces_leave_or_are_lost(leadership
     assert leadership.interruptions == 4
 
 
-def test_why_a_namespace_is_not_served_is_reported_again_when_it_is_back(leadership, now, caplog):
+def test_reason_is_reported_again_when_an_unserved_namespace_returns(leadership, now, caplog):
     for namespaces in (["lab"], [], ["lab"]):
         leadership.serve(namespaces)
         for claim in leadership._claims.values():

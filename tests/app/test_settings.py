@@ -12,7 +12,7 @@ def test_without_any_variable_the_defaults_hold():
     assert read({}) == Settings()
 
 
-def test_an_empty_variable_is_as_good_as_none():
+def test_empty_variable_means_the_default():
     names = ("ZENOH_CONNECT", "WATCH_NAMESPACES", "TENANTS", "HEALTH_PORT", "METRICS_PORT", "LOG_FORMAT", "LOG_LEVEL")
     assert read(dict.fromkeys(names, "")) == Settings()
 
@@ -77,7 +77,7 @@ def test_an_invalid_value_is_named_with_what_is_allowed(name, value, allowed):
     assert [(f.field, str(f.value), f.allowed) for f in caught.value.findings] == [(name, value.lower(), allowed)]
 
 
-def test_two_servers_cannot_have_one_port():
+def test_duplicate_ports_are_rejected():
     with pytest.raises(SettingsError) as caught:
         read({"HEALTH_PORT": "9000", "METRICS_PORT": "9000", "LIVE_PORT": "9000"})
     assert [str(finding) for finding in caught.value.findings] == [

@@ -112,7 +112,7 @@ def replica(cluster, monkeypatch):
         one.end()
 
 
-def test_nothing_is_done_about_policies_before_all_pods_and_nodes_are_known(cluster, replica, reported):
+def test_policies_wait_until_pods_and_nodes_are_listed(cluster, replica, reported):
     """A policy whose containers are not known yet would seem restored, and be gone."""
     one = replica(reported)
     cluster.pods_allowed.set()
@@ -127,7 +127,7 @@ def test_nothing_is_done_about_policies_before_all_pods_and_nodes_are_known(clus
     reported.restored.set_result(None)
 
 
-def test_a_standby_does_nothing_but_is_ready_once_it_sees_that_its_leader_lives(cluster, replica, reported):
+def test_standby_is_ready_once_it_sees_a_renewal(cluster, replica, reported):
     cluster.put_lease(*OWN, holderIdentity="other", leaseDurationSeconds=60)
     cluster.pods_allowed.set()
     cluster.nodes_allowed.set()
@@ -205,7 +205,7 @@ def test_a_namespace_without_its_role_is_reported_and_the_others_are_served(clus
     assert one.page("readyz") == (200, "ok\n")
 
 
-def test_the_end_gives_the_lease_back_when_nothing_acts_any_more(cluster, replica, reported):
+def test_lease_is_released_after_the_operator_has_closed(cluster, replica, reported):
     cluster.pods_allowed.set()
     cluster.nodes_allowed.set()
     one = replica(reported)
@@ -219,7 +219,7 @@ def test_the_end_gives_the_lease_back_when_nothing_acts_any_more(cluster, replic
     assert cluster.holder("lab", NAMESPACE_LEASE) == "system/release", "the release's next replica goes on"
 
 
-def test_a_router_that_answers_is_handed_over(cluster, replica, reported, monkeypatch):
+def test_connected_session_is_passed_to_the_operator(cluster, replica, reported, monkeypatch):
     one = replica(reported)
     monkeypatch.setattr(supervisor, "open_client", lambda *_: "session")
     one.supervisor._connect()
@@ -237,7 +237,7 @@ def test_readiness_reports_that_no_router_answers(replica, reported, cluster):
     assert one.page("healthz")[0] == 200, "a restart would not bring the router back"
 
 
-def test_a_start_waits_for_the_api_server_and_is_there_at_once(monkeypatch):
+def test_start_waits_for_the_api_server_with_short_pauses(monkeypatch):
     answers = iter([ActuationError("Unreachable", "refused", retriable=True), False, True])
 
     class Api:

@@ -39,7 +39,7 @@ def _plural(path):
     return path.partition("?")[0].rpartition("/")[2]
 
 
-def test_the_operator_hears_what_comes_and_goes():
+def test_pod_and_node_changes_reach_the_operator():
     api, reported = Api(), Recorder()
     watches = Watches(api, ["lab"], reported.operator, Mock())
     watches.start()

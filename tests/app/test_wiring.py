@@ -30,7 +30,7 @@ def test_status_and_bus_agree(running):
     assert running.condition("Ready") == ("True", "Working", "")
 
 
-def test_what_is_accepted_and_in_force_goes_to_the_bus(running):
+def test_resize_stages_are_published_on_the_bus(running):
     running.session.published.clear()
     running.react(IMU, speed=0.3)
     steps = [step for key, step in running.session.published if key == "contextpolicy/lab/robot/applied"]
@@ -87,7 +87,7 @@ def test_a_realtime_policy_without_agents_falls_back_and_says_why(operator):
     assert [reason for reason, _ in operator.reported() if reason != "ContextEntered"] == ["RealtimeUnavailable"]
 
 
-def test_the_nodes_of_realtime_agents_are_left_to_them(operator):
+def test_nodes_of_realtime_agents_are_not_resized(operator):
     operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
     operator.govern(a_policy(enforcement={"scheduler": "Realtime"}))
     operator.sample(IMU, speed=0.3)
@@ -98,7 +98,7 @@ def test_the_nodes_of_realtime_agents_are_left_to_them(operator):
 
 
 @pytest.mark.parametrize("confirming", [True, False])
-def test_resizes_follow_an_agent_that_confirms_and_wait_for_no_other(operator, confirming):
+def test_resizes_wait_only_for_an_agent_that_confirms(operator, confirming):
     operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
     operator.session.confirming = confirming
     operator.govern(a_policy())
@@ -127,7 +127,7 @@ def test_a_weight_that_an_agent_cannot_write_is_not_applied(operator):
 
 
 @pytest.mark.parametrize("failed", ["slam", "speech"])
-def test_what_an_agent_could_not_set_is_resized_at_once_and_the_rest_follows_it(operator, failed):
+def test_containers_the_agent_failed_to_set_are_resized_at_once(operator, failed):
     operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
     operator.govern(a_policy())
     operator.sample(IMU, speed=0.0)
@@ -174,7 +174,7 @@ def test_a_reaction_ends_when_the_agent_confirms_what_it_wrote(operator, control
     assert reactions() - before == at_once, "the resize that follows is no second reaction"
 
 
-def test_what_the_agent_could_not_write_is_in_force_when_the_kubelet_says_so(operator):
+def test_failed_agent_write_is_in_force_once_the_kubelet_confirms(operator):
     operator.session.agents[NODE] = json.dumps({"missing": {"CFS": [], "Realtime": []}}).encode()
     operator.govern(a_policy(enforcement={"control": "Limit"}))
     operator.sample(IMU, speed=0.0)
@@ -192,7 +192,7 @@ def test_what_the_agent_could_not_write_is_in_force_when_the_kubelet_says_so(ope
 # start and end
 
 
-def test_closing_ends_everything_and_leaves_the_limits(running):
+def test_closing_stops_everything_and_keeps_the_limits(running):
     running.react(IMU, speed=0.3)
     running.close()
     assert running.session.everything_declared() == []
@@ -259,7 +259,7 @@ def restarted(running, forgery, *, owned):
 
 
 @pytest.mark.parametrize("forgery", FORGERIES)
-def test_originals_that_were_changed_while_it_was_away_are_not_believed(running, forgery):
+def test_originals_forged_during_downtime_are_not_trusted(running, forgery):
     restarted(running, forgery, owned=True)
     running.connect()
     running.apply(a_policy())
@@ -271,7 +271,7 @@ def test_originals_that_were_changed_while_it_was_away_are_not_believed(running,
     assert (done.done(), running.limits()) == (True, {"slam": 400, "speech": 400})
 
 
-def test_a_policy_that_is_deleted_while_it_was_away_is_not_done_when_they_were_emptied(running):
+def test_deleted_policy_with_emptied_originals_restores_from_the_owner(running):
     restarted(running, {"uid-slam": None, "uid-speech": None}, owned=True)
     done = running.delete(a_policy())
     running.settle()
@@ -285,7 +285,7 @@ def test_a_policy_that_is_deleted_while_it_was_away_is_not_done_when_they_were_e
     )
 
 
-def test_what_it_signed_itself_it_believes_after_a_restart(running):
+def test_own_signed_originals_are_trusted_after_a_restart(running):
     restarted(running, {}, owned=False)
     done = running.delete(a_policy())
     running.settle()

@@ -48,7 +48,7 @@ def relative_imports(source):
     return [ast.unparse(node) for node in nodes if node.level]
 
 
-def test_every_import_says_from_where():
+def test_imports_are_absolute():
     assert {name: found for name, text in TEXTS.items() if (found := relative_imports(text))} == {}
 
 

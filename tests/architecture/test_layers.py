@@ -21,43 +21,42 @@ LAYERS = (
 )
 """Who may import whom: a package imports packages of the lines before its own, never of its own line or of later ones.
 
-`errors` is the one file that everybody imports; `cli` and `__main__` are the doors to the commands."""
-ROOMS = {room: level for level, rooms in enumerate(LAYERS) for room in rooms}
-DOORS = {("cli", "commands"), ("__main__", "cli")}
+`errors` is the one file that everybody imports; `cli` and `__main__` are the entry points of the commands."""
+LEVELS = {package: level for level, packages in enumerate(LAYERS) for package in packages}
+ALLOWED = {("cli", "commands"), ("__main__", "cli")}
 """The imports within a layer that are allowed."""
 
 
-def room_of(path):
+def package_of(path):
     inside = path.relative_to(PACKAGE).parts
     return inside[0].removesuffix(".py")
 
 
-def rooms_imported(source):
-    """The rooms of the package that a module imports, also inside functions."""
+def packages_imported(source):
+    """The packages that a module imports, also inside functions."""
     names = (name.split(".") for name in imports(ast.parse(source)))
     return {parts[1] for parts in names if parts[0] == "contextpolicy" and len(parts) > 1}
 
 
-def trespasses(room, source):
-    """Every import of a room that does not stand in a layer before the importer's own."""
-    return sorted(
-        other for other in rooms_imported(source) - {room} if ROOMS[other] >= ROOMS[room] and (room, other) not in DOORS
-    )
+def violations(package, source):
+    """Every import of a package that does not stand in a layer before the importer's own."""
+    others = packages_imported(source) - {package}
+    return sorted(other for other in others if LEVELS[other] >= LEVELS[package] and (package, other) not in ALLOWED)
 
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.glob("**/*.py")), ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_imports_go_up_the_layers_only(path):
+def test_imports_come_only_from_lower_layers(path):
     if path.name != "__init__.py" or path.parent != PACKAGE:
-        assert trespasses(room_of(path), path.read_text(encoding="utf-8")) == []
+        assert violations(package_of(path), path.read_text(encoding="utf-8")) == []
 
 
-def test_every_room_has_its_layer():
-    rooms = {room_of(path) for path in PACKAGE.glob("**/*.py")} - {"__init__"}
-    assert rooms == ROOMS.keys()
+def test_every_package_has_a_layer():
+    packages = {package_of(path) for path in PACKAGE.glob("**/*.py")} - {"__init__"}
+    assert packages == LEVELS.keys()
 
 
 @pytest.mark.parametrize(
-    ("room", "planted", "found"),
+    ("package", "planted", "found"),
     [
         ("planning", "from contextpolicy.cluster.pods import Cpu", ["cluster"]),
         ("policy", "def f():\n    from contextpolicy.planning import plan", ["planning"]),
@@ -66,5 +65,5 @@ def test_every_room_has_its_layer():
         ("bus", "from contextpolicy.cluster.claims import Claim", []),
     ],
 )
-def test_a_planted_trespass_is_found(room, planted, found):
-    assert trespasses(room, planted) == found
+def test_planted_layer_violation_is_found(package, planted, found):
+    assert violations(package, planted) == found

@@ -69,7 +69,7 @@ def test_planning_is_pure(path):
     assert impurities(path.read_text(encoding="utf-8"), path.name) == []
 
 
-def test_there_is_something_to_check():
+def test_planning_modules_are_found():
     assert len(PLANNING) > 15
 
 

@@ -17,7 +17,7 @@ def test_every_sample_policy_is_simulated_in_both():
 
 
 @pytest.mark.parametrize(("foreign", "same"), [("0.5", True), ("0.50", False)])
-def test_one_byte_is_a_difference(monkeypatch, caplog, foreign, same):
+def test_outputs_must_match_byte_for_byte(monkeypatch, caplog, foreign, same):
     answers = {"native": "0.5", "foreign": foreign}
     monkeypatch.setattr(images, "run", lambda image, _argv, **_: answers[image])
     caplog.set_level("INFO")
@@ -25,7 +25,7 @@ def test_one_byte_is_a_difference(monkeypatch, caplog, foreign, same):
     assert ("identical" if same else "DIFFERENT") in caplog.text
 
 
-def test_what_an_image_reads_is_mounted_where_it_may_look(monkeypatch, tmp_path):
+def test_input_files_are_mounted_where_the_image_can_read_them(monkeypatch, tmp_path):
     """A checkout may be below a home directory, which the image's user can't enter."""
     ran: list[list[str]] = []
 
@@ -49,7 +49,7 @@ def commands(monkeypatch):
     return called
 
 
-def test_the_emulator_is_registered_no_longer_than_needed(monkeypatch, tmp_path, commands):
+def test_emulator_is_unregistered_afterwards(monkeypatch, tmp_path, commands):
     monkeypatch.setattr(emulation, "FORMATS", tmp_path)
     with emulation.registered():
         assert [words[0] for words in commands] == ["install", "mount", "update-binfmts"]
@@ -57,7 +57,7 @@ def test_the_emulator_is_registered_no_longer_than_needed(monkeypatch, tmp_path,
     assert [words[:2] for words in commands[3:]] == [["update-binfmts", "--disable"], ["umount", str(tmp_path)]]
 
 
-def test_an_emulator_that_was_registered_before_stays(monkeypatch, tmp_path, commands):
+def test_emulator_registered_before_is_kept(monkeypatch, tmp_path, commands):
     monkeypatch.setattr(emulation, "FORMATS", tmp_path)
     for name in ("register", emulation.NAME):
         (tmp_path / name).touch()
@@ -66,7 +66,7 @@ def test_an_emulator_that_was_registered_before_stays(monkeypatch, tmp_path, com
     assert [words[0] for words in commands] == ["install"]
 
 
-def test_another_architectures_base_is_another_image(tmp_path):
+def test_base_image_is_keyed_by_architecture(tmp_path):
     assert base.key("arm64") != base.key()
     line = base.command(tmp_path / "base.tar", ["python3"], [], [], architecture="arm64")
     assert "--architectures=arm64" in line

@@ -31,7 +31,7 @@ def test_only_calls_between_start_and_stop_count(counter):
     assert [shown(call.file) for call in calls] == ["contextpolicy/policy/quantities.py"]
 
 
-def test_what_a_library_does_counts_as_its_callers(counter):
+def test_library_calls_count_for_their_caller(counter):
     counter.start()
     json.dumps({}, indent=1)
     on_loop(ImmediateScheduler(), lambda: json.dumps({}, indent=1))

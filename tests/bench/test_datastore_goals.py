@@ -25,7 +25,7 @@ def test_the_goals_need_no_other_loads():
     assert {goal.load for goal in GOALS} == set(LOADS) - {"rest"}
 
 
-def test_what_is_written_at_rest_does_not_count():
+def test_idle_write_rate_is_subtracted():
     assert above({"datastore_mib_per_hour": 90.04}, {"datastore_mib_per_hour": 57.0}) == 33.0
 
 

@@ -12,7 +12,7 @@ def file(tmp_path):
     return tmp_path / "bench" / "run.jsonl"
 
 
-def test_what_was_added_is_on_disk_and_there_again(file):
+def test_added_lines_are_flushed_and_resumed(file):
     JsonLines(file, OPTIONS, resume=False).add({"step": "a"})
     assert [json.loads(line) for line in file.read_text().splitlines()] == [OPTIONS, {"step": "a"}]
     assert JsonLines(file, OPTIONS, resume=True).found == [{"step": "a"}]
@@ -28,7 +28,7 @@ def test_a_line_that_was_cut_off_is_left_out_and_the_file_stays_readable(file):
     assert JsonLines(file, OPTIONS, resume=True).found == [{"step": "a"}, {"step": "c"}]
 
 
-def test_a_run_with_other_options_is_not_gone_on_with(file):
+def test_run_with_other_options_is_not_resumed(file):
     JsonLines(file, OPTIONS, resume=False)
     with pytest.raises(OtherRunError, match=r'rounds": 20.*rounds": 30'):
         JsonLines(file, {"rounds": 30}, resume=True)
@@ -40,5 +40,5 @@ def test_without_resume_it_starts_over(file):
     assert JsonLines(file, OPTIONS, resume=True).found == []
 
 
-def test_there_is_nothing_to_go_on_with(file):
+def test_resuming_a_missing_file_finds_nothing(file):
     assert JsonLines(file, OPTIONS, resume=True).found == []

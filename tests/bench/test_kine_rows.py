@@ -39,7 +39,7 @@ def put(database, name, size):
     database.commit()
 
 
-def test_what_is_written_meanwhile_counts_once_and_only_that(database):
+def test_only_rows_written_meanwhile_count_once(database):
     path, made = database
     with Tally(kine_rows.open_database(path)) as tally:
         put(made, "/registry/pods/lab/slam", 5000)
@@ -62,7 +62,7 @@ def test_a_deleted_object_has_no_value(database):
     assert tally.figures("bench")["pods_mib"] == round(ROW / 2**20, 2)
 
 
-def test_nothing_written_is_no_share(database):
+def test_own_share_is_zero_without_writes(database):
     path, _ = database
     with Tally(kine_rows.open_database(path)) as tally:
         pass

@@ -16,6 +16,6 @@ def test_the_rating_is_the_total_of_compressing_and_decompressing():
     assert rating(PRINTED) == 3630
 
 
-def test_a_benchmark_that_ended_early_has_none():
+def test_benchmark_without_a_total_is_an_error():
     with pytest.raises(ValueError, match="no total in what 7zr printed: 'Error: no memory"):
         rating("Error: no memory")

@@ -71,7 +71,7 @@ def test_an_agent_that_comes_up_is_asked():
     assert bus.changes == [{NODE: FAIR}]
 
 
-def test_a_token_without_an_agent_is_one_that_comes_and_goes():
+def test_token_without_an_agent_is_reported_and_removed():
     """So a supervisor says that it has undone something: readers of the reports take the node over again."""
     bus = Bus()
     bus.session.agent(NODE, None)
@@ -101,7 +101,7 @@ def test_an_agent_that_is_slow_is_asked_again_until_it_answers(already):
     assert bus.session.questions == []
 
 
-def test_a_question_that_nobody_heard_is_asked_again():
+def test_unheard_question_is_repeated():
     """The token came sooner than the word of who answers."""
     bus = Bus()
     bus.session.agent(NODE, a_report())
@@ -140,7 +140,7 @@ def test_a_node_keeps_its_limits_until_a_slow_agent_is_given_up():
     assert bus.watch.reports == {NODE: ABLE}
 
 
-def test_an_agent_that_is_back_and_answers_was_not_gone():
+def test_agent_that_returns_in_time_was_never_gone():
     bus = Bus(**{NODE: a_report()})
     bus.session.agent_gone(NODE)
     bus.turn(RETURN / 2)
@@ -150,7 +150,7 @@ def test_an_agent_that_is_back_and_answers_was_not_gone():
     assert bus.changes == []
 
 
-def test_an_answer_after_the_agent_has_gone_brings_it_not_back():
+def test_late_answer_does_not_revive_a_lost_agent():
     bus = Bus()
     bus.session.agent(NODE, a_report())
     bus.scheduler.advance_by(0.01)
@@ -272,7 +272,7 @@ def test_a_frozen_agent_is_not_counted_on_until_it_answers(bus):
     assert bus.changes == [{NODE: NOT_CONFIRMING}, {NODE: FAIR}]
 
 
-def test_a_late_confirmation_changes_nothing_at_once(bus):
+def test_late_confirmation_does_not_restore_trust_at_once(bus):
     """An agent that is always late would be counted on and given up with every plan."""
     bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
     bus.turn(BOUND)
@@ -281,7 +281,7 @@ def test_a_late_confirmation_changes_nothing_at_once(bus):
     assert bus.changes == [{NODE: NOT_CONFIRMING}]
 
 
-def test_in_a_storm_a_later_plan_stands_for_those_before(bus):
+def test_confirming_a_later_plan_covers_earlier_ones(bus):
     """Agents skip plans that newer ones overtook."""
     for sequence in (1, 2, 3):
         bus.watch.expect("lab/robot", (1, sequence, 0), [NODE])
@@ -310,14 +310,14 @@ def test_an_older_plan_confirms_no_later_one(bus, stamp):
     assert bus.changes == [{NODE: NOT_CONFIRMING}]
 
 
-def test_nobody_owes_an_answer_about_a_policy_that_is_gone(bus):
+def test_forgotten_policy_expects_no_confirmation(bus):
     bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
     bus.watch.forget("lab/robot")
     bus.turn(BOUND)
     assert bus.changes == []
 
 
-def test_an_agent_that_is_away_has_its_time_to_return(bus):
+def test_absent_agent_has_a_grace_period(bus):
     bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
     bus.session.agent_gone(NODE)
     bus.turn(BOUND)
@@ -325,14 +325,14 @@ def test_an_agent_that_is_away_has_its_time_to_return(bus):
 
 
 @pytest.mark.parametrize("said", [b"", b"[]", b'{"stamp": 1}', b'{"policy": "a/b", "stamp": [1, "x", null]}'])
-def test_a_confirmation_that_cannot_be_read_is_none(bus, said):
+def test_unreadable_confirmation_is_ignored(bus, said):
     bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
     bus.session.deliver_bytes("contextpolicy/agents/*/confirmed", said, f"contextpolicy/agents/{NODE}/confirmed")
     bus.turn(BOUND)
     assert bus.changes == [{NODE: NOT_CONFIRMING}]
 
 
-def test_what_an_agent_could_not_set_is_known_until_it_could(bus):
+def test_failures_are_kept_until_a_plan_succeeds(bus):
     for sequence, failed in enumerate((["a"], ["a"], ["a", "b"], []), 1):
         bus.watch.expect("lab/robot", (1, sequence, 0), [NODE])
         bus.confirm(1, sequence, 0, failed=failed)
@@ -349,7 +349,7 @@ def test_a_confirmation_for_a_withdrawn_plan_is_ignored(bus):
     assert (bus.watch.failures("lab/robot"), bus.changes, bus.confirmations) == ({}, [], [])
 
 
-def test_what_could_not_be_set_is_forgotten_with_its_policy_or_agent(bus):
+def test_failures_are_forgotten_with_their_policy_or_agent(bus):
     for policy in ("lab/robot", "lab/other"):
         bus.watch.expect(policy, (1, 1, 0), [NODE])
     bus.confirm(1, 1, 0, failed=["a"])
@@ -362,7 +362,7 @@ def test_what_could_not_be_set_is_forgotten_with_its_policy_or_agent(bus):
     assert bus.watch.failures("lab/other") == {}
 
 
-def test_what_an_agent_confirms_is_reported_with_its_node(bus):
+def test_confirmation_is_reported_with_its_node(bus):
     bus.watch.expect("lab/robot", (1, 3, 0), [NODE])
     bus.confirm(1, 3, 0, failed=["a"])
     assert bus.confirmations == [(NODE, Confirmation("lab/robot", (1, 3, 0), {"a": "Busy"}))]
@@ -373,7 +373,7 @@ def test_what_an_agent_confirms_is_reported_with_its_node(bus):
 GHOST = "ghost"
 
 
-def test_an_agent_of_no_node_of_the_cluster_is_not_asked():
+def test_agent_of_an_unknown_node_is_not_asked():
     bus = Bus()
     bus.session.agent(GHOST, a_report())
     bus.turn(2 * RETURN)
@@ -402,14 +402,14 @@ def test_an_agent_is_asked_as_soon_as_its_node_is_known():
     assert bus.watch.reports == {NODE: ABLE}
 
 
-def test_a_confirmation_of_no_node_is_none(bus):
+def test_confirmation_from_an_unknown_node_is_ignored(bus):
     bus.watch.expect("lab/robot", (1, 1, 0), [NODE])
     bus.nodes.discard(NODE)
     bus.confirm(1, 1, 0, failed=["containerd://x"])
     assert (bus.confirmations, bus.watch.failures("lab/robot")) == ([], {})
 
 
-def test_an_agent_that_is_gone_for_good_is_missed_until_it_is_back():
+def test_lost_agent_is_reported_gone_until_it_returns():
     bus = Bus(**{NODE: a_report()})
     bus.session.agent_gone(NODE)
     bus.turn(RETURN / 2)
@@ -421,7 +421,7 @@ def test_an_agent_that_is_gone_for_good_is_missed_until_it_is_back():
     assert bus.watch.gone == set()
 
 
-def test_an_agent_of_a_node_that_the_cluster_has_no_more_is_not_missed():
+def test_agent_of_a_removed_node_is_not_reported_gone():
     bus = Bus(**{NODE: a_report()})
     bus.nodes.discard(NODE)
     bus.session.agent_gone(NODE)

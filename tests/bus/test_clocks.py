@@ -62,14 +62,14 @@ def talk(clock, secrets, when, patience=PATIENCE):
 
 
 @pytest.mark.parametrize("when", [10.0, datetime(2000, 1, 1, tzinfo=UTC).timestamp()], ids=["1970", "2000"])
-def test_the_bus_works_before_anything_has_set_the_clock(clock, secrets, when):
+def test_bus_works_with_an_unset_clock(clock, secrets, when):
     done = talk(clock, secrets, when)
     seen, said = done.stdout.splitlines() or ("0", done.stderr)
     assert abs(int(seen) - when) < PATIENCE, "the clock is another one, or this test proves nothing"
     assert said == "routers 1", done.stderr
 
 
-def test_a_certificate_that_begins_today_would_lock_the_robot_out(clock, tmp_path, monkeypatch):
+def test_certificate_valid_only_from_today_fails_with_an_unset_clock(clock, tmp_path, monkeypatch):
     now = datetime.now(UTC)
     monkeypatch.setattr("contextpolicy.bus.issuing.BEGIN", now - timedelta(days=1))
     authority = found_authority("ctxp", now)
@@ -82,6 +82,6 @@ def test_a_certificate_that_begins_today_would_lock_the_robot_out(clock, tmp_pat
     assert "routers 1" not in talk(clock, young, 10.0, ATTEMPT).stdout
 
 
-def test_after_its_end_a_certificate_is_none(clock, secrets):
+def test_expired_certificate_is_refused(clock, secrets):
     late = (datetime.now(UTC) + LIFETIME + timedelta(days=1)).timestamp()
     assert "routers 1" not in talk(clock, secrets, late, ATTEMPT).stdout

@@ -15,7 +15,7 @@ class News(queue.Queue[bool]):
         self.put(connected)
 
 
-def test_a_router_that_ends_is_noticed_and_so_is_the_next():
+def test_router_loss_and_return_are_detected():
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     news = News()
     router = open_router([endpoint])

@@ -79,7 +79,7 @@ def test_what_is_published_goes_to_the_policys_keys(session, scheduler):
     ]
 
 
-def test_questions_are_answered_on_the_loop_with_what_holds_then(session, scheduler):
+def test_questions_are_answered_on_the_loop_with_current_data(session, scheduler):
     answers = Asked({"n": 1})
     a_bus(session, scheduler, answers)
     plan, why = session.ask("contextpolicy/lab/robot/plan"), session.ask("contextpolicy/lab/robot/explain")
@@ -99,14 +99,14 @@ def test_excess_queries_are_answered_at_once(session, scheduler):
         assert all(query.ended for query in queries)
 
 
-def test_a_question_that_carries_much_is_ended_at_once(session, scheduler):
+def test_oversized_question_is_ended_at_once(session, scheduler):
     a_bus(session, scheduler, Asked({"n": 1}))
     small, large = (session.ask("contextpolicy/lab/robot/plan", b"x" * size) for size in (4096, 4097))
     scheduler.advance_by(1)
     assert (small.answers, large.answers, large.ended) == ([{"n": 1}], [], True)
 
 
-def test_a_question_whose_answer_fails_leaves_room_for_others(session, scheduler):
+def test_failing_answer_frees_its_place_in_the_queue(session, scheduler):
     class Failing(Asked):
         def message(self):
             raise RuntimeError("no")
@@ -127,7 +127,7 @@ def test_without_a_plan_there_is_no_answer(session, scheduler):
     assert query.answers == []
 
 
-def test_a_token_reports_that_somebody_makes_the_plans(session, scheduler):
+def test_liveliness_token_announces_the_planner(session, scheduler):
     bus = a_bus(session, scheduler)
     assert [token.key for token in session.tokens] == ["contextpolicy/lab/robot/plan"]
     bus.close()

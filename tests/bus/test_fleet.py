@@ -102,7 +102,7 @@ def test_the_fleet_may_ask_each_robot_why(fleet):
     assert ask(viewer, key) == ["it moves"]
 
 
-def test_nothing_goes_from_robot_to_robot(fleet):
+def test_robots_do_not_receive_each_others_messages(fleet):
     """Also where both call their sensors the same, as robots of one make do."""
     samples, plans = fleet.heard("two", "operator", "**"), fleet.heard("two", "agent", "contextpolicy/*/*/plan")
     seen = fleet.heard("fleet", "viewer", "contextpolicy/**")
@@ -134,7 +134,7 @@ def test_samples_stay_on_the_robot(fleet):
     assert rest(overheard) == []
 
 
-def test_a_robot_continues_without_its_fleet_and_joins_again(fleet):
+def test_robot_continues_without_its_fleet_and_rejoins(fleet):
     """Robots leave the reach of their network, and fleets' routers are restarted."""
     operator = fleet.client("one", "operator")
     plans = fleet.heard("one", "agent", "contextpolicy/*/*/plan")
@@ -144,7 +144,7 @@ def test_a_robot_continues_without_its_fleet_and_joins_again(fleet):
     say_until(operator, plan_of("one"), "joined", fleet.heard("fleet", "viewer", "contextpolicy/**"))
 
 
-def test_a_fleet_that_hangs_holds_no_robot_up(tmp_path):
+def test_hanging_fleet_router_does_not_block_a_robot(tmp_path):
     """All that is said arrives on the robot while nobody reads what is sent to the fleet, also from one who waits."""
     authority, up, here = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}", f"tls/127.0.0.1:{free_port()}"
     with (
@@ -175,7 +175,7 @@ def fleet_process(endpoint, credentials):
         yield process
 
 
-def test_what_is_too_large_is_dropped_there_too(fleet):
+def test_fleet_router_drops_oversized_messages(fleet):
     """A robot that was taken over must not fill the memory of who watches them all."""
     heard, robot = fleet.heard("fleet", "viewer", "contextpolicy/**"), fleet.client("fleet", "router")
     key = "contextpolicy/agents/node-1/confirmed"

@@ -52,14 +52,14 @@ def test_other_items_pass_at_once_without_overtaking(course):
     assert [name for name, _ in course.done] == ["alone", "agent", "after it"]
 
 
-def test_nothing_goes_on_after_the_end_of_the_subscription(course):
+def test_disposed_subscription_emits_nothing(course):
     course.source.on_next("agent")
     course.end.dispose()
     course.scheduler.advance_by(1)
     assert course.done == []
 
 
-def test_the_end_of_the_source_waits_for_nothing_and_loses_nothing(course):
+def test_completion_flushes_waiting_items_at_once(course):
     course.source.on_next("agent")
     course.source.on_completed()
     course.scheduler.advance_by(1)

@@ -35,19 +35,19 @@ def bus():
     return Bus()
 
 
-def test_it_hears_which_task_misses_how_much(bus):
+def test_health_reports_are_forwarded(bus):
     bus.publish("robot/slam/health", misses=0.25, suspended=False, queue=3)
     assert bus.heard == [("lab/robot", "slam", TaskHealth(0.25, suspended=False))]
     bus.publish("robot/arm/health", misses=0, suspended=True)
     assert bus.heard[1:] == [("lab/robot", "arm", TaskHealth(0.0, suspended=True))]
 
 
-def test_invalid_input_is_not_heard(bus):
+def test_invalid_health_is_ignored(bus):
     bus.publish("robot/slam/health", rate=3)
     assert bus.heard == []
 
 
-def test_a_flood_leaves_the_newest_of_each_task_to_the_loop(bus):
+def test_flood_is_reduced_to_the_newest_per_task(bus):
     for number in range(1001):
         said = json.dumps({"misses": number / 1000}).encode()
         bus.session.deliver_bytes("robot/*/health", said, "robot/slam/health")
@@ -55,19 +55,19 @@ def test_a_flood_leaves_the_newest_of_each_task_to_the_loop(bus):
     assert bus.heard == [("lab/robot", "slam", TaskHealth(1.0, suspended=False))]
 
 
-def test_a_flood_of_names_takes_no_memory(bus):
+def test_flood_of_task_names_is_bounded(bus):
     for number in range(MOST_TASKS + 100):
         bus.session.deliver_bytes("robot/*/health", b'{"misses": 0}', f"robot/{number}/health")
     bus.scheduler.advance_by(0.1)
     assert len(bus.heard) == MOST_TASKS
 
 
-def test_what_is_too_large_is_not_even_read(bus):
+def test_oversized_health_is_ignored(bus):
     bus.publish("robot/slam/health", misses=0, fill="x" * LARGEST)
     assert bus.heard == []
 
 
-def test_it_leaves_the_bus(bus):
+def test_closing_removes_the_subscription(bus):
     bus.watch.close()
     assert bus.session.subscribers == []
 
@@ -86,5 +86,5 @@ def test_it_leaves_the_bus(bus):
         b"\xff",
     ],
 )
-def test_anything_else_is_no_health(payload):
+def test_malformed_health_is_none(payload):
     assert read_health(payload) is None

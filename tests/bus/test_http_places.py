@@ -17,41 +17,41 @@ def places():
     return Places()
 
 
-def test_there_is_room_for_some(places):
+def test_each_address_may_open_its_share(places):
     assert enter(places, "pod", PER_ADDRESS) == [None] * PER_ADDRESS
     assert enter(places, "node", PER_ADDRESS) == [None] * PER_ADDRESS
 
 
-def test_an_address_that_has_its_part_loses_the_one_that_waits_longest(places):
+def test_address_over_its_share_loses_its_oldest_connection(places):
     assert enter(places, "pod", PER_ADDRESS + 2)[-2:] == ["pod-0", "pod-1"]
     assert places.enter("probe", "node") is None
 
 
-def test_an_address_never_takes_anothers_place_for_more_than_its_part(places):
+def test_flooding_address_never_evicts_another(places):
     places.enter("probe", "node")
     assert "probe" not in enter(places, "pod", 100)
 
 
-def test_when_all_is_full_the_address_that_has_the_most_loses_one(places):
+def test_full_server_evicts_from_the_busiest_address(places):
     places.enter("early", "node")
     enter(places, "pod", PER_ADDRESS)
     enter(places, "other", AT_ONCE - PER_ADDRESS - 1)
     assert places.enter("late", "node") == "pod-0"
 
 
-def test_many_addresses_with_one_each_lose_the_one_that_waits_longest(places):
+def test_full_server_evicts_the_oldest_among_equal_addresses(places):
     for pod in range(AT_ONCE):
         places.enter(f"pod-{pod}", f"pod-{pod}")
     assert places.enter("probe", "node") == "pod-0"
 
 
-def test_what_is_being_answered_stays(places):
+def test_connection_being_answered_is_not_evicted(places):
     enter(places, "pod", PER_ADDRESS)
     assert places.answer("pod-0")
     assert places.enter("more", "pod") == "pod-1"
 
 
-def test_while_all_are_being_answered_the_newcomer_is_sent_away(places):
+def test_newcomer_is_refused_while_all_are_being_answered(places):
     for pod in range(AT_ONCE):
         places.enter(f"pod-{pod}", f"pod-{pod}")
         places.answer(f"pod-{pod}")
@@ -60,7 +60,7 @@ def test_while_all_are_being_answered_the_newcomer_is_sent_away(places):
     assert places.enter("probe", "node") is None
 
 
-def test_what_was_closed_is_not_answered(places):
+def test_evicted_connection_is_not_answered(places):
     assert enter(places, "pod", PER_ADDRESS + 1)[-1] == "pod-0"
     assert not places.answer("pod-0")
     places.wait("pod-0")
@@ -68,7 +68,7 @@ def test_what_was_closed_is_not_answered(places):
     assert places.enter("probe", "node") is None
 
 
-def test_one_that_is_answered_and_stays_open_waits_from_then_on(places):
+def test_kept_alive_connection_waits_from_its_last_answer(places):
     enter(places, "pod", PER_ADDRESS)
     places.answer("pod-0")
     places.wait("pod-0")

@@ -68,7 +68,7 @@ def threads():
 
 
 @pytest.mark.parametrize("begun", [b"GET /" + b"x" * LONGEST, b"GET / HTTP/1.1\r\nX: " + b"a" * LONGEST])
-def test_a_request_without_end_is_closed(served, begun):
+def test_endless_request_is_closed(served, begun):
     port, path = served
     with connect(port) as client:
         client.sendall(begun)
@@ -85,14 +85,14 @@ def test_the_longest_request_is_answered(served):
 
 
 @pytest.mark.parametrize("begun", [b"", b"GET / HTTP/1.1\r\n"])
-def test_a_request_that_does_not_come_is_closed(served, begun, monkeypatch):
+def test_incomplete_request_times_out(served, begun, monkeypatch):
     monkeypatch.setattr(http_server, "PATIENCE", 0.01)
     with connect(served[0]) as client:
         client.sendall(begun)
         assert is_closed(client)
 
 
-def test_a_request_that_drips_is_closed(served, monkeypatch):
+def test_slow_dripping_request_times_out(served, monkeypatch):
     monkeypatch.setattr(http_server, "PATIENCE", 0.2)
     with connect(served[0]) as client:
         ended = threading.Event()
@@ -115,7 +115,7 @@ def test_bodies_are_not_read(served):
         assert client.recv(12).endswith(b" 200")
 
 
-def test_a_flood_from_one_address_keeps_nobody_out_and_takes_few_threads(served):
+def test_flood_from_one_address_does_not_block_others(served):
     port, path = served
     before = threads()
     flood = [connect(port, "127.0.0.2") for _ in range(100)]
@@ -128,7 +128,7 @@ def test_a_flood_from_one_address_keeps_nobody_out_and_takes_few_threads(served)
         client.close()
 
 
-def test_a_flood_from_many_addresses_keeps_nobody_out_and_takes_few_threads(served):
+def test_flood_from_many_addresses_does_not_block_others(served):
     port, path = served
     before = threads()
     flood = [connect(port, f"127.0.1.{1 + number}") for number in range(100)]

@@ -67,7 +67,7 @@ def test_all_servers_answer(setup, hosts):
     assert answers(setup, *hosts) == [*expected, f"{hosts[-1]} page 200"]
 
 
-def test_where_ipv4_is_gone_it_cannot_be_reached():
+def test_ipv4_is_unreachable_without_ipv4():
     """Else the test above proves nothing."""
     with pytest.raises(AssertionError):
         answers(ONLY_6, "127.0.0.1")

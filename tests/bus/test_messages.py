@@ -32,7 +32,7 @@ def pods(*names):
     return [view(a_pod(name)) for name in names]
 
 
-def test_a_message_has_all_that_modules_agents_and_recorders_read(story):
+def test_message_has_every_field_that_readers_need(story):
     made = message(POLICY, 17, story.last, CONTAINERS, pods("slam", "speech"))
     assert json.loads(json.dumps(made)) == {
         "policy": "lab/robot",
@@ -123,17 +123,17 @@ def test_what_an_agent_writes(control, moving, standing):
 
 
 @pytest.mark.parametrize("control", list(Control))
-def test_a_quota_that_the_api_cannot_have_is_held(control):
+def test_quota_below_what_the_api_allows_is_held(control):
     assert written(control, replace(SPEECH, request=300))[1:] == (0.01, True)
     assert written(control, replace(SPEECH, limit=None))[1:] == (0.01, True)
 
 
-def test_a_limit_of_zero_is_none():
+def test_limit_of_zero_means_no_limit():
     assert written(Control.WEIGHT, replace(SPEECH, limit=0)) == (0, 0.01, True)
     assert written(Control.WEIGHT, replace(SPEECH, limit=0), speed=0.0) == (0.18, None, False)
 
 
-def test_a_limit_that_binds_nowhere_is_sent_as_the_most(story):
+def test_excessive_limit_is_capped(story):
     containers = (CONTAINERS[0], replace(SPEECH, limit=1_500_000))
     pod = a_pod("speech", {"speech": cpu("10m", "1500")})
     [target] = message(POLICY, 1, story.last, containers, [view(pod)])["targets"]
@@ -150,7 +150,7 @@ def test_weights_compare_among_burstable_pods_only(qos):
     assert written(Control.WEIGHT, SPEECH, a_pod("speech", qos=qos))[0] is None
 
 
-def test_under_realtime_only_what_is_suspended_has_a_quota():
+def test_realtime_lowers_the_quota_of_suspended_tasks_only():
     tasks = tuple(replace(task, suspended_cpu=50) for task in POLICY.tasks)
     policy = replace(POLICY, tasks=tasks, enforcement=Enforcement(scheduler=Scheduler.REALTIME))
     story = Story(policy, Placement({NODE: 2000}, CONTAINERS))
@@ -171,7 +171,7 @@ def test_a_pod_that_came_back_on_another_node_than_the_plan_knows_is_not_a_failu
     assert [target["task"] for target in targets] == ["slam", "speech"]
 
 
-def test_under_weight_the_quota_is_the_cap_of_the_context_that_holds():
+def test_quota_under_weight_is_the_max_of_the_active_context():
     tasks = [a_task("slam", max="1500m"), a_task("speech")]
     contexts = [a_context("moving", "imu.speed > 0.1", {"slam": {"max": "700m"}})]
     policy = a_policy(streams=[a_stream("imu")], tasks=tasks, contexts=contexts, enforcement={"control": "Weight"})

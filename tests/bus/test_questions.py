@@ -21,7 +21,7 @@ def slow(loop):
     return Questions(loop, lambda: next(clock) * TOOK)
 
 
-def test_a_plan_waits_for_one_answer_at_most_however_many_questions_there_are(loop):
+def test_plan_waits_for_at_most_one_answer(loop):
     questions, done = slow(loop), []
     for number in range(100):
         questions.ask(lambda number=number: done.append(number))
@@ -30,7 +30,7 @@ def test_a_plan_waits_for_one_answer_at_most_however_many_questions_there_are(lo
     assert done == [0, "plan"]
 
 
-def test_all_are_answered_in_order_and_the_loop_is_left_most_of_the_time(loop):
+def test_questions_are_answered_in_order_with_pauses_for_the_loop(loop):
     questions, done = slow(loop), []
     for number in range(3):
         questions.ask(lambda number=number: done.append((number, round(loop.clock, 3))))
@@ -38,7 +38,7 @@ def test_all_are_answered_in_order_and_the_loop_is_left_most_of_the_time(loop):
     assert done == [(0, 0.0), (1, REST * TOOK), (2, 2 * REST * TOOK)]
 
 
-def test_an_answer_that_fails_leaves_the_others_their_turn(loop):
+def test_failing_answer_does_not_block_the_others(loop):
     questions, done = slow(loop), []
 
     def fail():

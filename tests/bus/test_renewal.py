@@ -50,7 +50,7 @@ def directory(files, folder):
     return folder
 
 
-def test_everything_is_made_at_first_the_authority_before_what_it_signs(made):
+def test_first_run_creates_everything_authority_first(made):
     assert made.keys() == set(RELEASE.places())
     assert {place.name.removeprefix("ctxp-bus-") for place in made if place.namespace == "system"} == {
         *("authority", "router", *ROLES),
@@ -62,7 +62,7 @@ def test_everything_is_made_at_first_the_authority_before_what_it_signs(made):
     assert {made[place]["ca.crt"] for place in bus} == {made[bus[0]]["tls.crt"]}
 
 
-def test_what_is_good_is_left_alone(made):
+def test_valid_files_are_not_renewed(made):
     assert renewed(made) == set()
     assert renewed(made, NOW + LIFETIME - RENEW) == set()
 
@@ -71,7 +71,7 @@ def test_certificates_are_renewed_long_before_they_end(made):
     assert renewed(made, NOW + LIFETIME - RENEW + DAY) == set(RELEASE.roles())
 
 
-def test_nobody_is_locked_out_when_authorities_succeed_each_other():
+def test_authority_rotation_keeps_clients_and_routers_trusted():
     """A client with files of up to a year ago, and a router with today's, trust each other at any time."""
     found: dict[Place, dict[str, bytes]] = {}
     former: list[dict[str, bytes]] = []
@@ -116,7 +116,7 @@ def test_an_authority_that_ends_soon_is_succeeded_at_once(made):
 
 
 @pytest.mark.parametrize("years", [-56, -1, 7, 80])
-def test_a_clock_that_cannot_be_right_does_not_count(made, years):
+def test_implausible_clock_is_ignored(made, years):
     time = moment(RELEASE, made, NOW + years * LIFETIME, NOW)
     assert (time, renewed(made, time)) == (NOW, set())
 
@@ -126,12 +126,12 @@ def test_a_robot_that_was_off_for_years_renews(made, years):
     assert moment(RELEASE, made, NOW + years * LIFETIME, NOW) == NOW + years * LIFETIME
 
 
-def test_an_old_release_may_be_installed():
+def test_clock_is_trusted_on_a_fresh_install():
     assert moment(RELEASE, {}, NOW + 9 * LIFETIME, NOW) == NOW + 9 * LIFETIME
 
 
 @pytest.mark.parametrize("bundle", [b"", b"garbage", b"-----BEGIN nonsense", FOREIGN])
-def test_a_bundle_without_the_authority_is_made_again(made, bundle):
+def test_bundle_without_the_authority_is_recreated(made, bundle):
     broken = made | {own("bus-authority"): made[own("bus-authority")] | {"ca.crt": bundle}}
     changes = due(RELEASE, broken, NOW)
     signed = certificate(made[own("bus-authority")])
@@ -140,35 +140,35 @@ def test_a_bundle_without_the_authority_is_made_again(made, bundle):
 
 
 @pytest.mark.parametrize("files", [{"tls.key": b"garbage"}, {"tls.crt": b"garbage"}, {"tls.key": b""}])
-def test_a_key_of_the_plans_that_is_none_is_made_again(made, files):
+def test_invalid_signing_key_is_recreated(made, files):
     assert renewed(made | {own("signing"): made[own("signing")] | files}) == {own("signing")}
 
 
 @pytest.mark.parametrize("what", ["tls.crt", "tls.key", "ca.crt"])
 @pytest.mark.parametrize("content", [None, b"", b"-----BEGIN nonsense", b"\xff\xfe"])
-def test_what_is_missing_or_broken_is_made_again(made, what, content):
+def test_missing_or_invalid_files_are_recreated(made, what, content):
     files = {name: old for name, old in made[own("bus-sensor")].items() if name != what}
     broken = made | {own("bus-sensor"): files if content is None else files | {what: content}}
     assert renewed(broken) == {own("bus-sensor")}
 
 
 @pytest.mark.parametrize("other", ["bus-module", "bus-router"])
-def test_a_certificate_of_another_role_is_none(made, other):
+def test_certificate_of_another_role_is_recreated(made, other):
     assert renewed(made | {own("bus-sensor"): made[own(other)]}) == {own("bus-sensor")}
 
 
-def test_a_key_that_is_not_the_certificates_is_none(made):
+def test_mismatched_key_is_recreated(made):
     mixed = made[own("bus-sensor")] | {"tls.key": made[own("bus-module")]["tls.key"]}
     assert renewed(made | {own("bus-sensor"): mixed}) == {own("bus-sensor")}
 
 
-def test_another_authority_signs_all_again(made):
+def test_new_authority_reissues_every_certificate(made):
     other = due(RELEASE, {}, NOW)[own("bus-authority")]
     assert renewed(made | {own("bus-authority"): other}) == set(RELEASE.roles())
     assert renewed(made | {own("bus-authority"): {}}) == {own("bus-authority"), *RELEASE.roles()}
 
 
-def test_other_names_of_the_router_are_a_new_certificate_for_it_alone(made):
+def test_changed_router_names_renew_only_its_certificate(made):
     release = Release("system", "ctxp", names=(*HOSTS, "10.0.0.9"), shared=RELEASE.shared)
     assert renewed(made, release=release) == {own("bus-router")}
 
@@ -179,7 +179,7 @@ def test_the_routers_certificate_has_all_its_names(made):
     assert [str(one) for one in names.get_values_for_type(x509.IPAddress)] == ["127.0.0.1", "::1"]
 
 
-def test_a_robots_namespace_that_is_added_gets_its_own(made):
+def test_added_namespace_gets_its_own_certificates(made):
     release = Release("system", "ctxp", names=HOSTS, shared=("robot", "lab"))
     assert renewed(made, release=release) == {Place("lab", "ctxp-bus-sensor"), Place("lab", "ctxp-bus-module")}
 
@@ -208,13 +208,13 @@ def test_every_certificate_is_valid_since_1970(made):
     assert {one.not_valid_before_utc for one in certificates} == {BEGIN} == {datetime(1970, 1, 1, tzinfo=UTC)}
 
 
-def test_a_file_ends_with_the_first_of_its_certificates():
+def test_bundle_expires_with_its_earliest_certificate():
     two = pem([found_authority("a", NOW + DAY).certificate, found_authority("b", NOW).certificate])
     assert end(two) == NOW + AUTHORITY_LIFETIME
     assert end(b"") is None
 
 
-def test_a_bus_works_with_them(made, tmp_path):
+def test_every_role_connects_with_issued_certificates(made, tmp_path):
     endpoint = f"tls/127.0.0.1:{free_port()}"
     with open_router([endpoint], directory(made[own("bus-router")], tmp_path / "router")), ExitStack() as sessions:
         for role in ROLES:

@@ -18,28 +18,28 @@ def files(now=NOW):
     return {"ca.crt": pem([ISSUER.certificate]), **ISSUER.issue("router", ["localhost"], now)}
 
 
-def test_a_renewed_certificate_may():
+def test_renewed_certificate_is_accepted():
     assert flaw(files(NOW + DAY), files(), NOW) == ""
 
 
 @pytest.mark.parametrize("name", ["tls.crt", "tls.key", "ca.crt"])
 @pytest.mark.parametrize("content", [None, b"", b"garbage", b"-----BEGIN nonsense", b"\xff\xfe"])
-def test_files_that_are_missing_or_broken_may_not(name, content):
+def test_missing_or_invalid_files_are_rejected(name, content):
     broken = files() | ({} if content is None else {name: content})
     if content is None:
         del broken[name]
     assert flaw(broken, files(), NOW).startswith(f"{name}: no ")
 
 
-def test_a_key_of_another_certificate_may_not():
+def test_mismatched_key_is_rejected():
     assert flaw(files() | {"tls.key": files()["tls.key"]}, files(), NOW) == "tls.key: not the key of tls.crt"
 
 
-def test_one_that_has_ended_may_only_if_it_ends_later():
+def test_expired_certificate_is_accepted_only_if_it_ends_later():
     ended = files(NOW - LIFETIME)
     assert flaw(ended, files(), NOW) == "tls.crt: ended at 2026-11-24T00:00:00+00:00"
     assert flaw(ended, files(NOW - LIFETIME - DAY), NOW) == ""
 
 
-def test_passwords_without_a_certificate_may():
+def test_passwords_without_a_certificate_are_accepted():
     assert flaw({"users.txt": b"a:c"}, {"users.txt": b"a:b"}, NOW) == ""

@@ -57,7 +57,7 @@ def test_samples_are_heard(bus, speaker, listener):
         heard.until(bus(speaker), SAMPLE, "sample")
 
 
-def test_latched_samples_are_heard_by_who_comes_later(bus):
+def test_latched_samples_reach_late_subscribers(bus):
     """As rmw_zenoh keeps them for topics such as /tf_static."""
     cache = zenoh.ext.CacheConfig(max_samples=1)
     driver = zenoh.open(_config({**bus.settings, "timestamping/enabled": True}))
@@ -90,7 +90,7 @@ def test_a_module_answers_for_itself(bus):
 
 @pytest.mark.parametrize("key", [PLAN, "*/robot/delivery/plan"])
 @pytest.mark.parametrize("role", ["sensor", "module", "viewer", "agent"])
-def test_nobody_but_the_operator_answers_for_plans(bus, role, key):
+def test_only_the_operator_answers_plan_queries(bus, role, key):
     forged = bus(role, "forger").declare_queryable("**", lambda query: query.reply(key, "forged"))
     with bus("operator").declare_queryable(PLAN, lambda query: query.reply(PLAN, "plan")):
         answers = ask(bus("agent"), PLAN)
@@ -102,7 +102,7 @@ def test_nobody_but_the_operator_answers_for_plans(bus, role, key):
     "key", ["**", "*/**", "contextpolicy/**", "context$*/**", "*/*/*/plan", "contextpolicy/agents/*", "*/agents/*"]
 )
 @pytest.mark.parametrize("role", ["sensor", "module", "viewer"])
-def test_nobody_draws_others_questions_to_himself(bus, role, key):
+def test_complete_queryable_cannot_capture_queries_of_others(bus, role, key):
     """Zenoh sends a query to one queryable that calls itself complete, and to no other."""
     greedy = bus(role, "forger").declare_queryable(key, lambda query: query.drop(), complete=True)
     with (
@@ -115,7 +115,7 @@ def test_nobody_draws_others_questions_to_himself(bus, role, key):
 
 
 @pytest.mark.parametrize("role", ["sensor", "module"])
-def test_modules_hear_no_plan_but_the_operators(bus, role):
+def test_only_the_operators_plans_reach_a_module(bus, role):
     with Heard(bus("module"), PLAN) as heard:
         heard.until(bus("operator"), PLAN, "plan")
         for key in (PLAN, *WILD):
@@ -125,7 +125,7 @@ def test_modules_hear_no_plan_but_the_operators(bus, role):
 
 
 @pytest.mark.parametrize("role", ["sensor", "module", "agent", "viewer"])
-def test_nobody_but_the_operator_reaches_an_agent_with_a_plan(bus, role):
+def test_only_the_operators_plans_reach_an_agent(bus, role):
     with Heard(bus("agent"), "contextpolicy/*/*/plan") as heard:
         heard.until(bus("operator"), PLAN, "plan")
         for key in (PLAN, *WILD):
@@ -151,7 +151,7 @@ def test_roles_without_samples_receive_none(bus, role, key):
 
 
 @pytest.mark.parametrize("role", ["sensor", "module", "viewer", "agent"])
-def test_nobody_but_the_operator_seems_to_make_plans(bus, role):
+def test_only_the_operator_can_announce_plans(bus, role):
     tokens: Queue[str] = Queue()
     real = f"contextpolicy/robot/of-{role}/plan"
     listener = (
@@ -169,7 +169,7 @@ def test_nobody_but_the_operator_seems_to_make_plans(bus, role):
         declared.undeclare()
 
 
-def test_operator_and_agents_know_of_each_other(bus):
+def test_operator_sees_and_queries_agents(bus):
     tokens: Queue[zenoh.SampleKind] = Queue()
     listener = (
         bus("operator")
@@ -216,7 +216,7 @@ def test_a_sample_may_have_any_key_but_ours(key):
     assert any(one.includes(zenoh.KeyExpr(key)) for one in allowed)
 
 
-def test_none_of_these_keys_meets_ours():
+def test_allowed_keys_do_not_intersect_ours():
     assert [one for one in all_but(OWN) if zenoh.KeyExpr(one).intersects(zenoh.KeyExpr("contextpolicy/**"))] == []
 
 

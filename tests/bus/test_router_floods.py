@@ -44,7 +44,7 @@ def peak(process):
     return int(kib) << 10
 
 
-def test_a_message_without_end_takes_no_more_memory_than_the_largest(router, port):
+def test_oversized_message_does_not_grow_router_memory(router, port):
     with (
         open_visitor([f"tcp/127.0.0.1:{port}"], patience=PATIENCE) as listener,
         open_visitor([f"tcp/127.0.0.1:{port}"], patience=PATIENCE) as sender,
@@ -58,7 +58,7 @@ def test_a_message_without_end_takes_no_more_memory_than_the_largest(router, por
     assert peak(router) - before < 40 << 20
 
 
-def test_silent_links_keep_nobody_out(port):
+def test_silent_connections_do_not_block_clients(port):
     with open_router([f"tcp/127.0.0.1:{port}"]), ExitStack() as silent:
         for _ in range(150):
             silent.enter_context(socket.create_connection(("127.0.0.1", port), PATIENCE))

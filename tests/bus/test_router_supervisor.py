@@ -32,32 +32,32 @@ class Lives:
 
 
 @pytest.mark.parametrize("death", [KILLED, CRASHED])
-def test_a_killed_router_is_started_again_and_knows_how_often(death):
+def test_killed_router_is_restarted_with_its_restart_count(death):
     lives = Lives(*[(death, True)] * 20, (ENDED, True))
     assert lives.supervisor.run() == 0
     assert lives.started == list(range(21))
 
 
 @pytest.mark.parametrize("code", [0, 2])
-def test_one_that_ends_by_itself_is_not(code):
+def test_router_that_exits_is_not_restarted(code):
     lives = Lives((f"os._exit({code})", True))
     assert lives.supervisor.run() == code
     assert lives.started == [0]
 
 
-def test_one_that_cannot_live_is_left_to_the_kubelet():
+def test_supervisor_gives_up_after_repeated_failed_starts():
     lives = Lives(*[(KILLED, False)] * IN_VAIN)
     assert lives.supervisor.run() == 1
     assert len(lives.started) == IN_VAIN
 
 
-def test_one_that_routed_is_a_new_beginning():
+def test_successful_run_resets_the_failure_count():
     vain = [(KILLED, False)] * (IN_VAIN - 1)
     lives = Lives(*vain, (KILLED, True), *vain, (ENDED, False))
     assert lives.supervisor.run() == 0
 
 
-def test_it_ends_the_router_when_it_is_asked_to_end():
+def test_stopping_ends_the_router():
     started = threading.Event()
 
     def start(_):
@@ -74,7 +74,7 @@ def test_it_ends_the_router_when_it_is_asked_to_end():
     assert supervisor.run() == 0
 
 
-def test_it_starts_none_once_it_was_asked_to_end():
+def test_no_router_is_started_after_stop():
     lives = Lives()
     lives.supervisor.stop()
     assert lives.supervisor.run() == 0

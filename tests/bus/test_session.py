@@ -81,12 +81,12 @@ def test_a_wait_for_a_router_can_be_ended(endpoint):
         assert waiting.result(PATIENCE) is None
 
 
-def test_a_visitor_does_not_wait_longer_than_it_has_patience(endpoint):
+def test_visitor_gives_up_after_its_patience(endpoint):
     with pytest.raises(zenoh.ZError):
         open_visitor([endpoint], patience=0.05)
 
 
-def test_a_visitor_that_waits_knocks_often():
+def test_waiting_visitor_reconnects_often():
     """After Zenoh's default of 1, 2 and 4 s, a robot that was switched on waited for a router that was there."""
     with socket.create_server(("127.0.0.1", 0)) as door, ThreadPoolExecutor(1) as pool:
         door.settimeout(PATIENCE)
@@ -99,7 +99,7 @@ def test_a_visitor_that_waits_knocks_often():
 
 
 @pytest.mark.usefixtures("quick")
-def test_an_invalid_endpoint_is_an_error_and_no_crash():
+def test_invalid_endpoint_is_an_error():
     stop = Event()
     stop.set()
     assert open_client(["nonsense"], stop) is None
@@ -107,7 +107,7 @@ def test_an_invalid_endpoint_is_an_error_and_no_crash():
         open_visitor(["nonsense"], patience=0.05)
 
 
-def test_a_router_drops_what_is_too_large_before_it_reaches_anybody():
+def test_router_drops_oversized_messages():
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     heard: Queue[tuple[str, int]] = Queue()
     with (

@@ -35,16 +35,16 @@ def refusal(verifier, key, payload, attachment, now=NOW):
 
 
 @pytest.mark.parametrize("payload", [PLAN, None, b""])
-def test_what_the_operator_signed_is_known_with_its_time(signer, verifier, payload):
+def test_signed_message_verifies_with_its_time(signer, verifier, payload):
     assert verifier.check(KEY, payload, signer.sign(KEY, payload, NOW), NOW + SECOND) == NOW
 
 
 @pytest.mark.parametrize("attachment", [None, b"", b"x" * 71, b"x" * 73])
-def test_without_a_signature_it_is_nobodys(verifier, attachment):
+def test_missing_signature_is_refused(verifier, attachment):
     assert refusal(verifier, KEY, PLAN, attachment) == "Unsigned"
 
 
-def test_a_signature_is_for_one_message_on_one_key_at_one_time(signer, verifier):
+def test_signature_covers_payload_key_and_time(signer, verifier):
     attachment = signer.sign(KEY, PLAN, NOW)
     assert refusal(verifier, KEY, PLAN + b" ", attachment) == "Forged"
     assert refusal(verifier, OTHER, PLAN, attachment) == "Forged"
@@ -53,7 +53,7 @@ def test_a_signature_is_for_one_message_on_one_key_at_one_time(signer, verifier)
     assert refusal(verifier, KEY, b"", signer.sign(KEY, None, NOW)) == "Forged"
 
 
-def test_another_key_proves_nothing(tmp_path, verifier):
+def test_signature_by_another_key_is_refused(tmp_path, verifier):
     forger = Signer(signing_keys(tmp_path / "forger"))
     assert refusal(verifier, KEY, PLAN, forger.sign(KEY, PLAN, NOW)) == "Forged"
 
@@ -72,7 +72,7 @@ def test_a_new_key_is_taken_up_without_a_restart(keys, signer, verifier):
     assert refusal(verifier, KEY, PLAN, before) == "Forged"
 
 
-def test_while_a_key_is_replaced_both_count(tmp_path, keys, signer, verifier):
+def test_both_keys_verify_during_rotation(tmp_path, keys, signer, verifier):
     other = signing_keys(tmp_path / "other")
     (keys / "tls.crt").write_bytes((keys / "tls.crt").read_bytes() + (other / "tls.crt").read_bytes())
     for one in (signer, Signer(other)):
@@ -96,7 +96,7 @@ def test_missing_or_invalid_certificates_authenticate_nobody(keys, signer, conte
     assert verifier.check(KEY, PLAN, signer.sign(KEY, PLAN, NOW), NOW) == NOW
 
 
-def test_without_an_ed25519_key_there_is_nothing_to_start_with(tmp_path):
+def test_missing_ed25519_key_is_an_error(tmp_path):
     elliptic = Authority(tmp_path).issue("operator")
     for directory in (tmp_path / "nothing", elliptic):
         for side in (Signer, Verifier):

@@ -48,7 +48,7 @@ def watch(session, clock):
     return UsageWatch(session, clock, {NODE})
 
 
-def test_two_answers_are_a_rate(watch, session, clock):
+def test_usage_rate_needs_two_answers(watch, session, clock):
     assert watch.now() == {}
     session.answer(50.0, slam=(10.0, 100, 20))
     clock.advance_by(ASK_EVERY)
@@ -59,7 +59,7 @@ def test_two_answers_are_a_rate(watch, session, clock):
     assert (usage.cores, usage.throttled) == (0.5, 0.25)
 
 
-def test_nobody_is_asked_more_often_than_needed_or_unasked(watch, session, clock):
+def test_agents_are_asked_only_on_demand_and_once(watch, session, clock):
     for _ in range(5):
         watch.now()
     assert [key for key, _ in session.questions] == ["contextpolicy/agents/*/usage"]
@@ -79,7 +79,7 @@ def test_an_old_answer_is_not_shown(watch, session, clock):
     assert watch.now() == {}
 
 
-def test_a_rate_is_not_taken_over_the_time_in_which_nobody_watched(watch, session, clock):
+def test_rate_ignores_the_time_without_a_watcher(watch, session, clock):
     watch.now()
     session.answer(50.0, slam=(10.0, 100, 20))
     clock.advance_by(OLD + ASK_EVERY)
@@ -90,7 +90,7 @@ def test_a_rate_is_not_taken_over_the_time_in_which_nobody_watched(watch, sessio
     assert watch.now()["slam"].cores == 1.0
 
 
-def test_containers_that_are_gone_leave_nothing(watch, session, clock):
+def test_counters_of_gone_containers_expire(watch, session, clock):
     for number in range(20):
         watch.now()
         session.answer(50.0 + number, **{f"slam-{number}": (10.0, 100, 20)})
@@ -102,12 +102,12 @@ def test_containers_that_are_gone_leave_nothing(watch, session, clock):
     "payload",
     [b"", b"[]", b"{}", b'{"at": 1}', b'{"at": "x", "containers": {}}', b'{"at": 1, "containers": {"a": {}}}', b"\xff"],
 )
-def test_what_cannot_be_read_is_nothing(payload):
+def test_unreadable_counters_are_ignored(payload):
     assert read_counters(payload) == {}
 
 
 @pytest.mark.parametrize("who", [{"node": "ghost"}, {"node": NODE, "x" * LARGEST_WORD: (1.0, 1, 1)}])
-def test_nodes_that_are_none_and_floods_are_not_believed(watch, session, clock, who):
+def test_unknown_nodes_and_oversized_answers_are_ignored(watch, session, clock, who):
     for at in (50.0, 52.0):
         watch.now()
         session.answer(at, slam=(at, 100, 20), **who)

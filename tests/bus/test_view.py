@@ -43,7 +43,7 @@ def test_a_policy_on_the_screen() -> None:
     ]
 
 
-def test_a_plan_of_a_clock_that_is_ahead_is_new() -> None:
+def test_plan_from_a_fast_clock_has_age_zero() -> None:
     assert "for 0 s:" in drawn(heard((KEY, plan())), now=99.5)
 
 
@@ -57,7 +57,7 @@ def test_a_narrow_terminal_loses_nothing(width: int) -> None:
     assert "…" not in text
 
 
-def test_what_an_operator_said_that_does_not_answer_is_marked() -> None:
+def test_unresponsive_operator_is_marked() -> None:
     view = heard((KEY, plan()))
     assert "its operator does not respond" in drawn(view)
     view.take_board(BOARD)
@@ -70,7 +70,7 @@ def test_a_policy_that_was_paused_has_no_plan() -> None:
     assert drawn(view).strip() == "no plans yet"
 
 
-def test_an_expression_with_brackets_is_no_markup() -> None:
+def test_brackets_in_a_cause_are_not_markup() -> None:
     assert "mic: x[y] > 1 is 1" in drawn(heard((KEY, plan(cause="mic: x[y] > 1 is 1"))))
 
 
@@ -89,16 +89,16 @@ def test_no_plans_yet() -> None:
     ],
     ids=["nothing", "accepted", "a step on the way", "in force", "the answer after the watch"],
 )
-def test_a_task_is_as_far_as_its_container(steps: list[dict[str, Any]], stage: str) -> None:
+def test_stage_of_a_task_is_its_containers(steps: list[dict[str, Any]], stage: str) -> None:
     assert stages(heard((KEY, plan()), *((APPLIED, one) for one in steps)))["slam"] == stage
 
 
-def test_a_task_is_as_far_as_its_slowest_container() -> None:
+def test_stage_of_a_task_is_its_slowest_containers() -> None:
     two = [target("slam", 0.5, limit=0.5), {**target("slam", 0.5), "pod": "slam-2", "limit": 0.1}]
     assert stages(heard((KEY, plan(targets=two))))["slam"] == "planned"
 
 
-def test_limits_that_are_in_force_already() -> None:
+def test_equal_limit_is_in_force_already() -> None:
     assert stages(heard((KEY, plan(targets=[target("slam", 0.99, limit=0.99)])))) == {"slam": "inForce", "speech": None}
 
 
@@ -107,7 +107,7 @@ def test_an_uncapped_task_is_in_force_with_the_limit_it_keeps() -> None:
     assert stages(heard((KEY, plan(control="Suspend", targets=[kept]))))["slam"] == "inForce"
 
 
-def test_a_weight_has_a_stage_once_it_is_resized_for_an_agent_resizes_nothing() -> None:
+def test_weight_has_a_stage_only_once_resized() -> None:
     message = plan(control="Weight", targets=[target("slam", 0.99, limit=2.0, quota=2.0, weight=0.99)])
     assert stages(heard((KEY, message)))["slam"] is None
     assert stages(heard((KEY, message), (APPLIED, step("accepted", 2.0))))["slam"] == "accepted"
@@ -121,7 +121,7 @@ def test_a_new_plan_keeps_what_it_does_not_change() -> None:
 
 
 @pytest.mark.parametrize("change", [{"mode": "DryRun"}, {"scheduler": "Realtime"}])
-def test_where_nothing_is_resized_there_is_no_stage(change: dict[str, str]) -> None:
+def test_dry_run_and_realtime_have_no_stage(change: dict[str, str]) -> None:
     assert stages(heard((KEY, plan(**change)))) == {"slam": None, "speech": None}
 
 
@@ -140,14 +140,14 @@ def test_an_older_plan_that_arrives_late_changes_nothing(late: dict[str, int]) -
     assert view.policies["robot/delivery"].contexts == []
 
 
-def test_a_withdrawn_plan_is_gone() -> None:
+def test_withdrawn_plan_is_dropped() -> None:
     view = heard((KEY, plan()))
     assert view.take(KEY, None) == {"policy": "robot/delivery", "withdrawn": True}
     assert view.take(KEY, None) is None
     assert view.policies == {}
 
 
-def test_the_board_goes_with_the_plan() -> None:
+def test_board_is_dropped_with_its_plan() -> None:
     view = heard((KEY, plan()))
     view.take_board(BOARD)
     view.take(KEY, None)
@@ -172,7 +172,7 @@ def test_the_board_goes_with_the_plan() -> None:
         (APPLIED, json.dumps(step("accepted", 0.99, task="unknown")).encode()),
     ],
 )
-def test_what_nobody_can_read_changes_nothing(key: str, payload: bytes) -> None:
+def test_unreadable_message_changes_nothing(key: str, payload: bytes) -> None:
     view = heard((KEY, plan()))
     before = json.dumps(view.policies["robot/delivery"].as_json())
     assert view.take(key, payload) is None
@@ -191,13 +191,13 @@ def test_what_nobody_can_read_changes_nothing(key: str, payload: bytes) -> None:
         {"reactions": {}},
     ],
 )
-def test_a_board_that_nobody_can_read_is_not_shown(change: dict[str, Any]) -> None:
+def test_unreadable_board_is_not_shown(change: dict[str, Any]) -> None:
     view = BusView()
     view.take_board({**BOARD, **change})
     assert view.boards == {}
 
 
-def test_what_the_operator_itself_reports_is_added() -> None:
+def test_board_adds_usage_streams_and_reaction_times() -> None:
     view = BusView()
     view.take_board(BOARD)
     text = drawn(view)

@@ -25,5 +25,5 @@ def test_a_run_beside_other_work_is_repeated():
 
 
 @pytest.mark.parametrize(("foreign", "kept"), [((0.9, 0.6), 1), ((0.6, 0.9), 0)])
-def test_the_quieter_is_kept_where_none_is_quiet(foreign, kept):
+def test_quietest_run_is_kept_if_none_is_quiet(foreign, kept):
     assert tried(*foreign, 0.0) == (kept, TRIES)

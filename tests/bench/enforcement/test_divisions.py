@@ -38,7 +38,7 @@ def test_static_divisions_know_no_context(name):
     assert all(other == first for other in others)
 
 
-def test_linux_default_prefers_nobody():
+def test_linux_default_sets_nothing():
     assert set(settings(DEFAULT)["drive"].values()) == {Setting()}
 
 
@@ -48,7 +48,7 @@ def test_requests_by_priority_are_all_of_the_processors():
     assert found["nav"].shares > found["slam"].shares > found["map"].shares
 
 
-def test_tuned_weights_are_what_was_found():
+def test_tuned_weights_use_the_search_result():
     assert {one.shares for one in settings(TUNED)["talk"].values()} == {100}
 
 
@@ -108,13 +108,13 @@ def test_realtime_budgets_fit_in_what_the_kernel_leaves():
         assert all(one.budget > 0 for one in found.values()), "a group with realtime threads can't have none"
 
 
-def test_an_attempt_without_contention_weights_nobody():
+def test_contention_only_weights_are_equal_at_light_load():
     name = "weights, only above 0.8"
     assert {one.shares for one in settings(name, load=0.7)["drive"].values()} == {CORE}
     assert settings(name, load=1.3) == settings(WEIGHTS, load=1.3)
 
 
-def test_an_attempt_gives_everybody_what_it_wants_if_that_fits():
+def test_floor_weights_cover_each_tasks_demand_at_light_load():
     light = settings("weights, floors at need", load=0.7)["drive"]
     for task in tasks(0.7):
         assert light[task.name].shares >= kubelet_shares(round(task.wants * 1000) - STEP)

@@ -24,7 +24,7 @@ def every(response, script=SCRIPT):
     return [script.phase(SLAM) + number / 10 + response for number in range(script.count(SLAM))]
 
 
-def test_what_is_dropped_or_never_done_is_a_miss():
+def test_dropped_or_unfinished_input_is_a_miss():
     finished = every(0.09)
     finished[0] = finished[12] = NEVER
     assert figures(a_run(finished)).hit("slam") == pytest.approx(28 / 30)
@@ -32,7 +32,7 @@ def test_what_is_dropped_or_never_done_is_a_miss():
     assert figures(a_run(finished)).hit("slam", ["read"]) == 1
 
 
-def test_what_is_late_is_a_miss():
+def test_late_input_is_a_miss():
     finished = every(0.09)
     finished[5] += 0.02
     assert figures(a_run(finished)).hits("slam") == [pytest.approx(29 / 30)]
@@ -46,7 +46,7 @@ def test_an_input_counts_in_the_context_in_which_it_arrives():
     assert found.hit("slam", ["talk"]) == 1
 
 
-def test_what_arrives_while_the_task_is_suspended_is_not_due():
+def test_input_of_a_suspended_task_is_not_counted():
     script = Script(SUSPENDING, 1.0, seed=3)
     finished = every(0.09, script)
     finished[20:] = [NEVER] * 10
@@ -80,7 +80,7 @@ def test_critical_is_each_context_s_own_task():
     assert found.critical() == {"drive": 1, "talk": 1, "read": 0}
 
 
-def test_the_drain_is_what_is_done_after_the_last_context():
+def test_drain_is_the_time_worked_after_the_last_context():
     assert a_run(every(0.0)).drain == 0
     finished = every(0.0)
     finished[-1] = 3.4

@@ -51,7 +51,7 @@ def equal_gating(find):
     return [verdict for verdict in missed(find) if verdict.goal.startswith("equal gating")]
 
 
-def test_all_goals_are_met_where_nobody_loses_anything():
+def test_all_goals_are_met_without_losses():
     found = verdicts(Planted())
     assert len(found) == GOALS
     assert all(verdict.met for verdict in found)
@@ -87,7 +87,7 @@ def test_a_task_that_is_slower_under_light_load_breaks_the_first_law():
     ] * 2
 
 
-def test_a_critical_task_below_97_percent_of_what_it_hits_alone_is_found():
+def test_critical_task_below_97_percent_of_its_rate_alone_fails():
     find = Planted()
     find.misses[WEIGHTS, "speech", "talk"] = 6
     find.misses[TUNED, "speech", "talk"] = 6
@@ -98,14 +98,14 @@ def test_a_critical_task_below_97_percent_of_what_it_hits_alone_is_found():
     assert "talk: 96.5%" in failed[0].failed[0]
 
 
-def test_what_the_critical_task_misses_alone_it_may_miss():
+def test_misses_of_the_critical_task_alone_are_excused():
     find = Planted()
     for division in (WEIGHTS, ALONE):
         find.misses[division, "speech", "talk"] = 100
     assert not [verdict for verdict in missed(find) if verdict.goal.startswith("heavy")]
 
 
-def test_work_that_is_not_done_is_found():
+def test_lost_work_is_a_failure():
     find = Planted()
     find.work[WEIGHTS] = 9.7
     assert not missed(find)
@@ -130,7 +130,7 @@ def test_critical_tasks_do_not_lose_against_the_best_static_division(task, conte
     assert failed[0].failed[0].endswith("100.0% under round robin")
 
 
-def test_tuned_weights_are_no_opponent_where_untuned_ones_serve_better():
+def test_worse_tuned_weights_are_not_compared():
     find = Planted(ALONE)
     find.misses[TUNED, "slam", "drive"] = 100
     find.misses[WEIGHTS, "slam", "drive"] = 50
@@ -153,7 +153,7 @@ def test_the_best_static_division_is_that_of_the_best_worst_context():
     assert best_static(Planted(*STATIC), IMPORTANCE.name, 1.3, gated=False) is None
 
 
-def test_the_others_loss_is_reported_and_no_failure():
+def test_loss_of_other_tasks_is_reported_but_not_a_failure():
     find = Planted()
     find.misses[WEIGHTS, "map", "drive"] = 100
     assert not equal_gating(find)

@@ -34,14 +34,14 @@ def written(group):
     return {file.name: file.read_text() for file in group.iterdir()}
 
 
-def test_only_what_differs_is_written(groups, place, version):
+def test_only_changed_settings_are_written(groups, place, version):
     groups.begin({name: Setting() for name in NAMES}, {})
     groups.apply({"nav": Setting(), "slam": Setting(shares=1628)}, {})
     assert written(place / "nav") == {}
     assert written(place / "slam") == ({"cpu.shares": "1628"} if version == 1 else {"cpu.weight": "63"})
 
 
-def test_a_limit_comes_and_goes(groups, place, version):
+def test_limit_is_set_and_removed(groups, place, version):
     groups.begin({name: Setting() for name in NAMES}, {})
     groups.apply({"slam": Setting(quota=250)}, {})
     limited = {"cpu.cfs_quota_us": "25000"} if version == 1 else {"cpu.max": "25000 100000"}
@@ -50,7 +50,7 @@ def test_a_limit_comes_and_goes(groups, place, version):
     assert written(place / "slam") == ({"cpu.cfs_quota_us": "-1"} if version == 1 else {"cpu.max": "max 100000"})
 
 
-def test_what_a_cell_leaves_behind_is_lifted_before_the_next(groups, place, version):
+def test_reset_clears_the_settings_of_the_previous_cell(groups, place, version):
     groups.begin({name: Setting(shares=2, quota=10) for name in NAMES}, {})
     groups.reset()
     expected = (

@@ -14,7 +14,7 @@ def ten_hertz(queue=Queue.NEWEST, windows=ALWAYS, phase=0.0):
 
 
 @pytest.mark.parametrize(("queue", "taken"), [(Queue.NEWEST, 3), (Queue.LOSSLESS, 1)])
-def test_what_is_taken_of_several_that_wait(queue, taken):
+def test_queue_decides_which_waiting_input_is_taken(queue, taken):
     assert ten_hertz(queue).next(0, 0.35) == taken
 
 
@@ -22,14 +22,14 @@ def test_an_input_is_taken_once():
     assert ten_hertz().next(3, 0.35) is None
 
 
-def test_an_input_is_there_at_its_arrival_and_not_before():
+def test_input_is_available_from_its_arrival():
     inputs = ten_hertz(phase=0.03)
     assert inputs.next(-1, 0.02) is None
     assert inputs.next(-1, inputs.arrival(0)) == 0
     assert inputs.next(0, inputs.arrival(7)) == 7
 
 
-def test_after_the_last_one_none_comes():
+def test_no_input_follows_the_last():
     assert ten_hertz().next(9, 5.0) is None
     assert ten_hertz().wake(9, 5.0) is None
     assert ten_hertz().next(8, 5.0) == 9
@@ -41,7 +41,7 @@ def test_a_task_sleeps_until_the_next_arrival():
     assert ten_hertz(phase=0.05).wake(2, 0.26) == pytest.approx(0.35)
 
 
-def test_a_closed_gate_drops_what_waits_and_what_comes():
+def test_closed_gate_drops_waiting_and_arriving_inputs():
     inputs = ten_hertz(Queue.LOSSLESS, windows=[(0.0, 0.35), (0.6, 0.9)])
     assert inputs.next(0, 0.34) == 1
     assert inputs.next(1, 0.4) is None, "it closed"
@@ -50,5 +50,5 @@ def test_a_closed_gate_drops_what_waits_and_what_comes():
     assert inputs.wake(8, 0.85) is None
 
 
-def test_what_arrives_as_the_gate_closes_is_not_waited_for():
+def test_task_does_not_wait_for_an_input_at_gate_close():
     assert ten_hertz(windows=[(0.0, 0.3), (0.7, 1.0)]).wake(2, 0.25) == pytest.approx(0.7)

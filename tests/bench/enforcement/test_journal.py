@@ -19,7 +19,7 @@ def file(tmp_path):
     return tmp_path / "results" / "enforcement.jsonl"
 
 
-def test_what_was_measured_is_there_again(file):
+def test_measured_runs_are_resumed(file):
     first = Journal(file, OPTIONS, resume=False)
     first.add(CELL, 0, RUN)
     first.add_tuned(CELL, {"slam": 900}, [{"shares": {"slam": 900}}])
@@ -30,7 +30,7 @@ def test_what_was_measured_is_there_again(file):
     assert again.tuned == {CELL: {"slam": 900}}
 
 
-def test_a_cell_that_depends_on_no_context_is_answered_by_its_stand_in(file):
+def test_context_independent_cell_reuses_its_substitute(file):
     journal = Journal(file, OPTIONS, resume=False)
     journal.add(CELL, 0, RUN)
     same = Cell(SUSPENDING.name, 1.3, Queue.NEWEST, gated=False, division=DEFAULT)

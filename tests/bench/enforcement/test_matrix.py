@@ -27,7 +27,7 @@ def test_a_substitute_cell_differs_only_without_effect():
 
 
 @pytest.mark.parametrize("load", HEAVY)
-def test_what_the_goals_compare_is_measured_in_every_block(load):
+def test_cells_that_goals_compare_are_in_every_block(load):
     last = in_block(MEASURED, BESIDE)
     for name in (DEFAULT, ALONE, WEIGHTS):
         assert Cell(IMPORTANCE.name, load, Queue.NEWEST, gated=False, division=name) in last

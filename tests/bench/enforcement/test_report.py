@@ -36,7 +36,7 @@ def report(journal):
     return text(journal, *cells(), ABOUT)
 
 
-def test_a_row_has_what_all_blocks_say_with_their_range(journal):
+def test_row_has_the_median_and_range_of_all_blocks(journal):
     journal.add(a_cell(DEFAULT), 0, a_run(missed=2))
     journal.add(a_cell(DEFAULT), 1, a_run(missed=4))
     assert "| default | 70.0 % (70, 60-80) |" in report(journal)
@@ -53,7 +53,7 @@ def test_missed_goals_are_named_with_the_figure(journal):
     assert "heavy: importance, load 1.6, nothing suspended: context weights: not measured" in found
 
 
-def test_gating_on_sets_the_product_beside_static_divisions_without_it(journal):
+def test_gating_section_compares_with_ungated_static_divisions(journal):
     journal.add(a_cell(DEFAULT), 0, a_run(missed=7))
     journal.add(a_cell(DEFAULT, SUSPENDING, gated=True), 0, a_run(missed=3))
     journal.add(a_cell(WEIGHTS, SUSPENDING, gated=True), 0, a_run())
@@ -112,7 +112,7 @@ def test_every_reason_for_leaving_cells_out_is_there(journal):
     assert all(reason in found for reason in left_out.values())
 
 
-def test_what_the_search_found_is_reported_with_its_trials(journal):
+def test_search_result_is_reported_with_its_trials(journal):
     trial = {"shares": {"slam": 900}, "simulated": 0.8, "runs": 2, "critical": {"drive": 0.75}}
     journal.add_tuned(a_cell(TUNED), {"slam": 900}, [trial])
     assert "slam 900: worst 80.0 % simulated; at worst in 2 runs: drive 75.0 %" in report(journal)
@@ -135,6 +135,6 @@ def test_the_same_figures_give_the_same_picture(journal, tmp_path):
     assert "load 1.3, nothing suspended" in (tmp_path / "one.svg").read_text()
 
 
-def test_nothing_measured_is_no_picture(journal, tmp_path):
+def test_no_picture_is_drawn_without_measurements(journal, tmp_path):
     draw(journal, tmp_path / "none.svg")
     assert not (tmp_path / "none.svg").exists()

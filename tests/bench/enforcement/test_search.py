@@ -39,11 +39,11 @@ def figures(**misses):
     return Figures(IMPORTANCE, {task.name: task for task in TASKS}, [Run(responses, {}, 0.0)])
 
 
-def test_the_budget_is_what_was_promised():
+def test_budget_is_at_least_200_trials():
     assert BUDGET >= 200
 
 
-def test_the_search_is_repeatable_and_no_worse_than_what_a_user_would_write():
+def test_search_is_repeatable_and_beats_untuned_weights():
     found = tune(CELL, TASKS, SCRIPT, budget=60)
     assert found == tune(CELL, TASKS, SCRIPT, budget=60)
     best, untuned = found[:FINALISTS], found[FINALISTS:]
@@ -93,7 +93,7 @@ def test_the_model_reports_weights_apart():
     assert found["read"] < 0.5
 
 
-def test_the_worst_context_counts_and_starving_a_protected_task_does_not_pay():
+def test_score_ranks_the_worst_context_before_other_tasks():
     def rated(**misses):
         return score(figures(**misses))
 
@@ -103,7 +103,7 @@ def test_the_worst_context_counts_and_starving_a_protected_task_does_not_pay():
     assert rated(signs_read=4) > rated(signs_read=4, slam_drive=1), "then the other contexts"
 
 
-def test_gates_change_what_is_found():
+def test_gates_change_the_simulated_work():
     signs_first = {task.name: 4096 if task.name == "signs" else 8 for task in TASKS}
     ungated = simulated(signs_first, CELL, TASKS, SCRIPT)
     assert ungated == simulated(signs_first, replace(CELL, division="anything"), TASKS, SCRIPT)

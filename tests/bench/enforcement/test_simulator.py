@@ -35,7 +35,7 @@ def test_no_processor_idles_while_a_task_waits():
     assert work == pytest.approx(2 * 3.0, abs=4 * 0.07)
 
 
-def test_a_processor_that_becomes_idle_takes_what_waits_elsewhere():
+def test_idle_processor_steals_waiting_jobs():
     short, long = {"cost": 0.01, "count": 1}, {"cost": 0.06, "count": 1}
     found = simulate({"a": a_task(**short), "b": a_task(**long), "c": a_task(**short), "d": a_task(**long)}, 1)
     assert max(time for times in found.values() for time in times) < 0.09, "one after the other they take 0.12 s"
@@ -66,5 +66,5 @@ def test_a_short_task_does_not_wait_for_a_long_one_of_the_same_weight_to_end():
     assert max(time - number / 100 for number, time in enumerate(found)) < 0.01
 
 
-def test_what_the_end_cuts_off_is_never_done():
+def test_job_cut_off_by_the_end_is_never_done():
     assert math.isnan(simulate({"one": a_task(0.05)}, 0.12)["one"][1])

@@ -17,7 +17,7 @@ from tests.bench.enforcement.stories import (
 
 
 @pytest.mark.parametrize("load", [0.7, 1.6])
-def test_a_load_is_what_all_tasks_want_of_the_processors(load):
+def test_load_is_the_total_demand_per_processor(load):
     assert sum(task.wants for task in tasks(load)) == pytest.approx(load * PROCESSORS)
 
 

@@ -37,6 +37,6 @@ def test_sweeps_that_were_not_measured_have_no_column(tmp_path):
     assert "samples a second" not in text
 
 
-def test_nothing_measured_is_no_picture(tmp_path):
+def test_no_picture_is_drawn_without_measurements(tmp_path):
     draw(a_result(), tmp_path / "none.svg")
     assert not (tmp_path / "none.svg").exists()

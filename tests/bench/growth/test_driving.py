@@ -52,7 +52,7 @@ def test_each_turn_changes_every_limit(containers):
         before = now
 
 
-def test_samples_of_the_imu_change_nothing_and_leave_each_turn_all_limits():
+def test_imu_samples_alone_make_no_plan():
     robot = Robot(Driving(1, TASKS, pods=TASKS))
     robot.hear("imu", steady(0))
     *_, before = robot.turn(left=False)  # the context that the IMU begins comes first

@@ -21,7 +21,7 @@ def test_each_leg_lasts_from_the_hop_before_it():
     assert legs(notes(), began=1_000_000) == {hop.what: 1.0 for hop in HOPS}
 
 
-def test_the_last_write_counts_and_the_first_of_all_else():
+def test_last_write_and_first_of_other_hops_count():
     late = 1_000_000 * (len(HOPS) + 3)
     reported = legs(notes((LAST, late), (HOPS[0].what, late)), began=1_000_000)
     assert reported is not None
@@ -29,6 +29,6 @@ def test_the_last_write_counts_and_the_first_of_all_else():
     assert reported[HOPS[0].what] == 1.0
 
 
-def test_a_hop_that_was_not_reached_since_then_is_a_miss():
+def test_missing_or_earlier_hop_is_a_miss():
     assert legs(notes()[1:], began=1_000_000) is None
     assert legs(notes(), began=2_500_000) is None

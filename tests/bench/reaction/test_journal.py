@@ -13,7 +13,7 @@ def file(tmp_path):
     return tmp_path / "bench" / "reaction.jsonl"
 
 
-def test_what_was_measured_is_on_disk_before_the_next_step_fails(file):
+def test_finished_steps_are_on_disk_when_a_later_one_fails(file):
     journal = Journal(file, OPTIONS, STEPS, resume=False)
     stages: dict[str, float] = {}
     journal.once("a", lambda: [1])
@@ -23,7 +23,7 @@ def test_what_was_measured_is_on_disk_before_the_next_step_fails(file):
     assert [json.loads(line) for line in file.read_text().splitlines()] == [OPTIONS, {"step": "a", "result": [1]}]
 
 
-def test_a_run_that_goes_on_measures_only_what_is_left(file):
+def test_resumed_run_measures_only_remaining_steps(file):
     Journal(file, OPTIONS, STEPS, resume=False).once("a", lambda: [1])
     journal = Journal(file, OPTIONS, STEPS, resume=True)
     assert journal.once("a", lambda: pytest.fail("measured twice")) == [1]
@@ -31,7 +31,7 @@ def test_a_run_that_goes_on_measures_only_what_is_left(file):
     assert (journal.found("a"), journal.found("b")) == ([1], [])
 
 
-def test_what_is_left_is_shown(file, capsys):
+def test_remaining_steps_are_shown(file, capsys):
     journal = Journal(file, OPTIONS, STEPS, resume=False)
     journal.once("a", list)
     journal.once("b", list)

@@ -67,20 +67,20 @@ def test_every_stage_of_a_round_is_reported(path):
     assert path.go()["first patch accepted"] == pytest.approx(3)
 
 
-def test_what_was_accepted_before_the_round_is_none_of_its_stages(path):
+def test_stages_from_before_the_round_are_ignored(path):
     path._plans, path._applied = Heard(PLAN), Heard(*stages(BEGAN - 0.5))
     with pytest.raises(MissedError):
         path.go()
 
 
-def test_a_plan_of_the_sample_before_is_not_this_rounds(path):
+def test_plan_of_an_earlier_sample_is_ignored(path):
     path._plans, path._applied = Heard({**PLAN, "trigger": BEGAN - 0.5}), Heard(*stages(BEGAN + 0.003))
     with pytest.raises(MissedError):
         path.go()
 
 
 @pytest.mark.parametrize(("before", "samples"), [(False, [True]), (True, [False, True])])
-def test_the_plan_to_turn_to_is_made_whatever_was_in_force(path, before, samples):
+def test_turn_forces_a_new_plan_from_either_state(path, before, samples):
     sent = []
     del path.turn
     path._left, path._plans = before, Heard({**PLAN, "targets": [{"task": "slam", "cores": 0.2}]})
@@ -132,7 +132,7 @@ def site(monkeypatch):
     return SimpleNamespace(quiet=SimpleNamespace(wait=lambda: None), saturate=lambda **_: None)
 
 
-def test_weights_under_which_every_round_is_missed_are_a_row_all_the_same(site, slow, monkeypatch):
+def test_row_is_written_if_every_round_was_missed(site, slow, monkeypatch):
     clock = iter(range(1000))
     monkeypatch.setattr(time, "monotonic", lambda: next(clock))
     row = priority._saturated(site, slow)
@@ -140,12 +140,12 @@ def test_weights_under_which_every_round_is_missed_are_a_row_all_the_same(site, 
     assert row["missed"] > 0
 
 
-def test_storms_that_are_missed_are_a_row_all_the_same(site, slow):
+def test_row_is_written_if_every_storm_was_missed(site, slow):
     row = storm._storms(site, slow, slow)
     assert (row["n"], row["missed"], row["after_storm_ms_p50"]) == (0, storm.STORMS, None)
 
 
-def test_figures_are_written_whatever_ends_the_run(monkeypatch, tmp_path):
+def test_figures_are_written_if_the_run_fails(monkeypatch, tmp_path):
     def measure(_options, journal, _problems):
         journal.once("control: Limit", lambda: [{"control": "Limit"}])
         raise KeyError("first patch accepted")

@@ -16,7 +16,7 @@ def test_a_rise_before_its_fall_exceeds_until_the_fall():
     assert found == pytest.approx((0.8, 0.2, 0.16))
 
 
-def test_each_height_counts_for_its_own_time():
+def test_overshoot_is_integrated_over_time():
     before = {"slam": 0.1, "arm": 0.1, "speech": 0.8}
     steps = [(5.0, "slam", 0.4), (5.1, "arm", 0.5), (5.4, "speech", 0.1)]
     assert overshoot(1.0, before, steps) == pytest.approx((0.7, 0.4, 0.1 * 0.3 + 0.3 * 0.7))
