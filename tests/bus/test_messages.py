@@ -1,4 +1,4 @@
-"""What a plan tells modules, agents and recorders."""
+"""What a plan carries to modules, agents and recorders."""
 
 from __future__ import annotations
 

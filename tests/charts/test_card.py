@@ -14,7 +14,7 @@ from tests.crds.schema import definition
 CARD = yaml.safe_load((CHART / "Chart.yaml").read_text(encoding="utf-8"))
 
 
-def test_the_chart_says_who_makes_it_and_where_to_read_on():
+def test_chart_metadata_is_complete_for_artifact_hub():
     assert {"home", "maintainers", "icon", "keywords", "description"} <= CARD.keys()
     said = {name.removeprefix("artifacthub.io/"): yaml.safe_load(text) for name, text in CARD["annotations"].items()}
     assert said["category"] in ARTIFACT_HUB_CATEGORIES

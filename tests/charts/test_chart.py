@@ -54,7 +54,7 @@ def test_it_renders_exactly_these_objects(render):
     assert job[1].startswith("contextpolicy-certificates-")
 
 
-def test_everything_at_once_renders(render):
+def test_all_options_render_together(render):
     added = {key for key in render(*EVERYTHING).keys() - DEFAULTS if key[0] != "Job"}
     assert added == {
         ("DaemonSet", "contextpolicy-agent"),
@@ -79,13 +79,13 @@ def test_every_object_is_labelled(render):
         assert labels["robot"] == "one"
 
 
-def test_the_definition_is_the_canonical_one(render):
+def test_crd_is_the_canonical_one(render):
     rendered = render()["CustomResourceDefinition", "contextpolicies.contextpolicy.dev"]
     assert rendered["spec"] == definition()["spec"]
     assert rendered["metadata"]["annotations"] == {"helm.sh/resource-policy": "keep"}
 
 
-def test_the_definition_goes_with_the_release_if_not_kept(render):
+def test_crd_is_deleted_with_the_release_if_not_kept(render):
     rendered = render("crds.keep=false")["CustomResourceDefinition", "contextpolicies.contextpolicy.dev"]
     assert "annotations" not in rendered["metadata"]
     assert ("CustomResourceDefinition", "contextpolicies.contextpolicy.dev") not in render("crds.enabled=false")

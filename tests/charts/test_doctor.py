@@ -8,7 +8,7 @@ from tests.charts.conftest import HOOK, hooks
 from tests.charts.objects import EVERYTHING
 
 
-def test_rights_come_before_the_pod_and_nothing_outlasts_the_test(render):
+def test_hooks_create_rights_first_and_are_deleted_afterwards(render):
     kinds = [item["kind"] for item in hooks(render(), "test")]
     assert kinds == ["ServiceAccount", "ClusterRole", "ClusterRoleBinding", "Pod"]
     for item in hooks(render(*EVERYTHING), "test"):
@@ -16,7 +16,7 @@ def test_rights_come_before_the_pod_and_nothing_outlasts_the_test(render):
         assert kept == "hook-succeeded,hook-failed,before-hook-creation"
 
 
-def test_it_changes_nothing(render):
+def test_doctor_has_read_only_rights(render):
     role = render(*EVERYTHING)["ClusterRole", "contextpolicy-doctor"]
     verbs = {(resource, verb) for rule in role["rules"] for resource in rule["resources"] for verb in rule["verbs"]}
     assert {verb for resource, verb in verbs if resource != "subjectaccessreviews"} == {"list", "get"}
@@ -32,10 +32,10 @@ def test_it_judges_the_policies_that_the_operator_serves(render, settings, names
     assert pod["spec"]["serviceAccountName"] == "contextpolicy-doctor"
 
 
-def test_what_it_finds_is_printed_without_another_option(render):
+def test_findings_are_printed_by_default(render):
     pod = render()["Pod", "contextpolicy-doctor"]
     assert pod["metadata"]["annotations"][f"{HOOK}-output-log-policy"] == "hook-succeeded,hook-failed"
 
 
-def test_without_rights_there_is_nothing_to_test_with(render):
+def test_no_helm_test_without_rbac(render):
     assert hooks(render("rbac.create=false"), "test") == []

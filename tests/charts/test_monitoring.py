@@ -82,7 +82,7 @@ def mistakes(expression, shown=""):
 
 
 @pytest.mark.parametrize(("where", "expression", "shown"), QUESTIONS, ids=[question[0] for question in QUESTIONS])
-def test_it_asks_for_what_there_is(where, expression, shown):
+def test_queries_use_existing_series_and_labels(where, expression, shown):
     assert mistakes(expression, shown) == [], where
 
 
@@ -102,7 +102,7 @@ def test_a_planted_mistake_is_found(planted, shown, found):
     assert mistakes(planted, shown) == found
 
 
-def test_nothing_that_is_exported_is_left_unwatched():
+def test_every_exported_metric_is_shown_or_alerted():
     """A metric that no panel and no alert shows is one that nobody will ever look at."""
     asked = {series for _, expression, _ in QUESTIONS for series in _NAME.findall(expression)}
     families = {re.sub(r"_(bucket|sum|count)$", "", series) for series in EXPORTED}
@@ -120,7 +120,7 @@ def test_no_two_panels_overlap():
     assert max(x for x, _ in taken) < 24
 
 
-def of_a_robot(expression):
+def is_per_robot(expression):
     """Whether each of its series is of a chosen robot, or summed up by robot."""
     series = _NAME.findall(expression)
     return len(series) == expression.count(f'{ROBOT}=~"${ROBOT}"') or f"by ({ROBOT}" in expression
@@ -147,7 +147,7 @@ def test_a_sum_over_namespaces_is_found():
 )
 def test_robots_of_a_fleet_are_distinguished(where, expression):
     """A robot that fails must not vanish among others that work."""
-    assert of_a_robot(expression)
+    assert is_per_robot(expression)
     if where in RULES:
         by = [group.split(",")[0].strip() for group in _GROUPED.findall(expression) if group.strip()]
         assert set(by) == {ROBOT}
@@ -155,10 +155,10 @@ def test_robots_of_a_fleet_are_distinguished(where, expression):
 
 
 def test_a_series_of_any_robot_is_found():
-    assert not of_a_robot('contextpolicy_bus_connected{cluster=~"$cluster"} + contextpolicy_router_clients')
+    assert not is_per_robot('contextpolicy_bus_connected{cluster=~"$cluster"} + contextpolicy_router_clients')
 
 
-def test_the_robot_is_a_label_of_ones_own(render):
+def test_robot_label_is_configurable(render):
     rendered = render(
         *BOTH, "metrics.podMonitor.enabled=true", "metrics.robot.label=robot", "metrics.robot.name=amr-17"
     )
@@ -206,11 +206,11 @@ def test_an_unknown_alert_is_refused(refusal, settings, message):
 
 
 @pytest.mark.parametrize("label", ["namespace", "name", "instance", "severity", "job"])
-def test_a_label_that_means_something_else_is_not_the_robots(refusal, label):
+def test_reserved_label_is_refused_as_the_robot_label(refusal, label):
     assert "metrics/robot/label" in refusal(f"metrics.robot.label={label}")
 
 
-def test_every_label_that_a_rule_or_a_panel_goes_by_is_refused_as_the_robots():
+def test_labels_used_by_rules_and_panels_are_reserved():
     schema = json.loads((CHART / "values.schema.json").read_text(encoding="utf-8"))
     refused = schema["properties"]["metrics"]["properties"]["robot"]["properties"]["label"]["not"]["enum"]
     texts = [(CHART / "files" / name).read_text(encoding="utf-8") for name in ("alerts.yaml", "dashboard.json")]
@@ -223,7 +223,7 @@ def test_every_label_that_a_rule_or_a_panel_goes_by_is_refused_as_the_robots():
     assert used - {"cluster"} <= set(refused)
 
 
-def test_each_alert_can_be_changed_and_only_a_threshold_that_there_is():
+def test_only_alerts_with_a_bound_have_a_threshold_option():
     """What can be more or less than a figure ends with it; what is 0 or 1 is no matter of taste."""
     known = SCHEMA["properties"]["metrics"]["properties"]["alerts"]["properties"]["rules"]["properties"]
     assert list(known) == list(RULES)
@@ -232,13 +232,13 @@ def test_each_alert_can_be_changed_and_only_a_threshold_that_there_is():
         assert bounded == ("threshold" in known[name]["properties"]), name
 
 
-def test_a_reaction_that_is_hardly_late_is_not_taken_for_a_very_late_one():
+def test_reaction_histogram_has_a_bucket_at_the_alert_threshold():
     """A quantile is read from between two boundaries: what the alert allows has to be one, for old kubelets too."""
     allowed = float(RULES["ContextPolicySlowReaction"]["expr"].split()[-1])
     assert {allowed, SLOW + allowed} <= set(metrics.REACTION._upper_bounds)
 
 
-def test_each_alert_is_tested_on_a_robot_that_is_well_and_on_one_that_is_not():
+def test_each_alert_is_tested_on_a_healthy_and_a_failing_robot():
     """tests/heavy has promtool carry the tests out: the first has all alerts, about the second robot only."""
     tests = yaml.safe_load((REPOSITORY / "tests" / "charts" / "alerts_test.yaml").read_text(encoding="utf-8"))["tests"]
     first = tests[0]
@@ -259,8 +259,8 @@ def test_each_alert_links_to_what_to_do():
         assert rule["labels"]["severity"] in {"critical", "warning"}
 
 
-def test_what_wakes_somebody_has_lasted_several_scrapes():
-    """One scrape that fails, or a router that restarts, is nothing to wake anybody for. A forged plan is."""
+def test_critical_alerts_wait_for_several_scrapes():
+    """One scrape that fails, or a router that restarts, is no reason to page anybody. A forged plan is."""
     scrape = int(VALUES["metrics"]["podMonitor"]["interval"].removesuffix("s"))
     seconds = {"s": 1, "m": 60}
     for name, rule in RULES.items():
@@ -268,7 +268,7 @@ def test_what_wakes_somebody_has_lasted_several_scrapes():
             assert int(rule["for"][:-1]) * seconds[rule["for"][-1]] >= 4 * scrape, name
 
 
-def test_the_chart_passes_both_on_unchanged(render):
+def test_alerts_and_dashboard_are_rendered_unchanged(render):
     rendered = render(*BOTH)
     [alerts, _] = rendered["PrometheusRule", "contextpolicy"]["spec"]["groups"]
     assert [alerts] == ALERTS["groups"]
@@ -326,6 +326,6 @@ def operators_environment(rendered):
         (("agent.enabled=true", "agent.nodeSelector.robot=yes"), False),
     ],
 )
-def test_a_node_without_an_agent_is_missed_where_each_is_to_have_one(render, settings, everywhere):
+def test_agents_are_expected_on_every_node_without_a_selector(render, settings, everywhere):
     """An operator that is no longer to expect agents is started again, and knows of none that was there."""
     assert (operators_environment(render(*settings)).get("AGENTS") == "everywhere") is everywhere

@@ -27,7 +27,7 @@ def test_operator_and_agent_connect_to_the_same_router(render, settings, endpoin
         assert environment(rendered[workload])["ZENOH_CONNECT"] == endpoints
 
 
-def test_another_router_takes_the_place_of_the_charts(render):
+def test_external_router_replaces_the_charts(render):
     rendered = render("router.enabled=false", "zenoh.connect={tcp/a:7447}")
     assert not [name for _, name in rendered if name.endswith("-router")]
 

@@ -138,7 +138,7 @@ def test_every_metric():
     assert reported == {re.sub(r"_(bucket|sum|count)$", "", series) for series in EXPORTED}
 
 
-def test_every_reason_for_which_an_agent_refuses():
+def test_every_refusal_reason_of_the_agent():
     refused = {word for call in calls(OrderError.__name__, "note") for word in words(call.args[0])} - events()
     security = (CHART.parents[1] / "docs" / "explanation" / "security.md").read_text(encoding="utf-8")
     table = security.split("| reason | meaning | what to do |\n|---|---|---|\n")[1].split("\n\n")[0]
@@ -147,7 +147,7 @@ def test_every_reason_for_which_an_agent_refuses():
     assert len(refused) > 8
 
 
-def test_everything_that_is_wrong_has_something_to_do():
+def test_every_problem_has_a_remedy():
     good = {
         "Working",
         "Valid",

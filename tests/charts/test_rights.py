@@ -70,7 +70,7 @@ def test_with_namespaces_it_may_do_it_there_only(render):
     ]
 
 
-def test_what_restores_needs_no_namespace_to_be_there_still(render):
+def test_restore_rights_do_not_depend_on_watched_namespaces(render):
     """Helm makes its rights after the operator is gone: where that fails, nobody restores anything."""
     rendered = render("watchNamespaces={robot,gone}")
     assert rights(rendered["ClusterRole", "contextpolicy-restore"]) == RESTORE
@@ -122,7 +122,7 @@ def test_it_may_read_only_its_originals_key(render):
 
 
 @pytest.mark.parametrize("namespaces", [[], ["robot", "lab"]])
-def test_only_who_has_the_right_in_the_whole_cluster_may_change_originals(render, namespaces):
+def test_changing_originals_requires_a_cluster_wide_right(render, namespaces):
     rendered = render(*([f"watchNamespaces={{{','.join(namespaces)}}}"] if namespaces else []))
     spec = rendered["ValidatingAdmissionPolicy", "contextpolicy-originals"]["spec"]
     [rule] = spec["matchConstraints"]["resourceRules"]
@@ -163,7 +163,7 @@ def test_certificates_are_written_into_the_charts_secrets_and_no_other(render):
     assert (set(rule["resourceNames"]), set(rule["verbs"])) == (secrets, {"get", "patch"})
 
 
-def test_nobody_else_may_read_another_secret(render):
+def test_no_other_role_may_read_secrets(render):
     rendered = render("agent.enabled=true")
     roles = [item for (kind, _), item in rendered.items() if kind in ("Role", "ClusterRole")]
     readers = {item["metadata"]["name"]: item for item in roles if ("", "secrets") in rights(item)}
@@ -178,7 +178,7 @@ def test_no_rule_has_a_wildcard(render):
     assert "*" not in {part for role in roles for rule in role["rules"] for field in rule.values() for part in field}
 
 
-def test_rights_can_be_left_to_others(render):
+def test_rbac_can_be_disabled(render):
     kinds = {kind for kind, _ in render("rbac.create=false")}
     assert not kinds & {"Role", "RoleBinding", "ClusterRole", "ClusterRoleBinding"}
 
@@ -202,7 +202,7 @@ def test_all_but_the_agent_pass_the_restricted_standard(render, workload):
     }
 
 
-def test_only_the_operator_its_test_and_what_cleans_up_after_it_get_a_token(render):
+def test_only_components_that_use_the_api_get_a_token(render):
     rendered = render("agent.enabled=true")
     router, agent = rendered["Deployment", "contextpolicy-router"], rendered["DaemonSet", "contextpolicy-agent"]
     assert [one["spec"]["template"]["spec"]["automountServiceAccountToken"] for one in (router, agent)] == [

@@ -30,7 +30,7 @@ def whole(robot):
     return robot(*(f"modules.{name}.enabled=true" for name in MODULES))
 
 
-def test_every_module_has_its_line(whole):
+def test_every_module_is_rendered(whole):
     assert sorted(whole) == MODULES
 
 
@@ -83,7 +83,7 @@ def test_a_module_with_hardware_runs_beside_its_simulator(name, whole):
 
 
 @pytest.mark.parametrize("name", DEVICES)
-def test_with_the_real_device_only_who_opens_it_is_privileged(name, robot):
+def test_only_the_container_that_opens_the_device_is_privileged(name, robot):
     spec = robot(f"modules.{name}.device.simulated=false")[name]["spec"]
     guards, (module,) = spec.get("initContainers", []), spec["containers"]
     opens = guards[0] if guards else module
@@ -94,7 +94,7 @@ def test_with_the_real_device_only_who_opens_it_is_privileged(name, robot):
 
 
 @pytest.mark.parametrize("name", DEVICES)
-def test_a_device_plugin_spares_the_privilege(name, robot):
+def test_device_plugin_avoids_privileged_containers(name, robot):
     settings = ("simulated=false", "resource=robot.example.com/tty")
     spec = robot(*(f"modules.{name}.device.{setting}" for setting in settings))[name]["spec"]
     containers = (*spec.get("initContainers", ()), *spec["containers"])

@@ -47,7 +47,7 @@ def secrets_of_the_bus(rendered):
     return {key for key in rendered if key[0] == "Secret"} - {ORIGINALS}
 
 
-def test_the_bus_is_closed_unless_somebody_opens_it(render):
+def test_bus_is_closed_by_default(render):
     rendered = render()
     assert environment(rendered["Deployment", "contextpolicy"])["ZENOH_CONNECT"].startswith("tls/")
     assert volumes(rendered["Deployment", "contextpolicy"]) == {"bus": made("contextpolicy-bus-operator", *BUS)}
@@ -84,7 +84,7 @@ def test_only_the_operator_can_sign(secured):
     }
 
 
-def test_nobody_mounts_what_signs_certificates(secured):
+def test_no_workload_mounts_the_authority_key(secured):
     assert "bus-authority" not in str([secured[workload] for workload in WORKLOADS.values()])
 
 
@@ -95,12 +95,12 @@ def test_no_template_makes_a_key(secured):
     assert [item for item in secrets if item.keys() & {"data", "stringData"}] == []
 
 
-def test_what_is_rendered_is_the_same_each_time(render):
+def test_rendering_is_deterministic(render):
     settings = ("agent.enabled=true", "security.namespaces={robot}")
     assert render(*settings) == render(*settings)
 
 
-def test_the_job_makes_what_the_pods_wait_for_and_the_schedule_renews_it(secured):
+def test_certificates_are_made_by_a_job_and_renewed_by_a_cronjob(secured):
     job, schedule = job_of(secured), secured["CronJob", "contextpolicy-certificates"]
     assert container(job)["args"] == [
         "certificates",
@@ -117,7 +117,7 @@ ENDS = ("", *(f".contextpolicy-system{end}" for end in ("", ".svc", ".svc.cluste
 
 
 @pytest.mark.parametrize("setting", ["security.routerNames={robot}", "image.tag=dev", "security.namespaces={lab}"])
-def test_a_job_that_would_do_something_else_is_another(render, setting):
+def test_job_name_changes_with_its_settings(render, setting):
     assert job_of(render(setting))["metadata"]["name"] != job_of(render())["metadata"]["name"]
 
 
@@ -130,7 +130,7 @@ def test_the_command_fills_existing_secrets(secured, monkeypatch):
     assert {("Secret", place.name) for place in release.places()} == secrets_of_the_bus(secured)
 
 
-def test_robots_namespaces_get_what_their_pods_need(helm):
+def test_shared_namespaces_get_secrets_and_a_role(helm):
     settings = set_all(["agent.enabled=true", "security.namespaces={robot,contextpolicy-system}"])
     where = ("contextpolicy", str(CHART), "-n", "contextpolicy-system")
     done = helm("template", *where, *settings)
@@ -146,7 +146,7 @@ def test_robots_namespaces_get_what_their_pods_need(helm):
     assert container(job)["args"][-2:] == ["--share=robot", "--share=contextpolicy-system"]
 
 
-def test_secrets_that_exist_are_used_and_none_is_made(render):
+def test_existing_secrets_are_used(render):
     mine = [f"security.{role}Secret=my-{role}" for role in (*WORKLOADS, "signing")]
     rendered = render("agent.enabled=true", *mine)
     assert secrets_of_the_bus(rendered) == set()
@@ -168,7 +168,7 @@ def test_plans_are_signed_on_another_router_too(render):
     assert container(job_of(rendered))["args"][2:] == ["--no-bus"]
 
 
-def test_the_router_holds_publishers_to_their_keys(render):
+def test_router_restricts_publishers_to_sample_keys(render):
     rendered = render("security.enabled=true", "security.sampleKeys={robot/**,lab/*/imu}")
     assert "--samples=robot/**,lab/*/imu" in container(rendered["Deployment", "contextpolicy-router"])["args"]
 
@@ -188,7 +188,7 @@ def test_a_router_without_a_fleet_opens_no_connection(render):
     assert rendered["NetworkPolicy", "contextpolicy-router"]["spec"]["egress"] == []
 
 
-def test_a_cluster_may_choose_users_and_labels(render):
+def test_pod_user_and_selinux_labels_are_configurable(render):
     rendered = render(
         "agent.enabled=true",
         *("podSecurity.runAsUser=null", "podSecurity.runAsGroup=null", "podSecurity.seLinuxOptions.level=s0:c1"),
@@ -202,7 +202,7 @@ def test_a_cluster_may_choose_users_and_labels(render):
     assert agent["seLinuxOptions"] == {"type": "spc_t"}
 
 
-def test_the_agent_is_asked_whether_it_lives_and_scraped(render):
+def test_agent_is_probed_and_scraped(render):
     rendered = render("agent.enabled=true", "metrics.podMonitor.enabled=true")
     agent = container(rendered[WORKLOADS["agent"]])
     for probe in ("startupProbe", "livenessProbe", "readinessProbe"):

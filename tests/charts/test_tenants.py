@@ -21,11 +21,11 @@ def test_the_operator_reads_what_the_chart_writes(render):
 
 
 @pytest.mark.parametrize("settings", [(), ("tenants.lab.priority=10",)])
-def test_without_prefixes_the_api_server_is_not_asked_to_refuse_anything(render, settings):
+def test_no_admission_policy_without_prefixes(render, settings):
     assert POLICY not in render(*settings)
 
 
-def test_it_is_asked_only_about_namespaces_that_the_operator_serves(render):
+def test_admission_policy_covers_only_served_namespaces(render):
     everywhere, there = render(SET)[POLICY]["spec"], render(SET, "watchNamespaces={lab}")[POLICY]["spec"]
     assert "namespaceSelector" not in everywhere["matchConstraints"]
     [expression] = there["matchConstraints"]["namespaceSelector"]["matchExpressions"]

@@ -16,7 +16,7 @@ def notes(helm, *settings):
     return done.stdout
 
 
-def test_rights_come_before_the_job_and_go_after_it(render):
+def test_hooks_create_rights_before_the_job(render):
     kinds = [item["kind"] for item in hooks(render(), "post-delete")]
     assert kinds[0] == "ServiceAccount"
     assert sorted(kinds[1:3]) == ["ClusterRole", "Role"]
@@ -41,7 +41,7 @@ def test_the_job_restores_what_the_operator_served(render, settings, namespaces)
     assert job["spec"]["template"]["spec"]["serviceAccountName"] == "contextpolicy-restore"
 
 
-def test_nothing_that_uninstalling_makes_is_in_a_namespace_that_may_be_gone(render):
+def test_uninstall_hooks_live_in_the_releases_namespace(render):
     """Somebody deleted one of those that were watched: `helm uninstall` would stop there, and restore nothing."""
     made = hooks(render("watchNamespaces={robot,gone}"), "post-delete")
     assert made
@@ -57,11 +57,11 @@ def test_the_job_reaches_the_api_and_nothing_else(render):
 
 
 @pytest.mark.parametrize("setting", ["restoreOnUninstall=false", "rbac.create=false"])
-def test_without_it_the_notes_list_the_manual_steps(helm, render, setting):
+def test_notes_list_the_manual_steps_without_the_job(helm, render, setting):
     assert hooks(render(setting, *EVERYTHING), "post-delete") == []
     assert ADVICE in notes(helm, setting)
 
 
-def test_with_it_there_is_nothing_to_do_by_hand(helm):
+def test_notes_list_no_manual_steps_with_the_job(helm):
     assert ADVICE not in notes(helm)
     assert "kubectl delete ctxp" not in notes(helm)

@@ -56,7 +56,7 @@ def is_explained(name):
     return bool(keys) and all(above.lstrip().startswith("#") for above in keys)
 
 
-def test_the_schema_refuses_what_it_does_not_know():
+def test_schema_rejects_unknown_values():
     assert [path for path, schema in named_objects(SCHEMA) if schema.get("additionalProperties") is not False] == []
 
 
@@ -67,7 +67,7 @@ DURATIONS = {name: rule["properties"]["for"] for name, rule in RULES.items()} | 
 
 
 @pytest.mark.parametrize("name", DURATIONS)
-def test_durations_are_those_that_prometheus_takes(name):
+def test_schema_accepts_prometheus_durations_only(name):
     """Its operator refuses others only after the installation, in a log."""
     takes = Draft202012Validator(DURATIONS[name]).is_valid
     assert all(map(takes, ("15s", "1m30s", "500ms", "2h", "1d", "1w2d3h4m5s6ms", "1y")))

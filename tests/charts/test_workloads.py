@@ -1,4 +1,4 @@
-"""The pods of a release: what each is told, where it runs, when it is ready, and what can be added."""
+"""The pods of a release: how each is configured, where it runs, when it is ready, and what can be added."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextpolicy.commands.cluster_access import OPERATOR
 from tests.charts.objects import WORKLOADS, container, environment
 
 
-def test_the_operator_is_reported_all_it_needs(render):
+def test_operator_gets_its_image_and_environment(render):
     operator = render("image.tag=dev", "watchNamespaces={robot,lab}")["Deployment", "contextpolicy"]
     assert container(operator)["image"] == "contextpolicy:dev"
     assert environment(operator) == {
@@ -45,7 +45,7 @@ def test_a_standby_notices_a_killed_operator_within_a_second(render):
     assert environment(render("operator.replicas=2")["Deployment", "contextpolicy"])["LEASE_SECONDS"] == "1"
 
 
-def test_ready_means_more_than_alive(render):
+def test_readiness_has_its_own_endpoint(render):
     operator = container(render()["Deployment", "contextpolicy"])
     pages = {probe: operator[f"{probe}Probe"]["httpGet"]["path"] for probe in ("startup", "liveness", "readiness")}
     assert pages == {"startup": "/healthz", "liveness": "/healthz", "readiness": "/readyz"}
@@ -86,7 +86,7 @@ def test_selectors_stay_when_labels_are_added(render):
         assert labelled[workload]["spec"]["selector"] == plain[workload]["spec"]["selector"]
 
 
-def test_the_chart_can_be_called_otherwise(render):
+def test_name_override_changes_names_and_labels(render):
     """In names and labels alike; by `part-of` the command line finds its pods all the same."""
     rendered = render("nameOverride=planner", "agent.enabled=true", "metrics.podMonitor.enabled=true")
     for kind, suffix in (("Deployment", ""), ("Deployment", "-router"), ("DaemonSet", "-agent")):
@@ -168,7 +168,7 @@ def test_an_image_can_be_pinned(render):
         assert container(rendered[workload])["image"] == f"contextpolicy:1.0@{digest}"
 
 
-def test_agents_can_wait_for_the_robot_to_be_parked(render):
+def test_agent_update_strategy_is_configurable(render):
     spec = render("agent.enabled=true", "agent.updateStrategy.type=OnDelete")["DaemonSet", "contextpolicy-agent"][
         "spec"
     ]

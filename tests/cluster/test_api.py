@@ -97,7 +97,7 @@ def api(open_api):
     return open_api()
 
 
-def test_each_answer_is_reported_and_so_is_that_there_is_none(api, server, answers):
+def test_answers_and_missing_answers_are_reported(api, server, answers):
     api.pod("lab", "slam")
     server.answer = None
     with pytest.raises(ActuationError):
@@ -157,7 +157,7 @@ def test_objects_of_all_namespaces_or_of_one_are_listed(api, server, kind, names
 
 
 @pytest.mark.parametrize("answer", [b"<html>\n</html>", b"[]", b"{}", b'{"items'])
-def test_a_list_that_is_none_is_an_error(api, server, answer):
+def test_malformed_list_is_an_error(api, server, answer):
     """A proxy answers, or a server of another kind."""
     server.answer = 200, answer
     with pytest.raises(ActuationError, match=r"not the JSON object that was asked for: .+$") as caught:
@@ -221,7 +221,7 @@ def test_an_event_is_posted(api, server):
         *((500, "ServerError", True), (503, "ServerError", True), (504, "ServerError", True)),
     ],
 )
-def test_what_the_server_refuses_and_if_a_retry_may_help(api, server, status, reason, retriable):
+def test_http_errors_map_to_reason_and_retriable(api, server, status, reason, retriable):
     server.answer = status, json.dumps({"kind": "Status", "message": "because"}).encode()
     error = refusal(api)
     assert (error.reason, error.retriable, str(error)) == (reason, retriable, f"because (HTTP {status})")
@@ -231,14 +231,14 @@ def test_what_the_server_refuses_and_if_a_retry_may_help(api, server, status, re
     ("header", "seconds"),
     [({}, 0), ({"Retry-After": "3"}, 3), ({"Retry-After": "Wed, 21 Oct 2026 07:28:00 GMT"}, 0)],
 )
-def test_a_server_that_is_busy_says_for_how_long(api, server, header, seconds):
+def test_retry_after_header_is_read(api, server, header, seconds):
     server.answer, server.headers = (429, b"Too many requests, please try again later.\n"), header
     error = refusal(api)
     assert (error.reason, error.retriable, error.retry_after) == ("TooManyRequests", True, seconds)
 
 
 @pytest.mark.parametrize("content", [b"", b"<html>gateway</html>", b"[]", b"\xff\xfe", b'"text"'])
-def test_a_refusal_in_no_known_form(api, server, content):
+def test_malformed_error_body_is_a_server_error(api, server, content):
     server.answer = 502, content
     assert refusal(api).reason == "ServerError"
 
@@ -262,7 +262,7 @@ def test_a_server_that_hangs_up_is_unreachable(api, server):
     ("host", "reason"),
     [("http://127.0.0.1:1", "Connection refused"), ("http://nobody.invalid:1", "")],
 )
-def test_where_nobody_listens_is_reported_without_the_librarys_objects(monkeypatch, host, reason):
+def test_unreachable_server_error_hides_library_objects(monkeypatch, host, reason):
     settings = client.Configuration(host=host)
     monkeypatch.setattr(api_connection, "_configure", lambda _: client.Configuration.set_default(settings))
     api = ApiServer(Mock())
@@ -276,12 +276,12 @@ def test_where_nobody_listens_is_reported_without_the_librarys_objects(monkeypat
 
 
 @pytest.mark.parametrize(("answer", "serves"), [((200, b"{}"), True), ((404, b"{}"), False)])
-def test_if_the_custom_resource_is_installed(api, server, answer, serves):
+def test_installed_crd_is_detected(api, server, answer, serves):
     server.answer = answer
     assert api.serves_policies() is serves
 
 
-def test_a_server_that_does_not_answer_says_nothing_about_the_custom_resource(api, server):
+def test_unavailable_server_does_not_mean_a_missing_crd(api, server):
     server.answer = 503, b"{}"
     with pytest.raises(ActuationError):
         api.serves_policies()

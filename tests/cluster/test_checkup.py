@@ -97,18 +97,18 @@ def test_a_cluster_on_which_all_is_well():
         ({"policies": [{"metadata": {"namespace": "robot", "name": "delivery"}}]}, ("policy robot/delivery", "bad")),
     ],
 )
-def test_what_is_wrong_is_found(changes, expected):
+def test_problems_are_found(changes, expected):
     assert expected in found(**changes)
 
 
-def test_everything_that_is_bad_says_what_mends_it():
+def test_every_problem_has_a_remedy():
     worst = ClusterFacts(
         "v1.30.0", [a_policy(Applied="NotApplied")], [], [a_program("r", ready=False)], None, ["patch pods"]
     )
     assert all(check.remedy for check in checkup(worst) if check.verdict is not Verdict.OK)
 
 
-def test_a_router_of_the_users_own_is_no_fault():
+def test_missing_chart_router_is_not_a_problem():
     assert found(routers=[]) == set()
 
 
@@ -128,7 +128,7 @@ def a_definition(name, namespace="system"):
     return {"metadata": {"name": "contextpolicies.contextpolicy.dev", "annotations": owner}}
 
 
-def test_a_definition_that_belongs_to_a_release_that_is_gone_is_named():
+def test_crd_of_another_release_is_reported():
     """Helm keeps it when a release is uninstalled, and refuses it to the next one of another name."""
     operator = a_program("operator")
     labels = {"app.kubernetes.io/instance": "second"}
@@ -176,7 +176,7 @@ def test_conditions_are_those_of_an_operator_that_serves(served, verdict, seen):
         ),
     ],
 )
-def test_without_an_operator_the_advice_fits_what_is_installed(deployments, seen, remedy):
+def test_remedy_for_a_missing_operator_fits_the_installation(deployments, seen, remedy):
     checks = {one.subject: one for one in checkup(replace(WELL, operators=[], lacking=None, deployments=deployments))}
     assert (checks["operator"].seen, checks["operator"].remedy) == (seen, remedy)
     rights = checks["operator's rights"]

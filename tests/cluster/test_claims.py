@@ -31,7 +31,7 @@ def test_a_task_may_name_another_container():
     }
 
 
-def test_all_pods_of_a_task_are_its_own():
+def test_every_pod_of_a_task_is_claimed():
     pods = [view(a_pod(f"slam-{n}", {"slam": cpu("1m", "2m")}, labels={"app": "slam"})) for n in range(3)]
     assert len(held(claim([policy_of("robot", "slam")], pods, NODES)["lab/robot"])) == 3
 
@@ -46,7 +46,7 @@ def test_all_pods_of_a_task_are_its_own():
     ],
     ids=["other namespace", "other labels", "no such container", "ending"],
 )
-def test_what_does_not_match_is_not_claimed(pod):
+def test_pod_that_does_not_match_is_not_claimed(pod):
     assert held(claim([policy_of("robot", "slam")], [view(pod)], NODES)["lab/robot"]) == {}
 
 
@@ -110,7 +110,7 @@ def test_a_policy_yields_a_node_where_too_little_is_left_for_its_containers():
 
 
 @pytest.mark.parametrize(("control", "there"), [("Limit", False), ("Weight", True)])
-def test_only_where_requests_hold_limits_up_do_they_need_room(control, there):
+def test_policy_needs_room_for_requests_only_under_limit(control, there):
     policies = [policy_of("old", "slam", reserve="50m"), policy_of("young", "speech", enforcement={"control": control})]
     assert bool(held(claim(policies, views("slam", "speech"), NODES)["lab/young"])) is there
 
@@ -132,14 +132,14 @@ def test_a_policy_yields_only_the_node_that_is_too_small():
 
 
 @pytest.mark.parametrize("mode", [Mode.DRY_RUN, Mode.PAUSED])
-def test_a_policy_that_does_not_enforce_takes_nothing(mode):
+def test_policy_that_does_not_enforce_takes_no_containers(mode):
     old, young = policy_of("old", "slam", mode=mode), policy_of("young", "slam")
     claims = claim([old, young], views("slam"), NODES)
     assert held(claims["lab/old"]) == held(claims["lab/young"]) == {"lab/slam/slam": "slam"}
     assert claims["lab/young"].conflicts == []
 
 
-def test_an_obstacle_is_reported_by_task_and_hinders_no_other():
+def test_obstacle_is_reported_for_its_task_alone():
     pods = [*views("slam"), view(a_pod("speech", {"speech": {}}, qos="BestEffort"))]
     result = claim([policy_of("robot", "slam", "speech")], pods, NODES)["lab/robot"]
     assert held(result) == {"lab/slam/slam": "slam"}
@@ -156,7 +156,7 @@ def test_a_task_may_accept_the_restarts_that_others_refuse():
     assert list(result.obstacles) == ["speech"]
 
 
-def test_an_obstacle_of_one_pod_leaves_the_tasks_other_pods():
+def test_obstacle_of_one_pod_does_not_affect_its_siblings():
     stuck = a_pod("slam-0", {"slam": cpu("1m", None)}, labels={"app": "slam"})
     result = claim([policy_of("robot", "slam")], [view(stuck), *views("slam")], NODES)["lab/robot"]
     assert held(result) == {"lab/slam/slam": "slam"}
@@ -191,19 +191,19 @@ def test_a_container_without_a_limit_counts_as_the_whole_node():
     assert claims["lab/robot"].placement.left == {NODE: 1500}
 
 
-def test_the_order_of_pods_decides_nothing():
+def test_claims_do_not_depend_on_pod_order():
     pods = views("slam", "speech", "nav")
     policy = policy_of("robot", "slam", "speech", "nav")
     assert claim([policy], pods, NODES) == claim([policy], reversed(pods), NODES)
 
 
-def test_tasks_that_run_nowhere_are_absent():
+def test_tasks_without_a_running_pod_are_absent():
     policy = policy_of("robot", "slam", "speech", a_task("arm"))
     pods = [*views("slam"), view(a_pod("speech", deletionTimestamp="2026-01-01T00:00:00Z"))]
     assert claim([policy], pods, NODES)["lab/robot"].placement.absent == {"speech", "arm"}
 
 
-def test_a_container_that_another_policy_has_still_runs():
+def test_task_claimed_by_another_policy_is_not_absent():
     policies = [policy_of("one", "slam"), policy_of("two", "slam")]
     claims = claim(policies, views("slam"), NODES)
     assert claims["lab/two"].placement.containers == ()

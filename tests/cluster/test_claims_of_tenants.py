@@ -26,7 +26,7 @@ def two_tenants(**limits: str) -> tuple[list[Policy], list[PodView]]:
     return [replace(policy_of("robot", "slam"), namespace=namespace) for namespace in limits], pods
 
 
-def test_a_tiny_pod_in_another_namespace_takes_nothing_from_a_robot():
+def test_tiny_pod_in_another_namespace_leaves_the_robot_its_cpu():
     """Its policy is the older one and reserves nothing: by age alone it would have all of the node."""
     claims = claim(*two_tenants(elsewhere="10m", lab="800m"), NODES)
     assert held(claims["lab/robot"]) == {"lab/slam/slam": "slam"}
@@ -89,7 +89,7 @@ def test_large_limits_take_no_more_than_an_equal_part(elsewhere, lab, parts):
     assert (claims["elsewhere/robot"].placement.left[NODE], claims["lab/robot"].placement.left[NODE]) == parts
 
 
-def test_what_does_not_fit_is_divided_in_proportion_to_requests():
+def test_contested_cpu_is_divided_by_requests():
     """Two idle pods with huge limits and trivial policies pushed a robot below its own limits by equal parts."""
     policies, pods = two_tenants(one="100", two="100", three="100", lab="1600m")
     pods[3] = view(a_pod("slam", {"slam": cpu("620m", "1600m")}, namespace="lab", uid="lab"))
@@ -114,7 +114,7 @@ HOMES = st.dictionaries(
 
 
 @given(HOMES, st.sampled_from(list(Control)))
-def test_no_neighbour_switches_a_policy_off_or_takes_what_its_pods_request(homes, control):
+def test_neighbours_never_take_a_policys_requested_cpu(homes, control):
     """`homes`: by namespace, the request of each pod, and how much greater its limit is."""
     total = sum(request for pods in homes.values() for request, _ in pods) + 10
     pods = [
@@ -148,7 +148,7 @@ def test_a_greater_priority_leaves_its_reserve_for_equals_to_share():
     ]
 
 
-def test_more_policies_of_a_namespace_give_it_no_greater_part():
+def test_additional_policies_do_not_enlarge_a_namespaces_part():
     [elsewhere, lab], pods = two_tenants(elsewhere="64", lab="64")
     pods[1] = view(a_pod("slam", {"slam": cpu("20m", "64")}, namespace="lab", uid="lab"))
     more = view(a_pod("more", {"more": cpu("10m", "64")}, namespace="elsewhere", uid="more"))
@@ -159,7 +159,7 @@ def test_more_policies_of_a_namespace_give_it_no_greater_part():
     assert claims["elsewhere/second"].conflicts != []
 
 
-def test_no_policy_of_a_namespace_divides_what_the_containers_of_another_brought():
+def test_policies_of_a_namespace_divide_only_their_own_containers_cpu():
     [elsewhere, lab], pods = two_tenants(elsewhere="10m", lab="500m")
     more = view(a_pod("more", {"more": cpu("10m", "700m")}))
     claims = claim([elsewhere, lab, policy_of("second", "more")], [*pods, more], NODES)
@@ -167,7 +167,7 @@ def test_no_policy_of_a_namespace_divides_what_the_containers_of_another_brought
     assert claims["lab/second"].placement.left == {NODE: 700}
 
 
-def test_what_a_container_got_from_a_policy_does_not_count_as_its_own():
+def test_limit_set_by_a_policy_does_not_count_as_the_containers_own():
     policies, pods = two_tenants(elsewhere="1500m", lab="800m")
     claims = claim(policies, pods, NODES, lambda uid, _: Cpu(10, 100) if uid == "elsewhere" else None)
     assert claims["elsewhere/robot"].placement.left == {NODE: 100}
@@ -190,7 +190,7 @@ def test_a_neighbour_whose_pods_cannot_be_resized_changes_nothing():
     assert claim(policies, [replace(there, qos="BestEffort"), here], NODES)["lab/robot"].placement.left == {}
 
 
-def test_two_policies_of_one_namespace_divide_as_if_it_were_alone():
+def test_lone_namespace_ignores_tenant_division():
     policies = [policy_of("old", "slam", reserve="500m"), policy_of("young", "speech")]
     assert claim(policies, views("slam", "speech"), NODES)["lab/old"].placement.left == {}
 

@@ -66,14 +66,14 @@ def cluster():
     return Cluster()
 
 
-def test_a_lease_that_nobody_holds_is_taken_at_once(cluster):
+def test_unheld_lease_is_taken_at_once(cluster):
     leader = a_leader(cluster)
     assert cluster.lease.holder == "one"
     assert (leader.acts_until, leader.due) == (ACT * 10, pytest.approx(RENEW * 10))
     assert cluster.lease.transitions == 1
 
 
-def test_nothing_is_written_before_the_first_look():
+def test_candidate_reads_the_lease_before_writing_it():
     candidate = Candidacy("one", 10)
     assert candidate.due < 0
     assert candidate.ask(WALL) is None
@@ -88,7 +88,7 @@ def test_a_standby_waits_the_lease_duration_after_the_last_renewal_it_saw(cluste
     assert standby.due == 20.5
 
 
-def test_the_same_version_seen_twice_is_no_renewal(cluster):
+def test_same_version_is_not_a_renewal(cluster):
     a_leader(cluster)
     standby = a_standby(cluster, now=1)
     standby.see(cluster.lease, 9)
@@ -111,7 +111,7 @@ def test_a_killed_holder_is_replaced_after_its_lease(cluster):
     assert not acts(leader, standby.acts_until - ACT * 10)
 
 
-def test_only_who_takes_or_renews_the_lease_is_followed(cluster):
+def test_standby_follows_only_an_observed_renewal(cluster):
     """One that was there before us may be dead: until its time is over nobody decides."""
     leader, standby = a_leader(cluster), a_standby(cluster)
     assert not standby.follows
@@ -143,7 +143,7 @@ def test_a_resigned_holder_stops_campaigning(cluster):
     assert leader.due == float("inf")
 
 
-def test_a_standby_has_nothing_to_give_back(cluster):
+def test_standby_resigns_nothing(cluster):
     a_leader(cluster)
     assert a_standby(cluster).resign() is None
 
@@ -159,7 +159,7 @@ def test_a_replica_that_restarts_continues_with_the_lease_in_its_name(cluster):
     assert cluster.lease.transitions == 1
 
 
-def test_a_holder_that_is_paused_no_longer_acts_when_it_wakes_up(cluster):
+def test_paused_holder_stops_acting_after_its_lease(cluster):
     leader, standby = a_leader(cluster), a_standby(cluster)
     attempt(standby, cluster, standby.due)
     assert not acts(leader, 11)
@@ -168,7 +168,7 @@ def test_a_holder_that_is_paused_no_longer_acts_when_it_wakes_up(cluster):
     assert leader.due == float("inf"), "it must not take it back: all that it knows may be wrong"
 
 
-def test_a_holder_whom_the_api_does_not_answer_pauses_and_continues(cluster):
+def test_holder_pauses_while_the_api_is_unreachable(cluster):
     leader = a_leader(cluster)
     for now in (3.4, 5.0, 7.9):
         leader.fail(now)
@@ -192,7 +192,7 @@ def test_time_counts_from_when_a_renewal_was_sent(cluster):
     assert leader.acts_until == 3 + ACT * 10
 
 
-def test_an_answer_that_was_lost_counts_for_nothing_until_the_next(cluster):
+def test_lost_renewal_answer_does_not_extend_the_lease(cluster):
     leader = a_leader(cluster)
     cluster.put(leader.ask(WALL))
     leader.fail(4)
@@ -203,7 +203,7 @@ def test_an_answer_that_was_lost_counts_for_nothing_until_the_next(cluster):
     assert leader.acts_until == 4.4 + ACT * 10
 
 
-def test_a_lease_that_somebody_deletes_is_lost(cluster):
+def test_deleted_lease_is_lost(cluster):
     leader, standby = a_leader(cluster), a_standby(cluster)
     cluster.delete()
     standby.see(cluster.lease, 1)
@@ -224,7 +224,7 @@ def test_a_lost_lease_race_waits_again(cluster):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_no_two_ever_act_at_once_whatever_is_late_or_lost(seed):
+def test_two_candidates_never_act_at_once(seed):
     """Requests take up to twice a Lease, answers and watch events get lost, candidates freeze for longer than it."""
     dice = random.Random(seed)  # noqa: S311 - a story, not a secret
     cluster, candidates = Cluster(), [Candidacy(name, dice.choice([1, 2, 5])) for name in "abc"]
@@ -296,5 +296,5 @@ def test_missing_or_invalid_fields_count_as_absent(spec):
     assert read(stored(**spec)) == Lease(version="7")
 
 
-def test_nobody_can_ask_for_ever():
+def test_lease_duration_is_bounded():
     assert read(stored(holderIdentity="x", leaseDurationSeconds=10**9)).seconds == LONGEST

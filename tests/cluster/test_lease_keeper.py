@@ -59,7 +59,7 @@ def step(api, now):
     return one
 
 
-def test_a_lease_is_looked_at_and_taken(api, step):
+def test_lease_is_read_then_taken(api, step):
     candidacy = Candidacy("one", 10)
     step(candidacy)
     assert api.written == []
@@ -68,7 +68,7 @@ def test_a_lease_is_looked_at_and_taken(api, step):
     assert candidacy.acts_until == 100 + ACT * 10
 
 
-def test_a_late_claim_names_the_owner(api, step):
+def test_lost_race_shows_the_new_holder(api, step):
     candidacy = Candidacy("one", 10)
     step(candidacy)
     api.there = Lease("other", 15, "now", "now", 1, "7")
@@ -77,7 +77,7 @@ def test_a_late_claim_names_the_owner(api, step):
     assert (candidacy.held, candidacy.holder, candidacy.due) == (False, "other", 115)
 
 
-def test_without_the_right_it_is_asked_for_seldom_and_reported(api, step):
+def test_forbidden_lease_is_reported_and_retried_rarely(api, step):
     candidacy = Candidacy("one", 10)
     step(candidacy)
     api.refusals.append(ActuationError("Forbidden", "no", retriable=False))
@@ -85,7 +85,7 @@ def test_without_the_right_it_is_asked_for_seldom_and_reported(api, step):
     assert (candidacy.held, candidacy.refused, candidacy.due) == (False, "Forbidden: no", 100 + REFUSED)
 
 
-def test_an_exception_is_a_failure_and_ends_nothing(api, step, caplog):
+def test_exception_is_a_logged_failure(api, step, caplog):
     candidacy = Candidacy("one", 10)
     step(candidacy)
     api.refusals.append(RuntimeError("unforeseen"))
@@ -94,7 +94,7 @@ def test_an_exception_is_a_failure_and_ends_nothing(api, step, caplog):
     assert "internal error" in caplog.text
 
 
-def test_in_a_namespace_that_is_being_deleted_policies_are_still_let_go(api, step, now):
+def test_terminating_namespace_still_releases_policies(api, step, now):
     """Nobody can create a Lease there any more; without one the policies would hold the namespace for ever."""
     candidacy = Candidacy("one", 10)
     step(candidacy)
@@ -118,7 +118,7 @@ def test_a_pause_counts_also_where_the_namespace_is_being_deleted(api, now):
     assert keeper.interruptions == 2
 
 
-def test_what_is_given_back_is_free_for_others(api, step):
+def test_left_namespace_frees_its_lease(api, step):
     keeper = LeaseKeeper(api, "contextpolicy", Mock())
     candidacy = Candidacy("one", 10)
     keeper.stand("lab", candidacy)

@@ -16,7 +16,7 @@ from contextpolicy.cluster.nodes import NodeView, allocatable, read_node
         ("2e0", 2000),
     ],
 )
-def test_what_a_node_has_is_rounded_down(expected, millis):
+def test_allocatable_cpu_is_rounded_down(expected, millis):
     assert allocatable({"status": {"allocatable": {"cpu": expected}}}) == millis
 
 
@@ -46,7 +46,7 @@ def test_old_kubelets_take_seconds_to_resize(kubelet, delay):
     assert view.delay == delay
 
 
-def test_a_node_that_is_still_joining_is_none():
+def test_joining_node_without_a_status_is_ignored():
     assert read_node({"metadata": {"name": "robot-1"}, "status": {}}) is None
 
 

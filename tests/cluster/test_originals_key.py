@@ -53,7 +53,7 @@ def obtain(api: Api, *, waits: list[float] | None = None) -> bytes | None:
     return obtain_key(api, *secret_of("system/contextpolicy"), wait=wait)
 
 
-def test_it_is_made_once_and_found_again():
+def test_key_is_created_once_and_reused():
     api = Api()
     key = obtain(api)
     assert key is not None
@@ -62,7 +62,7 @@ def test_it_is_made_once_and_found_again():
     assert api.written == 1
 
 
-def test_what_else_is_in_the_secret_stays():
+def test_other_entries_of_the_secret_are_kept():
     api = Api(other=b"x")
     obtain(api)
     assert api.content.files["other"] == b"x"
@@ -86,20 +86,20 @@ def test_an_invalid_key_is_replaced(damaged):
     assert len(obtain(api) or b"") == LENGTH
 
 
-def test_an_api_that_is_away_is_waited_for():
+def test_key_waits_for_an_unreachable_api():
     waits: list[float] = []
     assert obtain(Api(*[AWAY] * 8), waits=waits) is not None
     assert waits == [0.1, 0.2, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0]
 
 
-def test_a_role_that_is_not_known_yet_is_waited_for():
+def test_key_waits_for_its_secret_to_appear():
     assert obtain(Api(*[GONE] * PATIENCE)) is not None
 
 
-def test_without_a_secret_the_operator_works_all_the_same(caplog):
+def test_originals_stay_unsigned_without_the_secret(caplog):
     assert obtain(Api(*[GONE] * (PATIENCE + 1))) is None
     assert "originals are not signed" in caplog.text
 
 
-def test_it_ends_when_the_operator_does():
+def test_waiting_stops_with_the_operator():
     assert obtain_key(Api(AWAY), *secret_of("system/contextpolicy"), wait=lambda _: True) is None

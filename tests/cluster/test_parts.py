@@ -23,31 +23,31 @@ def requests(stakes):
 
 
 @given(STAKES, TOTALS)
-def test_nobody_gets_less_than_it_requests_if_requests_fit(stakes, more):
+def test_part_covers_the_request_if_requests_fit(stakes, more):
     found = parts(requests(stakes) + more, stakes)
     assert all(found[name] >= stake.request for name, stake in stakes.items())
 
 
 @given(STAKES, TOTALS)
-def test_nobody_gets_more_than_its_limits(stakes, total):
+def test_part_never_exceeds_the_limit(stakes, total):
     assert all(found <= stakes[name].limit for name, found in parts(total, stakes).items())
 
 
 @given(STAKES, TOTALS)
-def test_all_is_divided_that_somebody_may_use_and_no_more(stakes, total):
+def test_parts_sum_to_the_usable_total(stakes, total):
     usable = sum(stake.limit for stake in stakes.values())
     assert sum(parts(total, stakes).values()) == min(total, usable)
 
 
 @given(STAKES, TOTALS)
-def test_nobody_gets_less_than_the_kernel_would_give_it_if_all_wanted_all(stakes, total):
+def test_part_is_at_least_proportional_to_the_request(stakes, total):
     for name, found in parts(total, stakes).items():
         own = stakes[name]
         assert found >= min(own.limit, total * own.request // requests(stakes))
 
 
 @given(STAKES, TOTALS, st.integers(0, 10**9), st.data())
-def test_a_neighbours_limits_take_nothing_of_what_requests_buy(stakes, total, more, data):
+def test_limits_of_a_neighbour_do_not_reduce_the_guaranteed_part(stakes, total, more, data):
     """However many cores a neighbour claims to be able to use."""
     rival = data.draw(st.sampled_from(sorted(stakes)))
     greedy = {**stakes, rival: Stake(stakes[rival].request, stakes[rival].limit + more)}

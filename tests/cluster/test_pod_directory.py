@@ -20,14 +20,14 @@ def test_a_pod_is_known_by_its_uid_until_it_is_gone():
     assert directory.pop("uid-slam") is None
 
 
-def test_a_namespace_has_its_own_pods_only():
+def test_namespace_lists_its_own_pods_only():
     directory = PodDirectory()
     directory.put(pod("slam"))
     directory.put(pod("arm", namespace="elsewhere"))
     assert [one.name for one in directory.of("lab")] == ["slam"]
 
 
-def test_a_view_shows_what_comes_and_goes_after_it_was_taken():
+def test_namespace_view_follows_later_changes():
     directory = PodDirectory()
     shown = directory.of("lab")
     for _ in range(2):
@@ -39,7 +39,7 @@ def test_a_view_shows_what_comes_and_goes_after_it_was_taken():
     assert list(shown) == []
 
 
-def test_nothing_is_left_of_namespaces_that_are_gone():
+def test_empty_namespaces_leave_no_memory():
     directory = PodDirectory()
     for number in range(3):
         one = pod("slam", namespace=f"robot-{number}")

@@ -38,14 +38,14 @@ def owner(resources: dict[str, Any], *, annotations: dict[str, str] | None = Non
 
 
 @pytest.mark.parametrize(("version", "kind"), PATHS)
-def test_each_built_in_controller_is_asked(version, kind):
+def test_template_is_read_from_each_built_in_controller(version, kind):
     path = PATHS[version, kind].format("lab", "slam")
     assert path.startswith("/apis/" + version)
     found = Templates(Api(path, owner(cpu("100m", "500m")))).cpu(view(owned(kind, version)))
     assert found == {"slam": Cpu(100, 500), "side": Cpu(None, None)}
 
 
-def test_a_limit_alone_is_the_request_too():
+def test_limit_without_a_request_is_also_the_request():
     api = Api(PATHS["apps/v1", "ReplicaSet"].format("lab", "slam"), owner({"limits": {"cpu": "1"}}))
     assert Templates(api).cpu(view(owned()))["slam"] == Cpu(1000, 1000)
 
@@ -60,12 +60,12 @@ SETS = [
 
 
 @pytest.mark.parametrize(("kind", "labels", "made", "known"), SETS)
-def test_a_template_that_has_changed_since_says_nothing(kind, labels, made, known):
+def test_changed_template_is_unknown(kind, labels, made, known):
     api = Api(PATHS["apps/v1", kind].format("lab", "slam"), made)
     assert bool(Templates(api).cpu(view(owned(kind, **labels)))) is known
 
 
 @pytest.mark.parametrize("resources", [{"limits": {"cpu": "lots"}}, 5, {"limits": 7}])
-def test_what_cannot_be_read_is_unknown(resources):
+def test_invalid_template_resources_are_unknown(resources):
     api = Api(PATHS["apps/v1", "ReplicaSet"].format("lab", "slam"), owner(resources))
     assert Templates(api).cpu(view(owned())) == {}

@@ -70,7 +70,7 @@ def test_containers_without_resources():
         ({"type": "PodResizePending", "status": "True", "reason": "Deferred"}, "Deferred: "),
     ],
 )
-def test_what_the_kubelet_holds_back_and_why(condition, expected):
+def test_pending_resize_has_its_reason(condition, expected):
     assert view(a_pod(conditions=[condition])).pending == expected
 
 
@@ -145,7 +145,7 @@ def restarting(resource="cpu", restart="RestartContainer"):
     ],
     ids=["best effort", "no limit", "static"],
 )
-def test_what_is_in_the_way_of_a_resize(pod, said):
+def test_resize_obstacles_are_found(pod, said):
     seen = view(pod)
     assert (seen.obstacle(seen.containers[0]) or "").startswith(said)
 
@@ -164,7 +164,7 @@ def test_other_resize_policies_are_not_in_the_way(policy):
 
 
 @pytest.mark.parametrize("qos", ["Burstable", "Guaranteed"])
-def test_nothing_is_in_the_way_of_other_pods(qos):
+def test_ordinary_pods_have_no_resize_obstacle(qos):
     seen = view(a_pod(qos=qos))
     assert seen.obstacle(seen.containers[0]) is None
 
@@ -185,7 +185,7 @@ def test_a_request_is_a_floor_for_the_limit(resources, qos, floor):
     assert pod.floor(pod.containers[0]) == floor
 
 
-def test_the_floor_is_the_request_from_before_us():
+def test_floor_is_the_original_request():
     """A policy that moves requests has moved it; once only limits move it comes back."""
     pod = view(a_pod("slam", {"slam": cpu("799m", "800m")}))
     assert pod.floor(pod.containers[0], Cpu(100, 1000)) == 100
@@ -208,6 +208,6 @@ def test_a_pod_that_has_resources_only_as_a_whole_gets_advice_of_its_own():
     ("raw", "number"),
     [("1e99", LARGEST_QUANTITY), ("1e9999999", LARGEST_QUANTITY), ("9" * 32, LARGEST_QUANTITY), ("0e99", 0)],
 )
-def test_a_quantity_beyond_all_machines_is_the_largest(raw, number):
+def test_huge_quantity_is_capped(raw, number):
     """As Kubernetes takes it; a few letters that take seconds to write out as a number."""
     assert millicores(raw) == number

@@ -47,7 +47,7 @@ def test_the_pods_own_request_and_its_overhead_count():
     assert requested(view(pod)) == 1050
 
 
-def test_what_a_policy_moves_counts_apart():
+def test_moved_requests_are_counted_separately():
     assert demand(view(a_pod("slam", TWO)), moved={"lab/slam/map": 400.0}) == PodDemand(100, 400.0, INIT)
 
 
@@ -64,7 +64,7 @@ def test_a_pod_that_is_deleted_takes_its_part_until_its_containers_have_ended(ru
     assert requested(view(pod)) == taken
 
 
-def test_what_a_request_is_at_most_comes_of_the_maxima():
+def test_largest_request_follows_from_the_max_of_each_task():
     policy = a_policy(tasks=[a_task("slam", max="1500m"), a_task("map")])
     containers = [Container("s", "slam", NODE), Container("m", "map", NODE)]
     wide = party(policy, containers, {NODE: 1000})
@@ -77,7 +77,7 @@ DEMANDS = st.lists(st.builds(PodDemand, st.integers(0, 2000), st.floats(0, 4000)
 
 
 @given(st.integers(-2000, 20000), DEMANDS)
-def test_all_that_is_cut_fits_and_no_more_than_needed_is_cut(left, demands):
+def test_smallest_sufficient_cut_is_chosen(left, demands):
     step = fit(left, demands)
     assert 0 <= step <= STEPS
     assert step == 0 or sum(one.taken(step) for one in demands) < left + 1e-3

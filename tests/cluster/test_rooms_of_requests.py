@@ -18,7 +18,7 @@ def room_of(*policies, pods, **more):
     return {policy.name: found[policy.reference].room.get(NODE) for policy in policies}
 
 
-def test_requests_have_the_room_that_those_of_others_leave():
+def test_room_is_what_other_pods_requests_leave():
     pods = views("slam", "driver")
     robot = policy_of("robot", "slam", **WEIGHTED)
     assert room_of(robot, pods=pods, elsewhere={NODE: 500}) == {"robot": 2000 - 100 - 500}
@@ -31,20 +31,20 @@ def test_a_request_that_the_policy_moved_takes_no_room():
     assert room_of(policy_of("robot", "slam", **WEIGHTED), pods=moved) == {"robot": 2000}
 
 
-def test_only_where_weights_are_requests():
+def test_room_exists_only_under_weight_without_an_agent():
     pods = views("slam")
     assert room_of(policy_of("robot", "slam", enforcement={"control": "Limit"}), pods=pods) == {"robot": None}
     assert room_of(policy_of("robot", "slam", **WEIGHTED), pods=pods, agents={NODE}) == {"robot": None}
 
 
-def test_policies_that_meet_keep_the_ratio_of_their_parts():
+def test_policies_sharing_a_node_split_the_room_by_their_parts():
     first = policy_of("first", "slam", reserve="500m", **WEIGHTED)
     second = policy_of("second", "speech", **WEIGHTED)
     pods = views("slam", "speech", "driver")
     assert room_of(first, second, pods=pods, elsewhere={NODE: 900}) == {"first": 750, "second": 250}
 
 
-def test_a_policy_that_is_tried_out_is_reported_the_room_that_it_would_have():
+def test_dry_run_policy_reports_its_hypothetical_room():
     first = policy_of("first", "slam", reserve="1", **WEIGHTED)
     dry = replace(policy_of("dry", "speech", **WEIGHTED), mode=Mode.DRY_RUN)
     pods = views("slam", "speech", "driver")

@@ -36,7 +36,7 @@ def a_lease(holder="system/first", renewed="2026-11-25T11:59:50.000000Z", noted=
         (a_lease(renewed="2026-11-25T13:00:00Z", noted="2026-11-25T11:58:00Z"), Service(served=False, silent=120)),
     ],
 )
-def test_a_lease_says_whether_anybody_serves(lease, expected):
+def test_lease_shows_whether_a_namespace_is_served(lease, expected):
     assert service(lease, NOW) == expected
 
 
@@ -54,5 +54,5 @@ def test_a_lease_says_whether_anybody_serves(lease, expected):
         ),
     ],
 )
-def test_it_is_said_in_a_sentence(found, said):
+def test_service_is_described_in_a_sentence(found, said):
     assert found.sentence("lab") == said

@@ -119,7 +119,7 @@ def follow(*script):
     return reported, api.asked
 
 
-def test_what_exists_is_reported_then_each_change():
+def test_watch_reports_existing_objects_then_changes():
     events = an_event("ADDED", an_item("speech", 5)) + an_event("MODIFIED", an_item("slam", 6))
     reported, asked = follow(
         a_list(an_item("slam"), version=4), Response(events, an_event("DELETED", an_item("slam", 7)))
@@ -143,18 +143,18 @@ def test_a_list_whose_pages_have_expired_starts_over_and_forgets_nothing():
     assert asked[-1] == "/pods since 9"
 
 
-def test_events_may_come_in_any_pieces():
+def test_events_may_be_split_across_chunks():
     event = an_event("ADDED", an_item("slam", 5))
     reported, _ = follow(a_list(), Response(event[:7], event[7:] + event[:20], event[20:]))
     assert reported == ["slam", "slam"]
 
 
-def test_a_bookmark_moves_only_the_version():
+def test_bookmark_only_advances_the_version():
     reported, asked = follow(a_list(), Response(an_event("BOOKMARK", {"metadata": {"resourceVersion": "99"}})))
     assert (reported, asked[-1]) == ([], "/pods since 99")
 
 
-def test_after_a_failure_all_is_listed_again_and_what_is_missing_has_gone():
+def test_failure_relists_and_reports_missing_objects_as_gone():
     reported, asked = follow(
         a_list(an_item("slam"), an_item("speech"), version=4),
         Response(an_event("ADDED", an_item("map", 5)), OSError("connection reset")),
@@ -206,7 +206,7 @@ class RefusedAfterTheEnd(Response):
 @pytest.mark.parametrize(
     "error", [OSError(9, "Bad file descriptor"), ValueError("closed"), RuntimeError("released")], ids=repr
 )
-def test_a_watch_that_ends_by_itself_just_now_can_be_stopped(error):
+def test_watch_can_be_stopped_while_its_stream_ends(error):
     api = Api(a_list())
     api.quiet = RefusedAfterTheEnd(error)
     watch = ObjectWatch(api, "/pods", Notes())
@@ -231,7 +231,7 @@ def test_a_watch_can_be_stopped_in_the_pause_after_an_end(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_watch_that_has_ended_unasked_is_found_out():
+def test_dead_watch_thread_is_detected():
     class Ends(Notes):
         def on_object(self, _):
             raise SystemExit
@@ -270,5 +270,5 @@ def test_a_refusal_is_reported_when_it_begins_and_when_it_ends():
     assert watched(Api(forbidden, forbidden, a_list(an_item("slam")))) == ["no right to list", "", ""]
 
 
-def test_a_server_that_is_not_there_has_refused_nothing():
+def test_unreachable_server_is_not_a_refusal():
     assert watched(Api(UNREACHABLE, a_list())) == [""]

@@ -31,7 +31,7 @@ def test_request_and_limit_may_have_two_owners():
     assert writers({"managedFields": managed}, "containers", "slam") == Writers("kubectl", "vpa-updater")
 
 
-def test_the_last_to_apply_the_same_value_counts():
+def test_latest_writer_of_a_shared_field_counts():
     managed = [
         entry("gitops", "limits", time="2026-01-01T00:00:02Z", operation="Apply"),
         entry("kubectl", "limits", time="2026-01-01T00:00:01Z", operation="Apply"),
@@ -53,5 +53,5 @@ def test_a_sidecars_owner():
         [entry("kubectl")],
     ],
 )
-def test_nobody_is_noted(managed):
+def test_irrelevant_managed_fields_give_no_writer(managed):
     assert writers({"managedFields": managed}, "containers", "slam") == NOBODY

@@ -161,7 +161,7 @@ def _free_port():
     return free_port()
 
 
-def test_it_obeys_until_sigterm_and_undoes(start, operator, tree, slam):
+def test_sigterm_undoes_the_plan(start, operator, tree, slam):
     process = start()
     operator.publish(a_message(a_target(SLAM, 0.9)))
     until(lambda: tree.limit(slam) == 900)
@@ -170,7 +170,7 @@ def test_it_obeys_until_sigterm_and_undoes(start, operator, tree, slam):
     assert tree.limit(slam) == 500
 
 
-def test_what_cannot_be_noted_is_not_done_until_it_can(start, operator, tree, slam, tmp_path):
+def test_plan_waits_until_the_journal_is_writable(start, operator, tree, slam, tmp_path):
     """Better no faster limit than one that nobody could undo."""
     process = start()
     operator.wait()
@@ -184,7 +184,7 @@ def test_what_cannot_be_noted_is_not_done_until_it_can(start, operator, tree, sl
     until(lambda: tree.limit(slam) == 900)
 
 
-def test_its_lock_is_free_when_it_is_killed_and_its_journal_says_what_to_undo(start, operator, tree, slam, tmp_path):
+def test_kill_frees_the_lock_and_leaves_the_journal(start, operator, tree, slam, tmp_path):
     process = start()
     operator.publish(a_message(a_target(SLAM, 0.9)))
     until(lambda: tree.limit(slam) == 900)
@@ -196,7 +196,7 @@ def test_its_lock_is_free_when_it_is_killed_and_its_journal_says_what_to_undo(st
     assert state.anything_left
 
 
-def test_it_ends_when_another_agent_lives_or_a_supervisor_undoes_for_too_long(start, tmp_path):
+def test_agent_exits_if_the_lock_stays_held(start, tmp_path):
     state = StateDirectory(tmp_path / "state")
     assert state.take_now()
     process = start(program=IMPATIENT)
@@ -260,7 +260,7 @@ def refused(port):
 
 @on_every_kernel
 @pytest.mark.parametrize("which", [slice(None), slice(0, 1), slice(1, 2)], ids=["all", "the older", "the newest"])
-def test_a_captured_plan_moves_nothing_and_is_counted(closed, kernel, slam, free_port, which):
+def test_replayed_plan_is_refused_and_counted(closed, kernel, slam, free_port, which):
     """All at once, so that the newest arrives before the agent's loop has looked at the older."""
     operator, thief = closed
     for sequence, part in enumerate((900, 700), 1):
@@ -273,7 +273,7 @@ def test_a_captured_plan_moves_nothing_and_is_counted(closed, kernel, slam, free
 
 
 @on_every_kernel
-def test_a_captured_withdrawal_undoes_no_later_plan(closed, kernel, slam, free_port):
+def test_replayed_withdrawal_does_not_undo_a_later_plan(closed, kernel, slam, free_port):
     """The policy was deleted and created again: saying its withdrawal again is nobody's way to take its CPU."""
     operator, thief = closed
     operator.publish(kernel.plan(slam=900))
@@ -299,7 +299,7 @@ def test_a_signed_plan_for_a_container_of_another_namespace_moves_nothing(closed
     assert 'refusals_total{reason="Foreign"} 1.0' in read(free_port, "metrics")
 
 
-def test_a_key_that_is_replaced_under_load_loses_no_plan(  # noqa: PLR0913, PLR0917 - fixtures
+def test_key_rotation_under_load_loses_no_plan(  # noqa: PLR0913, PLR0917 - fixtures
     closed, tree, slam, keys, free_port, tmp_path
 ):
     """As the how-to says: first both certificates, then the new key, then its certificate alone."""

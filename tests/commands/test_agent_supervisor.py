@@ -103,7 +103,7 @@ def said(process, text):
 
 
 @pytest.mark.parametrize("plan", [1, 2, 3, 40, 200])
-def test_an_agent_killed_anywhere_among_its_plans_is_undone(node, plan):
+def test_agent_killed_after_any_plan_is_undone(node, plan):
     node.supervisor()
     agent = node.agent(ENDLESS)
     printed(agent, plan)
@@ -127,7 +127,7 @@ def test_nothing_is_undone_within_the_grace_period(node):
     assert (supervisor.returncode, error) == (0, ""), "it did something"
 
 
-def test_one_agent_after_the_other_is_undone(node):
+def test_each_killed_agent_is_undone_in_turn(node):
     node.supervisor()
     for _ in range(3):
         kill(node.busy())
@@ -152,7 +152,7 @@ def test_a_supervisor_that_starts_after_the_agents_death_undoes_it(node):
     until(node.undone)
 
 
-def test_a_supervisor_that_was_killed_is_followed_by_the_next(node):
+def test_restarted_supervisor_continues_for_a_killed_one(node):
     supervisor, agent = node.supervisor(grace=LONG), node.busy()
     kill(supervisor)
     again = node.supervisor(grace=LONG)
@@ -164,7 +164,7 @@ def test_a_supervisor_that_was_killed_is_followed_by_the_next(node):
 
 
 @pytest.mark.parametrize("agent_first", [True, False])
-def test_both_are_asked_to_end(node, agent_first):
+def test_agent_and_supervisor_stop_together_in_any_order(node, agent_first):
     agent, supervisor = node.busy(), node.supervisor(grace=LONG)
     for process in (agent, supervisor) if agent_first else (supervisor, agent):
         ask_to_end(process)
@@ -173,7 +173,7 @@ def test_both_are_asked_to_end(node, agent_first):
 
 
 @pytest.mark.parametrize("killed_first", [True, False])
-def test_asked_to_end_it_undoes_what_a_killed_agent_left_at_once(node, killed_first):
+def test_stopping_supervisor_undoes_a_killed_agent_at_once(node, killed_first):
     agent, supervisor = node.busy(), node.supervisor(grace=LONG)
     for end in (kill, None) if killed_first else (None, kill):
         end(agent) if end else ask_to_end(supervisor)
@@ -181,7 +181,7 @@ def test_asked_to_end_it_undoes_what_a_killed_agent_left_at_once(node, killed_fi
     assert node.undone()
 
 
-def test_asked_to_end_alone_it_leaves_a_living_agent_its_limits(node):
+def test_stopping_supervisor_keeps_the_limits_of_a_live_agent(node):
     node.busy()
     wanted = node.limits()
     supervisor = node.supervisor("--patience=0.1")
@@ -191,7 +191,7 @@ def test_asked_to_end_alone_it_leaves_a_living_agent_its_limits(node):
     assert node.limits() == wanted
 
 
-def test_undo_does_nothing_while_an_agent_lives(node):
+def test_undo_does_nothing_while_an_agent_runs(node):
     node.busy()
     wanted = node.limits()
     assert node.run("agent-supervisor", "--undo").wait(PATIENCE) == 0
@@ -215,7 +215,7 @@ def test_a_journal_that_cannot_be_read_is_reported_once(node):
     assert node.run("agent-supervisor", "--undo").wait(PATIENCE) == 0
 
 
-def test_a_last_line_that_was_cut_short_hides_nothing(node):
+def test_truncated_last_journal_line_does_not_prevent_undo(node):
     kill(node.busy())
     journal = node.state / "agent.journal"
     journal.write_text(journal.read_text() + '["/sys/fs')
@@ -223,7 +223,7 @@ def test_a_last_line_that_was_cut_short_hides_nothing(node):
     assert node.undone()
 
 
-def test_without_a_state_directory_it_says_so(node):
+def test_unusable_state_directory_is_an_error(node):
     node.state.write_text("a file")
     supervisor = node.run("agent-supervisor")
     _, error = supervisor.communicate(timeout=PATIENCE)
@@ -231,7 +231,7 @@ def test_without_a_state_directory_it_says_so(node):
     assert "STATE_DIRECTORY" in error
 
 
-def test_the_operator_is_shown_that_something_was_undone(node, monkeypatch):
+def test_operator_sees_a_token_after_an_undo(node, monkeypatch):
     """An agent that was frozen is no news to it when it dies: it sees one that comes and goes."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     seen: SimpleQueue[zenoh.SampleKind] = SimpleQueue()
@@ -247,7 +247,7 @@ def test_the_operator_is_shown_that_something_was_undone(node, monkeypatch):
     assert node.undone()
 
 
-def test_without_a_router_it_undoes_all_the_same(node, monkeypatch):
+def test_undo_works_without_a_router(node, monkeypatch):
     kill(node.busy())
     monkeypatch.setenv("NODE_NAME", NODE)
     monkeypatch.setenv("ZENOH_CONNECT", f"tcp/127.0.0.1:{free_port()}")

@@ -45,7 +45,7 @@ class Cluster(ApiServer):
         return list(self._pods)
 
 
-def test_it_writes_what_is_due_and_nothing_else(capsys):
+def test_only_due_certificates_are_written(capsys):
     cluster = Cluster()
     certificates.renew(cluster, RELEASE, NOW, NOW)
     assert sorted(cluster.written) == sorted(RELEASE.places())
@@ -76,7 +76,7 @@ def test_one_of_two_concurrent_writers_retries():
 
 
 @pytest.mark.parametrize("now", [datetime(1970, 1, 1, tzinfo=UTC), NOW - timedelta(days=1)])
-def test_a_clock_that_was_never_set_makes_no_certificate_that_has_ended(now, capsys):
+def test_unset_clock_issues_no_expired_certificate(now, capsys):
     cluster = Cluster()
     certificates.renew(cluster, RELEASE, now, NOW)
     assert end(cluster.secrets[RELEASE.places()[1]].files["tls.crt"]) == NOW + LIFETIME
@@ -134,10 +134,10 @@ class _Opened:
         ((pod(),), "Secret system/ctxp-bus-sensor is empty: the Job"),
     ],
 )
-def test_it_says_why_there_is_none(pods, said):
+def test_missing_credentials_are_explained(pods, said):
     with pytest.raises(ClusterAccessError, match=said):
         credentials.fetch(Cluster(pods=pods), "sensor", None)
 
 
-def test_the_replicas_of_one_release_have_one_secret():
+def test_replicas_of_a_release_share_one_secret():
     assert credentials.secret_of("viewer", [pod(), pod()]) == ("system", "ctxp-bus-viewer")

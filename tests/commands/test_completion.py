@@ -49,7 +49,7 @@ def test_completion_suggestions(words, expected):
     ],
     ids=" ".join,
 )  # fmt: skip
-def test_names_are_those_of_the_cluster_on_the_line(words):
+def test_names_come_from_the_cluster_given_on_the_line(words):
     names = Mock(return_value=[])
     completion.candidates(PARSER, words, names)
     [line] = names.call_args.args
@@ -65,7 +65,7 @@ def test_every_command_is_offered():
     }
 
 
-def test_without_a_cluster_nothing_breaks(monkeypatch, capsys):
+def test_missing_cluster_completes_nothing(monkeypatch, capsys):
     monkeypatch.setattr("kubernetes.config.kube_config.KUBE_CONFIG_DEFAULT_LOCATION", "/nowhere")
     assert cli.main(["__complete", "pause", ""]) == 0
     assert capsys.readouterr().out == "", "an empty line would be a candidate, and no file would be offered"
@@ -78,7 +78,7 @@ def test_completion_offers_no_files_to_kubectl(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("words", ["ex", "status --output = j", "status --output =", "validate a[", "validate *"])
-def test_bash_accepts_its_script_and_offers_what_the_program_answers(words, tmp_path, capsys):
+def test_bash_script_passes_the_words_to_the_program(words, tmp_path, capsys):
     assert cli.main(["completion", "bash"]) == 0
     program = tmp_path / "contextpolicy"
     program.write_text('#!/bin/sh\necho "$*"\n')
@@ -91,7 +91,7 @@ def test_bash_accepts_its_script_and_offers_what_the_program_answers(words, tmp_
     assert (done.stdout, done.stderr) == (f"__complete {words}\n", "")
 
 
-def test_zsh_gets_its_completion_system_started(capsys):
+def test_zsh_script_starts_the_completion_system(capsys):
     assert cli.main(["completion", "zsh"]) == 0
     *_, start, use, first = capsys.readouterr().out.splitlines()
     assert start.startswith("(( $+functions[compdef] )) || ")

@@ -52,13 +52,13 @@ def an_operator(watched):
 @pytest.mark.parametrize(
     ("namespaces", "judged"), [([None], ["one", "two"]), (["lab"], ["one"]), (["hall", "lab"], ["two", "one"])]
 )
-def test_it_judges_the_policies_of_the_namespaces_asked_for(namespaces, judged):
+def test_doctor_reads_policies_of_the_requested_namespaces(namespaces, judged):
     found = facts(FakeApi(), namespaces).policies
     assert found is not None
     assert [policy["metadata"]["name"] for policy in found] == judged
 
 
-def test_it_asks_whether_anybody_serves_them():
+def test_doctor_checks_whether_namespaces_are_served():
     assert facts(FakeApi(), [None]).services == {"lab": Service(served=True), "hall": Service(served=False)}
 
 
@@ -79,7 +79,7 @@ def test_the_operator_needs_its_rights_where_it_serves_policies(watched, of_poli
     assert api.reviewed == {*reviewed, None}
 
 
-def test_it_reads_when_the_certificates_end_that_the_parts_mount():
+def test_doctor_reads_the_expiry_of_mounted_certificates():
     made = found_authority("ctxp", datetime(2026, 11, 24, tzinfo=UTC))
 
     class Api(FakeApi):

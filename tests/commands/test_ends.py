@@ -49,7 +49,7 @@ def test_unwritable_output_fails_with_one_line(words, redirection, reason):
     assert "Exception" not in done.stderr
 
 
-def test_without_standard_error_there_is_the_output_alone():
+def test_closed_stderr_is_not_an_error():
     done = ended(["validate", POLICY], "2>&-")
     assert (done.returncode, done.stdout) == (0, "")
 
@@ -65,12 +65,12 @@ def test_without_standard_error_there_is_the_output_alone():
     ],
     ids=["error", "summary", "notes", "usage"],
 )
-def test_a_full_disk_for_errors_changes_no_exit_code(words, code, redirection):
+def test_full_stderr_does_not_change_the_exit_code(words, code, redirection):
     """Notes go there too, and a result that is complete must not count as a failure."""
     assert ended(words, redirection).returncode == code
 
 
-def test_ctrl_c_ends_it_without_a_word(tmp_path):
+def test_ctrl_c_ends_the_command_silently(tmp_path):
     policy = tmp_path / "policy.yaml"
     os.mkfifo(policy)
     command = [*PROGRAM, "simulate", str(policy), str(ROOT / "timelines/paper.json")]
@@ -93,7 +93,7 @@ LEAVING = "import atexit; atexit.register(lambda: os.kill(os.getpid(), signal.SI
 
 @pytest.mark.parametrize("moment", [LOADING, LEAVING], ids=["while it is loaded", "when it has ended"])
 @pytest.mark.parametrize("ignored", [True, False])
-def test_ctrl_c_before_and_after_it_is_no_traceback_either(moment, ignored):
+def test_ctrl_c_while_loading_or_exiting_prints_no_traceback(moment, ignored):
     """Loading takes longer than the command, on a slow board a second."""
     handler = "signal.SIG_IGN" if ignored else "signal.default_int_handler"
     begin = f"import os, runpy, signal, sys; signal.signal(signal.SIGINT, {handler}); sys.argv[1:] = ['--version']\n"
@@ -110,7 +110,7 @@ def test_ctrl_c_before_and_after_it_is_no_traceback_either(moment, ignored):
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_each_command_says_its_exit_codes_once(command, capsys):
+def test_help_lists_exit_codes_once(command, capsys):
     with pytest.raises(SystemExit) as end:
         cli.main([command, "--help"])
     text = " ".join(capsys.readouterr().out.split())
@@ -118,7 +118,7 @@ def test_each_command_says_its_exit_codes_once(command, capsys):
     assert exit_codes.described(command) in text
 
 
-def test_the_table_names_commands_only():
+def test_exit_code_table_lists_only_commands():
     assert exit_codes.ANSWERS.keys() <= {*COMMANDS, "COMMAND"}
 
 

@@ -37,7 +37,7 @@ def test_a_task_that_a_context_suspends(capsys: pytest.CaptureFixture[str]) -> N
 
 
 @pytest.mark.parametrize("words", [["explain"], ["why-not"], ["simulate"]], ids=" ".join)
-def test_yaml_is_the_document_that_json_is(capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
+def test_yaml_equals_json(capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
     """Straight from the planner its fields hold more than texts and numbers."""
     policy, timeline = str(ROOT / "config/policies/delivery-robot.yaml"), [DEMO]
     if words != ["simulate"]:
@@ -124,11 +124,11 @@ def test_json_is_the_structure_of_the_bus(capsys: pytest.CaptureFixture[str]) ->
     assert document["streams"]["imu"]["value"]["speed"] == 0.3
 
 
-def test_the_beginning_is_a_moment_too(capsys: pytest.CaptureFixture[str]) -> None:
+def test_explain_at_zero_shows_the_first_plan(capsys: pytest.CaptureFixture[str]) -> None:
     assert "is in force for 0 s" in explain(capsys, "speech-chatbot", "--at", "0")
 
 
-def test_a_task_on_a_node_that_cannot_be_divided_has_no_share(capsys: pytest.CaptureFixture[str]) -> None:
+def test_task_on_an_infeasible_node_has_no_share(capsys: pytest.CaptureFixture[str]) -> None:
     """It does have a container of its own: to say that it has none sends people to their selectors."""
     policy = str(ROOT / "config/policies/delivery-robot.yaml")
     assert main(["explain", policy, "--timeline", DEMO, "--at", "12", "--cores", "310m"]) == 0
@@ -143,7 +143,7 @@ def test_an_unknown_task_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().err == "unknown task 'spech': expected one of slam, speech; did you mean speech?\n"
 
 
-def test_timeline_and_endpoint_at_once_are_wrong_usage() -> None:
+def test_timeline_and_endpoint_are_exclusive() -> None:
     with pytest.raises(SystemExit) as caught:
         main(["explain", "policy.yaml", "--timeline", DEMO, "--connect", "tcp/localhost:7447"])
     assert caught.value.code == 2
@@ -176,7 +176,7 @@ def test_live(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.usefixtures("_patience")
-def test_nobody_explains_it(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_operator_is_reported(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["explain", "robot/other", "--connect", endpoint]) == 2
     assert "nobody at" in capsys.readouterr().err
 

@@ -54,7 +54,7 @@ def test_figure_4_the_graph_as_a_context_modifies_it(capsys: pytest.CaptureFixtu
     assert tasks == ["task-speech-recognition", "task-keyword-spotting", "task-transcript"]
 
 
-def test_a_complex_task_continues_with_what_can_run() -> None:
+def test_complex_task_runs_while_any_subtask_can() -> None:
     graph = build(load_policy(str(POLICIES / "patrol-robot.yaml")), context="driving")
     assert [node.id for node in graph.nodes if node.suspended and node.kind is not Kind.NEED] == [
         "task-speech",
@@ -108,7 +108,7 @@ def test_a_deep_graph_with_edges_between_tasks(deep: str, capsys: pytest.Capture
     assert main(["graph", deep, "--output", "svg"]) == 0
 
 
-def test_what_a_context_suspends_is_what_the_weights_say(deep: str) -> None:
+def test_suspended_nodes_match_the_weights(deep: str) -> None:
     graph = build(load_policy(deep), context="still")
     names = [node.id for node in graph.nodes if node.suspended and node.kind in (Kind.TASK, Kind.GROUP)]
     assert names == ["task-top", "task-middle", "task-low", "task-leaf", "task-follower"]

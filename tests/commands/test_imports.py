@@ -25,12 +25,12 @@ def loaded(code):
     return set(done.stdout.split())
 
 
-def test_the_command_line_alone_imports_nothing_that_is_large():
+def test_parser_imports_no_heavy_module():
     assert loaded("from contextpolicy.cli import build_parser; build_parser('x')") & HEAVY == set()
 
 
 @pytest.mark.parametrize("command", ["run", "router", "agent", "agent-supervisor"])
-def test_a_command_that_runs_for_good_does_without_the_others(command):
+def test_long_running_command_imports_no_other_command(command):
     found = loaded(f"from contextpolicy.cli import build_parser; build_parser('x', '{command}')")
     commands = {name.rpartition(".")[2] for name in found if name.startswith("contextpolicy.commands.")}
     assert commands & {*cli.ON_THE_CLUSTER, *cli.ON_THE_DESK, *cli.IN_THE_CLUSTER} - {"completion"} == {

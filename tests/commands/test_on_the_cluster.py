@@ -168,7 +168,7 @@ def test_a_context_is_forced_for_a_while(cluster):
         (["robot", "moving", "--end"], "name a CONTEXT, or give --end"),
     ],
 )
-def test_what_cannot_be_forced(cluster, capsys, arguments, expected):
+def test_invalid_force_is_refused(cluster, capsys, arguments, expected):
     assert cli.main(["force", *arguments]) == 2
     assert expected in capsys.readouterr().err
     assert cluster.patches == []
@@ -194,7 +194,7 @@ def test_the_status_for_people_and_programs(cluster, operator, capsys):
     assert yaml.safe_load(capsys.readouterr().out)["items"][0]["ready"] is True
 
 
-def test_a_dead_operators_state_is_not_shown_as_current(cluster, operator, capsys):
+def test_state_of_a_dead_operator_is_marked_as_old(cluster, operator, capsys):
     cluster.policy["status"], cluster.silent = operator.cluster.statuses["lab/robot"], 86_400 * 3 + 60
     assert cli.main(["status"]) == 1
     first, second, *_ = capsys.readouterr().out.splitlines()
@@ -221,7 +221,7 @@ def test_a_lease_that_may_not_be_read_shows_nothing(cluster, operator, capsys):
     [["force", "robot", "moving"], ["force", "robot", "--end"], ["pause", "robot"], ["resume", "robot"]],
     ids=" ".join,
 )
-def test_what_nobody_carries_out_is_written_with_a_warning(cluster, capsys, words):
+def test_change_without_an_operator_is_written_with_a_warning(cluster, capsys, words):
     cluster.holder = ""
     cluster.policy["spec"] = {**cluster.policy["spec"], "mode": "DryRun"}
     assert cli.main(words) == 1
@@ -232,7 +232,7 @@ def test_what_nobody_carries_out_is_written_with_a_warning(cluster, capsys, word
 
 
 @pytest.mark.parametrize(("year", "forced"), [("2999", "moving"), ("2001", None)])
-def test_a_context_whose_time_is_over_is_not_forced(cluster, capsys, year, forced):
+def test_expired_force_is_not_shown(cluster, capsys, year, forced):
     """The field stays in the spec until somebody removes it."""
     cluster.policy["spec"] = {
         **cluster.policy["spec"],
@@ -244,7 +244,7 @@ def test_a_context_whose_time_is_over_is_not_forced(cluster, capsys, year, force
     assert ("(forced: moving until 2999-01-01T00:00:00Z)" in capsys.readouterr().out) is (forced is not None)
 
 
-def test_another_cluster_is_named_as_kubectl_has_it(cluster, tmp_path, capsys, monkeypatch):
+def test_kubeconfig_and_context_select_another_cluster(cluster, tmp_path, capsys, monkeypatch):
     """The default kubeconfig names a cluster that is not there."""
     known = json.loads((tmp_path / "config").read_text())
     far = {"name": "far", "context": {"cluster": "test", "user": "test", "namespace": "lab"}}
@@ -280,7 +280,7 @@ def test_another_cluster_is_named_as_kubectl_has_it(cluster, tmp_path, capsys, m
     ],
     ids=str,
 )
-def test_tab_offers_the_names_of_the_cluster_on_the_line(tmp_path, monkeypatch, capsys, words, offered):
+def test_completion_offers_names_of_the_selected_cluster(tmp_path, monkeypatch, capsys, words, offered):
     """The default kubeconfig names a cluster that is not there."""
     monkeypatch.setattr("kubernetes.config.kube_config.KUBE_CONFIG_DEFAULT_LOCATION", "/nowhere")
     *before, word = words
@@ -295,7 +295,7 @@ def test_tab_offers_the_names_of_the_cluster_on_the_line(tmp_path, monkeypatch, 
     [["status"], ["status", "robot"], ["explain", "robot"], ["why-not", "robot"], ["top", "--once"]],
     ids=" ".join,
 )
-def test_what_programs_read_has_a_schema_version(words, output, capsys, monkeypatch):
+def test_machine_readable_output_has_a_schema_version(words, output, capsys, monkeypatch):
     monkeypatch.delenv("ZENOH_CONNECT", raising=False)
     monkeypatch.setattr("contextpolicy.commands.top.TICK", 0.0)
     cli.main([*words, "-o", output])
@@ -315,7 +315,7 @@ def test_top_shows_the_namespace_that_is_asked_for(capsys, monkeypatch):
 
 @pytest.mark.usefixtures("cluster")
 @pytest.mark.parametrize("command", ["status", "top", "doctor", "restore"])
-def test_one_namespace_and_all_of_them_contradict_each_other(command, capsys):
+def test_namespace_and_all_namespaces_are_exclusive(command, capsys):
     with pytest.raises(SystemExit) as ended:
         cli.main([command, "-A", "-n", "lab"])
     assert ended.value.code == 2
@@ -337,7 +337,7 @@ COMMANDS_WITH_FORMATS = ("status", "top", "explain", "why-not", "shadow", "docto
 
 
 @pytest.mark.parametrize("command", [*COMMANDS_WITH_FORMATS, "suggest", "graph"])
-def test_help_on_formats_fits_a_narrow_terminal_and_table_is_one_everywhere(command, capsys, monkeypatch):
+def test_format_help_fits_a_narrow_terminal_and_lists_table(command, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "40")
     with pytest.raises(SystemExit):
         cli.main([command, "--help"])
@@ -349,7 +349,7 @@ def test_help_on_formats_fits_a_narrow_terminal_and_table_is_one_everywhere(comm
 
 @pytest.mark.usefixtures("cluster")
 @pytest.mark.parametrize("words", [["status", "robot", "-A"], ["pause", "lab/robot", "-n", "other"]], ids=" ".join)
-def test_a_name_and_where_it_is_must_agree(words, capsys):
+def test_name_and_namespace_must_agree(words, capsys):
     assert cli.main(words) == 2
     assert "invalid value " in capsys.readouterr().err
 
@@ -369,7 +369,7 @@ KUBECTL = ["status", "top", "explain", "why-not", "force", "pause", "shadow", "a
 
 
 @pytest.mark.parametrize("command", KUBECTL)
-def test_kubectls_options_are_everywhere(command, capsys):
+def test_every_command_has_kubectls_options(command, capsys):
     with pytest.raises(SystemExit):
         cli.main([command, "--help"])
     text = capsys.readouterr().out
@@ -377,7 +377,7 @@ def test_kubectls_options_are_everywhere(command, capsys):
         assert option in text, option
 
 
-def test_a_status_that_is_not_well_is_exit_code_1_and_says_why(cluster, capsys):
+def test_unready_status_exits_1_with_the_reason(cluster, capsys):
     condition = {"type": "Applied", "status": "False", "reason": "NotApplied", "message": "raise the ResourceQuota"}
     cluster.policy["status"] = {"conditions": [condition]}
     assert cli.main(["status", "robot"]) == 1
@@ -428,7 +428,7 @@ def test_the_release_that_serves_the_namespace_is_queried(cluster, forwarded, ho
     assert forwarded == [f"{holder.partition('/')[0]} pod/operator"]
 
 
-def test_top_asks_every_release_where_no_namespace_is_named(cluster, forwarded, capsys):
+def test_top_queries_every_release_without_a_namespace(cluster, forwarded, capsys):
     """Each serves its own namespaces: one of them alone would pass for all that there is."""
     cluster.operators, cluster.holder = [an_operator(FIRST), an_operator(SECOND)], SECOND
     assert cli.main(["top", "--once", "-o", "json"]) == 0
@@ -436,7 +436,7 @@ def test_top_asks_every_release_where_no_namespace_is_named(cluster, forwarded, 
     assert json.loads(capsys.readouterr().out)["policy"] == "lab/robot", "once, also if both show it"
 
 
-def test_top_believes_no_release_about_a_namespace_that_it_does_not_serve(cluster, forwarded, capsys):
+def test_top_ignores_a_release_that_does_not_serve_the_namespace(cluster, forwarded, capsys):
     cluster.operators, cluster.holder = [an_operator(FIRST), an_operator(SECOND)], "gone/third"
     assert cli.main(["top", "--once", "-o", "json"]) == 0
     assert len(forwarded) == 2
@@ -444,7 +444,7 @@ def test_top_believes_no_release_about_a_namespace_that_it_does_not_serve(cluste
 
 
 @pytest.mark.parametrize("words", WORDS, ids=" ".join)
-def test_a_pod_that_calls_itself_the_operator_is_not_asked(cluster, forwarded, words):
+def test_disguised_operator_pod_is_not_queried(cluster, forwarded, words):
     """A tenant's, with all labels and variables of the real one, but in the tenant's namespace."""
     disguised = an_operator(FIRST, name="disguised")
     disguised["metadata"]["namespace"] = "lab"
@@ -475,7 +475,7 @@ def test_top_through_the_cluster(monkeypatch, capsys):
 
 @pytest.mark.usefixtures("operator")
 @pytest.mark.parametrize("columns", [40, 80, 120])
-def test_what_is_shown_fits_the_terminal(cluster, operator, columns, capsys, monkeypatch):
+def test_output_fits_the_terminal(cluster, operator, columns, capsys, monkeypatch):
     message = "pod lab/speech: the ResourceQuota cpu-of-the-lab is used up; raise it, or lower the limit"
     status = operator.cluster.statuses["lab/robot"]
     condition = {"type": "Applied", "status": "False", "reason": "NotApplied", "message": message}
@@ -495,7 +495,7 @@ def test_what_is_shown_fits_the_terminal(cluster, operator, columns, capsys, mon
 
 
 @pytest.mark.usefixtures("operator")
-def test_what_is_recorded_can_be_replayed(tmp_path, capsys):
+def test_recording_can_be_replayed(tmp_path, capsys):
     folder = tmp_path / "recorded"
     assert cli.main(["record", "robot", "--to", str(folder)]) == 0
     expected = capsys.readouterr().out
@@ -511,7 +511,7 @@ def test_what_is_recorded_can_be_replayed(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("operator")
-def test_what_is_not_there_to_record_says_where_to_look(tmp_path, monkeypatch, capsys):
+def test_recording_an_unknown_policy_suggests_status(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["record", "other"]) == 2
     assert "runs no policy lab/other: `status -A` shows which there are" in capsys.readouterr().err

@@ -44,7 +44,7 @@ def answer(listening: socket.socket, content: bytes) -> int:
 
 
 @pytest.mark.parametrize("situation", ANSWERS)
-def test_an_answer_that_is_none_is_an_error(listening: socket.socket, situation: str) -> None:
+def test_missing_or_invalid_answer_is_an_error(listening: socket.socket, situation: str) -> None:
     ask = asker(answer(listening, ANSWERS[situation]))
     with pytest.raises(
         ClusterAccessError, match=r"^the operator (does not answer|says): .+; see `doctor`, or try again$"
@@ -52,5 +52,5 @@ def test_an_answer_that_is_none_is_an_error(listening: socket.socket, situation:
         ask("boards")
 
 
-def test_what_the_operator_does_not_know_is_none(listening: socket.socket) -> None:
+def test_unknown_policy_has_no_answer(listening: socket.socket) -> None:
     assert asker(answer(listening, UNKNOWN))("explanation", policy="lab/robot") is None

@@ -36,7 +36,7 @@ cli.main(["agent"])
 
 
 @pytest.mark.parametrize("program", [OPERATOR, AGENT], ids=["operator", "agent"])
-def test_what_is_loaded_at_the_start_is_not_looked_through_again(program, tmp_path):
+def test_startup_objects_are_excluded_from_garbage_collection(program, tmp_path):
     environment = os.environ | {
         "HEALTH_PORT": str(free_port()),
         "METRICS_PORT": str(free_port()),

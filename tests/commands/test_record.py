@@ -10,7 +10,7 @@ from tests.planning.builders import Story, a_policy, a_task, on_node
 
 
 @pytest.mark.parametrize("scheduler", ["CFS", "Realtime"])
-def test_a_replay_divides_as_much_as_was_divided(scheduler):
+def test_replay_divides_the_recorded_capacity(scheduler):
     tasks = [a_task("slam", priority=3), a_task("speech")]
     policy = a_policy(tasks=tasks, enforcement={"scheduler": scheduler}, reserve="100m")
     recorded = Story(policy, on_node("slam", "speech", cores=4))

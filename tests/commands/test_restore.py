@@ -120,7 +120,7 @@ def restore(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     return run
 
 
-def test_a_container_is_put_back_before_its_note_goes(restore: Any) -> None:
+def test_container_is_restored_before_its_original_is_removed(restore: Any) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
     assert restore(server) == (0, "lab/slam/slam: limit 990m -> 500m\n")
     assert server.cluster.limit("slam") == 500
@@ -139,7 +139,7 @@ def test_request_and_limit_of_every_container_are_put_back(restore: Any) -> None
     assert len(server.cluster.resizes()) == 1
 
 
-def test_what_gives_cpu_back_comes_first(restore: Any) -> None:
+def test_decreases_are_restored_first(restore: Any) -> None:
     risen = a_pod("speech", {"speech": cpu("100m", "10m")})
     policies = [policy(originals=before("speech")), policy("other", originals=before("slam"))]
     server = Server(risen, moved("slam"), policies=policies)
@@ -148,13 +148,13 @@ def test_what_gives_cpu_back_comes_first(restore: Any) -> None:
     assert [pod for pod, _ in server.cluster.resizes()] == ["slam", "speech"]
 
 
-def test_a_note_left_by_an_interrupted_restore_is_only_taken_away(restore: Any) -> None:
+def test_original_left_by_an_interrupted_restore_is_only_removed(restore: Any) -> None:
     server = Server(a_pod(), policies=[policy(originals=before("slam"))])
     assert restore(server) == (0, "lab/slam/slam: already as it was\n")
     assert [call for call, *_ in server.cluster.calls] == ["store"]
 
 
-def test_what_no_policy_moved_is_left_alone(restore: Any) -> None:
+def test_containers_without_originals_are_not_touched(restore: Any) -> None:
     ending = moved("speech", deletionTimestamp="2026-01-01T00:00:00Z")
     server = Server(a_pod(), ending, policies=[policy(originals=before("speech", "gone"))])
     assert restore(server) == (0, "nothing to restore\n")
@@ -167,7 +167,7 @@ def test_a_policy_restores_pods_of_its_own_namespace_only(restore: Any) -> None:
     assert server.cluster.limit("slam") == 990
 
 
-def test_a_refusal_is_reported_and_stops_nobody_else(restore: Any) -> None:
+def test_refusal_is_reported_and_other_pods_are_restored(restore: Any) -> None:
     server = Server(moved("slam"), moved("speech"), policies=[policy(originals=before("slam", "speech"))])
     server.cluster.faults.append(REFUSED)
     code, out = restore(server)
@@ -176,19 +176,19 @@ def test_a_refusal_is_reported_and_stops_nobody_else(restore: Any) -> None:
     assert server.cluster.originals("uid-slam")
 
 
-def test_a_pod_that_goes_meanwhile_is_not_a_failure(restore: Any) -> None:
+def test_pod_deleted_during_restore_is_not_a_failure(restore: Any) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
     server.cluster.faults.append(ActuationError("NotFound", "gone (HTTP 404)", retriable=False))
     assert restore(server)[0] == 0
 
 
-def test_a_damaged_note_is_reported(restore: Any) -> None:
+def test_damaged_original_is_reported(restore: Any) -> None:
     code, out = restore(Server(moved(), policies=[policy(originals={"uid-slam": 1})]))
     assert code == 1
     assert out == "pod uid-slam: NOT restored: status.originals.uid-slam of lab/robot can't be read\n"
 
 
-def test_policies_are_released_and_other_finalizers_stay(restore: Any) -> None:
+def test_only_our_finalizer_is_removed(restore: Any) -> None:
     server = Server(moved(), policies=[policy("robot", "example.com/backup", originals=before("slam"))])
     code, out = restore(server, "--remove-finalizers")
     assert code == 0
@@ -203,7 +203,7 @@ def test_finalizers_stay_unless_asked_for(restore: Any) -> None:
     assert server.objects[0]["metadata"]["finalizers"] == [FINALIZER]
 
 
-def test_a_policy_is_held_while_one_of_its_containers_is_not_back(restore: Any) -> None:
+def test_policy_keeps_its_finalizer_until_all_containers_are_restored(restore: Any) -> None:
     server = Server(moved(), policies=[policy("robot", originals=before("slam")), policy("other")])
     server.cluster.faults.append(REFUSED)
     code, out = restore(server, "--remove-finalizers")
@@ -222,7 +222,7 @@ def test_a_policy_that_changes_meanwhile_is_reported(restore: Any, monkeypatch: 
     assert (code, out) == (1, "ContextPolicy lab/robot: NOT released: Conflict: changed (HTTP 409)\n")
 
 
-def test_namespaces_bound_it_and_one_that_is_closed_keeps_nobody_from_the_others(restore: Any) -> None:
+def test_forbidden_namespace_does_not_block_the_others(restore: Any) -> None:
     far = moved("speech", namespace="far")
     policies = [policy(originals=before("slam")), policy("robot", originals=before("speech"), namespace="far")]
     server = Server(moved(), far, policies=policies)
@@ -280,7 +280,7 @@ def signed(limit: int) -> dict[str, Any]:
     return {"uid-slam": write(entry._replace(signature=Signatures(KEY).of("lab/robot", "uid-slam", entry)))}
 
 
-def test_what_the_operator_signed_is_restored_and_its_key_goes(restore: Any) -> None:
+def test_signed_originals_are_restored_and_the_key_is_deleted(restore: Any) -> None:
     server = Server(by_us(), policies=[policy(originals=signed(500))])
     server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
     assert restore(server, "--remove-finalizers", "--dry-run", RELEASE)[0] == 0
@@ -290,7 +290,7 @@ def test_what_the_operator_signed_is_restored_and_its_key_goes(restore: Any) -> 
     assert (server.leases["lab"].holder, server.leases["lab"].seconds) == ("", 1), "waiting replicas go on at once"
 
 
-def test_forged_originals_are_not_restored_but_what_the_owner_says(restore: Any) -> None:
+def test_forged_originals_are_replaced_by_the_owners_template(restore: Any) -> None:
     pod = by_us()
     pod["metadata"]["ownerReferences"] = [OWNER]
     server = Server(pod, policies=[policy(originals=before(slam={"request": "100m", "limit": "50m"}))])
@@ -300,7 +300,7 @@ def test_forged_originals_are_not_restored_but_what_the_owner_says(restore: Any)
     assert (server.cluster.limit("slam"), server.cluster.policies) == (500, {"lab/robot": {}})
 
 
-def test_forged_originals_that_nothing_replaces_hold_the_policy_and_the_key(restore: Any) -> None:
+def test_unprovable_originals_keep_the_policy_and_the_key(restore: Any) -> None:
     originals = before(slam={"request": "100m", "limit": "50m"})
     server = Server(by_us(), policies=[policy(originals=originals)])
     server.secrets, server.leases = dict(SECRETS), {"lab": GREEN}
@@ -319,7 +319,7 @@ def test_forged_originals_that_nothing_replaces_hold_the_policy_and_the_key(rest
 
 
 @pytest.mark.parametrize("secrets", [{}, {"green/contextpolicy-originals": Secret({}, "1")}])
-def test_without_the_key_statuses_are_believed_as_by_hand(restore: Any, secrets: Any) -> None:
+def test_statuses_are_trusted_without_the_key(restore: Any, secrets: Any) -> None:
     server = Server(by_us(), policies=[policy(originals=before("slam"))])
     server.secrets, server.leases = dict(secrets), {"lab": GREEN}
     assert restore(server, RELEASE) == (0, "lab/slam/slam: limit 990m -> 500m\n")
@@ -334,7 +334,7 @@ def two_namespaces() -> Server:
     return server
 
 
-def test_what_another_release_serves_is_left_alone_also_while_it_is_down(restore: Any) -> None:
+def test_namespace_of_another_release_is_skipped_even_while_it_is_down(restore: Any) -> None:
     server = two_namespaces()
     code, out = restore(server, "--remove-finalizers", "--release=green/contextpolicy")
     assert code == 0
@@ -348,7 +348,7 @@ def test_what_another_release_serves_is_left_alone_also_while_it_is_down(restore
     assert server.objects[0]["metadata"]["finalizers"] == [FINALIZER]
 
 
-def test_a_namespace_that_another_release_takes_meanwhile_keeps_its_finalizers(restore: Any) -> None:
+def test_namespace_taken_by_another_release_keeps_its_finalizers(restore: Any) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
     server.leases = {"lab": replace(FIRST, holder="green/contextpolicy")}
     resize = server.resize
@@ -372,7 +372,7 @@ def test_a_release_keeps_its_lease_while_it_restores(restore: Any) -> None:
     assert server.leases["lab"].renewed > "2026"
 
 
-def test_what_another_takes_in_the_middle_is_left_from_then_on(restore: Any) -> None:
+def test_restore_stops_when_another_release_takes_the_namespace(restore: Any) -> None:
     server = Server(moved(), moved("speech"), policies=[policy(originals=before("slam", "speech"))])
     server.leases = {"lab": GREEN}
     resize = server.resize
@@ -394,9 +394,7 @@ def test_what_another_takes_in_the_middle_is_left_from_then_on(restore: Any) -> 
     assert server.cluster.policies["lab/robot"].keys() == {"uid-speech"}
 
 
-def test_a_lease_that_was_deleted_may_be_somebodys_who_writes_it_again(
-    restore: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_deleted_lease_may_be_recreated_by_its_holder(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
     waits: list[float] = []
 
@@ -413,9 +411,7 @@ def test_a_lease_that_was_deleted_may_be_somebodys_who_writes_it_again(
     assert sum(waits) == 10
 
 
-def test_a_lease_that_nobody_writes_again_is_not_waited_for_longer(
-    restore: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wait_for_a_deleted_lease_is_bounded(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
     waits: list[float] = []
     monkeypatch.setattr("time.sleep", waits.append)
@@ -423,7 +419,7 @@ def test_a_lease_that_nobody_writes_again_is_not_waited_for_longer(
     assert 25 <= sum(waits) <= 27
 
 
-def test_by_hand_what_a_running_operator_serves_is_left_alone(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_manual_restore_skips_namespaces_of_a_running_operator(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Green is gone, and its Lease with nobody to renew it."""
     server = two_namespaces()
     waits: list[float] = []
@@ -441,7 +437,7 @@ def test_by_hand_what_a_running_operator_serves_is_left_alone(restore: Any, monk
     assert 30 <= sum(waits) <= 32, "for as long as a Lease lasts, once for all namespaces"
 
 
-def test_a_lease_that_cannot_be_read_leaves_everything_as_it_is(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreadable_lease_changes_nothing(restore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     server = Server(moved(), policies=[policy(originals=before("slam"))])
 
     def refuse(*_: str) -> Lease:

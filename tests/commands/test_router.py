@@ -56,7 +56,7 @@ def program(monkeypatch):
     assert not threads[0].is_alive()
 
 
-def test_a_renewed_certificate_is_taken_up_and_clients_come_back(tmp_path, program, capfd):
+def test_renewed_certificate_is_loaded_and_clients_reconnect(tmp_path, program, capfd):
     authority, endpoint = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
     program(endpoint, authority.issue("router"))
     operator, agent = (client_of(endpoint, authority.issue(role)) for role in ("operator", "agent"))
@@ -79,7 +79,7 @@ def test_a_renewed_certificate_is_taken_up_and_clients_come_back(tmp_path, progr
     until(routed_again)  # clients may be back before the router has said so
 
 
-def test_an_unusable_certificate_is_reported_and_the_former_goes_on(tmp_path, program, capfd):
+def test_invalid_certificate_is_reported_and_the_former_kept(tmp_path, program, capfd):
     authority, endpoint = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
     program(endpoint, authority.issue("router"))
     said: list[str] = []
@@ -102,7 +102,7 @@ def test_an_unusable_certificate_is_reported_and_the_former_goes_on(tmp_path, pr
         until(lambda: reported("") and "".join(said).count("routing at") == 2)
 
 
-def test_a_fleets_router_is_one_too(tmp_path, program):
+def test_fleet_router_accepts_robots_and_viewers(tmp_path, program):
     authority, endpoint = Authority(tmp_path), f"tls/127.0.0.1:{free_port()}"
     program(endpoint, authority.issue("viewer", name="fleet"), fleet=True)
     with (
@@ -115,7 +115,7 @@ def test_a_fleets_router_is_one_too(tmp_path, program):
 
 @pytest.mark.parametrize("place", [["--fleet"], ["--uplink", "tls/fleet:7447"]])
 @pytest.mark.parametrize("files", [None, (), ("tls.crt", "users.txt")])
-def test_many_robots_take_certificates(place, files, tmp_path, capsys):
+def test_fleet_and_uplink_require_certificates(place, files, tmp_path, capsys):
     for name in files or ():
         (tmp_path / name).write_text("")
     credentials = [] if files is None else ["--credentials", str(tmp_path)]
@@ -123,7 +123,7 @@ def test_many_robots_take_certificates(place, files, tmp_path, capsys):
     assert "--uplink and --fleet need --credentials with ca.crt, tls.crt and tls.key" in capsys.readouterr().err
 
 
-def test_credentials_must_be_there(tmp_path):
+def test_credentials_directory_must_exist(tmp_path):
     assert directory(str(tmp_path)) == tmp_path
     with pytest.raises(argparse.ArgumentTypeError, match="'/no/such': expected an existing directory"):
         directory("/no/such")
@@ -158,7 +158,7 @@ def routing(supervisor):
     return int(children[0]) if children else None
 
 
-def test_a_router_that_is_killed_is_there_again_and_counts_it():
+def test_killed_router_is_restarted_and_counted():
     """As soon as a client is back, and more often in a row than one that never routes would be started."""
     kills = IN_VAIN + 2
     port, metrics = free_port(), free_port()
@@ -183,7 +183,7 @@ def test_a_router_that_is_killed_is_there_again_and_counts_it():
         supervisor.kill()
 
 
-def test_an_invalid_supervised_router_is_not_tried_again(capfd):
+def test_supervisor_does_not_retry_invalid_options(capfd):
     assert (
         subprocess.run(
             [sys.executable, "-m", "contextpolicy", "router", "--supervised", "--fleet"], timeout=PATIENCE, check=False

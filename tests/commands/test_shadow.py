@@ -52,7 +52,7 @@ def shown(capsys, *more):
     return capsys.readouterr().out
 
 
-def test_it_shows_what_would_be_different(capsys):
+def test_shadow_shows_the_differences(capsys):
     first, *rest = shown(capsys).splitlines()
     assert first.startswith("lab/robot-next beside lab/robot, ")
     assert first.endswith("other shares 100% of the time")
@@ -86,7 +86,7 @@ def test_with_profiles_it_predicts_the_misses_of_both(capsys, tmp_path):
     assert min(reported["tasks"]["speech"]["predictedMisses"]) > 0.5
 
 
-def test_it_is_promoted(cluster, capsys):
+def test_promote_sets_enforce_mode(cluster, capsys):
     assert cli.main(["promote", "robot-next"]) == 0
     assert cluster.patches == [(f"{small.POLICIES}/robot-next", {"spec": {"mode": "Enforce"}})]
     assert capsys.readouterr().out == "lab/robot-next: DryRun -> Enforce\n"
@@ -108,7 +108,7 @@ def test_invalid_input_changes_nothing(cluster, capsys, command, message):
     assert cluster.patches == []
 
 
-def test_one_that_is_in_force_becomes_the_policy(cluster):
+def test_promoted_shadow_is_adopted_as_the_policy(cluster):
     cluster.policy["status"]["promotedShadow"] = "robot-next"
     assert cli.main(["adopt", "robot-next"]) == 0
     [(path, patch), deleted] = cluster.patches
@@ -118,12 +118,12 @@ def test_one_that_is_in_force_becomes_the_policy(cluster):
     assert deleted == (f"{small.POLICIES}/robot-next", None)
 
 
-def test_what_the_shadow_does_not_have_is_removed():
+def test_adopting_removes_fields_the_shadow_lacks():
     before = {"mode": "Enforce", "minDwell": "1s", "streams": [1], "force": {"context": "moving"}}
     after = {"mode": "Enforce", "streams": [2], "shadow": {"of": "robot"}, "reserve": "100m"}
     assert adopted(before, after) == {"minDwell": None, "streams": [2], "reserve": "100m"}
 
 
-def test_the_status_says_whose_shadow_it_is(capsys):
+def test_status_names_the_shadowed_policy(capsys):
     cli.main(["status", "robot-next"])
     assert "  shadow of robot, would change: slam 800m -> 500m, speech 200m -> 500m\n" in capsys.readouterr().out

@@ -99,7 +99,7 @@ def strictly(text: str) -> Any:
     return json.loads(text, parse_constant=refuse)
 
 
-def test_a_ros_2_robot_whose_lidar_sees_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_infinite_lidar_ranges_are_valid_in_json_and_plot(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     picture = tmp_path / "plan.svg"
     assert main(["simulate", *ROS2, "--output", "json", "--plot", str(picture)]) == 0
     out, err = capsys.readouterr()
@@ -135,9 +135,7 @@ def test_the_same_run_draws_the_same_picture(tmp_path: Path) -> None:
     assert pictures[0].read_bytes() == pictures[1].read_bytes()
 
 
-def test_a_picture_in_no_folder_is_refused_before_anything_is_simulated(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_missing_plot_folder_is_refused_before_simulating(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main([*TWO_CORES, "--plot", str(tmp_path / "nowhere" / "shares.svg")])
     printed = capsys.readouterr()
@@ -145,7 +143,7 @@ def test_a_picture_in_no_folder_is_refused_before_anything_is_simulated(
     assert printed.out == ""
 
 
-def test_plot_without_matplotlib_says_how_to_get_it(
+def test_plot_without_matplotlib_shows_how_to_install_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
@@ -182,7 +180,7 @@ def test_assert_prints_each_difference(tmp_path: Path, capsys: pytest.CaptureFix
         (("simulate", str(ROOT / "tests/e2e/bad_policies/mode-misspelt.yaml"), DEMO), "one of Enforce, DryRun, Paused"),
     ],
 )
-def test_files_that_do_not_do(arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_files_are_reported(arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(list(arguments)) == 2
     assert message in capsys.readouterr().err
 
@@ -222,7 +220,7 @@ def test_a_closed_output_pipe_prints_no_traceback() -> None:
     assert b"BrokenPipe" not in done.stderr
 
 
-def test_the_beginning_is_a_moment_too(capsys: pytest.CaptureFixture[str]) -> None:
+def test_until_zero_shows_the_first_plan(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*TWO_CORES, "--until", "0"]) == 0
     (row,) = capsys.readouterr().out.splitlines()[1:]
     assert row.split() == TABLE.splitlines()[1].split()
@@ -336,7 +334,7 @@ def test_the_help_names_every_field_of_the_output(capsys: pytest.CaptureFixture[
 
 
 @pytest.mark.parametrize("tty", [True, False])
-def test_a_long_run_says_how_far_it_is_on_a_terminal_only(
+def test_progress_is_shown_on_a_terminal_only(
     tty, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("sys.stderr.isatty", lambda: tty)
@@ -390,7 +388,7 @@ def test_a_bag_without_metadata_and_a_bare_database_are_recordings(tmp_path, cap
     assert "`sqlite3 FILE .recover" in capsys.readouterr().err
 
 
-def test_at_twice_the_rate_everything_comes_in_half_the_time(capsys):
+def test_rate_scales_the_time_of_the_timeline(capsys):
     assert main([*TWO_CORES, "--until", "7.5", "--rate", "2", "--output", "json"]) == 0
     moving = next(plan for plan in json.loads(capsys.readouterr().out)["plans"] if plan["sequence"] == 5)
     assert (moving["time"], moving["contexts"]) == (5.1, ["moving"])  # 10 s in the file, and 0.1 s of `enterAfter`

@@ -74,9 +74,7 @@ def files(folder: Path, *texts: str) -> list[str]:
     return [str(path) for path in paths]
 
 
-def test_what_one_module_gives_and_another_takes_becomes_an_activity(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_output_read_by_another_module_becomes_an_activity(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["skeleton", *files(tmp_path, KEYWORDS, CHATBOT)]) == 0
     assert capsys.readouterr().out == EXPECTED
 
@@ -92,7 +90,7 @@ def test_the_policy_of_our_own_modules_is_valid_without_a_warning(
 
 
 @pytest.mark.parametrize(("cores", "written"), [("0.2", "200m"), ("1.5", "1500m"), ("300m", "300m"), ("2", "2")])
-def test_a_fraction_of_a_core_is_written_as_the_api_takes_it(
+def test_fractional_cores_are_written_in_millicores(
     cores: str, written: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = f"name: imu\noutputs: {{reading: {{key: robot/imu}}}}\nneeds: {{cores: {cores}, deadline: 1s}}\n"
@@ -104,7 +102,7 @@ def test_a_fraction_of_a_core_is_written_as_the_api_takes_it(
     assert check([("skeleton", out)]).errors == []
 
 
-def test_names_that_meet_are_distinguished(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_colliding_stream_names_are_numbered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     imu = "name: imu\ninputs: {raw: {key: robot/imu}, in: {key: in}}\nneeds: {deadline: 1s}\n"
     assert main(["skeleton", *files(tmp_path, imu)]) == 0
     report = check([("skeleton", capsys.readouterr().out)])

@@ -122,7 +122,7 @@ def small(tmp_path):
     return suggesting
 
 
-def test_without_a_profile_of_its_tasks_nothing_is_suggested(small, capsys):
+def test_missing_profiles_are_an_error(small, capsys):
     assert small({"stranger": profile("robot/x", 0.1, 1.0)}) == 2
     said = capsys.readouterr()
     assert said.out == ""
@@ -130,14 +130,14 @@ def test_without_a_profile_of_its_tasks_nothing_is_suggested(small, capsys):
     assert "slam, other" in said.err
 
 
-def test_what_meets_its_goals_is_left_alone(small, capsys):
+def test_no_change_is_suggested_if_goals_are_met(small, capsys):
     assert small({"other": profile("robot/pictures", 0.01, 1.0), "slam": profile("robot/imu", 0.001, 5.0)}) == 0
     out = capsys.readouterr().out
     assert yaml.safe_load(out) == []
     assert "# every task meets its goal as it is" in out
 
 
-def test_delays_are_turned_only_where_asked_for(small, capsys):
+def test_delays_are_unchanged_by_default(small, capsys):
     profiles = {"slam": profile("robot/pictures", 0.02, 0.1), "other": profile("robot/imu", 0.001, 1.0)}
     small(profiles, "--output", "json", "--tries", "60")
     changed = [change["path"] for change in json.loads(capsys.readouterr().out)["patch"]]
@@ -151,7 +151,7 @@ def test_delays_can_be_asked_for(small, capsys):
     assert json.loads(capsys.readouterr().out)["tries"] > 1
 
 
-def test_a_floor_is_the_least_that_suffices(small, capsys):
+def test_suggested_min_is_the_smallest_that_suffices(small, capsys):
     profiles = {"slam": profile("robot/pictures", 0.02, 0.2), "other": profile("robot/imu", 0.001, 1.0)}
     assert small(profiles, "--output", "json", "--tries", "60") == 0
     floors = [change for change in json.loads(capsys.readouterr().out)["patch"] if change["path"].endswith("/min")]

@@ -54,7 +54,7 @@ def screen(monkeypatch):
     return set_up
 
 
-def test_a_file_has_no_width_unless_somebody_says_it(screen, monkeypatch):
+def test_file_output_has_no_width_unless_columns_is_set(screen, monkeypatch):
     screen(real=False)
     assert terminal.columns() is None
     monkeypatch.setenv("COLUMNS", "40")
@@ -62,7 +62,7 @@ def test_a_file_has_no_width_unless_somebody_says_it(screen, monkeypatch):
 
 
 @pytest.mark.parametrize("columns", ["", "wide", "0"])
-def test_a_terminal_has_one_whatever_the_environment_says(screen, monkeypatch, columns):
+def test_terminal_width_ignores_invalid_columns(screen, monkeypatch, columns):
     screen(real=True)
     monkeypatch.setenv("COLUMNS", columns)
     width = terminal.columns()

@@ -17,7 +17,7 @@ def _handlers():
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-def test_a_signal_ends_the_wait_whatever_the_main_thread_is_doing(number):
+def test_signal_does_not_deadlock_while_the_wait_lock_is_held(number):
     stop = stop_on_signals()
     with stop._cond:  # type: ignore[attr-defined]  # not in the stubs; as where it begins to wait
         signal.raise_signal(number)

@@ -93,7 +93,7 @@ def test_every_message_becomes_a_line(operator: Operator, monkeypatch: pytest.Mo
     assert lines[1]["tasks"]["slam"]["stage"] == "accepted"
 
 
-def test_nobody_makes_plans(free_endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_operator_is_reported(free_endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
     with open_router([free_endpoint]):
         assert main(["top", "--connect", free_endpoint, "--once"]) == 2
     assert "makes plans: is the operator running" in capsys.readouterr().err
@@ -133,7 +133,7 @@ def test_without_a_terminal_each_change_is_written_once(capsys: pytest.CaptureFi
     assert [line.split("context: ")[1].split()[0] for line in reported] == ["moving", "docked"]
 
 
-def test_an_operator_that_does_not_answer_any_more(
+def test_unresponsive_operator_is_marked(
     operator: Operator, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What it said last is not what is the case."""

@@ -50,7 +50,7 @@ def test_a_misspelt_kind_is_an_error(
     assert message in capsys.readouterr().out
 
 
-def test_a_directory_and_what_is_skipped_in_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_directory_is_searched_and_other_files_are_skipped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub/pod.yaml").write_text("kind: Pod\n")
     (tmp_path / "values.yml").write_text("- 1\n")
@@ -79,7 +79,7 @@ def test_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert problem["line"] > 1
 
 
-def test_nothing_found_is_not_valid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_directory_without_policies_is_not_valid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", str(tmp_path)]) == 1
     assert capsys.readouterr().err == "no ContextPolicy found\n"
 
@@ -89,7 +89,7 @@ def test_a_file_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == "nowhere.yaml: error: cannot read file: No such file or directory\n"
 
 
-def test_beside_a_file_that_is_not_there_the_others_are_checked(capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_file_does_not_stop_the_others(capsys: pytest.CaptureFixture[str]) -> None:
     bad = str(BAD / "min-above-max.yaml")
     assert main(["validate", str(POLICIES / "delivery-robot.yaml"), "nope.yaml", bad, "--output", "json"]) == 2
     document = json.loads(capsys.readouterr().out)
@@ -97,9 +97,7 @@ def test_beside_a_file_that_is_not_there_the_others_are_checked(capsys: pytest.C
     assert (document["valid"], len(document["policies"])) == (False, 1)
 
 
-def test_a_file_that_is_no_object_at_all_has_no_other_faults(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_malformed_object_reports_only_its_top_level_fields(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     odd = tmp_path / "odd.yaml"
     odd.write_text("apiVersion: contextpolicy.dev/v1alpha1\nkind: ContextPolicy\nmetadata: 5\nspec: 7\n")
     assert main(["validate", str(odd), "-o", "json"]) == 1
@@ -109,7 +107,7 @@ def test_a_file_that_is_no_object_at_all_has_no_other_faults(
 
 
 @pytest.mark.parametrize("name", ["/dev/zero", "-"])
-def test_a_file_that_does_not_end_is_refused(
+def test_endless_file_is_refused(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with Path("/dev/zero").open(encoding="utf-8") as endless:

@@ -9,7 +9,7 @@ PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
 
 @pytest.mark.parametrize("before", [[], ["--help"]])
-def test_the_program_says_its_version_where_it_is_asked_first(before, capsys):
+def test_version_option_prints_the_version(before, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["--version", *before])
     assert ended.value.code == 0

@@ -127,7 +127,7 @@ def run(server: Server, monkeypatch: pytest.MonkeyPatch, tmp_path: Any, capsys: 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
 @pytest.mark.parametrize("situation", REFUSALS)
-def test_without_an_answer_no_command_has_run(run: Any, situation: str, words: list[str]) -> None:
+def test_api_errors_make_every_command_fail(run: Any, situation: str, words: list[str]) -> None:
     code, out, errors = run(REFUSALS[situation], words)
     assert (code, out) == (2, "")
     *notes, said = [line for line in errors.splitlines() if line != "dry run: nothing was changed"]
@@ -136,7 +136,7 @@ def test_without_an_answer_no_command_has_run(run: Any, situation: str, words: l
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
-def test_without_the_definition_no_policy_is_ready_and_none_is_to_be_restored(run: Any, words: list[str]) -> None:
+def test_missing_crd_is_reported_by_every_command(run: Any, words: list[str]) -> None:
     code, out, errors = run(NO_DEFINITION, words)
     assert code == {"doctor": 1, "restore": 0}.get(words[0], 2)
     if words[0] in ("status", "pause", "resume", "dry-run", "promote", "adopt", "force"):
@@ -144,7 +144,7 @@ def test_without_the_definition_no_policy_is_ready_and_none_is_to_be_restored(ru
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
-def test_in_an_empty_cluster_there_is_nothing_to_do(run: Any, words: list[str]) -> None:
+def test_empty_cluster_is_reported_by_every_command(run: Any, words: list[str]) -> None:
     code, out, errors = run(EMPTY, words)
     assert code == NOTHING_TO_DO.get(" ".join(words), 1 if words == ["doctor"] else 2)
     if words[0] == "status" and not code:
@@ -153,7 +153,7 @@ def test_in_an_empty_cluster_there_is_nothing_to_do(run: Any, words: list[str]) 
         assert (out, errors.count("\n")) == ("", 1)
 
 
-def test_a_namespace_that_cannot_be_read_is_named_and_keeps_nobody_from_the_others(run: Any) -> None:
+def test_unreadable_namespace_is_reported_and_others_are_restored(run: Any) -> None:
     """A script that sees 1 would run it again, in vain."""
     closed = Situation(403, '{"message": "pods is forbidden"}', NO_POLICIES)
     for more in ([], ["--remove-finalizers"]):

@@ -31,7 +31,7 @@ def packed(commit, folder):
     return airgap.pack(commit, folder, image, chart)
 
 
-def test_an_archive_depends_on_nothing_but_what_is_in_it(tmp_path):
+def test_archives_are_reproducible(tmp_path):
     made = []
     for age in (0, 1000):
         folder = tmp_path / f"folder-{age}"
@@ -43,7 +43,7 @@ def test_an_archive_depends_on_nothing_but_what_is_in_it(tmp_path):
     assert made[0] == made[1]
 
 
-def test_a_robot_without_a_network_gets_one_archive(commit, tmp_path):
+def test_airgap_release_is_one_archive(commit, tmp_path):
     archive = packed(commit, tmp_path / "release")
     assert archive.name == "contextpolicy-1.2.3-airgap.tar"
     subprocess.run(["tar", "xf", archive], cwd=tmp_path, check=True, timeout=10)
@@ -89,7 +89,7 @@ def test_a_damaged_archive_is_not_installed(robot):
     assert (done.returncode != 0, done.stdout) == (True, "contextpolicy-1.2.3-image.tar: FAILED\n")
 
 
-def test_without_helm_nothing_is_begun(robot):
+def test_install_stops_first_if_helm_is_missing(robot):
     _, programs, install = robot
     (programs / "helm").unlink()
     done = install()

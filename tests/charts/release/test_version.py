@@ -23,13 +23,13 @@ def tree(tmp_path):
     return tmp_path
 
 
-def test_everybody_has_the_same():
+def test_every_file_has_the_same_version():
     found = version.versions(REPOSITORY)
     assert [place for place, mentions in found.items() if not mentions] == []
     assert {mention for mentions in found.values() for mention in mentions} == set(found["pyproject.toml"])
 
 
-def test_a_new_one_reaches_everybody(tree):
+def test_new_version_is_written_to_every_file(tree):
     version.change(tree, "0.2.0-rc.1", DATE)
     assert {mention for mentions in version.versions(tree).values() for mention in mentions} == {"0.2.0-rc.1"}
     assert [len(mentions) for mentions in version.versions(tree).values()] == [
@@ -37,7 +37,7 @@ def test_a_new_one_reaches_everybody(tree):
     ]
 
 
-def test_what_was_unreleased_becomes_its_section(tree):
+def test_unreleased_changes_become_the_versions_section(tree):
     version.change(tree, "0.2.0", DATE)
     changelog = (tree / "CHANGELOG.md").read_text()
     assert "## Unreleased\n\n## 0.2.0 - 2027-01-31\n\n### Added\n\n- New.\n" in changelog
@@ -45,5 +45,5 @@ def test_what_was_unreleased_becomes_its_section(tree):
 
 
 @pytest.mark.parametrize(("wanted", "expected"), [("0.1.0", "- Old."), ("0.3.0", "- New.")])
-def test_the_notes_are_the_versions_or_else_what_is_unreleased(wanted, expected):
+def test_notes_fall_back_to_unreleased_changes(wanted, expected):
     assert source.notes(CHANGELOG, wanted) == f"# contextpolicy {wanted}\n\n### Added\n\n{expected}\n"
