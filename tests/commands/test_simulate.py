@@ -180,7 +180,7 @@ def test_assert_prints_each_difference(tmp_path: Path, capsys: pytest.CaptureFix
         (("simulate", str(ROOT / "tests/e2e/bad_policies/mode-misspelt.yaml"), DEMO), "one of Enforce, DryRun, Paused"),
     ],
 )
-def test_invalid_files_are_reported(arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_file_exits_2(arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(list(arguments)) == 2
     assert message in capsys.readouterr().err
 

@@ -20,7 +20,7 @@ def test_at_least_a_dozen_situations_are_simulated():
 
 
 @pytest.mark.parametrize("name", sorted(EXPECTED))
-def test_there_is_a_picture_of_this_policy(name):
+def test_policy_has_an_up_to_date_picture(name):
     assert f"](pictures/{name}.svg)" in COOKBOOK
     picture = (POLICIES / "pictures" / f"{name}.svg").read_text(encoding="utf-8")
     assert f"{name} on " in picture, "make pictures"

@@ -19,7 +19,7 @@ def command(path):
     return shlex.split(line.removeprefix("# contextpolicy").replace("<this file>", str(path)))
 
 
-def test_there_are_expectations():
+def test_expectation_files_are_found():
     assert {"delivery-robot", "hot-node", "starving-node"} <= {path.stem for path in FILES}
 
 

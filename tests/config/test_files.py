@@ -40,19 +40,19 @@ def test_the_kubelet_restarts_a_crashed_operator_soon():
     assert "crashLoopBackOff" not in tested, "the node of the tests takes it from this very file"
 
 
-def test_the_node_that_is_as_k3s_makes_it_has_k3s_arguments(monkeypatch):
+def test_node_with_the_systemd_driver_has_k3s_arguments(monkeypatch):
     assert not any("reserved" in word for word in components.kubelet().argv)
     monkeypatch.setenv(layout.CGROUP_DRIVER_VARIABLE, "systemd")
     assert "--system-reserved=cpu=200m,memory=512Mi" in components.kubelet().argv
 
 
-def test_k3s_configuration_stops_no_resize():
+def test_k3s_configuration_allows_resizes():
     config = yaml.safe_load((ROOT / "config" / "k3s" / "config.yaml").read_text(encoding="utf-8"))
     assert [argument.partition("=")[0] for argument in config["kubelet-arg"]] == ["system-reserved"]
 
 
 @pytest.mark.parametrize("script", ["config/k3s/try.sh", "tests/heavy/helm_job/entry.sh", ".ci/run"])
-def test_shell_scripts_are_sound(script):
+def test_shell_scripts_pass_shellcheck(script):
     """The checker comes with the development packages, next to this Python."""
     shellcheck = Path(sys.executable).parent / "shellcheck"
     found = subprocess.run([shellcheck, ROOT / script], capture_output=True, text=True, check=False)
@@ -68,7 +68,7 @@ def test_the_try_script_installs_what_the_tests_run_on():
     assert f"sys.version_info < ({python.removeprefix('>=').replace('.', ', ')})" in text
 
 
-def test_k3s_installs_a_chart_that_it_serves_itself_with_values_that_the_chart_knows():
+def test_k3s_helmchart_uses_a_local_chart_and_known_values():
     manifest = yaml.safe_load((ROOT / "config" / "k3s" / "helmchart.yaml").read_text(encoding="utf-8"))
     known = yaml.safe_load((ROOT / "charts" / "contextpolicy" / "values.yaml").read_text(encoding="utf-8"))
     assert manifest["spec"]["chart"].startswith("https://%{KUBERNETES_API}%/static/charts/")
@@ -76,7 +76,7 @@ def test_k3s_installs_a_chart_that_it_serves_itself_with_values_that_the_chart_k
     assert all(name in known and set(below) <= set(known[name]) for name, below in values.items())
 
 
-def test_what_the_try_script_relies_on_is_there():
+def test_files_used_by_the_try_script_exist():
     """It can run nowhere but on a robot; the files that it copies and the targets that it makes are ours."""
     script = ROOT / "config" / "k3s" / "try.sh"
     text = script.read_text(encoding="utf-8")

@@ -74,7 +74,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("policy", "argo", "flux"), CASES)
-def test_argo_cd_judges(policy, argo, flux):  # noqa: ARG001 - the cases are Flux' too
+def test_argo_cd_health(policy, argo, flux):  # noqa: ARG001 - the cases are Flux' too
     config = yaml.safe_load((GITOPS / "argocd" / "argocd-cm.yaml").read_text(encoding="utf-8"))["data"]
     script = config["resource.customizations.health.contextpolicy.dev_ContextPolicy"]
     lua = lupa.LuaRuntime()
@@ -83,11 +83,11 @@ def test_argo_cd_judges(policy, argo, flux):  # noqa: ARG001 - the cases are Flu
 
 
 def test_a_paused_policy_is_suspended_for_argo_cd():
-    test_argo_cd_judges(policy(mode="Paused", **WELL), "Suspended", "current")
+    test_argo_cd_health(policy(mode="Paused", **WELL), "Suspended", "current")
 
 
 @pytest.mark.parametrize(("policy", "argo", "flux"), CASES)
-def test_flux_judges(policy, argo, flux):  # noqa: ARG001 - the cases are Argo CD's too
+def test_flux_health(policy, argo, flux):  # noqa: ARG001 - the cases are Argo CD's too
     """Flux asks in this order, and takes the first that holds."""
     (check,) = flux_kustomization()["spec"]["healthCheckExprs"]
     verdicts = (kind for kind in ("inProgress", "failed", "current") if cel.evaluate(check[kind], policy))

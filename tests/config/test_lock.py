@@ -29,5 +29,5 @@ def test_every_entry_is_one_version_with_hashes():
     assert [entry for entry in ENTRIES if not re.match(r"[a-z0-9-]+==[^ ]+ .*--hash=sha256:[0-9a-f]{64}", entry)] == []
 
 
-def test_no_address_is_locked():
+def test_lock_file_contains_no_urls():
     assert "://" not in LOCK

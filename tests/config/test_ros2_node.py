@@ -49,7 +49,7 @@ def test_the_policy_selects_the_node():
 
 
 @pytest.mark.parametrize("release", [Stores.ROS2_JAZZY, Stores.ROS2_KILTED, Stores.ROS2_LYRICAL])
-def test_its_streams_hear_what_the_node_publishes(release):
+def test_streams_match_the_topics_of_the_node(release):
     """The key of rmw_zenoh: domain, topic, type as DDS has it, hash (docs/design.md of ros2/rmw_zenoh)."""
     store = get_typestore(release)
     heard = {stream.name: stream for stream in parse(yaml.safe_load(POLICY)).streams if stream.type}
@@ -71,7 +71,7 @@ def test_zenoh_takes_every_setting():
     assert json.loads(config.get_json("mode")) == "client"
 
 
-def test_it_reaches_the_charts_router_and_nobody_else():
+def test_node_connects_only_to_the_charts_router():
     values = yaml.safe_load((ROOT / "charts" / "robot" / "values.yaml").read_text(encoding="utf-8"))
     assert json.loads(OVERRIDES["connect/endpoints"]) == [values["zenoh"]["connect"]]
     assert json.loads(OVERRIDES["listen/endpoints"]) == []
@@ -102,13 +102,13 @@ def test_its_cpu_can_be_governed():
     }
 
 
-def test_there_is_no_registry_and_no_floating_tag_in_it():
+def test_images_name_no_registry_and_no_floating_tag():
     assert CONTAINER["image"] == "ros:jazzy-ros-base"
     version = yaml.safe_load((ROOT / "charts" / "robot" / "Chart.yaml").read_text(encoding="utf-8"))["appVersion"]
     assert SIDECAR["image"] == f"contextpolicy-host:{version}"
 
 
-def test_the_sidecar_overhears_the_node_of_the_policys_task(tmp_path):
+def test_sidecar_observes_the_node_of_the_policys_task(tmp_path):
     path = tmp_path / "module.yaml"
     path.write_text(MODULE["data"]["module.yaml"], encoding="utf-8")
     module, policy = load(path, {}), parse(yaml.safe_load(POLICY))

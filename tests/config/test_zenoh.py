@@ -26,7 +26,7 @@ def test_zenoh_understands_the_configuration(path):
     assert json.loads(zenoh.Config.from_file(str(path)).get_json("mode")) in ("client", "router")
 
 
-def test_the_routers_rules_are_those_of_the_charts_router():
+def test_router_acl_equals_the_charts():
     config = zenoh.Config.from_file(str(CONFIGURATIONS / "router-acl.json5"))
     expected = zenoh.Config()
     expected.insert_json5("access_control", json.dumps(access_control(SAMPLES, by="usernames")))
@@ -72,7 +72,7 @@ def say(session, key, text):
     publisher.put(text)
 
 
-def test_a_sensor_is_heard_by_modules_and_operator(connect):
+def test_modules_and_operator_receive_sensor_samples(connect):
     sensor, heard = connect("sensor"), [listen(connect(user), "robot/**") for user in ("module", "operator")]
     for one in heard:  # each listener is known to the router when it is
         until(lambda one=one: say(sensor, "robot/imu", "sample") or not one.empty())
@@ -90,7 +90,7 @@ def test_an_agent_hears_that_plans_are_withdrawn(connect):
 
 
 @pytest.mark.parametrize("password", ["", "wrong"])
-def test_a_stranger_is_not_let_in(router, password):
+def test_client_without_the_password_is_refused(router, password):
     config = zenoh.Config.from_file(str(CONFIGURATIONS / "client.json5"))
     config.insert_json5("connect", json.dumps({"endpoints": [router], "timeout_ms": 0, "exit_on_failure": True}))
     config.insert_json5("transport/auth/usrpwd", json.dumps({"user": "operator", "password": password}))

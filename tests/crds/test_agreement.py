@@ -21,7 +21,7 @@ from tests.crds.schema import nodes, schema
 SPEC = schema()["properties"]["spec"]
 
 
-def test_they_agree_on_every_field():
+def test_crd_and_parser_agree_on_every_field():
     assert [*disagreements(SPEC)] == []
 
 
@@ -30,7 +30,7 @@ def test_every_field_is_compared():
     assert len(readings()) > 70
 
 
-def test_every_way_to_read_a_field_has_its_counterpart():
+def test_every_reader_has_a_schema_counterpart():
     assert SAYS.keys() == {*READERS}
 
 
@@ -128,7 +128,7 @@ BESIDE = {
 
 
 @pytest.mark.parametrize(("module", "of", "condition"), BESIDE.values(), ids=BESIDE.keys())
-def test_a_field_that_is_read_beside_some_value_of_another_is_found(monkeypatch, module, of, condition):
+def test_conditionally_parsed_field_is_found(monkeypatch, module, of, condition):
     read = getattr(module, of)
     monkeypatch.setattr(module, of, lambda fields: (condition(fields) and fields.flag("planted"), read(fields))[1])
     assert any(".planted: the definition lacks it" in one for one in disagreements(SPEC))
@@ -149,7 +149,7 @@ OBJECTS = [path + INSIDE[read.reader][0] for path, read in readings().items() if
 
 
 @pytest.mark.parametrize("path", ["spec", *OBJECTS])
-def test_a_value_has_the_same_defaults_wherever_it_comes_from(path):
+def test_code_and_parser_have_the_same_defaults(path):
     """In code a value is made without the fields that a policy leaves out."""
     for value in values(parsed(path, {})[0]):
         for each in fields(value):

@@ -27,7 +27,7 @@ def test_a_copy_is_the_canonical_one(folder):
     assert (ROOT / folder / DEFINITION.name).read_bytes() == DEFINITION.read_bytes(), "run `make crds`"
 
 
-def test_what_comes_from_the_table_of_functions_is_up_to_date():
+def test_text_generated_from_the_function_table_is_up_to_date():
     text = DEFINITION.read_text(encoding="utf-8")
     assert text == written(text), "run `make crds`"
     assert all(
@@ -47,12 +47,12 @@ def test_the_definition_names_every_function():
 
 
 @pytest.mark.parametrize("place", ["Besides CEL's own functions", "a word of CEL cannot be a feature's name"])
-def test_a_place_that_is_gone_is_missed(place):
+def test_missing_placeholder_is_an_error(place):
     with pytest.raises(LookupError, match="0 places"):
         written(DEFINITION.read_text(encoding="utf-8").replace(place, "something else"))
 
 
-def test_it_is_called_as_people_call_it():
+def test_kind_plural_and_short_name():
     names = definition()["spec"]["names"]
     assert (names["kind"], names["plural"], names["shortNames"]) == ("ContextPolicy", "contextpolicies", ["ctxp"])
 
@@ -79,7 +79,7 @@ def test_every_map_and_quantity_is_bounded():
     assert all({"maxLength", "pattern", "minimum"} <= node.keys() for node in quantities)
 
 
-def test_every_list_says_how_it_merges():
+def test_every_list_has_a_merge_strategy():
     assert [
         path for path, n in ALL_NODES.items() if n.get("type") == "array" and "x-kubernetes-list-type" not in n
     ] == []
@@ -104,7 +104,7 @@ def longest_text(rule):
     return max((piece for literal in literals for piece in literal.split("%s")), key=len).strip(" ;:,")
 
 
-def test_there_are_samples():
+def test_sample_policies_are_found():
     assert "delivery-robot" in [path.stem for path in POLICIES]
 
 
@@ -120,7 +120,7 @@ def test_the_schemas_defaults_change_nothing(policy):
 
 
 @pytest.mark.parametrize("path", REFUSED, ids=lambda path: path.stem)
-def test_a_refused_policy_says_what_people_will_read(path):
+def test_refused_policy_states_the_expected_message(path):
     first, *rest = path.read_text(encoding="utf-8").splitlines()
     assert first.startswith("# expect: ")
     assert yaml.safe_load("\n".join(rest))["metadata"]["name"] == path.stem

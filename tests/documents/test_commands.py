@@ -112,7 +112,7 @@ def ids(command):
     return f"{command.document}: {command.text}"
 
 
-def test_there_are_commands():
+def test_commands_are_found():
     assert len(COMMANDS) > 100
     assert {"README.md", "docs/how-to/rollout.md"} <= {one.document for one in COMMANDS}
 
@@ -121,13 +121,13 @@ def test_every_command_is_tested_in_one_way():
     assert {ids(one): ways(one.text) for one in COMMANDS if len(ways(one.text)) != 1} == {}
 
 
-def test_no_row_is_about_nothing():
+def test_every_row_matches_a_command():
     used = {pattern for one in COMMANDS for pattern in ways(one.text)}
     assert {*HERE, *ELSEWHERE, *NOT_HERE} - used == set()
 
 
 @pytest.mark.parametrize("pattern", ELSEWHERE)
-def test_the_test_that_is_named_is_about_the_command(pattern):
+def test_named_test_mentions_the_command(pattern):
     """It speaks of a subcommand or a module that the row is for."""
     text = (ROOT / ELSEWHERE[pattern]).read_text(encoding="utf-8")
     words = [
@@ -139,7 +139,7 @@ def test_the_test_that_is_named_is_about_the_command(pattern):
 @pytest.mark.parametrize(
     "command", [one for one in COMMANDS if re.match(r"(kubectl ctxp|contextpolicy) ", one.text)], ids=ids
 )
-def test_our_own_program_knows_the_subcommand_and_its_options(command, capsys):
+def test_subcommand_and_options_exist(command, capsys):
     words = command.words[2 if command.words[0] == "kubectl" else 1 :]
     if command.whole and not NOT_WHOLE.search(command.text):
         build_parser("contextpolicy").parse_args(words)
@@ -152,7 +152,7 @@ def test_our_own_program_knows_the_subcommand_and_its_options(command, capsys):
 
 
 @pytest.mark.parametrize("command", [one for one in COMMANDS if one.words[0] == "make"], ids=ids)
-def test_the_makefile_has_the_target(command):
+def test_makefile_target_exists(command):
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     targets = [word for word in command.words[1:] if "=" not in word]
     settings = [word.partition("=")[0] for word in command.words[1:] if "=" in word]
@@ -161,7 +161,7 @@ def test_the_makefile_has_the_target(command):
 
 
 @pytest.mark.parametrize("command", [one for one in COMMANDS if " -m " in one.text and "<" not in one.text], ids=ids)
-def test_the_module_is_there_and_has_the_options(command):
+def test_python_module_and_options_exist(command):
     words = command.words
     module, arguments = words[words.index("-m") + 1], words[words.index("-m") + 2 :]
     found = importlib.util.find_spec(module)
@@ -174,7 +174,7 @@ def test_the_module_is_there_and_has_the_options(command):
 
 
 @pytest.mark.parametrize("command", [one for one in COMMANDS if one.words[0] == "helm" and one.whole], ids=ids)
-def test_the_chart_is_there_and_has_the_values(command):
+def test_chart_and_values_exist(command):
     for name in [word for word in command.words if word.startswith("charts/")]:
         values = yaml.safe_load((ROOT / name / "values.yaml").read_text(encoding="utf-8"))
         for setting in [own for before, own in pairwise(command.words) if before == "--set"]:
@@ -194,7 +194,7 @@ def repository(tmp_path):
 
 
 @pytest.mark.parametrize("command", [one for one in COMMANDS if any(re.match(own, one.text) for own in HERE)], ids=ids)
-def test_it_does_what_the_document_says(command, repository):
+def test_command_prints_the_documented_output(command, repository):
     program = repository / "programs" / "contextpolicy"
     program.parent.mkdir()
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -m contextpolicy "$@"\n')

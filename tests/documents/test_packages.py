@@ -15,7 +15,7 @@ TEXTS = [
 ] + sorted(ROOT.glob("*.md"))
 
 
-def test_nobody_is_asked_to_install_a_package_that_is_not_published():
+def test_no_document_installs_an_unpublished_package():
     """Somebody who registers the name could run code on users' machines."""
     asked = {str(path.relative_to(ROOT)) for path in TEXTS if OURS.search(path.read_text(encoding="utf-8"))}
     assert TEXTS

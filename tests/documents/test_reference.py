@@ -13,7 +13,7 @@ from tests.crds.schema import nodes, schema
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_a_page_is_what_its_source_says(name):
+def test_generated_page_is_up_to_date(name):
     assert (REFERENCE / name).read_text(encoding="utf-8") == PAGES[name](), "make docs"
 
 
@@ -36,11 +36,11 @@ def test_every_value_is_explained(chart):
     assert [path for path, _, meaning in rows(chart) if not meaning] == []
 
 
-def test_the_tables_of_the_bus_are_whole():
+def test_bus_tables_have_every_field_once():
     page = messages.page()
     for cell in ("| `policy` |", "| `shortfalls` |", "| `run` |", "| `trigger` |", "| viewer |"):
         assert page.count(cell) == 1
 
 
-def test_text_stands_in_a_table_as_it_was_written():
+def test_table_cells_escape_markdown():
     assert escaped("a|b `c|d<1` *e* [f] < 1\n\ng\nh") == r"a\|b `c\|d<1` \*e\* \[f\] &lt; 1<br><br>g h"

@@ -63,7 +63,7 @@ def in_force(robot, limits):
     until(f"the kernel enforces {limits}", lambda: (now := together(cgroups)) == limits or now)
 
 
-def test_the_agent_is_ahead_of_the_resize_which_agrees(governed, module):
+def test_agent_writes_ahead_of_the_resize(governed, module):
     with Trace(governed, module, "slam", "speech") as trace:
         with resizes_refused(NAMESPACE, "slam"):
             governed.drive(0.3)
@@ -77,7 +77,7 @@ def test_the_agent_is_ahead_of_the_resize_which_agrees(governed, module):
     assert len(trace.limits) <= 4, "somebody changed the limits again"
 
 
-def test_a_storm_of_contexts_ends_in_agreement_without_lasting_excess(governed, module, agent):
+def test_rapid_context_changes_converge_without_lasting_excess(governed, module, agent):
     """The kubelet may write a limit of an older plan late; until the agent has corrected that, limits sum above N."""
     restarts = agent.restarts()
     with Trace(governed, module, "slam", "speech") as trace:
@@ -123,7 +123,7 @@ def test_messages_without_a_signature_change_nothing(governed, module, agent):
     assert agent.restarts() == restarts
 
 
-def test_a_frozen_agent_leaves_the_node_to_the_resizes(governed, agent):
+def test_frozen_agent_falls_back_to_resizes(governed, agent):
     """It keeps nobody waiting: the resize comes at once, plan after plan, and the agent is back in its place later."""
     try:
         agent.send(signal.SIGSTOP)
@@ -136,7 +136,7 @@ def test_a_frozen_agent_leaves_the_node_to_the_resizes(governed, agent):
     settled(governed, STANDING)
 
 
-def test_a_paused_policy_is_let_go(governed):
+def test_paused_policy_is_released(governed):
     governed.drive(0.3)
     in_force(governed, MOVING)
     governed.policy(mode="Paused")
@@ -154,7 +154,7 @@ def victim(agent):
 
 
 @pytest.mark.parametrize("moment", [0.0, 0.3, 0.55, 1.0])
-def test_an_agent_killed_at_any_moment_leaves_agreement(victim, governed, moment):
+def test_agent_killed_at_any_moment_converges(victim, governed, moment):
     """After its write (to find its process takes longer than that), before, during and after the resize."""
     governed.drive(0.3)
     time.sleep(moment)
@@ -193,7 +193,7 @@ def unconfirmed(robot, operator):
         operator.send(signal.SIGCONT)
 
 
-def test_an_agent_that_ends_leaves_what_the_api_says(governed, agent, operator):
+def test_stopped_agent_leaves_the_limits_of_the_api(governed, agent, operator):
     with unconfirmed(governed, operator):
         agent.delete()
         settled(governed, STANDING)

@@ -64,6 +64,6 @@ def test_every_right_is_used_or_has_a_reason(asked, granted):
     assert {right for _, right in granted} - made - REASONS.keys() == set()
 
 
-def test_outside_its_namespaces_it_only_looks_at_nodes_and_keeps_its_lease(asked):
+def test_access_outside_its_namespaces_is_minimal(asked):
     elsewhere = {(call.namespace, call.right[1]) for call in asked if call.namespace not in ROBOTS}
     assert elsewhere <= {("", "nodes"), (SYSTEM, "leases"), (SYSTEM, "secrets")}

@@ -73,7 +73,7 @@ def replicas(robot):
     return get("deploy", "speech", robot.namespace)["spec"]["replicas"]
 
 
-def test_under_limit_a_plan_scales_nothing(robot, readings):
+def test_limit_control_does_not_affect_autoscaling(robot, readings):
     robot.policy(enforcement={"control": "Limit"}, tasks=[task("slam"), task("speech")])
     until("the autoscaler has looked", lambda: utilisation(robot) == USED, patience=120)
     robot.drive(0.3)

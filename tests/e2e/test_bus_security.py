@@ -142,7 +142,7 @@ def answering(key, payload):
     return lambda query: query.reply(key, payload)
 
 
-def test_thousands_of_invented_nodes_cost_the_operator_no_restart(robot, module, faults):  # noqa: ARG001 - in force
+def test_thousands_of_forged_nodes_do_not_restart_the_operator(robot, module, faults):  # noqa: ARG001 - in force
     """Somebody has an agent's certificate: tokens and long reports of nodes that the cluster does not have."""
     operator, flood = Component("operator"), b"x" * 200_000
     restarts = operator.restarts()
@@ -160,7 +160,7 @@ def test_thousands_of_invented_nodes_cost_the_operator_no_restart(robot, module,
         assert operator.restarts() == restarts
 
 
-def test_the_stranger_sees_no_secret(installation):  # noqa: ARG001 - its pod has the default account
+def test_foreign_pod_cannot_read_secrets(installation):  # noqa: ARG001 - its pod has the default account
     for secret in ("bus-authority", "bus-operator", "signing"):
         with pytest.raises(CommandError, match="forbidden"):
             run(
@@ -241,14 +241,14 @@ def test_a_default_installation_requires_certificates(closed):
             open_visitor([address], patience=2)
 
 
-def test_a_sensor_gets_in_with_what_one_command_fetches(closed, tmp_path):
+def test_sensor_connects_with_fetched_credentials(closed, tmp_path):
     where = tmp_path / "sensor"
     run(sys.executable, "-m", "contextpolicy", "credentials", "sensor", str(where), "-n", f"{DEFAULT}-system")
     with open_visitor([closed], patience=20, credentials=where) as sensor:
         assert list(sensor.info.routers_zid())
 
 
-def test_the_pages_of_operator_and_router_say_when_their_certificates_end(closed):  # noqa: ARG001 - installed
+def test_operator_and_router_export_certificate_expiry(closed):  # noqa: ARG001 - installed
     for component in ("operator", "router"):
         series = rf'^contextpolicy_certificate_expiry_timestamp_seconds\{{component="{component}"\}} (\S+)$'
         [end] = re.findall(series, scrape(component, DEFAULT, f"{DEFAULT}-system"), flags=re.MULTILINE)
@@ -261,7 +261,7 @@ def test_the_robots_namespace_has_the_same_certificate(closed, tmp_path):
         assert list(module.info.routers_zid())
 
 
-def test_an_upgrade_and_a_renewal_leave_good_certificates_alone(closed):  # noqa: ARG001 - installed
+def test_upgrade_and_renewal_keep_valid_certificates(closed):  # noqa: ARG001 - installed
     system = f"{DEFAULT}-system"
     before = get("secret", f"{DEFAULT}-bus-operator", system)["data"]
     chart = str(REPOSITORY / "charts" / "contextpolicy")
@@ -271,7 +271,7 @@ def test_an_upgrade_and_a_renewal_leave_good_certificates_alone(closed):  # noqa
     assert get("secret", f"{DEFAULT}-bus-operator", system)["data"] == before
 
 
-def test_what_makes_certificates_reaches_no_other_secret(closed):  # noqa: ARG001 - installed
+def test_certificate_job_can_access_only_its_own_secrets(closed):  # noqa: ARG001 - installed
     system = f"{DEFAULT}-system"
     account = ("--as", f"system:serviceaccount:{system}:{DEFAULT}-certificates", "-n", system)
     for right in (("create", "secrets"), ("list", "secrets"), ("get", "secret/other"), ("delete", "secrets")):

@@ -145,7 +145,7 @@ def test_an_edit_keeps_the_context_that_holds(governed):
     governed.expect(slam=890, speech=10)
 
 
-def test_a_loud_stream_decides_without_the_one_that_was_never_heard(governed):
+def test_condition_is_decided_without_an_unheard_stream(governed):
     streams = [
         *policy(governed.namespace)["spec"]["streams"],
         {"name": "button", "key": f"{governed.namespace}/button"},

@@ -145,7 +145,7 @@ def test_requests_without_end_take_bounded_memory_and_fail_no_probe(governed, co
     run("kubectl", "delete", "pod", "stranger", "-n", governed.namespace, "--now")
 
 
-def test_one_text_named_a_thousand_times_is_refused(governed):
+def test_cbor_references_that_expand_are_refused(governed):
     """It fits into a message, and would take 900 MB where something copies the value."""
     loud = {"name": "loud", "key": f"{governed.namespace}/loud", "encoding": "cbor"}
     imu = {"name": "imu", "key": f"{governed.namespace}/imu", "staleAfter": "5s"}

@@ -30,7 +30,7 @@ def test_foreign_limit_is_reported_and_put_back(governed, manager):
     assert any(said in message for message in governed.reported("ResizedByOther"))
 
 
-def test_writer_who_insists_gets_growing_pauses(governed):
+def test_persistent_foreign_writer_is_reverted_with_backoff(governed):
     """It writes all the time; each of the operator's answers is one more generation, and each of its own.
 
     The pauses before the answers are 0, 0.5, 1, 2 and 4 s, and from then on 5 s.

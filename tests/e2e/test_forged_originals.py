@@ -62,7 +62,7 @@ def emptied(robot):
 
 
 @pytest.mark.parametrize("change", [forgery, emptied])
-def test_what_an_administrator_changes_is_written_again(governed, change):
+def test_originals_changed_by_an_administrator_are_rewritten(governed, change):
     before = governed.status()["originals"]
     patch(governed, originals=change(governed))
     until("the originals are back", lambda: governed.status()["originals"] == before)
@@ -86,7 +86,7 @@ def test_status_writers_cannot_change_originals(governed):
 
 
 @pytest.mark.parametrize(("change", "deleted"), [(emptied, False), (forgery, True)])
-def test_what_is_changed_while_no_operator_runs_is_not_believed(governed, release, change, deleted):
+def test_originals_changed_during_downtime_are_not_trusted(governed, release, change, deleted):
     run("kubectl", "scale", "deployment", release.name, "-n", release.system, "--replicas=0")
     until("it has ended", lambda: f"Pod {release.leader()}" not in release.objects())
     patch(governed, originals=change(governed))

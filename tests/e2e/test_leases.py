@@ -170,7 +170,7 @@ def test_a_standby_takes_over_from_a_killed_operator(governed):
     report("takeover after SIGKILL", times)
 
 
-def test_an_operator_that_wakes_up_after_another_took_over_changes_nothing(governed):
+def test_frozen_leader_changes_nothing_after_a_takeover(governed):
     until("both replicas are ready", all_ready(2), patience=400)
     first = leader()
     with Flipping(governed) as flipping:
@@ -184,7 +184,7 @@ def test_an_operator_that_wakes_up_after_another_took_over_changes_nothing(gover
     governed.expect(slam=990, speech=10)
 
 
-def test_the_kubelet_waits_no_longer_than_the_file_for_robots_says():
+def test_kubelet_uses_the_documented_crash_loop_backoff():
     node = json.loads(run("kubectl", "get", "nodes", "-o", "json"))["items"][0]["metadata"]["name"]
     config = json.loads(run("kubectl", "get", "--raw", f"/api/v1/nodes/{node}/proxy/configz"))["kubeletconfig"]
     reported = yaml.safe_load((REPOSITORY / "config" / "k3s" / "kubelet.conf").read_text(encoding="utf-8"))
@@ -208,7 +208,7 @@ def test_a_rollout_leaves_no_gap(governed):
     assert max(roll_out(governed, "longest gap in a rollout").sums) <= 1000
 
 
-def test_an_operator_alone_is_started_again_by_its_kubelet(governed):
+def test_killed_lone_operator_is_restarted(governed):
     install("lease", SYSTEM, free_address(52), **{"operator.replicas": "1"})
     until("one is left", all_ready(1), patience=180)
     times = []
@@ -226,7 +226,7 @@ def test_an_operator_alone_is_started_again_by_its_kubelet(governed):
     roll_out(governed, "longest gap in a rollout, no standby")
 
 
-def test_a_second_release_leaves_the_namespace_alone_also_when_it_goes(governed):
+def test_second_release_never_touches_the_namespace(governed):
     """A canary, or the idle half of blue and green.
 
     It has a router of its own, where nobody moves: if it decided, both tasks would share alike. Its Job may write

@@ -53,7 +53,7 @@ def conditions(release):
     return run(*query, "-o", "jsonpath={.metadata.name} {.status.conditions[?(@.status=='True')].message}").strip()
 
 
-def test_an_operator_that_lost_its_rights_there_says_what_to_do_and_that_does_it(narrow):
+def test_operator_without_rights_logs_a_restore_command_that_works(narrow):
     delete_while_away(narrow)
     advice = f"contextpolicy restore --namespace {narrow.namespace} --remove-finalizers"
     log = ("kubectl", "logs", "-n", narrow.system, f"deployment/{narrow.name}")
@@ -63,6 +63,6 @@ def test_an_operator_that_lost_its_rights_there_says_what_to_do_and_that_does_it
     until("the namespace is gone", lambda: conditions(narrow) == "" or conditions(narrow))
 
 
-def test_an_operator_of_all_namespaces_lets_it_go(wide):
+def test_cluster_wide_operator_releases_a_deleted_namespace(wide):
     delete_while_away(wide)
     until("the namespace is gone", lambda: conditions(wide) == "" or conditions(wide))

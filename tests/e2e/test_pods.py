@@ -101,7 +101,7 @@ def test_limit_of_the_whole_pod_bounds_its_container_and_is_reported(robot):
     until("the status is well", lambda: robot.condition("Applied")[0] == "True")
 
 
-def test_request_in_the_way_is_named(robot):
+def test_request_above_the_limit_is_reported(robot):
     robot.start("slam")
     robot.start("speech", resources=BIG_REQUEST)
     robot.policy()

@@ -108,7 +108,7 @@ def test_a_datastore_whose_disk_is_full(governed, faults):
     governed.expect(slam=500, speech=500)
 
 
-def test_two_hundred_pods_that_come_and_go(governed, faults):
+def test_two_hundred_pods_created_and_deleted(governed, faults):
     """They match a task's selector, but no node takes them: each change is one more that the operator looks at."""
     crowd = [pod(f"crowd-{number}", governed.namespace, ["true"], None) for number in range(PODS)]
     for one in crowd:

@@ -135,7 +135,7 @@ def test_busy_tasks_get_their_share_in_each_context(governed):
             assert used[name] == pytest.approx(wanted[name] / 1000, abs=0.03), used
 
 
-def test_every_thread_takes_turns_at_realtime_priority_also_those_born_later(governed):
+def test_new_and_existing_threads_run_round_robin(governed):
     for name in TASKS:
         until(f"threads of {name} are in realtime", lambda name=name: policies(governed, name) == REALTIME)
     for _ in range(30):
@@ -143,7 +143,7 @@ def test_every_thread_takes_turns_at_realtime_priority_also_those_born_later(gov
         time.sleep(0.1)
 
 
-def test_period_and_turns_are_the_policys(governed):
+def test_period_and_realtime_policy_are_configurable(governed):
     """The paper's period, and threads that queue; a min of 1 of 2 cores is half of each processor's period."""
     tasks = [task("slam", idle=1, min=1), task("speech", idle=200), task("spare", idle=700)]
     own = {"scheduler": "Realtime", "period": "1s", "realtimePolicy": "FIFO"}
@@ -186,7 +186,7 @@ def test_changing_the_scheduler_moves_between_the_two(governed):
     governed.expect(slam=500, speech=500)
 
 
-def test_an_agent_that_ends_takes_all_back_and_its_successor_continues(governed, agent):
+def test_stopped_agent_undoes_all_and_the_next_continues(governed, agent):
     agent.delete()
     agent.wait()
     expect(governed, STANDING)

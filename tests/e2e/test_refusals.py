@@ -23,7 +23,7 @@ def bound(kind, namespace, **spec):
     apply({"apiVersion": "v1", "kind": kind, "metadata": {"name": "small", "namespace": namespace}, "spec": spec})
 
 
-def test_quota_that_refuses_is_reported_and_its_end_is_noticed(robot):
+def test_refusing_quota_is_reported_and_retried(robot):
     """Nothing on the pod changes when a quota is raised, so only asking again finds it out."""
     robot.start("slam", "speech")
     robot.policy()
@@ -54,7 +54,7 @@ def test_limit_range_that_refuses_is_reported(robot):
     until("the status is well again", lambda: (now := robot.condition("Applied"))[0] == "True" or now)
 
 
-def test_a_policy_whose_restore_is_refused_says_what_it_waits_for(robot):
+def test_refused_restore_reports_what_it_waits_for(robot):
     robot.start("slam", "speech")
     robot.policy()
     robot.drive(0.3)

@@ -78,7 +78,7 @@ def test_requests_fit_whatever_the_context(robot):
     fits(robot)
 
 
-def test_a_pod_that_comes_is_left_its_room(robot):
+def test_new_pods_find_room_for_their_requests(robot):
     robot.start("driver", resources=DRIVER)
     fits(robot)
     robot.stop("driver")

@@ -42,7 +42,7 @@ def config_map(robot):
     delete("configmap", "robot-types", robot.namespace)
 
 
-def test_a_timeline_drives_a_policy_of_ones_own_messages(governed, session, config_map):
+def test_timeline_drives_a_policy_with_custom_messages(governed, session, config_map):
     """The ConfigMap comes after the policy, as GitOps may bring it."""
     mood = stream(governed, "mood", "my_msgs/msg/Mood", types="robot-types", timestamp="header.stamp", staleAfter="1s")
     scan = stream(governed, "scan", "sensor_msgs/msg/LaserScan", timestamp="header.stamp", staleAfter="1s")

@@ -88,7 +88,7 @@ def expect_there(robot, **limits):
     until(f"{NODE} has {limits}", lambda: there(robot) == limits or there(robot))
 
 
-def test_each_node_divides_what_it_has(robot):
+def test_each_node_divides_its_own_capacity(robot):
     robot.policy(enforcement={"transition": "Prompt"})
     robot.expect(slam=500, speech=500)
     expect_there(robot, slam=1500, speech=1500)

@@ -57,7 +57,7 @@ def test_dry_run_moves_nothing_and_reports_what_it_would(beside, capsys):
     assert reported["stretches"][-1]["shares"] == {"slam": [0.99, 0.7], "speech": [0.01, 0.3]}
 
 
-def test_it_is_promoted_and_taken_back_when_misses_rise(beside):
+def test_promotion_is_reverted_when_misses_rise(beside):
     until("the misses before are known", lambda: known(beside), patience=60)
     assert main(["promote", f"{NAMESPACE}/{SHADOW}"]) == 0
     beside.expect(**AFTER)
@@ -80,7 +80,7 @@ def test_a_new_operator_continues_with_what_was_promoted(beside, operator):
     beside.expect(**AFTER)
 
 
-def test_what_has_proved_itself_is_adopted(beside):
+def test_promoted_shadow_is_adopted(beside):
     assert main(["promote", f"{NAMESPACE}/{SHADOW}"]) == 0
     beside.expect(**AFTER)
     until("the status says so", lambda: beside.status().get("promotedShadow") == SHADOW or beside.status())

@@ -294,7 +294,7 @@ def test_nothing_leaked(soaked):
     assert found == []
 
 
-def test_every_container_is_as_it_came_when_the_policy_goes(soaked):
+def test_deleted_policy_restores_every_container(soaked):
     delete("ctxp", "robot", soaked.robot.namespace)
     expected = soaked.originals
     until(f"the kernel enforces {expected}", lambda: _now(soaked) == expected or _now(soaked))

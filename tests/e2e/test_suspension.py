@@ -47,7 +47,7 @@ def start_probed(robot):
     run("kubectl", "wait", "pod/speech", "-n", robot.namespace, "--for=condition=Ready", "--timeout=60s")
 
 
-def test_a_probe_that_is_slow_at_10m_has_the_task_restarted_and_is_warned_of(standing):
+def test_slow_liveness_probe_restarts_a_suspended_task_with_a_warning(standing):
     start_probed(standing)
     standing.policy(enforcement={"control": "Weight"})
     warned = "speech/speech has a livenessProbe and only 10m while it is suspended"
@@ -88,7 +88,7 @@ def test_a_task_without_a_limit_is_suspended_by_quota_and_restored_to_none(stand
 
 
 @pytest.mark.parametrize("control", CONTROLS)
-def test_a_request_keeps_the_api_but_not_the_agent_from_suspending(standing, control):
+def test_agent_suspends_below_a_request_the_api_cannot_undercut(standing, control):
     """What the kubelet writes for the API is overwritten again."""
     standing.start("speech", resources=BIG_REQUEST)
     standing.policy(enforcement={"control": control})

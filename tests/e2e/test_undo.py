@@ -136,7 +136,7 @@ def test_agent_and_operator_killed_at_once(suspended, agent, operator, moving):
 
 @own_node
 @pytest.mark.parametrize(("control", "later"), [("Weight", 0.0), ("Limit", 5.0), ("Weight", 12.0)])
-def test_the_agent_is_killed_for_good_and_the_operator_replaced_soon_after(suspended, agent, moving, no_image, later):
+def test_agent_killed_for_good_and_operator_replaced(suspended, agent, moving, no_image, later):
     """Its supervisor undoes what the API has 10 s later, before or after the next operator has begun."""
     with no_image():
         with ends_in(suspended, moving):
@@ -169,14 +169,14 @@ def test_the_daemonset_is_deleted(suspended, moving):
         in_force(suspended, {"speech": 500})
 
 
-def test_the_operator_goes_for_good_and_the_agent_lives(suspended, moving):
+def test_operator_gone_for_good_with_a_live_agent(suspended, moving):
     with no_operator(), ends_in(suspended, ORIGINAL):
         pass
     in_force(suspended, moving)
 
 
 @own_node
-def test_the_operator_goes_for_good_and_the_agent_is_killed(suspended, agent, moving, no_image):
+def test_operator_gone_for_good_and_agent_killed(suspended, agent, moving, no_image):
     with no_image(), no_operator(), ends_in(suspended, ORIGINAL):
         agent.kill()
     agent.delete()
@@ -199,7 +199,7 @@ def test_an_upgrade_and_its_rollback(suspended, moving):
             run(*command, timeout=150)
 
 
-def test_last_of_all_the_chart_is_uninstalled(suspended):
+def test_uninstalled_chart_leaves_nothing_to_undo(suspended):
     """The sensors can't come back on the bus: the next installation has another authority."""
     try:
         run("helm", "uninstall", RELEASE, "--namespace", SYSTEM, "--wait", "--timeout", "90s")

@@ -26,7 +26,7 @@ def left():
         release.remove()
 
 
-def test_containers_are_as_they_were(left):
+def test_containers_are_restored(left):
     robot, _ = left
     robot.expect(slam=500, speech=500)
     for name in ("slam", "speech"):
@@ -53,7 +53,7 @@ def test_the_policy_stays_and_can_be_deleted_at_once(left):
     assert run("kubectl", "get", "ctxp", "-n", robot.namespace, "-o", "name") == ""
 
 
-def test_the_operators_lease_goes_with_it_so_that_the_next_one_decides_at_once(left):
+def test_lease_is_deleted_so_the_next_operator_leads_at_once(left):
     """Helm takes the operator's rights before it ends, so that it can't give the Lease back; nobody waits for it."""
     _, release = left
     until("nobody holds the Lease", lambda: not release.leader() or release.leader())

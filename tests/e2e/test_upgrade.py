@@ -85,7 +85,7 @@ def test_upgrade_and_rollback_keep_policies_in_force(upgraded):
     robot.expect(slam=500, speech=500)
 
 
-def test_afterwards_containers_are_put_back(upgraded):
+def test_deleted_policy_restores_containers_after_an_upgrade(upgraded):
     """What they had before the first version is known to the last."""
     release, robot = upgraded
     robot.drive(0.3)

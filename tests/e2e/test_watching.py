@@ -27,7 +27,7 @@ release that has them."""
 
 
 @pytest.mark.usefixtures("moving")
-def test_every_series_of_the_dashboard_and_the_alerts_is_on_the_real_page():
+def test_dashboard_and_alert_series_are_exported():
     asked = {name for _, expression, _ in QUESTIONS for name in re.findall(r"\bcontextpolicy_[a-z_]+", expression)}
     here = {name for name in asked if not name.startswith(ELSEWHERE)} - {"contextpolicy_node_agent_ready"}
     assert here - WITHOUT_TROUBLE - ON_A_CLOSED_BUS <= series(scrape("operator"))
@@ -48,7 +48,7 @@ def test_a_reaction_is_measured(moving):
 
 
 @pytest.mark.usefixtures("moving")
-def test_the_metrics_say_what_the_kernel_does():
+def test_metrics_match_the_enforced_limits():
     until(
         "the limit is on the page",
         lambda: bool(
@@ -77,7 +77,7 @@ def test_the_live_page_through_a_port_forward():
     assert plans[-1]["contexts"] == ["moving"]
 
 
-def test_nobody_reaches_the_page_over_the_network(moving):
+def test_live_page_is_not_reachable_over_the_network(moving):
     del moving
     with pytest.raises(OSError, match="refused"):
         urllib.request.urlopen(f"http://{address('operator')}:8082/", timeout=10)
@@ -104,7 +104,7 @@ def test_the_commands_of_kubectl_ctxp(capsys, monkeypatch):
     assert cgroups["verdict"] == "ok"
 
 
-def test_what_happened_is_replayed_on_the_desk(moving, tmp_path, capsys):
+def test_recording_is_replayed_offline(moving, tmp_path, capsys):
     moving.drive(0.0)
     moving.expect(slam=500, speech=500)
     folder = tmp_path / "recorded"

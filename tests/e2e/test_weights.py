@@ -162,7 +162,7 @@ def test_a_task_receives_its_weights_cpu_whatever_the_kubelet_writes(tasks):
 
 
 @pytest.mark.usefixtures("hogs")
-def test_a_quota_that_follows_to_the_api_takes_no_weight(tasks):
+def test_quota_written_by_the_api_keeps_the_weights(tasks):
     govern(tasks)
     tasks.drive(0.3)
     tasks.expect(speech=10)
@@ -187,7 +187,7 @@ def test_a_deleted_policy_leaves_every_weight_as_the_api_says(tasks):
     until("all weights are back", lambda: (now := [weight(folder) for folder in folders]) == before or now)
 
 
-def test_nobody_s_request_is_moved(tasks):
+def test_requests_are_unchanged(tasks):
     govern(tasks)
     tasks.drive(0.3)
     tasks.expect(speech=10)

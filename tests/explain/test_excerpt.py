@@ -14,7 +14,7 @@ from contextpolicy.explain.excerpt import LONGEST_MAP, LONGEST_TEXT, excerpt
     [None, True, 0, -1.5, 2**64, "", "drive", {"a": {"b": [1, 2.5, "x", None]}}, list(range(16)), {}, []],
     ids=repr,
 )
-def test_what_is_small_is_shown_as_it_is(value):
+def test_small_value_is_unchanged(value):
     assert excerpt(value) == value
 
 
@@ -36,7 +36,7 @@ def test_what_is_small_is_shown_as_it_is(value):
     ],
     ids=["bytes", "nan", "inf", "-inf", "integer", "list", "text", "key", "map"],
 )
-def test_what_is_not_is_named_or_cut(value, shown):
+def test_large_value_is_named_or_cut(value, shown):
     assert excerpt(value) == shown
 
 
@@ -51,5 +51,5 @@ def test_what_is_not_is_named_or_cut(value, shown):
     ],
     ids=["texts", "texts in a map", "long keys", "nested lists", "integers"],
 )
-def test_the_whole_is_bounded(value):
+def test_excerpt_size_is_bounded(value):
     assert len(json.dumps(excerpt(value))) < 200_000

@@ -17,7 +17,7 @@ def explained(task, placement):
     return sentences(explain(Story(policy, placement).planner, START + 1), task)
 
 
-def test_what_contexts_change_and_what_protection_rules_out():
+def test_context_effects_and_protection_are_explained():
     tasks = [a_task("brake", protected=True), a_task("slam")]
     contexts = [
         a_context("busy", "true", tasks={"brake": {"weight": 3}, "slam": {"weight": 2}}),
@@ -122,7 +122,7 @@ def test_a_protected_task_weighs_at_least_a_core():
     ]
 
 
-def test_what_is_left_of_an_event_that_is_over_is_not_in_force():
+def test_decaying_activity_is_not_in_force():
     activity = {"when": "imu.hit", "score": 10, "hold": "1s", "decay": "10s", "until": "imu.calm"}
     tasks = [a_task("slam", activity=[activity], idle=5), a_task("rest")]
     story = Story(a_policy(streams=[a_stream("imu")], tasks=tasks))

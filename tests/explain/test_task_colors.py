@@ -13,7 +13,7 @@ NAMES = st.lists(st.text("abcdefgh-0123", min_size=1, max_size=8), max_size=len(
 
 
 @given(NAMES, st.randoms())
-def test_each_task_has_its_own_whatever_the_order(names, random):
+def test_colours_are_unique_and_do_not_depend_on_order(names, random):
     shuffled = random.sample(names, len(names))
     assert task_colors(names) == task_colors(shuffled)
     assert len(set(task_colors(names).values())) == len(names)

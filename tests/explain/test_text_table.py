@@ -35,7 +35,7 @@ def test_the_last_column_is_wrapped_first():
     ]
 
 
-def test_what_is_still_too_wide_becomes_paragraphs():
+def test_too_wide_table_becomes_paragraphs():
     assert drawn(36, indent="  ") == [
         "  0.000",
         "    CONTEXTS  -",
@@ -73,11 +73,11 @@ def test_nothing_is_wider_than_the_terminal_and_nothing_is_lost(rows, width):
 
 
 @pytest.mark.parametrize("width", [None, 80])
-def test_a_line_that_fits_stays(width):
+def test_line_that_fits_is_unchanged(width):
     assert wrapped("set agent.enabled=true", width, "-> ", "   ") == ["-> set agent.enabled=true"]
 
 
-def test_a_longer_one_is_wrapped_between_words():
+def test_long_line_is_wrapped_between_words():
     assert wrapped("upgrade to 1.36, or set agent.enabled=true", 20, "-> ", "   ") == [
         "-> upgrade to 1.36,",
         "   or set",

@@ -59,7 +59,7 @@ UNHEARD = "`button.pressed` waits for stream button, never heard in 0.5 s"
         ("imu.ids.all(i, i > 1)", ["`imu.ids.all(i, i > 1)` is false"]),
     ],
 )
-def test_the_part_that_decides_is_named(when, parts):
+def test_deciding_part_of_the_condition_is_named(when, parts):
     document = explained(a_story(when), 0.5)
     reported = f"Context on does not hold: {' and '.join(parts)}."
     assert context_sentences(document) == [reported]

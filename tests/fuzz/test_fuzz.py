@@ -72,7 +72,7 @@ events = st.one_of(
 
 @given(st.lists(st.tuples(events, st.floats(0, 3)), max_size=12))
 @settings(max_examples=150)
-def test_any_story_leaves_a_good_plan(story):
+def test_any_event_sequence_leaves_a_valid_plan(story):
     robot = targets.Robot()
     for event, after in story:
         robot.take(event, after)
@@ -81,7 +81,7 @@ def test_any_story_leaves_a_good_plan(story):
 @given(st.lists(st.tuples(st.one_of(events, samples, st.none()), st.floats(0, 3)), max_size=12))
 @example([(Sample("x", {}), 0.0), (None, 0.0), (Sample("x", {"b": [10**390]}), 2.0), (None, 0.0)])
 @settings(max_examples=150)
-def test_an_edit_in_any_story_changes_nothing_else(story):
+def test_edit_in_any_event_sequence_changes_nothing_else(story):
     robot = targets.Robot()
     for event, after in story:
         if event is None:

@@ -76,7 +76,7 @@ def govern(robot):
     robot.expect(**{"slam-0": 990, "speech-0": 10})
 
 
-def test_beside_one_for_memory_both_do_their_work(robot):
+def test_memory_autoscaler_and_policy_work_together(robot):
     """As the README advises: `controlledResources: [memory]`."""
     govern(robot)
     look_after(robot, "slam", "memory", minAllowed={"memory": "100Mi"}, maxAllowed={"memory": "100Mi"})
@@ -94,7 +94,7 @@ def test_beside_one_for_memory_both_do_their_work(robot):
 
 
 @pytest.mark.parametrize("controlled", ["RequestsAndLimits", "RequestsOnly"])
-def test_an_autoscaler_of_cpu_is_reverted_reported_and_wins_when_it_insists(robot, controlled):
+def test_cpu_autoscaler_is_reverted_until_it_persists(robot, controlled):
     """It raises the request to what it saw used, and the limit in proportion: with 10m and 990m to a hundred cores."""
     govern(robot)
     look_after(robot, "slam", "cpu", controlledValues=controlled)

@@ -99,7 +99,7 @@ def limits():
 
 
 @pytest.mark.usefixtures("controller", "robot")
-def test_a_manifest_installs_the_operator_and_its_end_puts_everything_back(chart, job_image):
+def test_helmchart_manifest_installs_and_its_deletion_restores(chart, job_image):
     apply(manifest(chart, job_image))
     until("the operator is installed and ready", lambda: ready() or jobs(), patience=180)
     apply(policy(ROBOT, tasks=[task("slam", priority=3), task("speech")]))

@@ -97,7 +97,7 @@ def test_it_shows_the_papers_figures_with_bands_of_contexts(desk):
     assert text(desk, "state") == "live"
 
 
-def test_an_axis_says_what_its_lines_are_at(desk, watched):
+def test_axis_labels_match_the_grid_lines(desk, watched):
     def smaller(plans):
         for plan in plans:
             for node in plan["nodes"].values():
@@ -130,7 +130,7 @@ def test_the_slider_goes_back_in_time_and_the_button_returns(desk):
     assert text(desk, "state") == "live"
 
 
-def test_a_task_that_no_plan_had_yet_does_not_freeze_the_page(desk, watched):
+def test_moment_before_the_first_plan_does_not_freeze_the_page(desk, watched):
     desk.value("document.querySelector('#tasks tbody tr').click()")
     slide(desk, 0)
     assert "no plan" in text(desk, "headline")
@@ -158,7 +158,7 @@ def test_a_task_that_an_older_plan_lacks_does_not_freeze_the_page(browser, page,
     assert (text(browser, "state"), browser.errors) == ("live", [])
 
 
-def test_a_plan_that_comes_twice_does_not_empty_the_figures(desk, watched):
+def test_duplicate_plan_does_not_clear_the_figures(desk, watched):
     [*_, last] = watched.plans("lab/robot", 0.0)
     watched.alter_plans = lambda plans: plans or [{**last, "published": last["published"] + 5e-5}]
     desk.value(
@@ -212,7 +212,7 @@ def offline(browser):
     switch(off=False)
 
 
-def test_an_operator_that_is_gone_leaves_everything_grey_with_its_age(desk, offline):
+def test_lost_operator_greys_the_page_and_shows_the_age(desk, offline):
     assert not is_grey(desk)
     assert "now" in text(desk, "weights")
     offline(off=True)
@@ -232,7 +232,7 @@ def test_an_operator_that_is_gone_leaves_everything_grey_with_its_age(desk, offl
     assert not is_grey(desk)
 
 
-def test_an_operator_that_hangs_is_no_longer_live(desk, watched):
+def test_hanging_operator_is_not_shown_as_live(desk, watched):
     watched.hangs.set()
     desk.wait_for("document.getElementById('state').textContent == 'no answer'")
     assert is_grey(desk)
@@ -242,7 +242,7 @@ def test_an_operator_that_hangs_is_no_longer_live(desk, watched):
     assert not is_grey(desk)
 
 
-def test_data_is_as_old_as_the_question_and_not_as_the_answers_arrival(desk, watched):
+def test_age_counts_from_the_request_on_a_slow_link(desk, watched):
     """On a slow way an answer is old when it comes: made at once, it was under way for seconds."""
     desk.value(
         "window.states = []; new MutationObserver(() => states.push(state.textContent + ' ' + source.textContent))"
@@ -264,7 +264,7 @@ def test_data_is_as_old_as_the_question_and_not_as_the_answers_arrival(desk, wat
     assert min(ages) >= 8, "boards and plans took 4 s each"
 
 
-def test_a_machine_that_slept_does_not_take_old_data_for_current(desk, watched):
+def test_data_is_stale_after_the_machine_slept(desk, watched):
     """Its monotonic clock may have stood still."""
     watched.hangs.set()
     desk.value("window.exact = Date.now; Date.now = () => exact() + 3600e3")
@@ -274,7 +274,7 @@ def test_a_machine_that_slept_does_not_take_old_data_for_current(desk, watched):
     watched.hangs.clear()
 
 
-def test_a_pause_that_is_over_is_not_drawn_as_a_plan_in_force(desk, watched):
+def test_ended_pause_is_drawn_as_a_gap(desk, watched):
     watched.edit({}, mode="Paused")
     watched.edit({"robot/imu": {"speed": 0.0}}, mode="Enforce")
     desk.call("Page.reload")
@@ -288,7 +288,7 @@ def test_a_pause_that_is_over_is_not_drawn_as_a_plan_in_force(desk, watched):
     assert text(desk, "headline") == "no plan was in force at this moment, or none was recorded"
 
 
-def test_a_policy_made_again_under_its_name_has_no_past_of_the_one_before(desk, watched):
+def test_recreated_policy_shows_no_earlier_history(desk, watched):
     desk.value("document.querySelector('#tasks tbody tr').click()")
     slide(desk, 700)
     assert "time=" in desk.value("location.hash")
@@ -304,7 +304,7 @@ def test_a_policy_made_again_under_its_name_has_no_past_of_the_one_before(desk, 
 
 
 @pytest.mark.parametrize("name", ["constructor", "__proto__", "toString"])
-def test_a_name_that_every_object_has_is_one_that_is_not_there(browser, page, name):
+def test_javascript_property_name_is_not_a_task(browser, page, name):
     browser.errors.clear()
     browser.open("about:blank", 1200, 860)
     browser.open(f"{page}#task={name}&window={name}", 1200, 860)
@@ -313,7 +313,7 @@ def test_a_name_that_every_object_has_is_one_that_is_not_there(browser, page, na
     assert (text(browser, "state"), browser.errors) == ("live", [])
 
 
-def test_a_task_may_have_such_a_name(browser, page, watched):
+def test_task_may_be_named_like_a_javascript_property(browser, page, watched):
     def renamed(found):
         return json.loads(json.dumps(found).replace('"slam"', '"constructor"'))
 
@@ -326,14 +326,14 @@ def test_a_task_may_have_such_a_name(browser, page, watched):
 
 
 @pytest.mark.parametrize("time", ["1e12", "Infinity", "-5", "noon"])
-def test_an_address_with_a_time_that_has_not_come_shows_what_is_now(browser, page, time):
+def test_link_with_an_invalid_time_shows_now(browser, page, time):
     browser.open("about:blank", 1200, 860)
     browser.open(f"{page}#time={time}", 1200, 860)
     browser.wait_for("document.getElementById('state')?.textContent == 'live'")
     assert text(browser, "moment") == "now"
 
 
-def test_a_tip_goes_after_a_tap(browser, page):
+def test_tooltip_closes_after_another_tap(browser, page):
     browser.open(page, 390, 844, phone=True)
     browser.wait_for("document.querySelectorAll('#tasks tbody tr').length == 3")
     browser.call("Emulation.setTouchEmulationEnabled", enabled=True)
@@ -371,7 +371,7 @@ def test_a_tip_shows_what_is_under_the_pointer_now(desk, watched):
 
 
 @pytest.mark.parametrize("width", [360, 1200])
-def test_what_has_the_focus_is_not_under_the_header(browser, page, width):
+def test_focused_element_is_not_covered_by_the_header(browser, page, width):
     browser.open(page, width, 500, phone=width == 360)
     browser.wait_for("document.querySelectorAll('#tasks tbody tr').length == 3")
     browser.value("scrollTo(0, document.body.scrollHeight)")
@@ -382,7 +382,7 @@ def test_what_has_the_focus_is_not_under_the_header(browser, page, width):
     )
 
 
-def test_a_policy_that_is_deleted_is_said_to_be_gone(desk, watched):
+def test_deleted_policy_is_shown_as_not_found(desk, watched):
     watched.alter_boards = lambda boards: [{**board, "policy": "lab/other"} for board in boards]
     desk.wait_for("document.getElementById('state').textContent == 'not found'")
     assert desk.value("document.getElementById('policy').value") == "lab/robot", "nobody chose another one"
@@ -395,7 +395,7 @@ def test_a_policy_that_is_deleted_is_said_to_be_gone(desk, watched):
     desk.wait_for("document.getElementById('state').textContent == 'live'")
 
 
-def test_nothing_of_one_policy_stands_under_the_name_of_another(desk, watched):
+def test_switching_policies_hides_the_previous_data(desk, watched):
     watched.alter_boards = lambda boards: [*boards, *({**board, "policy": "lab/other"} for board in boards)]
     until_it_asks_again(desk, watched)
     watched.hangs.set()
@@ -406,7 +406,7 @@ def test_nothing_of_one_policy_stands_under_the_name_of_another(desk, watched):
     desk.wait_for("document.querySelector('#tasks').checkVisibility()")
 
 
-def test_what_was_not_seen_of_the_past_is_not_shown_as_the_past(desk):
+def test_unrecorded_history_is_shown_as_not_known(desk):
     assert desk.value("document.querySelectorAll('#streams tbody tr').length") == 3
     slide(desk, 700)
     assert desk.value("document.querySelectorAll('#streams tbody tr, #conditions li').length") == 0
@@ -417,7 +417,7 @@ def test_what_was_not_seen_of_the_past_is_not_shown_as_the_past(desk):
     assert desk.value("document.querySelectorAll('#streams tbody tr').length") == 3
 
 
-def test_the_past_shows_what_the_page_saw_then(desk, watched):
+def test_history_shows_what_the_page_received_then(desk, watched):
     watched.happen({"robot/imu": {"speed": 0.4}}, 3.0)
     until_it_asks_again(desk, watched)
     before = text(desk, "streams")
@@ -440,7 +440,7 @@ def test_it_fits_on_a_phone(browser, page):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1200, 360])
 @pytest.mark.parametrize("moment", [1000, 700])
-def test_axe_finds_nothing_to_complain_about(browser, page, scheme, width, moment):
+def test_axe_finds_no_violations(browser, page, scheme, width, moment):
     browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
     browser.open(page, width, 860, phone=width == 360)
     browser.wait_for("document.querySelectorAll('#tasks tbody tr').length == 3")
@@ -481,7 +481,7 @@ def columns(browser):
     return browser.value(shown)
 
 
-def test_a_column_in_which_nothing_is_known_leaves_its_room_to_the_others(desk, watched):
+def test_empty_columns_are_hidden(desk, watched):
     assert columns(desk) == ["task", "weight", "share", "limit", "because"]
     watched.alter_boards = lambda boards: [
         {**board, "containers": [{**one, "use": 0.1, "throttled": 0.2} for one in board["containers"]]}
@@ -596,6 +596,6 @@ def test_twenty_tasks_have_their_own_colours_and_labels_and_nothing_is_cut_off(b
         server.close()
 
 
-def test_nothing_comes_from_elsewhere_and_nothing_fails(desk, page):
+def test_page_loads_only_from_its_server_without_errors(desk, page):
     assert desk.hosts <= {page.rstrip("/"), f"{page}api", "data:"}
     assert desk.errors == []

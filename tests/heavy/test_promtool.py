@@ -35,7 +35,7 @@ def test_the_rules_are_valid(promtool):
         assert f"{rules} rules found" in done.stdout
 
 
-def test_the_rules_fire_when_they_should_and_only_then(promtool):
+def test_rules_pass_promtool_tests(promtool):
     done = promtool("test", "rules", str(REPOSITORY / "tests" / "charts" / "alerts_test.yaml"))
     assert done.returncode == 0, done.stdout + done.stderr
 

@@ -68,7 +68,7 @@ def test_the_image_is_there_for_both_architectures_under_its_version():
         assert re.fullmatch("[0-9a-f]{40}", config["config"]["Labels"]["org.opencontainers.image.revision"])
 
 
-def test_no_start_compiles_a_library_whatever_times_its_files_were_given():
+def test_bytecode_does_not_depend_on_file_times():
     """Bytecode that names the time of its source is out of date in an image whose files all have the commit's."""
     found, content, _ = described(one("*-image.tar"))
     for each in found.values():
@@ -86,7 +86,7 @@ def bytecode(layer):
                 yield opened(tar, member).read(8)[4:]
 
 
-def test_built_again_it_is_the_same():
+def test_release_build_is_reproducible():
     first, second = described(one("*-image.tar"))[0], described(one("*-image.tar", AGAIN))[0]
     assert {name: first[name]["digest"] for name in second} == {name: each["digest"] for name, each in second.items()}
     assert one("contextpolicy-*.tgz").read_bytes() == one("contextpolicy-*.tgz", AGAIN).read_bytes()
@@ -98,7 +98,7 @@ def test_checksums_and_signature_hold():
 
 
 @pytest.mark.parametrize("architecture", images.ARCHITECTURES)
-def test_the_bill_lists_what_was_locked_and_what_debian_gave(architecture):
+def test_sbom_lists_locked_and_debian_packages(architecture):
     bill = json.loads(one(f"*-linux-{architecture}.spdx.json").read_text())
     found = {(package["name"].lower().replace("_", "-"), package.get("versionInfo")) for package in bill["packages"]}
     locked = set(re.findall(r"^([a-z0-9-]+)==([^ ;]+) \\$", LOCK, flags=re.MULTILINE))
@@ -132,7 +132,7 @@ def answers(address):
     return False
 
 
-def test_the_image_goes_into_a_registry_as_it_is(registry):
+def test_image_is_pushed_to_a_registry_unchanged(registry):
     archive = one("*-image.tar")
     target = f"{registry}/robots/contextpolicy:1"
     run("skopeo", "copy", "--all", "--dest-tls-verify=false", f"oci-archive:{archive}", f"docker://{target}")

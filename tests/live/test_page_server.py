@@ -85,7 +85,7 @@ def test_the_page_and_its_assets(get):
         assert headers["Server"] == "contextpolicy"
 
 
-def test_it_needs_nothing_from_outside():
+def test_page_loads_nothing_external():
     """A robot is offline."""
     for name, _ in ASSETS.values():
         text = files("contextpolicy.live").joinpath(name).read_text(encoding="utf-8")
@@ -121,7 +121,7 @@ def test_invalid_questions(get, path, status, expected):
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "<script>"])
-def test_it_only_answers(get, method):
+def test_other_methods_are_rejected(get, method):
     status, body, headers = get("/api/boards", method)
     assert (status, headers["Content-Type"], headers["Connection"]) == (501, "text/plain", "close")
     assert body == "expected GET or HEAD\n"
@@ -137,7 +137,7 @@ def test_it_only_answers(get, method):
     ],
     ids=["version", "no version", "words"],
 )
-def test_what_is_no_request_gets_one_line_too(server, request_line, status):
+def test_malformed_request_gets_a_one_line_answer(server, request_line, status):
     with socket.create_connection(("127.0.0.1", server.server_port), PATIENCE) as client:
         client.sendall(request_line + b"\r\n\r\n")
         head, body = client.makefile("rb").read().split(b"\r\n\r\n")
@@ -167,7 +167,7 @@ def test_an_operator_that_hangs_is_reported(get, watched):
     assert get("/api/boards")[0] == 504
 
 
-def test_head_says_the_same_without_the_body(get):
+def test_head_returns_the_same_headers_without_a_body(get):
     for path in (*ASSETS, "/api/boards", "/api/secrets"):
         status, body, headers = get(path, "HEAD")
         whole = get(path)
@@ -181,7 +181,7 @@ def test_the_page_stays_small():
     assert sum(len(packed(name)) for name, _ in ASSETS.values()) <= 17_000
 
 
-def test_browsers_get_it_packed(server):
+def test_page_is_served_gzipped(server):
     for path, (name, _) in ASSETS.items():
         connection = http.client.HTTPConnection("localhost", server.server_port, timeout=PATIENCE)
         connection.request("GET", path, headers={"Accept-Encoding": "gzip, br"})
@@ -191,7 +191,7 @@ def test_browsers_get_it_packed(server):
         connection.close()
 
 
-def test_one_more_than_are_answered_at_once_waits_for_a_place(get, watched):
+def test_excess_request_waits_for_a_free_slot(get, watched):
     watched.hold.clear()
     statuses: SimpleQueue[int] = SimpleQueue()
     for place in range(1, AT_ONCE + 2):
@@ -201,7 +201,7 @@ def test_one_more_than_are_answered_at_once_waits_for_a_place(get, watched):
     assert {statuses.get(timeout=PATIENCE) for _ in range(AT_ONCE + 1)} == {200}
 
 
-def test_too_many_at_once_are_sent_away(get, watched, monkeypatch):
+def test_too_many_concurrent_requests_get_503(get, watched, monkeypatch):
     monkeypatch.setattr(page_server, "QUEUE", 0.0)
     watched.hold.clear()
     waiting = [threading.Thread(target=get, args=["/api/boards"]) for _ in range(AT_ONCE)]

@@ -36,7 +36,7 @@ def test_the_board_of_a_policy(operator):
     assert json.loads(json.dumps(board)) == board
 
 
-def test_the_board_has_what_modules_say_of_themselves_while_it_is_fresh(operator):
+def test_board_has_module_health_while_fresh(operator):
     streams = [a_stream("imu", staleAfter="10s"), a_stream("speech", key="robot/speech/health")]
     operator.loop.inline = False
     operator.apply(a_policy(generation=2, streams=streams))
@@ -64,7 +64,7 @@ def boards(operator):
     return found
 
 
-def test_the_plans_of_the_last_minutes_each_once(operator):
+def test_recent_plans_are_returned_once(operator):
     plans = operator.operator.queries.plans("lab/robot", 0.0)
     assert [plan["contexts"] for plan in plans][-3:] == [[], ["moving"], []]
     assert plans[-1]["published"] - plans[-2]["published"] == pytest.approx(10.0, abs=1.0)
@@ -82,7 +82,7 @@ def test_a_plan_comes_once_however_long_reading_two_clocks_takes(operator, monke
     assert queries.plans("lab/robot", last["published"]) == []
 
 
-def test_a_pause_that_is_over_is_known_to_who_comes_later(operator):
+def test_late_viewers_see_an_ended_pause(operator):
     """The plan before it was not in force until the next one."""
     operator.loop.inline = False
     [before] = boards(operator)
@@ -106,7 +106,7 @@ def plans(operator, since=0.0):
     return found
 
 
-def test_a_policy_made_again_under_its_name_is_another_one(operator):
+def test_recreated_policy_has_its_own_uid_and_plans(operator):
     operator.loop.inline = False
     [before] = boards(operator)
     operator.delete(a_policy())
@@ -118,7 +118,7 @@ def test_a_policy_made_again_under_its_name_is_another_one(operator):
     assert all(plan["published"] > before["now"] for plan in plans(operator))
 
 
-def test_times_follow_a_clock_that_is_set(operator):
+def test_times_follow_a_clock_step(operator):
     [before] = boards(operator)
     operator.step = 3600.0
     [after] = boards(operator)
@@ -128,7 +128,7 @@ def test_times_follow_a_clock_that_is_set(operator):
     assert operator.operator.queries.plans("lab/robot", after["now"] - 60)
 
 
-def test_what_happened_on_the_robot_happens_on_the_desk(operator):
+def test_recording_replays_to_the_same_plans(operator):
     recorded = operator.operator.queries.recording("lab/robot", 300.0)
     policy = parse(recorded["policy"])
     run = simulate(policy, timeline.parse(recorded["timeline"]), robot=Robot({NODE: 1000}))

@@ -162,7 +162,7 @@ def test_a_policy_that_is_refused_fails_at_once_and_the_last_one_stays_in_force(
     reconciled(synced.commit("Remember it", policy=policy(robot.namespace)))
 
 
-def test_pruning_puts_containers_back_and_ends(synced, robot):
+def test_pruning_restores_containers_and_completes(synced, robot):
     assert synced
     run("kubectl", "delete", KIND, NAME, "-n", SYSTEM, "--timeout=60s")
     until("the policy is gone", lambda: run("kubectl", "get", "ctxp", "-n", robot.namespace, "-o", "name") == "")
