@@ -69,7 +69,7 @@ def test_a_paused_policy_has_an_idle_actuator_and_gets_everything_back():
     assert notes == [("resizer", "apply", NOTHING), ("dry run", "apply", NOTHING)]
 
 
-def test_what_concerns_all_goes_to_each():
+def test_pod_and_policy_events_reach_every_actuator():
     notes, _, _, actuators = made()
     actuators.recall(POLICY, {"uid-1": {}})
     actuators.observe("a pod")

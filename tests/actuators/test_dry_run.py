@@ -16,7 +16,7 @@ def order(policy="lab/robot", **shares):
     return Order(policy, frozenset(shares), shares)
 
 
-def test_it_says_what_it_would_do(reported):
+def test_dry_run_logs_what_it_would_do(reported):
     DryRun().apply(order(slam=1500, speech=2000))
     assert reported.messages == [
         "dry run: lab/robot would give slam a share of 1500m and a limit of 1500m",
@@ -24,7 +24,7 @@ def test_it_says_what_it_would_do(reported):
     ]
 
 
-def test_it_says_only_what_changes(reported):
+def test_dry_run_logs_only_changes(reported):
     dry_run = DryRun()
     dry_run.apply(order(slam=500, speech=500))
     reported.clear()
@@ -40,13 +40,13 @@ def test_policies_are_distinguished(reported):
     assert len(reported.messages) == 2
 
 
-def test_where_nothing_is_capped_it_says_so(reported):
+def test_dry_run_logs_an_uncapped_task(reported):
     DryRun().apply(Order("lab/robot", frozenset(["slam"]), {"slam": 1500}, limits={"slam": None}))
     assert reported.messages == ["dry run: lab/robot would give slam a share of 1500m and the limit it had"]
 
 
 @pytest.mark.parametrize("leave", [DryRun.abandon, lambda dry_run, policy: dry_run.release(policy, lambda: None)])
-def test_a_policy_that_comes_back_is_new(reported, leave):
+def test_policy_that_returns_is_logged_again(reported, leave):
     dry_run = DryRun()
     for _ in range(2):
         dry_run.apply(order(slam=500))
@@ -54,7 +54,7 @@ def test_a_policy_that_comes_back_is_new(reported, leave):
     assert len(reported.messages) == 2
 
 
-def test_what_a_policy_no_longer_has_is_new_when_it_has_it_again(reported):
+def test_container_that_returns_is_logged_again(reported):
     dry_run = DryRun()
     for shares in ({"slam": 500}, {}, {"slam": 500}):
         dry_run.apply(order(**shares))

@@ -69,7 +69,7 @@ def test_with_an_agent_a_plan_is_ordered_when_it_has_settled():
     assert story.ordered == [(0, {}), (SETTLED, {NODE: 100})]
 
 
-def test_until_then_the_last_order_holds():
+def test_last_order_holds_until_the_plan_settles():
     story = Story()
     story.plan(node_1=100)
     story.ahead = frozenset({NODE})
@@ -79,7 +79,7 @@ def test_until_then_the_last_order_holds():
     assert story.last == {NODE: 900}
 
 
-def test_a_plan_that_goes_and_comes_back_is_no_change():
+def test_reverted_plan_orders_no_change():
     story = Story()
     story.plan(node_1=100)
     story.ahead = frozenset({NODE})
@@ -146,7 +146,7 @@ def test_a_container_the_agent_failed_to_set_is_resized_before_the_others():
     assert (story.shares, story.node.capacity) == ((900, 100), 1000)
 
 
-def test_in_a_storm_each_plan_is_ordered_for_what_the_agent_could_not_set():
+def test_failed_container_is_ordered_with_every_plan():
     story = Pair(NODE)
     story.not_set = {TWO[0]: "slam"}
     for slam in (100, 900, 200):
@@ -171,7 +171,7 @@ def test_a_container_the_agent_failed_to_set_does_not_change_the_others():
     assert (story.node.suspended, story.node.caps) == (frozenset(["speech"]), {"slam": 300})
 
 
-def test_what_the_agent_can_set_again_follows_it_again():
+def test_recovered_container_waits_for_the_agent_again():
     story = Pair(NODE)
     story.not_set = dict(zip(TWO, ("slam", "speech"), strict=True))
     story.share(500, 500)
@@ -184,7 +184,7 @@ def test_what_the_agent_can_set_again_follows_it_again():
     assert story.shares == (200, 800)
 
 
-def test_a_container_that_is_gone_is_no_longer_ordered():
+def test_removed_container_is_not_ordered():
     story = Pair(NODE)
     story.not_set = dict(zip(TWO, ("slam", "speech"), strict=True))
     story.share(500, 500)
@@ -192,7 +192,7 @@ def test_a_container_that_is_gone_is_no_longer_ordered():
     assert story.shares == (None, 900)
 
 
-def test_a_node_that_is_gone_is_not_waited_for():
+def test_removed_node_is_not_waited_for():
     story = Story(NODE)
     story.plan(node_1=100)
     story.plan()
@@ -200,7 +200,7 @@ def test_a_node_that_is_gone_is_not_waited_for():
     assert story.last == {}
 
 
-def test_nothing_is_ordered_after_the_end_of_the_subscription():
+def test_disposed_subscription_orders_nothing():
     story = Story(NODE)
     story.plan(node_1=100)
     story.end.dispose()

@@ -86,7 +86,7 @@ def test_a_node_without_room_leaves_requests_of_nothing():
     st.lists(st.tuples(st.none() | st.integers(1, 400), st.integers(1, 400)), min_size=1, max_size=9),
     st.integers(0, 2000),
 )
-def test_requests_never_sum_to_more_than_there_is_room_for(tasks, room):
+def test_requests_never_exceed_the_room(tasks, room):
     specs = [a_task(f"t{n}", **({} if most is None else {"max": f"{most * 10}m"})) for n, (most, _) in enumerate(tasks)]
     policy = parse(a_policy(enforcement={"control": "Weight"}, tasks=specs, contexts=[]))
     containers = [Container(f"c{n}", f"t{n}", "robot") for n in range(len(tasks))]

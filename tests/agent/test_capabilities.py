@@ -87,7 +87,7 @@ def test_the_kubelets_period_is_found_in_the_first_limit(tmp_path, version):
 
 
 @pytest.mark.parametrize(("version", "file"), [(1, "cpu.cfs_quota_us"), (2, "cpu.max")])
-def test_a_kernel_without_bandwidth_control_is_reported_for_everybody(version, file):
+def test_kernel_without_bandwidth_control_is_reported(version, file):
     without = replace(ALL, version=version, limits=False)
     assert unlimited(without).startswith(f"the kernel has no {file} for pods: build it with CONFIG_CFS_BANDWIDTH=y")
     assert unlimited(replace(without, limits=True)) == unlimited(NodeFacts(None)) == ""

@@ -165,7 +165,7 @@ def test_only_containers_with_a_share_are_targets(story):
     assert [target["container"] for target in targets] == ["slam"]
 
 
-def test_a_pod_that_came_back_on_another_node_than_the_plan_knows_is_not_a_failure(story):
+def test_pod_moved_to_a_node_without_a_plan_is_still_a_target(story):
     moved = [replace(container, node="elsewhere") for container in CONTAINERS]
     targets = message(POLICY, 1, story.last, moved, pods("slam", "speech"))["targets"]
     assert [target["task"] for target in targets] == ["slam", "speech"]

@@ -45,7 +45,7 @@ def rights(role):
     return found
 
 
-def test_the_operator_may_do_this_everywhere(render):
+def test_operator_has_cluster_wide_rights_by_default(render):
     rendered = render()
     assert rights(rendered["ClusterRole", "contextpolicy"]) == NODES | IN_A_NAMESPACE
     assert {name for kind, name in rendered if kind == "Role"} == {
@@ -59,7 +59,7 @@ def test_the_operator_may_do_this_everywhere(render):
     assert rights(rendered["ClusterRole", "contextpolicy-restore"]) == RESTORE
 
 
-def test_with_namespaces_it_may_do_it_there_only(render):
+def test_operator_rights_are_limited_to_watched_namespaces(render):
     rendered = render("watchNamespaces={robot}")
     assert rights(rendered["ClusterRole", "contextpolicy"]) == NODES
     role, binding = rendered["Role", "contextpolicy"], rendered["RoleBinding", "contextpolicy"]

@@ -80,7 +80,7 @@ def test_node_connects_only_to_the_charts_router():
     assert ENVIRONMENT["ZENOH_ROUTER_CHECK_ATTEMPTS"] == "0"
 
 
-def test_the_router_knows_it_by_the_secret_of_modules(tmp_path):
+def test_node_uses_the_module_credentials(tmp_path):
     values = yaml.safe_load((ROOT / "charts" / "robot" / "values.yaml").read_text(encoding="utf-8"))
     (volume, _), (mount,) = POD["spec"]["volumes"], CONTAINER["volumeMounts"]
     assert volume == {"name": mount["name"], "secret": {"secretName": values["zenoh"]["secret"]}}

@@ -72,7 +72,7 @@ def test_the_readme_is_the_home_page_and_links_to_pages(site):
     assert 'href="how-to/install.html' in home
 
 
-def test_what_documents_link_to_is_on_the_site(site):
+def test_linked_files_are_on_the_site(site):
     assert (site / "config" / "policies" / "ros2.yaml").read_bytes() == (
         ROOT / "config" / "policies" / "ros2.yaml"
     ).read_bytes()

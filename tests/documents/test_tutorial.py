@@ -40,7 +40,7 @@ def sessions():
     return [(command, printed.strip()) for command, printed in parts]
 
 
-def test_the_first_tutorial_does_what_it_says(tmp_path):
+def test_first_tutorial_prints_the_documented_output(tmp_path):
     (tmp_path / "first.yaml").write_text(block("yaml"))
     (tmp_path / "first.json").write_text(block("json"))
     (mistaken, finding), *rest = sessions()

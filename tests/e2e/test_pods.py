@@ -171,7 +171,7 @@ def test_weights_are_requests_that_always_fit(robot):
     assert limits(robot) == {"slam": "500m", "speech": "500m"}
 
 
-def test_contexts_that_only_suspend_leave_everybody_else_alone(robot):
+def test_suspend_control_leaves_other_tasks_untouched(robot):
     robot.start("slam", "speech")
     before = resources(robot, "slam")
     robot.policy(enforcement={"control": "Suspend"})

@@ -38,13 +38,13 @@ def strike_by_strike(every):
 
 
 @pytest.mark.parametrize("every", [0.1, 60.0], ids=["all the time", "an autoscaler"])
-def test_a_contest_ends_we_yield_and_try_again_once_in_a_while(every):
+def test_repeated_strikes_make_us_yield_and_retry_rarely(every):
     pauses = strike_by_strike(every)
     assert len(pauses) == STRIKES + 2
     assert all(pause <= CONFLICTING.longest for pause in pauses[:STRIKES])
 
 
-def test_a_writer_who_gave_up_starts_from_the_beginning():
+def test_writer_that_stopped_starts_with_no_strikes():
     governed = Ownership(POLICY, OURS)
     for strike in range(STRIKES + 1):
         governed.compare(THEIRS, float(strike))
@@ -57,7 +57,7 @@ def test_a_writer_who_gave_up_starts_from_the_beginning():
     assert governed.rests_until == tried_again + REMEMBERED, "put back at once"
 
 
-def test_what_it_makes_of_it_during_a_pause_is_the_same_strike():
+def test_changes_during_a_pause_count_as_one_strike():
     governed = Ownership(POLICY, OURS)
     governed.compare(THEIRS, 0.0)
     governed.give(POLICY, OURS)
@@ -68,7 +68,7 @@ def test_what_it_makes_of_it_during_a_pause_is_the_same_strike():
     assert (governed.rests_until, governed.seen) == (until, 0.3)
 
 
-def test_after_a_quiet_while_it_is_put_back_at_once_again():
+def test_quiet_period_resets_the_pause():
     governed = Ownership(POLICY, OURS)
     for now in (0.0, 1.0, 1.0 + QUIET + 0.1):
         governed.compare(THEIRS, now)
@@ -77,5 +77,5 @@ def test_after_a_quiet_while_it_is_put_back_at_once_again():
     assert pause == 0
 
 
-def test_nothing_rests_that_nobody_took():
+def test_unchanged_container_has_no_pause():
     assert Ownership(POLICY, OURS).rests_until == -math.inf

@@ -107,7 +107,7 @@ def test_the_next_operator_rewrites_what_an_agent_wrote_ahead_of_the_api(attende
     assert asked(rig) == [("slam", "99m", "300m"), ("slam", "100m", "300m")]
 
 
-def test_an_operator_whose_first_order_names_only_some_still_knows_the_others():
+def test_partial_first_order_still_rewrites_all_claimed_containers():
     rig = in_force(slam=300, speech=200)
     rig.kill()
     both = an_order(NOWHERE, slam=300, speech=200)
