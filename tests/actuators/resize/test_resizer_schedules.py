@@ -33,7 +33,7 @@ class World:
 
     def __init__(self, seed: int, *, mood: str, observed_generation: bool) -> None:
         self.random = random.Random(seed)  # noqa: S311 - the same schedules in every run
-        self.mood, self.calm, self.tells_version = mood, mood != "faulty", observed_generation
+        self.mood, self.calm, self.reports_version = mood, mood != "faulty", observed_generation
         self.rig = Rig(
             *(a_pod(name, own) for name, own in PODS.items()), stores=True, observed_generation=observed_generation
         )
@@ -158,7 +158,7 @@ class World:
             if policy in self.targets and bound <= N[policy] and quiet:
                 self.bounded.add(policy)
             allowed = max(N[policy], before[policy])
-            bounded = policy in self.bounded and self.tells_version
+            bounded = policy in self.bounded and self.reports_version
             assert not bounded or bound <= allowed, f"{policy}: {bound}m of {N[policy]}m"
 
     def settle(self) -> None:
