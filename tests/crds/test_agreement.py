@@ -113,7 +113,7 @@ BESIDE = {
     "a flag": (parsing, "parse_task", lambda fields: fields.flag("protected")),
     "a flag that is not set": (parsing, "parse_task", lambda fields: not fields.flag("protected")),
     "a string": (task_parsing, "_activity", lambda fields: fields.optional_text("stream")),
-    "a string among words": (parsing, "parse_stream", lambda fields: fields.text("op", pattern="In|Exists") == "Exists"),
+    "a string of a set": (parsing, "parse_stream", lambda fields: fields.text("op", pattern="In|Exists") == "Exists"),
     "a list": (parsing, "parse_task", lambda fields: fields.texts("subtasks", limit=16)),
     "a list of objects": (parsing, "parse_task", lambda fields: not fields.nested_list("activity", limit=16)),
     "a map": (task_parsing, "_activity", lambda fields: fields.string_map("with")),
