@@ -16,13 +16,6 @@ def endpoint():
     return f"tcp/{free_address(48)}:7447"
 
 
-def test_explain_reports_why_a_context_does_not_hold(moving, endpoint, capsys):
-    moving.drive(0.0)
-    moving.expect(slam=500, speech=500)
-    assert main(["explain", "e2e-robot/robot", "speech", "--connect", endpoint]) == 0
-    assert "Context moving does not hold: `imu.speed > 0.05` is false, for `imu.speed` is 0." in capsys.readouterr().out
-
-
 def test_top_reports_what_the_kernel_does(moving, endpoint, capsys):
     def shown():
         assert main(["top", "--connect", endpoint, "--once", "--output", "json"]) == 0
