@@ -31,11 +31,6 @@ class TestMinDwell:
         story.wait(2)
         return story
 
-    def test_the_first_plan_after_a_rest_comes_at_once(self):
-        story = self.story()
-        story.sample("imu", at=2, speed=1.0)
-        assert story.last.time == START + 2
-
     def test_a_plan_within_the_dwell_comes_at_its_end(self):
         story = self.story()
         story.sample("imu", at=2, speed=1.0)

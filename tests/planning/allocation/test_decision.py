@@ -34,9 +34,6 @@ class TestNeedsThatDecide:
         assert slam.because == "yields to the others: it needs 2 cores, gets 500m"
         assert [s.message for s in story.last.shortfalls] == ["is suspended: it needs 2 cores, gets 500m"]
 
-    def test_a_met_need_suspends_no_task(self):
-        assert shares(yielding("slam", 1), a_task("rest")) == {"slam": 1000, "rest": 1000}
-
     def test_the_lightest_yields_first_and_that_may_be_enough(self):
         got = shares(yielding("heavy", 1, priority=3), yielding("light", 1), a_task("rest", priority=3))
         assert got == {"heavy": 1000, "light": 10, "rest": 990}

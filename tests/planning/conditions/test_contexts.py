@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-import pytest
-
 from tests.planning.builders import START, Story, a_context, a_policy, a_stream, a_task, on_node
 
 MOVING = "imu.speed > 0.0"
@@ -76,34 +74,6 @@ def test_a_condition_over_two_streams_needs_both():
     assert story.contexts_over_time() == [(0, ()), (1, ("carrying",)), (2.5, ())]
 
 
-def test_a_condition_that_fails_to_evaluate_counts_as_false_and_is_reported():
-    story = story_with(a_context("moving", MOVING))
-    speeds(story, (1, 1.0))
-    story.sample("imu", at=2, speed="fast")
-    assert story.contexts_over_time()[-1] == (2, ())
-    assert MOVING in story.planner.errors
-
-
-EFFECTS = [
-    ("set", {"weight": 7}, 7.0),
-    ("set to zero", {"weight": 0}, 0.0),
-    ("scale", {"scale": 3}, 6.0),
-    ("scale to zero", {"scale": 0}, 0.0),
-    ("suspend", {"suspend": True}, 0.0),
-]
-
-
-@pytest.mark.parametrize(("effect", "weight"), [e[1:] for e in EFFECTS], ids=[e[0] for e in EFFECTS])
-def test_an_effect_applies_while_the_context_holds(effect, weight):
-    story = story_with(a_context("moving", MOVING, tasks={"speech": effect}))
-    assert story.weights() == {"slam": 10.0, "speech": 2.0}
-    speeds(story, (1, 1.0))
-    assert story.weights() == {"slam": 10.0, "speech": weight}
-    assert "context moving" in story.last.tasks["speech"].because
-    speeds(story, (2, 0.0))
-    assert story.weights() == {"slam": 10.0, "speech": 2.0}
-
-
 def test_a_context_can_wake_a_task_without_activity():
     policy = a_policy(
         streams=[a_stream("imu")],
@@ -125,42 +95,6 @@ def test_a_context_cannot_wake_a_task_whose_pre_condition_fails():
     story = Story(policy)
     speeds(story, (1, 1.0))
     assert story.last.tasks["speech"].because == "waits for mic.level > 0.1"
-
-
-class TestFallback:
-    def story(self, **fields):
-        return story_with(
-            a_context("blind", tasks={"slam": {"weight": 1}}),
-            a_context("moving", MOVING),
-            streams=[a_stream("imu", staleAfter="1s"), a_stream("arm", staleAfter="3s")],
-            fallback="blind",
-            **fields,
-        )
-
-    def test_it_holds_while_any_watched_stream_is_silent(self):
-        story = self.story()
-        story.sample("arm", at=0.5, load=0.0)
-        speeds(story, (0.5, 1.0))
-        story.wait(1.5)
-        assert story.last.contexts == ("blind",)
-        story.wait(4)
-        speeds(story, (4, 1.0))
-        assert story.last.contexts == ("blind", "moving")
-        story.sample("arm", at=4.1, load=0.0)
-        assert story.last.contexts == ("moving",)
-
-    def test_it_never_holds_by_itself(self):
-        story = self.story()
-        story.sample("arm", at=0.5, load=0.0)
-        speeds(story, (0.5, 0.0))
-        assert story.last.contexts == ()
-
-    def test_a_lost_token_brings_it_at_once(self):
-        story = self.story()
-        story.sample("arm", at=0.5, load=0.0)
-        speeds(story, (0.5, 0.0))
-        story.gone("imu", at=0.6)
-        assert story.last.contexts == ("blind",)
 
 
 class TestForce:

@@ -22,14 +22,6 @@ def test_features_are_computed_over_their_window(op, expected):
     assert story.last.contexts == ("on",)
 
 
-def test_a_feature_is_reported_when_its_last_sample_left_the_window():
-    feature = {"name": "bumps", "op": "count", "over": "1s"}
-    story = watching(a_stream("imu", features=[feature]), "imu.bumps > 0.0")
-    story.sample("imu", at=1, speed=1.0)
-    story.wait(5)
-    assert story.contexts_over_time() == [(0, ()), (1, ("on",)), (2, ())]
-
-
 def test_a_window_slides_with_time():
     feature = {"name": "bumps", "op": "count", "over": "1s"}
     story = Story(

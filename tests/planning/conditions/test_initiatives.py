@@ -207,13 +207,6 @@ def test_the_score_without_fresh_activity(task, expected):
     assert story.last.tasks["slam"].score == expected
 
 
-def test_idle_is_the_floor_while_nothing_happens_not_an_addition():
-    story = scoring({"when": "imu.hit", "score": 0.5}, idle=0.2)
-    story.sample("imu", at=1, hit=True)
-    story.sample("imu", at=2, hit=False)
-    assert scores(story) == [(1, 0.5), (2, 0.2)]
-
-
 def test_an_activity_over_no_stream_is_in_force_from_the_start():
     story = scoring({"score": 4})
     assert story.planner.scores()["slam"] == 4.0

@@ -44,15 +44,6 @@ def test_deadlines_act_in_order_and_once():
     assert [name for name, _ in rung] == ["early", "late"]
 
 
-def test_a_cleared_deadline_never_acts():
-    rung, (bell,) = bells("bell")
-    timers = Timers()
-    timers.set(bell, 1.0)
-    timers.clear(bell)
-    timers.fire(2.0)
-    assert (rung, timers.next_due()) == ([], None)
-
-
 def test_one_instant_keeps_the_order_of_first_setting():
     rung, (first, second) = bells("first", "second")
     timers = Timers()
