@@ -38,13 +38,6 @@ def test_an_edit_that_only_the_bus_refuses_keeps_the_last_good_plan_too(running,
     assert running.limits() == {"slam": 800, "speech": 200}
 
 
-def test_a_good_edit_after_an_invalid_one_restores_ready(running):
-    running.apply(a_policy(generation=2, tasks=[]))
-    running.apply(a_policy(generation=3))
-    running.settle()
-    assert running.condition("Ready") == ("True", "Working", "")
-
-
 def test_an_edit_keeps_what_the_streams_reported_and_moves_only_what_it_changes(running):
     running.react(IMU, speed=0.3)
     effects = {"slam": {"weight": 7}, "speech": {"weight": 3}}
@@ -186,13 +179,6 @@ def test_pausing_restores_originals_and_resuming_enforces_again(running, mode):
     running.apply(a_policy(generation=3))
     running.react(IMU, speed=0.3)
     assert running.limits() == {"slam": 800, "speech": 200}
-
-
-def test_a_paused_policy_ignores_samples(operator):
-    operator.govern(a_policy(mode="Paused"))
-    assert [one.key for one in operator.session.subscribers] == ["contextpolicy/agents/*/confirmed"]
-    operator.settle()
-    assert operator.condition("Ready")[0] == "True"
 
 
 # several

@@ -198,16 +198,6 @@ def test_a_context_is_reported_with_what_began_it():
     assert "context moving entered" in robot.causes[0]
 
 
-def test_an_update_straight_after_a_plan_waits_for_the_interval():
-    robot = Robot(tasks=SCORED, contexts=[BUSY]).begin()
-    robot.sample(speed=0.0, score=0.1)
-    robot.loop.advance_by(10)
-    before = len(robot.session.plans())
-    robot.sample(speed=0.3, score=0.2)
-    robot.sample(speed=0.3, score=0.3)
-    assert len(robot.session.plans()) == before + 1
-
-
 def test_updates_among_plans_cost_no_more_messages():
     robot = Robot(tasks=SCORED, contexts=[BUSY]).begin()
     robot.sample(speed=0.0, score=0.1)

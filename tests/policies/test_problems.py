@@ -93,21 +93,7 @@ def test_a_resize_that_the_kubelet_holds_back_is_reported(running):
     assert running.condition("Applied")[0] == "True"
 
 
-def test_an_external_resize_is_reported_and_reverted(running):
-    running.react(IMU, speed=0.3)
-    running.cluster.edit("uid-slam", "slam", cpu="300m", by="vpa-updater")
-    running.settle()
-    assert running.limits() == {"slam": 800, "speech": 200}
-    status, _, message = running.condition("Applied")
-    assert status == "False"
-    assert message.startswith("lab/slam/slam: vpa-updater changed its CPU limit from 800m to 300m; ")
-    assert ("ResizedByOther", message) in running.reported()
-    running.turn(100)
-    running.settle()
-    assert running.condition("Applied")[0] == "True"
-
-
-def test_problems_of_a_removed_pod_are_cleared(running):
+def test_the_problems_of_a_pod_go_with_it(running):
     waits = {"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": "node is full"}
     running.cluster.pods["uid-slam"]["status"]["conditions"].append(waits)
     running.cluster._commit("uid-slam")

@@ -90,16 +90,6 @@ def test_a_value_stands_for_the_decoded_message_whatever_the_encoding() -> None:
     assert simulate(policy, line, robot=SMALL).planner.scores() == {"a": 3}
 
 
-def test_unread_and_valueless_inputs_are_reported() -> None:
-    line = a_timeline(
-        {"key": "robot/imu", "encoding": "binary", "from": 0, "to": 1, "dataset": "euroc/imu"},
-        {"key": "other", "encoding": "json", "at": 0, "value": 1},
-        duration=1,
-    )
-    run = simulate(DELIVERY, line, robot=SMALL)
-    assert (run.skipped.unread, run.skipped.without_value) == ({"other"}, {"robot/imu"})
-
-
 def test_a_sample_that_cannot_be_decoded_is_counted_as_on_the_robot() -> None:
     deep: object = 0
     for _ in range(100):
