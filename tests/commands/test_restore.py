@@ -447,11 +447,3 @@ def test_unreadable_lease_changes_nothing(restore: Any, monkeypatch: pytest.Monk
     code, out = restore(server, "--remove-finalizers")
     assert (code, out, server.cluster.calls) == (2, "", [])
     assert server.objects[0]["metadata"]["finalizers"] == [FINALIZER]
-
-
-def test_no_cluster(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Any) -> None:
-    monkeypatch.setattr("kubernetes.config.kube_config.KUBE_CONFIG_DEFAULT_LOCATION", str(tmp_path / "none"))
-    monkeypatch.delenv("KUBERNETES_SERVICE_HOST", raising=False)
-    monkeypatch.delenv("KUBECONFIG", raising=False)
-    assert main(["restore"]) == 2
-    assert "set KUBECONFIG" in capsys.readouterr().err

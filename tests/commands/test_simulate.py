@@ -112,12 +112,6 @@ def test_infinite_lidar_ranges_are_valid_in_json_and_plot(capsys: pytest.Capture
     assert explained["streams"]["scan"]["value"]["ranges"] == ["Infinity", "Infinity", "NaN", "Infinity"]
 
 
-def test_a_silent_sensor_does_not_delay_the_first_plan(capsys: pytest.CaptureFixture[str]) -> None:
-    policy = str(ROOT / "config/policies/patrol-robot.yaml")
-    assert main(["simulate", policy, DEMO, "--until", "0.1", "--output", "json"]) == 0
-    assert json.loads(capsys.readouterr().out)["plans"][0]["time"] == 0
-
-
 @pytest.mark.parametrize("suffix", ["svg", "png"])
 def test_plot(suffix: str, tmp_path: Path) -> None:
     picture = tmp_path / f"plan.{suffix}"
