@@ -60,11 +60,6 @@ def wait(scheduler, seconds):
     scheduler.advance_by(timedelta(seconds=seconds).total_seconds())
 
 
-def test_a_plan_is_in_force_at_once(tree, agent, slam, speech):
-    agent.hear(POLICY, a_message(a_target(SLAM, 0.99), a_target(SPEECH, 0.01, task="speech")))
-    assert (tree.limit(slam), tree.limit(speech)) == (990, 10)
-
-
 def test_a_write_that_the_watch_reports_is_answered_on_the_loop(tree, agent, scheduler, slam):
     agent.hear(POLICY, a_message(a_target(SLAM, 0.9, held=True)))
     tree.set(slam, 300)
@@ -72,14 +67,6 @@ def test_a_write_that_the_watch_reports_is_answered_on_the_loop(tree, agent, sch
     assert tree.limit(slam) == 300
     wait(scheduler, 0.1)
     assert tree.limit(slam) == 900
-
-
-@pytest.mark.parametrize("payload", [b"", b"\x00\xff", b"{}", b"null", b'{"policy": 5}'])
-def test_an_invalid_plan_changes_nothing_and_is_counted(tree, agent, slam, payload):
-    agent.hear(POLICY, payload)
-    agent.hear(POLICY, payload)
-    assert tree.limit(slam) == 500
-    assert sum(agent.report()["refused"].values()) == 2
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
@@ -182,28 +169,6 @@ def test_confirmed_limits_are_undone_without_an_operator_and_rewritten_when_it_r
     agent.find_source(POLICY)
     agent.hear(POLICY, a_message(a_target(SLAM, 0.01), run=2))
     assert tree.limit(slam) == 10
-
-
-def test_confirmed_limits_are_undone_with_the_policy(tree, agent, slam):
-    agent.hear(POLICY, a_message(a_target(SLAM, 0.01)))
-    confirm(tree, agent, slam, 10)
-    agent.hear(POLICY, None)
-    assert tree.limit(slam) == 500
-
-
-def test_stopping_undoes_what_is_not_confirmed_and_leaves_the_rest(tree, agent, slam, speech):
-    agent.hear(POLICY, a_message(a_target(SLAM, 0.9), a_target(SPEECH, 0.01, task="speech")))
-    confirm(tree, agent, speech, 10)
-    agent.stop()
-    assert (tree.limit(slam), tree.limit(speech)) == (500, 10)
-
-
-def test_stopping_while_nobody_plans_undoes_everything(tree, agent, slam):
-    agent.hear(POLICY, a_message(a_target(SLAM, 0.01)))
-    confirm(tree, agent, slam, 10)
-    agent.lose_source(POLICY)
-    agent.stop()
-    assert tree.limit(slam) == 500
 
 
 def test_a_killed_agents_writes_are_undone_unless_a_plan_comes(start, tree, scheduler, slam, speech):

@@ -5,15 +5,7 @@ from __future__ import annotations
 import pytest
 
 from contextpolicy.agent.drains import DRAIN
-from contextpolicy.agent.weight_units import of_pod
 from tests.agent.weighted_plans.node import ACTIVE, ASLEEP
-
-
-def test_weights_are_written_at_once_and_limits_stay(node):
-    assert node.plan(ACTIVE, (0.3, 0.5)).failed == {}
-    assert node.weights() == node.expected(1500, 300)
-    assert node.limits() == (500, 500)
-    assert node.tree.weight(node.slam.parent) == of_pod(1500, node.tree.version)
 
 
 def test_a_suspended_task_has_the_least_weight_at_once_and_is_capped_later(node):
