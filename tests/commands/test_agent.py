@@ -10,12 +10,10 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Any
 from urllib.request import urlopen
 
 import pytest
 
-from contextpolicy.agent.cgroup_paths import Driver
 from contextpolicy.agent.state_directory import StateDirectory
 from contextpolicy.bus.decision_bus import plan_key
 from contextpolicy.bus.session import open_router
@@ -79,48 +77,9 @@ def operator(session, keys):
     return Operator(session, keys)
 
 
-class Kernel:
-    """A way to enforce shares, with a node's cgroups as files."""
-
-    def __init__(self, mount, version=1, driver=Driver.CGROUPFS, scheduler="CFS"):
-        self.tree, self._scheduler = Tree(mount, version, driver), scheduler
-        self._processors = 1 if scheduler == "CFS" else os.cpu_count() or 1
-
-    @property
-    def untouched(self):
-        """The part that a container of 500m has before any plan."""
-        return 500 if self._scheduler == "CFS" else 0
-
-    def plan(self, sequence=1, **parts):
-        """Parts of a processor for slam and speech, in thousandths."""
-        named = {"slam": SLAM, "speech": SPEECH}
-        cores = {name: part * self._processors / 1000 for name, part in parts.items()}
-        quotas = {} if self._scheduler == "CFS" else {"quota": None}
-        targets = [a_target(named[name], cores[name], task=name, **quotas) for name in parts]
-        capacity = self._processors * (1.0 if self._scheduler == "CFS" else 0.95)
-        return a_message(*targets, sequence=sequence, capacity=capacity, scheduler=self._scheduler)
-
-    def part(self, group):
-        return self.tree.limit(group) if self._scheduler == "CFS" else self.tree.budget(group)
-
-
-KERNELS: dict[str, dict[str, Any]] = {
-    "cgroup v1": {},
-    "cgroup v2": {"version": 2, "driver": Driver.SYSTEMD},
-    "Realtime": {"scheduler": "Realtime"},
-    "Realtime under cgroup v2": {"version": 2, "driver": Driver.SYSTEMD, "scheduler": "Realtime"},
-}
-on_every_kernel = pytest.mark.parametrize("kernel", KERNELS, indirect=True)
-
-
 @pytest.fixture
-def kernel(request, tmp_path):
-    return Kernel(tmp_path / "cgroup", **KERNELS[getattr(request, "param", "cgroup v1")])
-
-
-@pytest.fixture
-def tree(kernel):
-    return kernel.tree
+def tree(tmp_path):
+    return Tree(tmp_path / "cgroup")
 
 
 @pytest.fixture
@@ -258,44 +217,41 @@ def refused(port):
     return int(found[1]) if found else 0
 
 
-@on_every_kernel
 @pytest.mark.parametrize("which", [slice(None), slice(0, 1), slice(1, 2)], ids=["all", "the older", "the newest"])
-def test_replayed_plan_is_refused_and_counted(closed, kernel, slam, free_port, which):
+def test_a_captured_plan_moves_nothing_and_is_counted(closed, tree, slam, free_port, which):
     """All at once, so that the newest arrives before the agent's loop has looked at the older."""
     operator, thief = closed
-    for sequence, part in enumerate((900, 700), 1):
-        operator.publish(kernel.plan(sequence, slam=part))
-        until(lambda part=part: kernel.part(slam) == part)
+    for sequence, limit in enumerate((900, 700), 1):
+        operator.publish(a_message(a_target(SLAM, limit / 1000), sequence=sequence))
+        until(lambda limit=limit: tree.limit(slam) == limit)
     for plan, attachment in operator.said[which]:
         thief.put(KEY, plan, attachment=attachment)
     until(lambda: refused(free_port) == len(operator.said[which]))
-    assert kernel.part(slam) == 700
+    assert tree.limit(slam) == 700
 
 
-@on_every_kernel
-def test_replayed_withdrawal_does_not_undo_a_later_plan(closed, kernel, slam, free_port):
+def test_a_captured_withdrawal_undoes_no_later_plan(closed, tree, slam, free_port):
     """The policy was deleted and created again: saying its withdrawal again is nobody's way to take its CPU."""
     operator, thief = closed
-    operator.publish(kernel.plan(slam=900))
-    until(lambda: kernel.part(slam) == 900)
+    operator.publish(a_message(a_target(SLAM, 0.9)))
+    until(lambda: tree.limit(slam) == 900)
     withdrawn = operator.withdraw()
-    until(lambda: kernel.part(slam) == kernel.untouched)
-    operator.publish(kernel.plan(2, slam=700))
-    until(lambda: kernel.part(slam) == 700)
+    until(lambda: tree.limit(slam) == 500)
+    operator.publish(a_message(a_target(SLAM, 0.7), sequence=2))
+    until(lambda: tree.limit(slam) == 700)
     thief.delete(KEY, attachment=withdrawn)
     until(lambda: refused(free_port) == 1)
-    assert kernel.part(slam) == 700
+    assert tree.limit(slam) == 700
 
 
-@on_every_kernel
-def test_a_signed_plan_for_a_container_of_another_namespace_moves_nothing(closed, kernel, slam, free_port):
+def test_a_signed_plan_for_a_container_of_another_namespace_moves_nothing(closed, tree, slam, free_port):
     """Anyone who takes over the operator, its key included, decides for the policy's namespace and no other."""
-    foreign = kernel.tree.container(SPEECH)
-    kernel.tree.pod("uid-b", "kube-system")
+    foreign = tree.container(SPEECH)
+    tree.pod("uid-b", "kube-system")
     operator, _ = closed
-    operator.publish(kernel.plan(slam=400, speech=10))
-    until(lambda: kernel.part(slam) == 400)
-    assert kernel.part(foreign) == kernel.untouched
+    operator.publish(a_message(a_target(SLAM, 0.4), a_target(SPEECH, 0.01, task="speech")))
+    until(lambda: tree.limit(slam) == 400)
+    assert tree.limit(foreign) == 500
     assert 'refusals_total{reason="Foreign"} 1.0' in read(free_port, "metrics")
 
 
