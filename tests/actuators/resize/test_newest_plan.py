@@ -72,15 +72,6 @@ def test_a_plan_made_while_a_patch_was_refused_is_sent_at_once():
     assert rig.cluster.limit("slam") == 400
 
 
-def test_a_new_pod_gets_its_share():
-    rig = two_pods()
-    rig.enforce(slam=300, speech=700)
-    rig.remove("uid-slam")
-    rig.cluster.create(a_pod("slam", uid="uid-slam-2"))
-    rig.settle()
-    assert rig.cluster.limits("uid-slam-2") == {"slam": 300}
-
-
 def test_accepted_and_in_force_are_reported():
     rig = Rig(a_pod("slam"))
     rig.plan(slam=300)
@@ -168,19 +159,7 @@ def test_plan_that_reverts_a_patch_is_sent_without_delay():
     assert rig.cluster.limit("slam") == 500
 
 
-def test_a_new_operator_knows_the_originals_and_restores_them():
-    rig = two_pods()
-    rig.enforce(slam=800, speech=200)
-    rig.kill()
-    rig.plan(slam=800, speech=200)
-    assert rig.workers.jobs == []
-    rig.release()
-    rig.settle()
-    assert limits(rig) == (500, 500)
-    assert rig.released == [POLICY]
-
-
-def test_new_operator_resizes_nothing_before_the_first_plan():
+def test_a_new_operator_moves_nothing_before_a_policy_speaks():
     rig = two_pods()
     rig.enforce(slam=800, speech=200)
     rig.kill()

@@ -10,7 +10,6 @@ import pytest
 from contextpolicy.actuators.resize.pauses import FAILED
 from contextpolicy.actuators.resize.pod_patch import Patch
 from contextpolicy.actuators.resize.pod_state import TRANSITIONS, Event, Phase, PodState
-from contextpolicy.actuators.resize.put_back import is_falling, without_rises
 from contextpolicy.cluster.pods import Cpu, view
 from contextpolicy.errors import ActuationError
 from tests.actuators.resize.fake_cluster import UNREACHABLE
@@ -202,17 +201,3 @@ def test_a_container_that_never_ran_counts_by_its_spec():
     del pod["status"]["containerStatuses"]
     state = PodState(view(pod))
     assert (state.highest("slam"), state.highest("unknown")) == (500, 0)
-
-
-# the order of what is put back
-
-
-def test_restoring_to_no_limit_is_not_a_decrease(state):
-    assert not is_falling(state, POLICY, {"slam": Cpu(100, None)})
-    assert is_falling(state, POLICY, {"slam": Cpu(100, 400)})
-
-
-def test_restoring_to_no_limit_needs_no_headroom(state):
-    back = {"slam": Cpu(100, None)}
-    assert without_rises(state, back) == back
-    assert without_rises(state, {"slam": Cpu(100, 501)}) == {}

@@ -109,15 +109,7 @@ def test_a_release_does_not_wait_for_pods_that_vanish_or_end():
     assert rig.released == [POLICY]
 
 
-def test_unclaimed_container_is_restored():
-    rig = two_pods()
-    rig.enforce(slam=300, speech=700)
-    rig.enforce(slam=300)
-    assert limits(rig) == (300, 500)
-    assert rig.cluster.originals("uid-speech") == {}
-
-
-def test_late_plan_does_not_hold_an_unclaimed_container():
+def test_a_plan_that_is_ordered_late_does_not_hold_what_is_no_longer_claimed():
     """It still has a share for a container that the policy has lost, and for one whose pod is gone."""
     rig = two_pods()
     rig.enforce(slam=300, speech=300)
