@@ -112,10 +112,3 @@ def test_all_findings_come_at_once_in_one_readable_message():
     assert lines[0] == "ContextPolicy lab/robot:"
     assert lines[1] == "  spec.mode: invalid value 'On': expected one of Enforce, DryRun, Paused"
     assert len(lines) == 5
-
-
-def test_an_expression_that_may_run_away_is_refused_with_the_reason():
-    source = "imu.l.map(a, imu.l.map(b, imu.l.map(c, c)))"
-    value, allowed = refused(streams=[a_stream("imu")], contexts=[a_context("x", source)])["spec.contexts[0].when"]
-    assert value == source
-    assert "run away" in allowed
