@@ -83,13 +83,6 @@ def test_two_tasks_of_a_policy_cannot_share_a_container():
     assert result.conflicts == ["lab/slam/slam belongs to slam; task mapping can't claim it too"]
 
 
-def test_policies_may_share_a_node_that_is_big_enough_for_both():
-    policies = [policy_of("old", "slam", reserve="1200m"), policy_of("young", "speech", reserve="800m")]
-    claims = claim(policies, views("slam", "speech"), NODES)
-    assert [len(held(claims[f"lab/{name}"])) for name in ("old", "young")] == [1, 1]
-    assert claims["lab/young"].conflicts == []
-
-
 def test_the_younger_policy_divides_what_the_older_one_leaves():
     policies = [policy_of("old", "slam", reserve="500m"), policy_of("young", "speech", reserve="300m")]
     young = claim(policies, views("slam", "speech"), NODES)["lab/young"]
