@@ -71,17 +71,6 @@ def test_an_agent_that_comes_up_is_asked():
     assert bus.changes == [{NODE: FAIR}]
 
 
-def test_token_without_an_agent_is_reported_and_removed():
-    """So a supervisor says that it has undone something: readers of the reports take the node over again."""
-    bus = Bus()
-    bus.session.agent(NODE, None)
-    bus.turn()
-    bus.time_out()
-    bus.session.agent_gone(NODE)
-    bus.turn(RETURN + 1)
-    assert bus.changes == [{NODE: NO_ANSWER}, {}]
-
-
 @pytest.mark.parametrize("already", [True, False], ids=["at the start", "later"])
 def test_an_agent_that_is_slow_is_asked_again_until_it_answers(already):
     bus = Bus(**({NODE: None} if already else {}))

@@ -74,10 +74,6 @@ def test_brackets_in_a_cause_are_not_markup() -> None:
     assert "mic: x[y] > 1 is 1" in drawn(heard((KEY, plan(cause="mic: x[y] > 1 is 1"))))
 
 
-def test_no_plans_yet() -> None:
-    assert drawn(BusView()).strip() == "no plans yet"
-
-
 @pytest.mark.parametrize(
     ("steps", "stage"),
     [
