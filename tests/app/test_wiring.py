@@ -10,7 +10,6 @@ from prometheus_client import REGISTRY
 from contextpolicy.actuators.following import SETTLED
 from contextpolicy.bus.agent_watch import BOUND
 from contextpolicy.cluster.agent_reports import NO_AGENT
-from contextpolicy.telemetry import metrics
 from contextpolicy.telemetry.reporter import STATUS_INTERVAL
 from contextpolicy.telemetry.status import NO_ROUTER
 from tests.actuators.resize.test_vetting import OWNER, PATH, an_owner
@@ -205,20 +204,6 @@ def test_closing_before_the_router_was_found(operator):
     operator.list_all()
     operator.close()
     assert operator.loop.disposed
-
-
-def test_plans_that_min_dwell_held_back_are_counted(operator):
-    def counted():
-        return metrics.HELD_BACK.labels("lab", "robot")._value.get()
-
-    before = counted()
-    operator.govern(a_policy(enforcement={"minDwell": "5s"}))
-    operator.sample(IMU, speed=0.0)
-    operator.turn(6)
-    operator.sample(IMU, speed=0.3)
-    operator.sample(IMU, speed=0.0)
-    operator.turn(6)
-    assert counted() == before + 1
 
 
 # originals in other hands

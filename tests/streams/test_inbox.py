@@ -13,7 +13,6 @@ import pytest
 from reactivex.scheduler import VirtualTimeScheduler
 from reactivex.testing import TestScheduler
 
-from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.inputs import Gone
 from contextpolicy.policy.spec import Encoding
 from contextpolicy.streams.backlog import PER_STREAM, PLACE, TOTAL, Backlog
@@ -48,19 +47,7 @@ def an_inbox(scheduler, heard, backlog=None):
     return Box(scheduler, heard, backlog)
 
 
-def test_each_sample_carries_the_time_of_its_arrival(monkeypatch):
-    """Not the time at which the loop handles it."""
-    clock = iter([5.0, 6.0])
-    monkeypatch.setattr(time, "monotonic", lambda: next(clock))
-    scheduler, heard = TestScheduler(), Heard()
-    inbox = an_inbox(scheduler, heard)
-    for number in range(2):
-        inbox.put(Decoder(IMU), b'{"n": %d}' % number)
-    scheduler.advance_by(1)
-    assert heard.inputs == [Sample("imu", {"n": 0}, arrived=5.0), Sample("imu", {"n": 1}, arrived=6.0)]
-
-
-def test_overrun_drops_only_the_oldest_of_that_stream():
+def test_beyond_its_bound_a_streams_oldest_are_dropped_and_counted_and_no_others():
     scheduler, heard = TestScheduler(), Heard()
     inbox, imu, mic = an_inbox(scheduler, heard, Backlog(10 * (PLACE + 9), TOTAL)), Decoder(IMU), Decoder(MIC)
     inbox.put(mic, b'{"level": 1}')

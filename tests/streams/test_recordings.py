@@ -115,14 +115,6 @@ def test_without_a_clock_there_is_no_simulated_time(mcap):
         open_recording(mcap, Excerpt(use_sim_time=True))
 
 
-@pytest.mark.parametrize("content", [b"", b"not mcap", b"\x89MCAP0\r\n" * 3])
-def test_a_broken_file_is_refused_with_its_name(tmp_path, content):
-    path = tmp_path / "broken.mcap"
-    path.write_bytes(content)
-    with pytest.raises(RecordingError, match=r"broken\.mcap"):
-        open_recording(path, Excerpt())
-
-
 def test_a_folder_is_taken_for_a_bag_and_refused_as_one(tmp_path):
     assert is_recording(tmp_path)
     with pytest.raises(RecordingError, match=r"is a folder without metadata\.yaml, and no storage file"):
