@@ -104,7 +104,7 @@ def test_an_older_version_is_ignored(cluster):
     assert leader.acts_until == 6 + ACT * 10
 
 
-def test_only_who_takes_or_renews_the_lease_is_followed(cluster):
+def test_standby_follows_only_an_observed_renewal(cluster):
     """One that was there before us may be dead: until its time is over nobody decides."""
     leader, standby = a_leader(cluster), a_standby(cluster)
     assert not standby.follows

@@ -218,7 +218,7 @@ def refused(port):
 
 
 @pytest.mark.parametrize("which", [slice(None), slice(0, 1), slice(1, 2)], ids=["all", "the older", "the newest"])
-def test_a_captured_plan_moves_nothing_and_is_counted(closed, tree, slam, free_port, which):
+def test_replayed_plan_is_refused_and_counted(closed, tree, slam, free_port, which):
     """All at once, so that the newest arrives before the agent's loop has looked at the older."""
     operator, thief = closed
     for sequence, limit in enumerate((900, 700), 1):
@@ -230,7 +230,7 @@ def test_a_captured_plan_moves_nothing_and_is_counted(closed, tree, slam, free_p
     assert tree.limit(slam) == 700
 
 
-def test_a_captured_withdrawal_undoes_no_later_plan(closed, tree, slam, free_port):
+def test_replayed_withdrawal_does_not_undo_a_later_plan(closed, tree, slam, free_port):
     """The policy was deleted and created again: saying its withdrawal again is nobody's way to take its CPU."""
     operator, thief = closed
     operator.publish(a_message(a_target(SLAM, 0.9)))

@@ -223,7 +223,7 @@ def closed():
     run("kubectl", "delete", "namespace", f"{DEFAULT}-system", "--timeout=90s")
 
 
-def test_a_sensor_gets_in_with_what_one_command_fetches(closed, tmp_path):
+def test_sensor_connects_with_fetched_credentials(closed, tmp_path):
     where = tmp_path / "sensor"
     run(sys.executable, "-m", "contextpolicy", "credentials", "sensor", str(where), "-n", f"{DEFAULT}-system")
     with open_visitor([closed], patience=20, credentials=where) as sensor:

@@ -74,7 +74,7 @@ def requested(robot, wanted):
     return all(abs(now[name] - amount) <= 0.02 * amount + 6 for name, amount in wanted.items()) or now
 
 
-def test_a_pod_that_comes_is_left_its_room(robot):
+def test_new_pods_find_room_for_their_requests(robot):
     robot.start("driver", resources=DRIVER)
     fits(robot)
     robot.stop("driver")

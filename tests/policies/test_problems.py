@@ -93,7 +93,7 @@ def test_a_resize_that_the_kubelet_holds_back_is_reported(running):
     assert running.condition("Applied")[0] == "True"
 
 
-def test_the_problems_of_a_pod_go_with_it(running):
+def test_problems_of_a_removed_pod_are_cleared(running):
     waits = {"type": "PodResizePending", "status": "True", "reason": "Deferred", "message": "node is full"}
     running.cluster.pods["uid-slam"]["status"]["conditions"].append(waits)
     running.cluster._commit("uid-slam")

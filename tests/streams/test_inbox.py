@@ -47,7 +47,7 @@ def an_inbox(scheduler, heard, backlog=None):
     return Box(scheduler, heard, backlog)
 
 
-def test_beyond_its_bound_a_streams_oldest_are_dropped_and_counted_and_no_others():
+def test_overrun_drops_only_the_oldest_of_that_stream():
     scheduler, heard = TestScheduler(), Heard()
     inbox, imu, mic = an_inbox(scheduler, heard, Backlog(10 * (PLACE + 9), TOTAL)), Decoder(IMU), Decoder(MIC)
     inbox.put(mic, b'{"level": 1}')

@@ -159,7 +159,7 @@ def test_plan_that_reverts_a_patch_is_sent_without_delay():
     assert rig.cluster.limit("slam") == 500
 
 
-def test_a_new_operator_moves_nothing_before_a_policy_speaks():
+def test_new_operator_resizes_nothing_before_the_first_plan():
     rig = two_pods()
     rig.enforce(slam=800, speech=200)
     rig.kill()

@@ -109,7 +109,7 @@ def test_a_release_does_not_wait_for_pods_that_vanish_or_end():
     assert rig.released == [POLICY]
 
 
-def test_a_plan_that_is_ordered_late_does_not_hold_what_is_no_longer_claimed():
+def test_late_plan_does_not_hold_an_unclaimed_container():
     """It still has a share for a container that the policy has lost, and for one whose pod is gone."""
     rig = two_pods()
     rig.enforce(slam=300, speech=300)

@@ -8,7 +8,7 @@ from tests.agent.builders import CHAT, POLICY
 from tests.agent.limits.planned import OTHER, resize, write
 
 
-def test_without_the_resize_it_is_undone(tree, limits, slam, speech):
+def test_unconfirmed_limits_are_undone(tree, limits, slam, speech):
     limits.plan({slam: 800, speech: 10})
     limits.release(POLICY)
     for group in (slam, speech, slam.parent, speech.parent):

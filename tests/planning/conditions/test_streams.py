@@ -43,7 +43,7 @@ def test_a_stream_without_a_sample_for_an_hour_is_unheard_until_the_next():
     assert not imu.unheard
 
 
-def test_a_late_input_first_lets_the_watchdog_bark_at_its_own_instant():
+def test_silence_is_dated_to_its_deadline_not_the_next_sample():
     story = watching(a_stream("imu", staleAfter="500ms"))
     story.sample("imu", at=0.1, speed=1.0)
     story.sample("imu", at=9, speed=1.0)

@@ -316,7 +316,7 @@ spec:
     ]
 
 
-def test_restarts_that_nothing_bounds_are_warned_of():
+def test_unbounded_restarts_are_reported():
     text = """
 apiVersion: contextpolicy.dev/v1alpha1
 kind: ContextPolicy
