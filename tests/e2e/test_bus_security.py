@@ -7,7 +7,6 @@ import time
 from contextlib import ExitStack
 
 import pytest
-import zenoh
 
 from contextpolicy.bus.decision_bus import agent_key
 from contextpolicy.bus.session import open_visitor
@@ -26,6 +25,10 @@ from tests.e2e.cluster import (
 from tests.e2e.metrics_page import scrape
 from tests.e2e.robot import Robot, Sensors, pod
 from timelines.demo.deploy import free_address
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import zenoh
 
 HOSTILE, STRANGER = "e2e-hostile", "stranger"
 STANDING = {"slam": 500, "speech": 500}
