@@ -37,6 +37,14 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "each robot's router joins the fleet's router with --uplink, where viewers see what all robots decide; nothing "
         "passes from robot to robot.",
     )
+    _add_clients(parser)
+    _add_fleet(parser)
+    _add_process(parser)
+    parser.set_defaults(main=main)
+
+
+def _add_clients(parser: argparse.ArgumentParser) -> None:
+    """Where clients connect, who they may be, and what they may send."""
     parser.add_argument(
         "--listen",
         default="tcp/*:7447",
@@ -61,6 +69,10 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="drop larger messages; policies read payloads of up to 1 MiB, camera frames for modules may be larger "
         "(default: %(default)s)",
     )
+
+
+def _add_fleet(parser: argparse.ArgumentParser) -> None:
+    """The router's place in a fleet, if it has one."""
     place = parser.add_mutually_exclusive_group()
     place.add_argument(
         "--uplink",
@@ -72,6 +84,10 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     place.add_argument(
         "--fleet", action="store_true", help="be the router that robots' routers join; its common name must be viewer"
     )
+
+
+def _add_process(parser: argparse.ArgumentParser) -> None:
+    """How the process is watched, and started again."""
     parser.add_argument(
         "--metrics-port", type=int, metavar="PORT", help="serve /metrics for Prometheus here (default: no)"
     )
@@ -82,7 +98,6 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     )
     parser.add_argument("--restarts", type=int, default=0, help=argparse.SUPPRESS)
     parser.add_argument("--ready-fd", type=int, help=argparse.SUPPRESS)
-    parser.set_defaults(main=main)
 
 
 def main(arguments: argparse.Namespace) -> int:
