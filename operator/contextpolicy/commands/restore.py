@@ -69,15 +69,37 @@ def run(api: CommandApi, arguments: argparse.Namespace) -> int:
 
     Its status has the only record of what that container had.
     """
+    from contextpolicy.cluster.occupancy import Occupancy
+
+    dry_run: bool = arguments.dry_run
+    namespaces: Sequence[str | None] = arguments.namespace or [None]
+    occupancy = Occupancy(api, arguments.release, time.sleep, dry_run=dry_run)
+    key = _key(api, arguments.release)
+    restored, left, unread = _restore(api, namespaces, occupancy, key, dry_run=dry_run)
+    if len(unread) == len(namespaces):
+        raise unread[0].error
+    released: Sequence[Released] = ()
+    if arguments.remove_finalizers:
+        closed = {one.namespace for one in unread}
+        readable = [where for where in namespaces if where not in closed]
+        released = _release(api, readable, occupancy, restored, dry_run=dry_run)
+    _print(arguments.output, restored, left, released, unread)
+    if dry_run:
+        print("dry run: nothing was changed", file=sys.stderr)
+    code = _exit_code(restored, released, unread)
+    if code == 0 and arguments.remove_finalizers and not dry_run:
+        _finish(api, arguments.release, occupancy, key)
+    return code
+
+
+def _restore(
+    api: CommandApi, namespaces: Sequence[str | None], occupancy: Occupancy, key: bytes | None, *, dry_run: bool
+) -> tuple[list[Restored], list[LeftAlone], list[Unread]]:
+    """What became of each container, and the namespaces that were left alone or can't be read."""
     from contextpolicy.actuators.resize import offline_restore
     from contextpolicy.actuators.resize.offline_restore import LeftAlone, Restored, Unread
     from contextpolicy.actuators.resize.stored_originals import signatures_with
-    from contextpolicy.cluster.occupancy import Occupancy
 
-    occupancy = Occupancy(api, arguments.release, time.sleep, dry_run=arguments.dry_run)
-    namespaces: Sequence[str | None] = arguments.namespace or [None]
-    dry_run: bool = arguments.dry_run
-    key = _key(api, arguments.release)
     done = [
         one
         for where in namespaces
@@ -86,30 +108,30 @@ def run(api: CommandApi, arguments: argparse.Namespace) -> int:
     restored = [one for one in done if isinstance(one, Restored)]
     left = [one for one in done if isinstance(one, LeftAlone)]
     unread = [one for one in done if isinstance(one, Unread)]
-    if len(unread) == len(namespaces):
-        raise unread[0].error
-    released: list[Released] = []
-    if arguments.remove_finalizers:
-        held = {one.policy for one in restored if one.error}
-        readable = [where for where in namespaces if where not in [one.namespace for one in unread]]
-        released = [
-            one for where in readable for one in offline_restore.release(api, where, occupancy, held, dry_run=dry_run)
-        ]
-    if arguments.output == "table":
-        _print_text(restored, left, released)
-    else:
-        print(structured(_document(restored, left, released, unread), arguments.output))
-    for one in unread:
-        print(f"namespace {one.namespace}: NOT read: {one.error.reason}: {one.error}", file=sys.stderr)
-    if dry_run:
-        print("dry run: nothing was changed", file=sys.stderr)
+    return restored, left, unread
+
+
+def _release(
+    api: CommandApi,
+    namespaces: Sequence[str | None],
+    occupancy: Occupancy,
+    restored: Sequence[Restored],
+    *,
+    dry_run: bool,
+) -> list[Released]:
+    """Remove the finalizers of the policies that have no container left to restore."""
+    from contextpolicy.actuators.resize import offline_restore
+
+    held = {one.policy for one in restored if one.error}
+    return [
+        one for where in namespaces for one in offline_restore.release(api, where, occupancy, held, dry_run=dry_run)
+    ]
+
+
+def _exit_code(restored: Sequence[Restored], released: Sequence[Released], unread: Sequence[Unread]) -> int:
     if unread:
         return FAILED
-    if any([*(one.error for one in restored), *(one.error for one in released)]):
-        return NO
-    if arguments.remove_finalizers and not dry_run:
-        _finish(api, arguments.release, occupancy, key)
-    return 0
+    return NO if any([*(one.error for one in restored), *(one.error for one in released)]) else 0
 
 
 def _key(api: CommandApi, release: str) -> bytes | None:
@@ -138,6 +160,21 @@ def _finish(api: CommandApi, release: str, occupancy: Occupancy, key: bytes | No
         occupancy.give_back()
     except ActuationError as error:
         print(f"not all of {release} could be removed: {error}", file=sys.stderr)
+
+
+def _print(
+    output: str,
+    restored: Sequence[Restored],
+    left: Sequence[LeftAlone],
+    released: Sequence[Released],
+    unread: Sequence[Unread],
+) -> None:
+    if output == "table":
+        _print_text(restored, left, released)
+    else:
+        print(structured(_document(restored, left, released, unread), output))
+    for one in unread:
+        print(f"namespace {one.namespace}: NOT read: {one.error.reason}: {one.error}", file=sys.stderr)
 
 
 def _print_text(restored: Sequence[Restored], left: Sequence[LeftAlone], released: Sequence[Released]) -> None:
