@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from contextpolicy.app.settings import Settings
+    from contextpolicy.app.supervisor import Supervisor
 
 
 def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -40,37 +41,23 @@ def main(_: argparse.Namespace) -> int:
 
 def run(settings: Settings) -> int:
     """Run the operator until SIGTERM or SIGINT; the exit code."""
-    from prometheus_client import REGISTRY
-
     from contextpolicy.actuators.resize.stored_originals import signatures_with
-    from contextpolicy.app import probes
     from contextpolicy.app.supervisor import NewProcess, Supervisor, reach
     from contextpolicy.cluster.originals_key import obtain_key
     from contextpolicy.live.page_server import PageServer
     from contextpolicy.telemetry import logs, metrics
-    from contextpolicy.telemetry.build_info import publish_build
-    from contextpolicy.telemetry.certificate_metrics import publish_expiry
-    from contextpolicy.telemetry.liveness import READY, LoopDelays
-    from contextpolicy.telemetry.metrics_server import serve_metrics
-    from contextpolicy.telemetry.scrape import Scrape
 
     logs.configure(settings.log_format, settings.log_level)
     logging.getLogger("kopf.objects").setLevel(logging.WARNING)
     stop = stop_on_signals()
-    publish_build("operator")
-    publish_expiry("operator", settings.credentials)
-    serve_metrics(settings.metrics_port)
-    pages: dict[str, Callable[[], list[str]]] = {"/healthz": list, "/readyz": lambda: ["no API server answers yet"]}
-    READY.set_function(lambda: not pages["/readyz"]())
-    probes.serve(settings.health_port, pages)
+    pages = _serve(settings)
     api = reach(stop, metrics.RequestCount())
     if api is None:
         return 0
     key = obtain_key(api, *settings.originals_key, wait=stop.wait) if settings.originals_key else None
     supervisor = Supervisor(api, settings, NewProcess(), signatures_with(key))
     pages |= {"/healthz": supervisor.hung, "/readyz": supervisor.unready}
-    REGISTRY.register(LoopDelays(supervisor.delays))
-    REGISTRY.register(Scrape(supervisor.operator.queries.scrape))
+    _publish(supervisor)
     live = PageServer(settings.live_port, supervisor.operator.queries)
     live.start()
     # A full collection takes tens of milliseconds, in which nobody decides, to find that all imports are still needed.
@@ -79,3 +66,31 @@ def run(settings: Settings) -> int:
         return supervisor.run(stop)
     finally:
         live.close()
+
+
+def _serve(settings: Settings) -> dict[str, Callable[[], list[str]]]:
+    """Serve metrics and probes; the probes' pages, which are not ready until the caller knows better."""
+    from contextpolicy.app import probes
+    from contextpolicy.telemetry.build_info import publish_build
+    from contextpolicy.telemetry.certificate_metrics import publish_expiry
+    from contextpolicy.telemetry.liveness import READY
+    from contextpolicy.telemetry.metrics_server import serve_metrics
+
+    publish_build("operator")
+    publish_expiry("operator", settings.credentials)
+    serve_metrics(settings.metrics_port)
+    pages: dict[str, Callable[[], list[str]]] = {"/healthz": list, "/readyz": lambda: ["no API server answers yet"]}
+    READY.set_function(lambda: not pages["/readyz"]())
+    probes.serve(settings.health_port, pages)
+    return pages
+
+
+def _publish(supervisor: Supervisor) -> None:
+    """Add to the metrics what is read from the running operator."""
+    from prometheus_client import REGISTRY
+
+    from contextpolicy.telemetry.liveness import LoopDelays
+    from contextpolicy.telemetry.scrape import Scrape
+
+    REGISTRY.register(LoopDelays(supervisor.delays))
+    REGISTRY.register(Scrape(supervisor.operator.queries.scrape))
