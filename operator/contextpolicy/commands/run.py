@@ -69,7 +69,7 @@ def run(settings: Settings) -> int:
 
 
 def _serve(settings: Settings) -> dict[str, Callable[[], list[str]]]:
-    """Serve metrics and probes; the probes' pages, which are not ready until the caller knows better."""
+    """Serve metrics and probes. Returns the probes' pages, to be replaced once there is an operator to ask."""
     from contextpolicy.app import probes
     from contextpolicy.telemetry.build_info import publish_build
     from contextpolicy.telemetry.certificate_metrics import publish_expiry
