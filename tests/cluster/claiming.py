@@ -10,7 +10,8 @@ from contextpolicy.policy.tenants import Tenants
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from contextpolicy.cluster.claims import Claim, Original
+    from contextpolicy.cluster.claims import Claim
+    from contextpolicy.cluster.matches import Original
     from contextpolicy.cluster.pods import PodView
     from contextpolicy.policy.spec import Policy
 

@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.cluster.claims import matches
+from contextpolicy.cluster.matches import matches
 from contextpolicy.cluster.nodes import PROMPT, kubernetes_version
 from contextpolicy.cluster.pods import PodView, view
 from contextpolicy.cluster.serving import Service

@@ -6,26 +6,22 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from contextpolicy.cluster import room
-from contextpolicy.cluster.container_names import container_id
+from contextpolicy.cluster.matches import examine, misnamed
 from contextpolicy.cluster.parts import Stake, parts
-from contextpolicy.planning.allocation.placement import QUANTUM, Container, Placement
-from contextpolicy.policy.liveness_probes import probe_warning
-from contextpolicy.policy.spec import Control, Scheduler
+from contextpolicy.cluster.room import room_of
+from contextpolicy.planning.allocation.placement import QUANTUM, Placement
+from contextpolicy.policy.spec import Control
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
-    from contextpolicy.cluster.pods import ContainerView, Cpu, PodView
-    from contextpolicy.policy.liveness_probes import ProbeWarning
-    from contextpolicy.policy.spec import Policy, Task
+    from contextpolicy.cluster.matches import Match, Original
+    from contextpolicy.cluster.pods import PodView
+    from contextpolicy.planning.allocation.placement import Container
+    from contextpolicy.policy.spec import Policy
     from contextpolicy.policy.tenants import Tenants
 
-    Original = Callable[[str, str], Cpu | None]
-
 _NOTHING: Mapping[str, int] = {}
-MOST_NAMED = 10
-"""Containers that a message lists."""
 
 
 @dataclass(slots=True)
@@ -82,21 +78,18 @@ def claim(  # noqa: PLR0913 - all that a claim depends on
     live = _live(pods, nodes)
     ordered = sorted(policies, key=lambda policy: -tenants.priority(policy.namespace))
     found = [
-        (policy, _find(policy, live[policy.namespace], nodes, original, agents, doubt))
+        (policy, examine(policy, live[policy.namespace], nodes, original, agents, doubt))
         for policy in _with_shadows(ordered)
     ]
     registry = _Registry(nodes, tenants, _owned(found, tenants))
     placed = {policy.reference: registry.admit(policy, matches) for policy, matches in found}
+    held = {reference: (own.placement.containers, registry.parts[reference]) for reference, own in placed.items()}
     free = {node: size - elsewhere.get(node, 0) for node, size in nodes.items() if node not in agents}
-    for group in room.groups([policy for policy, _ in found]):
-        parties = [
-            room.party(one, placed[one.reference].placement.containers, registry.parts.get(one.reference, {}))
-            for one in group
-        ]
-        for reference, own in room.rooms(parties, free, pods, original).items():
-            placed[reference].room = own
+    room = room_of([policy for policy, _ in found], held, free, pods, original)
     for policy, _ in found:
-        placed[policy.reference].misnamed = _misnamed(policy, live[policy.namespace])
+        own = placed[policy.reference]
+        own.room = room.get(policy.reference, {})
+        own.misnamed = misnamed(policy, live[policy.namespace])
     return {policy.reference: placed.get(policy.reference) or _alone(policy, policies) for policy in policies}
 
 
@@ -128,21 +121,6 @@ def _alone(shadow: Policy, policies: Iterable[Policy]) -> Claim:
     return Claim(Placement(), conflicts=[problem])
 
 
-@dataclass(frozen=True, slots=True)
-class _Match:
-    """A container that a task selects, with the CPU that it had before any policy.
-
-    An `obstacle` keeps it from being claimed; `unweighted` only says why a weight has no effect on it.
-    """
-
-    task: Task
-    container: Container
-    stake: Stake
-    obstacle: str | None
-    unweighted: str | None
-    warning: ProbeWarning | None
-
-
 class _Registry:
     """What the policies that came first have taken. `owned`: see `_owned`."""
 
@@ -160,9 +138,9 @@ class _Registry:
         self.parts: dict[str, Mapping[str, int]] = {}
         """By policy, what it divides of each node."""
 
-    def admit(self, policy: Policy, matches: Sequence[_Match]) -> Claim:
+    def admit(self, policy: Policy, matches: Sequence[Match]) -> Claim:
         result = Claim(Placement())
-        held: dict[str, _Match] = {}
+        held: dict[str, Match] = {}
         for match in matches:
             identity, task = match.container.id, match.task.name
             owner = held[identity].task.name if identity in held else self._owners.get(identity)
@@ -179,7 +157,7 @@ class _Registry:
         absent = {task.name for task in policy.leaves} - {match.task.name for match in matches}
         return self._take(policy, list(held.values()), frozenset(absent), result)
 
-    def _take(self, policy: Policy, held: Sequence[_Match], absent: frozenset[str], result: Claim) -> Claim:
+    def _take(self, policy: Policy, held: Sequence[Match], absent: frozenset[str], result: Claim) -> Claim:
         left: dict[str, int] = {}
         for node in sorted({match.container.node for match in held}):
             here = [match for match in held if match.container.node == node]
@@ -204,7 +182,7 @@ class _Registry:
         result.placement = Placement(nodes, containers, absent=absent, left=shared)
         return result
 
-    def _share(self, policy: Policy, node: str, here: Iterable[_Match]) -> tuple[int, str]:
+    def _share(self, policy: Policy, node: str, here: Iterable[Match]) -> tuple[int, str]:
         """What the policy divides of a node, and why that is less than if it were alone there."""
         share, why = max(0, self._nodes[node] - policy.reserve), ""
         rivals, part = self._part(policy, node, _sum(match.stake for match in here))
@@ -227,46 +205,8 @@ class _Registry:
         return ", ".join(sorted(owned.keys() - {namespace})), max(0, min(own.limit, part))
 
 
-def _find(  # noqa: PLR0913, PLR0917 - as `claim`
-    policy: Policy,
-    pods: Sequence[PodView],
-    nodes: Mapping[str, int],
-    original: Original,
-    agents: Collection[str],
-    doubt: Callable[[str], str | None],
-) -> list[_Match]:
-    """`pods` are those of the policy's own namespace: no other is its business."""
-    own = policy.enforcement
-    weighted = own.control is Control.WEIGHT and own.scheduler is Scheduler.CFS
-    found = []
-    for task, pod, container in matches(policy, pods):
-        before = original(pod.uid, container.name)
-        floor = pod.floor(container, before)
-        cpu, identity = before or container.spec, container_id(pod, container.name)
-        claimed = Container(
-            identity, task.name, pod.node, floor, container.memory_limit, cpu.limit, pod.qos == "Burstable"
-        )
-        obstacle = doubt(pod.uid) or pod.obstacle(
-            container, may_restart=task.restart_on_resize, agent=pod.node in agents
-        )
-        if before is None:  # what is written down as the original has been granted
-            obstacle = obstacle or pod.waits_for_request(container)
-        unweighted = pod.unweighted(container) if weighted else None
-        stake = Stake(_request(container, before), nodes[pod.node] if cpu.limit is None else cpu.limit)
-        warning = probe_warning(policy, task, f"{pod.name}/{container.name}") if container.probed else None
-        found.append(_Match(task, claimed, stake, obstacle, unweighted, warning))
-    return found
-
-
-def _request(container: ContainerView, before: Cpu | None) -> int:
-    """What it requested before any policy, as far as the kubelet granted it: anybody may write more."""
-    if before is not None and before.request != container.spec.request:
-        return before.request or 0
-    return container.admitted
-
-
 def _owned(
-    found: Iterable[tuple[Policy, Sequence[_Match]]], tenants: Tenants
+    found: Iterable[tuple[Policy, Sequence[Match]]], tenants: Tenants
 ) -> dict[tuple[str, int], dict[str, Stake]]:
     """By node and priority: what each namespace's containers under enforcing policies have together."""
     stakes: dict[tuple[str, int], dict[str, dict[str, Stake]]] = defaultdict(lambda: defaultdict(dict))
@@ -287,27 +227,3 @@ def _sum(stakes: Iterable[Stake]) -> Stake:
 def _least(policy: Policy, container: Container) -> int:
     """The lowest limit that the container can get from the policy."""
     return container.floor if policy.enforcement.control is Control.LIMIT else QUANTUM
-
-
-def _misnamed(policy: Policy, pods: Sequence[PodView]) -> dict[str, str]:
-    """By task, what its pods have instead of its container; `pods` are those of the policy's namespace."""
-    found = {}
-    for task in policy.leaves:
-        own = [pod for pod in pods if task.selector is not None and task.selector.matches(pod.labels)]
-        if own and not any(task.container in pod.by_name for pod in own):
-            there = ", ".join(sorted({name for pod in own for name in pod.by_name})[:MOST_NAMED])
-            found[task.name] = (
-                f"task {task.name}: container: invalid value {task.container!r}: "
-                f"expected one that its pods have, such as {own[0].name}: {there}"
-            )
-    return found
-
-
-def matches(policy: Policy, pods: Sequence[PodView]) -> Iterator[tuple[Task, PodView, ContainerView]]:
-    """Each task with the pods and containers that it selects; `pods` are those of the policy's namespace."""
-    for task in policy.leaves:
-        for pod in pods:
-            if task.selector is not None and task.selector.matches(pod.labels):
-                container = pod.by_name.get(task.container)
-                if container is not None:
-                    yield task, pod, container

@@ -62,6 +62,23 @@ def party(policy: Policy, containers: Iterable[Container], parts: Mapping[str, i
     return found
 
 
+def room_of(
+    policies: Sequence[Policy],
+    held: Mapping[str, tuple[Iterable[Container], Mapping[str, int]]],
+    free: Mapping[str, int],
+    pods: Sequence[PodView],
+    original: Original,
+) -> dict[str, dict[str, int]]:
+    """What the requests of each policy may add up to, by node; `held` are its containers and parts of nodes.
+
+    `free` is as `nodes` of `rooms`.
+    """
+    found: dict[str, dict[str, int]] = {}
+    for group in groups(policies):
+        found |= rooms([party(one, *held[one.reference]) for one in group], free, pods, original)
+    return found
+
+
 def groups(policies: Sequence[Policy]) -> Iterator[list[Policy]]:
     """The policies whose weights may be requests, by whom each has to share with; the last group that names one counts.
 

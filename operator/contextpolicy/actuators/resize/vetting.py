@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from contextpolicy.actuators.resize.stored_originals import StoredPod, quantities, raw_of, read, stored_in
-from contextpolicy.cluster.claims import matches
 from contextpolicy.cluster.container_names import container_id
+from contextpolicy.cluster.matches import matches
 from contextpolicy.cluster.pod_templates import Templates
 from contextpolicy.cluster.pods import Cpu
 from contextpolicy.cluster.writers import FIELD_MANAGER
