@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from contextpolicy.cluster.checkup import ClusterFacts, Verdict, checkup
+from contextpolicy.cluster.checkup import checkup
+from contextpolicy.cluster.cluster_facts import ClusterFacts, Verdict
 from contextpolicy.cluster.serving import Service
 from tests.cluster.builders import a_pod
 from tests.planning.builders import a_body, a_task

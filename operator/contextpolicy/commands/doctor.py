@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from contextpolicy.cluster.api import ApiServer
-    from contextpolicy.cluster.checkup import ClusterFacts
+    from contextpolicy.cluster.cluster_facts import ClusterFacts
 
 T = TypeVar("T")
 
@@ -60,7 +60,8 @@ def add(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 def main(arguments: argparse.Namespace) -> int:
     """Check and report."""
-    from contextpolicy.cluster.checkup import Verdict, checkup
+    from contextpolicy.cluster.checkup import checkup
+    from contextpolicy.cluster.cluster_facts import Verdict
 
     with api_server(arguments) as api, waiting("looking at the cluster"):
         checks = list(checkup(facts(api, arguments.namespace or [None])))
@@ -78,7 +79,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 def facts(api: ApiServer, namespaces: Sequence[str | None]) -> ClusterFacts:
     """Everything that may be read, of policies in these namespaces (None: all); what may not is None."""
-    from contextpolicy.cluster.checkup import ClusterFacts
+    from contextpolicy.cluster.cluster_facts import ClusterFacts
 
     version = str(api.read("/version", "gitVersion")["gitVersion"])
     served = api.serves_policies()
