@@ -11,16 +11,18 @@ from typing import TYPE_CHECKING
 from contextpolicy.errors import Finding
 from contextpolicy.policy.activities import Activity
 from contextpolicy.policy.cel_syntax import Node
-from contextpolicy.policy.validation.cases import Cases, compiled, constant, context, holds, of_sample
+from contextpolicy.policy.validation.cases import Cases, holds, of_sample
 from contextpolicy.policy.validation.intervals import windows
 from contextpolicy.policy.validation.silence import Silence, fallbacks, streams_behind
+from contextpolicy.policy.validation.unknowns import compiled, constant, context
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from contextpolicy.policy.activities import Requirement
     from contextpolicy.policy.spec import Context, Policy
-    from contextpolicy.policy.validation.cases import Case, Unknown, Value
+    from contextpolicy.policy.validation.cases import Case
+    from contextpolicy.policy.validation.unknowns import Unknown, Value
 
 
 def beginnings(policy: Policy) -> Iterator[Finding]:

@@ -8,50 +8,37 @@ what holds in each case surely does; the opposite is not certain.
 from __future__ import annotations
 
 import math
-import operator
 from functools import lru_cache
-from itertools import chain, groupby, pairwise, product
-from typing import TYPE_CHECKING, Any, TypeAlias
+from itertools import groupby, pairwise, product
+from typing import TYPE_CHECKING, TypeAlias
 
-from contextpolicy.policy.cel import Expression
-from contextpolicy.policy.cel_cost import asked_stream
-from contextpolicy.policy.cel_functions import AGE, HAS, HEARD
-from contextpolicy.policy.cel_syntax import Construct, Node, number
-from contextpolicy.policy.context_reads import read_context
+from contextpolicy.policy.cel_syntax import Construct, Node
 from contextpolicy.policy.validation.intervals import Interval, range_of
+from contextpolicy.policy.validation.unknowns import (
+    COMPARISONS,
+    asks_for_field,
+    comparison_of,
+    compiled,
+    is_logic,
+    unknown_of,
+    unknowns_in,
+    unknowns_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+
+    from contextpolicy.policy.validation.unknowns import Comparison, Constant, Unknown, Value
 
 MOST = 5_000
 """Cases that are looked at; of conditions with more nothing is known."""
 
 Truth: TypeAlias = bool | None
 """None is an unknown one: of a stream without a value."""
-Constant: TypeAlias = int | float | str
-Comparison: TypeAlias = tuple[str, Constant]
-"""The sign and what is on its right."""
-Value: TypeAlias = Constant | bool | None
-Unknown: TypeAlias = tuple[str, object]
-"""An operand, a truth value or a context, with what says which one."""
 Case: TypeAlias = "Mapping[Unknown, Value]"
 
-_COMPARISONS: Mapping[str, Callable[[Any, Any], bool]] = {
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-    "==": operator.eq,
-    "!=": operator.ne,
-}
-_MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 _UNLIKE = {"==": False, "!=": True}
 _NOT_MORE: Sequence[Value] = (True, False, None)
-
-
-def context(name: str) -> Unknown:
-    """Whether a context is active."""
-    return "context", name
 
 
 def of_sample(stream: str) -> dict[Unknown, Sequence[Value]]:
@@ -73,8 +60,8 @@ class Cases:
         ranges: Mapping[tuple[str, ...], Interval] | None = None,
         given: Sequence[str] = (),
     ) -> None:
-        known, read = known or {}, _comparisons(*sources).keys()
-        self._given = [one for one in given if not read.isdisjoint(_comparisons(one))]
+        known, read = known or {}, unknowns_of(*sources).keys()
+        self._given = [one for one in given if not read.isdisjoint(unknowns_of(one))]
         values = _values_in(*sources, *self._given)
         self.values = {one: known.get(one) or _ranged(one, own, ranges or {}) for one, own in values.items()}
         """All that matter of each unknown."""
@@ -89,7 +76,7 @@ class Cases:
 
     def possible(self, case: Case) -> bool:
         """Whether what is given allows it."""
-        return all(holds(one, case) or all(_absent(own, case[own]) for own in _comparisons(one)) for one in self._given)
+        return all(holds(one, case) or all(_absent(own, case[own]) for own in unknowns_of(one)) for one in self._given)
 
 
 def every(values: Mapping[Unknown, Sequence[Value]]) -> Iterator[Case]:
@@ -105,14 +92,14 @@ def holds(source: str, case: Case) -> bool:
 
 def possible_truths(node: Node, narrow: Callable[[Unknown, Sequence[Value]], Sequence[Value]]) -> set[Truth]:
     """What a condition may come to, where `narrow` says what of the values of each unknown is possible."""
-    values = {own: narrow(own, _values(own, found)) for own, found in _gathered(_unknowns(node)).items()}
+    values = {own: narrow(own, _values(own, found)) for own, found in unknowns_in(node).items()}
     truth, few = _truth(node), math.prod(map(len, values.values())) <= MOST
     return {truth(case) for case in every(values)} if few else {True, False, None}
 
 
 def measured(source: str) -> Iterator[Node]:
     """The operands that a condition holds against a number by less or more."""
-    for (_, operand), compared in _comparisons(source).items():
+    for (_, operand), compared in unknowns_of(source).items():
         limits = [limit for sign, limit in compared if sign not in _UNLIKE]
         if isinstance(operand, Node) and any(not isinstance(limit, str) for limit in limits):
             yield operand
@@ -130,97 +117,10 @@ def implies(first: str, second: str, given: Sequence[str] = ()) -> bool:
     return cases.known and all(holds(second, case) for case in cases if holds(first, case))
 
 
-@lru_cache(maxsize=1024)
-def compiled(source: str) -> Expression:
-    """The expression of a source, which is looked at many times."""
-    return Expression(source)
-
-
-@lru_cache(maxsize=4096)
-def _comparisons(*sources: str) -> Mapping[Unknown, set[Comparison]]:
-    """Each unknown of conditions with all that it is compared with."""
-    return _gathered(chain.from_iterable(map(_read, sources)))
-
-
-@lru_cache(maxsize=1024)
-def _read(source: str) -> Sequence[tuple[Unknown, Comparison | None]]:
-    return list(_unknowns(compiled(source).tree))
-
-
-def _gathered(read: Iterable[tuple[Unknown, Comparison | None]]) -> Mapping[Unknown, set[Comparison]]:
-    found: dict[Unknown, set[Comparison]] = {}
-    for unknown, compared in read:
-        found.setdefault(unknown, set()).update(() if compared is None else (compared,))
-    return found
-
-
 def _absent(unknown: Unknown, value: Value) -> bool:
     """Whether an operand may have this value while its stream has none."""
     asks = isinstance(unknown[1], Node) and asks_for_field(unknown[1])
     return value is None or (asks and value is False)
-
-
-def asks_for_field(node: Node) -> bool:
-    """Whether it asks for a field: without a value of the stream that is false, and never unknown."""
-    return node.kind is Construct.CALL and node.text == HAS.name
-
-
-def _unknowns(node: Node) -> Iterator[tuple[Unknown, Comparison | None]]:
-    """Each unknown with the sign and the constant that it is compared with, if it is."""
-    compared = _compared(node)
-    if compared is not None:
-        yield compared[0], compared[1:]
-    elif is_logic(node):
-        for part in node.parts:
-            yield from _unknowns(part)
-    elif node.kind is not Construct.CONSTANT:
-        yield _asked(node), None
-
-
-def is_logic(node: Node) -> bool:
-    """Whether it is `&&`, `||` or `!`: CEL decides these although an operand is unknown, if the others suffice."""
-    return (node.kind is Construct.BINARY and node.text in {"&&", "||"}) or (
-        node.kind is Construct.UNARY and node.text == "!"
-    )
-
-
-def _compared(node: Node) -> tuple[Unknown, str, Constant] | None:
-    """`imu.x > 1` in its parts, in this order; None for anything but a comparison with a constant."""
-    if node.kind is not Construct.BINARY or node.text not in _COMPARISONS:
-        return None
-    left, right = node.parts
-    first, second = constant(left), constant(right)
-    if (first is None) is (second is None):
-        return None
-    if second is not None:
-        return _measured(left), node.text, second
-    return None if first is None else (_measured(right), _MIRRORED.get(node.text, node.text), first)
-
-
-def constant(node: Node) -> Constant | None:
-    """The number or text that a node always is; None for any other node."""
-    if node.kind is Construct.UNARY and node.text == "-":
-        value = constant(node.parts[0])
-        return None if value is None or isinstance(value, str) else -value
-    if node.kind is Construct.NUMBER:
-        return number(node.text)
-    plain = node.kind is Construct.TEXT and node.text[0] in "\"'" and node.text[:3] not in {'"""', "'''"}
-    return node.text[1:-1] if plain and "\\" not in node.text else None
-
-
-def _measured(node: Node) -> Unknown:
-    if node.kind is Construct.CALL and node.text == AGE.name:
-        return "age", asked_stream(node)
-    return "value", node
-
-
-def _asked(node: Node) -> Unknown:
-    read = read_context(node)
-    if read is not None:
-        return context(read)
-    if node.kind is Construct.CALL and node.text == HEARD.name:
-        return "heard", asked_stream(node)
-    return "truth", node
 
 
 def _ranged(unknown: Unknown, values: Sequence[Value], ranges: Mapping[tuple[str, ...], Interval]) -> Sequence[Value]:
@@ -230,7 +130,7 @@ def _ranged(unknown: Unknown, values: Sequence[Value], ranges: Mapping[tuple[str
 
 @lru_cache(maxsize=4096)
 def _values_in(*sources: str) -> Mapping[Unknown, Sequence[Value]]:
-    return {own: _allowed(own, _values(own, found)) for own, found in _comparisons(*sources).items()}
+    return {own: _allowed(own, _values(own, found)) for own, found in unknowns_of(*sources).items()}
 
 
 def _allowed(unknown: Unknown, values: Sequence[Value]) -> Sequence[Value]:
@@ -273,7 +173,7 @@ def _condition(source: str) -> Callable[[Case], Truth]:
 
 def _truth(node: Node) -> Callable[[Case], Truth]:
     """What a condition comes to in a case: found once, as cases are many."""
-    compared = _compared(node)
+    compared = comparison_of(node)
     if compared is not None:
         unknown, sign, constant = compared
         return lambda case: _comparison(case[unknown], sign, constant)
@@ -281,7 +181,7 @@ def _truth(node: Node) -> Callable[[Case], Truth]:
         always = {"true": True, "false": False}.get(node.text)
         return lambda _: always
     if not is_logic(node):
-        asked = _asked(node)
+        asked = unknown_of(node)
         return lambda case: value if isinstance(value := case[asked], bool) else None
     parts = [_truth(part) for part in node.parts]
     return _not(parts[0]) if node.text == "!" else _row(parts, decides=node.text == "||")
@@ -310,4 +210,4 @@ def _comparison(value: Value, sign: str, constant: Constant) -> Truth:
         return None
     if isinstance(value, str) is not isinstance(constant, str):
         return _UNLIKE.get(sign)
-    return _COMPARISONS[sign](value, constant)
+    return COMPARISONS[sign](value, constant)

@@ -9,16 +9,18 @@ from typing import TYPE_CHECKING, NamedTuple
 from contextpolicy.policy import cel_cost
 from contextpolicy.policy.cel_syntax import Construct, Node
 from contextpolicy.policy.validation.beginnings import Conditions
-from contextpolicy.policy.validation.cases import Cases, compiled, every
+from contextpolicy.policy.validation.cases import Cases, every
 from contextpolicy.policy.validation.silence import lasting, steered, streams_behind
+from contextpolicy.policy.validation.unknowns import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from collections.abc import Set as AbstractSet
 
     from contextpolicy.policy.spec import Context, Policy
-    from contextpolicy.policy.validation.cases import Case, Unknown, Value
+    from contextpolicy.policy.validation.cases import Case
     from contextpolicy.policy.validation.silence import Silence
+    from contextpolicy.policy.validation.unknowns import Unknown, Value
 
 
 class End(Enum):

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 from contextpolicy.errors import Finding
 from contextpolicy.policy import cel_cost
 from contextpolicy.policy.validation.beginnings import Conditions
-from contextpolicy.policy.validation.cases import compiled, measured
+from contextpolicy.policy.validation.cases import measured
 from contextpolicy.policy.validation.situations import Situations
 from contextpolicy.policy.validation.standstill import Standstill
+from contextpolicy.policy.validation.unknowns import compiled
 from contextpolicy.policy.written import expressions
 
 if TYPE_CHECKING:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from contextpolicy.policy.validation.beginnings import Conditions
-from contextpolicy.policy.validation.cases import Cases, compiled, context, holds
+from contextpolicy.policy.validation.cases import Cases, holds
 from contextpolicy.policy.validation.intervals import windows
 from contextpolicy.policy.validation.silence import Silence, filters, steered
+from contextpolicy.policy.validation.unknowns import compiled, context
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator

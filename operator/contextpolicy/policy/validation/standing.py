@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
-from contextpolicy.policy.validation.cases import compiled, implies, never_hold
+from contextpolicy.policy.validation.cases import implies, never_hold
+from contextpolicy.policy.validation.unknowns import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

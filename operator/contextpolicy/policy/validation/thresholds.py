@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Set as AbstractSet
 
     from contextpolicy.policy.spec import Policy
-    from contextpolicy.policy.validation.cases import Case, Unknown
+    from contextpolicy.policy.validation.cases import Case
+    from contextpolicy.policy.validation.unknowns import Unknown
 
 
 def thresholds(policy: Policy) -> Iterator[Finding]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
-from contextpolicy.policy.validation.cases import compiled, never_hold
+from contextpolicy.policy.validation.cases import never_hold
 from contextpolicy.policy.validation.silence import filters
 from contextpolicy.policy.validation.situations import Situations
+from contextpolicy.policy.validation.unknowns import compiled
 from contextpolicy.policy.written import expressions
 
 if TYPE_CHECKING:
