@@ -12,7 +12,7 @@ from contextpolicy.policy.cel_functions import FUNCTIONS, HAS, MACROS, Macro
 from contextpolicy.policy.cel_kinds import CallForm, Function, ValueKind
 from contextpolicy.policy.cel_syntax import Construct, Node, parse
 from contextpolicy.policy.context_reads import CONTEXTS
-from contextpolicy.policy.lean_cel import cel
+from contextpolicy.policy.validation.cel_trials import failing_call, failing_pattern
 from contextpolicy.policy.validation.shapes import (
     ANY,
     BOOL,
@@ -173,14 +173,14 @@ class _Checker:
         if function is None or wanted is None:
             return self._miscalled(node, function)
         if node.kind is Construct.CALL and all(part.kind is Construct.TEXT for part in node.parts):
-            self._check_constant(node, function)
+            self.found += failing_call(self._text(node), function)
         known = len(self.found)
         for part, kinds in zip(node.parts, wanted, strict=True):
             shape = self._want(part, *map(of_kind, kinds))
             if shape.kind == MAP.kind and ValueKind.LIST in kinds:
                 self._check_map(part, shape, function)
             if ValueKind.PATTERN in kinds and part.kind is Construct.TEXT:
-                self._check_pattern(part)
+                self.found += failing_pattern(part.text)
         if node.kind is Construct.METHOD and len(self.found) > known:
             self.found[-1] += f" ({function.name}: {function.meaning})"
         return of_kind(function.returns)
@@ -232,23 +232,6 @@ class _Checker:
         if name == Macro.MAP:
             return list_of(result)
         return (over if over.kind == LIST.kind else LIST) if name == Macro.FILTER else BOOL
-
-    def _check_constant(self, node: Node, function: Function) -> None:
-        """Try a call with constants only, such as a duration: it fails each time, or never."""
-        if function.run is not None or function.returns is ValueKind.BOOL:
-            return
-        try:
-            cel.compile(self._text(node)).execute(cel.Context())
-        except (ValueError, RuntimeError, TypeError, ArithmeticError):
-            wrong = f"{self._text(node)} has no value: {function.returns} is written as in {function.constant}"
-            self.found.append(wrong)
-
-    def _check_pattern(self, pattern: Node) -> None:
-        # Tried by the CEL library itself: its regular expressions are not Python's.
-        try:
-            cel.compile(f'"".matches({pattern.text})').execute(cel.Context())
-        except (ValueError, RuntimeError):
-            self.found.append(f"{pattern.text} is not a valid regular expression")
 
     def _list(self, node: Node) -> Shape:
         shapes = [self.shape(part) for part in node.parts]
