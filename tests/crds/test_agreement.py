@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from contextpolicy.policy import parsing, task_parsing
 from contextpolicy.policy.fields import Fields
-from contextpolicy.policy.spec import Clock, Encoding
+from contextpolicy.policy.stream_spec import Clock, Encoding
 from tests.crds import agreement
 from tests.crds.agreement import QUANTITIES, SAYS, disagreements
 from tests.crds.reading import INSIDE, READERS, parsed, readings

@@ -39,7 +39,7 @@ from contextpolicy.planning.conditions.scope import Scope
 from contextpolicy.planning.planner import Planner
 from contextpolicy.policy import parsing
 from contextpolicy.policy.ros_types import type_store
-from contextpolicy.policy.spec import Encoding, RosRelease, Stream
+from contextpolicy.policy.stream_spec import Encoding, RosRelease, Stream
 from contextpolicy.streams.decoding import Decoder, seconds
 from contextpolicy.streams.recorded_message import RecordingError
 from contextpolicy.streams.recordings import DamageLog, Excerpt, open_recording

@@ -16,7 +16,7 @@ from contextpolicy.errors import ExpressionError
 from contextpolicy.planning.conditions.scope import Scope
 from contextpolicy.policy import cel_numbers
 from contextpolicy.policy.cel import Expression
-from contextpolicy.policy.spec import Encoding, Stream
+from contextpolicy.policy.stream_spec import Encoding, Stream
 from contextpolicy.streams.decoding import Decoder
 
 

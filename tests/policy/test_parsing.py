@@ -8,17 +8,8 @@ import pytest
 
 from contextpolicy.errors import PolicyError
 from contextpolicy.policy import parsing
-from contextpolicy.policy.spec import (
-    Clock,
-    Control,
-    Encoding,
-    Force,
-    Mode,
-    RosRelease,
-    SatisfiedBy,
-    Scheduler,
-    Shadow,
-)
+from contextpolicy.policy.spec import Control, Force, Mode, SatisfiedBy, Scheduler, Shadow
+from contextpolicy.policy.stream_spec import Clock, Encoding, RosRelease
 from tests.planning.builders import a_body, a_context, a_policy, a_stream, a_task
 from tests.policy.parsing import refused
 

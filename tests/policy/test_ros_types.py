@@ -6,7 +6,8 @@ from contextpolicy.errors import DefinitionError
 from contextpolicy.policy.definition_files import of_config_map, of_folder
 from contextpolicy.policy.message_definitions import MAX_DEPTH, MAX_ITEMS
 from contextpolicy.policy.ros_types import is_known, type_findings, type_store
-from contextpolicy.policy.spec import Encoding, Policy, RosRelease, Stream
+from contextpolicy.policy.spec import Policy
+from contextpolicy.policy.stream_spec import Encoding, RosRelease, Stream
 
 MOOD = ("my_msgs.msg.Mood.msg", "# how it feels\nstd_msgs/Header header\nfloat64 joy\nNote[] notes  # newest last\n")
 NOTE = ("my_msgs.msg.Note.msg", "uint8 SAD=0\nuint8 kind\nstring<=20 text")

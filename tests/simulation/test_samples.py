@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contextpolicy.errors import DecodeError
-from contextpolicy.policy.spec import Policy, Stream
+from contextpolicy.policy.spec import Policy
+from contextpolicy.policy.stream_spec import Stream
 from contextpolicy.simulation.epoch import EPOCH
 from contextpolicy.simulation.samples import Skipped, samples
 from contextpolicy.streams import timeline

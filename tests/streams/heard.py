@@ -5,7 +5,7 @@ from __future__ import annotations
 from threading import Condition, current_thread
 
 from contextpolicy.planning.conditions.sample import Sample
-from contextpolicy.policy.spec import Stream
+from contextpolicy.policy.stream_spec import Stream
 from tests.waiting import PATIENCE
 
 IMU = Stream("imu", "robot/imu")

@@ -9,7 +9,7 @@ import ormsgpack
 import pytest
 
 from contextpolicy.errors import DecodeError
-from contextpolicy.policy.spec import Encoding, Stream
+from contextpolicy.policy.stream_spec import Encoding, Stream
 from contextpolicy.streams.decoding import Decoder
 
 READING = {

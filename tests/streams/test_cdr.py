@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from contextpolicy.errors import DecodeError
 from contextpolicy.policy.ros_types import type_store
-from contextpolicy.policy.spec import Encoding, RosRelease, Stream
+from contextpolicy.policy.stream_spec import Encoding, RosRelease, Stream
 from contextpolicy.streams.decoding import Decoder
 from tests.streams.payloads import IMU, decode, refused
 

@@ -14,7 +14,7 @@ from reactivex.scheduler import VirtualTimeScheduler
 from reactivex.testing import TestScheduler
 
 from contextpolicy.planning.inputs import Gone
-from contextpolicy.policy.spec import Encoding
+from contextpolicy.policy.stream_spec import Encoding
 from contextpolicy.streams.backlog import PER_STREAM, PLACE, TOTAL, Backlog
 from contextpolicy.streams.decoding import Decoder
 from contextpolicy.streams.subscription import BATCH, Waiting, _Inbox

@@ -12,7 +12,7 @@ import zenoh.ext
 
 from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.inputs import Gone
-from contextpolicy.policy.spec import Encoding, Stream
+from contextpolicy.policy.stream_spec import Encoding, Stream
 from contextpolicy.streams.attachment import attach
 from contextpolicy.streams.backlog import PER_STREAM, TOTAL, Backlog
 from contextpolicy.streams.decoding import MAX_PAYLOAD

@@ -12,7 +12,7 @@ from jsonschema import Draft202012Validator
 
 from contextpolicy.errors import TimelineError
 from contextpolicy.policy.ros_types import type_store
-from contextpolicy.policy.spec import RosRelease
+from contextpolicy.policy.stream_spec import RosRelease
 from contextpolicy.streams import cdr
 from contextpolicy.streams.ros_message import RosMessage
 from contextpolicy.streams.timeline import StoryPhase, TimedInput, _runs, load, parse

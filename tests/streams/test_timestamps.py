@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from contextpolicy.errors import DecodeError
-from contextpolicy.policy.spec import Clock, Encoding, Stream
+from contextpolicy.policy.stream_spec import Clock, Encoding, Stream
 from contextpolicy.streams.attachment import attach, source_timestamp
 from contextpolicy.streams.decoding import Decoder, seconds
 from tests.streams.payloads import IMU, decode

@@ -11,7 +11,7 @@ import ormsgpack
 import pytest
 
 from contextpolicy.errors import DecodeError
-from contextpolicy.policy.spec import Encoding, Stream
+from contextpolicy.policy.stream_spec import Encoding, Stream
 from contextpolicy.streams import decoding
 from contextpolicy.streams.decoding import MAX_VALUES, Decoder
 from contextpolicy.streams.value_counts import cbor_exceeds, msgpack_exceeds

@@ -24,7 +24,7 @@ from contextpolicy.errors import DecodeError, Finding, FindingsError
 from contextpolicy.policy.fields import Fields
 from contextpolicy.policy.key_expressions import selects
 from contextpolicy.policy.ros_types import is_known, type_store
-from contextpolicy.policy.spec import RosRelease
+from contextpolicy.policy.stream_spec import RosRelease
 from contextpolicy.streams.cdr import reader
 from contextpolicy.streams.recordings import Excerpt, bounds, timeline_key
 from robotkit import json_text

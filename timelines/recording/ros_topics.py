@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from contextpolicy.policy.ros_types import is_known, type_store
-from contextpolicy.policy.spec import RosRelease
+from contextpolicy.policy.stream_spec import RosRelease
 from contextpolicy.streams.recorded_message import Topic
 
 if TYPE_CHECKING:

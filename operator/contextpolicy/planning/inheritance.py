@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from contextpolicy.planning.conditions.initiative import Initiative
     from contextpolicy.planning.conditions.scores import Scores
     from contextpolicy.planning.conditions.stream import StreamState
-    from contextpolicy.policy.spec import Stream
+    from contextpolicy.policy.stream_spec import Stream
 
 
 class Inheritance:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from contextpolicy.errors import Finding, FindingsError
 from contextpolicy.policy.fields import TASK_NAME, TASK_NAME_ALLOWED, Fields
 from contextpolicy.policy.quantities import format_cpu
-from contextpolicy.policy.spec import Encoding
+from contextpolicy.policy.stream_spec import Encoding
 
 
 class ModuleFileError(FindingsError):

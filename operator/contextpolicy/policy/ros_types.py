@@ -7,13 +7,14 @@ from threading import RLock
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import DefinitionError, Finding
-from contextpolicy.policy.spec import Encoding, RosRelease
+from contextpolicy.policy.stream_spec import Encoding, RosRelease
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
     from contextpolicy.policy.definition_files import Definitions
-    from contextpolicy.policy.spec import Policy, Stream
+    from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.stream_spec import Stream
 
 _LOADING = RLock()
 """Policies are loaded on several threads; stores are shared, and rosbags adds generated code to them without a lock."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from contextpolicy.policy import spec as policy
 from contextpolicy.policy.fields import (
     FEATURE_NAME,
     FEATURE_NAME_ALLOWED,
@@ -14,25 +13,26 @@ from contextpolicy.policy.fields import (
     STREAM_NAME,
     STREAM_NAME_ALLOWED,
 )
+from contextpolicy.policy.stream_spec import Clock, Encoding, Feature, FeatureOp, RosRelease, Stream
 
 if TYPE_CHECKING:
     from contextpolicy.policy.fields import Fields
 
 
-def parse_stream(fields: Fields) -> policy.Stream:
+def parse_stream(fields: Fields) -> Stream:
     """Read an entry of `spec.streams`; the fields hold what is wrong with it."""
-    result = policy.Stream(
+    result = Stream(
         name=fields.text("name", pattern=STREAM_NAME, allowed=STREAM_NAME_ALLOWED),
         key=fields.key_expression("key"),
-        encoding=fields.choice("encoding", policy.Encoding.JSON),
+        encoding=fields.choice("encoding", Encoding.JSON),
         type=fields.optional_text("type", pattern=ROS_TYPE, allowed="a ROS 2 type such as sensor_msgs/msg/Imu"),
-        ros=fields.choice("ros", policy.RosRelease.LATEST),
+        ros=fields.choice("ros", RosRelease.LATEST),
         types=fields.optional_text("types", pattern=OBJECT_NAME, allowed="the name of a ConfigMap"),
         stale_after=fields.duration("staleAfter"),
         liveliness=fields.key_expression("liveliness") if "liveliness" in fields else fields.raw("liveliness"),
         fallback=fields.optional_text("fallback"),
         timestamp=fields.optional_text("timestamp", pattern=FIELD_PATH, allowed="a field path such as header.stamp"),
-        clock=fields.choice("clock", policy.Clock.AUTO),
+        clock=fields.choice("clock", Clock.AUTO),
         filter=fields.cel("filter"),
         sources=fields.whole("sources", most=16) or 0,
         debounce=fields.duration("debounce") or 0.0,
@@ -43,18 +43,18 @@ def parse_stream(fields: Fields) -> policy.Stream:
     )
     if "fallback" in fields and "staleAfter" not in fields and "liveliness" not in fields:
         fields.refuse("staleAfter", None, "staleAfter or liveliness beside fallback: a stream without is never silent")
-    if (result.encoding is policy.Encoding.CDR) != (result.type is not None):
+    if (result.encoding is Encoding.CDR) != (result.type is not None):
         fields.refuse("type", fields.raw("type"), "a ROS 2 type with encoding cdr, and none with another encoding")
     if result.sources:
         _check_sources(fields, result)
     for name in ("ros", "types"):
-        if name in fields and result.encoding is not policy.Encoding.CDR:
+        if name in fields and result.encoding is not Encoding.CDR:
             fields.refuse(name, fields.raw(name), "encoding cdr with it: other encodings have no message types")
     fields.close()
     return result
 
 
-def _check_sources(fields: Fields, stream: policy.Stream) -> None:
+def _check_sources(fields: Fields, stream: Stream) -> None:
     if stream.key and "*" not in stream.key:
         fields.refuse("sources", stream.sources, "sources beside a key with wildcards, which name them")
     for name in ("debounce", "sampleEvery"):
@@ -65,18 +65,18 @@ def _check_sources(fields: Fields, stream: policy.Stream) -> None:
             fields.refuse(f"features[{number}].name", feature.name, "another name: sources give samples this field")
 
 
-def _feature(fields: Fields) -> policy.Feature:
-    result = policy.Feature(
+def _feature(fields: Fields) -> Feature:
+    result = Feature(
         name=fields.text("name", pattern=FEATURE_NAME, allowed=FEATURE_NAME_ALLOWED),
-        op=policy.FeatureOp.COUNT if "op" not in fields else fields.choice("op", policy.FeatureOp.COUNT),
+        op=FeatureOp.COUNT if "op" not in fields else fields.choice("op", FeatureOp.COUNT),
         over=fields.duration("over") or 0.0,
         of=fields.cel("of"),
     )
     if "op" not in fields:
-        fields.refuse("op", fields.raw("op"), "one of " + ", ".join(policy.FeatureOp))
+        fields.refuse("op", fields.raw("op"), "one of " + ", ".join(FeatureOp))
     if result.over <= 0:
         fields.refuse("over", fields.raw("over"), "a duration above 0")
-    if result.of is None and result.op not in (policy.FeatureOp.RATE, policy.FeatureOp.COUNT):
+    if result.of is None and result.op not in (FeatureOp.RATE, FeatureOp.COUNT):
         fields.refuse("of", None, f"a CEL number, {result.op} needs one")
     fields.close()
     return result

@@ -11,7 +11,7 @@ import msgspec
 
 from contextpolicy.errors import DecodeError
 from contextpolicy.policy.key_expressions import selects
-from contextpolicy.policy.spec import Encoding
+from contextpolicy.policy.stream_spec import Encoding
 from contextpolicy.simulation.epoch import EPOCH
 from contextpolicy.streams.decoding import MAX_DEPTH, Decoder, is_small
 from contextpolicy.streams.timeline import RECORDED
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from contextpolicy.planning.conditions.sample import Sample
-    from contextpolicy.policy.spec import Policy, Stream
+    from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.stream_spec import Stream
     from contextpolicy.streams.timeline import TimedInput
 
 

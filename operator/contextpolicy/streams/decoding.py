@@ -15,7 +15,7 @@ import msgspec
 
 from contextpolicy.errors import DecodeError
 from contextpolicy.planning.conditions.sample import Sample, as_fields
-from contextpolicy.policy.spec import Clock, Encoding, Stream
+from contextpolicy.policy.stream_spec import Clock, Encoding, Stream
 from contextpolicy.streams.attachment import source_timestamp
 from contextpolicy.streams.value_counts import cbor_exceeds, msgpack_exceeds, refused_tag
 

@@ -15,7 +15,7 @@ from reactivex.disposable import CompositeDisposable, Disposable
 from contextpolicy.errors import DecodeError
 from contextpolicy.planning.conditions.sample import Sample
 from contextpolicy.planning.inputs import Gone
-from contextpolicy.policy.spec import Encoding
+from contextpolicy.policy.stream_spec import Encoding
 from contextpolicy.streams.decoding import MAX_PAYLOAD, Decoder
 from contextpolicy.streams.direct import directly
 from contextpolicy.streams.senders import follow_senders
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from zenoh.handlers import Callback
 
     from contextpolicy.planning.inputs import Input
-    from contextpolicy.policy.spec import Stream
+    from contextpolicy.policy.stream_spec import Stream
     from contextpolicy.streams.backlog import Backlog, Lane
 
 Handler: TypeAlias = "Callback[zenoh.Sample]"

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.errors import DefinitionError, Finding, TimelineError
-from contextpolicy.policy.spec import RosRelease
+from contextpolicy.policy.stream_spec import RosRelease
 from contextpolicy.streams.timeline_shape import findings_in
 
 if TYPE_CHECKING:

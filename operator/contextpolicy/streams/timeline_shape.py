@@ -8,7 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from contextpolicy.errors import Finding
-from contextpolicy.policy.spec import RosRelease
+from contextpolicy.policy.stream_spec import RosRelease
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contextpolicy.policy.spec import Encoding, Stream
+from contextpolicy.policy.stream_spec import Encoding, Stream
 from contextpolicy.streams.backlog import PER_STREAM, TOTAL, Backlog
 from contextpolicy.streams.loop import Loop
 from contextpolicy.streams.subscription import inputs

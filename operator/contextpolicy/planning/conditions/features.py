@@ -7,13 +7,13 @@ from collections import deque
 from typing import TYPE_CHECKING, Any
 
 from contextpolicy.planning.conditions.timers import SAME_INSTANT
-from contextpolicy.policy.spec import MAX_SAMPLES, FeatureOp
+from contextpolicy.policy.stream_spec import MAX_SAMPLES, FeatureOp
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from contextpolicy.planning.conditions.scope import Scope
-    from contextpolicy.policy.spec import Feature
+    from contextpolicy.policy.stream_spec import Feature
 
 
 class Window:

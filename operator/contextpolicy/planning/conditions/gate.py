@@ -9,7 +9,7 @@ from contextpolicy.planning.conditions.timers import SAME_INSTANT
 
 if TYPE_CHECKING:
     from contextpolicy.planning.conditions.timers import Timers
-    from contextpolicy.policy.spec import Stream
+    from contextpolicy.policy.stream_spec import Stream
 
 
 class GateListener(Protocol):

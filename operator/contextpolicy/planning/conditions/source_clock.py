@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from contextpolicy.planning.conditions.timers import SAME_INSTANT
-from contextpolicy.policy.spec import Clock
+from contextpolicy.policy.stream_spec import Clock
 
 FUTURE_TOLERANCE = 1.0
 """Seconds that a sender's clock may be ahead; a timestamp beyond it is ignored, its sample still counts."""

@@ -10,7 +10,7 @@ from contextpolicy.policy.cel_cost import size
 from contextpolicy.policy.key_chunks import matched
 
 if TYPE_CHECKING:
-    from contextpolicy.policy.spec import Stream
+    from contextpolicy.policy.stream_spec import Stream
 
 MOST_VALUES = 10_000
 """Numbers, texts and keys that expressions may see of one stream, as of the one sample of a stream without sources."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from contextpolicy.planning.conditions.sample import Sample
     from contextpolicy.planning.conditions.timers import Timers
-    from contextpolicy.policy.spec import Stream
+    from contextpolicy.policy.stream_spec import Stream
 
 
 class StreamListener(Protocol):

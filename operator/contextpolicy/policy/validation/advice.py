@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
 from contextpolicy.policy.cel import Expression
-from contextpolicy.policy.spec import Enforcement, FeatureOp, Scheduler
+from contextpolicy.policy.spec import Enforcement, Scheduler
+from contextpolicy.policy.stream_spec import FeatureOp
 from contextpolicy.policy.validation.beginnings import beginnings
 from contextpolicy.policy.validation.effects import effects
 from contextpolicy.policy.validation.frozen import frozen

@@ -6,13 +6,13 @@ import math
 from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
 from contextpolicy.policy.cel_syntax import Construct
-from contextpolicy.policy.spec import MAX_SAMPLES, FeatureOp
+from contextpolicy.policy.stream_spec import MAX_SAMPLES, FeatureOp
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from contextpolicy.policy.cel_syntax import Node
-    from contextpolicy.policy.spec import Feature, Stream
+    from contextpolicy.policy.stream_spec import Feature, Stream
 
 
 class Interval(NamedTuple):

@@ -8,7 +8,7 @@ from contextpolicy.errors import Finding
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.cel_functions import MACROS
 from contextpolicy.policy.cel_syntax import Construct
-from contextpolicy.policy.spec import Encoding
+from contextpolicy.policy.stream_spec import Encoding
 from contextpolicy.policy.written import expressions
 
 if TYPE_CHECKING:

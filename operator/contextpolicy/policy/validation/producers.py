@@ -10,7 +10,8 @@ from contextpolicy.policy.spec import Shadow
 from contextpolicy.policy.validation.cases import never_hold
 
 if TYPE_CHECKING:
-    from contextpolicy.policy.spec import Policy, Stream
+    from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.stream_spec import Stream
 
 
 def without_health(policy: Policy) -> Policy:

@@ -10,12 +10,13 @@ import re
 from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
-from contextpolicy.policy.spec import Encoding
+from contextpolicy.policy.stream_spec import Encoding
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from contextpolicy.policy.spec import Policy, Stream
+    from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.stream_spec import Stream
 
 _TYPE = re.compile(r"(?:.*/)?(?P<package>\w+)::msg::dds_::(?P<name>\w+)_(?P<rest>/.*)?")
 

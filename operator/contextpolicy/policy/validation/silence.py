@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, TypeGuard
 from contextpolicy.policy import cel_cost
 from contextpolicy.policy.cel_functions import AGE, HEARD, MACROS
 from contextpolicy.policy.cel_syntax import Construct, Node
-from contextpolicy.policy.spec import FeatureOp
+from contextpolicy.policy.stream_spec import FeatureOp
 from contextpolicy.policy.validation.cases import Cases, possible_truths
 from contextpolicy.policy.validation.unknowns import asks_for_field, compiled, constant, is_logic
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from contextpolicy.policy.spec import Context, Policy, Stream
+    from contextpolicy.policy.spec import Context, Policy
+    from contextpolicy.policy.stream_spec import Stream
     from contextpolicy.policy.validation.unknowns import Unknown, Value
 
 _COUNTING = {FeatureOp.COUNT, FeatureOp.RATE}

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from contextpolicy.errors import Finding
 from contextpolicy.policy.cel import Expression
-from contextpolicy.policy.spec import Encoding
+from contextpolicy.policy.stream_spec import Encoding
 from contextpolicy.policy.written import expressions
 
 if TYPE_CHECKING:

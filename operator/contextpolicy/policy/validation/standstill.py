@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Set as AbstractSet
 
     from contextpolicy.policy.activities import Requirement
-    from contextpolicy.policy.spec import Context, Effect, Policy, Stream, Task
+    from contextpolicy.policy.spec import Context, Effect, Policy, Task
+    from contextpolicy.policy.stream_spec import Stream
 
 
 class Still(NamedTuple):

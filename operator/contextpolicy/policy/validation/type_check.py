@@ -9,7 +9,7 @@ from contextpolicy.errors import DefinitionError, Finding
 from contextpolicy.policy.cel import Expression
 from contextpolicy.policy.context_reads import CONTEXTS
 from contextpolicy.policy.ros_types import is_known, store_of
-from contextpolicy.policy.spec import Encoding
+from contextpolicy.policy.stream_spec import Encoding
 from contextpolicy.policy.validation.cel_types import mistakes
 from contextpolicy.policy.validation.shapes import (
     ANY,
@@ -29,7 +29,8 @@ from contextpolicy.policy.written import expressions
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from contextpolicy.policy.spec import Policy, Stream
+    from contextpolicy.policy.spec import Policy
+    from contextpolicy.policy.stream_spec import Stream
 
 
 def expression_findings(policy: Policy) -> Iterator[Finding]:
