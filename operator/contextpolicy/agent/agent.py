@@ -22,6 +22,7 @@ from contextpolicy.agent.ledger import Ledger
 from contextpolicy.agent.pod_namespaces import PodNamespaces
 from contextpolicy.agent.refusals import Refusals
 from contextpolicy.agent.retries import Retries
+from contextpolicy.agent.target_groups import TargetGroups
 from contextpolicy.agent.usage import usage
 from contextpolicy.cluster.agent_reports import Confirmation
 from contextpolicy.errors import OrderError
@@ -52,7 +53,7 @@ class Agent:
         self._refusals = Refusals()
         self._cpus = os.cpu_count() or 1
         self._admission = Admission(self._cpus)
-        self._namespaces = PodNamespaces(settings.logs)
+        self._targets = TargetGroups(PodNamespaces(settings.logs), self._refusals)
         self._ledger = Ledger(settings.state / "agent.journal")
         self._graces = KeyedTimers(scheduler)
         self._retries = Retries(scheduler, self)
@@ -197,7 +198,7 @@ class Agent:
             self._end_drains(order.policy)
             self._refusals.note("Incapable", f"{order.policy}: {order.scheduler}: {'; '.join(lacks or ())}")
             return {target.container_id: "Incapable" for target in order.targets if target.container_id}
-        groups, refused = self._groups(writers, order)
+        groups, refused = self._targets.find(writers, order)
         self._followed[order.policy] = groups
         self._orders[order.policy] = order
         failures = self._carry_out(writers, order, groups, again=again)
@@ -244,26 +245,6 @@ class Agent:
     def _end_drains(self, policy: str) -> None:
         self._orders.pop(policy, None)
         self._drains.forget(policy)
-
-    def _groups(self, writers: CgroupWriters, order: NodeOrder) -> tuple[dict[Path, OrderTarget], dict[str, str]]:
-        """The cgroups of the targets on this node, and why the other containers have none.
-
-        A path of the pod's UID and the container's ID must exist; until a container starts it has no ID. Containers
-        outside the policy's own namespace are refused, even in a signed plan.
-        """
-        groups, refused = {}, {}
-        for target in order.targets:
-            group = writers.group(target)
-            if group is None:
-                self._refusals.note("NotHere", f"{order.policy}: {target.container_id or 'a container that starts'}")
-                refused[target.container_id] = "NotHere"
-            elif (namespace := self._namespaces.of(target.uid)) != order.namespace:
-                self._refusals.note("Foreign", f"{order.policy}: {target.container_id} is of namespace {namespace}")
-                refused[target.container_id] = "Foreign"
-            else:
-                groups[group] = target
-        refused.pop("", None)
-        return groups, refused
 
     def _release(self, policy: str, *, leave_agreed: bool = False) -> None:
         """Undo everything for the policy; `leave_agreed`: but for what the API has as well."""
