@@ -8,7 +8,7 @@ from contextpolicy.actuators.order import order_of
 from contextpolicy.actuators.resize.pod_state import PodState
 from contextpolicy.actuators.resize.targets import target_cpu
 from contextpolicy.actuators.resize.tracked_pod import TrackedPod
-from contextpolicy.bus.decision_bus import message
+from contextpolicy.bus.plan_message import message
 from contextpolicy.cluster.agent_reports import AgentReport, with_agents, writing
 from contextpolicy.cluster.pods import view
 from tests.cluster.builders import NODE, a_pod, cpu

@@ -7,10 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from contextpolicy.bus.decision_bus import (
-    MOST_CORES,
-    message,
-)
+from contextpolicy.bus.plan_message import MOST_CORES, message
 from contextpolicy.cluster.pods import view
 from contextpolicy.planning.allocation.placement import Container, Placement
 from contextpolicy.policy.spec import Control, Enforcement, Scheduler

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from contextpolicy.bus.decision_bus import message
+from contextpolicy.bus.plan_message import message
 from contextpolicy.commands.record import robot_of
 from tests.planning.builders import Story, a_policy, a_task, on_node
 

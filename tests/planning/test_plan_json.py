@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 
-from contextpolicy.bus.decision_bus import message
+from contextpolicy.bus.plan_message import message
 from contextpolicy.planning import plan_json as module
 from contextpolicy.planning.allocation.placement import Container, Placement
 from contextpolicy.planning.plan_json import plan_json

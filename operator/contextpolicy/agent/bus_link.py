@@ -16,7 +16,8 @@ import zenoh
 
 from contextpolicy.agent.repetitions import Repetitions
 from contextpolicy.agent.retries import Retries
-from contextpolicy.bus.decision_bus import LARGEST_PLAN, agent_key, confirmed_key, plan_key, policy_of, usage_key
+from contextpolicy.bus.decision_bus import agent_key, confirmed_key, plan_key, policy_of, usage_key
+from contextpolicy.bus.plan_message import LARGEST_PLAN
 from contextpolicy.cluster.agent_reports import write_confirmation
 from contextpolicy.errors import OrderError
 from contextpolicy.streams.direct import directly

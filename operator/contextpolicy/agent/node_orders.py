@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 import msgspec
 
 from contextpolicy.agent.cgroup_paths import is_container_id, is_uid
-from contextpolicy.bus.decision_bus import LARGEST_PLAN, MOST_CORES
+from contextpolicy.bus.plan_message import LARGEST_PLAN, MOST_CORES
 from contextpolicy.errors import OrderError
 from contextpolicy.policy.bandwidth import LONGEST, PERIOD, SHORTEST
 from contextpolicy.policy.spec import Mode, RealtimePolicy, Scheduler

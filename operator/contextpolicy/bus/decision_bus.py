@@ -1,41 +1,29 @@
-"""The decision bus: every plan as one JSON message on Zenoh, for modules, agents, recorders and live views."""
+"""The decision bus on Zenoh: its keys, and one policy's place on it, for modules, agents, recorders and live views."""
 
 from __future__ import annotations
 
 import time
-from collections import Counter
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 import zenoh
 
-from contextpolicy.cluster.container_names import container_id
-from contextpolicy.planning.allocation.enforcement import amounts
-from contextpolicy.planning.plan_json import plan_json
-from contextpolicy.policy.spec import Control, Scheduler
 from contextpolicy.streams.direct import directly
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable
 
     from zenoh.handlers import Callback
 
     from contextpolicy.bus.questions import Questions
     from contextpolicy.bus.signatures import PlanSigner
     from contextpolicy.cluster.fencing import Fence
-    from contextpolicy.cluster.pods import PodView
-    from contextpolicy.planning.allocation.placement import Container
-    from contextpolicy.planning.allocation.plan import Plan
     from contextpolicy.policy.spec import Policy
 
 
 MOST_WAITING = 32
 """Questions to one policy that wait for the loop: who asks more often gets no answer, and delays no plan."""
-LARGEST_PLAN = 4 << 20
-"""Bytes: a plan for 5,000 containers has half of that. Agents do not even copy what is larger."""
-MOST_CORES = 1024
-"""Cores: no node has more. A larger limit, such as a `1500` that lacks its `m`, is sent as this: it binds nowhere."""
 LARGEST_QUESTION = 4096
 """Bytes that a question may carry: they are never read, and queued ones take memory."""
 
@@ -73,64 +61,6 @@ def applied_key(namespace: str, name: str) -> str:
 def topic_key(namespace: str, name: str, topic: str) -> str:
     """The key of a policy for `plan`, `explain` (answers with the explanation of the plan) or `board`."""
     return f"contextpolicy/{namespace}/{name}/{topic}"
-
-
-def message(
-    policy: Policy, run: int, plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]
-) -> dict[str, Any]:
-    """A plan as the bus carries it (see `plan_json`), without `edition` and `trigger`: the publisher adds those."""
-    return {**plan_json(policy, plan), "run": run, "targets": list(_targets(policy, plan, containers, pods))}
-
-
-def _targets(
-    policy: Policy, plan: Plan, containers: Iterable[Container], pods: Iterable[PodView]
-) -> Iterator[dict[str, Any]]:
-    """What each container gets, with everything an agent on its node needs to find the cgroup."""
-    tasks = {container.id: container for container in containers}
-    specs = {task.name: task for task in policy.tasks}
-    shares = plan.containers
-    count = Counter((container.node, container.task) for container in tasks.values() if container.id in shares)
-    # There an agent writes quotas for suspended tasks only.
-    realtime = {name for name, node in plan.nodes.items() if node.scheduler is Scheduler.REALTIME}
-    for pod in pods:
-        for container in pod.containers:
-            identity = container_id(pod, container.name)
-            if identity in shares and identity in tasks:
-                claimed, suspended = tasks[identity], plan.tasks[tasks[identity].task].suspended
-                control = Control.SUSPEND if pod.node in realtime else policy.enforcement.control
-                # A pod may have come back under its name on a node that the plan does not have.
-                node = plan.nodes.get(claimed.node)
-                cap = node.caps.get(claimed.task) if node and node.caps else None
-                own = amounts(
-                    control,
-                    specs[claimed.task],
-                    shares[identity],
-                    suspended=suspended,
-                    cap=cap,
-                    containers=count[claimed.node, claimed.task],
-                )
-                quota = claimed.limit or None if own.quota is None else own.quota
-                yield {
-                    "task": claimed.task,
-                    "node": pod.node,
-                    "namespace": pod.namespace,
-                    "pod": pod.name,
-                    "uid": pod.uid,
-                    "qos": pod.qos,
-                    "container": container.name,
-                    "containerId": container.container_id,
-                    "cores": shares[identity] / 1000,
-                    "weight": None if own.weight is None or pod.qos != "Burstable" else own.weight / 1000,
-                    "quota": _cores(quota),
-                    "held": quota is not None and (not claimed.limit or quota < claimed.request),
-                    "original": _cores(claimed.limit),
-                    "limit": _cores(container.actual.limit if container.actual else None),
-                }
-
-
-def _cores(limit: int | None) -> float | None:
-    """A limit as the bus carries it; None for none, which 0 means in a pod."""
-    return min(limit / 1000, MOST_CORES) if limit else None
 
 
 class Answers(Protocol):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
-from contextpolicy.bus.decision_bus import Bus, message
+from contextpolicy.bus.decision_bus import Bus
+from contextpolicy.bus.plan_message import message
 from contextpolicy.cluster.agent_reports import not_set
 from contextpolicy.cluster.claims import Claim
 from contextpolicy.planning.allocation.placement import Placement

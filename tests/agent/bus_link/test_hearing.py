@@ -9,7 +9,8 @@ import pytest
 
 from contextpolicy.agent.bus_link import AgentBus
 from contextpolicy.bus.agent_watch import AgentWatch
-from contextpolicy.bus.decision_bus import LARGEST_PLAN, agent_key, confirmed_key, plan_key
+from contextpolicy.bus.decision_bus import agent_key, confirmed_key, plan_key
+from contextpolicy.bus.plan_message import LARGEST_PLAN
 from contextpolicy.cluster.agent_reports import AgentReport
 from contextpolicy.streams.loop import Loop
 from tests.agent.builders import NODE
