@@ -5,6 +5,7 @@ import re
 import sys
 import time
 from contextlib import ExitStack
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -25,7 +26,6 @@ from tests.e2e.cluster import (
 from tests.e2e.metrics_page import scrape
 from tests.e2e.robot import Robot, Sensors, pod
 from timelines.demo.deploy import free_address
-from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import zenoh
