@@ -82,8 +82,9 @@ class Create2:
         self._line.write(oi.SAFE)
 
     def sensors(self) -> list[Sensors]:
-        """Return all frames that have arrived, the newest last."""
-        return [read_sensors(values) for values in self._parser.feed(self._line.read(0))]
+        """Return all frames that have arrived, the newest last; after a pause they are more than one reading holds."""
+        chunks = iter(lambda: self._line.read(0), b"")
+        return [read_sensors(values) for chunk in chunks for values in self._parser.feed(chunk)]
 
     def drive(self, left: int, right: int) -> None:
         """Turn the wheels, in mm/s."""

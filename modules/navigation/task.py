@@ -6,15 +6,17 @@ import logging
 import math
 import threading
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from modules.navigation.create2 import MODES, Create2
 from modules.navigation.odometry import Odometry
 from modules.navigation.open_interface import BAUD
 from modules.navigation.orders import parse_order, parse_ranges
-from modules.navigation.pilot import Pilot
+from modules.navigation.pilot import DRIVE_PATIENCE, SCAN_PATIENCE, Drive, Pilot
+from modules.navigation.stamp_check import StampCheck
 from modules.navigation.waypoints import STILL, Motion
-from robotkit import DeviceError, Result, Task
+from robotkit import DeviceError, MessageError, Result, Task
 from robotkit.line import open_line
 
 if TYPE_CHECKING:
@@ -44,6 +46,7 @@ class Navigation(Task):
         self._port = port
         self._lock = threading.Lock()
         self._pilot = Pilot()
+        self._stamps = {name: StampCheck(name) for name in ("order", "scan")}
         self._odometry = Odometry()
         self._robot: Create2 | None = None
         self._moving = STILL
@@ -52,13 +55,16 @@ class Navigation(Task):
     def process(self, received: Received) -> None:
         """Take an order or a scan."""
         now = time.monotonic()
+        self._stamps[received.input].hear(received.stamp, received.received)
         if received.input == "scan":
             self._see(received, now)
             return
         order = parse_order(received.payload, now)
-        if isinstance(order, str):
+        if isinstance(order, str):  # a stop is never too old
             self._stop("stopped")
             return
+        if isinstance(order, Drive):
+            order = self._timely(order, received)
         with self._lock:
             if self._robot is None:
                 raise DeviceError(f"{self._port}: no robot is there to carry out an order")
@@ -66,9 +72,18 @@ class Navigation(Task):
                 self._robot.arm()
             self._pilot.follow(order, now)
 
+    def _timely(self, order: Drive, received: Received) -> Drive:
+        """Count the order's time from its publication; one that comes too late still ends the order before it."""
+        try:
+            age = self._stamps["order"].age(received.stamp, time.time_ns(), DRIVE_PATIENCE)
+        except MessageError:
+            self._stop("order expired")
+            raise
+        return replace(order, until=order.until - age)
+
     def _see(self, received: Received, now: float) -> None:
         if self._pilot.wanted:  # a robot that stands needs no eyes
-            age = max((time.time_ns() - received.received) / 1e9, 0.0)
+            age = self._stamps["scan"].age(received.stamp, time.time_ns(), SCAN_PATIENCE)
             ranges = parse_ranges(received.payload)
             with self._lock:
                 self._pilot.see(ranges, now - age)
