@@ -47,6 +47,8 @@ class Odometry:
     def __init__(self) -> None:
         self.pose = Pose()
         self.travelled = 0.0
+        self.run, self.turned = 0.0, 0.0
+        """Metres forward less those backward, and radians counter-clockwise less those clockwise."""
         self._last: tuple[int, int] | None = None
 
     def update(self, left: int, right: int) -> Pose:
@@ -55,7 +57,10 @@ class Odometry:
             run_left = counted(self._last[0], left) * METRES_PER_COUNT
             run_right = counted(self._last[1], right) * METRES_PER_COUNT
             self.pose = moved(self.pose, run_left, run_right)
-            self.travelled += abs(run_left + run_right) / 2
+            run = (run_left + run_right) / 2
+            self.travelled += abs(run)
+            self.run += run
+            self.turned += (run_right - run_left) / WHEEL_BASE
         self._last = (left, right)
         return self.pose
 

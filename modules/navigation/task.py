@@ -14,8 +14,9 @@ from modules.navigation.odometry import Odometry
 from modules.navigation.open_interface import BAUD
 from modules.navigation.orders import parse_order, parse_ranges
 from modules.navigation.pilot import DRIVE_PATIENCE, SCAN_PATIENCE, Drive, Pilot
+from modules.navigation.speedometer import Speedometer
 from modules.navigation.stamp_check import StampCheck
-from modules.navigation.waypoints import STILL, Motion
+from modules.navigation.waypoints import STILL
 from robotkit import DeviceError, MessageError, Result, Task
 from robotkit.line import open_line
 
@@ -48,6 +49,7 @@ class Navigation(Task):
         self._pilot = Pilot()
         self._stamps = {name: StampCheck(name) for name in ("order", "scan")}
         self._odometry = Odometry()
+        self._speedometer = Speedometer(self._odometry)
         self._robot: Create2 | None = None
         self._moving = STILL
         self._sensors: Sensors | None = None
@@ -123,8 +125,10 @@ class Navigation(Task):
             heard, cycle, self._sensors = now, cycle + 1, frames[-1]
             self._odometry.update(self._sensors.left, self._sensors.right)
             self._steer(robot, frames, now)
+            if cycle == 1:
+                self._speedometer.read(now)  # from now on: nobody counted while there was no robot
             if cycle % ODOMETRY_EVERY == 0:
-                yield Result("odometry", self._where())
+                yield Result("odometry", self._where(now))
             if cycle % STATE_EVERY == 0:
                 yield Result("state", self._state(robot))
 
@@ -154,13 +158,14 @@ class Navigation(Task):
             except DeviceError:
                 _LOG.warning("%s: could not stop the robot; the guard process will", self._port)
 
-    def _where(self) -> dict[str, object]:
-        pose, moving = self._odometry.pose, self._moving
+    def _where(self, now: float) -> dict[str, object]:
+        pose, moving = self._odometry.pose, self._speedometer.read(now)
         return {
             "position": [round(pose.x, 4), round(pose.y, 4)],
             "heading": round(pose.heading, 4),
             "travelled": round(self._odometry.travelled, 3),
-            **_speeds(moving),
+            "forward": round(moving.forward, 3),
+            "turn": round(moving.turn, 3),
         }
 
     def _state(self, robot: Create2) -> dict[str, object]:
@@ -179,6 +184,3 @@ class Navigation(Task):
             "skipped": robot.skipped,
         }
 
-
-def _speeds(motion: Motion) -> dict[str, object]:
-    return {"forward": round(motion.forward, 3), "turn": round(motion.turn, 3)}

@@ -108,7 +108,7 @@ def watch(world):
 
 def test_it_drives_and_publishes_odometry():
     with a_driving_robot() as world:
-        where = world.next("odometry", forward=0.2)
+        where = world.next("odometry", forward=pytest.approx(0.2, abs=0.05))
         state = world.next("state", doing="driving")
     assert where["position"][1] == pytest.approx(0, abs=0.01)
     assert (state["mode"], state["waypoints"], state["charging"]) == ("safe", 1, False)
