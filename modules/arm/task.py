@@ -72,21 +72,30 @@ class MeArm(Task):
         """Move towards the goal, step by step, until `ended` is set, or DeviceError."""
         with open_line(self._port, BAUD) as line:
             controller = Controller(line, self._arm)
-            self._find(controller)
+            if not self._take(controller, ended):
+                return
             try:
                 yield from self._work(controller, ended)
             finally:
-                with self._lock:
-                    self._controller = None
-                    self._end("suspended" if ended.is_set() else "unplugged")
+                self._let_go(controller, "suspended" if ended.is_set() else "unplugged")
 
-    def _find(self, controller: Controller) -> None:
+    def _take(self, controller: Controller, ended: threading.Event) -> bool:
+        """Make it the arm that orders are for, unless the task was suspended while its line was being opened."""
         controller.start()
         posture = controller.posture()
         with self._lock:
+            if ended.is_set():  # by now another thread may have an arm
+                return False
             self._posture = posture or self._posture  # unknown: the first move starts with a jump, see README.md
             self._controller = controller
         _LOG.info("%s: a Maestro, its servos %s", self._port, "hold" if posture else "are limp")
+        return True
+
+    def _let_go(self, controller: Controller, why: str) -> None:
+        with self._lock:
+            if self._controller is controller:  # else another thread has one since
+                self._controller = None
+                self._end(why)
 
     def _work(self, controller: Controller, ended: threading.Event) -> Iterator[Result]:
         step = 0

@@ -103,15 +103,23 @@ class Navigation(Task):
         """Control the robot 10 times a second until `ended` is set, or DeviceError."""
         with open_line(self._port, BAUD) as line:
             robot = Create2(line)
-            robot.start()
-            _LOG.info("%s: sensors asked for", self._port)
-            self._odometry.restart()
-            with self._lock:
-                self._robot = robot
+            if not self._take(robot, ended):
+                return
             try:
                 yield from self._control(robot, ended)
             finally:
                 self._let_go(robot, "suspended" if ended.is_set() else "unplugged")
+
+    def _take(self, robot: Create2, ended: threading.Event) -> bool:
+        """Make it the robot that orders are for, unless the task was suspended while its line was being opened."""
+        with self._lock:
+            if ended.is_set():  # by now another thread may have a robot
+                return False
+            robot.start()
+            self._odometry.restart()
+            self._robot = robot
+        _LOG.info("%s: sensors asked for", self._port)
+        return True
 
     def _control(self, robot: Create2, ended: threading.Event) -> Iterator[Result]:
         heard, cycle = time.monotonic(), 0
@@ -151,6 +159,8 @@ class Navigation(Task):
 
     def _let_go(self, robot: Create2, why: str) -> None:
         with self._lock:
+            if self._robot is not robot:  # another thread has it since
+                return
             self._pilot.end(why)
             self._robot, self._moving = None, STILL
             try:

@@ -6,12 +6,13 @@ import threading
 import time
 from collections import defaultdict
 from contextlib import contextmanager
-from itertools import pairwise
+from itertools import cycle, pairwise
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
-from modules.arm import controller
+from modules.arm import controller, task
 from modules.arm.joints import NAMES
 from modules.arm.motion import STEP_S
 from modules.arm.simulator import Maestro
@@ -159,6 +160,26 @@ def test_an_arm_that_is_unplugged_while_it_rests_is_reported(monkeypatch):
         monkeypatch.setattr(controller, "ANSWER_S", 0.1)
         world.device.receive = lambda _: b""
         assert "is it a Maestro?" in str(world.next("never"))
+
+
+def test_a_connection_that_takes_longer_than_a_suspension_leaves_the_next_one_its_arm(monkeypatch):
+    arm, ended = MeArm(ARM, "/dev/arm"), threading.Event()
+    resumed = arm.produce(threading.Event())
+    line = MagicMock(read=MagicMock(side_effect=cycle([b"", bytes(2)])))
+    line.__enter__.return_value = line
+
+    def connect(_port, _baud):
+        if not ended.is_set():
+            ended.set()
+            next(resumed)
+        return line
+
+    monkeypatch.setattr(task, "open_line", connect)
+    assert list(arm.produce(ended)) == []
+    World(None, arm).order(BACK)
+    assert arm._goal is not None
+    resumed.close()
+    assert arm._controller is None
 
 
 def test_an_order_without_an_arm_is_a_device_error():
