@@ -75,6 +75,14 @@ class Arm:
             raise Unreachable(problems)
         return posture
 
+    def above_deck(self, posture: Posture) -> Posture:
+        """Return the posture with its forearm raised until the grip is not below `lowest`."""
+        if self.grip_at(posture)[2] >= self.lowest:
+            return posture
+        elbow_height = self.links.upper_arm * math.sin(math.radians(posture["shoulder"]))
+        slope = math.asin(min((self.lowest - elbow_height) / self.links.forearm, 1.0))
+        return {**posture, "elbow": math.degrees(slope)}
+
     def grip_at(self, posture: Posture) -> Point:
         """Return where the grip is."""
         return forward(self.links, Angles(posture["base"], posture["shoulder"], posture["elbow"]))
