@@ -2,8 +2,9 @@
 
 Each FOLDER is a stereo sequence in EuRoC's layout or KITTI's, with its own calibration. Every picture is processed, one
 after the other on one core, so what is measured is how exact the poses are and what CPU they take, not whether they
-come in time. Prints a Markdown table: ATE after rigid alignment, drift of the end as a part of the path when the first
-poses are laid on each other, how many pictures got a pose, how many of those were doubted, and CPU time a picture.
+come in time; while they do, the module runs at quality 1. Prints a Markdown table: ATE after rigid alignment, drift of
+the end as a part of the path when the first poses are laid on each other, how many pictures got a pose, how many of
+those were doubted, and CPU time a picture.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from modules.slam import estimates
-from modules.slam.evaluation import evaluate
+from modules.slam.evaluation import evaluate, quality
 from modules.slam.trajectory import load
 from modules.slam.trajectory_error import statistics
 from robotkit import ConfigurationError
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from modules.slam.estimates import Estimate
 
-SHARES = (1.0, 0.5, 0.3)
+QUALITIES = (1.0, 0.5, 0.3)
 HEAD = ("sequence", "method", "path", "ATE", "drift", "pictures with a pose", "doubted", "CPU a picture, mean / median")
 
 
@@ -36,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; exit code 2 for a folder that is no sequence with ground truth."""
     options = _parser().parse_args(arguments)
     try:
-        rows = [row for folder in options.folders for row in rows_of(folder, options.shares)]
+        rows = [row for folder in options.folders for row in rows_of(folder, options.qualities)]
     except ConfigurationError as error:
         sys.stderr.write(f"{error}\n")
         return 2
@@ -44,10 +45,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def rows_of(folder: Path, shares: Sequence[float]) -> Iterator[dict[str, object]]:
+def rows_of(folder: Path, qualities: Sequence[float]) -> Iterator[dict[str, object]]:
     """The figures of each method on a sequence."""
     methods: dict[str, Callable[[Path], Estimate]] = {"baseline": estimates.run_baseline}
-    methods |= {f"slam, share {share:g}": partial(estimates.run, share=share) for share in shares}
+    methods |= {f"slam, quality {each:g}": partial(estimates.run, quality=each) for each in qualities}
     for name, run in methods.items():
         yield {"sequence": folder.name, "method": name} | figures(run(folder), folder)
 
@@ -85,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="folder of a EuRoC or KITTI sequence")
     parser.add_argument(
-        "--shares", type=float, nargs="*", default=SHARES, help="shares, in cores, whose work SLAM does (1 0.5 0.3)"
+        "--qualities", type=quality, nargs="*", default=QUALITIES, help="how much SLAM does for a picture (1 0.5 0.3)"
     )
     parser.add_argument("--output", choices=("text", "json"), default="text", help="format of the figures")
     return parser

@@ -93,10 +93,10 @@ def listen(session: zenoh.Session, key: str, ended: threading.Event, seconds: fl
     return estimate
 
 
-def run(folder: Path, *, share: float | None = None, loops: bool = True) -> Estimate:
+def run(folder: Path, *, quality: float = 1.0, loops: bool = True) -> Estimate:
     """Run over a sequence with its own calibration, no frame dropped; without loops it is only odometry."""
     sequence = recording(folder)
-    slam = StereoSlam(Rectifier(sequence.rig), effort(share))
+    slam = StereoSlam(Rectifier(sequence.rig), effort(quality))
 
     def locate(frame: StereoFrame) -> tuple[State, Floats]:
         pose = track(slam, frame)

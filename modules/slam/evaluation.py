@@ -67,11 +67,19 @@ def evaluate(poses: Trajectory, truth: Trajectory, delta: float = 1, unit: Unit 
     }
 
 
+def quality(text: str) -> float:
+    """Read an option: the quality that robotkit sets, above 0 and at most 1."""
+    value = float(text)
+    if not 0 < value <= 1:
+        raise argparse.ArgumentTypeError(f"{text!r}, allowed is a number above 0 and at most 1")
+    return value
+
+
 def _estimate(options: argparse.Namespace) -> Estimate:
     if options.poses:
         return Estimate()
     if options.run:
-        return estimates.run(options.truth, share=options.share, loops=not options.odometry)
+        return estimates.run(options.truth, quality=options.quality, loops=not options.odometry)
     stop = stop_on_signals()
     with open_session(endpoints({"ZENOH_CONNECT": options.connect}), stop, secret=credentials(os.environ)) as session:
         return Estimate() if session is None else estimates.listen(session, options.key, stop, options.seconds)
@@ -122,7 +130,9 @@ def _parser() -> argparse.ArgumentParser:
     live.add_argument("--key", default=estimates.POSE_KEY, help="where the module publishes (%(default)s)")
     live.add_argument("--seconds", type=float, help="how long to listen")
     run = parser.add_argument_group("with --run")
-    run.add_argument("--share", type=float, help="do as much work as with this share, in cores")
+    run.add_argument(
+        "--quality", type=quality, default=1.0, help="how much to do for a picture, up to 1: all (%(default)g)"
+    )
     run.add_argument("--odometry", action="store_true", help="close no loops")
     parser.add_argument("--delta", type=float, default=1, help="distance of RPE's pairs (%(default)s)")
     parser.add_argument("--unit", choices=("frames", "metres"), default="frames", help="unit of --delta (%(default)s)")

@@ -12,9 +12,9 @@ from modules.slam.comparison import main
 
 
 def test_both_methods_are_measured_on_a_sequence(short, capsys):
-    assert main([str(short), "--shares", "0.3", "--output", "json"]) == 0
+    assert main([str(short), "--qualities", "0.3", "--output", "json"]) == 0
     baseline, slam = json.loads(capsys.readouterr().out)
-    assert (baseline["method"], slam["method"]) == ("baseline", "slam, share 0.3")
+    assert (baseline["method"], slam["method"]) == ("baseline", "slam, quality 0.3")
     for row in (baseline, slam):
         assert row["path"] == pytest.approx(1.3, abs=0.5)
         assert row["coverage"] == 1
@@ -23,13 +23,20 @@ def test_both_methods_are_measured_on_a_sequence(short, capsys):
 
 
 def test_the_figures_are_a_markdown_table(short, capsys, monkeypatch):
-    monkeypatch.setattr(estimates, "run_baseline", lambda folder: estimates.run(folder, share=0.3))
-    assert main([str(short), "--shares"]) == 0
+    monkeypatch.setattr(estimates, "run_baseline", lambda folder: estimates.run(folder, quality=0.3))
+    assert main([str(short), "--qualities"]) == 0
     head, line, row = capsys.readouterr().out.splitlines()
     assert head.count("|") == line.count("|") == row.count("|") == 9
     assert re.match(
         r"\| short \| baseline \| \d\.\d m \| 0\.0\d\d m \| \d\.\d\d% \| 100% \| 0% \| [\d.]+ / [\d.]+ ms", row
     )
+
+
+@pytest.mark.parametrize("quality", ["0", "1.5", "nan", "all"])
+def test_a_quality_that_there_is_not_is_refused(quality, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        main([str(tmp_path), "--qualities", quality])
+    assert "argument --qualities" in capsys.readouterr().err
 
 
 def test_a_folder_that_is_not_a_sequence_is_one_clear_line(tmp_path, capsys):
