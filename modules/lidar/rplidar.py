@@ -43,7 +43,9 @@ class Command(IntEnum):
     RESET = 0x40
     GET_INFO = 0x50
     GET_HEALTH = 0x52
+    GET_SAMPLERATE = 0x59
     EXPRESS_SCAN = 0x82
+    GET_LIDAR_CONF = 0x84
 
 
 class AnswerType(IntEnum):
@@ -51,6 +53,8 @@ class AnswerType(IntEnum):
 
     INFO = 0x04
     HEALTH = 0x06
+    SAMPLERATE = 0x15
+    LIDAR_CONF = 0x20
     SCAN = 0x81
     EXPRESS_SCAN = 0x82
 

@@ -11,14 +11,13 @@ from collections.abc import Callable, Sequence
 
 from modules.lidar import rplidar
 from modules.lidar.rplidar import HEALTHY, PROTECTING, Capsule, Command, Health, Info, Node, RequestParser
+from modules.lidar.scan_modes import EXPRESS, FAR, STANDARD, configuration, sample_rate
 from robotkit.simulated import main
 
-FAR, NEAR = 12.0, 0.15
-"""m: beyond, nothing comes back."""
+NEAR = 0.15
+"""m: closer, and beyond FAR, nothing comes back."""
 TURNS_PER_SECOND = 5.5
 INFO = Info(model=0x18, firmware=(1, 29), hardware=7, serial=bytes(range(16)))
-STANDARD_RATE, EXPRESS_RATE = 2000.0, 4000.0
-"""Samples per second."""
 BOOT_MESSAGE = b"RP LIDAR System.\r\nFirmware Ver 1.29, HW Ver 7\r\nModel: 18\r\n"
 
 Distance = Callable[[float], float]
@@ -43,14 +42,14 @@ class RplidarA1:
 
     def receive(self, data: bytes) -> bytes:
         """Carry out the requests that are complete."""
-        return b"".join(self._obey(command) for command, _ in self._parser.feed(data))
+        return b"".join(self._obey(command, payload) for command, payload in self._parser.feed(data))
 
     def advance(self, seconds: float) -> bytes:
         """Turn and send what was measured meanwhile."""
         if self.scanning is None:
             return b""
         express = self.scanning is Command.EXPRESS_SCAN
-        rate = EXPRESS_RATE if express else STANDARD_RATE
+        rate = (EXPRESS if express else STANDARD).rate
         self._due += seconds * rate
         step = rplidar.FULL_TURN * TURNS_PER_SECOND / rate
         sent, size = bytearray(), 2 * rplidar.CABINS if express else 1
@@ -59,18 +58,23 @@ class RplidarA1:
             sent += self._capsule(step) if express else self._node(step)
         return bytes(sent)
 
-    def _obey(self, command: int) -> bytes:
-        answers: dict[int, bytes] = {
-            Command.GET_INFO: rplidar.INFO_DESCRIPTOR.encode() + INFO.encode(),
-            Command.GET_HEALTH: rplidar.HEALTH_DESCRIPTOR.encode() + self.health.encode(),
-        }
+    def _obey(self, command: int, payload: bytes) -> bytes:
         self.scanning = None
-        if command == Command.RESET:
-            self.health = Health(HEALTHY, 0)
-            return BOOT_MESSAGE
-        if command in {Command.SCAN, Command.FORCE_SCAN, Command.EXPRESS_SCAN}:
-            return self._start(Command(command))
-        return answers.get(command, b"")
+        match command:
+            case Command.RESET:
+                self.health = Health(HEALTHY, 0)
+                return BOOT_MESSAGE
+            case Command.SCAN | Command.FORCE_SCAN | Command.EXPRESS_SCAN:
+                return self._start(Command(command))
+            case Command.GET_INFO:
+                return rplidar.INFO_DESCRIPTOR.encode() + INFO.encode()
+            case Command.GET_HEALTH:
+                return rplidar.HEALTH_DESCRIPTOR.encode() + self.health.encode()
+            case Command.GET_SAMPLERATE:
+                return sample_rate()
+            case Command.GET_LIDAR_CONF:
+                return configuration(payload)
+        return b""
 
     def _start(self, command: Command) -> bytes:
         if self.health.status == PROTECTING:

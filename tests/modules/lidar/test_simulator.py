@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import math
+import struct
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from modules.lidar import rplidar
-from modules.lidar.rplidar import PROTECTING, Health, decode_health, decode_info, find_answer
+from modules.lidar.rplidar import PROTECTING, Command, Health, decode_health, decode_info, find_answer, request
 from modules.lidar.scan import CapsuleParser, NodeParser, Turns, ranges
 from modules.lidar.simulator import BOOT_MESSAGE, INFO, ROOM, RplidarA1, seen
 
@@ -28,6 +29,39 @@ def test_it_reports_info_and_health():
     lidar = a_lidar()
     assert decode_info(body(lidar.receive(rplidar.GET_INFO), rplidar.INFO_DESCRIPTOR)) == INFO
     assert decode_health(body(lidar.receive(rplidar.GET_HEALTH), rplidar.HEALTH_DESCRIPTOR)) == Health(0, 0)
+
+
+def configured(entry, *mode):
+    """What GET_LIDAR_CONF gives of an entry: of the lidar, or of a mode."""
+    payload = struct.pack("<IH", entry, *mode) if mode else struct.pack("<I", entry)
+    answer = a_lidar().receive(request(Command.GET_LIDAR_CONF, payload))
+    start, size, kind = struct.unpack_from("<2sIB", answer)
+    assert (start, kind, len(answer)) == (rplidar.DESCRIPTOR_START, 0x20, 7 + size)
+    assert answer[7:11] == payload[:4]
+    return answer[11:]
+
+
+def test_it_reports_its_sample_rates():
+    assert a_lidar().receive(request(Command.GET_SAMPLERATE)).hex(" ") == "a5 5a 04 00 00 00 15 f4 01 fa 00"
+
+
+def test_it_reports_its_scan_modes_as_an_a1_does():
+    assert configured(0x70) == struct.pack("<H", 2)
+    assert configured(0x7C) == struct.pack("<H", 1)
+    assert [configured(0x71, mode) for mode in (0, 1)] == [struct.pack("<I", us * 256) for us in (500, 250)]
+    assert [configured(0x74, mode) for mode in (0, 1)] == [struct.pack("<I", 12 * 256)] * 2
+    assert [configured(0x75, mode) for mode in (0, 1)] == [b"\x81", b"\x82"]
+    assert [configured(0x7F, mode) for mode in (0, 1)] == [b"Standard\0", b"Express\0"]
+
+
+@pytest.mark.parametrize("asked", [(0x71, 2), (0x99, 0), (0x99,)])
+def test_of_what_it_does_not_know_it_reports_nothing(asked):
+    assert configured(*asked) == b""
+
+
+@given(st.binary(max_size=40))
+def test_any_question_for_its_configuration_has_an_answer(payload):
+    assert a_lidar().receive(request(Command.GET_LIDAR_CONF, payload))
 
 
 def test_it_is_idle_before_a_scan_and_after_a_stop():
